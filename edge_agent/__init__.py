@@ -1,0 +1,1 @@
+"""At the structure: samples in, features with uncertainty out."""

@@ -1,0 +1,1 @@
+"""What travels: the messages, their streams and their versions."""

@@ -1,0 +1,147 @@
+"""The registry of streams: which key carries which message, how often, and whether it is recorded.
+
+Nothing else in the house spells a key.
+"""
+
+import dataclasses
+
+from .messages import About, Acknowledgement, Event, Features, Health, Message, TwinState
+
+ROOT = "slowtime/v1"
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Stream:
+    """One kind of message on its way.
+
+    Parameters
+    ----------
+    name
+        Last part of the key.
+    message
+        The class that is carried; None for the binary raw block (see `raw`).
+    nominal_rate_hz
+        How often a healthy process sends one; None where nothing is promised.
+    recorded
+        Whether `slowtime record` writes it unless told otherwise.
+    """
+
+    name: str
+    message: type[Message] | None
+    nominal_rate_hz: float | None
+    recorded: bool
+    encoding: str
+    says: str
+
+    def key(self, site: str, asset: str) -> str:
+        """Key expression of one asset; give ``"*"`` for any site or asset."""
+        return f"{ROOT}/{site}/{asset}/{self.name}"
+
+    @property
+    def everywhere(self) -> str:
+        """Key expression of all assets of all sites."""
+        return self.key("*", "*")
+
+
+JSON = "application/json"
+
+FEATURES = Stream(
+    name="features",
+    message=Features,
+    nominal_rate_hz=None,
+    recorded=True,
+    encoding=JSON,
+    says="edge to twin: frequency and damping of one epoch",
+)
+HEALTH = Stream(
+    name="health",
+    message=Health,
+    nominal_rate_hz=1.0,
+    recorded=True,
+    encoding=JSON,
+    says="edge to twin: how the agent is, and the end of its account",
+)
+ABOUT = Stream(
+    name="about",
+    message=About,
+    nominal_rate_hz=None,
+    recorded=True,
+    encoding=JSON,
+    says="edge to all: software and settings; also answered on request",
+)
+RAW = Stream(
+    name="raw",
+    message=None,
+    nominal_rate_hz=None,
+    recorded=True,
+    encoding="application/x-slowtime-raw",
+    says="edge to recorder: samples, where asked for",
+)
+ACK = Stream(
+    name="ack",
+    message=Acknowledgement,
+    nominal_rate_hz=None,
+    recorded=False,
+    encoding=JSON,
+    says="twin to edge: durable up to here",
+)
+STATE = Stream(
+    name="state",
+    message=TwinState,
+    nominal_rate_hz=None,
+    recorded=True,
+    encoding=JSON,
+    says="twin to all: what it knows now",
+)
+EVENT = Stream(
+    name="event",
+    message=Event,
+    nominal_rate_hz=None,
+    recorded=True,
+    encoding=JSON,
+    says="twin to all: what a person may want to know",
+)
+
+STREAMS: tuple[Stream, ...] = (FEATURES, HEALTH, ABOUT, RAW, ACK, STATE, EVENT)
+
+
+def alive_key(site: str, asset: str) -> str:
+    """Key of the liveliness token of an edge agent."""
+    return f"{ROOT}/{site}/{asset}/alive"
+
+
+def request_key(site: str, asset: str, what: str) -> str:
+    """Key on which an edge agent answers requests: ``"account"``, ``"features"`` or ``"raw"``."""
+    if what not in REQUESTS:
+        raise ValueError(
+            f"No request is called {what!r}. Allowed: {', '.join(sorted(REQUESTS))}."
+        )
+    return f"{ROOT}/{site}/{asset}/request/{what}"
+
+
+REQUESTS = {
+    "account": "what the spool holds: one JSON object per boot, {boot, first, last}",
+    "features": "features messages again; parameters boot, first, last",
+    "raw": "the last samples from the ring buffer; parameter seconds",
+}
+
+
+def parse_key(key: str) -> tuple[Stream, str, str]:
+    """Stream, site and asset of a key.
+
+    Raises
+    ------
+    ValueError
+        If no stream of the registry has such a key.
+    """
+    parts = key.split("/")
+    stream = BY_NAME.get(parts[-1]) if len(parts) == 5 else None
+    if stream is None or "/".join(parts[:2]) != ROOT:
+        raise ValueError(
+            f"{key!r} is no key of ours. Allowed: {ROOT}/SITE/ASSET/STREAM with STREAM one of "
+            f"{', '.join(BY_NAME)}."
+        )
+    return stream, parts[2], parts[3]
+
+
+BY_NAME: dict[str, Stream] = {stream.name: stream for stream in STREAMS}

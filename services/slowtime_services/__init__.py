@@ -1,0 +1,1 @@
+"""What carries and keeps: bus, clock, recording, replay, files, simulation."""

@@ -1,0 +1,47 @@
+"""What time it is: the system's, a recording's, or a test's."""
+
+import time
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """Anything that tells the time and can wait."""
+
+    def now_ns(self) -> int:
+        """Now, in nanoseconds since 1970-01-01 UTC."""
+        ...
+
+    def sleep(self, seconds: float) -> None:
+        """Return once `seconds` have passed on this clock."""
+        ...
+
+
+class SystemClock:
+    """The machine's clock."""
+
+    def now_ns(self) -> int:
+        """Now, in nanoseconds since 1970-01-01 UTC."""
+        return time.time_ns()
+
+    def sleep(self, seconds: float) -> None:
+        """Block the calling thread for `seconds`."""
+        time.sleep(max(seconds, 0.0))
+
+
+class HandClock:
+    """A clock that only moves when it is told to, or slept on: for tests and for replay."""
+
+    def __init__(self, start_ns: int = 0) -> None:
+        self._now_ns = start_ns
+
+    def now_ns(self) -> int:
+        """Where the hand stands."""
+        return self._now_ns
+
+    def sleep(self, seconds: float) -> None:
+        """Move the hand forward by `seconds`, at once."""
+        self._now_ns += round(max(seconds, 0.0) * 1e9)
+
+    def set_ns(self, now_ns: int) -> None:
+        """Put the hand on `now_ns`, forwards or backwards."""
+        self._now_ns = now_ns

@@ -1,0 +1,1 @@
+"""Structures in, their modes and responses out."""

@@ -1,0 +1,1 @@
+"""Noisy readings in, filtered and smoothed states with covariances out."""

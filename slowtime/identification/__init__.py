@@ -1,0 +1,1 @@
+"""Samples in, natural frequencies and damping ratios with their standard deviations out."""

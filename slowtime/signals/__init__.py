@@ -1,0 +1,1 @@
+"""Samples in, cleaner or fewer samples and spectra out."""

@@ -1,0 +1,85 @@
+"""The unit in which samples travel through every pipeline: a block, never a recording."""
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Float, Int
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Block:
+    """Consecutive samples of all channels of one acquisition, and where they belong in time.
+
+    Blocks of one stream follow each other without a gap when
+    ``block.first_index + len(block.samples)`` is the next block's ``first_index``; anything
+    else is a gap, or a new epoch.
+
+    Parameters
+    ----------
+    samples
+        One row per instant, one column per channel, in the unit of ``units``.
+    rate_hz
+        Samples per second.
+    first_index
+        Index of the first row since the stream began, counting missing samples too.
+    start_ns
+        Sensor time of the first row, in nanoseconds since 1970-01-01 UTC.
+    channels, units
+        Name and unit of each column, such as ``("deck_z",)`` and ``("m/s^2",)``.
+    epoch
+        Number of the intermittent record that the block belongs to, counted from 0; None
+        for a continuous stream.
+    slow_time
+        Slow time t_s of the epoch, in the stream's own unit; None for a continuous stream,
+        whose slow time is its sensor time.
+    covariates
+        What else was known when the samples were taken, such as ``{"temperature_c": 11.5}``.
+    truth
+        What a simulator knows and a sensor does not, such as ``{"stiffness_change": -0.1}``.
+        It is carried to the page and to tests; no estimate reads it.
+    """
+
+    samples: Float[np.ndarray, "time channel"] | Int[np.ndarray, "time channel"]
+    rate_hz: float
+    first_index: int
+    start_ns: int
+    channels: tuple[str, ...]
+    units: tuple[str, ...]
+    epoch: int | None = None
+    slow_time: float | None = None
+    covariates: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    truth: Mapping[str, float] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Refuse a block whose parts contradict each other."""
+        columns = self.samples.shape[1]
+        if len(self.channels) != columns or len(self.units) != columns:
+            raise ValueError(
+                f"A block of {columns} columns was given {len(self.channels)} channel names "
+                f"and {len(self.units)} units. Give one of each per column."
+            )
+        if not (np.isfinite(self.rate_hz) and self.rate_hz > 0):
+            raise ValueError(
+                f"rate_hz={self.rate_hz} is not a sampling rate. Give samples per second, "
+                "a positive number."
+            )
+
+    @property
+    def next_index(self) -> int:
+        """Index of the sample after the last one."""
+        return self.first_index + len(self.samples)
+
+    @property
+    def end_ns(self) -> int:
+        """Sensor time of the instant after the last sample [ns]."""
+        return self.start_ns + round(len(self.samples) * 1e9 / self.rate_hz)
+
+    def follows(self, other: "Block") -> bool:
+        """Whether this block continues `other` with nothing missing between them."""
+        return (
+            self.first_index == other.next_index
+            and self.epoch == other.epoch
+            and self.rate_hz == other.rate_hz
+            and self.channels == other.channels
+        )

@@ -1,0 +1,1 @@
+"""The twin: features in, knowledge of stiffness and mass out."""
