@@ -1,1 +1,1 @@
-"""Arrays of vibration in, knowledge about stiffness and mass out; no I/O, no clock, no framework."""
+"""Vibration in, knowledge about stiffness and mass out: arithmetic on arrays, and nothing else."""

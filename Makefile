@@ -1,0 +1,48 @@
+# One word per job; CI runs the same words. Each word does its own set-up in .venv.
+PORT ?= 8000
+DURATION ?= 0
+PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
+	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$p; break; }; done)
+BIN := .venv/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+export PIP_CONSTRAINT := constraints.txt
+
+.PHONY: demo test test-slow check bench figures docs clean help
+
+help:  ## this list
+	@grep -E '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
+
+demo: .venv/run  ## router, edges, twin and page on http://127.0.0.1:$(PORT); DURATION=0 until Ctrl-C
+	@$(BIN)/slowtime demo --port $(PORT) --duration $(DURATION)
+
+test: .venv/dev  ## the default suite, under five minutes
+	$(BIN)/python -m pytest -q -n 2 --dist loadfile -m "not slow"
+
+test-slow: .venv/dev  ## what takes longer: statistics over hundreds of runs
+	$(BIN)/python -m pytest -q -m slow
+
+check: .venv/dev  ## format, lint, strict types, import contracts, docs tests
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/python -m pytest -q tests/docs
+
+bench: .venv/dev  ## every figure of speed, memory and accuracy, as ratios
+	$(BIN)/python -m benchmarks
+
+figures: .venv/dev  ## draw the book's figures into docs/figures
+	$(BIN)/python docs/figures/chapter_5.py
+
+.venv/run: pyproject.toml constraints.txt
+	@test -n "$(PYTHON)" || { echo "slowtime needs Python 3.11 or newer; none was found. Give one: make PYTHON=/path/to/python3"; exit 2; }
+	@test -x $(BIN)/python || { echo "Setting up .venv with $(PYTHON) ..."; $(PYTHON) -m venv .venv; }
+	@$(PIP) install -e . && touch $@
+
+.venv/dev: .venv/run
+	@echo "Installing the development tools ..."
+	@$(PIP) install -e '.[dev]' && touch $@
+
+clean:  ## remove what the other words have made
+	rm -rf .venv var build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
