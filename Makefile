@@ -4,8 +4,7 @@ DURATION ?= 0
 PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$p; break; }; done)
 BIN := .venv/bin
-PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
-export PIP_CONSTRAINT := constraints.txt
+PIP_INSTALL := $(BIN)/python -m pip --disable-pip-version-check --quiet install -c constraints.txt
 
 .PHONY: demo test test-slow check bench figures docs clean help
 
@@ -37,11 +36,11 @@ figures: .venv/dev  ## draw the book's figures into docs/figures
 .venv/run: pyproject.toml constraints.txt
 	@test -n "$(PYTHON)" || { echo "slowtime needs Python 3.11 or newer; none was found. Give one: make PYTHON=/path/to/python3"; exit 2; }
 	@test -x $(BIN)/python || { echo "Setting up .venv with $(PYTHON) ..."; $(PYTHON) -m venv .venv; }
-	@$(PIP) install -e . && touch $@
+	@$(PIP_INSTALL) -e . && touch $@
 
 .venv/dev: .venv/run
 	@echo "Installing the development tools ..."
-	@$(PIP) install -e '.[dev]' && touch $@
+	@$(PIP_INSTALL) -e '.[dev]' && touch $@
 
 clean:  ## remove what the other words have made
 	rm -rf .venv var build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

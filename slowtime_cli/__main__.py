@@ -1,0 +1,124 @@
+"""The command `slowtime`: finds the verb, runs it, and turns what went wrong into one sentence."""
+
+import importlib
+import logging
+import os
+import sys
+from collections.abc import Sequence
+
+import click
+from pydantic import ValidationError
+
+from . import version
+
+VERBS = {
+    "demo": "demo:demo",
+    "edge": "processes:edge",
+    "twin": "processes:twin",
+    "router": "processes:router",
+    "status": "processes:status",
+    "record": "recording:record",
+    "replay": "recording:replay",
+    "recover": "recording:recover",
+    "import": "records:import_",
+    "identify": "records:identify",
+    "simulate": "simulating:simulate",
+    "evolve": "evolving:evolve",
+}
+
+
+class Verbs(click.Group):
+    """Loads a verb only when it is asked for, so that `--help` answers at once."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """All verbs, in the order in which a newcomer meets them."""
+        return list(VERBS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The verb's own module, imported now."""
+        if cmd_name not in VERBS:
+            return None
+        module, name = VERBS[cmd_name].split(":")
+        command: click.Command = getattr(importlib.import_module(f"slowtime_cli.{module}"), name)
+        return command
+
+
+@click.group(
+    cls=Verbs,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 96},
+    epilog="""\b
+Examples:
+  slowtime demo                                    the whole house, on this machine
+  slowtime identify record.csv --rate-hz 200       natural frequency and damping of a record
+  slowtime twin & slowtime edge --simulate tower   the same flow, process by process
+""",
+)
+@click.version_option(version(), "-V", "--version", prog_name="slowtime")
+@click.option("-v", "--verbose", count=True, help="Say more; twice for everything.")
+@click.option("-q", "--quiet", is_flag=True, help="Say only what went wrong.")
+def app(verbose: int, quiet: bool) -> None:
+    """Digital twin for things that vibrate.
+
+    An edge agent turns acceleration into natural frequencies and damping; a twin server turns
+    those into the evolution of stiffness and mass in slow time, with uncertainty.
+    """
+    level = logging.ERROR if quiet else (logging.INFO, logging.DEBUG)[min(verbose, 1)]
+    logging.basicConfig(
+        level=level, stream=sys.stderr, format="%(asctime)s %(levelname)-7s %(name)s: %(message)s"
+    )
+    logging.getLogger("httpx").setLevel(logging.WARNING)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line and leave with its exit status.
+
+    0 is success, 2 that the input is wrong (a sentence on stderr), 1 a failure of ours, 130
+    that Ctrl-C ended a job before its end.
+    """
+    try:
+        status = app.main(arguments, prog_name="slowtime", standalone_mode=False)
+    except click.UsageError as error:
+        error.show()
+        sys.exit(2)
+    except click.ClickException as error:
+        _say(error.format_message())
+        sys.exit(2)
+    except (KeyboardInterrupt, click.Abort):
+        _say("Ended by Ctrl-C.")
+        sys.exit(130)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
+    except ValidationError as error:
+        _say(_readable(error))
+        sys.exit(2)
+    except (ValueError, OSError) as error:
+        if os.environ.get("SLOWTIME_DEBUG"):
+            raise
+        _say(str(error))
+        sys.exit(2)
+    except Exception as error:
+        if os.environ.get("SLOWTIME_DEBUG"):
+            raise
+        _say(
+            f"A failure of slowtime itself: {type(error).__name__}: {error}. "
+            "Set SLOWTIME_DEBUG=1 to see where, and report it with that text."
+        )
+        sys.exit(1)
+    sys.exit(status if isinstance(status, int) else 0)
+
+
+def _say(sentence: str) -> None:
+    click.echo(f"slowtime: {sentence}", err=True)
+
+
+def _readable(error: ValidationError) -> str:
+    parts = [
+        f"{'.'.join(str(step) for step in item['loc']) or 'input'}={item['input']!r}: {item['msg']}"
+        for item in error.errors(include_url=False)
+    ]
+    return "; ".join(parts)
+
+
+if __name__ == "__main__":
+    main()
