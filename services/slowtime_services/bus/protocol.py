@@ -1,7 +1,7 @@
-"""How messages move between processes: one protocol, over Zenoh or within one process."""
+"""What every bus promises: publish and subscribe, ask and answer, announce and watch."""
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, Self
 
 
 class Sample(NamedTuple):
@@ -22,16 +22,45 @@ class Query(NamedTuple):
     parameters: Mapping[str, str]
 
 
+class Answers(list[Sample]):
+    """The answers to a question, and what those who could not answer said instead."""
+
+    def __init__(self, answers: Iterable[Sample] = (), errors: Iterable[str] = ()) -> None:
+        super().__init__(answers)
+        self.errors = tuple(errors)
+
+
+class BusClosedError(RuntimeError):
+    """Something was asked of a bus that has been closed."""
+
+    def __init__(self) -> None:
+        super().__init__("This bus is closed. Open a new one; a closed bus stays closed.")
+
+
+class BusUnreachableError(ConnectionError):
+    """Nobody was there to connect to, or a port was taken."""
+
+
 class Handle(Protocol):
     """Something declared on the bus; it lasts until closed."""
 
     def close(self) -> None:
-        """Undeclare it."""
+        """Undeclare it; a second time does nothing."""
         ...
 
 
 class Bus(Protocol):
-    """What every process of the house speaks."""
+    """What every process of the house speaks.
+
+    Callbacks run in a thread of the bus and must only enqueue (see `Inbox`): a slow one holds
+    up its sender, and over Zenoh is cut off after five seconds. A callback that raises is
+    logged and counted; the stream goes on.
+    """
+
+    @property
+    def callback_errors(self) -> int:
+        """How many times a callback or a handler raised."""
+        ...
 
     def publish(
         self, key: str, payload: bytes, *, encoding: str, replayed: bool = False
@@ -46,7 +75,7 @@ class Bus(Protocol):
     def answer(
         self, key: str, handler: Callable[[Query], Iterable[tuple[str, bytes]]]
     ) -> Handle:
-        """Answer questions on `key` with (key, payload) pairs; an exception becomes an error reply."""
+        """Answer questions on `key` with (key, payload) pairs; what it raises, as an error."""
         ...
 
     def ask(
@@ -55,8 +84,8 @@ class Bus(Protocol):
         parameters: Mapping[str, str] | None = None,
         *,
         timeout_s: float = 2.0,
-    ) -> list[Sample]:
-        """All answers to a question; an empty list where nobody answers."""
+    ) -> Answers:
+        """All answers to a question; none where nobody answers, `errors` of who cannot."""
         ...
 
     def announce(self, key: str) -> Handle:
@@ -68,5 +97,13 @@ class Bus(Protocol):
         ...
 
     def close(self) -> None:
-        """End everything that was declared and leave."""
+        """End everything that was declared and leave; a second time does nothing."""
+        ...
+
+    def __enter__(self) -> Self:
+        """Give the bus itself, closed at the end of the `with` block."""
+        ...
+
+    def __exit__(self, *_: object) -> None:
+        """Close."""
         ...

@@ -1,0 +1,30 @@
+"""How messages move between processes: one protocol, over Zenoh or within one process."""
+
+from .inbox import Inbox
+from .keys import InvalidKeyError, matches
+from .memory import MemoryBus
+from .protocol import (
+    Answers,
+    Bus,
+    BusClosedError,
+    BusUnreachableError,
+    Handle,
+    Query,
+    Sample,
+)
+from .zenoh import ZenohBus
+
+__all__ = [
+    "Answers",
+    "Bus",
+    "BusClosedError",
+    "BusUnreachableError",
+    "Handle",
+    "Inbox",
+    "InvalidKeyError",
+    "MemoryBus",
+    "Query",
+    "Sample",
+    "ZenohBus",
+    "matches",
+]

@@ -1,0 +1,86 @@
+"""Where a callback puts what arrives, for another thread to take; nothing is lost unseen."""
+
+import collections
+import threading
+from typing import Generic, TypeVar
+
+T = TypeVar("T")
+
+
+class Inbox(Generic[T]):
+    """A bounded queue between a thread of the bus and the thread that does the work.
+
+    `put` never waits: where the inbox is full the newest item is refused and counted, since
+    the bus would cut off a receiver that holds it up.
+
+    Parameters
+    ----------
+    max_items, max_bytes
+        What it holds at most; bytes as stated by the caller of `put`.
+
+    Examples
+    --------
+    >>> inbox = Inbox(max_items=2)
+    >>> [inbox.put(letter) for letter in "abc"]
+    [True, True, False]
+    >>> inbox.take(), inbox.dropped
+    (['a', 'b'], 1)
+    """
+
+    def __init__(self, max_items: int = 100_000, max_bytes: int = 256 * 2**20) -> None:
+        if max_items < 1 or max_bytes < 1:
+            raise ValueError(
+                f"An inbox of {max_items=}, {max_bytes=} holds nothing. Give positive numbers."
+            )
+        self._max_items, self._max_bytes = max_items, max_bytes
+        self._items: collections.deque[tuple[T, int]] = collections.deque()
+        self._bytes = 0
+        self._dropped = 0
+        self._closed = False
+        self._changed = threading.Condition()
+
+    def put(self, item: T, size: int = 0) -> bool:
+        """Leave `item` for the worker; False, and counted, where there is no room."""
+        with self._changed:
+            full = (
+                len(self._items) >= self._max_items or self._bytes + size > self._max_bytes
+            ) and self._items
+            if full or self._closed:
+                self._dropped += 1
+                return False
+            self._items.append((item, size))
+            self._bytes += size
+            self._changed.notify()
+            return True
+
+    def take(self, limit: int | None = None, timeout_s: float | None = 0.0) -> list[T]:
+        """Up to `limit` items in order of arrival; waits for the first one up to `timeout_s`.
+
+        None waits for as long as the inbox is open.
+        """
+        with self._changed:
+            if timeout_s is None or timeout_s > 0:
+                self._changed.wait_for(lambda: self._items or self._closed, timeout_s)
+            count = len(self._items) if limit is None else min(limit, len(self._items))
+            taken = [self._items.popleft() for _ in range(count)]
+            self._bytes -= sum(size for _, size in taken)
+        return [item for item, _ in taken]
+
+    def close(self) -> None:
+        """Accept nothing more; what is inside can still be taken."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+    @property
+    def dropped(self) -> int:
+        """How many items found no room."""
+        return self._dropped
+
+    @property
+    def closed(self) -> bool:
+        """Whether nothing more can come."""
+        return self._closed
+
+    def __len__(self) -> int:
+        return len(self._items)

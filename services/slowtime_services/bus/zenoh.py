@@ -1,0 +1,344 @@
+"""The bus over Zenoh, with what measurement taught us about it written into the defaults.
+
+Congestion: BLOCK. A burst then slows its sender instead of vanishing; it is not a guarantee
+(Zenoh cuts a receiver off that does not drain for five seconds), which is why callbacks only
+enqueue and why the twin keeps an account of sequences. Not express: batching costs about
+20 us of latency and gives ten times the throughput. Raw blocks travel at low priority, so that
+a burst of samples does not delay features. Shared memory is off: our messages are small, and
+containers do not share it. The library's own log goes to standard output, where it would
+corrupt a command's result, so it is only switched on by setting RUST_LOG.
+"""
+
+import atexit
+import json
+import logging
+import os
+import struct
+import threading
+import weakref
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, Literal, Self
+from urllib.parse import quote, unquote
+
+import zenoh
+
+from slowtime_schemas.streams import RAW
+from slowtime_services.clock import Clock, SystemClock
+
+from .keys import check_key
+from .protocol import Answers, BusClosedError, BusUnreachableError, Query, Sample
+
+logger = logging.getLogger(__name__)
+
+Mode = Literal["client", "peer", "router"]
+Handler = Callable[[Query], Iterable[tuple[str, bytes]]]
+
+ATTACHMENT = struct.Struct("<Bq")
+FORMAT = 0x10
+REPLAYED = 0x01
+
+
+def pack_attachment(sent_ns: int, replayed: bool) -> bytes:
+    """Nine bytes beside the payload: format and flags, then the sender's clock [ns]."""
+    return ATTACHMENT.pack(FORMAT | (REPLAYED if replayed else 0), sent_ns)
+
+
+def unpack_attachment(attachment: bytes | None) -> tuple[int | None, bool]:
+    """Sender's clock and replayed flag; (None, False) of a foreign sender."""
+    if attachment is None or len(attachment) != ATTACHMENT.size:
+        return None, False
+    flags, sent_ns = ATTACHMENT.unpack(attachment)
+    if flags & ~REPLAYED != FORMAT:
+        return None, False
+    return sent_ns, bool(flags & REPLAYED)
+
+
+class _Declared:
+    """A Zenoh entity, referenced as long as it shall last: Zenoh drops those that are not."""
+
+    def __init__(self, bus: "ZenohBus", entity: Any) -> None:
+        self._bus, self._entity = bus, entity
+
+    def close(self) -> None:
+        self._bus._withdraw(self)
+
+
+class ZenohBus:
+    """Messages between processes and machines.
+
+    Parameters
+    ----------
+    mode
+        ``"client"`` needs a router to open at all. ``"peer"`` opens at once and connects when
+        the router appears, which is what an edge agent wants; but peers do not hear each
+        other through a router (since Zenoh 1.9), so that every other process is a client.
+        ``"router"`` is what they connect to.
+    connect, listen
+        Endpoints such as ``"tcp/10.0.0.2:7447"``. Nothing is discovered: who is not named is
+        not spoken to.
+    open_timeout_s
+        How long a client waits for the router; None for ever. Others do not wait.
+    lease_s
+        After how long a silent process (cut cable, frozen machine) counts as gone; a process
+        that died is noticed at once.
+    shared_memory
+        Whether large payloads between processes of one machine go through shared memory.
+    options
+        Further Zenoh settings, key to value, such as those of TLS or access control.
+    clock
+        Stamps `sent_ns`.
+
+    Raises
+    ------
+    BusUnreachableError
+        Where a client finds no router, or a listening port is taken.
+    """
+
+    def __init__(
+        self,
+        mode: Mode = "client",
+        connect: Sequence[str] = (),
+        listen: Sequence[str] = (),
+        *,
+        open_timeout_s: float | None = 10.0,
+        lease_s: float = 5.0,
+        shared_memory: bool = False,
+        options: Mapping[str, object] | None = None,
+        clock: Clock | None = None,
+    ) -> None:
+        if "RUST_LOG" in os.environ:
+            zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
+        self.mode, self.connect, self.listen = mode, tuple(connect), tuple(listen)
+        self._clock = clock or SystemClock()
+        self._callback_errors = 0
+        self._lock = threading.Lock()
+        self._declared: set[_Declared] = set()
+        self._closed = False
+        config = _configure(mode, connect, listen, open_timeout_s, lease_s, shared_memory)
+        for name, value in (options or {}).items():
+            config.insert_json5(name, json.dumps(value))
+        try:
+            self._session = zenoh.open(config)
+        except zenoh.ZError as error:
+            raise BusUnreachableError(_why(mode, connect, listen, error)) from error
+        _close_at_exit(self)
+
+    @property
+    def callback_errors(self) -> int:
+        """How many times a callback or a handler of this bus raised."""
+        return self._callback_errors
+
+    @property
+    def connected(self) -> bool:
+        """Whether any other process is connected right now."""
+        return not self._closed and bool(
+            list(self._session.info.routers_zid()) or list(self._session.info.peers_zid())
+        )
+
+    def publish(
+        self, key: str, payload: bytes, *, encoding: str, replayed: bool = False
+    ) -> None:
+        """Send; may wait for seconds where receivers do not drain, and drops while offline."""
+        self._check_open()
+        self._session.put(
+            check_key(key, wildcards=False),
+            payload,
+            encoding=encoding,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+            priority=_BULK if encoding == RAW.encoding else _USUAL,
+            attachment=pack_attachment(self._clock.now_ns(), replayed),
+        )
+
+    def subscribe(self, key_expression: str, callback: Callable[[Sample], None]) -> _Declared:
+        """Call `callback`, from a thread of the bus, for each message; it must only enqueue."""
+
+        def receive(sample: zenoh.Sample) -> None:
+            if sample.kind == zenoh.SampleKind.PUT:
+                self._guarded(lambda: callback(_as_sample(sample)), str(sample.key_expr))
+
+        self._check_open()
+        key = check_key(key_expression, wildcards=True)
+        return self._keep(self._session.declare_subscriber(key, receive))
+
+    def answer(self, key: str, handler: Handler) -> _Declared:
+        """Answer questions on `key`, one at a time, in a thread of the bus."""
+
+        def reply(query: zenoh.Query) -> None:
+            with query:
+                try:
+                    for reply_key, payload in handler(_as_query(query)):
+                        stamp = pack_attachment(self._clock.now_ns(), False)
+                        query.reply(reply_key, payload, attachment=stamp)
+                except Exception as error:
+                    self._callback_errors += 1
+                    logger.exception("A question on %s could not be answered.", query.key_expr)
+                    query.reply_err(f"{type(error).__name__}: {error}")
+
+        self._check_open()
+        check_key(key, wildcards=True)
+        return self._keep(self._session.declare_queryable(key, reply))
+
+    def ask(
+        self,
+        key_expression: str,
+        parameters: Mapping[str, str] | None = None,
+        *,
+        timeout_s: float = 2.0,
+    ) -> Answers:
+        """All answers that come within `timeout_s`; at once if nobody is there to answer."""
+        self._check_open()
+        selector = zenoh.Selector(
+            check_key(key_expression, wildcards=True), _as_parameters(parameters or {})
+        )
+        answers, errors = [], []
+        for reply in self._session.get(
+            selector,
+            timeout=timeout_s,
+            accept_replies=zenoh.ReplyKeyExpr.ANY,
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+        ):
+            if reply.ok is not None:
+                answers.append(_as_sample(reply.ok))
+            elif reply.err is not None:
+                errors.append(reply.err.payload.to_bytes().decode(errors="replace"))
+        return Answers(answers, errors)
+
+    def announce(self, key: str) -> _Declared:
+        """Be alive under `key` until the handle is closed or the process ends, in any way."""
+        self._check_open()
+        check_key(key, wildcards=False)
+        return self._keep(self._session.liveliness().declare_token(key))
+
+    def watch(self, key_expression: str, callback: Callable[[str, bool], None]) -> _Declared:
+        """Call `callback(key, alive)` for those alive now and for each change."""
+
+        def change(sample: zenoh.Sample) -> None:
+            key, alive = str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT
+            self._guarded(lambda: callback(key, alive), key)
+
+        self._check_open()
+        check_key(key_expression, wildcards=True)
+        liveliness = self._session.liveliness()
+        return self._keep(liveliness.declare_subscriber(key_expression, change, history=True))
+
+    def close(self) -> None:
+        """Withdraw everything and leave; without it a process with callbacks never ends."""
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            self._declared.clear()
+        self._session.close()  # type: ignore[no-untyped-call]
+
+    def __enter__(self) -> Self:
+        """Give the bus itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close."""
+        self.close()
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise BusClosedError
+
+    def _keep(self, entity: Any) -> _Declared:
+        declared = _Declared(self, entity)
+        with self._lock:
+            self._declared.add(declared)
+        return declared
+
+    def _withdraw(self, declared: _Declared) -> None:
+        with self._lock:
+            if self._closed or declared not in self._declared:
+                return
+            self._declared.remove(declared)
+        declared._entity.undeclare()
+
+    def _guarded(self, call: Callable[[], None], key: str) -> None:
+        try:
+            call()
+        except Exception:
+            self._callback_errors += 1
+            logger.exception("A callback raised on %s; the stream goes on.", key)
+
+
+_USUAL = zenoh.Priority.DATA
+_BULK = zenoh.Priority.DATA_LOW
+
+
+def _configure(
+    mode: Mode,
+    connect: Sequence[str],
+    listen: Sequence[str],
+    open_timeout_s: float | None,
+    lease_s: float,
+    shared_memory: bool,
+) -> zenoh.Config:
+    waits_for_ever = mode != "client" or open_timeout_s is None
+    retry = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5}
+    settings: dict[str, object] = {
+        "mode": mode,
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "scouting/delay": 0,
+        "connect/endpoints": list(connect),
+        "connect/retry": retry,
+        "connect/timeout_ms": -1 if waits_for_ever else round(1000 * (open_timeout_s or 0.0)),
+        "transport/link/tx/lease": round(1000 * lease_s),
+        "transport/shared_memory/enabled": shared_memory,
+    }
+    if mode != "client":
+        settings["listen/endpoints"] = list(listen)
+    config = zenoh.Config()
+    for name, value in settings.items():
+        config.insert_json5(name, json.dumps(value))
+    return config
+
+
+def _why(mode: Mode, connect: Sequence[str], listen: Sequence[str], error: Exception) -> str:
+    if mode == "client":
+        return (
+            f"No router answers at {', '.join(connect) or '(no endpoint given)'}. Start one "
+            "with `slowtime router`, or give the right endpoint, such as tcp/127.0.0.1:7447. "
+            f"({error})"
+        )
+    return (
+        f"Cannot open as {mode} listening on {', '.join(listen) or '(nothing)'}: another "
+        "process may have the port, or an endpoint is misspelt; they look like "
+        f"tcp/0.0.0.0:7447. ({error})"
+    )
+
+
+def _as_sample(sample: zenoh.Sample) -> Sample:
+    attachment = sample.attachment
+    sent_ns, replayed = unpack_attachment(attachment.to_bytes() if attachment else None)
+    return Sample(str(sample.key_expr), sample.payload.to_bytes(), sent_ns, replayed)
+
+
+def _as_parameters(parameters: Mapping[str, str]) -> str:
+    """`a=1;b=2`, with the characters that have a meaning there escaped."""
+    return ";".join(f"{quote(k, safe='')}={quote(v, safe='')}" for k, v in parameters.items())
+
+
+def _as_query(query: zenoh.Query) -> Query:
+    """The question without the parameters that are Zenoh's own, which begin with `_`."""
+    pairs = (part.partition("=") for part in str(query.parameters).split(";") if part)
+    given = {unquote(k): unquote(v) for k, _, v in pairs if not k.startswith("_")}
+    return Query(str(query.key_expr), given)
+
+
+def _close_at_exit(bus: ZenohBus) -> None:
+    """Close a forgotten bus, since its threads would keep the interpreter from ending.
+
+    Those threads are joined before `atexit` runs; the hook that runs earlier is private to
+    `threading`, and the process of `tests/services/bus` shows whether it still does its work.
+    """
+    reference = weakref.ref(bus)
+
+    def close() -> None:
+        if (alive := reference()) is not None:
+            alive.close()
+
+    getattr(threading, "_register_atexit", atexit.register)(close)

@@ -1,0 +1,116 @@
+"""What holds of the Zenoh bus alone: endings, absence, foreign senders, the wire."""
+
+import subprocess
+import sys
+import textwrap
+import time
+
+import pytest
+import zenoh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from slowtime_services.bus import BusUnreachableError, Sample, ZenohBus
+from slowtime_services.bus.zenoh import pack_attachment, unpack_attachment
+
+KEY = "slowtime/v1/lab/beam/features"
+
+
+def heard(bus, payload, got):
+    """Say it once more, and whether anything has been heard."""
+    bus.publish(KEY, payload, encoding="application/json")
+    return bool(got)
+
+
+@pytest.mark.parametrize(
+    ("ending", "status"),
+    [("pass", 0), ("sys.exit(3)", 3), ("raise RuntimeError", 1), ("bus.close()", 0)],
+)
+def test_a_process_ends_even_if_it_forgot_to_close_its_bus(endpoint, ending, status):
+    script = f"""
+        import sys
+        from slowtime_services.bus import ZenohBus
+        bus = ZenohBus("client", connect=[{endpoint!r}])
+        bus.subscribe("slowtime/**", lambda sample: None)
+        bus.answer("slowtime/v1/lab/beam/request/raw", lambda query: [])
+        bus.watch("slowtime/**", lambda key, alive: None)
+        {ending}
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(script)],
+        timeout=20,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == status
+    assert done.stdout == ""
+
+
+def test_a_client_without_a_router_is_told_what_to_start(free_port):
+    started = time.monotonic()
+    with pytest.raises(BusUnreachableError, match="Start one with `slowtime router`"):
+        ZenohBus("client", connect=[f"tcp/127.0.0.1:{free_port()}"], open_timeout_s=0.3)
+    assert time.monotonic() - started < 3
+
+
+def test_a_port_that_is_taken_is_named(endpoint):
+    with pytest.raises(BusUnreachableError, match=f"{endpoint}.*may have the port"):
+        ZenohBus("router", listen=[endpoint])
+
+
+def test_an_edge_opens_before_the_router_and_is_heard_once_it_appears(free_port, eventually):
+    there = f"tcp/127.0.0.1:{free_port()}"
+    got: list[Sample] = []
+    with ZenohBus("peer", connect=[there]) as edge:
+        assert not edge.connected
+        token = edge.announce("slowtime/v1/lab/beam/alive")
+        edge.publish(KEY, b"lost", encoding="application/json")
+        with ZenohBus("router", listen=[there]), ZenohBus("client", connect=[there]) as twin:
+            twin.subscribe(KEY, got.append)
+            present: list[str] = []
+            twin.watch("slowtime/**", lambda key, alive: present.append(key))
+            assert eventually(lambda: len(present) == 1)
+            assert eventually(lambda: heard(edge, b"heard", got))
+        token.close()
+    assert {sample.payload for sample in got} == {b"heard"}
+
+
+def test_a_router_that_comes_back_is_found_again(free_port, eventually):
+    there = f"tcp/127.0.0.1:{free_port()}"
+    got: list[Sample] = []
+    router = ZenohBus("router", listen=[there])
+    with ZenohBus("peer", connect=[there]) as edge, ZenohBus("client", connect=[there]) as twin:
+        twin.subscribe(KEY, got.append)
+        router.close()
+        assert eventually(lambda: not (edge.connected or twin.connected))
+        with ZenohBus("router", listen=[there]):
+            assert eventually(lambda: edge.connected and twin.connected)
+            assert eventually(lambda: heard(edge, b"x", got))
+
+
+def test_a_foreign_sender_has_no_clock(endpoint, eventually):
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", f'["{endpoint}"]')
+    got: list[Sample] = []
+    with ZenohBus("client", connect=[endpoint]) as bus, zenoh.open(config) as foreign:
+        bus.subscribe(KEY, got.append)
+        assert eventually(lambda: foreign.put(KEY, b"1", attachment=b"hello") or got)
+        foreign.delete(KEY)
+    assert {(s.payload, s.sent_ns, s.replayed) for s in got} == {(b"1", None, False)}
+
+
+@given(sent_ns=st.integers(0, 2**63 - 1), replayed=st.booleans())
+def test_what_travels_beside_the_payload_is_nine_bytes_and_comes_back(sent_ns, replayed):
+    packed = pack_attachment(sent_ns, replayed)
+    assert len(packed) == 9
+    assert unpack_attachment(packed) == (sent_ns, replayed)
+
+
+@given(st.binary(max_size=12) | st.none())
+def test_a_foreign_attachment_is_never_an_error(attachment):
+    sent_ns, replayed = unpack_attachment(attachment)
+    ours = attachment is not None and len(attachment) == 9 and attachment[0] in (0x10, 0x11)
+    assert (sent_ns is not None) == ours
+    assert ours or not replayed
