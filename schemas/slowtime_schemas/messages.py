@@ -1,10 +1,24 @@
 """What travels between edge and twin, each message with the version it was born with."""
 
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, StringConstraints, model_validator
 
-from .quantities import BootId, Estimate, Finite, Frozen, Name, Nanoseconds, Quantity, Sequence
+from .quantities import (
+    BootId,
+    Count,
+    Covariates,
+    Estimate,
+    Finite,
+    Flags,
+    Free,
+    Frozen,
+    Name,
+    Nanoseconds,
+    Quantity,
+    Sequence,
+    UnitName,
+)
 
 TimeBase = Literal["live", "recorded", "simulated"]
 """Whose clock `t_ns` is: a device's now, a recording's then, or a simulator's own."""
@@ -37,26 +51,34 @@ class Smoothed(Frozen):
     lag_epochs: Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
+def _positive(frequency: Quantity) -> Quantity:
+    if frequency.value <= 0:
+        raise ValueError(f"A frequency of {frequency.value} Hz is not positive.")
+    return frequency
+
+
 class Mode(Frozen):
     """One identified mode of vibration."""
 
     frequency_hz: Annotated[
-        Quantity, Field(description="Undamped natural frequency, |pole| / (2 pi) [Hz].")
+        Quantity,
+        AfterValidator(_positive),
+        Field(description="Undamped natural frequency, |pole| / (2 pi) [Hz]."),
     ]
     damping_ratio: Quantity
     correlation: Annotated[float, Field(ge=-1, le=1)] = 0.0
     smoothed_frequency_hz: Smoothed | None = None
     snr_db: Finite | None = None
-    flags: tuple[str, ...] = ()
+    flags: Flags = ()
 
 
 class Quality(Frozen):
     """How good the samples behind a feature were."""
 
-    samples: Annotated[int, Field(ge=0)]
-    missing: Annotated[int, Field(ge=0)] = 0
-    outliers: Annotated[int, Field(ge=0)] = 0
-    flags: tuple[str, ...] = ()
+    samples: Count
+    missing: Count = 0
+    outliers: Count = 0
+    flags: Flags = ()
 
 
 class Features(Message):
@@ -68,21 +90,29 @@ class Features(Message):
     version: Literal[1] = 1
     time_base: TimeBase = "live"
     slow_time: Finite
-    slow_time_unit: str = "s"
+    slow_time_unit: UnitName = "s"
     start_ns: Nanoseconds
     method: Literal["free_decay", "ambient", "peak", "none"]
-    modes: tuple[Mode, ...]
+    modes: Annotated[
+        tuple[Mode, ...], Field(max_length=64, description="Ascending in frequency.")
+    ]
     quality: Quality
-    covariates: dict[str, Finite] = {}
-    truth: dict[str, Finite] | None = None
+    covariates: Covariates = Field(default_factory=dict)
+    truth: Covariates | None = None
 
     @model_validator(mode="after")
-    def _starts_before_it_ends(self) -> "Features":
+    def _is_ordered(self) -> "Features":
         if self.start_ns > self.t_ns:
             raise ValueError(
-                f"start_ns={self.start_ns} is later than t_ns={self.t_ns}. start_ns is the first "
-                "sample's time, t_ns the last's."
+                f"start_ns={self.start_ns} is later than t_ns={self.t_ns}. start_ns is the "
+                "first sample's time, t_ns the last's."
             )
+        if len(self.modes) > 1:
+            frequencies = [mode.frequency_hz.value for mode in self.modes]
+            if frequencies != sorted(frequencies):
+                raise ValueError(
+                    f"Modes at {frequencies} Hz are not in order. Give them ascending."
+                )
         return self
 
 
@@ -95,20 +125,25 @@ class Health(Message):
     version: Literal[1] = 1
     last_sequence: Annotated[
         int,
-        Field(ge=-1, description="Newest features sequence of this boot; -1 before the first."),
+        Field(
+            ge=-1,
+            lt=2**63,
+            description="Newest features sequence of this boot; -1 before the first.",
+        ),
     ]
     first_held: Annotated[
         int,
         Field(
             ge=-1,
+            lt=2**63,
             description="Oldest features sequence of this boot still in the spool; -1 if none.",
         ),
     ]
     dropped: Annotated[
-        int, Field(ge=0, description="Features the full spool has dropped unsent.")
+        int, Field(ge=0, lt=2**63, description="Features the full spool has dropped unsent.")
     ] = 0
-    uptime_s: Annotated[float, Field(ge=0)]
-    counters: dict[str, int] = {}
+    uptime_s: Annotated[float, Field(ge=0, allow_inf_nan=False)]
+    counters: dict[str, Count] = Field(default_factory=dict)
 
 
 class About(Message):
@@ -119,7 +154,7 @@ class About(Message):
 
     version: Literal[1] = 1
     software: str
-    settings: dict[str, Any]
+    settings: Free
 
 
 class Acknowledgement(Message):
@@ -140,7 +175,7 @@ class TwinState(Message):
     version: Literal[1] = 1
     id: str
     slow_time: Finite
-    slow_time_unit: str = "s"
+    slow_time_unit: UnitName = "s"
     frequency_hz: Estimate | None
     damping_ratio: Estimate | None
     stiffness_change: Estimate | None
@@ -149,11 +184,11 @@ class TwinState(Message):
         float,
         Field(ge=-1, le=1, description="Between the errors of stiffness and mass change."),
     ] = 0.0
-    assumed: tuple[str, ...] = ()
+    assumed: Flags = ()
     frequency_used: Literal["measured", "smoothed"] = "measured"
     valid: bool
-    reasons: tuple[str, ...] = ()
-    truth: dict[str, Finite] | None = None
+    reasons: Flags = ()
+    truth: Covariates | None = None
 
 
 class Event(Message):
@@ -163,8 +198,8 @@ class Event(Message):
     VERSION: ClassVar[int] = 1
 
     version: Literal[1] = 1
-    kind: str
+    kind: Annotated[str, StringConstraints(min_length=1, max_length=64)]
     severity: Literal["info", "warning", "alarm"]
     slow_time: Finite | None = None
     message: str
-    details: dict[str, Any] = {}
+    details: Free = Field(default_factory=dict)

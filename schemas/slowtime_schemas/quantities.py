@@ -1,8 +1,10 @@
-"""The smallest nouns: names, quantities with their standard deviation, estimates with an interval."""
+"""The smallest nouns: names, numbers with their standard deviation, free-form content."""
 
-from typing import Annotated
+import math
+from typing import Annotated, Any
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -14,9 +16,7 @@ from pydantic import (
 Name = Annotated[
     str,
     StringConstraints(pattern=r"^[a-z0-9][a-z0-9_-]{0,62}$"),
-    Field(
-        description="Lower-case letters, digits, '-' and '_', at most 63; it becomes part of a key."
-    ),
+    Field(description="Lower-case letters, digits, '-' and '_', at most 63; part of a key."),
 ]
 """A site or an asset."""
 
@@ -32,6 +32,34 @@ Sequence = Annotated[
 ]
 Finite = FiniteFloat
 Sd = Annotated[NonNegativeFloat, Field(allow_inf_nan=False, description="Standard deviation.")]
+
+
+Count = Annotated[int, Field(ge=0, lt=2**63)]
+Flag = Annotated[str, StringConstraints(min_length=1, max_length=200)]
+Flags = Annotated[tuple[Flag, ...], Field(max_length=64)]
+UnitName = Annotated[str, StringConstraints(min_length=1, max_length=32)]
+Covariates = Annotated[
+    dict[Flag, Finite],
+    Field(max_length=64, description="Named with their unit, such as temperature_c."),
+]
+"""Numbers known beside the measured ones: temperature, load, a simulator's truth."""
+
+
+def _finite_throughout(value: Any) -> Any:
+    """Refuse NaN and infinity anywhere inside free-form content, which JSON cannot carry."""
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError(f"{value} is not a number that JSON has. Leave it out, or give null.")
+    if isinstance(value, dict):
+        for part in value.values():
+            _finite_throughout(part)
+    elif isinstance(value, list | tuple):
+        for part in value:
+            _finite_throughout(part)
+    return value
+
+
+Free = Annotated[dict[str, Any], AfterValidator(_finite_throughout)]
+"""Any JSON object; its numbers are finite."""
 
 
 class Frozen(BaseModel):

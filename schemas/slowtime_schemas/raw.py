@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, PositiveFloat, ValidationError, model_validator
 
 from .messages import Message, TimeBase
-from .quantities import Finite
+from .quantities import Count, Covariates, Finite, UnitName
 
 MAGIC = b"STB1"
 ITEM_BYTES = {"<f8": 8, "<f4": 4, "<i4": 4, "<i2": 2}
@@ -26,22 +26,23 @@ class RawHeader(Message):
     version: Literal[1] = 1
     time_base: TimeBase = "live"
     rate_hz: Annotated[PositiveFloat, Field(allow_inf_nan=False)]
-    first_index: Annotated[int, Field(ge=0)]
+    first_index: Count
     dtype: DType
-    samples: Annotated[int, Field(ge=0, description="Rows.")]
+    samples: Annotated[int, Field(ge=0, lt=2**40, description="Rows.")]
     channels: Annotated[tuple[str, ...], Field(min_length=1, max_length=4096)]
     units: Annotated[tuple[str, ...], Field(min_length=1, max_length=4096)]
-    epoch: int | None = None
+    epoch: Count | None = None
     slow_time: Finite | None = None
-    slow_time_unit: str = "s"
-    covariates: dict[str, Finite] = {}
-    truth: dict[str, Finite] | None = None
+    slow_time_unit: UnitName = "s"
+    covariates: Covariates = Field(default_factory=dict)
+    truth: Covariates | None = None
 
     @model_validator(mode="after")
     def _one_unit_per_channel(self) -> "RawHeader":
         if len(self.units) != len(self.channels):
             raise ValueError(
-                f"{len(self.channels)} channels but {len(self.units)} units. Give one unit per channel."
+                f"{len(self.channels)} channels but {len(self.units)} units. Give one unit "
+                "per channel."
             )
         return self
 
@@ -71,7 +72,8 @@ def decode_raw(payload: bytes) -> tuple[RawHeader, memoryview]:
     """
     if payload[:4] != MAGIC or len(payload) < 8:
         raise ValueError(
-            f"Not a raw block: it begins with {bytes(payload[:4])!r}, a raw block with {MAGIC!r}."
+            f"Not a raw block: it begins with {bytes(payload[:4])!r}, a raw block with "
+            f"{MAGIC!r}."
         )
     (length,) = struct.unpack_from("<I", payload, 4)
     if 8 + length > len(payload):
@@ -79,7 +81,7 @@ def decode_raw(payload: bytes) -> tuple[RawHeader, memoryview]:
             f"A raw block cut short: header of {length} bytes, {len(payload) - 8} present."
         )
     try:
-        header = RawHeader.model_validate_json(payload[8 : 8 + length])
+        header = RawHeader.model_validate_json(payload[8 : 8 + length], strict=True)
     except ValidationError as error:
         raise ValueError(f"A raw block with an unreadable header: {error}") from error
     body = memoryview(payload)[8 + length :]

@@ -1,4 +1,4 @@
-"""The registry of streams: which key carries which message, how often, and whether it is recorded.
+"""The registry of streams: which key carries which message, how often, recorded or not.
 
 Nothing else in the house spells a key.
 """
@@ -6,6 +6,7 @@ Nothing else in the house spells a key.
 import dataclasses
 
 from .messages import About, Acknowledgement, Event, Features, Health, Message, TwinState
+from .raw import RawHeader
 
 ROOT = "slowtime/v1"
 
@@ -24,6 +25,8 @@ class Stream:
         How often a healthy process sends one; None where nothing is promised.
     recorded
         Whether `slowtime record` writes it unless told otherwise.
+    max_bytes
+        Largest payload that is looked at; a larger one is refused before it is parsed.
     """
 
     name: str
@@ -32,6 +35,7 @@ class Stream:
     recorded: bool
     encoding: str
     says: str
+    max_bytes: int = 2**20
 
     def key(self, site: str, asset: str) -> str:
         """Key expression of one asset; give ``"*"`` for any site or asset."""
@@ -75,6 +79,7 @@ RAW = Stream(
     nominal_rate_hz=None,
     recorded=True,
     encoding="application/x-slowtime-raw",
+    max_bytes=64 * 2**20,
     says="edge to recorder: samples, where asked for",
 )
 ACK = Stream(
@@ -111,7 +116,7 @@ def alive_key(site: str, asset: str) -> str:
 
 
 def request_key(site: str, asset: str, what: str) -> str:
-    """Key on which an edge agent answers requests: ``"account"``, ``"features"`` or ``"raw"``."""
+    """Key of a request to an edge agent: ``"account"``, ``"features"`` or ``"raw"``."""
     if what not in REQUESTS:
         raise ValueError(
             f"No request is called {what!r}. Allowed: {', '.join(sorted(REQUESTS))}."
@@ -143,5 +148,10 @@ def parse_key(key: str) -> tuple[Stream, str, str]:
         )
     return stream, parts[2], parts[3]
 
+
+MESSAGES: dict[str, type[Message]] = {RawHeader.MESSAGE: RawHeader} | {
+    stream.message.MESSAGE: stream.message for stream in STREAMS if stream.message is not None
+}
+"""Every message by its name; the raw block by its header."""
 
 BY_NAME: dict[str, Stream] = {stream.name: stream for stream in STREAMS}

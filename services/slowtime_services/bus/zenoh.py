@@ -323,7 +323,7 @@ def _as_parameters(parameters: Mapping[str, str]) -> str:
 
 
 def _as_query(query: zenoh.Query) -> Query:
-    """The question without the parameters that are Zenoh's own, which begin with `_`."""
+    """Leave out the parameters that are Zenoh's own, which begin with `_`."""
     pairs = (part.partition("=") for part in str(query.parameters).split(";") if part)
     given = {unquote(k): unquote(v) for k, _, v in pairs if not k.startswith("_")}
     return Query(str(query.key_expr), given)
