@@ -1,0 +1,6 @@
+"""Files of measurements in, records out: text of any kind, NumPy, MATLAB."""
+
+from .read import MAX_BYTES, read_record
+from .record import Gap, Record, RecordError, find_column
+
+__all__ = ["MAX_BYTES", "Gap", "Record", "RecordError", "find_column", "read_record"]
