@@ -127,7 +127,7 @@ def _find_data(lines: Sequence[str], name: str, skip: int | None) -> tuple[Diale
 
 
 def _first_row(head: Sequence[str], dialect: Dialect, inside: int) -> int:
-            f"(line {offset + 1} is {lines[offset][:60]!r}). "
+    """Where the rows begin; a bad line among the first does not make those a preamble."""
     width = len(dialect.split(head[inside]))
     rows = [index for index, line in enumerate(head) if line.strip()]
     good = {index for index in rows if _is_row(dialect.split(head[index]), dialect, width)}
