@@ -1,1 +1,22 @@
-"""Natural frequencies and damping over slow time in, changes of stiffness and mass with intervals out."""
+"""Frequency and damping over slow time in, changes of stiffness and mass with intervals out."""
+
+from .change import Change
+from .downsample import extremes
+from .joint import Joint, stiffness_and_mass
+from .mass import mass_from_frequency
+from .nominal import Nominal, learn_nominal
+from .reasons import Reason, explain
+from .stiffness import stiffness_from_frequency
+
+__all__ = [
+    "Change",
+    "Joint",
+    "Nominal",
+    "Reason",
+    "explain",
+    "extremes",
+    "learn_nominal",
+    "mass_from_frequency",
+    "stiffness_and_mass",
+    "stiffness_from_frequency",
+]
