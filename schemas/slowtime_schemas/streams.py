@@ -115,6 +115,11 @@ def alive_key(site: str, asset: str) -> str:
     return f"{ROOT}/{site}/{asset}/alive"
 
 
+def any_key(site: str = "*", asset: str = "*") -> str:
+    """Key expression of every stream at once, so that one subscription keeps their order."""
+    return f"{ROOT}/{site}/{asset}/*"
+
+
 def request_key(site: str, asset: str, what: str) -> str:
     """Key of a request to an edge agent: ``"account"``, ``"features"`` or ``"raw"``."""
     if what not in REQUESTS:

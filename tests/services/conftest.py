@@ -5,6 +5,8 @@ import time
 
 import pytest
 
+from slowtime_schemas.messages import Features, Mode, Quality
+from slowtime_schemas.quantities import Quantity
 from slowtime_services.bus import ZenohBus
 
 
@@ -41,3 +43,32 @@ def endpoint():
     here = f"tcp/127.0.0.1:{_free_port()}"
     with ZenohBus("router", listen=[here]):
         yield here
+
+
+@pytest.fixture(scope="session")
+def features_of():
+    """Features messages of one run of one edge."""
+
+    def make(count, *, site="lab", asset="beam", boot="b1", first=0):
+        return [
+            Features(
+                site=site,
+                asset=asset,
+                boot=boot,
+                sequence=sequence,
+                t_ns=1_700_000_000_000_000_000 + sequence * 10**9,
+                start_ns=1_700_000_000_000_000_000,
+                slow_time=float(sequence),
+                method="ambient",
+                modes=(
+                    Mode(
+                        frequency_hz=Quantity(value=3.0 + 1e-3 * sequence, sd=0.002),
+                        damping_ratio=Quantity(value=0.02, sd=0.001),
+                    ),
+                ),
+                quality=Quality(samples=1000),
+            )
+            for sequence in range(first, first + count)
+        ]
+
+    return make

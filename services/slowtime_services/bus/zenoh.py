@@ -33,7 +33,7 @@ logger = logging.getLogger(__name__)
 Mode = Literal["client", "peer", "router"]
 Handler = Callable[[Query], Iterable[tuple[str, bytes]]]
 
-ATTACHMENT = struct.Struct("<Bq")
+ATTACHMENT = struct.Struct("<BQ")
 FORMAT = 0x10
 REPLAYED = 0x01
 

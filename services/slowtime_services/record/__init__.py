@@ -1,0 +1,7 @@
+"""Messages in, recordings (MCAP) out; and what can be saved of a damaged one."""
+
+from .recorder import Recorder, Recording
+from .recovery import Recovered, recover
+from .writer import RecordingWriter, free_path
+
+__all__ = ["Recorder", "Recording", "RecordingWriter", "Recovered", "free_path", "recover"]

@@ -1,0 +1,208 @@
+"""Bus in, recording out, in one thread; what cannot be kept is counted, never silent."""
+
+import collections
+import dataclasses
+import functools
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import NamedTuple, Self
+
+from slowtime_schemas.streams import STREAMS, Stream, any_key, parse_key
+from slowtime_services.bus import Bus, Inbox, Sample
+from slowtime_services.clock import Clock, SystemClock
+
+from .writer import RecordingWriter, free_path
+
+logger = logging.getLogger(__name__)
+
+RECORDED = tuple(stream for stream in STREAMS if stream.recorded)
+
+
+class _Arrival(NamedTuple):
+    log_ns: int
+    sample: Sample
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Recording:
+    """How a recording stands."""
+
+    paths: tuple[Path, ...]
+    """The files, the newest last."""
+    counts: dict[str, int]
+    """Messages written, by stream."""
+    bytes_written: int
+    dropped: int
+    """Messages that arrived faster than they could be written."""
+    refused: int
+    """Messages too large for their stream."""
+
+
+class Recorder:
+    """Writes what travels on a bus to MCAP.
+
+    A recorder that is killed loses at most what arrived within `flush_s`; `recover` makes its
+    file sound again. Payloads are written as they came, valid or not: a recording is evidence.
+
+    Parameters
+    ----------
+    bus
+        Where to listen; it is left open.
+    path
+        The file; it must not exist.
+    streams
+        Which streams; by default those the registry marks as recorded.
+    site, asset
+        Whose; by default everybody's.
+    clock
+        Stamps arrivals, as `log_time`.
+    flush_s
+        How often what has arrived is put on the disk [s].
+    rotate_bytes, rotate_s
+        Begin another file, with a number after its name, once this one is so large or old.
+    queue_bytes
+        How much may wait to be written.
+
+    Examples
+    --------
+    >>> with Recorder(bus, Path("house.mcap")) as recorder:  # doctest: +SKIP
+    ...     recorder.run(stop)
+    """
+
+    def __init__(
+        self,
+        bus: Bus,
+        path: Path | str,
+        *,
+        streams: Iterable[Stream] = RECORDED,
+        site: str = "*",
+        asset: str = "*",
+        clock: Clock | None = None,
+        flush_s: float = 0.5,
+        rotate_bytes: int | None = None,
+        rotate_s: float | None = None,
+        queue_bytes: int = 256 * 2**20,
+    ) -> None:
+        self._streams = frozenset(stream.name for stream in streams)
+        self._clock = clock or SystemClock()
+        self._flush_s, self._rotate_bytes, self._rotate_s = flush_s, rotate_bytes, rotate_s
+        self._inbox: Inbox[_Arrival] = Inbox(max_bytes=queue_bytes)
+        self._counts: collections.Counter[str] = collections.Counter()
+        self._refused = 0
+        self._bytes_on_disk = 0
+        self._failure: Exception | None = None
+        self._paths = [Path(path)]
+        self._writer = RecordingWriter(self._paths[0])
+        self._began = self._flushed = time.monotonic()
+        self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
+        self._thread.start()
+        self._subscription = bus.subscribe(any_key(site, asset), self._arrive)
+
+    @property
+    def recording(self) -> Recording:
+        """How it stands now."""
+        return Recording(
+            paths=tuple(self._paths),
+            counts=dict(self._counts),
+            bytes_written=self._bytes_on_disk,
+            dropped=self._inbox.dropped,
+            refused=self._refused,
+        )
+
+    def run(
+        self,
+        stop: threading.Event,
+        report: Callable[[Recording], None] | None = None,
+        *,
+        every_s: float = 0.5,
+    ) -> None:
+        """Record until `stop` is set; tell `report` how it stands.
+
+        Raises
+        ------
+        OSError
+            Where the disk takes no more, or whatever else ended the recording.
+        """
+        while not stop.wait(every_s) and self._failure is None:
+            if report is not None:
+                report(self.recording)
+        if self._failure is not None:
+            raise self._failure
+
+    def close(self) -> Recording:
+        """Stop listening, write what has arrived, end the file and say what is in it."""
+        self._subscription.close()
+        self._inbox.close()
+        self._thread.join()
+        if self._failure is not None:
+            raise self._failure
+        if self._inbox.dropped or self._refused:
+            logger.warning(
+                "The recording lacks %d messages that came too fast, %d that were too large.",
+                self._inbox.dropped,
+                self._refused,
+            )
+        return self.recording
+
+    def __enter__(self) -> Self:
+        """Give the recorder itself, which is recording already."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close."""
+        self.close()
+
+    def _arrive(self, sample: Sample) -> None:
+        self._inbox.put(_Arrival(self._clock.now_ns(), sample), len(sample.payload))
+
+    def _work(self) -> None:
+        try:
+            while not (self._inbox.closed and not self._inbox):
+                for arrival in self._inbox.take(1000, timeout_s=self._flush_s / 2):
+                    self._write(arrival)
+                self._keep()
+            self._writer.close()
+            self._bytes_on_disk = sum(path.stat().st_size for path in self._paths)
+        except Exception as error:
+            self._failure = error
+            self._inbox.close()
+            self._writer.abandon()
+            logger.exception("Recording has stopped: %s", error)
+
+    def _write(self, arrival: _Arrival) -> None:
+        sample = arrival.sample
+        address = _address(sample.key)
+        if address is None or address[0].name not in self._streams:
+            return
+        stream, site, asset = address
+        if len(sample.payload) > stream.max_bytes:
+            self._refused += 1
+            return
+        self._counts[stream.name] += 1
+        self._writer.write(stream, site, asset, sample.payload, arrival.log_ns, sample.sent_ns)
+
+    def _keep(self) -> None:
+        """Put on the disk what has arrived, or begin another file, where it is time."""
+        now = time.monotonic()
+        if now - self._flushed < self._flush_s / 2:
+            return
+        self._writer.flush(sync=True)
+        self._flushed = now
+        self._bytes_on_disk = sum(path.stat().st_size for path in self._paths)
+        too_large = self._rotate_bytes and self._writer.bytes_written >= self._rotate_bytes
+        too_old = self._rotate_s and now - self._began >= self._rotate_s
+        if too_large or too_old:
+            self._writer.close()
+            self._paths.append(free_path(self._paths[0]))
+            self._writer, self._began = RecordingWriter(self._paths[-1]), now
+
+
+@functools.lru_cache(maxsize=65536)
+def _address(key: str) -> tuple[Stream, str, str] | None:
+    try:
+        return parse_key(key)
+    except ValueError:
+        return None

@@ -1,0 +1,188 @@
+"""Payloads in, one MCAP file out; the same payloads give the same bytes."""
+
+import collections
+import contextlib
+import importlib.metadata
+import io
+import itertools
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import BinaryIO, Self
+
+from mcap.writer import CompressionType, Writer
+
+from slowtime_schemas.streams import Stream
+
+from .channels import describe
+
+CHUNK_BYTES = 2**20
+LIBRARY = "slowtime"
+
+
+def free_path(path: Path) -> Path:
+    """Give `path`, or the first of `name-0001.mcap`, `name-0002.mcap`, … that is free."""
+    numbered = (path.with_stem(f"{path.stem}-{number:04d}") for number in itertools.count(1))
+    return next(free for free in itertools.chain([path], numbered) if not free.exists())
+
+
+def software() -> str:
+    """Name and version of what writes."""
+    return f"slowtime {importlib.metadata.version('slowtime')}"
+
+
+class RecordingWriter:
+    """An MCAP file being written.
+
+    Chunks end after a mebibyte or at `flush`, never by a clock, so that an import writes the
+    same bytes each time; who records from a bus calls `flush` twice a second.
+
+    Parameters
+    ----------
+    target
+        A path that does not exist yet, or an open binary stream, which is left open.
+    metadata
+        Said of the recording in its metadata record, beside the software that wrote it.
+    overwrite
+        Whether an existing file may be replaced.
+    """
+
+    def __init__(
+        self,
+        target: Path | str | BinaryIO,
+        *,
+        metadata: Mapping[str, str] | None = None,
+        overwrite: bool = False,
+    ) -> None:
+        self._file: BinaryIO
+        self._owns_file = isinstance(target, Path | str)
+        self._file = (
+            _create(Path(target), overwrite) if isinstance(target, Path | str) else target
+        )
+        self._writer = Writer(
+            self._file,
+            chunk_size=CHUNK_BYTES,
+            compression=CompressionType.ZSTD,
+            enable_data_crcs=False,
+        )
+        self._channels: dict[tuple[str, str, str], int] = {}
+        self._schemas: dict[str, int] = {}
+        self._sequences: dict[int, int] = collections.defaultdict(int)
+        self._counts: dict[str, int] = collections.defaultdict(int)
+        self._closed = False
+        self._writer.start(profile="", library=LIBRARY)
+        self._writer.add_metadata(
+            LIBRARY, {"software": software(), "layout": "1", **(metadata or {})}
+        )
+        self._file.flush()
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Messages written so far, by stream."""
+        return dict(self._counts)
+
+    @property
+    def bytes_written(self) -> int:
+        """Length of what has left for the file."""
+        return self._file.tell()
+
+    def write(
+        self,
+        stream: Stream,
+        site: str,
+        asset: str,
+        payload: bytes,
+        log_ns: int,
+        publish_ns: int | None = None,
+    ) -> None:
+        """Append one payload as it is.
+
+        Parameters
+        ----------
+        log_ns
+            When it arrived; of imported samples, the sensor's time of the first.
+        publish_ns
+            When it was sent, where known.
+        """
+        where = (stream.name, site, asset)
+        channel = self._channels.get(where)
+        if channel is None:
+            channel = self._channels[where] = self._open_channel(stream, site, asset)
+        sequence = self._sequences[channel]
+        self._sequences[channel] = (sequence + 1) % 2**32
+        self._counts[stream.name] += 1
+        self._writer.add_message(
+            channel_id=channel,
+            log_time=log_ns,
+            publish_time=log_ns if publish_ns is None else publish_ns,
+            sequence=sequence,
+            data=payload,
+        )
+
+    def flush(self, *, sync: bool = False) -> None:
+        """Hand everything to the operating system; with `sync`, to the disk.
+
+        What has been flushed survives the end of this process, however it comes, and with
+        `sync` the end of the power too.
+        """
+        self._writer.flush()  # type: ignore[no-untyped-call]
+        if sync:
+            os.fsync(self._file.fileno())
+
+    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Say something of the recording."""
+        self._writer.add_metadata(name, dict(values))
+
+    def close(self) -> None:
+        """Write the index and end the file; a second time does nothing."""
+        if self._closed:
+            return
+        self._closed = True
+        try:
+            counts = {name: str(count) for name, count in sorted(self._counts.items())}
+            self._writer.add_metadata(f"{LIBRARY}.counts", counts)
+            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._file.flush()
+        finally:
+            if self._owns_file:
+                self._file.close()
+
+    def abandon(self) -> None:
+        """Leave the file as it is, without its index; `recover` makes it sound."""
+        self._closed = True
+        if self._owns_file:
+            with contextlib.suppress(OSError):
+                self._file.close()
+
+    def __enter__(self) -> Self:
+        """Give the writer itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close."""
+        self.close()
+
+    def _open_channel(self, stream: Stream, site: str, asset: str) -> int:
+        description = describe(stream)
+        name = description.schema_name
+        if name not in self._schemas:
+            self._schemas[name] = self._writer.register_schema(
+                name, description.schema_encoding, description.schema
+            )
+        return self._writer.register_channel(
+            stream.key(site, asset), description.message_encoding, self._schemas[name]
+        )
+
+
+def _create(path: Path, overwrite: bool) -> io.BufferedWriter:
+    try:
+        return path.open("wb" if overwrite else "xb")
+    except FileExistsError as error:
+        raise FileExistsError(
+            f"{path} exists and may be the only copy of a recording. Give another name, or "
+            "delete it first."
+        ) from error
+    except FileNotFoundError as error:
+        raise FileNotFoundError(
+            f"{path}: there is no folder {path.parent}. Make it first."
+        ) from error
