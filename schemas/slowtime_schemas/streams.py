@@ -121,7 +121,7 @@ def any_key(site: str = "*", asset: str = "*") -> str:
 
 
 def request_key(site: str, asset: str, what: str) -> str:
-    """Key of a request to an edge agent: ``"account"``, ``"features"`` or ``"raw"``."""
+    """Key of a request to an edge agent; `what` is a word of `REQUESTS`."""
     if what not in REQUESTS:
         raise ValueError(
             f"No request is called {what!r}. Allowed: {', '.join(sorted(REQUESTS))}."
@@ -133,6 +133,7 @@ REQUESTS = {
     "account": "what the spool holds: one JSON object per boot, {boot, first, last}",
     "features": "features messages again; parameters boot, first, last",
     "raw": "the last samples from the ring buffer; parameter seconds",
+    "about": "the about message",
 }
 
 

@@ -1,9 +1,10 @@
 """What time it is: the system's, a recording's, or a test's."""
 
 import time
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 
+@runtime_checkable
 class Clock(Protocol):
     """Anything that tells the time and can wait."""
 

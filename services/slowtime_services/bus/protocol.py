@@ -1,7 +1,7 @@
 """What every bus promises: publish and subscribe, ask and answer, announce and watch."""
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import NamedTuple, Protocol, Self
+from typing import NamedTuple, Protocol, Self, runtime_checkable
 
 
 class Sample(NamedTuple):
@@ -41,6 +41,7 @@ class BusUnreachableError(ConnectionError):
     """Nobody was there to connect to, or a port was taken."""
 
 
+@runtime_checkable
 class Handle(Protocol):
     """Something declared on the bus; it lasts until closed."""
 
@@ -49,6 +50,7 @@ class Handle(Protocol):
         ...
 
 
+@runtime_checkable
 class Bus(Protocol):
     """What every process of the house speaks.
 
