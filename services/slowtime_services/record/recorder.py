@@ -10,10 +10,11 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import NamedTuple, Self
 
-from slowtime_schemas.streams import STREAMS, Stream, any_key, parse_key
+from slowtime_schemas.streams import FEATURES, STREAMS, Stream, any_key, parse_key
 from slowtime_services.bus import Bus, Inbox, Sample
 from slowtime_services.clock import Clock, SystemClock
 
+from .healing import Healer
 from .writer import RecordingWriter, free_path
 
 logger = logging.getLogger(__name__)
@@ -39,6 +40,8 @@ class Recording:
     """Messages that arrived faster than they could be written."""
     refused: int
     """Messages too large for their stream."""
+    missing: int
+    """Features that are known to exist and have not come, though asked for."""
 
 
 class Recorder:
@@ -54,7 +57,8 @@ class Recorder:
     path
         The file; it must not exist.
     streams
-        Which streams; by default those the registry marks as recorded.
+        Which streams; by default those the registry marks as recorded. Features that did not
+        arrive are asked for again (see `healing`).
     site, asset
         Whose; by default everybody's.
     clock
@@ -97,8 +101,14 @@ class Recorder:
         self._paths = [Path(path)]
         self._writer = RecordingWriter(self._paths[0])
         self._began = self._flushed = time.monotonic()
-        self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
-        self._thread.start()
+        self._healer = Healer(bus, self._arrive)
+        self._healing, self._closing = FEATURES.name in self._streams, threading.Event()
+        self._threads = [
+            threading.Thread(target=work, name=f"recorder-{work.__name__}", daemon=True)
+            for work in (self._work, self._heal)
+        ]
+        for thread in self._threads:
+            thread.start()
         self._subscription = bus.subscribe(any_key(site, asset), self._arrive)
 
     @property
@@ -110,6 +120,7 @@ class Recorder:
             bytes_written=self._bytes_on_disk,
             dropped=self._inbox.dropped,
             refused=self._refused,
+            missing=self._healer.missing,
         )
 
     def run(
@@ -135,17 +146,21 @@ class Recorder:
     def close(self) -> Recording:
         """Stop listening, write what has arrived, end the file and say what is in it."""
         self._subscription.close()
-        self._inbox.close()
-        self._thread.join()
+        self._closing.set()
+        for thread in reversed(self._threads):
+            thread.join()
         if self._failure is not None:
             raise self._failure
-        if self._inbox.dropped or self._refused:
+        recording = self.recording
+        if recording.dropped or recording.refused or recording.missing:
             logger.warning(
-                "The recording lacks %d messages that came too fast, %d that were too large.",
-                self._inbox.dropped,
-                self._refused,
+                "The recording lacks %d messages that came too fast, %d that were too large "
+                "and %d features that never came.",
+                recording.dropped,
+                recording.refused,
+                recording.missing,
             )
-        return self.recording
+        return recording
 
     def __enter__(self) -> Self:
         """Give the recorder itself, which is recording already."""
@@ -172,6 +187,27 @@ class Recorder:
             self._writer.abandon()
             logger.exception("Recording has stopped: %s", error)
 
+    def _heal(self) -> None:
+        """Ask for what is missing now and then, and a last time before the end."""
+        while self._healing and not self._closing.wait(0.5):
+            self._heal_once()
+        if self._healing:
+            self._settle()
+            self._heal_once(at_last=True)
+        self._closing.wait()
+        self._inbox.close()
+
+    def _heal_once(self, *, at_last: bool = False) -> None:
+        try:
+            self._healer.heal(at_last=at_last)
+        except Exception:
+            logger.exception("What is missing could not be asked for.")
+
+    def _settle(self) -> None:
+        """Wait until what has arrived is written, so that it is not asked for."""
+        while self._inbox and self._failure is None:
+            time.sleep(0.005)
+
     def _write(self, arrival: _Arrival) -> None:
         sample = arrival.sample
         address = _address(sample.key)
@@ -181,6 +217,8 @@ class Recorder:
         if len(sample.payload) > stream.max_bytes:
             self._refused += 1
             return
+        if self._healing:
+            self._healer.note(sample.key, sample.payload)
         self._counts[stream.name] += 1
         self._writer.write(stream, site, asset, sample.payload, arrival.log_ns, sample.sent_ns)
 

@@ -31,8 +31,9 @@ from slowtime_schemas.streams import (
 )
 from slowtime_services.bus import Bus, Query, Sample
 from slowtime_services.clock import Clock, SystemClock
+from slowtime_services.runs import Run, run_and_sequence
 
-from .account import Holding, Run, closing_words, features_again, run_and_sequence, take_stock
+from .account import Holding, closing_words, features_again, take_stock
 from .reading import Contents, Recorded, contents, read_recording
 
 FROM_THE_EDGE = (ABOUT, FEATURES, HEALTH)
@@ -179,7 +180,10 @@ class _Player:
     def publish(self, message: Recorded) -> None:
         """Send one message, once there is room for it in the window."""
         stream = _stream_of(message.key)
-        if stream is FEATURES and (known := run_and_sequence(message)) is not None:
+        if (
+            stream is FEATURES
+            and (known := run_and_sequence(message.key, message.payload)) is not None
+        ):
             if self._credit == 0:
                 self._wait_until(lambda: self._outstanding < self._window)
                 self._credit = max(1, self._window - self._outstanding)
