@@ -1,0 +1,134 @@
+import time as clock
+
+import numpy as np
+import pytest
+
+from slowtime.estimation import kernels
+from slowtime.evolution import forecast
+
+TIME = np.linspace(0, 1000, 126)
+PAST = TIME <= 800
+
+
+def matern_path(rng, smoothness, length, sd):
+    k = sd**2 * kernels.correlation(smoothness, (TIME[:, None] - TIME) / length)
+    root = np.linalg.cholesky(k + 1e-10 * sd**2 * np.eye(len(TIME)))
+    return root @ rng.standard_normal(len(TIME))
+
+
+HISTORIES = {
+    "line with wiggles": lambda rng: -1e-4 * TIME + matern_path(rng, 1.5, 60.0, 0.01),
+    "rough and stationary": lambda rng: matern_path(rng, 0.5, 100.0, 0.02),
+    "smooth and stationary": lambda rng: matern_path(rng, 2.5, 150.0, 0.03),
+    "wandering slope": lambda rng: np.cumsum(np.cumsum(1e-4 * rng.standard_normal(126))),
+    "random walk": lambda rng: np.cumsum(3e-3 * rng.standard_normal(126)),
+}
+
+
+def covered(make, seed, runs):
+    rng = np.random.default_rng(seed)
+    inside = []
+    for _ in range(runs):
+        truth = make(rng)
+        sd = rng.uniform(0.003, 0.01, len(TIME))
+        value = truth + sd * rng.standard_normal(len(TIME))
+        found = forecast.forecast(TIME[PAST], value[PAST], sd[PAST], TIME[~PAST])
+        inside.append((found.lo <= truth[~PAST]) & (truth[~PAST] <= found.hi))
+    return np.mean(inside)
+
+
+def test_pooled_over_unlike_histories_the_bands_cover_what_came():
+    share = np.mean([covered(make, 91, 12) for make in HISTORIES.values()])
+    assert 0.90 <= share <= 0.98
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", HISTORIES)
+def test_the_bands_cover_each_kind_of_history(name):
+    assert 0.88 <= covered(HISTORIES[name], 92, 150) <= 0.985
+
+
+def test_the_book_s_loss_of_stiffness_is_forecast_within_its_band():
+    truth = np.exp(-4e-4 * TIME) * (1 + 0.05 * np.cos(2e-2 * TIME)) / 1.05 - 1
+    assert covered(lambda rng: truth, 93, 5) > 0.9
+
+
+def test_the_band_widens_and_the_horizon_lies_ahead():
+    rng = np.random.default_rng(94)
+    value = matern_path(rng, 1.5, 60.0, 0.03)
+    sd = np.full(len(TIME), 0.003)
+    found = forecast.forecast(TIME, value, sd, np.linspace(1000, 2000, 30))
+    assert (np.diff(found.sd) > 0).all()
+    assert 1020 < found.horizon < 1150
+
+
+def test_a_history_without_memory_has_no_horizon():
+    rng = np.random.default_rng(95)
+    sd = np.full(200, 0.02)
+    found = forecast.forecast(
+        np.arange(200.0), sd * rng.standard_normal(200), sd, np.array([220.0])
+    )
+    assert found.horizon < 199 + 30
+    assert abs(found.mean[0]) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("in_time", "in_value"), [(1e-3, 1.0), (3.6e3, 1.0), (1.0, 1e-4), (1.0, 1e6)]
+)
+def test_units_do_not_matter(in_time, in_value):
+    rng = np.random.default_rng(96)
+    time = np.sort(rng.uniform(0, 100, 60))
+    value, sd = np.sin(time / 20) + 0.1 * rng.standard_normal(60), np.full(60, 0.1)
+    later = np.array([101.0, 120.0])
+    here = forecast.forecast(time, value, sd, later)
+    there = forecast.forecast(time * in_time, value * in_value, sd * in_value, later * in_time)
+    np.testing.assert_allclose(there.mean / in_value, here.mean, rtol=1e-5)
+    np.testing.assert_allclose(there.sd / in_value, here.sd, rtol=1e-5)
+    assert there.horizon / in_time == pytest.approx(here.horizon, rel=1e-5)
+
+
+def test_order_gaps_and_missing_values_do_not_matter():
+    rng = np.random.default_rng(97)
+    time = np.concatenate([np.arange(30.0), np.arange(60.0, 90.0)])
+    value, sd = 0.01 * time + 0.1 * rng.standard_normal(60), np.full(60, 0.1)
+    whole = forecast.forecast(time, value, sd, np.array([100.0]))
+    mix = rng.permutation(62)
+    dirty_time = np.append(time, [5.0, np.nan])[mix]
+    dirty_value = np.append(value, [np.nan, 0.0])[mix]
+    dirty_sd = np.append(sd, [0.1, 0.1])[mix]
+    again = forecast.forecast(dirty_time, dirty_value, dirty_sd, np.array([100.0]))
+    assert again.mean[0] == pytest.approx(whole.mean[0], abs=1e-12)
+    assert again.sd[0] == pytest.approx(whole.sd[0], abs=1e-12)
+
+
+def test_exact_and_constant_histories_are_forecast_too():
+    line = forecast.forecast(
+        np.arange(20.0), 0.5 * np.arange(20.0), np.zeros(20), np.array([22.0])
+    )
+    assert line.mean[0] == pytest.approx(11.0, abs=0.05)
+    flat = forecast.forecast(np.arange(20.0), np.full(20, 3.0), np.zeros(20), np.array([22.0]))
+    assert flat.mean[0] == pytest.approx(3.0, abs=1e-6)
+
+
+def test_a_thousand_readings_are_forecast_within_a_request():
+    rng = np.random.default_rng(98)
+    time = np.arange(1000.0)
+    value, sd = 0.01 * rng.standard_normal(1000), np.full(1000, 0.01)
+    began = clock.process_time()
+    outlook = forecast.fit(time, value, sd)
+    fitted = clock.process_time()
+    forecast.predict(outlook, time, value, sd, np.linspace(1000, 1200, 100))
+    # about 0.2 s and 0.03 s; the rest is room for a loaded machine and checked signatures
+    assert fitted - began < 1.5
+    assert clock.process_time() - fitted < 0.3
+
+
+def test_the_past_is_not_forecast():
+    history = np.arange(10.0), np.zeros(10), np.ones(10)
+    with pytest.raises(ValueError, match="Ask for later times"):
+        forecast.forecast(*history, np.array([8.0]))
+
+
+def test_two_readings_are_no_history():
+    with pytest.raises(ValueError, match="at least 3 readings"):
+        forecast.forecast(np.arange(2.0), np.zeros(2), np.ones(2), np.array([8.0]))
