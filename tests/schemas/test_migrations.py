@@ -19,7 +19,8 @@ def registry():
 
     @registry.step("note", from_version=2)
     def _(payload):
-        return {**payload, "tags": ["migrated"], "lines": [*payload["lines"], "end"]}
+        payload["lines"].append("end")
+        return {**payload, "tags": ["migrated"]}
 
     return registry
 

@@ -39,9 +39,9 @@ class Holding:
         return max(0, self.up_to(self.published) - self.up_to(self.acknowledged))
 
     def arrived_between(self, first: int, last: int) -> tuple[int, int] | None:
-        """When those from `first` to `last` arrived, as far as they have been published."""
+        """When those from `first` to `last` arrived, at the outside."""
         begin = bisect.bisect_left(self.sequences, first)
-        end = self.up_to(min(last, self.published))
+        end = self.up_to(last)
         arrivals = self.log_ns[begin:end]
         return (min(arrivals), max(arrivals)) if arrivals else None
 
@@ -62,6 +62,7 @@ def features_again(
     path: Path, run: Run, holding: Holding, first: int, last: int
 ) -> list[bytes]:
     """Read the features from `first` to `last` again, as far as published, in order."""
+    last = min(last, holding.published)
     between = holding.arrived_between(first, last)
     if between is None:
         return []
@@ -70,7 +71,7 @@ def features_again(
         path, streams=[FEATURES], start_ns=between[0], end_ns=between[1] + 1
     ):
         known = run_and_sequence(message.key, message.payload)
-        if known and known[0] == run and first <= known[1] <= min(last, holding.published):
+        if known and known[0] == run and first <= known[1] <= last:
             found.setdefault(known[1], message.payload)
     return [payload for _, payload in sorted(found.items())]
 

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from slowtime_schemas.streams import ABOUT, FEATURES, HEALTH, alive_key
+from slowtime_schemas.streams import ABOUT, FEATURES, HEALTH, alive_key, request_key
 from slowtime_services.bus import MemoryBus, ZenohBus
 from slowtime_services.clock import HandClock
 from slowtime_services.record import RecordingWriter
@@ -80,6 +80,20 @@ def test_the_account_lists_only_what_has_been_played(house, ledger):
         [{"boot": "f1", "first": 40, "last": 40}],
     )
     assert seen[2][1] == [{"boot": "f1", "first": 40, "last": 42}]
+
+
+def test_what_has_not_been_played_is_not_answered(house):
+    path, _ = house(100)
+    bus = MemoryBus()
+    answered: list[int] = []
+
+    def ask(sample):
+        parameters = {"boot": "f1", "first": "41", "last": "1000000"}
+        answered.append(len(bus.ask(request_key("lab", "fan", "features"), parameters)))
+
+    bus.subscribe(FEATURES.key("lab", "fan"), ask)
+    replay(path, bus, speed=math.inf, patience_s=0.1)
+    assert answered == list(range(100))
 
 
 def test_the_assets_are_alive_while_they_are_played(house):

@@ -34,6 +34,18 @@ def test_streams_and_times_can_be_chosen(tmp_path):
     assert list(read_recording(tmp_path / "a.mcap", streams=[HEALTH])) == []
 
 
+def test_times_are_exact_at_the_ends_of_chunks(tmp_path):
+    with RecordingWriter(tmp_path / "a.mcap") as writer:
+        for i in range(10):
+            writer.write(STATE, "lab", "beam", b"", i)
+            if i % 2:
+                writer.flush()
+    for first in range(10):
+        for last in range(first, 11):
+            got = read_recording(tmp_path / "a.mcap", start_ns=first, end_ns=last)
+            assert [m.log_ns for m in got] == list(range(first, min(last, 10)))
+
+
 def test_contents_come_from_the_index(house):
     path, expected = house(100)
     inside = contents(path)
