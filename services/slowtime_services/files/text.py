@@ -34,6 +34,10 @@ class Dialect:
             line = line[: -len(self.delimiter)]
         return [field.strip().strip("\"'").strip() for field in line.split(self.delimiter)]
 
+    def ends_open(self, line: str) -> bool:
+        """Whether a delimiter is the last thing on a line."""
+        return self.delimiter is not None and line.rstrip(" \r\n").endswith(self.delimiter)
+
     def is_number(self, field: str) -> bool:
         """Whether a field is a number in this dialect."""
         return bool(_NUMBER.match(self.with_point(field)))
@@ -218,7 +222,7 @@ def _numbers(
     body = lines[first:]
     if not any('"' in line or "'" in line for line in body[:3]):
         mark = dialect.delimiter
-        if mark is not None and body[0].rstrip(" \r").endswith(mark):
+        if mark is not None and dialect.ends_open(body[0]):
             body = [line.rstrip(" \r").removesuffix(mark) for line in body]
         text = "\n".join(body)
         text = text if dialect.decimal == "." else text.replace(",", ".")
@@ -243,6 +247,8 @@ def _numbers_with_care(
         if not lines[index].strip():
             continue
         fields = dialect.split(lines[index])
+        if len(fields) == width - 1 and dialect.ends_open(lines[index]):
+            fields.append("")
         if index == last and len(fields) < width and rows:
             notes.append(f"The last line ({index + 1}) is cut short and was left out.")
             break

@@ -1,0 +1,161 @@
+"""Composition root of the edge agent: settings in, real source, clock, bus and disk chosen."""
+
+import contextlib
+import datetime
+import importlib.metadata
+import logging
+import secrets
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+
+from slowtime_services.bus import Bus, ZenohBus
+from slowtime_services.clock import Clock, SystemClock
+
+from .acquire import Source, open_source
+from .pipeline import Edge, listen
+from .publish import Publisher, Spool
+from .settings import EdgeSettings, Origin
+
+logger = logging.getLogger(__name__)
+
+
+def run(
+    settings: EdgeSettings,
+    *,
+    bus: Bus | None = None,
+    clock: Clock | None = None,
+    source: Source | None = None,
+    stop: threading.Event | None = None,
+) -> int:
+    """Run an edge agent until its input ends or it is told to stop.
+
+    Parameters
+    ----------
+    bus, clock, source
+        Others than the settings would choose; a bus that is given stays open.
+    stop
+        Set it to end; None to end on SIGINT and SIGTERM.
+
+    Returns
+    -------
+    Exit status: 0.
+    """
+    with contextlib.ExitStack() as stack:
+        if stop is None:
+            stop = stack.enter_context(stopped_by_signals())
+        clock = clock or SystemClock()
+        source = source or open_source(settings.input, clock, stop)
+        origin = Origin(
+            site=settings.site,
+            asset=settings.asset,
+            boot=settings.boot or new_boot(clock),
+            time_base=source.time_base,
+            slow_time_unit=source.slow_time_unit,
+        )
+        spool = Spool(
+            settings.spool.folder / f"{origin.site}.{origin.asset}",
+            origin.boot,
+            max_bytes=settings.spool.max_bytes,
+            segment_bytes=settings.spool.segment_bytes,
+            fsync=settings.spool.fsync,
+        )
+        stack.callback(spool.close)
+        if bus is None:
+            bus = stack.enter_context(
+                ZenohBus("peer", settings.connect, options=settings.zenoh, clock=clock)
+            )
+        publisher = Publisher(
+            origin,
+            spool,
+            bus,
+            clock,
+            settings.publish,
+            software=f"slowtime {importlib.metadata.version('slowtime')}",
+            about=_about(settings),
+        )
+        publisher.open()
+        stack.callback(publisher.close)
+        logger.info("Edge %s.%s, boot %s.", origin.site, origin.asset, origin.boot)
+        with _heartbeat(publisher, settings):
+            edge = Edge.of(settings.processing, origin)
+            listen(source, edge, settings.admission, publisher, clock, stop)
+            publisher.health()
+            if not stop.is_set():
+                publisher.wait_acknowledged(settings.publish.linger_s, stop)
+    return 0
+
+
+def new_boot(clock: Clock) -> str:
+    """Name a run: names sort as runs began, and no two are the same.
+
+    Examples
+    --------
+    >>> from slowtime_services.clock import HandClock
+    >>> new_boot(HandClock(1_767_225_600_123_000_000))[:-6]
+    '20260101T000000.123Z-'
+    """
+    now = clock.now_ns()
+    when = datetime.datetime.fromtimestamp(now // 10**9, datetime.UTC)
+    return f"{when:%Y%m%dT%H%M%S}.{now // 10**6 % 1000:03d}Z-{secrets.token_hex(3)}"
+
+
+@contextlib.contextmanager
+def stopped_by_signals() -> Iterator[threading.Event]:
+    """Give an event that SIGINT and SIGTERM set; the former handlers come back afterwards."""
+    stop = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield stop
+        return
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, lambda *_: stop.set()) for number in numbers]
+    try:
+        yield stop
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def _heartbeat(publisher: Publisher, settings: EdgeSettings) -> Iterator[None]:
+    """Say health and, less often, about, from a thread of its own."""
+    over = threading.Event()
+
+    def beat() -> None:
+        every = settings.publish.health_every_s
+        beats = 0
+        while not over.wait(every):
+            beats += 1
+            publisher.health()
+            if int(beats * every / settings.publish.about_every_s) > int(
+                (beats - 1) * every / settings.publish.about_every_s
+            ):
+                publisher.about()
+
+    thread = threading.Thread(target=beat, name="heartbeat", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
+def _about(settings: EdgeSettings) -> dict[str, object]:
+    """Tell what decides the features; no addresses, no secrets."""
+    return {
+        "processing": settings.processing.model_dump(mode="json"),
+        "input": settings.input.model_dump(mode="json"),
+        "raw": settings.publish.raw,
+    }
+
+
+def main() -> None:
+    """Run with settings from flags, environment and file."""
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)-7s %(message)s")
+    sys.exit(run(EdgeSettings(_cli_parse_args=True)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,195 @@
+"""The only file that knows the order: acquire, condition, extract, publish.
+
+`Edge` is the three pure stages as one, so that a recording can be run through it without any
+clock or bus; `listen` is the loop that nothing stops but the end of its source; `rerun` makes
+of recorded raw blocks the very bytes that the edge once made of them.
+"""
+
+import dataclasses
+import logging
+import threading
+from collections.abc import Iterable, Iterator
+
+from slowtime.signals.block import Block
+from slowtime_schemas.codec import encode
+from slowtime_schemas.messages import Features
+from slowtime_schemas.raw import RawHeader
+from slowtime_services.clock import Clock
+
+from .acquire import Admission, Refusal, Source
+from .condition import Condition, Marked, Segment
+from .extract import Extract, ExtractState
+from .publish import Publisher
+from .settings import AdmissionSettings, Origin, Processing
+
+logger = logging.getLogger(__name__)
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class EdgeState:
+    """What the stages remember."""
+
+    condition: Segment | None
+    extract: ExtractState
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Edge:
+    """Blocks in, features out: condition and extract as one stage."""
+
+    condition: Condition
+    extract: Extract
+
+    @classmethod
+    def of(cls, processing: Processing, origin: Origin) -> "Edge":
+        """Make the stages that the settings describe."""
+        return cls(Condition(processing.condition), Extract(processing.extract, origin))
+
+    def start(self) -> EdgeState:
+        """Begin with nothing seen."""
+        return EdgeState(self.condition.start(), self.extract.start())
+
+    def step(self, state: EdgeState, block: Block) -> tuple[EdgeState, tuple[Features, ...]]:
+        """Take one block; give the features of the windows that it completes."""
+        conditioned, ready = self.condition.step(state.condition, block)
+        extracting, features = self._extract(state.extract, ready)
+        return EdgeState(conditioned, extracting), features
+
+    def finish(self, state: EdgeState) -> tuple[EdgeState, tuple[Features, ...]]:
+        """Close the window that was begun: its epoch is complete, or the stream has ended."""
+        conditioned, ready = self.condition.finish(state.condition)
+        extracting, features = self._extract(state.extract, ready)
+        extracting, last = self.extract.finish(extracting)
+        return EdgeState(conditioned, extracting), features + last
+
+    def restart(self, state: EdgeState) -> EdgeState:
+        """Forget the samples at hand, which could not be worked; keep count and smoother."""
+        kept = dataclasses.replace(state.extract, gathered=None)
+        return EdgeState(self.condition.start(), kept)
+
+    def _extract(
+        self, state: ExtractState, ready: tuple[Marked, ...]
+    ) -> tuple[ExtractState, tuple[Features, ...]]:
+        out: tuple[Features, ...] = ()
+        for block, marks in ready:
+            state, features = self.extract.step(state, block, marks)
+            out += features
+        return state, out
+
+
+class Listening:
+    """One pass over a source: admits, works, publishes, counts; what is bad is left out."""
+
+    def __init__(
+        self, edge: Edge, admission: Admission, publisher: Publisher, clock: Clock
+    ) -> None:
+        self._edge, self._admission = edge, admission
+        self._publisher, self._clock = publisher, clock
+        self._state, self._admitted = edge.start(), admission.start()
+
+    def take(self, block: Block | None) -> None:
+        """Take what the source gave; None says that an epoch is complete."""
+        try:
+            if block is None:
+                self._state, features = self._edge.finish(self._state)
+            elif self._admit(block):
+                self._publisher.raw(block)
+                self._state, features = self._edge.step(self._state, block)
+            else:
+                return
+        except Exception:
+            self._publisher.count("failed_blocks")
+            logger.exception("A block could not be worked; the stream goes on after it.")
+            self._state = self._edge.restart(self._state)
+            return
+        for message in features:
+            self._tell(message)
+
+    def _admit(self, block: Block) -> bool:
+        self._publisher.count("blocks")
+        self._admitted, refusal = self._admission.step(
+            self._admitted, block, self._clock.now_ns()
+        )
+        if refusal is not None:
+            self._refuse(block, refusal)
+        return refusal is None
+
+    def _refuse(self, block: Block, refusal: Refusal) -> None:
+        word = f"refused_{refusal.word}"
+        self._publisher.count(word)
+        times = self._publisher.counters[word]
+        if (
+            times & (times - 1) == 0
+        ):  # the 1st, 2nd, 4th, 8th ...: a flood does not fill the log
+            logger.warning(
+                "A block of %d samples from index %d was refused (%s, %d so far): %s",
+                len(block.samples),
+                block.first_index,
+                refusal.word,
+                times,
+                refusal.sentence,
+            )
+
+    def _tell(self, message: Features) -> None:
+        self._publisher.count("missing_samples", message.quality.missing)
+        self._publisher.count("outliers", message.quality.outliers)
+        if not message.modes:
+            self._publisher.count("unidentified")
+        self._publisher.features(message)
+
+
+def listen(
+    source: Source,
+    edge: Edge,
+    admission: AdmissionSettings,
+    publisher: Publisher,
+    clock: Clock,
+    stop: threading.Event,
+) -> None:
+    """Work everything that `source` gives, until it ends or `stop` is set.
+
+    The window begun when it ends is closed and told as well.
+    """
+    listening = Listening(edge, Admission(admission, source.time_base), publisher, clock)
+    try:
+        for block in source:
+            listening.take(block)
+            if stop.is_set():
+                break
+    finally:
+        listening.take(None)
+
+
+def rerun(blocks: Iterable[tuple[RawHeader, Block]], processing: Processing) -> Iterator[bytes]:
+    """Make the features of recorded raw blocks again, byte for byte.
+
+    Boot, sequence, times and time base are those of the recording; settings must be those that
+    its `About` tells (see `Processing.from_about`). Recordings of several assets and boots may
+    be mixed; a boot must be recorded from its first block on, since the sequence and the
+    smoothed frequency rest on everything before.
+    """
+    running: dict[tuple[str, str], tuple[Edge, EdgeState]] = {}
+    for header, block in blocks:
+        origin = Origin(
+            site=header.site,
+            asset=header.asset,
+            boot=header.boot,
+            time_base=header.time_base,
+            slow_time_unit=header.slow_time_unit,
+        )
+        asset = (header.site, header.asset)
+        if asset in running and running[asset][0].extract.origin != origin:
+            yield from _finished(*running.pop(asset))
+        if asset not in running:
+            edge = Edge.of(processing, origin)
+            running[asset] = edge, edge.start()
+        edge, state = running[asset]
+        state, features = edge.step(state, block)
+        running[asset] = edge, state
+        yield from map(encode, features)
+    for edge, state in running.values():
+        yield from _finished(edge, state)
+
+
+def _finished(edge: Edge, state: EdgeState) -> Iterator[bytes]:
+    yield from map(encode, edge.finish(state)[1])

@@ -1,0 +1,261 @@
+"""Fourth stage of the edge: features to disk and to the bus, and answers to those who ask.
+
+What is published may not arrive; what is in the spool can always be asked for again. So every
+feature is on disk before it is on the bus, and nothing here waits for anybody.
+"""
+
+import json
+import logging
+import threading
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from edge_agent.settings import Origin, PublishSettings
+from slowtime.signals.block import Block
+from slowtime_schemas.codec import Refused, decode_sample, encode
+from slowtime_schemas.messages import About, Acknowledgement, Features, Health, Message
+from slowtime_schemas.raw import ITEM_BYTES, RawHeader, encode_raw
+from slowtime_schemas.streams import (
+    ABOUT,
+    ACK,
+    FEATURES,
+    HEALTH,
+    RAW,
+    Stream,
+    alive_key,
+    request_key,
+)
+from slowtime_services.bus import Bus, Handle, Query, Sample
+from slowtime_services.clock import Clock
+
+from .ring import Ring
+from .spool import Spool, SpoolError
+
+logger = logging.getLogger(__name__)
+
+MOST_AT_ONCE = 10_000
+"""Features in one answer; who wants more asks again."""
+
+
+class Publisher:
+    """The voice of one edge agent.
+
+    Parameters
+    ----------
+    origin
+        Whose messages these are.
+    about
+        What `About` says of the settings; ``processing`` must be among it.
+    """
+
+    def __init__(
+        self,
+        origin: Origin,
+        spool: Spool,
+        bus: Bus,
+        clock: Clock,
+        settings: PublishSettings,
+        *,
+        software: str,
+        about: Mapping[str, Any],
+    ) -> None:
+        self.origin, self._spool, self._bus, self._clock = origin, spool, bus, clock
+        self._settings, self._software, self._about = settings, software, dict(about)
+        self._ring = Ring(settings.ring_s, settings.ring_bytes)
+        self._counters: Counter[str] = Counter()
+        self._sequences: Counter[str] = Counter()
+        self._last_features = -1
+        self._acknowledged = -1
+        self._began_ns = clock.now_ns()
+        self._handles: list[Handle] = []
+        self._changed = threading.Condition()
+
+    def open(self) -> None:
+        """Answer, listen, be alive, and say what this agent is."""
+        bus = self._bus
+        self._handles += [
+            bus.answer(self._request("account"), self._answer_account),
+            bus.answer(self._request("features"), self._answer_features),
+            bus.answer(self._request("raw"), self._answer_raw),
+            bus.answer(self._request("about"), self._answer_about),
+            bus.subscribe(ACK.key(self.origin.site, self.origin.asset), self._hear),
+            bus.announce(alive_key(self.origin.site, self.origin.asset)),
+        ]
+        self.about()
+        self.health()
+
+    def close(self) -> None:
+        """Say a last word, withdraw, and bring the spool to rest."""
+        self.health()
+        for handle in reversed(self._handles):
+            handle.close()
+        self._handles.clear()
+        self._spool.close()
+
+    def count(self, what: str, by: int = 1) -> None:
+        """Count something that `Health` shall tell."""
+        self._counters[what] += by
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """What has been counted."""
+        return dict(sorted(self._counters.items()))
+
+    def raw(self, block: Block) -> None:
+        """Keep a block for those who ask, and send it where settings say so."""
+        header, body = raw_message(block, self.origin, self._sequences[RAW.name])
+        self._sequences[RAW.name] += 1
+        payload = encode_raw(header, body)
+        self._ring.put(block.end_ns, payload)
+        if self._settings.raw == "on":
+            self._send(RAW, payload)
+
+    def features(self, message: Features) -> None:
+        """Keep and send one features message."""
+        payload = encode(message)
+        try:
+            self._spool.append(message.sequence, payload)
+        except SpoolError:
+            # Without a disk the structure is still worth listening to.
+            self.count("not_spooled")
+            logger.exception("Features %d are sent without being kept.", message.sequence)
+        self._last_features = message.sequence
+        self.count("features")
+        self._send(FEATURES, payload)
+
+    def health(self) -> None:
+        """Say how the agent is, and where its account ends."""
+        held = {entry.boot: entry for entry in self._spool.held()}.get(self.origin.boot)
+        self._send_message(
+            HEALTH,
+            Health(
+                **self._envelope(HEALTH),
+                last_sequence=self._last_features,
+                first_held=held.first if held else -1,
+                dropped=self._spool.dropped,
+                uptime_s=max(0.0, (self._clock.now_ns() - self._began_ns) / 1e9),
+                counters=self.counters,
+            ),
+        )
+
+    def about(self) -> None:
+        """Say what this agent is and with which settings it runs."""
+        self._send_message(ABOUT, self._about_message())
+
+    def wait_acknowledged(self, seconds: float, stop: threading.Event) -> bool:
+        """Wait until the twin has everything of this boot; False if `seconds` pass first."""
+        waited = 0.0
+        with self._changed:
+            while self._acknowledged < self._last_features:
+                if waited >= seconds or stop.is_set():
+                    return False
+                self._changed.wait(0.05)
+                waited += 0.05
+        return True
+
+    def _hear(self, sample: Sample) -> None:
+        try:
+            message = decode_sample(sample.key, sample.payload)
+        except Refused as refused:
+            self.count(f"refused_ack_{refused.reason}")
+            return
+        if isinstance(message, Acknowledgement):
+            self._spool.acknowledge(message.boot, message.sequence)
+            with self._changed:
+                if message.boot == self.origin.boot:
+                    self._acknowledged = max(self._acknowledged, message.sequence)
+                self._changed.notify_all()
+
+    def _answer_account(self, query: Query) -> Iterator[tuple[str, bytes]]:
+        for held in self._spool.held():
+            yield self._request("account"), json.dumps(held._asdict()).encode()
+
+    def _answer_features(self, query: Query) -> Iterator[tuple[str, bytes]]:
+        boot = query.parameters.get("boot", self.origin.boot)
+        first = _whole(query, "first", 0)
+        last = min(_whole(query, "last", 2**63 - 1), first + MOST_AT_ONCE - 1)
+        key = FEATURES.key(self.origin.site, self.origin.asset)
+        for payload in self._spool.read(boot, first, last):
+            self.count("sent_again")
+            yield key, payload
+
+    def _answer_raw(self, query: Query) -> Iterator[tuple[str, bytes]]:
+        key = RAW.key(self.origin.site, self.origin.asset)
+        for payload in self._ring.last(_seconds(query)):
+            yield key, payload
+
+    def _answer_about(self, query: Query) -> Iterator[tuple[str, bytes]]:
+        yield ABOUT.key(self.origin.site, self.origin.asset), encode(self._about_message())
+
+    def _about_message(self) -> About:
+        return About(**self._envelope(ABOUT), software=self._software, settings=self._about)
+
+    def _envelope(self, stream: Stream) -> dict[str, Any]:
+        sequence = self._sequences[stream.name]
+        self._sequences[stream.name] += 1
+        return {
+            "site": self.origin.site,
+            "asset": self.origin.asset,
+            "boot": self.origin.boot,
+            "sequence": sequence,
+            "t_ns": self._clock.now_ns(),
+        }
+
+    def _send_message(self, stream: Stream, message: Message) -> None:
+        self._send(stream, encode(message))
+
+    def _send(self, stream: Stream, payload: bytes) -> None:
+        """Publish; where the bus fails, count it: the spool has what matters."""
+        try:
+            key = stream.key(self.origin.site, self.origin.asset)
+            self._bus.publish(key, payload, encoding=stream.encoding)
+        except Exception:
+            self.count("not_sent")
+            logger.exception("A %s message could not be sent.", stream.name)
+
+    def _request(self, what: str) -> str:
+        return request_key(self.origin.site, self.origin.asset, what)
+
+
+def raw_message(block: Block, origin: Origin, sequence: int) -> tuple[RawHeader, bytes]:
+    """Header and samples of a block, in the sensor's own type."""
+    kind = block.samples.dtype.newbyteorder("<").str
+    samples = block.samples if kind in ITEM_BYTES else block.samples.astype("<f8")
+    kind = samples.dtype.newbyteorder("<").str
+    header = RawHeader(
+        **origin.model_dump(),
+        sequence=sequence,
+        t_ns=block.start_ns,
+        rate_hz=block.rate_hz,
+        first_index=block.first_index,
+        dtype=kind,
+        samples=len(samples),
+        channels=block.channels,
+        units=block.units,
+        epoch=block.epoch,
+        slow_time=block.slow_time,
+        covariates=dict(block.covariates),
+        truth=dict(block.truth) or None,
+    )
+    return header, np.ascontiguousarray(samples, dtype=kind).tobytes()
+
+
+def _whole(query: Query, name: str, otherwise: int) -> int:
+    text = query.parameters.get(name, str(otherwise))
+    if not (text.isascii() and text.isdigit()):
+        raise ValueError(f"{name}={text!r} is no sequence. Give a whole number from 0.")
+    return int(text)
+
+
+def _seconds(query: Query) -> float:
+    text = query.parameters.get("seconds", "10")
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = -1.0
+    if not 0 < seconds < float("inf"):
+        raise ValueError(f"seconds={text!r} is no time. Give seconds above 0, such as 10.")
+    return seconds

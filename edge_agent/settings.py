@@ -1,0 +1,240 @@
+"""What an edge agent can be told: one frozen class, from a file, the environment and flags.
+
+A flag overrules the environment (``SLOWTIME_EDGE_*``, nested with ``__``), which overrules the
+file named by `config` (TOML or JSON). Units are in the names.
+"""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic_settings import (
+    BaseSettings,
+    JsonConfigSettingsSource,
+    PydanticBaseSettingsSource,
+    SettingsConfigDict,
+    TomlConfigSettingsSource,
+)
+
+from slowtime_schemas.messages import About, TimeBase
+from slowtime_schemas.quantities import BootId, Name
+from slowtime_services.simulate import SimulatedStructure
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Band = tuple[NotNegative, Positive]
+
+
+class Frozen(BaseModel):
+    """Immutable, and refusing what it does not know."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Origin(Frozen):
+    """Whose features these are: what every message of a stream has in common."""
+
+    site: Name
+    asset: Name
+    boot: BootId
+    time_base: TimeBase = "live"
+    slow_time_unit: str = "s"
+
+
+class SimulatedInput(Frozen):
+    """Samples of a structure that exists in software only."""
+
+    kind: Literal["simulated"] = "simulated"
+    structure: SimulatedStructure = SimulatedStructure()
+    every_s: NotNegative = 0.5
+    """From one epoch to the next on the wall's clock; 0 for as fast as possible."""
+    first_epoch: Annotated[int, Field(ge=0)] = 0
+
+
+class FileInput(Frozen):
+    """Samples out of a table of measurements: text, NumPy, MATLAB."""
+
+    kind: Literal["file"] = "file"
+    path: Path
+    rate_hz: Positive | None = None
+    channels: tuple[str, ...] | None = None
+    skip_lines: Annotated[int, Field(ge=0)] | None = None
+    columns: tuple[str, ...] | None = None
+    time_column: str | None = None
+    block_s: Positive = 0.1
+    start_ns: Annotated[int, Field(ge=0)] | None = None
+    speed: NotNegative = 0.0
+    """Seconds of the file in one second on the wall; 0 for as fast as possible."""
+
+
+class RecordingInput(Frozen):
+    """Raw blocks out of an MCAP recording."""
+
+    kind: Literal["recording"] = "recording"
+    path: Path
+    site: Name | None = None
+    asset: Name | None = None
+    """Whose blocks, where the recording holds those of several."""
+    speed: NotNegative = 0.0
+    """Seconds of the recording in one second on the wall; 0 for as fast as possible."""
+
+
+Input = Annotated[SimulatedInput | FileInput | RecordingInput, Field(discriminator="kind")]
+
+
+class AdmissionSettings(Frozen):
+    """Which blocks are let in."""
+
+    max_ahead_s: Positive = 60.0
+    """How far a live sensor's time may be ahead of ours before its block is refused."""
+    max_behind_s: Positive | None = None
+    """How far it may be behind; None for any, as of a device that was offline."""
+    clock_tolerance_s: Positive = 1.0
+    """How far a block's time may be from what its index and the rate say."""
+
+
+class ConditionSettings(Frozen):
+    """What is done to samples before anything is read out of them."""
+
+    spikes: bool = True
+    spike_threshold: Positive = 8.0
+    """In standard deviations of the deviation from the neighbours' mean."""
+    max_gap_s: NotNegative = 0.25
+    """Longest run of missing samples that is bridged; a longer one starts a new segment."""
+    highpass_hz: Positive | None = None
+    lowpass_hz: Positive | None = None
+    order: Annotated[int, Field(ge=1, le=12)] = 4
+    decimate: Annotated[int, Field(ge=1, le=1000)] = 1
+
+
+class ExtractSettings(Frozen):
+    """How frequency and damping are read out of conditioned samples."""
+
+    channels: tuple[str, ...] | None = None
+    """Those to identify from; None for all."""
+    method: Literal["auto", "ambient", "free_decay", "peak"] = "auto"
+    band_hz: Band | None = None
+    """Where to look for the first mode; None for everywhere."""
+    window_s: Positive = 60.0
+    """Window of a continuous stream; an epoch is a window of its own."""
+    hop_s: Positive | None = None
+    """From one window to the next; None for windows that touch."""
+    min_samples: Annotated[int, Field(ge=8)] = 64
+    max_missing: Annotated[float, Field(ge=0, le=1)] = 0.2
+    """Fraction of a window above which it is not read."""
+    max_samples: Annotated[int, Field(ge=64)] = 20_000_000
+    """Of one window; what an epoch has beyond is left out."""
+    smooth: bool = True
+    median_window: Annotated[int, Field(ge=1, le=99)] = 5
+    ewma_a: Annotated[float, Field(gt=0, le=1)] = 0.3
+
+    @model_validator(mode="after")
+    def _has_order(self) -> "ExtractSettings":
+        if self.band_hz is not None and self.band_hz[0] >= self.band_hz[1]:
+            raise ValueError(
+                f"band_hz={self.band_hz} is upside down. Give the lower frequency first."
+            )
+        if self.median_window % 2 == 0:
+            raise ValueError(
+                f"median_window={self.median_window} has no middle. Give an odd number."
+            )
+        return self
+
+
+class Processing(Frozen):
+    """Everything that decides the features of given blocks; travels in `About`."""
+
+    condition: ConditionSettings = ConditionSettings()
+    extract: ExtractSettings = ExtractSettings()
+
+    @classmethod
+    def from_about(cls, about: About) -> "Processing":
+        """Take the settings that an agent said it ran with."""
+        return cls.model_validate(about.settings["processing"])
+
+
+class SpoolSettings(Frozen):
+    """Where features wait until the twin has them for good."""
+
+    folder: Path = Path("var/spool")
+    max_bytes: Annotated[int, Field(ge=65_536)] = 256 * 2**20
+    segment_bytes: Annotated[int, Field(ge=4_096)] = 256 * 2**10
+    fsync: Literal["never", "segment", "always"] = "segment"
+    """What is safe when the power fails; a killed process loses nothing either way."""
+
+
+class PublishSettings(Frozen):
+    """What is sent, how often, and what is kept for those who ask."""
+
+    raw: Literal["off", "on"] = "off"
+    ring_s: Positive = 60.0
+    ring_bytes: Annotated[int, Field(ge=1_024)] = 64 * 2**20
+    health_every_s: Positive = 1.0
+    about_every_s: Positive = 30.0
+    linger_s: NotNegative = 10.0
+    """How long to wait, once the input has ended, for the twin to acknowledge everything."""
+
+
+class EdgeSettings(BaseSettings):
+    """All settings of an edge agent.
+
+    Examples
+    --------
+    >>> EdgeSettings(site="lab", asset="beam", extract={"band_hz": (1, 9)}).extract.band_hz
+    (1.0, 9.0)
+    """
+
+    model_config = SettingsConfigDict(
+        frozen=True,
+        extra="forbid",
+        env_prefix="SLOWTIME_EDGE_",
+        env_nested_delimiter="__",
+        nested_model_default_partial_update=True,
+    )
+
+    config: Path | None = None
+    """TOML or JSON file to take settings from."""
+    site: Name = "demo"
+    asset: Name = "tower"
+    boot: BootId | None = None
+    """Name of this run; None for the time and a few random letters."""
+    connect: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
+    """Where the router is."""
+    zenoh: dict[str, Any] = {}
+    """Further settings of Zenoh, key to value, such as those of TLS."""
+    input: Input = SimulatedInput()
+    admission: AdmissionSettings = AdmissionSettings()
+    condition: ConditionSettings = ConditionSettings()
+    extract: ExtractSettings = ExtractSettings()
+    spool: SpoolSettings = SpoolSettings()
+    publish: PublishSettings = PublishSettings()
+
+    @property
+    def processing(self) -> Processing:
+        """What decides the features."""
+        return Processing(condition=self.condition, extract=self.extract)
+
+    @classmethod
+    def settings_customise_sources(
+        cls,
+        settings_cls: type[BaseSettings],
+        init_settings: PydanticBaseSettingsSource,
+        env_settings: PydanticBaseSettingsSource,
+        dotenv_settings: PydanticBaseSettingsSource,
+        file_secret_settings: PydanticBaseSettingsSource,
+    ) -> tuple[PydanticBaseSettingsSource, ...]:
+        """Ask flags before environment before file."""
+        path = init_settings().get("config") or env_settings().get("config")
+        if path is None:
+            return init_settings, env_settings
+        return init_settings, env_settings, _file_source(settings_cls, Path(path))
+
+
+def _file_source(settings: type[BaseSettings], path: Path) -> PydanticBaseSettingsSource:
+    if not path.is_file():
+        raise FileNotFoundError(f"There is no settings file {path}. Give an existing --config.")
+    if path.suffix == ".toml":
+        return TomlConfigSettingsSource(settings, path)
+    if path.suffix == ".json":
+        return JsonConfigSettingsSource(settings, path)
+    raise ValueError(f"{path.name} is no settings file. Allowed: .toml and .json.")

@@ -1,0 +1,177 @@
+"""What was appended can be read again: after a kill, with a torn tail, and in its order."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import textwrap
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from edge_agent.publish import Spool, SpoolError
+
+
+def payload(number):
+    return b'{"sequence":%d,"filling":"%s"}' % (number, b"x" * (40 + number % 50))
+
+
+def fill(folder, boot, numbers, **more):
+    spool = Spool(folder, boot, **more)
+    for number in numbers:
+        spool.append(number, payload(number))
+    return spool
+
+
+def test_features_come_back_in_order_within_the_range_asked_for(tmp_path):
+    spool = fill(tmp_path, "b1", range(500), segment_bytes=4096)
+    assert len(list(tmp_path.glob("*.spool"))) > 5
+    assert list(spool.read("b1")) == [payload(n) for n in range(500)]
+    assert list(spool.read("b1", 123, 341)) == [payload(n) for n in range(123, 342)]
+    assert list(spool.read("b2")) == []
+    assert spool.held() == (("b1", 0, 499),)
+
+
+def test_an_earlier_boot_is_still_held_beside_the_new_one(tmp_path):
+    fill(tmp_path, "b1", range(30)).close()
+    spool = fill(tmp_path, "b2", range(4))
+    assert spool.held() == (("b1", 0, 29), ("b2", 0, 3))
+    assert list(spool.read("b1", 28)) == [payload(28), payload(29)]
+    assert spool.acknowledge("b1", 29) == 30
+    assert spool.held() == (("b2", 0, 3),)
+
+
+def test_acknowledged_segments_go_and_unacknowledged_ones_stay(tmp_path):
+    spool = fill(tmp_path, "b1", range(500), segment_bytes=4096)
+    forgotten = spool.acknowledge("b1", 250)
+    (held,) = spool.held()
+    assert held.first == forgotten <= 251
+    assert held.last == 499
+    assert list(spool.read("b1", 251)) == [payload(n) for n in range(251, 500)]
+    spool.acknowledge("b1", 499)
+    assert spool.held() == ()
+    spool.append(500, payload(500))
+    assert spool.held() == (("b1", 500, 500),)
+    assert spool.size == sum(path.stat().st_size for path in tmp_path.glob("*.spool"))
+
+
+def test_a_full_spool_drops_its_oldest_segment_and_counts_what_was_in_it(tmp_path):
+    spool = fill(tmp_path, "b1", range(2000), segment_bytes=4096, max_bytes=65_536)
+    (held,) = spool.held()
+    assert spool.dropped == held.first > 0
+    assert spool.size <= 65_536
+    assert spool.size == sum(path.stat().st_size for path in tmp_path.glob("*.spool"))
+    assert list(spool.read("b1")) == [payload(n) for n in range(held.first, 2000)]
+
+
+@settings(max_examples=60, deadline=None)
+@given(data=st.data())
+def test_a_tail_torn_anywhere_costs_only_what_was_torn(tmp_path_factory, data):
+    folder = tmp_path_factory.mktemp("spool")
+    fill(folder, "b1", range(20)).close()
+    (path,) = folder.glob("*.spool")
+    whole = path.read_bytes()
+    keep = data.draw(st.integers(0, len(whole)))
+    noise = data.draw(st.binary(max_size=40))
+    path.write_bytes(whole[:keep] + noise)
+    ends = [8]
+    for number in range(20):
+        ends.append(ends[-1] + 16 + len(payload(number)))
+    sound = sum(end <= keep for end in ends[1:])
+    spool = Spool(folder, "b2")
+    read = list(spool.read("b1"))
+    assert read[:sound] == [payload(n) for n in range(sound)]
+    assert len(read) == sound or whole[:keep] + noise == whole[: keep + len(noise)]
+    spool.append(0, b"new")
+    assert list(spool.read("b2")) == [b"new"]
+    spool.close()
+
+
+def test_a_flipped_bit_ends_its_segment_and_no_other(tmp_path):
+    fill(tmp_path, "b1", range(200), segment_bytes=4096).close()
+    paths = sorted(tmp_path.glob("*.spool"))
+    data = bytearray(paths[1].read_bytes())
+    data[2000] ^= 4
+    paths[1].write_bytes(data)
+    spool = Spool(tmp_path, "b2")
+    read = list(spool.read("b1"))
+    lost = [n for n in range(200) if payload(n) not in read]
+    assert 0 < len(lost) < 60
+    assert lost == list(range(lost[0], lost[-1] + 1))
+
+
+KILLED = """
+import sys
+from pathlib import Path
+from edge_agent.publish import Spool
+spool = Spool(Path(sys.argv[1]), sys.argv[2], segment_bytes=4096)
+for number in range(10**9):
+    spool.append(number, b'{"n":%d}' % number)
+    sys.stdout.write(f"{number}\\n"); sys.stdout.flush()
+"""
+
+
+def test_a_process_that_is_killed_loses_nothing_that_append_has_returned_from(tmp_path):
+    rng = random.Random(1)
+    for boot in ("b0", "b1"):
+        command = [sys.executable, "-c", textwrap.dedent(KILLED), str(tmp_path), boot]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+            assert process.stdout is not None
+            said = [process.stdout.readline() for _ in range(rng.randrange(200, 900))]
+            os.kill(process.pid, signal.SIGKILL)
+            said += process.stdout.readlines()
+        last = int([line for line in said if line.endswith("\n")][-1])
+        spool = Spool(tmp_path, f"reader-of-{boot}")
+        assert list(spool.read(boot, 0, last)) == [b'{"n":%d}' % n for n in range(last + 1)]
+        spool.close()
+
+
+def test_two_agents_cannot_share_a_spool_and_no_boot_is_used_twice(tmp_path):
+    spool = fill(tmp_path, "b1", range(3))
+    with pytest.raises(
+        SpoolError, match=r"in use by another edge agent.*its own spool\.folder"
+    ):
+        Spool(tmp_path, "b2")
+    spool.close()
+    spool.close()
+    with pytest.raises(SpoolError, match=r"already holds features of boot 'b1'"):
+        Spool(tmp_path, "b1")
+
+
+def test_sequences_must_grow(tmp_path):
+    spool = fill(tmp_path, "b1", [5])
+    with pytest.raises(ValueError, match="Sequence 5 was given after 5"):
+        spool.append(5, b"")
+
+
+def test_a_disk_that_takes_nothing_is_told_and_the_spool_goes_on_afterwards(
+    tmp_path, monkeypatch
+):
+    spool = fill(tmp_path, "b1", range(3))
+    real = os.write
+
+    def full(file, data):
+        real(file, bytes(data)[:7])
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "write", full)
+    with pytest.raises(SpoolError, match=r"No space left.*Make room on the disk"):
+        spool.append(3, payload(3))
+    monkeypatch.setattr(os, "write", real)
+    spool.append(4, payload(4))
+    spool.close()
+    again = Spool(tmp_path, "b2")
+    assert list(again.read("b1")) == [payload(n) for n in (0, 1, 2, 4)]
+
+
+@pytest.mark.parametrize(("policy", "least"), [("never", 0), ("segment", 1), ("always", 10)])
+def test_the_policy_decides_how_often_the_disk_is_waited_for(
+    tmp_path, monkeypatch, policy, least
+):
+    calls: list[int] = []
+    monkeypatch.setattr(os, "fsync", calls.append)
+    fill(tmp_path, "b1", range(10), fsync=policy).close()
+    assert len(calls) >= least
+    assert (policy == "never") == (not calls)
