@@ -1,0 +1,84 @@
+"""Hopeless input is refused here, with the cure, before any arithmetic."""
+
+import numpy as np
+from jaxtyping import Float
+
+SHORTEST = 32
+"""Fewer samples than this cannot hold a mode, a noise level and an error bar."""
+
+
+def series(samples: np.ndarray, rate_hz: float) -> Float[np.ndarray, "time channel"]:
+    """Samples as float columns, or a refusal that names the cure.
+
+    Parameters
+    ----------
+    samples
+        Shape (time,) or (time, channel); real numbers in any unit. A channel that does not
+        move is left out as long as another one does.
+    rate_hz
+        Samples per second [Hz].
+    """
+    if not (np.isfinite(rate_hz) and rate_hz > 0):
+        raise ValueError(
+            f"rate_hz={rate_hz} is not a sampling rate. Give samples per second, a positive "
+            "number."
+        )
+    given = np.asarray(samples)
+    if np.iscomplexobj(given) or given.dtype.kind not in "iuf":
+        raise ValueError(
+            f"Samples of type {given.dtype} were given. Allowed are real numbers; give the "
+            "measured signal itself, not its transform."
+        )
+    columns = given.astype(float).reshape(len(given), -1) if given.ndim == 1 else given
+    if columns.ndim != 2 or columns.shape[1] == 0:
+        raise ValueError(
+            f"Samples of shape {given.shape} were given. Allowed are (time,) and "
+            "(time, channel); put instants in rows and channels in columns."
+        )
+    if len(columns) < SHORTEST:
+        raise ValueError(
+            f"{len(columns)} samples were given, at least {SHORTEST} are needed. Give a "
+            f"longer record (and if shape {given.shape} is channels by time, transpose it)."
+        )
+    columns = columns.astype(float)
+    bad = np.count_nonzero(~np.isfinite(columns))
+    if bad:
+        raise ValueError(
+            f"{bad} of {columns.size} samples are NaN or infinite, the first in row "
+            f"{int(np.argmax(~np.isfinite(columns).all(axis=1)))}. Give finite samples: cut the "
+            "record at the gap, or fill it, before identification."
+        )
+    return columns[:, _moving(columns)]
+
+
+def _moving(columns: np.ndarray) -> np.ndarray:
+    """Which channels vary by more than rounding."""
+    spread = np.ptp(columns, axis=0)
+    moving = spread > 1e-12 * np.abs(columns).max(axis=0)
+    if not moving.any():
+        raise ValueError(
+            f"Every one of {columns.shape[1]} channels is constant over {len(columns)} "
+            "samples. Check the sensor, its cable and the channel selection."
+        )
+    return np.asarray(moving)
+
+
+def band(
+    band_hz: tuple[float, float] | None, rate_hz: float, count: int
+) -> tuple[float, float]:
+    """Search band, by default everything from four cycles in the record to 0.45 of the rate."""
+    nyquist = rate_hz / 2
+    if band_hz is None:
+        return 4.0 * rate_hz / count, 0.9 * nyquist
+    low, high = (float(edge) for edge in band_hz)
+    if not (np.isfinite([low, high]).all() and 0 < low < high < nyquist):
+        raise ValueError(
+            f"band_hz=({low:g}, {high:g}) is not a band between 0 and {nyquist:g} Hz, half the "
+            "sampling rate. Give 0 < low < high < that, or sample faster."
+        )
+    if (high - low) * count / rate_hz < 4:
+        raise ValueError(
+            f"band_hz=({low:g}, {high:g}) is narrower than 4 frequency bins of a record of "
+            f"{count / rate_hz:g} s. Widen it by {4 * rate_hz / count:g} Hz, or record longer."
+        )
+    return low, high

@@ -1,0 +1,176 @@
+r"""Samples and starting poles in, the most likely sum of decaying oscillations out.
+
+.. math:: y_n = \sum_k e^{-\alpha_k t_n} (a_k \cos \omega_k t_n + b_k \sin \omega_k t_n)
+          + \text{drift} + \text{noise}
+
+Amplitudes and drift are linear and are solved for exactly at every step (variable projection);
+Gauss-Newton with damping moves only the poles.
+"""
+
+import dataclasses
+
+import numpy as np
+import scipy.linalg as la
+from jaxtyping import Complex, Float
+
+STEPS = 40
+CONVERGED = 1e-5
+"""Stop when a step moves no pole by more than this many standard deviations."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Decays:
+    """Fitted poles :math:`-\\alpha_k + i \\omega_k` [1/s, rad/s], amplitudes and what is left."""
+
+    poles: Complex[np.ndarray, " mode"]
+    amplitudes: Complex[np.ndarray, " mode"]
+    residual: Float[np.ndarray, " time"]
+    unit_covariance: Float[np.ndarray, "pole_part pole_part"]
+    converged: bool
+
+    @property
+    def cost(self) -> float:
+        """Sum of squares of the residual."""
+        return float(self.residual @ self.residual)
+
+
+def drift_basis(count: int, terms: int) -> Float[np.ndarray, "time term"]:
+    """Orthonormal cosines of up to `terms` - 1 half-periods over the record, from a constant."""
+    instants = (np.arange(count) + 0.5) / count
+    basis = np.cos(np.pi * np.outer(instants, np.arange(terms)))
+    return np.asarray(basis / np.linalg.norm(basis, axis=0))
+
+
+def fit_decays(
+    series: Float[np.ndarray, " time"],
+    rate_hz: float,
+    poles: Complex[np.ndarray, " mode"],
+    drift: Float[np.ndarray, "time term"],
+    *,
+    steps: int = STEPS,
+) -> Decays:
+    """Least squares over poles, amplitudes and drift: maximum likelihood in white noise.
+
+    Parameters
+    ----------
+    series
+        Equally spaced samples, the first one at t = 0.
+    rate_hz
+        Samples per second [Hz].
+    poles
+        Where to start, one per mode, with positive imaginary parts; none may coincide.
+    drift
+        Orthonormal columns that may also be in the series.
+    steps
+        At most so many Gauss-Newton steps; 0 only solves for the amplitudes.
+    """
+    times = np.arange(len(series)) / rate_hz
+    target = series - drift @ (drift.T @ series)
+    state = _solve(target, times, poles, drift)
+    damping, converged = 0.0, steps == 0
+    for _ in range(steps):
+        step, expected = _step(state, damping)
+        if expected < CONVERGED**2 * state.variance:
+            converged = True
+            break
+        if _rings(state.poles + step, times):
+            trial = _solve(target, times, state.poles + step, drift)
+            if trial.cost <= state.cost * (1 + 1e-12):
+                state, damping = trial, damping / 10 if damping > 1e-6 else 0.0
+                continue
+        damping = max(10 * damping, 1e-3)
+        if damping > 1e6:
+            converged = True
+            break
+    return Decays(
+        state.poles, state.amplitudes, state.residual, _pole_covariance(state), converged
+    )
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class _State:
+    """Amplitudes solved for at given poles, with what a step needs."""
+
+    poles: np.ndarray
+    amplitudes: np.ndarray
+    residual: np.ndarray
+    normal: np.ndarray
+    gradient: np.ndarray
+    cost: float
+
+    @property
+    def variance(self) -> float:
+        return self.cost / max(len(self.residual) - len(self.gradient), 1)
+
+
+def _solve(
+    target: np.ndarray, times: np.ndarray, poles: np.ndarray, drift: np.ndarray
+) -> _State:
+    """Linear amplitudes, then slopes of the model in the real and imaginary part of each pole."""
+    waves = np.exp(np.multiply.outer(times, poles))
+    columns = _clear(np.concatenate([waves.real, -waves.imag], axis=1), drift)
+    basis, triangle = np.linalg.qr(columns)
+    diagonal = np.abs(np.diag(triangle))
+    if diagonal.min() < 1e-9 * diagonal.max():
+        triangle = triangle + 1e-9 * (diagonal.max() + 1e-300) * np.eye(len(triangle))
+    projected = basis.T @ target
+    linear = la.solve_triangular(triangle, projected)
+    modes = len(poles)
+    amplitudes = linear[:modes] + 1j * linear[modes:]
+    residual = target - basis @ projected
+    moved = times[:, None] * waves * amplitudes
+    slopes = _clear(np.concatenate([moved.real, -moved.imag], axis=1), drift)
+    slopes = slopes - basis @ (basis.T @ slopes)
+    return _State(
+        poles,
+        amplitudes,
+        residual,
+        slopes.T @ slopes,
+        slopes.T @ residual,
+        float(residual @ residual),
+    )
+
+
+def _rings(poles: np.ndarray, times: np.ndarray) -> bool:
+    """Whether poles oscillate, below the Nyquist frequency, and neither die nor explode at once."""
+    spacing = times[1] - times[0]
+    return bool(
+        np.all(poles.imag > 0)
+        and np.all(poles.imag * spacing < np.pi)
+        and np.all(poles.real > -poles.imag)
+        and np.all(poles.real * times[-1] < 3.0)
+    )
+
+
+def _clear(columns: np.ndarray, drift: np.ndarray) -> np.ndarray:
+    return np.asarray(columns - drift @ (drift.T @ columns))
+
+
+def _step(state: _State, damping: float) -> tuple[np.ndarray, float]:
+    """Gauss-Newton step of the poles, and the fall of the cost that it promises."""
+    scale = np.diag(np.diag(state.normal))
+    move = np.linalg.lstsq(state.normal + damping * scale, state.gradient, rcond=None)[0]
+    modes = len(state.poles)
+    return move[:modes] + 1j * move[modes:], float(move @ state.gradient)
+
+
+def _pole_covariance(state: _State) -> np.ndarray:
+    """Covariance of (-alpha_k, omega_k) per unit noise variance, amplitudes marginalised."""
+    return np.asarray(np.linalg.pinv(state.normal, hermitian=True))
+
+
+def matrix_pencil(
+    series: Float[np.ndarray, " time"], rate_hz: float, order: int
+) -> Complex[np.ndarray, " mode"]:
+    """Poles with positive frequency of the `order` strongest real oscillations (ESPRIT).
+
+    Rotational invariance of the leading singular vectors of the Hankel matrix; good enough to
+    start from, and free of starting values itself.
+    """
+    window = len(series) // 3
+    hankel = np.lib.stride_tricks.sliding_window_view(series, window)
+    vectors = la.eigh(hankel.T @ hankel)[1][:, : -2 * order - 1 : -1]
+    shift = np.linalg.lstsq(vectors[:-1], vectors[1:], rcond=None)[0]
+    ratios = np.linalg.eigvals(shift)
+    poles = np.log(ratios[np.abs(ratios) > 1e-6]) * rate_hz
+    return np.asarray(np.sort_complex(poles[poles.imag > 1e-9]))

@@ -1,0 +1,173 @@
+"""Record of unknown excitation in, its first mode out, or nothing rather than a guess."""
+
+import dataclasses
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from slowtime.signals.spectra import detrended
+
+from . import checks
+from .ambient import fit_ambient
+from .combine import modal_series
+from .detect import Candidate, candidates, leading
+from .identified import Identified
+from .isolate import isolate
+from .peak import fit_peak
+from .stretches import best_stretch, widened
+
+Method = Literal["auto", "ambient", "free_decay", "peak"]
+
+EXPLAINED = 0.9
+"""Share of the power that decays must explain before a record counts as a free decay."""
+
+FEWEST_CYCLES = 4.0
+MAINS_HZ = (50.0, 60.0)
+
+HIGHEST_DAMPING = 0.3
+LARGEST_ERROR = 0.1
+"""Beyond these a bump of the spectrum is not taken for a mode."""
+
+
+def first_mode(
+    samples: Float[np.ndarray, "time channel"] | Float[np.ndarray, " time"],
+    rate_hz: float,
+    *,
+    band_hz: tuple[float, float] | None = None,
+    method: Method = "auto",
+    expected_hz: tuple[float, float] | None = None,
+) -> Identified | None:
+    """Lowest mode that stands out of the noise, however it was excited.
+
+    Peaks significant against their own neighbourhood are tried from the lowest up, without the
+    weak companions of close stronger ones. Each is fitted as decay, over the stretch of the
+    record that tells its frequency best, and, where decays do not explain what is there, as
+    ambient response. A frequency that moves within the stretch widens the error and is flagged.
+
+    Parameters
+    ----------
+    samples
+        Equally spaced samples in any unit; channels are weighted by the noise they carry.
+    rate_hz
+        Samples per second [Hz].
+    band_hz
+        Look only there; by default from four cycles in the record to 0.45 of the rate.
+    method
+        `auto`, or one fit for every record.
+    expected_hz
+        Where the mode was before, and how far it may have moved (one sd) [Hz]: of several
+        candidates the one closest to it within four sd is tried first. Others stay allowed.
+
+    Returns
+    -------
+    None where nothing significant is found.
+    """
+    columns = detrended(checks.series(samples, rate_hz))
+    low, high = checks.band(band_hz, rate_hz, len(columns))
+    found = leading(candidates(columns, rate_hz, low, high))
+    for candidate in _in_order(found, expected_hz):
+        mode = identify_candidate(columns, rate_hz, candidate, method)
+        if credible(mode):
+            return mode
+    return None
+
+
+def all_modes(
+    samples: Float[np.ndarray, "time channel"] | Float[np.ndarray, " time"],
+    rate_hz: float,
+    *,
+    band_hz: tuple[float, float] | None = None,
+    method: Method = "auto",
+    most: int = 8,
+) -> tuple[Identified, ...]:
+    """Every clearly separate mode up to `most`, ascending in frequency; the same fits."""
+    columns = detrended(checks.series(samples, rate_hz))
+    low, high = checks.band(band_hz, rate_hz, len(columns))
+    modes: list[Identified] = []
+    for candidate in leading(candidates(columns, rate_hz, low, high)):
+        mode = identify_candidate(columns, rate_hz, candidate, method)
+        if credible(mode):
+            modes.append(mode)
+        if len(modes) == most:
+            break
+    return tuple(sorted(modes, key=lambda mode: mode.frequency_hz.value))
+
+
+def credible(mode: Identified) -> bool:
+    """Whether a fit is a mode of vibration rather than a bump, a line or a mishap."""
+    frequency, damping = mode.frequency_hz, mode.damping_ratio
+    return (
+        "below_threshold" not in mode.flags
+        and "line" not in mode.flags
+        and bool(np.isfinite([frequency.value, frequency.sd, damping.value, damping.sd]).all())
+        and 0 < frequency.sd < LARGEST_ERROR * frequency.value
+        and damping.value < HIGHEST_DAMPING
+        and damping.value > -2 * damping.sd
+    )
+
+
+def identify_candidate(
+    columns: Float[np.ndarray, "time channel"],
+    rate_hz: float,
+    candidate: Candidate,
+    method: Method = "auto",
+) -> Identified:
+    """Mode behind one candidate, by the asked method or the one that the record calls for."""
+    if method == "peak":
+        return fit_peak(columns, rate_hz, candidate)
+    if method == "ambient":
+        return fit_ambient(columns, rate_hz, candidate)
+    series = modal_series(columns, rate_hz, candidate)
+    best = best_stretch(isolate(series, rate_hz, candidate), candidate)
+    if method == "free_decay" or best.explained >= EXPLAINED:
+        return _flag_line(best.identified)
+    return _flag_line(_steady(columns, rate_hz, candidate))
+
+
+def _steady(
+    columns: Float[np.ndarray, "time channel"], rate_hz: float, candidate: Candidate
+) -> Identified:
+    """Ambient fit of the whole, widened by what the two halves say against each other."""
+    whole = fit_ambient(columns, rate_hz, candidate)
+    middle = len(columns) // 2
+    if middle * candidate.frequency_hz / rate_hz < 2 * FEWEST_CYCLES:
+        return whole
+    halves = [
+        fit_ambient(detrended(half), rate_hz, candidate).frequency_hz
+        for half in (columns[:middle], columns[middle:])
+    ]
+    return widened(whole, halves[0], halves[1])
+
+
+def _in_order(
+    found: list[Candidate], expected_hz: tuple[float, float] | None
+) -> list[Candidate]:
+    """From the lowest up, but the one closest to the expected frequency first."""
+    if expected_hz is None:
+        return found
+    mean, sd = expected_hz
+    if not (mean > 0 and sd > 0 and np.isfinite([mean, sd]).all()):
+        raise ValueError(
+            f"{expected_hz=} is not a frequency and its standard deviation. Give two positive "
+            "numbers in Hz, or None."
+        )
+    near = [one for one in found if abs(one.frequency_hz - mean) <= 4 * sd]
+    near.sort(key=lambda one: abs(one.frequency_hz - mean))
+    return near[:1] + [one for one in found if one not in near[:1]]
+
+
+def _flag_line(mode: Identified) -> Identified:
+    """The mode, flagged `line` if it could as well be the mains: undamped, at its frequency."""
+    frequency, damping = mode.frequency_hz, mode.damping_ratio
+    duration = mode.span_s[1] - mode.span_s[0]
+    undamped = damping.value < max(2 * damping.sd, 0.2 / (frequency.value * duration))
+    tolerance = 2 * frequency.sd + 0.1
+    at_mains = any(
+        round(frequency.value / mains) >= 1
+        and abs(frequency.value - round(frequency.value / mains) * mains) < tolerance
+        for mains in MAINS_HZ
+    )
+    if undamped and at_mains and damping.sd < 0.02:
+        return dataclasses.replace(mode, flags=(*mode.flags, "line"))
+    return mode

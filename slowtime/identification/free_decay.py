@@ -1,0 +1,178 @@
+"""Free decay in, natural frequency and damping by maximum likelihood out."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from slowtime.signals.spectra import detrended, periodogram
+
+from . import checks
+from .combine import modal_series
+from .decays import Decays, drift_basis, fit_decays, matrix_pencil
+from .detect import NEIGHBOUR, Candidate, candidates, leading, strongest
+from .identified import Identified, Measured
+from .isolate import Isolated, isolate
+
+MOST_MODES = 3
+THRESHOLD = 12.0
+"""Gain in log-likelihood over pure noise below which there is no decay to speak of."""
+
+NEAR_BINS = 12
+"""Noise is judged on so many bins on either side of the mode."""
+
+
+def identify_free_decay(
+    acceleration: Float[np.ndarray, "time channel"] | Float[np.ndarray, " time"],
+    rate_hz: float,
+    *,
+    band_hz: tuple[float, float] | None = None,
+) -> Identified:
+    r"""Lowest mode of a record that starts with the decay and is left alone from there.
+
+    Maximum likelihood of :math:`A e^{-\alpha t} \cos(\omega_d t + \varphi)` plus an offset in
+    white noise of unknown variance, whose errors reach the Cramér-Rao bound
+
+    .. math:: \mathrm{var}\, \omega_d = \mathrm{var}\, \alpha
+              = \frac{1}{\mathrm{SNR}_0 f_s (J_2 - J_1^2 / J_0)}, \qquad
+              J_k = \int_0^T t^k e^{-2 \alpha t} dt, \quad
+              \mathrm{SNR}_0 = A^2 / 2 \sigma^2 ,
+
+    above a threshold of signal to noise. A record with several modes, or a given band, is
+    band-limited first by filters that leave decays exact, and close modes are fitted together.
+    Where the residual is not white, the noise density next to the mode sets the errors.
+
+    Parameters
+    ----------
+    acceleration
+        Equally spaced samples in any unit; displacement and velocity do as well.
+    rate_hz
+        Samples per second [Hz].
+    band_hz
+        Look only there; by default the whole usable spectrum.
+
+    Returns
+    -------
+    The mode; flagged `below_threshold` where noise alone explains the record as well, and
+    `not_decaying` where the damping is not positive.
+    """
+    columns = checks.series(acceleration, rate_hz)
+    low, high = checks.band(band_hz, rate_hz, len(columns))
+    flat = detrended(columns)
+    found = candidates(flat, rate_hz, low, high, taper="boxcar")
+    chosen = (leading(found) or [strongest(flat, rate_hz, low, high, taper="boxcar")])[0]
+    series = modal_series(columns, rate_hz, chosen)
+    rough = fit_stretch(isolate(series - series.mean(), rate_hz, chosen), chosen)
+    if len(found) > 1 or band_hz is not None or rough.others:
+        return rough.identified
+    drift = drift_basis(len(series), 1)
+    fit = fit_decays(series, rate_hz, np.array([rough.pole]), drift)
+    return describe(fit, 0, rate_hz, 0.0).identified
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Stretch:
+    """A mode read off one stretch, its pole [1/s, rad/s], and how well decays explain it."""
+
+    identified: Identified
+    pole: complex
+    others: int
+    explained: float
+
+
+def fit_stretch(part: Isolated, candidate: Candidate) -> Stretch:
+    """Decays fitted together, as many as the likelihood pays for, and the candidate's of them."""
+    count = len(part.series)
+    duration = count / part.rate_hz
+    drift = drift_basis(count, 1 + int(2 * duration * part.drift_hz))
+    target = part.series - drift @ (drift.T @ part.series)
+    fits: list[tuple[float, Decays]] = []
+    for order in range(1, MOST_MODES + 1):
+        poles = _started(matrix_pencil(target, part.rate_hz, order), part, candidate)
+        fit = fit_decays(part.series, part.rate_hz, poles, drift)
+        criterion = count * np.log(fit.cost / count + 1e-300) + 4 * len(poles) * np.log(count)
+        fits.append((criterion, fit))
+    fit = min(fits, key=lambda one: one[0])[1]
+    which = own_mode(fit, duration, candidate)
+    return describe(fit, which, part.rate_hz, part.start_s)
+
+
+def own_mode(fit: Decays, duration: float, candidate: Candidate) -> int:
+    """Index of the most energetic fitted mode near the candidate."""
+    decay = np.clip(-fit.poles.real, 1e-9, None)
+    energy = np.abs(fit.amplitudes) ** 2 * -np.expm1(-2 * decay * duration) / decay
+    ratio = np.abs(fit.poles) / (2 * np.pi * candidate.frequency_hz)
+    near = (ratio > 1 / NEIGHBOUR) & (ratio < NEIGHBOUR)
+    return int(np.argmax(np.where(near, energy, energy * 1e-12)))
+
+
+def _started(
+    poles: Complex[np.ndarray, " mode"], part: Isolated, candidate: Candidate
+) -> Complex[np.ndarray, " mode"]:
+    """Poles in the band, decaying at least a little; the candidate's own if there are none."""
+    hz = poles.imag / (2 * np.pi)
+    poles = poles[(hz > part.low_hz) & (hz < part.high_hz)]
+    if len(poles) == 0:
+        poles = 2 * np.pi * candidate.frequency_hz * np.array([-0.01 + 1j])
+    slowest = -0.1 * part.rate_hz / len(part.series)
+    return np.asarray(np.clip(poles.real, -0.5 * poles.imag, slowest) + 1j * poles.imag)
+
+
+def describe(fit: Decays, which: int, rate_hz: float, start_s: float) -> Stretch:
+    """One mode of a fit, with errors from the information and the noise next to the mode."""
+    pole, modes, count = complex(fit.poles[which]), len(fit.poles), len(fit.residual)
+    variance, coloured = _noise(fit, abs(pole.imag), rate_hz)
+    pick = np.array([which, modes + which])
+    covariance = variance * fit.unit_covariance[np.ix_(pick, pick)]
+    natural, damping = abs(pole), -pole.real / abs(pole)
+    # Slopes of (|s|, -Re s / |s|) in (Re s, Im s).
+    slopes = np.array(
+        [
+            [pole.real / natural, pole.imag / natural],
+            [-(pole.imag**2) / natural**3, pole.real * pole.imag / natural**3],
+        ]
+    )
+    both = slopes @ covariance @ slopes.T
+    sd = np.sqrt(np.diag(both))
+    amplitude = abs(fit.amplitudes[which])
+    wave = amplitude**2 / 2 * _mean_square(-2 * pole.real, count / rate_hz)
+    explained = wave / (wave + fit.cost / count)
+    flags = ["coloured_residual"] if coloured else []
+    if 0.5 * count * np.log1p(wave / (fit.cost / count + 1e-300)) < THRESHOLD:
+        flags.append("below_threshold")
+    if damping <= 0:
+        flags.append("not_decaying")
+    if not fit.converged:
+        flags.append("not_converged")
+    identified = Identified(
+        frequency_hz=Measured(natural / (2 * np.pi), float(sd[0]) / (2 * np.pi)),
+        damping_ratio=Measured(damping, float(sd[1])),
+        correlation=float(both[0, 1] / (sd[0] * sd[1])) if sd.all() else 0.0,
+        snr_db=float(10 * np.log10(amplitude**2 / (2 * variance))) if variance else None,
+        amplitude=float(amplitude),
+        method="free_decay",
+        span_s=(start_s, start_s + count / rate_hz),
+        flags=tuple(flags),
+    )
+    return Stretch(identified, pole, modes - 1, float(explained))
+
+
+def _mean_square(rate: float, duration: float) -> float:
+    """Mean of exp(-rate t) over the duration."""
+    x = float(np.clip(rate * duration, -50.0, 1e9))
+    return 1.0 if abs(x) < 1e-9 else float(-np.expm1(-x) / x)
+
+
+def _noise(fit: Decays, omega: float, rate_hz: float) -> tuple[float, bool]:
+    """Noise variance per sample, as dense as it is next to the mode if that is not by chance."""
+    count = len(fit.residual)
+    used = 4 * len(fit.poles)
+    white = fit.cost / max(count - used, 1)
+    density = periodogram(fit.residual[:, None], rate_hz).density[:, 0] * rate_hz / 2
+    centre = round(omega / (2 * np.pi) * count / rate_hz)
+    near = density[max(centre - NEAR_BINS, 1) : centre + NEAR_BINS + 1]
+    free = max(len(near) - used / 2, 1.0)
+    local = float(near.sum()) / free
+    if local < white * (1 + 2.6 / np.sqrt(free)):
+        return white, False
+    return local, True

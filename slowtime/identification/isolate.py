@@ -1,0 +1,67 @@
+"""Series in, the same series around one mode, at a rate no higher than that mode needs, out."""
+
+import dataclasses
+
+import numpy as np
+import scipy.signal as sps
+from jaxtyping import Float
+
+from .detect import Candidate
+
+REACH = 2.5
+"""The band is from f / REACH to f REACH, where no neighbour limits it."""
+
+MOST_TERMS = 40
+"""Drift takes at most so many cosines; a longer record loses its drift to a filter instead."""
+
+STOP_DB = 70.0
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Isolated:
+    """What is left of a series around one mode; the first sample was taken at `start_s`."""
+
+    series: Float[np.ndarray, " time"]
+    rate_hz: float
+    start_s: float
+    low_hz: float
+    high_hz: float
+    drift_hz: float
+
+
+def isolate(
+    series: Float[np.ndarray, " time"], rate_hz: float, candidate: Candidate
+) -> Isolated:
+    """Keep the candidate's neighbourhood, by filters that leave decaying oscillations exact.
+
+    A finite filter whose whole length lies on the record turns a decaying oscillation into
+    itself times a constant: frequency and damping stay, and the edges, where it would not, are
+    given up. What is slower than the band is left to the fit as drift wherever a filter
+    would cost too much of a short record.
+    """
+    low = max(candidate.low_hz, candidate.frequency_hz / REACH)
+    high = min(candidate.high_hz, candidate.frequency_hz * REACH)
+    duration = len(series) / rate_hz
+    drift, start = low, 0.0
+    if 2 * duration * low > MOST_TERMS:
+        series, lost = _filtered(series, rate_hz, low / 2, low, "highpass")
+        start, drift = start + lost, 0.0
+    stop = high + max(high - candidate.frequency_hz, 0.5 * candidate.frequency_hz)
+    factor = int(rate_hz // (1.05 * (stop + high)))
+    if factor > 1:
+        series, lost = _filtered(series, rate_hz, high, stop, "lowpass")
+        series, start = series[::factor], start + lost
+        rate_hz = rate_hz / factor
+    return Isolated(series, rate_hz, start, low, high, drift)
+
+
+def _filtered(
+    series: np.ndarray, rate_hz: float, low: float, high: float, kind: str
+) -> tuple[np.ndarray, float]:
+    """Valid part of a filter whose transition runs from `low` to `high`; seconds it loses."""
+    length, beta = sps.kaiserord(STOP_DB, (high - low) / (rate_hz / 2))
+    length = min(length | 1, (len(series) // 4) | 1)
+    taps = sps.firwin(
+        length, (low + high) / 2, window=("kaiser", beta), pass_zero=kind, fs=rate_hz
+    )
+    return sps.oaconvolve(series, taps, mode="valid"), (length - 1) / 2 / rate_hz

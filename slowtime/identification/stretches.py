@@ -1,0 +1,115 @@
+"""Record in which something happens, the stretch of it that tells a mode's frequency best out."""
+
+import dataclasses
+from itertools import pairwise
+
+import numpy as np
+
+from .decays import drift_basis, fit_decays, matrix_pencil
+from .detect import Candidate
+from .free_decay import Stretch, describe, fit_stretch, own_mode
+from .identified import Identified, Measured
+from .isolate import Isolated
+
+PARTS = 8
+SHORTEST = 4
+"""Stretches begin and end at eighths of the record and are at least half of it."""
+
+FINALISTS = 3
+FEWEST_CYCLES = 4.0
+
+
+def best_stretch(part: Isolated, candidate: Candidate) -> Stretch:
+    """Decay fit of the stretch with the smallest honest error of its frequency.
+
+    An impact, a move or another disturbance inside a stretch is not a decay: it leaves a
+    residual, the residual widens the error, and the stretch loses to one without.
+    """
+    options = _stretches(part, candidate)
+    ranked = sorted(options, key=lambda one: _quick_error(one, candidate))
+    fits = [
+        _with_change(one, fit_stretch(one, candidate), candidate) for one in ranked[:FINALISTS]
+    ]
+    best = min(fits, key=lambda fit: fit.identified.frequency_hz.sd)
+    whole = options[0]
+    if best.identified.span_s == (whole.start_s, whole.start_s + _seconds(whole)):
+        return best
+    flags = (*best.identified.flags, "part_of_record")
+    return dataclasses.replace(
+        best, identified=dataclasses.replace(best.identified, flags=flags)
+    )
+
+
+def widened(mode: Identified, first: Measured, second: Measured) -> Identified:
+    """The mode with the change between two halves of its record in its error.
+
+    A frequency that moves uniformly over a record moves by half its range between the means of
+    the halves, and its spread about the mean is that over sqrt(3). What the halves' own errors
+    explain is taken off.
+    """
+    change = first.value - second.value
+    chance = first.sd**2 + second.sd**2
+    beyond = max(change**2 - chance, 0.0) / 3
+    flags = mode.flags
+    if change**2 > 9 * chance:
+        flags = (*flags, "changes_within_record")
+    sd = float(np.hypot(mode.frequency_hz.sd, np.sqrt(beyond)))
+    correlation = mode.correlation * mode.frequency_hz.sd / sd if sd else mode.correlation
+    return dataclasses.replace(
+        mode,
+        frequency_hz=dataclasses.replace(mode.frequency_hz, sd=sd),
+        correlation=correlation,
+        flags=flags,
+    )
+
+
+def _seconds(part: Isolated) -> float:
+    return len(part.series) / part.rate_hz
+
+
+def _stretches(part: Isolated, candidate: Candidate) -> list[Isolated]:
+    """The whole first, then every run of eighths that is long enough."""
+    count = len(part.series)
+    edges = np.linspace(0, count, PARTS + 1).round().astype(int)
+    shortest = FEWEST_CYCLES / candidate.frequency_hz * part.rate_hz
+    found = [part]
+    for first in range(PARTS):
+        for last in range(first + SHORTEST, PARTS + 1):
+            if last - first < PARTS and edges[last] - edges[first] >= max(shortest, 48):
+                found.append(_cut(part, int(edges[first]), int(edges[last])))
+    return found
+
+
+def _cut(part: Isolated, begin: int, end: int) -> Isolated:
+    return dataclasses.replace(
+        part, series=part.series[begin:end], start_s=part.start_s + begin / part.rate_hz
+    )
+
+
+def _quick_error(part: Isolated, candidate: Candidate) -> float:
+    """Error of the frequency with poles straight from the matrix pencil."""
+    drift = drift_basis(len(part.series), 1 + int(2 * _seconds(part) * part.drift_hz))
+    target = part.series - drift @ (drift.T @ part.series)
+    poles = matrix_pencil(target, part.rate_hz, 2)
+    hz = poles.imag / (2 * np.pi)
+    poles = poles[
+        (hz > part.low_hz)
+        & (hz < part.high_hz)
+        & (poles.real > -poles.imag)
+        & (poles.real * _seconds(part) < 3.0)
+    ]
+    if len(poles) == 0:
+        return float("inf")
+    fit = fit_decays(part.series, part.rate_hz, poles, drift, steps=0)
+    which = own_mode(fit, _seconds(part), candidate)
+    return describe(fit, which, part.rate_hz, part.start_s).identified.frequency_hz.sd
+
+
+def _with_change(part: Isolated, fit: Stretch, candidate: Candidate) -> Stretch:
+    """The fit with what its frequency does between the halves of its stretch in the error."""
+    middle = len(part.series) // 2
+    if middle < 48 or _seconds(part) * candidate.frequency_hz < 2 * FEWEST_CYCLES:
+        return fit
+    cuts = [_cut(part, a, b) for a, b in pairwise((0, middle, len(part.series)))]
+    halves = [fit_stretch(cut, candidate).identified.frequency_hz for cut in cuts]
+    return dataclasses.replace(fit, identified=widened(fit.identified, halves[0], halves[1]))

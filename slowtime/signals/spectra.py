@@ -1,0 +1,157 @@
+"""Samples in, one-sided power spectral densities out; what stands above its neighbourhood."""
+
+import dataclasses
+
+import numpy as np
+import scipy.fft as fft
+import scipy.signal as sps
+from jaxtyping import Complex, Float
+from scipy.ndimage import percentile_filter
+from scipy.special import gammaincinv
+
+FLOOR_QUANTILE = 40.0
+"""The floor is this percentile of a neighbourhood: below the median, so that peaks weigh less."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Spectrum:
+    r"""One-sided power spectral densities of all channels.
+
+    Parameters
+    ----------
+    frequency_hz
+        Equally spaced, from 0 [Hz].
+    density
+        :math:`S(f)` per channel [unit²/Hz]; its sum times the spacing is the variance.
+    """
+
+    frequency_hz: Float[np.ndarray, " frequency"]
+    density: Float[np.ndarray, "frequency channel"]
+
+    @property
+    def spacing_hz(self) -> float:
+        """Distance between neighbouring frequencies [Hz]."""
+        return float(self.frequency_hz[1])
+
+
+def detrended(samples: Float[np.ndarray, "time channel"]) -> Float[np.ndarray, "time channel"]:
+    """Samples less the straight line that fits them best.
+
+    Examples
+    --------
+    >>> line = 3.0 + 2.0 * np.arange(5.0)[:, None]
+    >>> bool(np.allclose(detrended(line), 0.0))
+    True
+    """
+    instants = np.arange(len(samples)) - (len(samples) - 1) / 2
+    slope = instants @ samples / (instants @ instants)
+    return samples - samples.mean(axis=0) - instants[:, None] * slope
+
+
+def transform(
+    samples: Float[np.ndarray, "time channel"], rate_hz: float, *, taper: str = "boxcar"
+) -> tuple[Float[np.ndarray, " frequency"], Complex[np.ndarray, "frequency channel"]]:
+    r"""Fourier coefficients scaled so that their squared moduli are one-sided densities.
+
+    .. math:: Y_k = \sqrt{\frac{2\,\Delta t}{\sum_n h_n^2}}
+              \sum_n h_n \, y_n \, e^{-2 \pi i k n / N}
+
+    Parameters
+    ----------
+    samples
+        One column per channel, detrended by the caller if need be.
+    rate_hz
+        Samples per second [Hz].
+    taper
+        Name of a `scipy.signal.get_window` window :math:`h_n`.
+    """
+    count = len(samples)
+    window = sps.get_window(taper, count)
+    scale = np.sqrt(2.0 / (rate_hz * (window @ window)))
+    coefficients = scale * fft.rfft(samples * window[:, None], axis=0)
+    coefficients[0] /= np.sqrt(2.0)
+    if count % 2 == 0:
+        coefficients[-1] /= np.sqrt(2.0)
+    return fft.rfftfreq(count, 1.0 / rate_hz), coefficients
+
+
+def periodogram(
+    samples: Float[np.ndarray, "time channel"], rate_hz: float, *, taper: str = "boxcar"
+) -> Spectrum:
+    """Raw density of the whole record: full resolution, 100 % scatter, nothing thrown away.
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(1).standard_normal((4096, 1))
+    >>> spectrum = periodogram(noise, 100.0)
+    >>> power = spectrum.density.sum() * spectrum.spacing_hz
+    >>> bool(np.isclose(power, np.mean(noise**2)))
+    True
+    """
+    frequency, coefficients = transform(samples, rate_hz, taper=taper)
+    return Spectrum(frequency, np.abs(coefficients) ** 2)
+
+
+def welch(
+    samples: Float[np.ndarray, "time channel"], rate_hz: float, *, segment_s: float
+) -> Spectrum:
+    """Density averaged over half-overlapping Hann segments of `segment_s` seconds."""
+    length = round(segment_s * rate_hz)
+    if not 8 <= length <= len(samples):
+        raise ValueError(
+            f"segment_s={segment_s} is {length} samples of a record of {len(samples)}. "
+            f"Give a segment from {8 / rate_hz:g} s to {len(samples) / rate_hz:g} s."
+        )
+    frequency, density = sps.welch(
+        samples, rate_hz, window="hann", nperseg=length, detrend="linear", axis=0
+    )
+    return Spectrum(np.asarray(frequency), np.asarray(density))
+
+
+def smoothed(
+    density: Float[np.ndarray, "frequency channel"], relative_half_width: float
+) -> tuple[Float[np.ndarray, "frequency channel"], Float[np.ndarray, " frequency"]]:
+    r"""Mean over :math:`f (1 \pm \beta)`, and over how many ordinates each mean was taken.
+
+    A resonance is as wide as its frequency times its damping, so a width proportional to
+    frequency smooths low and high modes alike; where it is under one bin nothing changes.
+    """
+    count = len(density)
+    index = np.arange(count)
+    reach = np.floor(index * relative_half_width).astype(int)
+    low = np.maximum(index - reach, 0)
+    high = np.minimum(index + reach + 1, count)
+    running = np.concatenate([np.zeros((1, density.shape[1])), np.cumsum(density, axis=0)])
+    number = (high - low).astype(float)
+    return (running[high] - running[low]) / number[:, None], number
+
+
+def noise_floor(
+    density: Float[np.ndarray, "frequency channel"], *, octaves: float = 1.0, points: int = 256
+) -> Float[np.ndarray, "frequency channel"]:
+    """Density that the neighbourhood of each frequency sinks to between its peaks.
+
+    A running percentile over `octaves` on either side, on a logarithmic frequency axis of
+    `points` points, scaled to the mean that exponentially scattered ordinates with that
+    percentile would have. It follows drift and coloured noise, and ignores peaks that fill
+    less than half of the neighbourhood.
+    """
+    count = len(density)
+    edges = np.unique(np.geomspace(1, count, points + 1).round().astype(int))
+    width = np.diff(edges)
+    means = np.add.reduceat(density[: edges[-1]], edges[:-1], axis=0) / width[:, None]
+    logarithms = np.log(np.maximum(means, np.finfo(float).tiny))
+    centres = np.log(0.5 * (edges[:-1] + edges[1:] - 1))
+    ruler = np.linspace(centres[0], centres[-1], points)
+    columns = [np.interp(ruler, centres, column) for column in logarithms.T]
+    size = max(3, 2 * round(octaves * np.log(2.0) / (ruler[1] - ruler[0])) + 1)
+    floors = [percentile_filter(c, FLOOR_QUANTILE, size=size, mode="nearest") for c in columns]
+    where = np.log(np.maximum(np.arange(count), 1))
+    found = np.stack([np.interp(where, ruler, f) for f in floors], axis=1)
+    scatter = np.interp(where, centres, np.minimum(width, 30).astype(float))
+    return np.asarray(np.exp(found) * _percentile_to_mean(scatter)[:, None])
+
+
+def _percentile_to_mean(ordinates: Float[np.ndarray, " frequency"]) -> np.ndarray:
+    """Ratio of mean to percentile of a mean of that many exponential ordinates (gamma law)."""
+    return np.asarray(ordinates / gammaincinv(ordinates, FLOOR_QUANTILE / 100.0))
