@@ -33,6 +33,9 @@ ERROR_SD = 0.025
 
 SEED = 9
 DENSE = np.arange(0.0, 1001.0, 2.0)
+DENSER = np.arange(0.0, 1000.5, 0.5)
+"""For the mass, whose jumps a coarser line would cut short."""
+
 COARSE = np.arange(0.0, 1001.0, 20.0)
 FINE = np.arange(0.0, 1001.0, 5.0)
 
@@ -117,8 +120,8 @@ def figure_5_4() -> list[Line]:
 def figure_5_5() -> list[Line]:
     """Exact frequencies, two sampling rates, and the mass they give (eq. 5.39, 5.40)."""
     lines = [
-        Line("distance", DENSE, book.distance(ratio(DENSE, "mass"), DAMPING)),
-        Line("truth", DENSE, mass_change(DENSE)),
+        Line("distance", DENSER, book.distance(ratio(DENSER, "mass"), DAMPING)),
+        Line("truth", DENSER, mass_change(DENSER)),
     ]
     for name, times in (("coarse", COARSE), ("fine", FINE)):
         distance = book.distance(ratio(times, "mass"), DAMPING)
@@ -135,7 +138,7 @@ def figure_5_5() -> list[Line]:
 
 def figure_5_6() -> list[Line]:
     """Noisy frequencies, two sampling rates: each reading, eq. 5.47, and smoothing."""
-    lines = [Line("truth", DENSE, mass_change(DENSE))]
+    lines = [Line("truth", DENSER, mass_change(DENSER))]
     for name, times in (("coarse", COARSE), ("fine", FINE)):
         noisy = noisy_ratio(times, "mass")
         each = mass_from_frequency(noisy, ERROR_SD, damping_ratio_0=DAMPING)

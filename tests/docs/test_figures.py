@@ -76,7 +76,7 @@ def test_a_figure_is_a_picture_of_some_size(name):
 @figures
 def test_a_caption_says_what_differs_from_the_print(chapter, name):
     text = chapter.caption(name, chapter.FIGURES[name]())
-    assert "(E" in text or name == "figure_5_6"
+    assert "(E" in text
     assert "{" not in text
 
 
