@@ -232,13 +232,13 @@ def _conclude(
     refusal = damping_reasons | np.uint32(Reason.NOT_SEPARABLE)
     reasons_both = reasons | np.where(separable, np.uint32(0), refusal)
     ratio, relative_sd = frequency
-    return Joint(
-        _lognormal(stiffness, stiffness_sd, quantile, reasons_both),
-        _lognormal(mass, mass_sd, quantile, reasons_both),
-        _lognormal(2.0 * np.log(ratio), 2.0 * relative_sd, quantile, reasons),
-        np.clip(correlation, -1.0, 1.0),
-        separable,
+    on_stiffness, on_mass, on_ratio = _lognormal(
+        np.array([stiffness, mass, 2.0 * np.log(ratio)]),
+        np.array([stiffness_sd, mass_sd, 2.0 * relative_sd]),
+        quantile,
+        (reasons_both, reasons_both, reasons),
     )
+    return Joint(on_stiffness, on_mass, on_ratio, np.clip(correlation, -1.0, 1.0), separable)
 
 
 def _one_is_known(mass_precision: float, stiffness_precision: float) -> bool:
@@ -251,19 +251,20 @@ def _one_is_known(mass_precision: float, stiffness_precision: float) -> bool:
 
 
 def _lognormal(
-    log: Series, log_sd: Series, quantile: float, reasons: UInt32[np.ndarray, " time"]
-) -> Change:
-    """Change whose ``ln(1 + change)`` is Gaussian."""
+    log: Float[np.ndarray, "change time"],
+    log_sd: Float[np.ndarray, "change time"],
+    quantile: float,
+    reasons: tuple[UInt32[np.ndarray, " time"], ...],
+) -> tuple[Change, ...]:
+    """Make changes, one per row, whose ``ln(1 + change)`` is Gaussian."""
     sd = np.minimum(log_sd, _WIDEST)
     value = np.expm1(log)
-    spread = np.exp(0.5 * sd**2) * np.sqrt(np.expm1(sd**2))
-    return Change(
-        value,
-        (1.0 + value) * spread,
-        np.expm1(log - quantile * sd),
-        np.expm1(log + quantile * sd),
-        reasons == 0,
-        reasons,
+    spread = (1.0 + value) * np.exp(0.5 * sd**2) * np.sqrt(np.expm1(sd**2))
+    half = quantile * sd
+    low, high = np.expm1(log - half), np.expm1(log + half)
+    return tuple(
+        Change(value[i], spread[i], low[i], high[i], why == 0, why)
+        for i, why in enumerate(reasons)
     )
 
 
