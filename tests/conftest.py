@@ -1,0 +1,29 @@
+"""Where the measurements and reference tables are, on a machine that has them."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+def _folder() -> Path:
+    return Path(os.environ.get("SLOWTIME_DATA", ROOT.parent / "shared" / "data"))
+
+
+@pytest.fixture(scope="session")
+def data() -> Path:
+    """Folder of the real measurements."""
+    if not _folder().is_dir():
+        pytest.skip(f"no measurements in {_folder()}; set SLOWTIME_DATA to where they are")
+    return _folder()
+
+
+@pytest.fixture(scope="session")
+def tables() -> Path:
+    """Folder of the reference tables of the book's mathematics."""
+    folder = _folder().parent / "maths"
+    if not folder.is_dir():
+        pytest.skip(f"no reference tables in {folder}; set SLOWTIME_DATA to its neighbour")
+    return folder
