@@ -191,6 +191,17 @@ class TwinState(Message):
     truth: Covariates | None = None
 
 
+class Registered(Message):
+    """What a twin was told of its structure; with the features, it makes the history anew."""
+
+    MESSAGE: ClassVar[str] = "registration"
+    VERSION: ClassVar[int] = 1
+
+    version: Literal[1] = 1
+    id: str
+    registration: Free
+
+
 class Event(Message):
     """Something a person may want to know of, once."""
 

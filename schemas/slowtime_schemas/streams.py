@@ -5,7 +5,16 @@ Nothing else in the house spells a key.
 
 import dataclasses
 
-from .messages import About, Acknowledgement, Event, Features, Health, Message, TwinState
+from .messages import (
+    About,
+    Acknowledgement,
+    Event,
+    Features,
+    Health,
+    Message,
+    Registered,
+    TwinState,
+)
 from .raw import RawHeader
 
 ROOT = "slowtime/v1"
@@ -107,7 +116,25 @@ EVENT = Stream(
     says="twin to all: what a person may want to know",
 )
 
-STREAMS: tuple[Stream, ...] = (FEATURES, HEALTH, ABOUT, RAW, ACK, STATE, EVENT)
+REGISTRATION = Stream(
+    name="registration",
+    message=Registered,
+    nominal_rate_hz=0.1,
+    recorded=True,
+    encoding=JSON,
+    says="twin to all: what it was told of its structure, so that a replay knows it too",
+)
+
+STREAMS: tuple[Stream, ...] = (
+    FEATURES,
+    HEALTH,
+    ABOUT,
+    RAW,
+    ACK,
+    STATE,
+    EVENT,
+    REGISTRATION,
+)
 
 
 def alive_key(site: str, asset: str) -> str:
