@@ -114,15 +114,15 @@ def test_a_gap_is_asked_for_ever_more_rarely_and_then_given_up(features_of):
     healer.heal()
     assert edge.asked == []
     deadline = time.monotonic() + 5
-    times = []
+    asked: list[tuple[float, float]] = []
     while len(edge.asked) < 3 and time.monotonic() < deadline:
-        before = len(edge.asked)
+        before, count = time.monotonic(), len(edge.asked)
         healer.heal()
-        if len(edge.asked) > before:
-            times.append(time.monotonic())
+        if len(edge.asked) > count:
+            asked.append((before, time.monotonic()))
         time.sleep(0.001)
-    assert times[1] - times[0] >= 0.02
-    assert times[2] - times[1] >= 0.04
+    assert asked[1][1] - asked[0][0] >= 0.02
+    assert asked[2][1] - asked[1][0] >= 0.04
     time.sleep(0.1)
     healer.heal()
     assert len(edge.asked) == 3
