@@ -102,7 +102,7 @@ def _within(data: Ordinates, low: float, high: float) -> Ordinates:
 
 
 def _around(data: Ordinates, theta: np.ndarray) -> Ordinates:
-    """The ordinates within reach of a resonance, never fewer than 24 where there are more."""
+    """Keep the ordinates within reach of a resonance, 24 at least where there are as many."""
     centre, damping = np.exp(theta[:2])
     reach = max(REACH * damping * centre, 12.0 * data.rate_hz / data.count)
     return _within(data, centre - reach, centre + reach)

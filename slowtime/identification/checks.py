@@ -8,7 +8,7 @@ SHORTEST = 32
 
 
 def series(samples: np.ndarray, rate_hz: float) -> Float[np.ndarray, "time channel"]:
-    """Samples as float columns, or a refusal that names the cure.
+    """Turn samples into float columns, or refuse with the cure.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def series(samples: np.ndarray, rate_hz: float) -> Float[np.ndarray, "time chann
             f"Samples of type {given.dtype} were given. Allowed are real numbers; give the "
             "measured signal itself, not its transform."
         )
-    columns = given.astype(float).reshape(len(given), -1) if given.ndim == 1 else given
+    columns = given[:, None] if given.ndim == 1 else given
     if columns.ndim != 2 or columns.shape[1] == 0:
         raise ValueError(
             f"Samples of shape {given.shape} were given. Allowed are (time,) and "
@@ -66,7 +66,7 @@ def _moving(columns: np.ndarray) -> np.ndarray:
 def band(
     band_hz: tuple[float, float] | None, rate_hz: float, count: int
 ) -> tuple[float, float]:
-    """Search band, by default everything from four cycles in the record to 0.45 of the rate."""
+    """Search band, by default from four cycles in the record to 0.45 of the rate."""
     nyquist = rate_hz / 2
     if band_hz is None:
         return 4.0 * rate_hz / count, 0.9 * nyquist

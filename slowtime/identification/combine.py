@@ -37,7 +37,7 @@ def modal_series(
 def _bins(
     frequency: np.ndarray, coefficients: np.ndarray, candidate: Candidate
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the peak, and of the quieter half of what else is in an octave about it."""
+    """Find the bins of the peak, and the quieter half of the others in an octave about it."""
     near = max(0.01 * candidate.frequency_hz, 2.0 * float(frequency[1]))
     offset = np.abs(frequency - candidate.frequency_hz)
     peak = np.flatnonzero(offset <= near)

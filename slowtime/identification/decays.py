@@ -15,17 +15,21 @@ from jaxtyping import Complex, Float
 
 STEPS = 40
 CONVERGED = 1e-5
-"""Stop when a step moves no pole by more than this many standard deviations."""
+NEARLY = 0.1
+"""A search cut short before a step of fewer standard deviations still passes as done."""
+
+WIDEST_PENCIL = 96
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Decays:
-    """Fitted poles :math:`-\\alpha_k + i \\omega_k` [1/s, rad/s], amplitudes and what is left."""
+    r"""Fitted poles :math:`-\alpha_k + i \omega_k` [1/s, rad/s], amplitudes and what is left."""
 
     poles: Complex[np.ndarray, " mode"]
     amplitudes: Complex[np.ndarray, " mode"]
     residual: Float[np.ndarray, " time"]
-    unit_covariance: Float[np.ndarray, "pole_part pole_part"]
+    unit_covariance: Float[np.ndarray, "part part"]
+    """Of (Re poles, Im poles), amplitudes marginalised, per unit of noise variance."""
     converged: bool
 
     @property
@@ -67,11 +71,10 @@ def fit_decays(
     times = np.arange(len(series)) / rate_hz
     target = series - drift @ (drift.T @ series)
     state = _solve(target, times, poles, drift)
-    damping, converged = 0.0, steps == 0
+    damping, expected = 0.0, 0.0
     for _ in range(steps):
         step, expected = _step(state, damping)
         if expected < CONVERGED**2 * state.variance:
-            converged = True
             break
         if _rings(state.poles + step, times):
             trial = _solve(target, times, state.poles + step, drift)
@@ -80,10 +83,13 @@ def fit_decays(
                 continue
         damping = max(10 * damping, 1e-3)
         if damping > 1e6:
-            converged = True
             break
     return Decays(
-        state.poles, state.amplitudes, state.residual, _pole_covariance(state), converged
+        state.poles,
+        state.amplitudes,
+        state.residual,
+        np.asarray(np.linalg.pinv(state.normal, hermitian=True)),
+        expected < NEARLY**2 * state.variance or damping > 1e6,
     )
 
 
@@ -106,7 +112,7 @@ class _State:
 def _solve(
     target: np.ndarray, times: np.ndarray, poles: np.ndarray, drift: np.ndarray
 ) -> _State:
-    """Linear amplitudes, then slopes of the model in the real and imaginary part of each pole."""
+    """Linear amplitudes, and slopes of the model in real and imaginary part of each pole."""
     waves = np.exp(np.multiply.outer(times, poles))
     columns = _clear(np.concatenate([waves.real, -waves.imag], axis=1), drift)
     basis, triangle = np.linalg.qr(columns)
@@ -132,7 +138,7 @@ def _solve(
 
 
 def _rings(poles: np.ndarray, times: np.ndarray) -> bool:
-    """Whether poles oscillate, below the Nyquist frequency, and neither die nor explode at once."""
+    """Whether poles oscillate below the Nyquist frequency, neither dying nor exploding at once."""
     spacing = times[1] - times[0]
     return bool(
         np.all(poles.imag > 0)
@@ -154,11 +160,6 @@ def _step(state: _State, damping: float) -> tuple[np.ndarray, float]:
     return move[:modes] + 1j * move[modes:], float(move @ state.gradient)
 
 
-def _pole_covariance(state: _State) -> np.ndarray:
-    """Covariance of (-alpha_k, omega_k) per unit noise variance, amplitudes marginalised."""
-    return np.asarray(np.linalg.pinv(state.normal, hermitian=True))
-
-
 def matrix_pencil(
     series: Float[np.ndarray, " time"], rate_hz: float, order: int
 ) -> Complex[np.ndarray, " mode"]:
@@ -167,10 +168,10 @@ def matrix_pencil(
     Rotational invariance of the leading singular vectors of the Hankel matrix; good enough to
     start from, and free of starting values itself.
     """
-    window = len(series) // 3
+    window = min(len(series) // 3, WIDEST_PENCIL)
     hankel = np.lib.stride_tricks.sliding_window_view(series, window)
     vectors = la.eigh(hankel.T @ hankel)[1][:, : -2 * order - 1 : -1]
     shift = np.linalg.lstsq(vectors[:-1], vectors[1:], rcond=None)[0]
     ratios = np.linalg.eigvals(shift)
-    poles = np.log(ratios[np.abs(ratios) > 1e-6]) * rate_hz
+    poles = np.log(ratios[np.abs(ratios) > 1e-6].astype(complex)) * rate_hz
     return np.asarray(np.sort_complex(poles[poles.imag > 1e-9]))

@@ -1,6 +1,7 @@
 """Samples in, the resonances that stand significantly above their neighbourhood out."""
 
 import dataclasses
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
@@ -21,9 +22,14 @@ HANN_WORTH = 1.94
 VALLEY_DB = 6.0
 """Two peaks are two modes if the valley between them is this deep, beyond its scatter."""
 
-NEIGHBOUR = 2.0**0.25
 COMPANION_DB = 8.0
-"""A peak this much weaker than another within a quarter octave is that one's companion."""
+COMPANION_DB_PER_OCTAVE = 32.0
+"""A peak is another's companion, its side lobe or lesser close mode, if it is weaker by so
+much within a quarter octave, and by so much more an octave further away."""
+
+RESOLVED_BINS = 8.0
+UNRESOLVED_DB = 3.0
+"""Closer than so many bins, being weaker by this is enough."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -86,17 +92,34 @@ def strongest(
     return Candidate(float(curve.frequency_hz[top]), low, high, float(curve.level_db[top]))
 
 
-def leading(found: list[Candidate]) -> list[Candidate]:
-    """Candidates without the companions of stronger close ones."""
+def leading(found: list[Candidate], duration_s: float) -> list[Candidate]:
+    """Candidates of a record of `duration_s` without the companions of stronger close ones.
 
-    def is_companion(one: Candidate) -> bool:
-        return any(
-            other.prominence_db > one.prominence_db + COMPANION_DB
-            and 1 / NEIGHBOUR < other.frequency_hz / one.frequency_hz < NEIGHBOUR
-            for other in found
-        )
+    The band of a companion goes to its nearest stronger neighbour, so that both are fitted
+    together.
+    """
+    lead = [c for c in found if not any(_outshines(other, c, duration_s) for other in found)]
+    for companion in found:
+        if any(c.frequency_hz == companion.frequency_hz for c in lead):
+            continue
+        distance = [abs(np.log(c.frequency_hz / companion.frequency_hz)) for c in lead]
+        near = int(np.argmin(distance))
+        host = lead[near]
+        if distance[near] < np.log(2.0):
+            lead[near] = dataclasses.replace(
+                host,
+                low_hz=min(host.low_hz, companion.low_hz),
+                high_hz=max(host.high_hz, companion.high_hz),
+            )
+    return lead
 
-    return [one for one in found if not is_companion(one)]
+
+def _outshines(other: Candidate, one: Candidate, duration_s: float) -> bool:
+    octaves = abs(float(np.log2(other.frequency_hz / one.frequency_hz)))
+    bins = abs(other.frequency_hz - one.frequency_hz) * duration_s
+    least = COMPANION_DB if bins > RESOLVED_BINS else UNRESOLVED_DB
+    further = COMPANION_DB_PER_OCTAVE * max(octaves - 0.25, 0.0)
+    return other.prominence_db - one.prominence_db > least + further
 
 
 def _curve(columns: np.ndarray, rate_hz: float, taper: str) -> _Curve:
@@ -130,7 +153,7 @@ def _separate(curve: _Curve, tops: np.ndarray) -> list[int]:
 def _with_bands(curve: _Curve, tops: list[int], low: float, high: float) -> list[Candidate]:
     """Each peak with the band up to the deepest valley towards its neighbours."""
     edges = [low]
-    for left, right in zip(tops, tops[1:], strict=False):
+    for left, right in pairwise(tops):
         valley = left + int(np.argmin(curve.level_db[left:right]))
         edges.append(float(curve.frequency_hz[valley]))
     edges.append(high)

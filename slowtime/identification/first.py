@@ -12,7 +12,7 @@ from . import checks
 from .ambient import fit_ambient
 from .combine import modal_series
 from .detect import Candidate, candidates, leading
-from .identified import Identified
+from .identified import Identified, Measured
 from .isolate import isolate
 from .peak import fit_peak
 from .stretches import best_stretch, widened
@@ -25,7 +25,11 @@ EXPLAINED = 0.9
 FEWEST_CYCLES = 4.0
 MAINS_HZ = (50.0, 60.0)
 
+BURST_SHARE = 0.85
+"""Two neighbouring eighths of a record with more of its power than this are a burst."""
+
 HIGHEST_DAMPING = 0.3
+FASTEST_GROWTH = 0.02
 LARGEST_ERROR = 0.1
 """Beyond these a bump of the spectrum is not taken for a mode."""
 
@@ -65,11 +69,14 @@ def first_mode(
     """
     columns = detrended(checks.series(samples, rate_hz))
     low, high = checks.band(band_hz, rate_hz, len(columns))
-    found = leading(candidates(columns, rate_hz, low, high))
+    found = leading(candidates(columns, rate_hz, low, high), len(columns) / rate_hz)
     for candidate in _in_order(found, expected_hz):
         mode = identify_candidate(columns, rate_hz, candidate, method)
-        if credible(mode):
-            return mode
+        found_out = verdict(mode)
+        if found_out == "mode":
+            return _decaying(mode)
+        if found_out == "unclear":
+            return None
     return None
 
 
@@ -85,26 +92,34 @@ def all_modes(
     columns = detrended(checks.series(samples, rate_hz))
     low, high = checks.band(band_hz, rate_hz, len(columns))
     modes: list[Identified] = []
-    for candidate in leading(candidates(columns, rate_hz, low, high)):
+    for candidate in leading(candidates(columns, rate_hz, low, high), len(columns) / rate_hz):
         mode = identify_candidate(columns, rate_hz, candidate, method)
-        if credible(mode):
-            modes.append(mode)
+        if verdict(mode) == "mode":
+            modes.append(_decaying(mode))
         if len(modes) == most:
             break
     return tuple(sorted(modes, key=lambda mode: mode.frequency_hz.value))
 
 
-def credible(mode: Identified) -> bool:
-    """Whether a fit is a mode of vibration rather than a bump, a line or a mishap."""
+def verdict(mode: Identified) -> Literal["mode", "no mode", "unclear"]:
+    """Whether a fit is a mode of vibration, a bump or a line, or something it cannot tell.
+
+    Where a significant peak stays unclear, as across a jump or a burst, a higher mode must
+    not be passed off as the first one.
+    """
     frequency, damping = mode.frequency_hz, mode.damping_ratio
-    return (
-        "below_threshold" not in mode.flags
-        and "line" not in mode.flags
-        and bool(np.isfinite([frequency.value, frequency.sd, damping.value, damping.sd]).all())
-        and 0 < frequency.sd < LARGEST_ERROR * frequency.value
-        and damping.value < HIGHEST_DAMPING
-        and damping.value > -2 * damping.sd
-    )
+    numbers = [frequency.value, frequency.sd, damping.value, damping.sd]
+    if "strayed" in mode.flags:
+        return "unclear"
+    if {"below_threshold", "line"} & set(mode.flags) or not np.isfinite(numbers).all():
+        return "no mode"
+    if frequency.sd > LARGEST_ERROR * frequency.value or damping.value > HIGHEST_DAMPING:
+        return "no mode"
+    if "not_stationary" in mode.flags or (
+        mode.method == "ambient" and "not_converged" in mode.flags
+    ):
+        return "unclear"
+    return "mode" if damping.value > -FASTEST_GROWTH else "unclear"
 
 
 def identify_candidate(
@@ -119,10 +134,14 @@ def identify_candidate(
     if method == "ambient":
         return fit_ambient(columns, rate_hz, candidate)
     series = modal_series(columns, rate_hz, candidate)
-    best = best_stretch(isolate(series, rate_hz, candidate), candidate)
+    part = isolate(series, rate_hz, candidate)
+    best = best_stretch(part, candidate)
     if method == "free_decay" or best.explained >= EXPLAINED:
         return _flag_line(best.identified)
-    return _flag_line(_steady(columns, rate_hz, candidate))
+    steady = _steady(columns, rate_hz, candidate)
+    if _is_burst(part.series):
+        steady = dataclasses.replace(steady, flags=(*steady.flags, "not_stationary"))
+    return _flag_line(steady)
 
 
 def _steady(
@@ -158,7 +177,7 @@ def _in_order(
 
 
 def _flag_line(mode: Identified) -> Identified:
-    """The mode, flagged `line` if it could as well be the mains: undamped, at its frequency."""
+    """Flag a mode `line` if it could as well be the mains: undamped, at its frequency."""
     frequency, damping = mode.frequency_hz, mode.damping_ratio
     duration = mode.span_s[1] - mode.span_s[0]
     undamped = damping.value < max(2 * damping.sd, 0.2 / (frequency.value * duration))
@@ -171,3 +190,18 @@ def _flag_line(mode: Identified) -> Identified:
     if undamped and at_mains and damping.sd < 0.02:
         return dataclasses.replace(mode, flags=(*mode.flags, "line"))
     return mode
+
+
+def _is_burst(series: Float[np.ndarray, " time"]) -> bool:
+    """Whether most of the power came at once, as no stationary excitation brings it."""
+    power = np.array([np.sum(eighth**2) for eighth in np.array_split(series, 8)])
+    return bool((power[1:] + power[:-1]).max() > BURST_SHARE * power.sum())
+
+
+def _decaying(mode: Identified) -> Identified:
+    """Put damping at the physical limit 0 where driving hid it."""
+    damping = mode.damping_ratio
+    if damping.value > 0:
+        return mode
+    limit = Measured(0.0, float(np.hypot(damping.sd, damping.value)))
+    return dataclasses.replace(mode, damping_ratio=limit)

@@ -10,13 +10,16 @@ from slowtime.signals.spectra import detrended, periodogram
 from . import checks
 from .combine import modal_series
 from .decays import Decays, drift_basis, fit_decays, matrix_pencil
-from .detect import NEIGHBOUR, Candidate, candidates, leading, strongest
+from .detect import Candidate, candidates, leading, strongest
 from .identified import Identified, Measured
 from .isolate import Isolated, isolate
 
 MOST_MODES = 3
 THRESHOLD = 12.0
 """Gain in log-likelihood over pure noise below which there is no decay to speak of."""
+
+NEIGHBOUR = 2.0**0.25
+"""A fitted mode further from its candidate than this factor is not the candidate's."""
 
 NEAR_BINS = 12
 """Noise is judged on so many bins on either side of the mode."""
@@ -60,7 +63,10 @@ def identify_free_decay(
     low, high = checks.band(band_hz, rate_hz, len(columns))
     flat = detrended(columns)
     found = candidates(flat, rate_hz, low, high, taper="boxcar")
-    chosen = (leading(found) or [strongest(flat, rate_hz, low, high, taper="boxcar")])[0]
+    chosen = (
+        leading(found, len(columns) / rate_hz)
+        or [strongest(flat, rate_hz, low, high, taper="boxcar")]
+    )[0]
     series = modal_series(columns, rate_hz, chosen)
     rough = fit_stretch(isolate(series - series.mean(), rate_hz, chosen), chosen)
     if len(found) > 1 or band_hz is not None or rough.others:
@@ -81,7 +87,7 @@ class Stretch:
 
 
 def fit_stretch(part: Isolated, candidate: Candidate) -> Stretch:
-    """Decays fitted together, as many as the likelihood pays for, and the candidate's of them."""
+    """Fit as many decays together as the likelihood pays for; give the candidate's."""
     count = len(part.series)
     duration = count / part.rate_hz
     drift = drift_basis(count, 1 + int(2 * duration * part.drift_hz))
@@ -94,16 +100,28 @@ def fit_stretch(part: Isolated, candidate: Candidate) -> Stretch:
         fits.append((criterion, fit))
     fit = min(fits, key=lambda one: one[0])[1]
     which = own_mode(fit, duration, candidate)
+    if which is None:
+        strayed = describe(fit, 0, part.rate_hz, part.start_s)
+        return dataclasses.replace(strayed, identified=_strayed(strayed.identified))
     return describe(fit, which, part.rate_hz, part.start_s)
 
 
-def own_mode(fit: Decays, duration: float, candidate: Candidate) -> int:
-    """Index of the most energetic fitted mode near the candidate."""
+def _strayed(mode: Identified) -> Identified:
+    """Mark a fit that ran away from its candidate and knows nothing of it."""
+    return dataclasses.replace(
+        mode,
+        frequency_hz=dataclasses.replace(mode.frequency_hz, sd=float("inf")),
+        flags=(*mode.flags, "strayed"),
+    )
+
+
+def own_mode(fit: Decays, duration: float, candidate: Candidate) -> int | None:
+    """Index of the most energetic fitted mode near the candidate, if there is one."""
     decay = np.clip(-fit.poles.real, 1e-9, None)
     energy = np.abs(fit.amplitudes) ** 2 * -np.expm1(-2 * decay * duration) / decay
     ratio = np.abs(fit.poles) / (2 * np.pi * candidate.frequency_hz)
     near = (ratio > 1 / NEIGHBOUR) & (ratio < NEIGHBOUR)
-    return int(np.argmax(np.where(near, energy, energy * 1e-12)))
+    return int(np.argmax(np.where(near, energy, -1.0))) if near.any() else None
 
 
 def _started(
@@ -164,7 +182,7 @@ def _mean_square(rate: float, duration: float) -> float:
 
 
 def _noise(fit: Decays, omega: float, rate_hz: float) -> tuple[float, bool]:
-    """Noise variance per sample, as dense as it is next to the mode if that is not by chance."""
+    """Noise variance per sample: its density next to the mode, if not higher by chance."""
     count = len(fit.residual)
     used = 4 * len(fit.poles)
     white = fit.cost / max(count - used, 1)

@@ -27,14 +27,14 @@ class Measured:
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Identified:
-    """One mode of vibration, read off one record or one part of it.
+    r"""One mode of vibration, read off one record or one part of it.
 
     Parameters
     ----------
     frequency_hz
-        Undamped natural frequency :math:`|s| / 2 \\pi` of the pole s [Hz].
+        Undamped natural frequency :math:`|s| / 2 \pi` of the pole s [Hz].
     damping_ratio
-        :math:`-\\mathrm{Re}\\, s / |s|` [1].
+        :math:`-\mathrm{Re}\, s / |s|` [1].
     correlation
         Between the errors of frequency and of damping ratio.
     snr_db

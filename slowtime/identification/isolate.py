@@ -1,6 +1,7 @@
 """Series in, the same series around one mode, at a rate no higher than that mode needs, out."""
 
 import dataclasses
+from typing import Literal
 
 import numpy as np
 import scipy.signal as sps
@@ -15,6 +16,8 @@ MOST_TERMS = 40
 """Drift takes at most so many cosines; a longer record loses its drift to a filter instead."""
 
 STOP_DB = 70.0
+
+Kind = Literal["lowpass", "highpass"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -56,9 +59,9 @@ def isolate(
 
 
 def _filtered(
-    series: np.ndarray, rate_hz: float, low: float, high: float, kind: str
+    series: np.ndarray, rate_hz: float, low: float, high: float, kind: Kind
 ) -> tuple[np.ndarray, float]:
-    """Valid part of a filter whose transition runs from `low` to `high`; seconds it loses."""
+    """Keep the valid part of a filter with transition `low` to `high`; seconds it loses."""
     length, beta = sps.kaiserord(STOP_DB, (high - low) / (rate_hz / 2))
     length = min(length | 1, (len(series) // 4) | 1)
     taps = sps.firwin(

@@ -13,7 +13,7 @@ def expected_resonance(
     count: int,
     derivatives: int = 2,
 ) -> Float[np.ndarray, " frequency"]:
-    r"""Expected periodogram of an oscillator under white force, peak density about 1.
+    r"""Predict the periodogram of an oscillator under white force, peak density about 1.
 
     The d-th derivative of the displacement (d = 0, 1, 2) has the density
 

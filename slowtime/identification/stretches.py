@@ -1,4 +1,4 @@
-"""Record in which something happens, the stretch of it that tells a mode's frequency best out."""
+"""Eventful record in, the stretch of it that tells a mode's frequency best out."""
 
 import dataclasses
 from itertools import pairwise
@@ -17,6 +17,7 @@ SHORTEST = 4
 
 FINALISTS = 3
 FEWEST_CYCLES = 4.0
+FEWEST_SAMPLES = 24
 
 
 def best_stretch(part: Isolated, candidate: Candidate) -> Stretch:
@@ -41,12 +42,14 @@ def best_stretch(part: Isolated, candidate: Candidate) -> Stretch:
 
 
 def widened(mode: Identified, first: Measured, second: Measured) -> Identified:
-    """The mode with the change between two halves of its record in its error.
+    """Put the change between two halves of a record into the error of its mode.
 
     A frequency that moves uniformly over a record moves by half its range between the means of
     the halves, and its spread about the mean is that over sqrt(3). What the halves' own errors
     explain is taken off.
     """
+    if not np.isfinite([mode.frequency_hz.sd, first.sd, second.sd]).all():
+        return mode
     change = first.value - second.value
     chance = first.sd**2 + second.sd**2
     beyond = max(change**2 - chance, 0.0) / 3
@@ -68,14 +71,16 @@ def _seconds(part: Isolated) -> float:
 
 
 def _stretches(part: Isolated, candidate: Candidate) -> list[Isolated]:
-    """The whole first, then every run of eighths that is long enough."""
+    """List the whole, then every run of eighths that is long enough."""
     count = len(part.series)
     edges = np.linspace(0, count, PARTS + 1).round().astype(int)
     shortest = FEWEST_CYCLES / candidate.frequency_hz * part.rate_hz
     found = [part]
     for first in range(PARTS):
         for last in range(first + SHORTEST, PARTS + 1):
-            if last - first < PARTS and edges[last] - edges[first] >= max(shortest, 48):
+            if last - first < PARTS and edges[last] - edges[first] >= max(
+                shortest, 2 * FEWEST_SAMPLES
+            ):
                 found.append(_cut(part, int(edges[first]), int(edges[last])))
     return found
 
@@ -102,13 +107,15 @@ def _quick_error(part: Isolated, candidate: Candidate) -> float:
         return float("inf")
     fit = fit_decays(part.series, part.rate_hz, poles, drift, steps=0)
     which = own_mode(fit, _seconds(part), candidate)
+    if which is None:
+        return float("inf")
     return describe(fit, which, part.rate_hz, part.start_s).identified.frequency_hz.sd
 
 
 def _with_change(part: Isolated, fit: Stretch, candidate: Candidate) -> Stretch:
-    """The fit with what its frequency does between the halves of its stretch in the error."""
+    """Put what the frequency does between the halves of a stretch into its error."""
     middle = len(part.series) // 2
-    if middle < 48 or _seconds(part) * candidate.frequency_hz < 2 * FEWEST_CYCLES:
+    if middle < FEWEST_SAMPLES or _seconds(part) * candidate.frequency_hz < 2 * FEWEST_CYCLES:
         return fit
     cuts = [_cut(part, a, b) for a, b in pairwise((0, middle, len(part.series)))]
     halves = [fit_stretch(cut, candidate).identified.frequency_hz for cut in cuts]

@@ -22,7 +22,7 @@ CONVERGED = 1e-4
 """Stop when a scoring step moves no parameter by more than this many standard deviations."""
 
 FLOOR_PRIOR = 1e-2
-"""Information on the logarithm of the floor beforehand (sd 10): keeps an invisible floor put."""
+"""Prior information on the logarithm of the floor (sd 10): keeps an invisible one put."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Ordinates:
     def shape(
         self, log_frequency: float, log_damping: float
     ) -> Float[np.ndarray, " frequency"]:
-        """Expected periodogram of unit peak density."""
+        """Predict the periodogram for unit peak density."""
         return expected_resonance(
             self.frequency_hz,
             natural_hz=float(np.exp(log_frequency)),
@@ -149,7 +149,7 @@ def _expected(data: Ordinates, theta: np.ndarray) -> np.ndarray:
 
 
 def _linearised(data: Ordinates, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Expected ordinates and the slopes of their logarithms, central differences for two."""
+    """Predict ordinates and the slopes of their logarithms, central differences for two."""
     peak, floor = np.exp(theta[2:])
     resonance = peak * np.maximum(data.shape(theta[0], theta[1]), 1e-12)
     expected = resonance + floor

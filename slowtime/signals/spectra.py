@@ -10,7 +10,7 @@ from scipy.ndimage import percentile_filter
 from scipy.special import gammaincinv
 
 FLOOR_QUANTILE = 40.0
-"""The floor is this percentile of a neighbourhood: below the median, so that peaks weigh less."""
+"""The floor is this percentile of its neighbourhood: below the median, for peaks weigh less."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class Spectrum:
 
 
 def detrended(samples: Float[np.ndarray, "time channel"]) -> Float[np.ndarray, "time channel"]:
-    """Samples less the straight line that fits them best.
+    """Subtract from samples the straight line that fits them best.
 
     Examples
     --------
@@ -45,7 +45,7 @@ def detrended(samples: Float[np.ndarray, "time channel"]) -> Float[np.ndarray, "
     """
     instants = np.arange(len(samples)) - (len(samples) - 1) / 2
     slope = instants @ samples / (instants @ instants)
-    return samples - samples.mean(axis=0) - instants[:, None] * slope
+    return np.asarray(samples - samples.mean(axis=0) - instants[:, None] * slope)
 
 
 def transform(
@@ -103,9 +103,13 @@ def welch(
             f"Give a segment from {8 / rate_hz:g} s to {len(samples) / rate_hz:g} s."
         )
     frequency, density = sps.welch(
-        samples, rate_hz, window="hann", nperseg=length, detrend="linear", axis=0
+        samples.T, rate_hz, window="hann", nperseg=length, detrend=_detrended_segments, axis=-1
     )
-    return Spectrum(np.asarray(frequency), np.asarray(density))
+    return Spectrum(np.asarray(frequency), np.asarray(density).T)
+
+
+def _detrended_segments(segments: np.ndarray) -> np.ndarray:
+    return np.asarray(sps.detrend(segments, axis=-1))
 
 
 def smoothed(
