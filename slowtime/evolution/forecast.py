@@ -18,7 +18,7 @@ from .change import Series, check_level
 
 Usable: TypeAlias = Float[np.ndarray, " usable"]
 
-_NET = 32  # processes tried per smoothness, and processes kept to forecast with
+_NET = 32  # processes tried per smoothness, and again about the optimum
 _WIDER = 1.3  # proposal over Laplace width, so that weights stay bounded
 _NEGLIGIBLE = 1e-3
 
@@ -94,8 +94,8 @@ def fit(slow_time: Series, value: Series, sd: Series) -> Outlook:
     -----
     The smoothness is the one whose best member of a net over the prior is likeliest. Length
     scale, spread, and drift of the trend then follow by Newton's method, and their posterior
-    by importance sampling about the optimum at fixed points: the same history gives the same
-    outlook, to the last bit.
+    by importance sampling from fixed points about the optimum and of the net together: the
+    same history gives the same outlook, to the last bit.
     """
     time, values, sds = _history(slow_time, value, sd)
     prior, base = _prior(time, values)
@@ -112,8 +112,10 @@ def fit(slow_time: Series, value: Series, sd: Series) -> Outlook:
     smoothness = max(scores, key=lambda s: float(scores[s].max()))
     start = net[scores[smoothness].argmax()]
     best = hyperparameters.climb(lambda points: objective(points, smoothness), start, prior)
-    points, proposed = _about(best)
-    log_weights = objective(points, smoothness) - proposed
+    near = _about(best)
+    points = np.concatenate([near, net])
+    values = np.concatenate([objective(near, smoothness), scores[smoothness]])
+    log_weights = values - _log_proposal(points, best, prior)
     weights = np.exp(log_weights - log_weights.max())
     kept = weights > _NEGLIGIBLE * weights.sum()
     weights = weights[kept] / weights[kept].sum()
@@ -195,12 +197,27 @@ def _members(
     )
 
 
-def _about(
-    best: Optimum,
-) -> tuple[Float[np.ndarray, "family parameter"], Float[np.ndarray, " family"]]:
-    """Points about the optimum, and the logarithm of the density they were drawn from."""
+def _about(best: Optimum) -> Float[np.ndarray, "family parameter"]:
+    """Spread points about the optimum, somewhat wider than its curvature asks for."""
     factor = np.linalg.cholesky(np.linalg.inv(best.curvature))
     normal = hyperparameters.spread(_NET, len(best.point))
-    points = best.point + _WIDER * normal @ factor.T
-    density: Float[np.ndarray, " family"] = -0.5 * np.sum(normal**2, axis=1)
-    return points, density
+    points: Float[np.ndarray, "family parameter"] = best.point + _WIDER * normal @ factor.T
+    return points
+
+
+def _log_proposal(
+    points: Float[np.ndarray, "family parameter"], best: Optimum, prior: Prior
+) -> Float[np.ndarray, " family"]:
+    """Logarithm of the density that points about the optimum and of the net have together.
+
+    The net reaches where the posterior has a tail that the optimum does not see, as when the
+    readings allow that there is no Matérn process at all.
+    """
+    precision = best.curvature / _WIDER**2
+    away = points - best.point
+    near = 0.5 * np.linalg.slogdet(precision)[1] - 0.5 * np.einsum(
+        "fi,ij,fj->f", away, precision, away
+    )
+    wide = prior.log_density(points) - np.log(prior.sd).sum()
+    together: Float[np.ndarray, " family"] = np.logaddexp(near, wide)
+    return together

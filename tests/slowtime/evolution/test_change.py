@@ -44,6 +44,12 @@ def test_beyond_three_tenths_an_estimate_is_given_but_not_valid(estimate):
 
 
 @either
+def test_the_distance_is_measured_from_the_nominal_damped_frequency(estimate):
+    found = estimate(np.array([0.653, 0.655]), 0.0, damping_ratio_0=0.3)
+    np.testing.assert_array_equal(has(found, Reason.BEYOND_RECOMMENDED), [True, False])
+
+
+@either
 def test_a_frequency_known_to_a_quarter_is_too_uncertain(estimate):
     found = estimate(np.array([1.0, 1.0]), np.array([0.19, 0.25]))
     np.testing.assert_array_equal(has(found, Reason.TOO_UNCERTAIN), [False, True])

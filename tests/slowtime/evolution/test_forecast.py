@@ -3,7 +3,7 @@ import time as clock
 import numpy as np
 import pytest
 
-from slowtime.estimation import kernels
+from slowtime.estimation import kernels, matern
 from slowtime.evolution import forecast
 
 TIME = np.linspace(0, 1000, 126)
@@ -51,6 +51,30 @@ def test_the_bands_cover_each_kind_of_history(name):
 def test_the_book_s_loss_of_stiffness_is_forecast_within_its_band():
     truth = np.exp(-4e-4 * TIME) * (1 + 0.05 * np.cos(2e-2 * TIME)) / 1.05 - 1
     assert covered(lambda rng: truth, 93, 5) > 0.9
+
+
+def test_the_weights_stand_for_the_posterior_over_all_processes():
+    rng = np.random.default_rng(3)
+    time = np.arange(15.0)
+    sd = np.full(15, 0.1)
+    value = 0.3 * np.sin(time / 6) + sd * rng.standard_normal(15)
+    outlook = forecast.fit(time, value, sd)
+    prior, base = forecast._prior(time, value)
+    axes = [c + w * np.linspace(-4, 4, 29) for c, w in zip(prior.centre, prior.sd, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    family = forecast._members(base, outlook.family.smoothness, points)
+    logs = matern.log_likelihood(family, time, value, sd) + prior.log_density(points)
+    grid = np.exp(logs - logs.max())
+    grid /= grid.sum()
+    for column, parameter in enumerate(("length", "sd", "slope_drift")):
+        mean = grid @ points[:, column]
+        spread = np.sqrt(grid @ (points[:, column] - mean) ** 2)
+        found = np.log(getattr(outlook.family, parameter))
+        found_mean = outlook.weights @ found
+        assert abs(found_mean - mean) < 0.25 * spread
+        assert np.sqrt(outlook.weights @ (found - found_mean) ** 2) == pytest.approx(
+            spread, rel=0.08
+        )
 
 
 def test_the_band_widens_and_the_horizon_lies_ahead():
