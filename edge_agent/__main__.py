@@ -13,12 +13,15 @@ from collections.abc import Iterator
 from slowtime_services.bus import Bus, ZenohBus
 from slowtime_services.clock import Clock, SystemClock
 
-from .acquire import Source, open_source
+from .acquire import Pacer, Source, open_source
 from .pipeline import Edge, listen
 from .publish import Publisher, Spool
 from .settings import EdgeSettings, Origin
 
 logger = logging.getLogger(__name__)
+
+SETTLING_S = 0.2
+"""From a connection until both sides know of each other's subscriptions."""
 
 
 def run(
@@ -63,9 +66,7 @@ def run(
         )
         stack.callback(spool.close)
         if bus is None:
-            bus = stack.enter_context(
-                ZenohBus("peer", settings.connect, options=settings.zenoh, clock=clock)
-            )
+            bus = stack.enter_context(_connected(settings, clock, stop))
         publisher = Publisher(
             origin,
             spool,
@@ -85,6 +86,22 @@ def run(
             if not stop.is_set():
                 publisher.wait_acknowledged(settings.publish.linger_s, stop)
     return 0
+
+
+def _connected(settings: EdgeSettings, clock: Clock, stop: threading.Event) -> ZenohBus:
+    """Open the bus and give the router a moment; without it the agent begins all the same."""
+    bus = ZenohBus("peer", settings.connect, options=settings.zenoh, clock=clock)
+    patience = Pacer(SystemClock(), stop)
+    waited = 0.0
+    while not bus.connected and waited < settings.connect_wait_s:
+        waited += 0.05
+        if not patience.wait_until(waited):
+            break
+    if bus.connected:
+        patience.wait_until(waited + SETTLING_S)
+    else:
+        logger.warning("No router at %s yet; listening begins.", ", ".join(settings.connect))
+    return bus
 
 
 def new_boot(clock: Clock) -> str:

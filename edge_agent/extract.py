@@ -11,9 +11,10 @@ import math
 import numpy as np
 from jaxtyping import Float, Int
 
-from slowtime.identification.first import first_mode
 from slowtime.identification.identified import Identified
+from slowtime.identification.windows import Tracker, TrackerState
 from slowtime.signals.block import Block
+from slowtime.signals.smoothing import MedianEwma, SmootherState
 from slowtime_schemas.messages import Features, Mode, Quality, Smoothed
 from slowtime_schemas.quantities import Quantity
 from slowtime_services.files import find_column
@@ -24,6 +25,7 @@ logger = logging.getLogger(__name__)
 
 Rows = Float[np.ndarray, "time channel"]
 Marks = Int[np.ndarray, "time 2"]
+Part = tuple[Float[np.ndarray, "_ channel"], Int[np.ndarray, "_ 2"]]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -32,7 +34,7 @@ class Stretch:
 
     first_index: int
     start_ns: int
-    parts: tuple[tuple[Rows, Marks], ...]
+    parts: tuple[Part, ...]
     count: int
 
     @property
@@ -63,6 +65,8 @@ class ExtractState:
     """What the stage remembers: where it is in its count, its smoother, and a window begun."""
 
     sequence: int = 0
+    tracker: TrackerState = dataclasses.field(default_factory=TrackerState)
+    smoother: SmootherState = dataclasses.field(default_factory=SmootherState)
     gathered: Gathered | None = None
 
 
@@ -142,7 +146,7 @@ class Extract:
         rate, count = block.rate_hz, window.count
         rows, marks = window.joined()
         missing = int(marks[:, 0].sum()) + lost
-        mode, why = self._identify(rows, block, missing)
+        state, mode, why = self._identify(state, rows, block, missing)
         state, smoothed = self._smooth(state, mode)
         last_ns = window.start_ns + round((count - 1) * 1e9 / rate)
         slow_time = block.slow_time
@@ -168,32 +172,32 @@ class Extract:
         return dataclasses.replace(state, sequence=state.sequence + 1), message
 
     def _identify(
-        self, rows: Rows, block: Block, missing: int
-    ) -> tuple[Identified | None, tuple[str, ...]]:
+        self, state: ExtractState, rows: Rows, block: Block, missing: int
+    ) -> tuple[ExtractState, Identified | None, tuple[str, ...]]:
         """First mode of a window, or a word on why there is none."""
-        if len(rows) < self.settings.min_samples:
-            return None, ("too_short",)
-        if missing > self.settings.max_missing * (len(rows) + missing):
-            return None, ("too_much_missing",)
-        chosen = rows
-        if self.settings.channels is not None:
-            kept = [find_column(name, block.channels) for name in self.settings.channels]
-            chosen = rows[:, kept]
-        # Taken off here and not sample by sample: only now is the whole window known.
-        centred = chosen - chosen.mean(axis=0)
+        given = self.settings
+        if len(rows) < given.min_samples:
+            return state, None, ("too_short",)
+        if missing > given.max_missing * (len(rows) + missing):
+            return state, None, ("too_much_missing",)
+        if given.channels is not None:
+            rows = rows[:, [find_column(name, block.channels) for name in given.channels]]
+        tracker = Tracker(
+            rate_hz=block.rate_hz,
+            band_hz=given.band_hz,
+            method=given.method,
+            follow=given.follow,
+        )
         try:
-            found = first_mode(
-                centred,
-                block.rate_hz,
-                band_hz=self.settings.band_hz,
-                method=self.settings.method,
-            )
+            tracked, found = tracker.step(state.tracker, rows)
         except ValueError as error:
-            logger.info("Nothing identified in a window of %s: %s", block.channels, error)
-            return None, ("not_identified",)
+            logger.info("A window from %d ns was not read: %s", block.start_ns, error)
+            return state, None, ("not_usable",)
         if found is None:
-            return None, ("no_mode",)
-        return (found, ()) if _is_sound(found) else (None, ("not_credible",))
+            return state, None, ("no_mode",)
+        if not _is_sound(found):
+            return state, None, ("not_credible",)
+        return dataclasses.replace(state, tracker=tracked), found, ()
 
     def _smooth(
         self, state: ExtractState, mode: Identified | None
@@ -201,7 +205,12 @@ class Extract:
         """Advance the median → EWMA of the frequency; windows without a mode do not count."""
         if mode is None or not self.settings.smooth:
             return state, None
-        return state, None
+        smoother = MedianEwma(window=self.settings.median_window, a=self.settings.ewma_a)
+        after, smooth = smoother.step(
+            state.smoother, mode.frequency_hz.value, mode.frequency_hz.sd
+        )
+        told = Smoothed(value=smooth.value, sd=smooth.sd, lag_epochs=smooth.lag)
+        return dataclasses.replace(state, smoother=after), told
 
 
 def _belongs(block: Block, gathered: Gathered) -> bool:

@@ -115,6 +115,8 @@ class ExtractSettings(Frozen):
     method: Literal["auto", "ambient", "free_decay", "peak"] = "auto"
     band_hz: Band | None = None
     """Where to look for the first mode; None for everywhere."""
+    follow: bool = False
+    """Whether to try first what is nearest to the mode of the window before."""
     window_s: Positive = 60.0
     """Window of a continuous stream; an epoch is a window of its own."""
     hop_s: Positive | None = None
@@ -189,7 +191,6 @@ class EdgeSettings(BaseSettings):
         extra="forbid",
         env_prefix="SLOWTIME_EDGE_",
         env_nested_delimiter="__",
-        nested_model_default_partial_update=True,
     )
 
     config: Path | None = None
@@ -200,6 +201,9 @@ class EdgeSettings(BaseSettings):
     """Name of this run; None for the time and a few random letters."""
     connect: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
     """Where the router is."""
+    connect_wait_s: NotNegative = 3.0
+    """How long to wait for the router before listening begins. Features are not lost without
+    it, since they are asked for again; raw blocks would be."""
     zenoh: dict[str, Any] = {}
     """Further settings of Zenoh, key to value, such as those of TLS."""
     input: Input = SimulatedInput()

@@ -25,7 +25,7 @@ from .spikes import REACH, bridged, usual_deviation, without_spikes
 
 CHUNK = 256
 
-Marked = tuple[Block, Int[np.ndarray, "time 2"]]
+Marked = tuple[Block, Int[np.ndarray, "_ 2"]]
 """A block, and for each of its rows how many samples were missing and how many were spikes."""
 
 
