@@ -1,0 +1,21 @@
+"""First stage of the twin: whatever arrives in; features in order out, none missing unseen."""
+
+from .account import Account
+from .healing import Healer
+from .reception import Reception
+from .refusals import Refusals
+from .runs import Arrival, Change, Holding, Lost, Ordered, Run, Want
+
+__all__ = [
+    "Account",
+    "Arrival",
+    "Change",
+    "Healer",
+    "Holding",
+    "Lost",
+    "Ordered",
+    "Reception",
+    "Refusals",
+    "Run",
+    "Want",
+]

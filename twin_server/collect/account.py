@@ -1,0 +1,437 @@
+"""The account of what each boot of each edge has sent: in any order in, in one order out.
+
+Features of a boot are numbered from 0. They are let through in that order, boot after boot; one
+that comes early is held, one that comes twice refused. What is missing is asked for again (see
+`Want`), and passed over only once it is known that nobody has it any more.
+
+The account does no I/O and has no clock: the seconds are arguments, and what follows from each
+call is written into a `Change`, for the pipeline to make durable.
+"""
+
+from collections.abc import Iterable, Sequence
+
+from slowtime_schemas.messages import Health
+from twin_server.settings import HealingSettings
+
+from .runs import SEQUENCES, Arrival, Change, Holding, Line, Lost, Ordered, Run, Want
+
+
+class Account:
+    """What has been had of every asset, and what is missing.
+
+    Parameters
+    ----------
+    settings
+        When to ask and when to give up.
+    max_jump
+        How far a sequence may be ahead of the one expected.
+    alone
+        Whether there is no edge to ask: then a boot is let in as it comes.
+    """
+
+    def __init__(
+        self, settings: HealingSettings, *, max_jump: int = 10**6, alone: bool = False
+    ) -> None:
+        self._settings, self._max_jump, self._alone = settings, max_jump, alone
+        self._lines: dict[tuple[str, str], Line] = {}
+        self._runs: dict[tuple[str, str, str], Run] = {}
+        self._uneasy: dict[tuple[str, str], Line] = {}
+        self._next_number = 1
+
+    def restore(self, runs: Iterable[Run], next_number: int) -> None:
+        """Remember what was made durable before; runs in the order of their numbers."""
+        for run in runs:
+            line = self._line(run.site, run.asset)
+            line.runs.append(run)
+            self._runs[run.site, run.asset, run.boot] = run
+            self._uneasy[run.site, run.asset] = line
+        self._next_number = next_number
+
+    def forget(self, site: str, asset: str) -> None:
+        """Know nothing of an asset any more, but that its edge is there."""
+        line = self._line(site, asset)
+        for run in (*line.runs, *line.waiting.values()):
+            del self._runs[site, asset, run.boot]
+        line.runs.clear()
+        line.waiting.clear()
+        line.inquire = line.alive
+
+    def take(self, arrivals: Iterable[Arrival], now_s: float, change: Change) -> None:
+        """Take what arrived: order, hold or refuse it."""
+        for arrival in arrivals:
+            features = arrival.features
+            run = self._runs.get((features.site, features.asset, features.boot))
+            if run is None:
+                run = self._meet(features.site, features.asset, features.boot, now_s, change)
+                self._line(features.site, features.asset).replayed = arrival.replayed
+            if run.flows and features.sequence == run.next:
+                self._accept(run, arrival, change)
+                if run.held:
+                    self._flow(run, change)
+                    self._check_end(run, change)
+            else:
+                self._put_aside(run, arrival, now_s, change)
+
+    def hear(
+        self, healths: Iterable[tuple[Health, bool]], now_s: float, change: Change
+    ) -> None:
+        """Learn from health messages, replayed or not, how far each boot has got."""
+        for health, replayed in healths:
+            key = (health.site, health.asset, health.boot)
+            run = self._runs.get(key)
+            if run is None:
+                if health.last_sequence < 0:
+                    continue
+                run = self._meet(*key, now_s, change)
+                self._line(health.site, health.asset).replayed = replayed
+            if health.last_sequence > run.told:
+                run.told = health.last_sequence
+                if run.next <= run.told:
+                    self._worry(run, now_s)
+            if 0 <= health.first_held < run.next:
+                # The edge still holds what is durable here: our word did not reach it.
+                change.touched[run] = None
+
+    def watch(self, site: str, asset: str, *, alive: bool) -> None:
+        """Learn that an edge has appeared, or gone."""
+        line = self._line(site, asset)
+        line.alive = alive
+        if alive:
+            line.spooled = True
+            line.inquire = True
+            line.ease()
+            self._uneasy[site, asset] = line
+
+    def wants(self, now_s: float) -> list[Want]:
+        """List what to ask of which edge now; each is asked until `settle` is told of it."""
+        wants = []
+        for key, line in list(self._uneasy.items()):
+            want, uneasy = line.want(now_s, self._settings)
+            if want is not None:
+                line.busy = True
+                wants.append(want)
+            elif not uneasy:
+                del self._uneasy[key]
+        return wants
+
+    def settle(
+        self,
+        want: Want,
+        listing: Sequence[Holding] | None,
+        now_s: float,
+        change: Change,
+        *,
+        sound: bool = True,
+    ) -> None:
+        """Conclude from an edge's account, after its answers, if any, have been taken.
+
+        Parameters
+        ----------
+        listing
+            What the edge says it holds; None where it was not asked, because the features
+            it gave were answer enough.
+        sound
+            Whether all questions were answered without error.
+        """
+        line = self._line(want.site, want.asset)
+        line.busy = False
+        certain = sound and listing is not None and (bool(listing) or line.alive)
+        if listing:
+            line.spooled = True
+        if listing is not None and (line.waiting or line.inquire):
+            self._conclude_account(line, listing, certain, now_s, change)
+        run = self._runs.get((want.site, want.asset, want.boot))
+        if run is not None and run.number:
+            self._conclude_hole(line, run, want, listing or (), certain, now_s, change)
+        self._close_finished(line, change)
+
+    def still_missing(self, want: Want) -> bool:
+        """Whether the first of what was asked for is still missing."""
+        run = self._runs.get((want.site, want.asset, want.boot))
+        hole = None if run is None or run.closed else run.missing()
+        return hole is not None and hole[0] <= want.first
+
+    def give_up(self, change: Change) -> None:
+        """Wait for nothing any more: admit who waits, pass over every hole.
+
+        For a source that has ended and can be asked for nothing, such as a recording that
+        was read straight into the pipeline.
+        """
+        for line in self._lines.values():
+            self._admit(line, (), 0.0, change)
+            for run in line.runs:
+                while (hole := run.missing()) is not None:
+                    self._lose(run, hole[0], hole[1], "it cannot be asked for", change)
+                self._flow(run, change)
+            self._close_finished(line, change)
+
+    @property
+    def holes(self) -> int:
+        """How many boots are missing something now."""
+        return sum(
+            1
+            for line in list(self._uneasy.values())
+            for run in line.runs
+            if run.missing() is not None
+        )
+
+    @property
+    def held(self) -> int:
+        """How many features are held out of order."""
+        return sum(
+            len(run.held) for line in list(self._uneasy.values()) for run in line.all_runs()
+        )
+
+    @property
+    def alive(self) -> list[str]:
+        """Twin ids of the edges that are there."""
+        return [
+            f"{site}.{asset}" for (site, asset), line in list(self._lines.items()) if line.alive
+        ]
+
+    def is_alive(self, site: str, asset: str) -> bool:
+        """Whether the edge of an asset is there."""
+        line = self._lines.get((site, asset))
+        return line is not None and line.alive
+
+    def _line(self, site: str, asset: str) -> Line:
+        return self._lines.setdefault((site, asset), Line(site, asset))
+
+    def _meet(self, site: str, asset: str, boot: str, now_s: float, change: Change) -> Run:
+        """Note a boot never seen; the edge is asked what else it has before it is let in."""
+        line = self._line(site, asset)
+        run = Run(site, asset, boot, since_s=now_s)
+        self._runs[site, asset, boot] = line.waiting[boot] = run
+        self._uneasy[site, asset] = line
+        line.ease()
+        if self._alone:
+            self._admit(line, (), now_s, change)
+        return run
+
+    def _accept(self, run: Run, arrival: Arrival, change: Change) -> None:
+        features = arrival.features
+        run.next = features.sequence + 1
+        change.touched[run] = None
+        if features.t_ns <= run.last_t_ns:
+            change.refused.append(
+                (
+                    "clock_not_increasing",
+                    f"{run}: t_ns={features.t_ns} of sequence {features.sequence} was given, "
+                    f"not later than {run.last_t_ns} before it. Allowed: sensor time that "
+                    "increases within a boot. Keep the sensor's clock from being set back, or "
+                    "restart the agent after setting it.",
+                )
+            )
+            return
+        change.ordered.append(
+            Ordered(run, features, arrival.payload, features.sequence - run.last - 1)
+        )
+        run.last, run.last_t_ns = features.sequence, features.t_ns
+
+    def _check_end(self, run: Run, change: Change) -> None:
+        line = self._line(run.site, run.asset)
+        if line.has_later(run):
+            self._close_finished(line, change)
+
+    def _flow(self, run: Run, change: Change) -> None:
+        """Let through what was held, as far as nothing is missing before it."""
+        while run.flows and run.next in run.held:
+            sequence = run.next
+            change.released.append((run, sequence))
+            self._accept(run, run.held.pop(sequence), change)
+
+    def _put_aside(self, run: Run, arrival: Arrival, now_s: float, change: Change) -> None:
+        sequence = arrival.features.sequence
+        refusal = self._refusal(run, sequence)
+        if refusal is not None:
+            change.refused.append(refusal)
+            change.touched[run] = None
+            return
+        run.held[sequence] = arrival
+        if run.number:
+            change.held.append((run, sequence, arrival.payload))
+            change.touched[run] = None
+        self._worry(run, now_s)
+
+    def _refusal(self, run: Run, sequence: int) -> tuple[str, str] | None:
+        what = f"{run}: sequence {sequence} was given, "
+        if run.number and sequence < run.next:
+            if any(first <= sequence <= last for first, last in run.lost):
+                return "too_late", (
+                    f"{what}which was given up as lost. Allowed: what comes while it is asked "
+                    "for. Raise the patience in the healing settings if edges need longer."
+                )
+            return "duplicate", (
+                f"{what}which is known. Allowed: each once. Nothing needs doing."
+            )
+        if sequence in run.held:
+            return "duplicate", (
+                f"{what}which is held. Allowed: each once. Nothing needs doing."
+            )
+        if run.closed:
+            return "closed_boot", (
+                f"{what}but a later boot of {run.site}.{run.asset} has begun. Allowed: one "
+                "agent at a time per asset. Give each its own asset name."
+            )
+        if sequence >= SEQUENCES or (
+            run.number and sequence > max(run.next, run.told) + self._max_jump
+        ):
+            return "sequence_jump", (
+                f"{what}but {run.next} was expected. Allowed: up to {self._max_jump:,} ahead. "
+                "Number the features of a boot from 0 without leaps."
+            )
+        if len(run.held) >= self._settings.max_held:
+            return "held_full", (
+                f"{what}but {len(run.held):,} are held already since {run.next} is missing. "
+                "Allowed: up to max_held. It is asked for again once there is room."
+            )
+        return None
+
+    def _worry(self, run: Run, now_s: float) -> None:
+        if not run.worried:
+            run.worried, run.since_s = True, now_s
+            run.due_s = now_s + self._settings.grace_s
+        self._uneasy[run.site, run.asset] = self._line(run.site, run.asset)
+
+    def _conclude_account(
+        self,
+        line: Line,
+        listing: Sequence[Holding],
+        certain: bool,
+        now_s: float,
+        change: Change,
+    ) -> None:
+        if not listing and line.waiting and not line.impatient(certain, now_s, self._settings):
+            line.put_off(now_s, self._settings)
+            return
+        line.inquire = False
+        line.ease()
+        for holding in listing:
+            known = self._runs.get((line.site, line.asset, holding.boot))
+            if known is not None and known.number and holding.last > known.told:
+                known.told = holding.last
+                self._worry(known, now_s)
+        self._admit(line, listing, now_s, change)
+
+    def _admit(
+        self, line: Line, listing: Sequence[Holding], now_s: float, change: Change
+    ) -> None:
+        """Let in every boot that waits, and those the edge holds besides, oldest first."""
+        new = [
+            (holding.boot, holding)
+            for holding in listing
+            if holding.last >= holding.first
+            and not self._is_admitted(line.site, line.asset, holding.boot)
+        ]
+        listed = {boot for boot, _ in new}
+        later: list[tuple[str, Holding | None]] = [
+            *new,
+            *((boot, None) for boot in line.waiting if boot not in listed),
+        ]
+        if later:
+            held_still = {holding.boot for holding in listing}
+            for run in line.runs:
+                run.gone = run.gone or run.boot not in held_still
+        for boot, holding in later:
+            self._let_in(line, boot, holding, bool(listing), now_s, change)
+        self._close_finished(line, change)
+
+    def _is_admitted(self, site: str, asset: str, boot: str) -> bool:
+        run = self._runs.get((site, asset, boot))
+        return run is not None and run.number > 0
+
+    def _let_in(
+        self,
+        line: Line,
+        boot: str,
+        holding: Holding | None,
+        answered: bool,
+        now_s: float,
+        change: Change,
+    ) -> None:
+        run = line.waiting.pop(boot, None) or Run(line.site, line.asset, boot, since_s=now_s)
+        self._runs[line.site, line.asset, boot] = run
+        run.number, self._next_number = self._next_number, self._next_number + 1
+        line.runs.append(run)
+        change.touched[run] = None
+        earliest = min(run.held, default=None)
+        if holding is not None:
+            run.told = max(run.told, holding.last)
+            first = holding.first if earliest is None else min(holding.first, earliest)
+        else:
+            first = (earliest or 0) if answered else 0
+        if first > 0:
+            self._lose(run, 0, first - 1, "the edge no longer holds it", change)
+        change.held += [(run, sequence, held.payload) for sequence, held in run.held.items()]
+        if run.missing() is not None:
+            run.worried = False
+            self._worry(run, now_s)
+
+    def _conclude_hole(
+        self,
+        line: Line,
+        run: Run,
+        want: Want,
+        listing: Sequence[Holding],
+        certain: bool,
+        now_s: float,
+        change: Change,
+    ) -> None:
+        hole = run.missing()
+        if hole is None:
+            run.calm()
+            return
+        if hole[0] > want.first:
+            run.progress(now_s)
+            return
+        holding = next((entry for entry in listing if entry.boot == run.boot), None)
+        obtainable = holding is not None and holding.last >= hole[0]
+        if certain and listing and not obtainable:
+            self._pass_over(line, run, hole, "the edge no longer holds it", change)
+        elif certain and holding is not None and holding.first > hole[0]:
+            until = min(hole[1], holding.first - 1)
+            self._pass_over(line, run, (hole[0], until), "the edge no longer holds it", change)
+        elif run.impatient(certain, line, now_s, self._settings):
+            why = "the edge did not give it" if certain else "nobody could be asked for it"
+            self._pass_over(line, run, hole, why, change)
+        else:
+            run.put_off(now_s, self._settings)
+            return
+        if run.missing() is None:
+            run.calm()
+        else:
+            run.progress(now_s)
+
+    def _pass_over(
+        self, line: Line, run: Run, hole: tuple[int, int], why: str, change: Change
+    ) -> None:
+        """Go on behind a hole; a tail that nothing follows is forgotten instead."""
+        if run.held or line.has_later(run):
+            self._lose(run, *hole, why, change)
+            self._flow(run, change)
+        else:
+            run.forgotten = max(run.forgotten, hole[1])
+
+    def _lose(self, run: Run, first: int, last: int, why: str, change: Change) -> None:
+        run.lost.append((first, last))
+        run.next = last + 1
+        change.lost.append(Lost(run, first, last, why))
+        change.touched[run] = None
+
+    def _close_finished(self, line: Line, change: Change) -> None:
+        """Close each boot that is whole and has a successor; let the successor flow."""
+        for run in line.runs:
+            if run.closed:
+                continue
+            run.flows = True
+            self._flow(run, change)
+            later = line.has_later(run)
+            if later and run.gone:
+                while (hole := run.missing()) is not None:
+                    self._lose(run, *hole, "the edge no longer holds it", change)
+                    self._flow(run, change)
+            if not later or run.missing() is not None:
+                return
+            run.closed, run.flows = True, False
+            run.calm()
+            change.touched[run] = None

@@ -1,0 +1,123 @@
+"""Bytes from the bus in; features and health that can be believed out, the rest refused."""
+
+import functools
+from collections.abc import Iterable
+
+from slowtime_schemas.codec import Refused, decode
+from slowtime_schemas.messages import Features, Health, Message
+from slowtime_schemas.streams import FEATURES, HEALTH, Stream, parse_key
+from slowtime_services.bus import Sample
+from twin_server.settings import AdmissionSettings
+
+from .refusals import Refusals
+from .runs import Arrival
+
+
+class Reception:
+    """Decodes and validates, and judges clocks; what is wrong stops nothing else.
+
+    Parameters
+    ----------
+    limits
+        What is believed.
+    refusals
+        Where refused messages are counted.
+    """
+
+    def __init__(self, limits: AdmissionSettings, refusals: Refusals) -> None:
+        self._limits, self._refusals = limits, refusals
+
+    def admits(self, sample: Sample) -> bool:
+        """Whether the payload is small enough to be looked at; quick, for bus callbacks."""
+        size, most = len(sample.payload), self._limits.max_payload_bytes
+        if size > most:
+            self._refusals.refuse(
+                "too_large",
+                f"A message of {size:,} bytes on {sample.key:.200} was given. Allowed: up to "
+                f"{most:,}. Send less at once.",
+            )
+        return size <= most
+
+    def read(
+        self, samples: Iterable[Sample], now_ns: int
+    ) -> tuple[list[Arrival], list[tuple[Health, bool]]]:
+        """Take features and health messages out of `samples`, in their order."""
+        arrivals: list[Arrival] = []
+        healths: list[tuple[Health, bool]] = []
+        for sample in samples:
+            if not self.admits(sample):
+                continue
+            try:
+                message = self._decode(sample)
+                if sample.sent_ns is not None and not sample.replayed:
+                    self._check_sender(sample.sent_ns, now_ns)
+                if type(message) is Features:
+                    self._check_sensor(message, now_ns, sample.replayed)
+                    arrivals.append(Arrival(message, sample.payload, sample.replayed))
+                elif type(message) is Health:
+                    healths.append((message, sample.replayed))
+            except Refused as refused:
+                self._refusals.refuse(refused.reason, f"{sample.key:.200}: {refused}")
+        return arrivals, healths
+
+    def _decode(self, sample: Sample) -> Message:
+        stream, site, asset = _address(sample.key)
+        if stream is not FEATURES and stream is not HEALTH:
+            raise Refused(
+                "unexpected",
+                f"A {stream.name} message was given. Allowed: features and health.",
+            )
+        message = decode(stream, sample.payload)
+        if message.site != site or message.asset != asset:
+            raise Refused(
+                "foreign_key",
+                f"A message of {message.twin_id} was given on the key of {site}.{asset}. "
+                "Allowed: each asset on its own key. Correct the sender's settings.",
+            )
+        return message
+
+    def _check_sender(self, sent_ns: int, now_ns: int) -> None:
+        off_s = (sent_ns - now_ns) / 1e9
+        if abs(off_s) > self._limits.max_ahead_s:
+            raise Refused(
+                "future_clock" if off_s > 0 else "stale_clock",
+                f"A sender's clock {abs(off_s):.0f} s {_side(off_s)} ours was given. Allowed: "
+                f"up to {self._limits.max_ahead_s:.0f} s. Set that machine's clock, or ours.",
+            )
+
+    def _check_sensor(self, features: Features, now_ns: int, replayed: bool) -> None:
+        limits = self._limits
+        if features.t_ns < limits.not_before_ns or features.start_ns < limits.not_before_ns:
+            raise Refused(
+                "unset_clock",
+                f"t_ns={features.t_ns}, start_ns={features.start_ns} was given. Allowed: from "
+                f"{limits.not_before_ns} on. Set the sensor's clock.",
+            )
+        if features.time_base != "live":
+            return
+        off_s = (features.t_ns - now_ns) / 1e9
+        if off_s > limits.max_ahead_s:
+            raise Refused(
+                "future_clock",
+                f"t_ns={features.t_ns}, {off_s:.0f} s ahead of ours, was given. Allowed: up to "
+                f"{limits.max_ahead_s:.0f} s. Set the sensor's clock, or ours.",
+            )
+        if not replayed and -off_s > limits.max_age_s:
+            raise Refused(
+                "stale_clock",
+                f"t_ns={features.t_ns}, {-off_s / 86_400:.1f} days ago, was given. Allowed: up "
+                f"to {limits.max_age_s / 86_400:.1f}. Set the sensor's clock; or raise "
+                'max_age_s; or give time_base "recorded".',
+            )
+
+
+def _side(off_s: float) -> str:
+    return "ahead of" if off_s > 0 else "behind"
+
+
+@functools.lru_cache(maxsize=65536)
+def _address(key: str) -> tuple[Stream, str, str]:
+    try:
+        return parse_key(key)
+    except ValueError as error:
+        raise Refused("unknown_key", str(error)) from error

@@ -1,0 +1,248 @@
+"""The nouns of the account: one boot's run, one asset's line of runs, what to ask for."""
+
+import dataclasses
+from typing import NamedTuple
+
+from slowtime_schemas.messages import Features
+from twin_server.settings import HealingSettings
+
+SEQUENCES = 2**40
+"""Sequences are smaller than this: at a thousand features a second, 35 years of one boot."""
+
+MOST_AT_ONCE = 5_000
+"""Features asked for in one question."""
+
+
+class Arrival(NamedTuple):
+    """One features message, checked, with its bytes."""
+
+    features: Features
+    payload: bytes
+    replayed: bool = False
+
+
+class Holding(NamedTuple):
+    """What an edge says it holds of one boot."""
+
+    boot: str
+    first: int
+    last: int
+
+
+class Want(NamedTuple):
+    """A question to an edge: for features of `boot`, or, where that is "", its account."""
+
+    site: str
+    asset: str
+    boot: str = ""
+    first: int = 0
+    last: int = -1
+    replayed: bool = False
+
+
+@dataclasses.dataclass(slots=True, eq=False)
+class Run:
+    """The account of one boot.
+
+    Parameters
+    ----------
+    number
+        Place in the order of all boots; 0 until it is let in.
+    next
+        The sequence that is expected; all before it are durable or lost.
+    last, last_t_ns
+        Sequence and sensor time of the newest that was let through; -1 before the first.
+    told
+        The newest the edge has made, as far as it said.
+    forgotten
+        Up to where the edge has said so in vain, nothing following.
+    gone
+        Whether the edge has forgotten this boot: what is missing cannot be had.
+    """
+
+    site: str
+    asset: str
+    boot: str
+    number: int = 0
+    next: int = 0
+    last: int = -1
+    last_t_ns: int = -1
+    told: int = -1
+    forgotten: int = -1
+    flows: bool = False
+    closed: bool = False
+    gone: bool = False
+    held: dict[int, Arrival] = dataclasses.field(default_factory=dict)
+    lost: list[tuple[int, int]] = dataclasses.field(default_factory=list)
+    worried: bool = False
+    since_s: float = 0.0
+    due_s: float = 0.0
+    tries: int = 0
+    delays: int = 0
+
+    def __str__(self) -> str:
+        return f"boot {self.boot} of {self.site}.{self.asset}"
+
+    def missing(self) -> tuple[int, int] | None:
+        """First and last of the first hole; None where nothing is known to be missing."""
+        if self.held:
+            first_held = min(self.held)
+            return (self.next, first_held - 1) if first_held > self.next else None
+        last = self.told if self.told > self.forgotten else -1
+        return (self.next, last) if last >= self.next else None
+
+    def calm(self) -> None:
+        """Nothing is missing."""
+        self.worried = False
+        self.tries = self.delays = 0
+
+    def progress(self, now_s: float) -> None:
+        """Something came: ask on at once, with new patience."""
+        self.tries = self.delays = 0
+        self.since_s, self.due_s = now_s, now_s
+
+    def put_off(self, now_s: float, settings: HealingSettings) -> None:
+        """Nothing came: ask again later."""
+        self.due_s = now_s + _delay(self.delays, settings)
+        self.delays += 1
+
+    def impatient(
+        self, certain: bool, line: "Line", now_s: float, settings: HealingSettings
+    ) -> bool:
+        """Whether to wait no longer for what is missing."""
+        if certain:
+            self.tries += 1
+            return self.tries >= settings.tries
+        patience = settings.absent_patience_s if line.spooled else settings.foreign_patience_s
+        return now_s - self.since_s >= patience
+
+
+@dataclasses.dataclass(slots=True, eq=False)
+class Line:
+    """The boots of one asset, in order.
+
+    Parameters
+    ----------
+    waiting
+        Boots that were heard of and not yet let in.
+    alive
+        Whether an edge agent is there now.
+    spooled
+        Whether an edge agent that keeps an account was ever there.
+    replayed
+        Whether it comes from a recording.
+    inquire
+        Whether to ask for its account.
+    busy
+        Whether it is being asked something.
+    """
+
+    site: str
+    asset: str
+    runs: list[Run] = dataclasses.field(default_factory=list)
+    waiting: dict[str, Run] = dataclasses.field(default_factory=dict)
+    alive: bool = False
+    spooled: bool = False
+    replayed: bool = False
+    inquire: bool = False
+    busy: bool = False
+    due_s: float = 0.0
+    tries: int = 0
+    delays: int = 0
+
+    def all_runs(self) -> tuple[Run, ...]:
+        """Those let in and those waiting."""
+        return (*self.runs, *self.waiting.values())
+
+    def has_later(self, run: Run) -> bool:
+        """Whether a boot has been let in after `run`."""
+        return self.runs[-1] is not run
+
+    def ease(self) -> None:
+        """Ask at the next occasion, with new patience."""
+        self.due_s, self.tries, self.delays = 0.0, 0, 0
+
+    def put_off(self, now_s: float, settings: HealingSettings) -> None:
+        """Ask again later."""
+        self.due_s = now_s + _delay(self.delays, settings)
+        self.delays += 1
+
+    def impatient(self, certain: bool, now_s: float, settings: HealingSettings) -> bool:
+        """Whether to let boots in without knowing what the edge holds."""
+        self.tries += 1
+        if certain or not self.spooled:
+            return self.tries >= settings.tries
+        since = min(run.since_s for run in self.waiting.values())
+        return now_s - since >= settings.absent_patience_s
+
+    def want(self, now_s: float, settings: HealingSettings) -> tuple[Want | None, bool]:
+        """Say what to ask now, and whether there is anything to ask now or later."""
+        uneasy = False
+        if self.busy:
+            return None, True
+        if self.waiting or self.inquire:
+            if now_s >= self.due_s:
+                return Want(self.site, self.asset), True
+            uneasy = True
+        for run in self.runs:
+            hole = None if run.closed else run.missing()
+            if hole is None:
+                run.calm()
+                uneasy = uneasy or bool(run.held)
+                continue
+            uneasy = True
+            if not run.worried:
+                run.worried, run.since_s, run.due_s = True, now_s, now_s + settings.grace_s
+            elif now_s >= run.due_s:
+                last = min(hole[1], hole[0] + MOST_AT_ONCE - 1)
+                want = Want(self.site, self.asset, run.boot, hole[0], last, self.replayed)
+                return want, True
+        return None, uneasy
+
+
+class Ordered(NamedTuple):
+    """Features whose turn has come."""
+
+    run: Run
+    features: Features
+    payload: bytes
+    missing_before: int
+
+
+class Lost(NamedTuple):
+    """A range of features that nobody has any more."""
+
+    run: Run
+    first: int
+    last: int
+    why: str
+
+
+@dataclasses.dataclass(slots=True)
+class Change:
+    """What follows from some messages, to be made durable at once.
+
+    Parameters
+    ----------
+    ordered
+        Features to be estimated from, in order.
+    held, released
+        Features to be kept until their turn, and those whose turn has come.
+    lost
+        Ranges the order has passed over.
+    refused
+        Reasons and sentences.
+    touched
+        Runs whose account has changed, or of which the edge should be told again.
+    """
+
+    ordered: list[Ordered] = dataclasses.field(default_factory=list)
+    held: list[tuple[Run, int, bytes]] = dataclasses.field(default_factory=list)
+    released: list[tuple[Run, int]] = dataclasses.field(default_factory=list)
+    lost: list[Lost] = dataclasses.field(default_factory=list)
+    refused: list[tuple[str, str]] = dataclasses.field(default_factory=list)
+    touched: dict[Run, None] = dataclasses.field(default_factory=dict)
+
+
+def _delay(count: int, settings: HealingSettings) -> float:
+    return min(settings.backoff_s * 2.0 ** min(count, 30), settings.max_backoff_s)

@@ -1,0 +1,99 @@
+"""What the estimation of one twin remembers from one batch to the next; small, and text."""
+
+import dataclasses
+import json
+import math
+from typing import Any
+
+from twin_server.registration import Registration
+
+Epoch = tuple[float, float, float, float]
+"""Frequency [Hz] and its sd, damping ratio [1] and its sd, of one epoch learnt from."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Known:
+    """The nominal model in use.
+
+    Parameters
+    ----------
+    frequency_hz, frequency_relative_sd
+        Natural frequency [Hz], and its standard deviation over itself [1].
+    damping_ratio, damping_relative_sd
+        Likewise for damping [1]; NaN where unknown.
+    """
+
+    frequency_hz: float
+    frequency_relative_sd: float
+    damping_ratio: float
+    damping_relative_sd: float
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Belief:
+    """One yes or no that is changed only by several readings in a row.
+
+    Parameters
+    ----------
+    holds
+        What is believed.
+    against
+        Readings in a row that said otherwise.
+    """
+
+    holds: bool
+    against: int = 0
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Checkpoint:
+    """All that the next batch needs to know of those before it.
+
+    Parameters
+    ----------
+    known
+        The nominal model; None while it is being learnt.
+    learning
+        Epochs it will be learnt from.
+    trusted
+        Whether states are believed to be valid.
+    raised
+        For each alarm of the registration, whether it is raised.
+    """
+
+    known: Known | None = None
+    learning: tuple[Epoch, ...] = ()
+    trusted: Belief = Belief(True)
+    raised: tuple[Belief, ...] = ()
+
+    @classmethod
+    def start(cls, registration: Registration) -> "Checkpoint":
+        """Make the checkpoint of a twin that has not seen anything yet."""
+        known = None
+        if (nominal := registration.nominal) is not None:
+            frequency, damping = nominal.modal
+            known = Known(
+                frequency, nominal.frequency_relative_sd, damping, nominal.damping_relative_sd
+            )
+        return cls(known=known, raised=(Belief(False),) * len(registration.alarms))
+
+    def to_json(self) -> str:
+        """Write it as text, every float exactly."""
+        return json.dumps(dataclasses.asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> "Checkpoint":
+        """Read what `to_json` has written."""
+        content: dict[str, Any] = json.loads(text)
+        known = content["known"]
+        return cls(
+            known=Known(**known) if known else None,
+            learning=tuple((f, s, z, e) for f, s, z, e in content["learning"]),
+            trusted=Belief(**content["trusted"]),
+            raised=tuple(Belief(**belief) for belief in content["raised"]),
+        )
+
+    @property
+    def has_damping(self) -> bool:
+        """Whether a nominal damping ratio is known."""
+        return self.known is not None and not math.isnan(self.known.damping_ratio)

@@ -1,0 +1,90 @@
+"""Features messages become arrays: what estimation needs of them, a column each."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from slowtime_schemas.messages import Features
+from twin_server.states import ESTIMATES
+
+_NAN = math.nan
+_NO_MODE = (_NAN,) * 7
+_NO_TRUTH = (_NAN,) * len(ESTIMATES)
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Columns:
+    """One entry per features message; NaN where it said nothing."""
+
+    sequence: Int[np.ndarray, " time"]
+    t_ns: Int[np.ndarray, " time"]
+    slow_time: Float[np.ndarray, " time"]
+    frequency_hz: Float[np.ndarray, " time"]
+    frequency_sd: Float[np.ndarray, " time"]
+    damping_ratio: Float[np.ndarray, " time"]
+    damping_sd: Float[np.ndarray, " time"]
+    correlation: Float[np.ndarray, " time"]
+    smoothed_hz: Float[np.ndarray, " time"]
+    smoothed_sd: Float[np.ndarray, " time"]
+    truth: Float[np.ndarray, "time 4"]
+
+    def __len__(self) -> int:
+        """Count the messages."""
+        return len(self.sequence)
+
+
+def columns(features: Sequence[Features], modes: Sequence[int]) -> Columns:
+    """Read the columns out of `features`, of each the mode of the number in `modes`."""
+    count = len(features)
+    numbers = [
+        (message.slow_time, *_mode(message, mode), *_truth(message))
+        for message, mode in zip(features, modes, strict=True)
+    ]
+    table = np.array(numbers, dtype=np.float64).reshape(count, 8 + len(ESTIMATES))
+    # Each column contiguous: SIMD and scalar loops may differ in the last bit, and states
+    # shall not depend on how the stream was cut into batches.
+    slow, f, f_sd, z, z_sd, corr, smooth, smooth_sd = np.ascontiguousarray(table[:, :8].T)
+    return Columns(
+        np.fromiter((message.sequence for message in features), np.int64, count),
+        np.fromiter((message.t_ns for message in features), np.int64, count),
+        slow,
+        f,
+        f_sd,
+        z,
+        z_sd,
+        corr,
+        smooth,
+        smooth_sd,
+        np.ascontiguousarray(table[:, 8:]),
+    )
+
+
+def _mode(message: Features, number: int) -> tuple[float, ...]:
+    if number >= len(message.modes):
+        return _NO_MODE
+    mode = message.modes[number]
+    frequency, damping, smoothed = (
+        mode.frequency_hz,
+        mode.damping_ratio,
+        mode.smoothed_frequency_hz,
+    )
+    found = damping.value > 0.0 or damping.sd > 0.0
+    return (
+        frequency.value,
+        frequency.sd,
+        damping.value if found else _NAN,
+        damping.sd if found else _NAN,
+        mode.correlation,
+        _NAN if smoothed is None else smoothed.value,
+        _NAN if smoothed is None else smoothed.sd,
+    )
+
+
+def _truth(message: Features) -> tuple[float, ...]:
+    truth = message.truth
+    if truth is None:
+        return _NO_TRUTH
+    return tuple([truth.get(name, _NAN) for name in ESTIMATES])

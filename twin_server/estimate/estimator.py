@@ -1,0 +1,317 @@
+"""Features of many twins in, their states out, all at once.
+
+A state depends on nothing but the twin's registration and its features in order: not on the
+clock, not on when they arrived, not on how the stream was cut into batches.
+"""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.special import ndtri
+
+from slowtime.evolution import (
+    Change,
+    mass_from_frequency,
+    stiffness_and_mass,
+    stiffness_from_frequency,
+)
+from slowtime_schemas.messages import Features
+from twin_server import states as st
+from twin_server.registration import Registration
+from twin_server.states import States
+
+from .checkpoint import Checkpoint
+from .columns import Columns, columns
+from .learning import learn
+from .watching import Notice, watch
+
+LEVEL = 0.95
+"""Probability of every interval."""
+
+_QUANTILE = float(ndtri(0.5 + 0.5 * LEVEL))
+_ANY_DAMPING = 0.02  # stands where none is known, with an sd that lets nothing hang on it
+_UNKNOWN = 1e3
+
+
+class Twin(NamedTuple):
+    """What estimation needs to know of one twin."""
+
+    registration: Registration
+    checkpoint: Checkpoint
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Estimated:
+    """What some features have told.
+
+    Parameters
+    ----------
+    states
+        One for each features message, in the same order.
+    checkpoints
+        One for each twin.
+    notices
+        For each twin; their rows count within `states`.
+    """
+
+    states: States
+    checkpoints: list[Checkpoint]
+    notices: list[list[Notice]]
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class _Nominals:
+    """The nominal model that each reading is compared with; NaN while it is being learnt."""
+
+    frequency: Float[np.ndarray, " time"]
+    relative_sd: Float[np.ndarray, " time"]
+    damping: Float[np.ndarray, " time"]
+    damping_relative_sd: Float[np.ndarray, " time"]
+
+
+def estimate(
+    twins: Sequence[Twin],
+    features: Sequence[Features],
+    owners: Sequence[int],
+    missing_before: Sequence[int],
+) -> Estimated:
+    """Estimate the states of `twins` from their next features.
+
+    Parameters
+    ----------
+    twins
+        Those that have features here.
+    features
+        Of each twin in order; those of different twins may alternate.
+    owners
+        For each features message, the place of its twin in `twins`.
+    missing_before
+        For each, how many are missing between it and the one before.
+    """
+    owner = np.asarray(owners, dtype=np.intp)
+    modes = [twin.registration.mode for twin in twins]
+    given = columns(features, [modes[place] for place in owners])
+    rows_of = _rows_by_owner(owner, len(twins))
+    nominals, checkpoints, learnt = _nominals(twins, given, owner, rows_of)
+    states = _begin(given, missing_before)
+    with np.errstate(all="ignore"):
+        _estimate_all(states, given, nominals, twins, owner)
+    notices: list[list[Notice]] = []
+    for place, (twin, rows) in enumerate(zip(twins, rows_of, strict=True)):
+        checkpoints[place], seen = watch(twin.registration, checkpoints[place], states[rows])
+        seen = learnt[place] + seen
+        notices.append([notice._replace(row=int(rows[notice.row])) for notice in seen])
+    return Estimated(states, checkpoints, notices)
+
+
+def _rows_by_owner(owner: Int[np.ndarray, " time"], count: int) -> list[Int[np.ndarray, " _"]]:
+    order = np.argsort(owner, kind="stable")
+    bounds = np.searchsorted(owner[order], np.arange(count + 1))
+    return [order[bounds[i] : bounds[i + 1]] for i in range(count)]
+
+
+def _nominals(
+    twins: Sequence[Twin],
+    given: Columns,
+    owner: Int[np.ndarray, " time"],
+    rows_of: Sequence[Int[np.ndarray, " _"]],
+) -> tuple[_Nominals, list[Checkpoint], list[list[Notice]]]:
+    """Find what each reading is compared with; twins without a nominal model learn it here."""
+    table = np.full((len(twins), 4), np.nan)
+    begins = np.zeros(len(given), dtype=bool)
+    checkpoints: list[Checkpoint] = []
+    notices: list[list[Notice]] = []
+    for place, twin in enumerate(twins):
+        checkpoint, rows = twin.checkpoint, rows_of[place]
+        notices.append([])
+        if checkpoint.known is None:
+            epochs = np.column_stack(
+                (
+                    given.frequency_hz[rows],
+                    given.frequency_sd[rows],
+                    given.damping_ratio[rows],
+                    given.damping_sd[rows],
+                )
+            )
+            lesson = learn(
+                checkpoint, [tuple(e) for e in epochs.tolist()], twin.registration.learn_epochs
+            )
+            checkpoint = lesson.checkpoint
+            begins[rows[: lesson.used]] = True
+            if lesson.nominal is not None:
+                notices[-1].append(_learnt(lesson.used - 1, checkpoint))
+        checkpoints.append(checkpoint)
+        if checkpoint.known is not None:
+            table[place] = dataclasses.astuple(checkpoint.known)
+    each = table[owner]
+    each[begins] = np.nan
+    return _Nominals(*np.ascontiguousarray(each.T)), checkpoints, notices
+
+
+def _learnt(row: int, checkpoint: Checkpoint) -> Notice:
+    known = checkpoint.known
+    assert known is not None
+    details = {
+        name: value for name, value in dataclasses.asdict(known).items() if np.isfinite(value)
+    }
+    return Notice(
+        row,
+        "nominal_learnt",
+        "info",
+        f"The nominal model is learnt: {known.frequency_hz:.6g} Hz "
+        f"(known to {known.frequency_relative_sd:.2g} of itself)"
+        + (
+            f", damping ratio {known.damping_ratio:.3g}."
+            if checkpoint.has_damping
+            else "; no damping ratio was found."
+        ),
+        details,
+    )
+
+
+def _begin(given: Columns, missing_before: Sequence[int]) -> States:
+    """States that hold what was measured, and no change yet."""
+    states = st.blank(len(given))
+    states["sequence"], states["t_ns"] = given.sequence, given.t_ns
+    states["slow_time"], states["truth"] = given.slow_time, given.truth
+    states["missing_before"] = missing_before
+    states["reasons"] = np.where(np.isnan(given.frequency_hz), st.NO_MODE, 0)
+    _put(states, "damping_ratio", given.damping_ratio, given.damping_sd)
+    return states
+
+
+def _put(
+    states: States,
+    name: str,
+    value: Float[np.ndarray, " time"],
+    sd: Float[np.ndarray, " time"],
+) -> None:
+    half = _QUANTILE * sd
+    estimate = np.column_stack((value, sd, value - half, value + half))
+    estimate[~np.isfinite(estimate).all(axis=1)] = np.nan
+    states[name] = estimate
+
+
+def _estimate_all(
+    states: States,
+    given: Columns,
+    nominals: _Nominals,
+    twins: Sequence[Twin],
+    owner: Int[np.ndarray, " time"],
+) -> None:
+    """Fill in the frequency used and the changes, one call for all twins of a kind."""
+    wants_smoothed = _of_each(twins, owner, lambda r: r.frequency_source == "smoothed")
+    smoothed = (wants_smoothed > 0) & ~np.isnan(given.smoothed_hz)
+    frequency = np.where(smoothed, given.smoothed_hz, given.frequency_hz)
+    sd = np.where(smoothed, given.smoothed_sd, given.frequency_sd)
+    _put(states, "frequency_hz", frequency, sd)
+    states["notes"] |= np.where(smoothed, st.USED_SMOOTHED, 0).astype(np.uint32)
+    learning = np.isnan(nominals.frequency)
+    states["reasons"] |= np.where(learning, st.LEARNING, 0).astype(np.uint32)
+    lost = np.isnan(states["frequency_hz"][:, 0]) & ~np.isnan(frequency)
+    states["reasons"] |= np.where(lost, st.NOT_REPRESENTABLE, 0).astype(np.uint32)
+    usable = ~learning & ~np.isnan(frequency)
+    kinds = [_kind(twin.registration) for twin in twins]
+    for kind in dict.fromkeys(kinds):
+        theirs = np.array([other == kind for other in kinds])[owner]
+        _assume(states, theirs, kind[0])
+        rows = np.flatnonzero(theirs & usable)
+        if rows.size == 0:
+            continue
+        ratio = frequency[rows] / nominals.frequency[rows]
+        if kind[0] == "both":
+            free = _of_each(twins, owner, lambda r: r.damping_coefficient_sd)[rows]
+            # The smoothed frequency carries several epochs' errors, not this one's.
+            correlation = np.where(smoothed[rows], 0.0, given.correlation[rows])
+            _both(states, rows, ratio, sd, frequency, given, nominals, kind, free, correlation)
+        else:
+            ratio_sd = sd[rows] / nominals.frequency[rows]
+            one = stiffness_from_frequency if kind[0] == "stiffness" else mass_from_frequency
+            change = one(
+                ratio, ratio_sd, nominal_relative_sd=nominals.relative_sd[rows], level=LEVEL
+            )
+            _put_change(states, rows, f"{kind[0]}_change", change)
+
+
+_Kind = tuple[str, float, float]
+
+
+def _kind(registration: Registration) -> _Kind:
+    """Name what readings must have in common to be estimated in one call."""
+    if registration.changes == "both":
+        return "both", registration.prior_stiffness_sd, registration.prior_mass_sd
+    return registration.changes, 0.0, 0.0
+
+
+def _of_each(
+    twins: Sequence[Twin],
+    owner: Int[np.ndarray, " time"],
+    of: Callable[[Registration], float],
+) -> Float[np.ndarray, " time"]:
+    """Something of each reading's registration."""
+    each: Float[np.ndarray, " time"] = np.array(
+        [float(of(twin.registration)) for twin in twins]
+    )[owner]
+    return each
+
+
+def _assume(states: States, rows: Bool[np.ndarray, " time"], changes: str) -> None:
+    for kept, bit in (("stiffness", st.ASSUMES_STIFFNESS), ("mass", st.ASSUMES_MASS)):
+        if changes not in (kept, "both"):
+            states[f"{kept}_change"][rows] = 0.0
+            states["notes"][rows] |= bit
+
+
+def _put_change(
+    states: States, rows: Int[np.ndarray, " some"], name: str, change: Change
+) -> None:
+    estimate = np.column_stack((change.value, change.sd, change.lo, change.hi))
+    sound = np.isfinite(estimate).all(axis=1)
+    estimate[~sound] = np.nan
+    unsaid = ~sound & (change.reasons == 0)
+    states[name][rows] = estimate
+    states["reasons"][rows] |= change.reasons
+    states["reasons"][rows] |= np.where(unsaid, st.NOT_REPRESENTABLE, 0).astype(np.uint32)
+
+
+def _both(
+    states: States,
+    rows: Int[np.ndarray, " some"],
+    ratio: Float[np.ndarray, " some"],
+    sd: Float[np.ndarray, " time"],
+    frequency: Float[np.ndarray, " time"],
+    given: Columns,
+    nominals: _Nominals,
+    kind: _Kind,
+    free: Float[np.ndarray, " some"],
+    correlation: Float[np.ndarray, " some"],
+) -> None:
+    unknown = ~((nominals.damping[rows] > 1e-6) & (nominals.damping[rows] < 1.0))
+    damping_0 = np.where(unknown, _ANY_DAMPING, nominals.damping[rows])
+    damping_0_sd = np.where(unknown, _UNKNOWN, nominals.damping_relative_sd[rows])
+    damping = given.damping_ratio[rows]
+    positive = damping > 0.0
+    relative = np.where(
+        positive, given.damping_sd[rows] / np.where(positive, damping, 1.0), np.nan
+    )
+    joint = stiffness_and_mass(
+        ratio,
+        sd[rows] / frequency[rows],
+        damping,
+        relative,
+        damping_ratio_0=damping_0,
+        correlation=correlation,
+        prior_stiffness_sd=kind[1],
+        prior_mass_sd=kind[2],
+        damping_coefficient_sd=free,
+        nominal_relative_sd=nominals.relative_sd[rows],
+        nominal_damping_relative_sd=damping_0_sd,
+        level=LEVEL,
+    )
+    _put_change(states, rows, "stiffness_change", joint.stiffness)
+    _put_change(states, rows, "mass_change", joint.mass)
+    states["correlation"][rows] = np.nan_to_num(joint.correlation)
+    states["reasons"][rows] |= np.where(unknown, st.NO_DAMPING, 0).astype(np.uint32)

@@ -1,0 +1,191 @@
+"""What the twin asks of its memory: one narrow interface, so that another can stand behind it.
+
+One thread writes, in cuts: all that follows from a batch becomes durable together, or not at
+all. Any thread reads, and sees whole cuts only.
+"""
+
+import dataclasses
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple, Protocol
+
+from twin_server.states import States
+
+
+class WrongStoreError(RuntimeError):
+    """The file is no store of ours, or of another version; the text says what to do."""
+
+
+class StoreError(RuntimeError):
+    """Nothing can be written now, as with a full disk; the text says what is wrong."""
+
+
+class TwinRow(NamedTuple):
+    """A twin as it is kept."""
+
+    site: str
+    asset: str
+    registration: str
+    checkpoint: str
+
+    @property
+    def id(self) -> str:
+        """What everybody else calls it."""
+        return f"{self.site}.{self.asset}"
+
+
+class RunRow(NamedTuple):
+    """A boot and its account as they are kept."""
+
+    number: int
+    site: str
+    asset: str
+    boot: str
+    slow_time_unit: str
+    next: int
+    last: int
+    last_t_ns: int
+    told: int
+    closed: bool
+    lost: str
+    """JSON of the ranges that were passed over."""
+
+
+class FeatureRow(NamedTuple):
+    """Features in order, with the state they led to."""
+
+    number: int
+    sequence: int
+    t_ns: int
+    slow_time: float
+    message: bytes
+    state: bytes
+
+
+class EventRow(NamedTuple):
+    """An event as it is kept; `number` counts all events of a store, 0 before it is kept."""
+
+    number: int
+    site: str
+    asset: str
+    t_ns: int
+    slow_time: float | None
+    derived: bool
+    """Whether it follows from the features, so that estimating anew makes it anew."""
+    body: str
+
+
+@dataclasses.dataclass(slots=True)
+class Cut:
+    """All that becomes durable together."""
+
+    twins: list[TwinRow] = dataclasses.field(default_factory=list)
+    runs: list[RunRow] = dataclasses.field(default_factory=list)
+    features: list[FeatureRow] = dataclasses.field(default_factory=list)
+    held: list[tuple[int, int, bytes]] = dataclasses.field(default_factory=list)
+    released: list[tuple[int, int]] = dataclasses.field(default_factory=list)
+    events: list[EventRow] = dataclasses.field(default_factory=list)
+
+
+class History(NamedTuple):
+    """Part of a twin's history: states, and to which boot each belongs."""
+
+    states: States
+    number: Sequence[int]
+    """Of each state, the number of its boot."""
+    boots: dict[int, tuple[str, str]]
+    """Name and unit of slow time of each boot number."""
+
+
+class Store(Protocol):
+    """The memory of a twin server."""
+
+    def twins(self) -> list[TwinRow]:
+        """All twins, in the order of their registration."""
+        ...
+
+    def twin(self, twin_id: str) -> TwinRow | None:
+        """One twin."""
+        ...
+
+    def runs(self) -> tuple[list[RunRow], int]:
+        """All boots in order, and the number the next one gets."""
+        ...
+
+    def held(self) -> list[tuple[int, int, bytes]]:
+        """Boot number, sequence and bytes of all features kept until their turn."""
+        ...
+
+    def write(self, cut: Cut) -> list[int]:
+        """Make `cut` durable; give the numbers of its events."""
+        ...
+
+    def messages(self, twin_id: str, after: tuple[int, int], limit: int) -> list[FeatureRow]:
+        """Read the next features of a twin, in order, after (boot number, sequence)."""
+        ...
+
+    def rewrite(
+        self,
+        twin_id: str,
+        states: Iterable[tuple[int, int, bytes]],
+        finish: Callable[[], tuple[TwinRow, Sequence[EventRow]]],
+    ) -> None:
+        """Replace a twin's states, its registration and its derived events, all at once.
+
+        Parameters
+        ----------
+        states
+            Boot number, sequence and new state of each of its features.
+        finish
+            Asked for the rest once `states` are used up.
+        """
+        ...
+
+    def delete(self, twin_id: str) -> bool:
+        """Forget a twin and all it has seen; False where there is none."""
+        ...
+
+    def history(
+        self,
+        twin_id: str,
+        *,
+        t_ns: tuple[int | None, int | None] = (None, None),
+        slow_time: tuple[float | None, float | None] = (None, None),
+        after: tuple[int, int] | None = None,
+        limit: int | None = None,
+        newest: bool = False,
+    ) -> History:
+        """States between two times, both included, or after (boot number, sequence), in order.
+
+        Parameters
+        ----------
+        limit, newest
+            At most so many: the first, or with `newest` the last ones.
+        """
+        ...
+
+    def count(self, twin_id: str) -> int:
+        """How many features a twin has."""
+        ...
+
+    def digest(self, twin_id: str) -> tuple[str, int]:
+        """SHA-256 over all features of a twin and their states in order, and their number."""
+        ...
+
+    def events(
+        self,
+        twin_id: str | None = None,
+        *,
+        after: int = 0,
+        limit: int = 1000,
+        newest: bool = False,
+    ) -> list[EventRow]:
+        """Events in order, of one twin or of all."""
+        ...
+
+    def check(self) -> None:
+        """Raise where nothing can be written or read any more."""
+        ...
+
+    def close(self) -> None:
+        """Leave."""
+        ...

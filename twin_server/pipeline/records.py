@@ -1,0 +1,121 @@
+"""Nouns of one stage into nouns of the next: rows, events, addresses."""
+
+import json
+from typing import Any
+
+from slowtime_schemas.codec import Refused, decode
+from slowtime_schemas.messages import Event, Features
+from slowtime_schemas.streams import FEATURES
+from twin_server.collect import Change, Lost, Run
+from twin_server.estimate import Notice, Twin
+from twin_server.persist import EventRow, RunRow, TwinRow
+from twin_server.rendering import event_body
+from twin_server.states import STATE, States
+
+
+def address(twin_id: str) -> tuple[str, str]:
+    """Split a twin's id into site and asset."""
+    site, _, asset = twin_id.partition(".")
+    return site, asset
+
+
+def decoded(payload: bytes) -> Features:
+    """Read features that were kept; they were checked when they came."""
+    message = decode(FEATURES, payload)
+    if not isinstance(message, Features):
+        raise Refused("unexpected", f"{message.MESSAGE} was given where features are kept.")
+    return message
+
+
+def cut_up(states: States) -> list[bytes]:
+    """Give each state the bytes it is kept as."""
+    raw, size = states.tobytes(), STATE.itemsize
+    return [raw[i : i + size] for i in range(0, len(raw), size)]
+
+
+def rows_of_held(change: Change) -> list[tuple[int, int, bytes]]:
+    """Make rows of what is held."""
+    return [(run.number, sequence, payload) for run, sequence, payload in change.held]
+
+
+def rows_of_released(change: Change) -> list[tuple[int, int]]:
+    """Name the rows of what is held no longer."""
+    return [(run.number, sequence) for run, sequence in change.released]
+
+
+def twin_row(key: tuple[str, str], twin: Twin) -> TwinRow:
+    """Make the row of a twin."""
+    return TwinRow(*key, twin.registration.to_json(), twin.checkpoint.to_json())
+
+
+def run_row(run: Run, unit: str) -> RunRow:
+    """Make the row of a boot's account."""
+    return RunRow(
+        run.number, run.site, run.asset, run.boot, unit, run.next, run.last, run.last_t_ns,
+        run.told, run.closed, json.dumps(run.lost),
+    )  # fmt: skip
+
+
+def run_of(row: RunRow) -> Run:
+    """Make the account of a boot out of its row."""
+    return Run(
+        row.site,
+        row.asset,
+        row.boot,
+        number=row.number,
+        next=row.next,
+        last=row.last,
+        last_t_ns=row.last_t_ns,
+        told=row.told,
+        closed=row.closed,
+        lost=[(first, last) for first, last in json.loads(row.lost)],
+    )
+
+
+def event_row(event: Event, *, derived: bool) -> EventRow:
+    """Make the row of an event."""
+    return EventRow(
+        0, event.site, event.asset, event.t_ns, event.slow_time, derived, event_body(event)
+    )
+
+
+def derived_event(features: Features, notice: Notice) -> EventRow:
+    """Make an event of a notice about the state of `features`."""
+    where: dict[str, Any] = {
+        name: getattr(features, name)
+        for name in ("site", "asset", "boot", "sequence", "t_ns", "slow_time")
+    }
+    return event_row(
+        Event(
+            **where,
+            kind=notice.kind,
+            severity=notice.severity,
+            message=notice.message,
+            details=notice.details,
+        ),
+        derived=True,
+    )
+
+
+def lost_event(lost: Lost) -> EventRow:
+    """Make an event of a range that was passed over."""
+    run, count = lost.run, lost.last - lost.first + 1
+    return event_row(
+        Event(
+            site=run.site,
+            asset=run.asset,
+            boot=run.boot,
+            sequence=lost.last,
+            t_ns=max(run.last_t_ns, 0),
+            kind="features_lost",
+            severity="warning" if run.last >= 0 else "info",
+            message=(
+                f"{count} features of boot {run.boot} are missing, {lost.first} to "
+                f"{lost.last}: {lost.why}."
+            ),
+            details={
+                "boot": run.boot, "first": lost.first, "last": lost.last, "why": lost.why,
+            },
+        ),
+        derived=False,
+    )  # fmt: skip

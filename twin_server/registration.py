@@ -1,0 +1,153 @@
+"""What a person says of a twin: which of its properties may change, and from what."""
+
+import math
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Positive = Annotated[float, Field(gt=0, lt=1e300, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, lt=1e300, allow_inf_nan=False)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class Frozen(BaseModel):
+    """Immutable, and refusing what it does not know."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Nominal(Frozen):
+    """The structure as it was, in modal or in physical quantities.
+
+    Examples
+    --------
+    >>> Nominal(mass_kg=1.0, damping_n_s_per_m=0.4, stiffness_n_per_m=100.0).modal
+    (1.5915494309189535, 0.02)
+    """
+
+    frequency_hz: Positive | None = None
+    damping_ratio: Annotated[float, Field(ge=0, lt=1)] | None = None
+    mass_kg: Positive | None = None
+    damping_n_s_per_m: NotNegative | None = None
+    stiffness_n_per_m: Positive | None = None
+    frequency_relative_sd: Annotated[float, Field(ge=0, le=0.2)] = 0.0
+    """How well the nominal frequency is known; its error is common to all epochs."""
+    damping_relative_sd: Annotated[float, Field(ge=0, le=1)] = 0.0
+
+    @model_validator(mode="after")
+    def _is_one_or_the_other(self) -> Self:
+        physical = (self.mass_kg, self.damping_n_s_per_m, self.stiffness_n_per_m)
+        modal = (self.frequency_hz, self.damping_ratio)
+        none_physical, whole = physical == (None,) * 3, None not in physical
+        if not (
+            (self.frequency_hz is not None and none_physical)
+            or (whole and modal == (None, None))
+        ):
+            raise ValueError(
+                "The nominal model is given twice, or not whole. Give frequency_hz and "
+                "damping_ratio, or mass_kg, damping_n_s_per_m and stiffness_n_per_m."
+            )
+        if self.modal[1] >= 1.0:
+            raise ValueError(
+                f"With these values the damping ratio is {self.modal[1]:.3g}: nothing would "
+                "ring. Give a damping_n_s_per_m below 2 sqrt(stiffness mass)."
+            )
+        return self
+
+    @property
+    def modal(self) -> tuple[float, float]:
+        """Natural frequency [Hz] and damping ratio [1]; NaN for a damping ratio not given."""
+        if self.frequency_hz is not None:
+            given = self.damping_ratio
+            return self.frequency_hz, math.nan if given is None else given
+        assert self.stiffness_n_per_m is not None
+        assert self.mass_kg is not None
+        assert self.damping_n_s_per_m is not None
+        root = math.sqrt(self.stiffness_n_per_m * self.mass_kg)
+        return (
+            math.sqrt(self.stiffness_n_per_m / self.mass_kg) / (2 * math.pi),
+            self.damping_n_s_per_m / (2 * root),
+        )
+
+
+class Alarm(Frozen):
+    """A limit to be warned of, once it is passed with the certainty asked for."""
+
+    quantity: Literal["frequency_hz", "damping_ratio", "stiffness_change", "mass_change"]
+    below: Number | None = None
+    above: Number | None = None
+    certainty: Annotated[float, Field(ge=0.5, lt=1)] = 0.975
+
+    @model_validator(mode="after")
+    def _has_one_limit(self) -> Self:
+        if (self.below is None) == (self.above is None):
+            raise ValueError(
+                f"An alarm on {self.quantity} has one limit. Give below or above, not both; "
+                "two limits are two alarms."
+            )
+        return self
+
+    @property
+    def name(self) -> str:
+        """What it watches, in words."""
+        side, limit = ("below", self.below) if self.below is not None else ("above", self.above)
+        return f"{self.quantity} {side} {limit:g}"
+
+
+class Registration(Frozen):
+    """One twin: what may change in it, its nominal model, and what to be warned of.
+
+    Examples
+    --------
+    >>> Registration(nominal={"frequency_hz": 3.0, "damping_ratio": 0.02}).changes
+    'stiffness'
+    """
+
+    model_config = ConfigDict(
+        frozen=True,
+        extra="forbid",
+        json_schema_extra={
+            "examples": [
+                {
+                    "name": "Tower",
+                    "changes": "stiffness",
+                    "nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02},
+                    "alarms": [{"quantity": "stiffness_change", "below": -0.1}],
+                },
+                {"changes": "both", "learn_epochs": 40, "damping_coefficient_sd": 0.0},
+            ]
+        },
+    )
+
+    name: Annotated[str, Field(max_length=100)] = ""
+    """For people; the twin's id is what everything else knows it by."""
+    changes: Literal["stiffness", "mass", "both"] = "stiffness"
+    """What may change; the rest is assumed to stay, and said so in every state."""
+    nominal: Nominal | None = None
+    """None to learn it from the first epochs."""
+    learn_epochs: Annotated[int, Field(ge=2, le=1000)] = 20
+    frequency_source: Literal["measured", "smoothed"] = "measured"
+    mode: Annotated[int, Field(ge=0, le=63)] = 0
+    """Which of the identified modes, counted from the lowest."""
+    prior_stiffness_sd: Annotated[float, Field(gt=1e-9, le=100)] = 0.3
+    prior_mass_sd: Annotated[float, Field(gt=1e-9, le=100)] = 0.3
+    """What is believed of ln(1 + change) beforehand, where both may change."""
+    damping_coefficient_sd: Annotated[float, Field(ge=0, le=100)] = 0.1
+    """How much the damping coefficient may change by itself, where both may change."""
+    alarms: Annotated[tuple[Alarm, ...], Field(max_length=16)] = ()
+    confirm_readings: Annotated[int, Field(ge=1, le=100)] = 3
+    """Readings in a row until an alarm, or a change of validity, is believed."""
+
+    @classmethod
+    def from_json(cls, text: str) -> "Registration":
+        """Read what `to_json` has written."""
+        return cls.model_validate_json(text)
+
+    def to_json(self) -> str:
+        """Write it as text, all defaults included, so that later defaults change nothing."""
+        return self.model_dump_json()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give it as JSON-compatible values."""
+        content: dict[str, Any] = self.model_dump(mode="json")
+        return content

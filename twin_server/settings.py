@@ -1,0 +1,154 @@
+"""What a twin server can be told: one frozen class, from a file, the environment and flags.
+
+A flag overrules the environment (``SLOWTIME_TWIN_*``, nested with ``__``), which overrules the
+file named by `config` (TOML or JSON). Units are in the names.
+"""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+from pydantic_settings import (
+    BaseSettings,
+    JsonConfigSettingsSource,
+    PydanticBaseSettingsSource,
+    SettingsConfigDict,
+    TomlConfigSettingsSource,
+)
+
+from .registration import Registration
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=1)]
+
+YEAR_2000_NS = 946_684_800_000_000_000
+
+
+class Frozen(BaseModel):
+    """Immutable, and refusing what it does not know."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class AdmissionSettings(Frozen):
+    """Which messages are let in."""
+
+    max_payload_bytes: Annotated[int, Field(ge=1_024)] = 2**20
+    max_ahead_s: NotNegative = 300.0
+    """How far a sender's clock may be from ours, and a live sensor's time ahead of it."""
+    max_age_s: Positive = 30 * 86_400.0
+    """How old a live sensor's time may be unless replayed; a spool holds what is weeks old."""
+    not_before_ns: Annotated[int, Field(ge=0)] = YEAR_2000_NS
+    """No sensor time is earlier: a clock that was never set."""
+    max_jump: Count = 1_000_000
+    """How far a sequence may be ahead of the one expected."""
+
+
+class HealingSettings(Frozen):
+    """How holes in the account are healed."""
+
+    grace_s: NotNegative = 0.25
+    """How long a hole may close by itself before the edge is asked."""
+    ask_timeout_s: Positive = 5.0
+    backoff_s: Positive = 0.25
+    """Before the second question; doubled with each, up to `max_backoff_s`."""
+    max_backoff_s: Positive = 10.0
+    tries: Count = 3
+    """Answers without what is missing until it is given up."""
+    foreign_patience_s: NotNegative = 5.0
+    """How long to wait for a sender that keeps no account of its own."""
+    absent_patience_s: NotNegative = 86_400.0
+    """How long to wait for an edge agent that is away."""
+    max_held: Count = 20_000
+    """Features of one boot kept out of order; more are asked for again when there is room."""
+
+
+class PipelineSettings(Frozen):
+    """How much is done at once."""
+
+    batch_messages: Count = 2_000
+    inbox_messages: Count = 200_000
+    inbox_bytes: Annotated[int, Field(ge=2**20)] = 256 * 2**20
+    states_per_batch: Count = 200
+    """A batch with more states than this publishes the latest of each twin only."""
+
+
+class ServeSettings(Frozen):
+    """Limits of what one client may ask for."""
+
+    max_body_bytes: Annotated[int, Field(ge=1_024)] = 65_536
+    default_points: Annotated[int, Field(ge=2)] = 1_000
+    max_points: Annotated[int, Field(ge=2)] = 100_000
+    max_live_clients: Count = 500
+    live_backlog: Annotated[int, Field(ge=16)] = 2_000
+    """Events a slow client may be behind, or a returning one may have missed."""
+    forecast_refresh_readings: Count = 25
+    max_forecast_points: Annotated[int, Field(ge=2)] = 200
+
+
+class TwinSettings(BaseSettings):
+    """All settings of a twin server.
+
+    Examples
+    --------
+    >>> TwinSettings(port=8080, healing={"tries": 5}).healing.tries
+    5
+    """
+
+    model_config = SettingsConfigDict(
+        frozen=True,
+        extra="forbid",
+        env_prefix="SLOWTIME_TWIN_",
+        env_nested_delimiter="__",
+        nested_model_default_partial_update=True,
+    )
+
+    config: Path | None = None
+    """TOML or JSON file to take settings from."""
+    host: str = "127.0.0.1"
+    port: Annotated[int, Field(ge=0, le=65_535)] = 8000
+    """0 for any that is free."""
+    database: Path = Path("twin.sqlite")
+    synchronous: Literal["NORMAL", "FULL"] = "NORMAL"
+    """NORMAL survives the death of the process, FULL that of the power supply too."""
+    connect: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
+    """Where the router is."""
+    connect_timeout_s: Positive = 30.0
+    zenoh: dict[str, Any] = {}
+    """Further settings of Zenoh, key to value, such as those of TLS."""
+    auto_register: bool = True
+    """Whether an asset nobody registered gets a twin when its first features come."""
+    default_registration: Registration = Registration()
+    """What such a twin is registered as."""
+    shutdown_s: Positive = 3.0
+    """How long clients may take to finish when the server ends."""
+    admission: AdmissionSettings = AdmissionSettings()
+    healing: HealingSettings = HealingSettings()
+    pipeline: PipelineSettings = PipelineSettings()
+    serve: ServeSettings = ServeSettings()
+
+    @classmethod
+    def settings_customise_sources(
+        cls,
+        settings_cls: type[BaseSettings],
+        init_settings: PydanticBaseSettingsSource,
+        env_settings: PydanticBaseSettingsSource,
+        dotenv_settings: PydanticBaseSettingsSource,
+        file_secret_settings: PydanticBaseSettingsSource,
+    ) -> tuple[PydanticBaseSettingsSource, ...]:
+        """Ask flags before environment before file."""
+        path = init_settings().get("config") or env_settings().get("config")
+        if path is None:
+            return init_settings, env_settings
+        return init_settings, env_settings, _file_source(settings_cls, Path(path))
+
+
+def _file_source(settings: type[BaseSettings], path: Path) -> PydanticBaseSettingsSource:
+    if not path.is_file():
+        raise FileNotFoundError(f"There is no settings file {path}. Give an existing --config.")
+    if path.suffix == ".toml":
+        return TomlConfigSettingsSource(settings, path)
+    if path.suffix == ".json":
+        return JsonConfigSettingsSource(settings, path)
+    raise ValueError(f"{path.name} is no settings file. Allowed: .toml and .json.")
