@@ -75,11 +75,14 @@ class Fatigue(_Frozen):
     rate: NotNegative = 4e-4
     ripple: Annotated[float, Field(ge=0, lt=1)] = 0.05
     ripple_rate: NotNegative = 2e-2
+    renewed_after: Positive | None = None
+    """Slow time after which the structure is as built again, and so on; None for never."""
 
     def at(self, slow_time: float) -> float:
         """Relative change at `slow_time`."""
+        age = slow_time if self.renewed_after is None else slow_time % self.renewed_after
         series = stiffness_change(
-            np.array([slow_time]),
+            np.array([age]),
             rate=self.rate,
             ripple=self.ripple,
             ripple_rate=self.ripple_rate,

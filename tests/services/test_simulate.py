@@ -67,6 +67,8 @@ def test_another_seed_or_epoch_is_another_record():
         (Step(at_slow_time=10.0, change=-0.3), 9.9, 0.0),
         (Step(at_slow_time=10.0, change=-0.3), 10.0, -0.3),
         (Fatigue(), 1000.0, -0.3486),
+        (Fatigue(renewed_after=1500.0), 2500.0, -0.3486),
+        (Fatigue(renewed_after=1000.0), 2000.0, 0.0),
         (FillingAndEmptying(), 0.0, 0.0),
     ],
 )
