@@ -169,9 +169,14 @@ def _about(settings: EdgeSettings) -> dict[str, object]:
 
 
 def main() -> None:
-    """Run with settings from flags, environment and file."""
+    """Run with settings from flags, environment and file; exit 2 where they are wrong."""
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)-7s %(message)s")
-    sys.exit(run(EdgeSettings(_cli_parse_args=True)))
+    try:
+        status = run(EdgeSettings(_cli_parse_args=True))
+    except (ValueError, OSError) as error:
+        sys.stderr.write(f"edge_agent: {error}\n")
+        status = 2
+    sys.exit(status)
 
 
 if __name__ == "__main__":

@@ -193,6 +193,9 @@ class Extract:
         except ValueError as error:
             logger.info("A window from %d ns was not read: %s", block.start_ns, error)
             return state, None, ("not_usable",)
+        except Exception:
+            logger.exception("Identification failed on a window from %d ns.", block.start_ns)
+            return state, None, ("failed",)
         if found is None:
             return state, None, ("no_mode",)
         if not _is_sound(found):

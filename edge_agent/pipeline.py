@@ -165,10 +165,16 @@ def rerun(blocks: Iterable[tuple[RawHeader, Block]], processing: Processing) -> 
 
     Boot, sequence, times and time base are those of the recording; settings must be those that
     its `About` tells (see `Processing.from_about`). Recordings of several assets and boots may
-    be mixed; a boot must be recorded from its first block on, since the sequence and the
-    smoothed frequency rest on everything before.
+    be mixed.
+
+    Raises
+    ------
+    ValueError
+        Where a raw block of a boot is missing, be it the first: sequence and smoothed frequency
+        rest on every block before. The features up to there have been given by then.
     """
     running: dict[tuple[str, str], tuple[Edge, EdgeState]] = {}
+    expected: dict[Origin, int] = {}
     for header, block in blocks:
         origin = Origin(
             site=header.site,
@@ -177,6 +183,16 @@ def rerun(blocks: Iterable[tuple[RawHeader, Block]], processing: Processing) -> 
             time_base=header.time_base,
             slow_time_unit=header.slow_time_unit,
         )
+        due = expected.get(origin, 0)
+        if header.sequence < due:
+            continue  # recorded twice
+        if header.sequence > due:
+            raise ValueError(
+                f"Raw block {due} of boot {header.boot} of {header.twin_id} is not recorded; "
+                f"the next one is {header.sequence}. Features after it cannot be made again "
+                "byte for byte. Start the recorder before the edge agent, and keep it running."
+            )
+        expected[origin] = due + 1
         asset = (header.site, header.asset)
         if asset in running and running[asset][0].extract.origin != origin:
             yield from _finished(*running.pop(asset))

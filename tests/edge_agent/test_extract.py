@@ -8,6 +8,7 @@ from pydantic import ValidationError
 
 from edge_agent.extract import Extract
 from edge_agent.settings import ExtractSettings, Origin
+from slowtime.identification.windows import Tracker
 from slowtime.signals.block import Block
 from slowtime_schemas.messages import Features
 from slowtime_services.simulate import Sensor, SimulatedStructure
@@ -172,6 +173,21 @@ def test_an_epoch_without_end_is_cut_and_not_kept_in_memory():
     ]
     (message,) = run(blocks, max_samples=12_500)
     assert message.quality.samples == 12_000
+
+
+def test_a_failure_of_ours_is_flagged_and_costs_one_window_only(monkeypatch):
+    real, calls = Tracker.step, []
+
+    def sometimes(*given, **named):
+        calls.append(1)
+        if len(calls) == 2:
+            raise ZeroDivisionError("a bug of ours")
+        return real(*given, **named)
+
+    monkeypatch.setattr(Tracker, "step", sometimes)
+    messages = run([block for epoch in (0, 2, 3) for block in STRUCTURE.epoch(epoch)])
+    assert [m.quality.flags for m in messages] == [(), ("failed",), ()]
+    assert [len(m.modes) for m in messages] == [1, 0, 1]
 
 
 def test_settings_that_contradict_themselves_say_so():

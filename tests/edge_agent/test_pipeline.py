@@ -307,6 +307,21 @@ def test_a_rerun_of_a_stream_is_the_same_bytes_whatever_was_refused(tmp_path):
     assert house.health.counters["refused_backwards"] == 1
 
 
+def test_a_rerun_says_where_a_raw_block_is_missing_and_takes_none_twice(tmp_path):
+    source = Given([item for n in range(4) for item in (*STRUCTURE.epoch(n)[:1], None)])
+    house = House(tmp_path, source, publish={"raw": "on"})
+    blocks = [block_of(payload) for payload in house.payloads(RAW)]
+    processing = house.settings.processing
+    twice = [block for block in blocks for _ in range(2)]
+    assert list(rerun(twice, processing)) == house.payloads(FEATURES)
+    with pytest.raises(ValueError, match=r"Raw block 0 of boot b1 .* the next one is 1.*Start"):
+        list(rerun(blocks[1:], processing))
+    again = rerun([*blocks[:2], blocks[3]], processing)
+    assert next(again) == house.payloads(FEATURES)[0]
+    with pytest.raises(ValueError, match=r"Raw block 2 .* is not recorded"):
+        list(again)
+
+
 def test_the_last_raw_seconds_can_be_asked_for_while_the_agent_runs(tmp_path):
     got: list[Sample] = []
     bus = MemoryBus()

@@ -1,0 +1,131 @@
+"""The agent as a process: settings alone make it run, on simulated and on real samples."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from edge_agent.__main__ import run, stopped_by_signals
+from edge_agent.settings import EdgeSettings
+from slowtime_schemas.messages import About, Features
+from slowtime_schemas.streams import ABOUT, FEATURES
+from slowtime_services.bus import MemoryBus
+from slowtime_services.files import RecordError
+
+DATA = Path(
+    os.environ.get("SLOWTIME_DATA", Path(__file__).resolve().parents[2] / "../shared/data")
+)
+TABLE_HZ = (26.27, 28.23, 30.82, 33.87, 37.55, 41.96)
+
+
+def features_of(folder, **chosen):
+    bus = MemoryBus()
+    heard: list[bytes] = []
+    bus.subscribe(FEATURES.everywhere, lambda sample: heard.append(sample.payload))
+    publish = {"linger_s": 0.0}
+    settings = EdgeSettings(spool={"folder": folder}, publish=publish, **chosen)
+    assert run(settings, bus=bus, stop=threading.Event()) == 0
+    return [Features.model_validate_json(payload) for payload in heard]
+
+
+def test_a_simulated_structure_is_listened_to_until_its_last_epoch(tmp_path):
+    structure = {"epochs": 5, "seconds": 20.0, "slow_time_step": 2.0}
+    messages = features_of(
+        tmp_path,
+        input={"kind": "simulated", "structure": structure, "every_s": 0.0},
+        extract={"method": "ambient"},
+    )
+    assert [m.slow_time for m in messages] == [0.0, 2.0, 4.0, 6.0, 8.0]
+    assert {m.slow_time_unit for m in messages} == {"T0"}
+    assert {m.time_base for m in messages} == {"simulated"}
+    assert len({m.boot for m in messages}) == 1
+
+
+def test_a_file_that_cannot_be_read_ends_the_agent_with_the_reason(tmp_path):
+    (tmp_path / "a.csv").write_text("a,b\n1,2\n3,4\n")
+    with pytest.raises(RecordError, match="Give --rate-hz"):
+        features_of(tmp_path, input={"kind": "file", "path": tmp_path / "a.csv"})
+
+
+def test_about_tells_the_software_and_no_address(tmp_path):
+    bus = MemoryBus()
+    heard: list[bytes] = []
+    bus.subscribe(ABOUT.everywhere, lambda sample: heard.append(sample.payload))
+    stop = threading.Event()
+    stop.set()
+    settings = EdgeSettings(connect=("tcp/10.9.8.7:1",), spool={"folder": tmp_path})
+    run(settings, bus=bus, stop=stop)
+    about = About.model_validate_json(heard[0])
+    assert about.software.startswith("slowtime ")
+    assert b"10.9.8.7" not in heard[0]
+
+
+def test_signals_end_the_agent_and_their_handlers_come_back():
+    before = signal.getsignal(signal.SIGTERM)
+    with stopped_by_signals() as stop:
+        assert not stop.is_set()
+        os.kill(os.getpid(), signal.SIGTERM)
+        assert stop.wait(1.0)
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+@pytest.mark.system
+def test_the_process_runs_without_a_router_and_ends_at_once_when_asked(tmp_path):
+    environment = {
+        **os.environ,
+        "SLOWTIME_EDGE_SPOOL__FOLDER": str(tmp_path),
+        "SLOWTIME_EDGE_CONNECT_WAIT_S": "0.1",
+        "SLOWTIME_EDGE_EXTRACT__METHOD": "ambient",
+        "SLOWTIME_EDGE_CONNECT": '["tcp/127.0.0.1:1"]',
+    }
+    command = [sys.executable, "-m", "edge_agent", "--asset", "mast"]
+    command += ["--input.kind", "simulated", "--input.every_s", "0.05"]
+    with subprocess.Popen(
+        command, env=environment, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stderr is not None
+        lines = [process.stderr.readline() for _ in range(2)]
+        assert "No router at tcp/127.0.0.1:1 yet" in lines[0]
+        assert "Edge demo.mast, boot" in lines[1]
+        threading.Event().wait(0.5)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(5.0) == 0
+    (path,) = (tmp_path / "demo.mast").glob("*.spool")
+    assert path.stat().st_size > 500
+
+
+def test_wrong_settings_are_said_in_words_and_end_with_status_2(tmp_path):
+    command = [sys.executable, "-m", "edge_agent", "--input.kind", "telepathy"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=20)
+    assert done.returncode == 2
+    assert "telepathy" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.data
+@pytest.mark.skipif(not DATA.is_dir(), reason=f"no measurements at {DATA}; set SLOWTIME_DATA")
+def test_the_moving_roller_is_followed_through_its_dwells_and_never_at_its_second_mode(
+    tmp_path,
+):
+    messages = features_of(
+        tmp_path,
+        input={
+            "kind": "file",
+            "path": DATA / "moving_roller/slow10_test0.txt",
+            "channels": ("Accel",),
+        },
+        extract={"window_s": 1.0, "hop_s": 0.5},
+    )
+    found = [m.modes[0].frequency_hz for m in messages if m.modes]
+    assert all(20.0 < frequency.value < 50.0 for frequency in found)
+    near = [
+        min(TABLE_HZ, key=lambda hz: abs(hz - frequency.value))
+        for frequency in found
+        if min(abs(hz - frequency.value) for hz in TABLE_HZ) < 0.5
+    ]
+    assert len(near) >= 20
+    assert set(near) == set(TABLE_HZ)
