@@ -251,6 +251,7 @@ class Account:
         if run.number:
             change.held.append((run, sequence, arrival.payload))
             change.touched[run] = None
+            change.early += 1
         self._worry(run, now_s)
 
     def _refusal(self, run: Run, sequence: int) -> tuple[str, str] | None:

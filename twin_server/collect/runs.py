@@ -232,6 +232,8 @@ class Change:
         Ranges the order has passed over.
     refused
         Reasons and sentences.
+    early
+        How many came before their turn.
     touched
         Runs whose account has changed, or of which the edge should be told again.
     """
@@ -242,6 +244,7 @@ class Change:
     lost: list[Lost] = dataclasses.field(default_factory=list)
     refused: list[tuple[str, str]] = dataclasses.field(default_factory=list)
     touched: dict[Run, None] = dataclasses.field(default_factory=dict)
+    early: int = 0
 
 
 def _delay(count: int, settings: HealingSettings) -> float:

@@ -93,6 +93,16 @@ class Checkpoint:
             raised=tuple(Belief(**belief) for belief in content["raised"]),
         )
 
+    def nominal(self) -> dict[str, float] | None:
+        """Give the numbers of the nominal model that are known."""
+        if self.known is None:
+            return None
+        return {
+            name: value
+            for name, value in dataclasses.asdict(self.known).items()
+            if not math.isnan(value)
+        }
+
     @property
     def has_damping(self) -> bool:
         """Whether a nominal damping ratio is known."""

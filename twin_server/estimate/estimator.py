@@ -154,9 +154,6 @@ def _nominals(
 def _learnt(row: int, checkpoint: Checkpoint) -> Notice:
     known = checkpoint.known
     assert known is not None
-    details = {
-        name: value for name, value in dataclasses.asdict(known).items() if np.isfinite(value)
-    }
     return Notice(
         row,
         "nominal_learnt",
@@ -168,7 +165,7 @@ def _learnt(row: int, checkpoint: Checkpoint) -> Notice:
             if checkpoint.has_damping
             else "; no damping ratio was found."
         ),
-        details,
+        checkpoint.nominal() or {},
     )
 
 

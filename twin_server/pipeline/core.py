@@ -201,6 +201,10 @@ class Pipeline:
         self._later(run)
         return future.result()
 
+    def twin(self, twin_id: str) -> Twin | None:
+        """One twin as its features have left it."""
+        return self._twins.get(address(twin_id))
+
     def is_alive(self, twin_id: str) -> bool:
         """Whether the edge of a twin is there."""
         return self._account.is_alive(*address(twin_id))
@@ -214,7 +218,13 @@ class Pipeline:
             "holes": account.holes,
             "held": account.held,
             "inbox": len(self._inbox),
+        }
+
+    def tallies(self) -> dict[str, int]:
+        """Give what others have counted for the pipeline."""
+        return {
             "asked": self._healer.asked if self._healer else 0,
+            "inbox_dropped": self._inbox.dropped,
         }
 
     def _later(self, call: Callable[[], None]) -> None:
@@ -402,7 +412,7 @@ class Pipeline:
     def _count(self, change: Change, cut: Cut) -> None:
         self.counts["batches"] += 1
         self.counts["accepted"] += len(change.ordered)
-        self.counts["out_of_order"] += len(change.held)
+        self.counts["out_of_order"] += change.early
         self.counts["lost"] += sum(lost.last - lost.first + 1 for lost in change.lost)
         for event in cut.events:
             self.counts[f"event_{json.loads(event.body)['kind']}"] += 1

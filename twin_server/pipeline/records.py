@@ -34,8 +34,13 @@ def cut_up(states: States) -> list[bytes]:
 
 
 def rows_of_held(change: Change) -> list[tuple[int, int, bytes]]:
-    """Make rows of what is held."""
-    return [(run.number, sequence, payload) for run, sequence, payload in change.held]
+    """Make rows of what is held, and was not released again by the same change."""
+    released = set(rows_of_released(change))
+    return [
+        (run.number, sequence, payload)
+        for run, sequence, payload in change.held
+        if (run.number, sequence) not in released
+    ]
 
 
 def rows_of_released(change: Change) -> list[tuple[int, int]]:

@@ -1,0 +1,179 @@
+"""Composition root of the twin server: settings become a real database, bus, clock and door."""
+
+import contextlib
+import logging
+import signal
+import socket
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from types import FrameType
+
+import uvicorn
+from fastapi import FastAPI
+
+from slowtime_services.bus import Bus, BusUnreachableError, ZenohBus
+from slowtime_services.clock import Clock
+from twin_server.persist import SqliteStore, WrongStoreError
+from twin_server.pipeline import Herald, Pipeline, TwinKnowledge
+from twin_server.serve import Hub, create_app
+from twin_server.settings import TwinSettings
+
+logger = logging.getLogger(__name__)
+
+
+def run(
+    settings: TwinSettings,
+    *,
+    bus: Bus | None = None,
+    clock: Clock | None = None,
+    stop: threading.Event | None = None,
+    ready: Callable[[str], None] | None = None,
+) -> int:
+    """Serve until `stop` is set, or until SIGINT or SIGTERM.
+
+    Parameters
+    ----------
+    bus
+        An open bus to use instead of Zenoh; it is not closed.
+    clock
+        Judges the clocks of messages.
+    stop
+        Set from outside to end.
+    ready
+        Told the URL once the server answers.
+
+    Returns
+    -------
+    0 after a clean end, 2 where settings or surroundings are wrong: the log says what to do.
+    """
+    stop = stop or threading.Event()
+    try:
+        with contextlib.ExitStack() as open_things:
+            open_things.enter_context(_ended_by_signals(stop))
+            listening = open_things.enter_context(_listening(settings.host, settings.port))
+            store = SqliteStore(settings.database, synchronous=settings.synchronous)
+            open_things.callback(store.close)
+            if bus is None:
+                bus = open_things.enter_context(_open_bus(settings, clock))
+            _serve(settings, listening, store, bus, clock, stop, ready)
+    except (BusUnreachableError, WrongStoreError, _AddressError) as error:
+        logger.error("%s", error)
+        return 2
+    logger.info("The twin server has ended.")
+    return 0
+
+
+class _AddressError(OSError):
+    pass
+
+
+class _Server(uvicorn.Server):
+    """Uvicorn that ends the live streams before it waits for its clients."""
+
+    def __init__(self, config: uvicorn.Config, hub: Hub) -> None:
+        super().__init__(config)
+        self._hub = hub
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        self._hub.close()
+        await super().shutdown(sockets)
+
+
+def _serve(
+    settings: TwinSettings,
+    listening: socket.socket,
+    store: SqliteStore,
+    bus: Bus,
+    clock: Clock | None,
+    stop: threading.Event,
+    ready: Callable[[str], None] | None,
+) -> None:
+    pipeline = Pipeline(settings, store, bus=bus, clock=clock)
+    hub = Hub(settings.serve.max_live_clients, settings.serve.live_backlog)
+    pipeline.listen(Herald(hub))
+    knowledge = TwinKnowledge(
+        pipeline, store, bus=bus, refresh=settings.serve.forecast_refresh_readings
+    )
+    server = _Server(_config(create_app(knowledge, hub, settings.serve), settings), hub)
+    # Off the main thread, where uvicorn leaves the signals alone.
+    door = threading.Thread(
+        target=server.run, kwargs={"sockets": [listening]}, name="http", daemon=True
+    )
+    pipeline.start()
+    door.start()
+    try:
+        while not server.started and door.is_alive():
+            stop.wait(0.01)
+        host, port = listening.getsockname()[:2]
+        url = f"http://{f'[{host}]' if ':' in host else host}:{port}"
+        logger.info("The twin server answers at %s.", url)
+        if ready is not None:
+            ready(url)
+        while not stop.wait(0.2) and door.is_alive():
+            pass
+    finally:
+        server.should_exit = True
+        door.join(settings.shutdown_s + 1.0)
+        pipeline.stop()
+
+
+def _config(app: FastAPI, settings: TwinSettings) -> uvicorn.Config:
+    return uvicorn.Config(
+        app,
+        log_config=None,
+        access_log=False,
+        lifespan="off",
+        ws="none",
+        server_header=False,
+        timeout_graceful_shutdown=max(1, int(settings.shutdown_s)),
+    )
+
+
+def _open_bus(settings: TwinSettings, clock: Clock | None) -> ZenohBus:
+    return ZenohBus(
+        "client",
+        connect=settings.connect,
+        open_timeout_s=settings.connect_timeout_s,
+        options=settings.zenoh,
+        clock=clock,
+    )
+
+
+@contextlib.contextmanager
+def _listening(host: str, port: int) -> Iterator[socket.socket]:
+    """Hold a listening socket, so that a taken port is noticed before anything else begins."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with socket.socket(family, socket.SOCK_STREAM) as listening:
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listening.bind((host, port))
+        except OSError as error:
+            raise _AddressError(
+                f"{host}:{port} cannot be listened on: {error.strerror or error}. Give another "
+                "--port or --host, or end the process that has it."
+            ) from error
+        yield listening
+
+
+@contextlib.contextmanager
+def _ended_by_signals(stop: threading.Event) -> Iterator[None]:
+    """Let SIGINT and SIGTERM set `stop`, where this is the thread that signals reach."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(_number: int, _frame: FrameType | None) -> None:
+        stop.set()
+
+    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+if __name__ == "__main__":
+    logging.basicConfig(level=logging.INFO)
+    sys.exit(run(TwinSettings()))

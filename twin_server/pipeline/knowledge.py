@@ -1,0 +1,230 @@
+"""What pipeline and store know together, as those who serve it ask for it."""
+
+import threading
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Int
+
+from slowtime.evolution import extremes
+from slowtime_services.bus import Bus
+from twin_server.estimate import Foresight, foresee
+from twin_server.persist import History, Store
+from twin_server.registration import Registration
+from twin_server.serve import Chapter, Hub, Moment, Outlook
+from twin_server.states import States, shown
+
+from .core import News, Pipeline
+
+SHIFT = 40
+_LOOK_BACK = 1_000
+
+
+class _Learnt(NamedTuple):
+    """A forecast's costly part, and when it was made."""
+
+    registration: Registration
+    key: int
+    foresight: Foresight
+
+
+class TwinKnowledge:
+    """Pipeline and store behind one door.
+
+    Parameters
+    ----------
+    bus
+        Asked whether it is connected, where it can tell.
+    refresh
+        A forecast learns anew after so many readings.
+    """
+
+    def __init__(
+        self, pipeline: Pipeline, store: Store, *, bus: Bus | None = None, refresh: int = 25
+    ) -> None:
+        self._pipeline, self._store, self._bus = pipeline, store, bus
+        self._refresh = refresh
+        self._learnt: dict[str, _Learnt] = {}
+        self._learning = threading.Lock()
+
+    def ids(self) -> list[str]:
+        """All twins, in the order of their registration."""
+        return [twin.id for twin in self._store.twins()]
+
+    def registration(self, twin_id: str) -> Registration | None:
+        """How a twin is registered; None where there is none."""
+        twin = self._pipeline.twin(twin_id)
+        return None if twin is None else twin.registration
+
+    def nominal(self, twin_id: str) -> dict[str, float] | None:
+        """Give the nominal model in use; None while it is being learnt."""
+        twin = self._pipeline.twin(twin_id)
+        return None if twin is None else twin.checkpoint.nominal()
+
+    def alive(self, twin_id: str) -> bool:
+        """Whether the edge of a twin is there."""
+        return self._pipeline.is_alive(twin_id)
+
+    def latest(self, twin_id: str, at: Moment | None) -> Chapter:
+        """Find the last state, now or at a moment: one, or none."""
+        at = at or Moment()
+        return _chapter(
+            self._store.history(
+                twin_id,
+                t_ns=(None, at.t_ns),
+                slow_time=(None, at.slow_time),
+                limit=1,
+                newest=True,
+            )
+        )
+
+    def history(
+        self, twin_id: str, start: Moment | None, end: Moment | None, max_points: int
+    ) -> Chapter:
+        """States between two moments; of too many, those that show what all of them show."""
+        start, end = start or Moment(), end or Moment()
+        found = self._store.history(
+            twin_id,
+            t_ns=(start.t_ns, end.t_ns),
+            slow_time=(start.slow_time, end.slow_time),
+        )
+        kept = thin(found.states, max_points)
+        if len(kept) == len(found.states):
+            return _chapter(found)
+        return _chapter(
+            History(found.states[kept], [found.number[i] for i in kept.tolist()], found.boots)
+        )
+
+    def since(self, twin_id: str, key: int, limit: int) -> Chapter:
+        """States behind the one of `key`."""
+        after = key >> SHIFT, key & ((1 << SHIFT) - 1)
+        return _chapter(self._store.history(twin_id, after=after, limit=limit))
+
+    def outlook(self, twin_id: str, horizon: float | None, count: int) -> Outlook | None:
+        """Where a twin is heading; None where there is too little to go by."""
+        twin = self._pipeline.twin(twin_id)
+        found = self._store.history(twin_id, limit=_LOOK_BACK, newest=True)
+        if twin is None or not len(found.states):
+            return None
+        key = found.number[-1] << SHIFT | int(found.states["sequence"][-1])
+        with self._learning:
+            learnt = self._learnt.get(twin_id)
+            fresh = (
+                learnt is not None
+                and learnt.registration == twin.registration
+                and 0 <= key - learnt.key < self._refresh
+            )
+            foresight = foresee(
+                found.states,
+                twin.checkpoint.known,
+                horizon,
+                count,
+                learnt.foresight.outlooks if learnt is not None and fresh else None,
+            )
+            if foresight is None:
+                return None
+            if not fresh:
+                self._learnt[twin_id] = _Learnt(twin.registration, key, foresight)
+        return Outlook(
+            foresight.since,
+            foresight.slow_time,
+            foresight.bands,
+            foresight.until,
+            foresight.reasons,
+        )
+
+    def events(
+        self, twin_id: str | None, *, after: int, limit: int, newest: bool
+    ) -> list[tuple[int, str]]:
+        """Find number and body of events in order."""
+        rows = self._store.events(twin_id, after=after, limit=limit, newest=newest)
+        return [(row.number, row.body) for row in rows]
+
+    def digest(self, twin_id: str) -> tuple[str, int]:
+        """SHA-256 of a twin's whole history, and how many features it has."""
+        return self._store.digest(twin_id)
+
+    def register(self, twin_id: str, registration: Registration) -> bool:
+        """Register a twin; True where it is new."""
+        return self._pipeline.register(twin_id, registration)
+
+    def delete(self, twin_id: str) -> bool:
+        """Forget a twin; False where there is none."""
+        return self._pipeline.delete(twin_id)
+
+    def troubles(self) -> list[str]:
+        """Say what keeps this server from its work, in sentences; none where all is well."""
+        found = []
+        if not self._pipeline.working:
+            found.append("The working thread has ended. Restart the server.")
+        if self._pipeline.failing:
+            found.append(f"The last batch failed: {self._pipeline.failing}")
+        if not getattr(self._bus, "connected", True):
+            found.append("The router is not connected. Start it, or wait: edges keep all.")
+        try:
+            self._store.check()
+        except Exception as error:
+            found.append(str(error))
+        return found
+
+    def counts(self) -> Mapping[str, int]:
+        """Give what has been counted."""
+        errors = 0 if self._bus is None else self._bus.callback_errors
+        return {**self._pipeline.counts, **self._pipeline.tallies(), "callback_errors": errors}
+
+    def refused(self) -> Mapping[str, int]:
+        """How often each reason for refusal was given."""
+        return self._pipeline.refusals.counts
+
+    def gauges(self) -> Mapping[str, Any]:
+        """How things are now."""
+        return self._pipeline.gauges()
+
+
+class Herald:
+    """Tells the live stream what is new."""
+
+    def __init__(self, hub: Hub) -> None:
+        self._hub = hub
+
+    def tell(self, news: News) -> None:
+        """Hand on what is new of one twin."""
+        self._hub.tell(news.twin_id, news.states, news.runs, news.events)
+
+    def reset(self, twin_id: str) -> None:
+        """Hand on that a twin's history has been made anew, or has gone."""
+        self._hub.reset(twin_id)
+
+
+def thin(states: States, max_points: int) -> Int[np.ndarray, " kept"]:
+    """Pick at most `max_points` states, among them the extremes of all that varies."""
+    if len(states) <= max_points:
+        return np.arange(len(states))
+    names = shown(states) or ["frequency_hz"]
+    names = names[: max(1, max_points // 6)]
+    kept = [
+        extremes(
+            np.ascontiguousarray(states[name][:, 0]),
+            max_points // len(names),
+            lo=np.ascontiguousarray(states[name][:, 2]),
+            hi=np.ascontiguousarray(states[name][:, 3]),
+        )
+        for name in names
+    ]
+    return np.unique(np.concatenate(kept))
+
+
+def _chapter(found: History) -> Chapter:
+    boots = [found.boots[number] for number in found.number]
+    return Chapter(
+        found.states,
+        [
+            number << SHIFT | sequence
+            for number, sequence in zip(
+                found.number, found.states["sequence"].tolist(), strict=True
+            )
+        ],
+        [boot for boot, _ in boots],
+        [unit for _, unit in boots],
+    )

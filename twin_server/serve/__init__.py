@@ -1,0 +1,8 @@
+"""Last stage of the twin: what is known goes out by HTTP, as JSON, as events, as a page."""
+
+from .api import create_app
+from .knowledge import Chapter, Knowledge, Outlook
+from .live import Hub
+from .moments import Moment
+
+__all__ = ["Chapter", "Hub", "Knowledge", "Moment", "Outlook", "create_app"]

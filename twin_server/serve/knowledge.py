@@ -1,0 +1,106 @@
+"""What the door asks of the house behind it."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from twin_server.registration import Registration
+from twin_server.states import States
+
+from .moments import Moment
+
+
+class Chapter(NamedTuple):
+    """Part of a twin's history."""
+
+    states: States
+    keys: Sequence[int]
+    """Of each state, its place in the order of all: ascending, the same for ever."""
+    boots: Sequence[str]
+    units: Sequence[str]
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Outlook:
+    """What is expected of a twin; value, sd, lo and hi at each slow time."""
+
+    since: float
+    slow_time: Float[np.ndarray, " later"]
+    bands: Mapping[str, Float[np.ndarray, "later 4"]]
+    until: float
+    reasons: Sequence[str]
+
+
+class Knowledge(Protocol):
+    """All that REST, the live stream and the metrics are made of."""
+
+    def ids(self) -> list[str]:
+        """All twins, in the order of their registration."""
+        ...
+
+    def registration(self, twin_id: str) -> Registration | None:
+        """How a twin is registered; None where there is none."""
+        ...
+
+    def nominal(self, twin_id: str) -> dict[str, float] | None:
+        """Give the nominal model in use; None while it is being learnt."""
+        ...
+
+    def alive(self, twin_id: str) -> bool:
+        """Whether the edge of a twin is there."""
+        ...
+
+    def latest(self, twin_id: str, at: Moment | None) -> Chapter:
+        """Find the last state, now or at a moment: one, or none."""
+        ...
+
+    def history(
+        self, twin_id: str, start: Moment | None, end: Moment | None, max_points: int
+    ) -> Chapter:
+        """States between two moments; of too many, those that show what all of them show."""
+        ...
+
+    def since(self, twin_id: str, key: int, limit: int) -> Chapter:
+        """States behind the one of `key`."""
+        ...
+
+    def outlook(self, twin_id: str, horizon: float | None, count: int) -> Outlook | None:
+        """Where a twin is heading; None where there is too little to go by."""
+        ...
+
+    def events(
+        self, twin_id: str | None, *, after: int, limit: int, newest: bool
+    ) -> list[tuple[int, str]]:
+        """Find number and body of events in order."""
+        ...
+
+    def digest(self, twin_id: str) -> tuple[str, int]:
+        """SHA-256 of a twin's whole history, and how many features it has."""
+        ...
+
+    def register(self, twin_id: str, registration: Registration) -> bool:
+        """Register a twin; True where it is new."""
+        ...
+
+    def delete(self, twin_id: str) -> bool:
+        """Forget a twin; False where there is none."""
+        ...
+
+    def troubles(self) -> list[str]:
+        """Say what keeps this server from its work, in sentences; none where all is well."""
+        ...
+
+    def counts(self) -> Mapping[str, int]:
+        """Give what has been counted."""
+        ...
+
+    def refused(self) -> Mapping[str, int]:
+        """How often each reason for refusal was given."""
+        ...
+
+    def gauges(self) -> Mapping[str, Any]:
+        """How things are now."""
+        ...

@@ -1,0 +1,269 @@
+"""The live stream: server-sent events, the same for all who watch a twin, none lost unseen.
+
+Each event carries an id, ``KEY-NUMBER``: the place of the last state and the number of the last
+event that a client has seen. A client that comes back with it is first told what it missed, out
+of the history; one that falls too far behind is cut off, and comes back.
+"""
+
+import asyncio
+import collections
+import logging
+import re
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from pydantic_core import to_json
+from starlette.responses import Response
+from starlette.types import Receive, Scope, Send
+
+from twin_server.rendering import event_object, state_objects
+from twin_server.states import States
+
+from .knowledge import Knowledge
+
+logger = logging.getLogger(__name__)
+
+PING_S = 10.0
+STUCK_S = 15.0
+SHIFT = 40
+"""A key is number << SHIFT | sequence, as in the history."""
+
+
+class Item(NamedTuple):
+    """One thing to tell; `key` or `number` say how far a client is after it, 0 as before."""
+
+    key: int
+    number: int
+    text: str
+
+    @classmethod
+    def of_state(cls, key: int, text: str) -> "Item":
+        """Tell of a state."""
+        return cls(key, 0, f"event: state\ndata: {text}\n\n")
+
+    @classmethod
+    def of_event(cls, number: int, body: str) -> "Item":
+        """Tell of an event."""
+        text = to_json(event_object(number, body)).decode()
+        return cls(0, number, f"event: event\ndata: {text}\n\n")
+
+
+RESET = Item(0, 0, "event: reset\ndata: {}\n\n")
+
+
+class Client:
+    """One who watches a twin; lives in the event loop."""
+
+    def __init__(self, twin_id: str, backlog: int) -> None:
+        self.twin_id = twin_id
+        self._backlog = backlog
+        self._items: collections.deque[Item] = collections.deque()
+        self.changed = asyncio.Event()
+        self.ended = False
+
+    def offer(self, items: Sequence[Item]) -> bool:
+        """Leave something to be sent; False where the client is too far behind."""
+        if self.ended:
+            return True
+        if len(self._items) + len(items) > self._backlog:
+            self.end()
+            return False
+        self._items.extend(items)
+        self.changed.set()
+        return True
+
+    def end(self) -> None:
+        """Send nothing more."""
+        self.ended = True
+        self._items.clear()
+        self.changed.set()
+
+    def take(self) -> list[Item]:
+        """Everything that waits."""
+        self.changed.clear()
+        items = list(self._items)
+        self._items.clear()
+        return items
+
+
+class Hub:
+    """Hands what is new to everybody who watches; `tell` and `reset` come from any thread.
+
+    Parameters
+    ----------
+    max_clients, backlog
+        How many may watch, and how many items each may be behind.
+    """
+
+    def __init__(self, max_clients: int, backlog: int) -> None:
+        self._max_clients, self.backlog = max_clients, backlog
+        self._clients: dict[str, set[Client]] = {}
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._closed = False
+        self.count = 0
+        self.dropped = 0
+
+    def join(self, twin_id: str) -> Client | None:
+        """Watch a twin from now on; None where there is no room."""
+        self._loop = asyncio.get_running_loop()
+        if self.count >= self._max_clients or self._closed:
+            return None
+        client = Client(twin_id, self.backlog)
+        self._clients.setdefault(twin_id, set()).add(client)
+        self.count += 1
+        return client
+
+    def leave(self, client: Client) -> None:
+        """Watch no longer."""
+        of_twin = self._clients.get(client.twin_id, set())
+        if client in of_twin:
+            of_twin.remove(client)
+            self.count -= 1
+        if not of_twin:
+            self._clients.pop(client.twin_id, None)
+
+    def tell(
+        self,
+        twin_id: str,
+        states: States,
+        runs: Sequence[tuple[int, str, str]],
+        events: Sequence[tuple[int, str]],
+    ) -> None:
+        """Tell what is new of a twin; costs nothing where nobody watches it."""
+        if twin_id not in self._clients:
+            return
+        # More at once than a client may be behind: it fetches the history again instead.
+        items = [RESET] if len(states) > self.backlog // 2 else []
+        part = slice(-1, None) if items else slice(None)
+        numbers, boots, units = zip(*runs[part], strict=True) if runs else ((), (), ())
+        texts = state_objects(states[part], twin_id, boots, units)
+        sequences = states["sequence"][part].tolist()
+        items += [
+            Item.of_state(number << SHIFT | sequence, text)
+            for number, sequence, text in zip(numbers, sequences, texts, strict=True)
+        ]
+        items += [Item.of_event(number, body) for number, body in events]
+        self._hand_over(twin_id, items)
+
+    def reset(self, twin_id: str) -> None:
+        """Tell that a twin's history is another one now."""
+        if twin_id in self._clients:
+            self._hand_over(twin_id, [RESET])
+
+    def close(self) -> None:
+        """End all streams; from within the event loop."""
+        self._closed = True
+        for clients in self._clients.values():
+            for client in clients:
+                client.end()
+
+    def _hand_over(self, twin_id: str, items: Sequence[Item]) -> None:
+        if self._loop is not None and not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._deliver, twin_id, items)
+
+    def _deliver(self, twin_id: str, items: Sequence[Item]) -> None:
+        for client in self._clients.get(twin_id, ()):
+            if not client.offer(items):
+                self.dropped += 1
+                logger.warning("A live client of %s is too slow and is cut off.", twin_id)
+
+
+class LiveResponse(Response):
+    """The stream to one client.
+
+    Parameters
+    ----------
+    last_id
+        What the client has seen before, as it says itself; None for a new one.
+    """
+
+    media_type = "text/event-stream"
+
+    def __init__(
+        self, hub: Hub, client: Client, knowledge: Knowledge, last_id: str | None
+    ) -> None:
+        self._hub, self._client, self._knowledge = hub, client, knowledge
+        self._last_id = last_id
+        self._key, self._number = 0, 0
+        self.background = None
+        self.status_code = 200
+        self.init_headers({"Cache-Control": "no-store", "X-Accel-Buffering": "no"})
+        # The length is not known, and a stream is not a body.
+        self.raw_headers = [h for h in self.raw_headers if h[0] != b"content-length"]
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send until either side ends it."""
+        gone = asyncio.ensure_future(_disconnected(receive))
+        gone.add_done_callback(lambda _: self._client.end())
+        try:
+            await send(
+                {
+                    "type": "http.response.start",
+                    "status": self.status_code,
+                    "headers": self.raw_headers,
+                }
+            )
+            await self._stream(send)
+        except TimeoutError:
+            self._hub.dropped += 1
+            logger.warning("A live client of %s reads nothing.", self._client.twin_id)
+        finally:
+            gone.cancel()
+            self._hub.leave(self._client)
+
+    async def _stream(self, send: Send) -> None:
+        missed = await asyncio.to_thread(self._catch_up)
+        await _send(send, "retry: 1000\n\n" + self._numbered(missed))
+        while not self._client.ended:
+            try:
+                await asyncio.wait_for(self._client.changed.wait(), PING_S)
+            except TimeoutError:
+                await _send(send, ": still here\n\n")
+                continue
+            items = [item for item in self._client.take() if self._is_new(item)]
+            if items:
+                await _send(send, self._numbered(items))
+        await send({"type": "http.response.body", "body": b"", "more_body": False})
+
+    def _catch_up(self) -> list[Item]:
+        """Collect what a client missed; for a new one, the latest state."""
+        seen = re.fullmatch(r"(\d{1,19})-(\d{1,18})", self._last_id or "")
+        knowledge, twin_id = self._knowledge, self._client.twin_id
+        if seen is None:
+            chapter = knowledge.latest(twin_id, None)
+            newest = knowledge.events(twin_id, after=0, limit=1, newest=True)
+            self._number = newest[-1][0] if newest else 0
+            before: list[Item] = []
+        else:
+            self._key, self._number = int(seen.group(1)), int(seen.group(2))
+            chapter = knowledge.since(twin_id, self._key, self._hub.backlog)
+            before = [] if len(chapter.keys) < self._hub.backlog else [RESET]
+        texts = state_objects(chapter.states, twin_id, chapter.boots, chapter.units)
+        states = [Item.of_state(k, t) for k, t in zip(chapter.keys, texts, strict=True)]
+        events = knowledge.events(
+            twin_id, after=self._number, limit=self._hub.backlog, newest=False
+        )
+        return [*before, *states, *(Item.of_event(*event) for event in events)]
+
+    def _is_new(self, item: Item) -> bool:
+        return item.key > self._key or item.number > self._number or item is RESET
+
+    def _numbered(self, items: Sequence[Item]) -> str:
+        parts = []
+        for item in items:
+            self._key, self._number = (
+                max(self._key, item.key),
+                max(self._number, item.number),
+            )
+            parts.append(f"id: {self._key}-{self._number}\n{item.text}")
+        return "".join(parts)
+
+
+async def _send(send: Send, text: str) -> None:
+    message = {"type": "http.response.body", "body": text.encode(), "more_body": True}
+    await asyncio.wait_for(send(message), STUCK_S)
+
+
+async def _disconnected(receive: Receive) -> None:
+    while (await receive())["type"] != "http.disconnect":
+        pass

@@ -1,0 +1,150 @@
+"""The shape of every answer, for the OpenAPI document; the answers themselves are rendered."""
+
+from typing import Any, Literal
+
+from pydantic import BaseModel, Field
+
+from slowtime_schemas.quantities import Estimate
+from twin_server.registration import Registration
+
+_FREQUENCY = {"value": 2.987, "sd": 0.002, "lo": 2.983, "hi": 2.991}
+_STIFFNESS = {"value": -0.0086, "sd": 0.0013, "lo": -0.0112, "hi": -0.006}
+STATE_EXAMPLE: dict[str, Any] = {
+    "id": "demo.tower",
+    "t_ns": 1795233600123456789,
+    "slow_time": 812.5,
+    "slow_time_unit": "T0",
+    "frequency_hz": _FREQUENCY,
+    "damping_ratio": {"value": 0.0213, "sd": 0.0009, "lo": 0.0195, "hi": 0.0231},
+    "stiffness_change": _STIFFNESS,
+    "mass_change": {"value": 0.0, "sd": 0.0, "lo": 0.0, "hi": 0.0},
+    "correlation": 0.0,
+    "assumed": ["mass_change"],
+    "frequency_used": "measured",
+    "valid": True,
+    "reasons": [],
+    "truth": {"stiffness_change": -0.0091},
+    "boot": "20261121T035959Z-7f3a",
+    "sequence": 812,
+    "missing_before": 0,
+}
+
+
+class State(BaseModel):
+    """What a twin knew after one features message."""
+
+    model_config = {"json_schema_extra": {"examples": [STATE_EXAMPLE]}}
+
+    id: str
+    t_ns: int = Field(description="Sensor time [ns since 1970-01-01 UTC].")
+    slow_time: float
+    slow_time_unit: str
+    frequency_hz: Estimate | None = Field(description="Natural frequency; 95 % interval.")
+    damping_ratio: Estimate | None
+    stiffness_change: Estimate | None = Field(description="-0.1 once a tenth is gone.")
+    mass_change: Estimate | None
+    correlation: float = Field(description="Between the errors of stiffness and mass change.")
+    assumed: list[str] = Field(description="Quantities that are assumed, not estimated.")
+    frequency_used: Literal["measured", "smoothed"]
+    valid: bool
+    reasons: list[str] = Field(description="Why not, in sentences.")
+    truth: dict[str, float] | None = Field(description="What a simulator knows.")
+    boot: str
+    sequence: int
+    missing_before: int = Field(description="Features lost between the last one and this.")
+
+
+class TwinModel(BaseModel):
+    """A twin: its latest state, or that at a moment, and what it is."""
+
+    model_config = {
+        "json_schema_extra": {
+            "examples": [
+                {
+                    **STATE_EXAMPLE,
+                    "alive": True,
+                    "nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02},
+                    "registration": {"changes": "stiffness"},
+                }
+            ]
+        }
+    }
+
+    id: str
+    t_ns: int | None
+    slow_time: float | None
+    frequency_hz: Estimate | None
+    damping_ratio: Estimate | None
+    stiffness_change: Estimate | None
+    mass_change: Estimate | None
+    valid: bool
+    reasons: list[str]
+    alive: bool = Field(description="Whether the edge agent is there.")
+    nominal: dict[str, float] | None = Field(description="None while it is being learnt.")
+    registration: Registration
+
+
+class TwinList(BaseModel):
+    """All twins."""
+
+    twins: list[TwinModel]
+
+
+class HistoryModel(BaseModel):
+    """States in order."""
+
+    points: list[State]
+
+
+class ForecastPoint(BaseModel):
+    """What is expected at one slow time; null for what is not estimated."""
+
+    slow_time: float
+    stiffness_change: Estimate | None
+    mass_change: Estimate | None
+
+
+class ForecastModel(BaseModel):
+    """Where a twin is heading."""
+
+    id: str
+    since: float | None = Field(description="Slow time of the last reading.")
+    until: float | None = Field(description="Beyond this the forecast repeats its trend.")
+    points: list[ForecastPoint]
+    valid: bool
+    reasons: list[str]
+
+
+class EventModel(BaseModel):
+    """Something a person may want to know of, once."""
+
+    number: int
+    id: str
+    boot: str
+    sequence: int
+    t_ns: int
+    slow_time: float | None
+    kind: str = Field(examples=["alarm"])
+    severity: Literal["info", "warning", "alarm"]
+    message: str
+    details: dict[str, Any]
+
+
+class EventList(BaseModel):
+    """Events in order; ask on with `after` set to the last one's number."""
+
+    events: list[EventModel]
+
+
+class HashModel(BaseModel):
+    """SHA-256 over every features message and state of a history, in order."""
+
+    id: str
+    sha256: str = Field(examples=["195264a38bfd2376ce89e4fb5925eb18c37de77b76d2bba43073b098"])
+    features: int
+
+
+class HealthModel(BaseModel):
+    """That the server lives."""
+
+    status: str = Field(examples=["ok"])
