@@ -1,4 +1,4 @@
-"""The command `slowtime`: finds the verb, runs it, and turns what went wrong into one sentence."""
+"""The command `slowtime`: finds the verb, runs it, says in a sentence what went wrong."""
 
 import importlib
 import logging
@@ -35,11 +35,13 @@ class Verbs(click.Group):
         return list(VERBS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The verb's own module, imported now."""
+        """Import the verb's own module, now."""
         if cmd_name not in VERBS:
             return None
         module, name = VERBS[cmd_name].split(":")
-        command: click.Command = getattr(importlib.import_module(f"slowtime_cli.{module}"), name)
+        command: click.Command = getattr(
+            importlib.import_module(f"slowtime_cli.{module}"), name
+        )
         return command
 
 
@@ -64,7 +66,9 @@ def app(verbose: int, quiet: bool) -> None:
     """
     level = logging.ERROR if quiet else (logging.INFO, logging.DEBUG)[min(verbose, 1)]
     logging.basicConfig(
-        level=level, stream=sys.stderr, format="%(asctime)s %(levelname)-7s %(name)s: %(message)s"
+        level=level,
+        stream=sys.stderr,
+        format="%(asctime)s %(levelname)-7s %(name)s: %(message)s",
     )
     logging.getLogger("httpx").setLevel(logging.WARNING)
 
@@ -113,10 +117,10 @@ def _say(sentence: str) -> None:
 
 
 def _readable(error: ValidationError) -> str:
-    parts = [
-        f"{'.'.join(str(step) for step in item['loc']) or 'input'}={item['input']!r}: {item['msg']}"
-        for item in error.errors(include_url=False)
-    ]
+    parts = []
+    for item in error.errors(include_url=False):
+        where = ".".join(str(step) for step in item["loc"]) or "input"
+        parts.append(f"{where}={item['input']!r}: {item['msg']}")
     return "; ".join(parts)
 
 

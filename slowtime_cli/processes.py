@@ -1,0 +1,282 @@
+"""Verbs that are processes of the house, `edge`, `twin`, `router`, and `status`."""
+
+import logging
+import threading
+from pathlib import Path
+from typing import Any
+
+import click
+
+from edge_agent.settings import EdgeSettings
+from slowtime_schemas.streams import alive_key
+from slowtime_services import router as router_process
+from slowtime_services.bus import Bus, BusUnreachableError, ZenohBus
+
+from .options import ROUTER, connect_option
+from .structures import STRUCTURES, structure
+
+CONFIG = click.Path(exists=True, dir_okay=False, path_type=Path)
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  slowtime edge --simulate tower
+  slowtime edge --site lab --asset beam --file record.csv --rate-hz 200 --window-s 60
+  slowtime edge --site lab --asset beam --recording raw.mcap --window-s 1 --hop-s 0.5
+  SLOWTIME_EDGE_SITE=lab slowtime edge --config edge.toml
+
+Every setting can be given in a TOML or JSON file or as SLOWTIME_EDGE_NAME (nested with two
+underscores); flags overrule the environment, which overrules the file.
+"""
+)
+@click.option("--config", type=CONFIG, help="TOML or JSON file of settings.")
+@click.option("--site", help="Where the asset stands.  [default: demo]")
+@click.option(
+    "--asset", help="Name of the asset.  [default: tower, or the simulated structure]"
+)
+@click.option(
+    "--simulate",
+    type=click.Choice(sorted(STRUCTURES)),
+    help="Listen to a simulated structure instead of a sensor.",
+)
+@click.option("--file", "file", type=CONFIG, help="Listen to a text, NumPy or MATLAB record.")
+@click.option("--recording", type=CONFIG, help="Listen to the raw blocks of an MCAP recording.")
+@click.option(
+    "--rate-hz", type=float, help="Samples per second of --file, where it does not say."
+)
+@click.option(
+    "--speed",
+    type=float,
+    default=1.0,
+    show_default=True,
+    help="Pace of --file or --recording; 0 as fast as possible.",
+)
+@click.option(
+    "--epochs-per-s",
+    type=click.FloatRange(min=0, min_open=True),
+    default=5.0,
+    show_default=True,
+    help="Pace of --simulate.",
+)
+@click.option("--channels", help="Channels to identify from: a,b.  [default: all]")
+@click.option("--band-hz", nargs=2, type=float, help="Where to look for the first mode.")
+@click.option("--window-s", type=float, help="Window of a continuous stream.  [default: 60]")
+@click.option("--hop-s", type=float, help="From one window to the next.  [default: the window]")
+@click.option("--raw/--no-raw", default=None, help="Publish raw blocks too, for recording.")
+@click.option(
+    "--spool",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder where features wait for the twin.  [default: var/spool]",
+)
+@connect_option
+def edge(
+    config: Path | None,
+    site: str | None,
+    asset: str | None,
+    simulate: str | None,
+    file: Path | None,
+    recording: Path | None,
+    rate_hz: float | None,
+    speed: float,
+    epochs_per_s: float,
+    channels: str | None,
+    band_hz: tuple[float, float] | None,
+    window_s: float | None,
+    hop_s: float | None,
+    raw: bool | None,
+    spool: Path | None,
+    connect: tuple[str, ...],
+) -> int:
+    """Run an edge agent: samples in, features with uncertainty out."""
+    from edge_agent.__main__ import run
+
+    given = [
+        name
+        for name, value in (
+            ("--simulate", simulate),
+            ("--file", file),
+            ("--recording", recording),
+        )
+        if value
+    ]
+    if len(given) > 1:
+        raise click.UsageError(f"{' and '.join(given)} are two inputs. Give one of them.")
+    if rate_hz is not None and file is None:
+        raise click.UsageError("--rate-hz goes with --file; other inputs say their rate.")
+    source: dict[str, Any] = {}
+    if simulate:
+        source = {
+            "kind": "simulated",
+            "structure": structure(simulate),
+            "every_s": 1 / epochs_per_s,
+        }
+    elif file:
+        source = {"kind": "file", "path": file, "rate_hz": rate_hz, "speed": speed}
+    elif recording:
+        source = {"kind": "recording", "path": recording, "speed": speed}
+    elif config is None:
+        raise click.UsageError(
+            "An edge agent needs an input. Give --simulate, --file, --recording, or a --config "
+            "that names one."
+        )
+    extract = _given(
+        channels=tuple(channels.split(",")) if channels else None,
+        band_hz=band_hz or None,
+        window_s=window_s,
+        hop_s=hop_s,
+    )
+    settings = EdgeSettings(
+        **_given(
+            config=config,
+            site=site,
+            asset=asset or simulate,
+            connect=_endpoints(connect, config),
+            input=source or None,
+            extract=extract or None,
+            publish={"raw": "on" if raw else "off"} if raw is not None else None,
+            spool={"folder": spool} if spool else None,
+        )
+    )
+    return run(settings)
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  slowtime twin
+  slowtime twin --port 8080 --database /var/lib/slowtime/twin.sqlite
+  curl -X PUT http://127.0.0.1:8000/api/v1/twins/lab.beam -H 'Content-Type: application/json' \\
+    -d '{"changes": "stiffness", "nominal": {"frequency_hz": 26.3, "damping_ratio": 0.01}}'
+
+Every setting can be given in a TOML or JSON file or as SLOWTIME_TWIN_NAME (nested with two
+underscores); flags overrule the environment, which overrules the file.
+"""
+)
+@click.option("--config", type=CONFIG, help="TOML or JSON file of settings.")
+@click.option("--host", help="Address to listen on.  [default: 127.0.0.1]")
+@click.option(
+    "--port", type=click.IntRange(0, 65535), help="Port of REST and page.  [default: 8000]"
+)
+@click.option(
+    "--database",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="SQLite file of the history.  [default: twin.sqlite]",
+)
+@click.option(
+    "--register",
+    "registrations",
+    type=CONFIG,
+    help="TOML or JSON file: twin id → registration, for twins not yet registered.",
+)
+@connect_option
+def twin(
+    config: Path | None,
+    host: str | None,
+    port: int | None,
+    database: Path | None,
+    registrations: Path | None,
+    connect: tuple[str, ...],
+) -> int:
+    """Run the twin server: features in; history, forecast, alarms, REST and page out."""
+    from twin_server.__main__ import run
+    from twin_server.settings import TwinSettings
+
+    return run(
+        TwinSettings(
+            **_given(
+                config=config,
+                host=host,
+                port=port,
+                database=database,
+                register=registrations,
+                connect=_endpoints(connect, config),
+            )
+        )
+    )
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  slowtime router
+  slowtime router --listen tcp/0.0.0.0:7447
+  slowtime router --listen tcp/127.0.0.1:7448 --connect tcp/10.0.0.2:7447
+"""
+)
+@click.option(
+    "--listen",
+    multiple=True,
+    default=(ROUTER,),
+    show_default=True,
+    help="Endpoint to listen on; may be given several times.",
+)
+@click.option("--connect", multiple=True, help="Another router to join.")
+def router(listen: tuple[str, ...], connect: tuple[str, ...]) -> None:
+    """Run a Zenoh router: what edges, twin and recorder connect to."""
+    router_process.run(
+        listen, connect, ready=lambda where: click.echo(f"Router on {', '.join(where)}")
+    )
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  slowtime status
+  slowtime status --asset demo.tower && echo "the tower is listened to"
+"""
+)
+@connect_option
+@click.option("--asset", help="SITE.ASSET that must be alive.")
+@click.option(
+    "--timeout-s",
+    default=4.0,
+    show_default=True,
+    type=click.FloatRange(min=0.1),
+    help="How long to wait.",
+)
+def status(connect: tuple[str, ...], asset: str | None, timeout_s: float) -> int:
+    """Tell whether the router answers, and which edge agents are alive.
+
+    Leaves with 0 if all that was asked for is there, else with 1; made for health checks.
+    """
+    logging.getLogger("slowtime_services").setLevel(logging.CRITICAL)
+    site, _, name = (asset or "*.*").partition(".")
+    try:
+        with ZenohBus("client", connect, open_timeout_s=timeout_s) as bus:
+            alive = _alive(bus, alive_key(site, name or "*"), timeout_s if asset else 0.5)
+    except BusUnreachableError as error:
+        click.echo(str(error), err=True)
+        return 1
+    for key in sorted(alive):
+        click.echo("{}.{} is alive".format(*key.split("/")[2:4]))
+    if not alive:
+        click.echo(
+            f"{asset or 'No edge agent'} is {'not ' if asset else ''}alive; the router answers."
+        )
+    return 0 if alive or asset is None else 1
+
+
+def _alive(bus: Bus, key: str, timeout_s: float) -> set[str]:
+    """Keys of who is alive: the first to be heard of, or all within `timeout_s`."""
+    seen: set[str] = set()
+    heard = threading.Event()
+
+    def change(who: str, alive: bool) -> None:
+        (seen.add if alive else seen.discard)(who)
+        if who == key:
+            heard.set()
+
+    watching = bus.watch(key, change)
+    heard.wait(timeout_s)
+    watching.close()
+    return seen
+
+
+def _given(**settings: Any) -> dict[str, Any]:
+    return {name: value for name, value in settings.items() if value is not None}
+
+
+def _endpoints(connect: tuple[str, ...], config: Path | None) -> tuple[str, ...] | None:
+    """Leave the endpoint to the file, where there is one and the flag was not used."""
+    return None if config is not None and connect == (ROUTER,) else connect

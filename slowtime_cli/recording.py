@@ -1,0 +1,279 @@
+"""Verbs around recordings: `record`, `replay`, `recover`."""
+
+import json
+import math
+import urllib.request
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+import click
+
+from edge_agent.pipeline import rerun
+from edge_agent.settings import Processing
+from slowtime_schemas.codec import decode
+from slowtime_schemas.messages import About
+from slowtime_schemas.streams import (
+    ABOUT,
+    BY_NAME,
+    FEATURES,
+    RAW,
+    REGISTRATION,
+    STREAMS,
+    Stream,
+    parse_key,
+)
+from slowtime_services.bus import Sample, ZenohBus
+from slowtime_services.record import Recorder, Recording, free_path
+from slowtime_services.record import recover as recover_file
+from slowtime_services.replay import Progress, contents, raw_blocks, read_recording
+from slowtime_services.replay import replay as replay_file
+
+from .offline import offline_twin
+from .options import connect_option
+from .terminal import bar, counting, until_signalled
+
+RECORDING = click.Path(exists=True, dir_okay=False, path_type=Path)
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  slowtime record --out house.mcap
+  slowtime record --out tower.mcap --asset demo.tower --duration 60
+  slowtime record --out features.mcap --streams features,health
+"""
+)
+@click.option(
+    "--out",
+    required=True,
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="MCAP file to write; it must not exist yet.",
+)
+@connect_option
+@click.option(
+    "--asset", default="*.*", show_default=True, help="SITE.ASSET to record; * for any."
+)
+@click.option("--streams", help="Streams to record: a,b.  [default: all that are meant for it]")
+@click.option(
+    "--duration",
+    "duration_s",
+    default=0.0,
+    show_default=True,
+    type=click.FloatRange(min=0),
+    help="Seconds to record; 0 until Ctrl-C.",
+)
+@click.option("--number", is_flag=True, help="Where OUT exists, put a number after its name.")
+def record(
+    out: Path,
+    connect: tuple[str, ...],
+    asset: str,
+    streams: str | None,
+    duration_s: float,
+    number: bool,
+) -> None:
+    """Record what travels on the bus into an MCAP file.
+
+    What has arrived is on the disk within a second; a file left by a killed recorder is made
+    sound again by `slowtime recover`. Foxglove and Lichtblick open the result.
+    """
+    wanted = (
+        [_stream(name) for name in streams.split(",")] if streams else _meant_for_recording()
+    )
+    site, _, name = asset.partition(".")
+    path = free_path(out) if number and out.exists() else out
+    with until_signalled(duration_s) as stop, ZenohBus("client", connect) as bus:
+        with Recorder(bus, path, streams=wanted, site=site, asset=name or "*") as recorder:
+            with counting("Recording") as tell:
+                recorder.run(stop, lambda now: tell(_describe(now)))
+        click.echo(_describe(recorder.recording))
+
+
+def _meant_for_recording() -> list[Stream]:
+    return [stream for stream in STREAMS if stream.recorded]
+
+
+def _stream(name: str) -> Stream:
+    if name not in BY_NAME:
+        raise click.UsageError(f"No stream is called {name!r}. Allowed: {', '.join(BY_NAME)}.")
+    return BY_NAME[name]
+
+
+def _describe(now: Recording) -> str:
+    counts = ", ".join(f"{count} {name}" for name, count in sorted(now.counts.items()))
+    lost = f", {now.dropped} dropped" if now.dropped else ""
+    files = ", ".join(str(path) for path in now.paths)
+    return f"{counts or 'nothing yet'}{lost}, {now.bytes_written / 1e6:.1f} MB in {files}"
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  slowtime replay house.mcap                             onto the bus, as it was
+  slowtime replay house.mcap --fast --server http://127.0.0.1:8000
+  slowtime replay house.mcap --into fresh.sqlite         straight into a twin, no network
+  slowtime replay house.mcap --edge                      raw blocks through the edge again
+"""
+)
+@click.argument("recording", type=RECORDING)
+@connect_option
+@click.option(
+    "--speed",
+    default=1.0,
+    show_default=True,
+    type=click.FloatRange(min=0, min_open=True),
+    help="Pace; 1 as it was.",
+)
+@click.option("--fast", is_flag=True, help="As fast as the twin acknowledges.")
+@click.option("--server", metavar="URL", help="Twin server to ask for the hash of its history.")
+@click.option(
+    "--into",
+    "database",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="New SQLite file: run through a twin here, without any bus.",
+)
+@click.option(
+    "--edge",
+    is_flag=True,
+    help="Run raw blocks through the edge agent and compare its features to those recorded.",
+)
+def replay(
+    recording: Path,
+    connect: tuple[str, ...],
+    speed: float,
+    fast: bool,
+    server: str | None,
+    database: Path | None,
+    edge: bool,
+) -> int:
+    """Play a recording again and print the hash of the history that comes of it.
+
+    The same recording gives the same history, bit for bit, at any speed.
+    """
+    if edge and database is not None:
+        raise click.UsageError("--edge and --into are two ways to replay. Give one of them.")
+    if edge:
+        return _through_the_edge(recording)
+    if database is not None:
+        return _into(recording, database)
+    return _onto_the_bus(recording, connect, math.inf if fast else speed, server)
+
+
+def _onto_the_bus(
+    recording: Path, connect: tuple[str, ...], speed: float, server: str | None
+) -> int:
+    with (
+        until_signalled() as stop,
+        ZenohBus("client", connect) as bus,
+        bar("Replaying", 1) as tell,
+    ):
+        played = replay_file(recording, bus, speed=speed, stop=stop, progress=_share(tell))
+    counts = ", ".join(f"{count} {name}" for name, count in sorted(played.counts.items()))
+    click.echo(
+        f"{counts} in {played.duration_s:.1f} s; {played.acknowledged} of {played.features} "
+        "features acknowledged"
+    )
+    if server is not None:
+        for asset in _assets(recording):
+            with urllib.request.urlopen(
+                f"{server.rstrip('/')}/api/v1/twins/{asset}/history/hash", timeout=30
+            ) as answer:
+                _print_hash(asset, json.loads(answer.read()))
+    return 0 if played.complete else 1
+
+
+def _share(tell: Callable[[float], None]) -> Callable[[Progress], None]:
+    return lambda now: tell(now.done / max(now.total, 1))
+
+
+def _into(recording: Path, database: Path) -> int:
+    if database.exists():
+        raise click.UsageError(
+            f"{database} exists. Give a new file, so that the history is fresh."
+        )
+    with (
+        offline_twin(database) as (pipeline, store),
+        bar("Replaying", _how_many(recording)) as tell,
+    ):
+        pipeline.ingest(_samples(recording, tell))
+        pipeline.give_up()
+        for asset in _assets(recording):
+            digest, count = store.digest(asset)
+            _print_hash(asset, {"sha256": digest, "features": count})
+    return 0
+
+
+def _how_many(recording: Path) -> int:
+    return contents(recording, streams=[REGISTRATION, FEATURES]).messages
+
+
+def _samples(recording: Path, tell: Callable[[float], None]) -> Iterator[Sample]:
+    messages = read_recording(recording, streams=[REGISTRATION, FEATURES])
+    for number, message in enumerate(messages):
+        if number % 1000 == 0:
+            tell(number)
+        yield Sample(message.key, message.payload, message.publish_ns, replayed=True)
+
+
+def _print_hash(asset: str, digest: Mapping[str, object]) -> None:
+    click.echo(f"{asset}  sha256:{digest['sha256']}  of {digest['features']} features")
+
+
+def _through_the_edge(recording: Path) -> int:
+    recorded = {message.payload for message in read_recording(recording, streams=[FEATURES])}
+    total = same = 0
+    for site, asset in _listened_to(recording):
+        processing = _recorded_settings(recording, site, asset)
+        for payload in rerun(raw_blocks(recording, site=site, asset=asset), processing):
+            total += 1
+            same += payload in recorded
+    click.echo(f"{same} of {total} features identical to those recorded, byte for byte")
+    return 0 if same == total else 1
+
+
+def _listened_to(recording: Path) -> list[tuple[str, str]]:
+    keys = contents(recording, streams=[RAW]).counts
+    found = sorted({parse_key(key)[1:] for key, count in keys.items() if count})
+    if not found:
+        raise click.UsageError(
+            f"{recording} holds no raw blocks. Run the edge with --raw while recording."
+        )
+    return found
+
+
+def _recorded_settings(recording: Path, site: str, asset: str) -> Processing:
+    key = ABOUT.key(site, asset)
+    for message in read_recording(recording, streams=[ABOUT]):
+        if message.key == key:
+            about = decode(ABOUT, message.payload)
+            assert isinstance(about, About)
+            return Processing.from_about(about)
+    raise click.UsageError(
+        f"{recording} does not hold the settings of the edge agent of {site}.{asset}. Record "
+        "the stream 'about' too."
+    )
+
+
+def _assets(recording: Path) -> Iterator[str]:
+    keys = contents(recording, streams=[FEATURES]).counts
+    return iter(sorted({".".join(key.split("/")[2:4]) for key, count in keys.items() if count}))
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  slowtime recover killed.mcap --out sound.mcap
+"""
+)
+@click.argument("damaged", type=RECORDING)
+@click.option(
+    "--out",
+    required=True,
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Sound file to write; it must not exist yet.",
+)
+def recover(damaged: Path, out: Path) -> None:
+    """Make a recording sound again that was cut short or not closed.
+
+    Everything that is whole in it is kept, indexed, and can be opened by any MCAP reader.
+    """
+    click.echo(str(recover_file(damaged, out)))

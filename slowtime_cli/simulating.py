@@ -1,0 +1,108 @@
+"""The verb `simulate`: samples of a structure that exists in software only."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from slowtime_schemas.raw import RawHeader, encode_raw
+from slowtime_schemas.streams import RAW
+from slowtime_services.record import RecordingWriter
+from slowtime_services.simulate import SimulatedStructure
+
+from .structures import STRUCTURES, structure
+from .terminal import bar
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  slowtime simulate --structure tower --epochs 100 --out tower.mcap
+  slowtime simulate --structure wing --epochs 20 --seed 7 --out wing.npz
+  slowtime edge --recording tower.mcap --speed 0
+"""
+)
+@click.option(
+    "--structure",
+    "name",
+    type=click.Choice(sorted(STRUCTURES)),
+    required=True,
+    help="Which of the demo's structures.",
+)
+@click.option(
+    "--epochs",
+    default=100,
+    show_default=True,
+    type=click.IntRange(min=1),
+    help="How many records.",
+)
+@click.option("--seed", type=click.IntRange(min=0), help="Decides every random number.")
+@click.option(
+    "--out",
+    required=True,
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="MCAP or NumPy (.npz) file to write.",
+)
+def simulate(name: str, epochs: int, seed: int | None, out: Path) -> None:
+    """Write the vibration of a structure that ages, epoch by epoch.
+
+    MCAP holds raw blocks with the simulator's truth beside them; .npz the samples
+    (epoch, time), their slow times and the truth.
+    """
+    settings = structure(name) | {"epochs": epochs} | ({} if seed is None else {"seed": seed})
+    simulated = SimulatedStructure(**settings)
+    if out.suffix == ".npz":
+        _as_arrays(simulated, epochs, out)
+    elif out.suffix == ".mcap":
+        _as_recording(simulated, epochs, name, out)
+    else:
+        raise click.UsageError(f"{out.name} is neither .mcap nor .npz. Give one of them.")
+    click.echo(f"{out}: {epochs} epochs of {simulated.seconds:g} s at {simulated.rate_hz:g} Hz")
+
+
+def _as_recording(simulated: SimulatedStructure, epochs: int, name: str, out: Path) -> None:
+    with RecordingWriter(out) as writer, bar("Simulating", epochs) as tell:
+        for sequence, block in enumerate(simulated.blocks()):
+            samples = np.ascontiguousarray(block.samples)
+            header = RawHeader(
+                site="demo",
+                asset=name,
+                boot="simulated",
+                sequence=sequence,
+                t_ns=block.start_ns,
+                time_base="simulated",
+                rate_hz=block.rate_hz,
+                first_index=block.first_index,
+                dtype=simulated.sensor.dtype,
+                samples=len(samples),
+                channels=block.channels,
+                units=block.units,
+                epoch=block.epoch,
+                slow_time=block.slow_time,
+                slow_time_unit=simulated.slow_time_unit,
+                covariates=dict(block.covariates),
+                truth=dict(block.truth) or None,
+            )
+            payload = encode_raw(header, samples.tobytes())
+            writer.write(RAW, "demo", name, payload, block.start_ns, block.start_ns)
+            tell((block.epoch or 0) + 1)
+
+
+def _as_arrays(simulated: SimulatedStructure, epochs: int, out: Path) -> None:
+    shape = (epochs, simulated.samples)
+    samples = np.full(shape, np.nan)
+    with bar("Simulating", epochs) as tell:
+        for number in range(epochs):
+                for block in simulated.epoch(number):
+                start = block.first_index - number * simulated.samples
+                samples[number, start : start + len(block.samples)] = block.samples[:, 0]
+            tell(number + 1)
+    truth = [simulated.truth(number) for number in range(epochs)]
+    arrays: dict[str, Any] = {
+        f"true_{key}": np.array([known[key] for known in truth]) for key in truth[0]
+    }
+    arrays["acceleration"] = samples
+    arrays["rate_hz"] = np.array(simulated.rate_hz)
+    arrays["slow_time"] = np.arange(epochs) * simulated.slow_time_step
+    np.savez(out, **arrays)
