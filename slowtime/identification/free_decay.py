@@ -126,7 +126,7 @@ def own_mode(fit: Decays, duration: float, candidate: Candidate) -> int | None:
 
 def _started(
     poles: Complex[np.ndarray, " mode"], part: Isolated, candidate: Candidate
-) -> Complex[np.ndarray, " mode"]:
+) -> Complex[np.ndarray, " started"]:
     """Poles in the band, decaying at least a little; the candidate's own if there are none."""
     hz = poles.imag / (2 * np.pi)
     poles = poles[(hz > part.low_hz) & (hz < part.high_hz)]

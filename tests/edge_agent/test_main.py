@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 import threading
-from pathlib import Path
 
 import pytest
 
@@ -16,9 +15,6 @@ from slowtime_schemas.streams import ABOUT, FEATURES
 from slowtime_services.bus import MemoryBus
 from slowtime_services.files import RecordError
 
-DATA = Path(
-    os.environ.get("SLOWTIME_DATA", Path(__file__).resolve().parents[2] / "../shared/data")
-)
 TABLE_HZ = (26.27, 28.23, 30.82, 33.87, 37.55, 41.96)
 
 
@@ -106,16 +102,16 @@ def test_wrong_settings_are_said_in_words_and_end_with_status_2(tmp_path):
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.data
-@pytest.mark.skipif(not DATA.is_dir(), reason=f"no measurements at {DATA}; set SLOWTIME_DATA")
 def test_the_moving_roller_is_followed_through_its_dwells_and_never_at_its_second_mode(
-    tmp_path,
+    tmp_path, data
 ):
     messages = features_of(
         tmp_path,
         input={
             "kind": "file",
-            "path": DATA / "moving_roller/slow10_test0.txt",
+            "path": data / "moving_roller/slow10_test0.txt",
             "channels": ("Accel",),
         },
         extract={"window_s": 1.0, "hop_s": 0.5},

@@ -1,8 +1,6 @@
 """Whatever a logger writes, the same samples come out; errors say how to mend the file."""
 
-import os
 import time
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -13,12 +11,6 @@ from hypothesis import strategies as st
 
 from slowtime_services.files import RecordError, read_record
 
-DATA = Path(
-    os.environ.get("SLOWTIME_DATA", Path(__file__).resolve().parents[2] / "../shared/data")
-)
-needs_data = pytest.mark.skipif(
-    not DATA.is_dir(), reason=f"no measurements at {DATA}; set SLOWTIME_DATA"
-)
 SAMPLES = np.round(np.random.default_rng(5).standard_normal((200, 2)), 6)
 
 
@@ -285,10 +277,9 @@ def test_what_would_not_fit_in_memory_is_refused_before_it_is_unpacked(tmp_path)
 
 
 @pytest.mark.data
-@needs_data
-def test_the_moving_roller_is_read_without_being_told_anything_in_under_a_second():
+def test_the_moving_roller_is_read_without_being_told_anything_in_under_a_second(data):
     began = time.perf_counter()
-    record = read_record(DATA / "moving_roller/slow10_test0.txt")
+    record = read_record(data / "moving_roller/slow10_test0.txt")
     assert time.perf_counter() - began < 1.0
     assert (record.samples.shape, record.rate_hz) == ((70_000, 3), 5000.0)
     assert record.channels == ("Low G Accel", "Accel", "PinLoc")
@@ -297,11 +288,10 @@ def test_the_moving_roller_is_read_without_being_told_anything_in_under_a_second
 
 
 @pytest.mark.data
-@needs_data
-def test_other_peoples_measurements_are_read():
-    silverbox = read_record(DATA / "silverbox/SNLS80mV.csv", rate_hz=610.35)
+def test_other_peoples_measurements_are_read(data):
+    silverbox = read_record(data / "silverbox/SNLS80mV.csv", rate_hz=610.35)
     assert (silverbox.samples.shape, silverbox.channels) == ((131_072, 2), ("V1", "V2"))
-    emps = read_record(DATA / "emps/DATA_EMPS.mat")
+    emps = read_record(data / "emps/DATA_EMPS.mat")
     assert (emps.rate_hz, emps.samples.shape) == (1000.0, (24_841, 3))
-    frame = read_record(DATA / "steel_frame/measurement_1.npy", rate_hz=256.0)
+    frame = read_record(data / "steel_frame/measurement_1.npy", rate_hz=256.0)
     assert frame.samples.shape == (61_440, 6)
