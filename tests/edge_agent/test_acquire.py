@@ -97,6 +97,12 @@ def test_scattered_bad_blocks_are_never_taken_up():
     assert words[2::2] == ["wrong_rate"] * 39
 
 
+def test_bad_blocks_that_contradict_each_other_are_never_taken_up():
+    babble = [block_at(100 * n, rate_hz=50.0 + n) for n in range(1, 40)]
+    words = judge([block_at(0), *babble, block_at(4000)])
+    assert words == [None, *["wrong_rate"] * 39, None]
+
+
 def test_the_state_does_not_keep_samples_alive():
     stage = Admission(AdmissionSettings())
     state, _ = stage.step(stage.start(), block_at(0, count=100_000), NOW_NS)
