@@ -121,7 +121,7 @@ def _of_recording(source: Path, asset: str | None) -> tuple[str, Iterator[Sample
     assets = sorted(".".join(key.split("/")[2:4]) for key, count in counts.items() if count)
     if asset is None and len(assets) != 1:
         raise click.UsageError(
-            f"{source} holds features of {', '.join(assets) or 'nobody'}. Name one with --asset."
+            f"{source} holds {', '.join(assets) or 'no features'}. Name one with --asset."
         )
     if asset is not None and asset not in assets:
         raise click.UsageError(

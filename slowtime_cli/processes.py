@@ -3,7 +3,7 @@
 import logging
 import threading
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 
@@ -15,6 +15,7 @@ from slowtime_services.bus import Bus, BusUnreachableError, ZenohBus
 from .options import ROUTER, connect_option
 from .structures import STRUCTURES, structure
 
+METHODS = {"ambient": "ambient", "hammer": "free_decay"}
 CONFIG = click.Path(exists=True, dir_okay=False, path_type=Path)
 
 
@@ -60,6 +61,11 @@ underscores); flags overrule the environment, which overrules the file.
     help="Pace of --simulate.",
 )
 @click.option("--channels", help="Channels to identify from: a,b.  [default: all]")
+@click.option(
+    "--method",
+    type=click.Choice(["auto", "ambient", "free_decay", "peak"]),
+    help="How to identify.  [default: auto, or what the simulated structure needs]",
+)
 @click.option("--band-hz", nargs=2, type=float, help="Where to look for the first mode.")
 @click.option("--window-s", type=float, help="Window of a continuous stream.  [default: 60]")
 @click.option("--hop-s", type=float, help="From one window to the next.  [default: the window]")
@@ -81,6 +87,7 @@ def edge(
     speed: float,
     epochs_per_s: float,
     channels: str | None,
+    method: Literal["auto", "ambient", "free_decay", "peak"] | None,
     band_hz: tuple[float, float] | None,
     window_s: float | None,
     hop_s: float | None,
@@ -123,6 +130,7 @@ def edge(
     extract = _given(
         channels=tuple(channels.split(",")) if channels else None,
         band_hz=band_hz or None,
+        method=method or (METHODS[STRUCTURES[simulate]["excitation"]] if simulate else None),
         window_s=window_s,
         hop_s=hop_s,
     )
@@ -189,7 +197,7 @@ def twin(
                 host=host,
                 port=port,
                 database=database,
-                register=registrations,
+                registrations=registrations,
                 connect=_endpoints(connect, config),
             )
         )

@@ -94,7 +94,7 @@ def _as_arrays(simulated: SimulatedStructure, epochs: int, out: Path) -> None:
     samples = np.full(shape, np.nan)
     with bar("Simulating", epochs) as tell:
         for number in range(epochs):
-                for block in simulated.epoch(number):
+            for block in simulated.epoch(number):
                 start = block.first_index - number * simulated.samples
                 samples[number, start : start + len(block.samples)] = block.samples[:, 0]
             tell(number + 1)

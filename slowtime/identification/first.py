@@ -12,6 +12,7 @@ from . import checks
 from .ambient import fit_ambient
 from .combine import modal_series
 from .detect import Candidate, candidates, leading
+from .free_decay import fit_blow
 from .identified import Identified, Measured
 from .isolate import isolate
 from .peak import fit_peak
@@ -47,7 +48,8 @@ def first_mode(
     Peaks significant against their own neighbourhood are tried from the lowest up, without the
     weak companions of close stronger ones. Each is fitted as decay, over the stretch of the
     record that tells its frequency best, and, where decays do not explain what is there, as
-    ambient response. A frequency that moves within the stretch widens the error and is flagged.
+    ambient response; a record that begins with a blow is fitted whole. A frequency that moves
+    within the stretch widens the error and is flagged.
 
     Parameters
     ----------
@@ -69,6 +71,10 @@ def first_mode(
     """
     columns = detrended(checks.series(samples, rate_hz))
     low, high = checks.band(band_hz, rate_hz, len(columns))
+    if method in ("auto", "free_decay") and expected_hz is None:
+        struck = _after_a_blow(columns, rate_hz, low, high)
+        if struck is not None:
+            return struck
     found = leading(candidates(columns, rate_hz, low, high), len(columns) / rate_hz)
     for candidate in _in_order(found, expected_hz):
         mode = identify_candidate(columns, rate_hz, candidate, method)
@@ -142,6 +148,19 @@ def identify_candidate(
     if _is_burst(part.series):
         steady = dataclasses.replace(steady, flags=(*steady.flags, "not_stationary"))
     return _flag_line(steady)
+
+
+def _after_a_blow(
+    columns: Float[np.ndarray, "time channel"], rate_hz: float, low: float, high: float
+) -> Identified | None:
+    """Lowest mode of a record that begins with a blow and says little else, or None."""
+    # No taper: it would hide the beginning, which is where the decay is.
+    peaks = candidates(columns, rate_hz, low, high, taper="boxcar")
+    found = leading(peaks, len(columns) / rate_hz)
+    blow = fit_blow(columns, rate_hz, found) if found else None
+    if blow is None or blow.explained < EXPLAINED:
+        return None
+    return blow.identified if verdict(blow.identified) == "mode" else None
 
 
 def _steady(

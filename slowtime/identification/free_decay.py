@@ -1,6 +1,7 @@
 """Free decay in, natural frequency and damping by maximum likelihood out."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Complex, Float
@@ -15,11 +16,21 @@ from .identified import Identified, Measured
 from .isolate import Isolated, isolate
 
 MOST_MODES = 3
+PRICE = 8.0
+"""Each further mode must gain so many times ln n in n ln(cost): twice the Bayesian criterion's
+four parameters, because noise offers a mode at every frequency to choose from.
+"""
+
 THRESHOLD = 12.0
 """Gain in log-likelihood over pure noise below which there is no decay to speak of."""
 
 NEIGHBOUR = 2.0**0.25
 """A fitted mode further from its candidate than this factor is not the candidate's."""
+
+FRONT_SHARE = 0.9
+"""Share of the power in the first half of a record from which on it is taken for a blow."""
+
+BLOW_DAMPINGS = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
 
 NEAR_BINS = 12
 """Noise is judged on so many bins on either side of the mode."""
@@ -92,18 +103,52 @@ def fit_stretch(part: Isolated, candidate: Candidate) -> Stretch:
     duration = count / part.rate_hz
     drift = drift_basis(count, 1 + int(2 * duration * part.drift_hz))
     target = part.series - drift @ (drift.T @ part.series)
-    fits: list[tuple[float, Decays]] = []
-    for order in range(1, MOST_MODES + 1):
-        poles = _started(matrix_pencil(target, part.rate_hz, order), part, candidate)
-        fit = fit_decays(part.series, part.rate_hz, poles, drift)
-        criterion = count * np.log(fit.cost / count + 1e-300) + 4 * len(poles) * np.log(count)
-        fits.append((criterion, fit))
-    fit = min(fits, key=lambda one: one[0])[1]
+    fit, worth = _with_modes(1, part, candidate, target, drift)
+    for order in range(2, MOST_MODES + 1):
+        more, gained = _with_modes(order, part, candidate, target, drift)
+        if gained >= worth:
+            break
+        fit, worth = more, gained
     which = own_mode(fit, duration, candidate)
     if which is None:
         strayed = describe(fit, 0, part.rate_hz, part.start_s)
         return dataclasses.replace(strayed, identified=_strayed(strayed.identified))
     return describe(fit, which, part.rate_hz, part.start_s)
+
+
+def fit_blow(
+    columns: Float[np.ndarray, "time channel"],
+    rate_hz: float,
+    found: Sequence[Candidate],
+) -> Stretch | None:
+    """Fit the decay after one blow at the start of a record, all its modes together.
+
+    Nothing is filtered away first, since a filter would cost the first and loudest samples.
+    None where the record does not have most of its power in its first half.
+    """
+    loudness = np.sum(columns**2, axis=1)
+    if loudness[: len(loudness) // 2].sum() < FRONT_SHARE * loudness.sum():
+        return None
+    series = modal_series(columns, rate_hz, found[0])
+    drift = drift_basis(len(series), 1)
+    omegas = 2 * np.pi * np.array([one.frequency_hz for one in found[:MOST_MODES]])
+    starts = [omegas * (1j - damping) for damping in BLOW_DAMPINGS]
+    rough = [fit_decays(series, rate_hz, poles, drift, steps=0) for poles in starts]
+    best = int(np.argmin([fit.cost for fit in rough]))
+    fit = fit_decays(series, rate_hz, starts[best], drift)
+    which = own_mode(fit, len(series) / rate_hz, found[0])
+    return None if which is None else describe(fit, which, rate_hz, 0.0)
+
+
+def _with_modes(
+    order: int, part: Isolated, candidate: Candidate, target: np.ndarray, drift: np.ndarray
+) -> tuple[Decays, float]:
+    """Fit of at most `order` modes, and its criterion: the lower, the better."""
+    poles = _started(matrix_pencil(target, part.rate_hz, order), part, candidate)
+    fit = fit_decays(part.series, part.rate_hz, poles, drift)
+    count = len(part.series)
+    price = PRICE * len(poles) * np.log(count)
+    return fit, float(count * np.log(fit.cost / count + 1e-300) + price)
 
 
 def _strayed(mode: Identified) -> Identified:
