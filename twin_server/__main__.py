@@ -16,6 +16,7 @@ from slowtime_services.bus import Bus, BusUnreachableError, ZenohBus
 from slowtime_services.clock import Clock
 from twin_server.persist import SqliteStore, WrongStoreError
 from twin_server.pipeline import Herald, Pipeline, TwinKnowledge
+from twin_server.registration import WrongRegistrationsError, registrations
 from twin_server.serve import Hub, create_app
 from twin_server.settings import TwinSettings
 
@@ -57,7 +58,12 @@ def run(
             if bus is None:
                 bus = open_things.enter_context(_open_bus(settings, clock))
             _serve(settings, listening, store, bus, clock, stop, ready)
-    except (BusUnreachableError, WrongStoreError, _AddressError) as error:
+    except (
+        BusUnreachableError,
+        WrongStoreError,
+        WrongRegistrationsError,
+        _AddressError,
+    ) as error:
         logger.error("%s", error)
         return 2
     logger.info("The twin server has ended.")
@@ -101,6 +107,9 @@ def _serve(
         target=server.run, kwargs={"sockets": [listening]}, name="http", daemon=True
     )
     pipeline.start()
+    for twin_id, registration in registrations(settings.registrations).items():
+        if pipeline.twin(twin_id) is None:
+            pipeline.register(twin_id, registration)
     door.start()
     try:
         while not server.started and door.is_alive():

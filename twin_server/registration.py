@@ -1,9 +1,13 @@
 """What a person says of a twin: which of its properties may change, and from what."""
 
+import json
 import math
+import re
+import tomllib
+from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 Positive = Annotated[float, Field(gt=0, lt=1e300, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, lt=1e300, allow_inf_nan=False)]
@@ -138,6 +142,16 @@ class Registration(Frozen):
     confirm_readings: Annotated[int, Field(ge=1, le=100)] = 3
     """Readings in a row until an alarm, or a change of validity, is believed."""
 
+    @model_validator(mode="after")
+    def _can_be_told_apart(self) -> Self:
+        nominal = self.nominal
+        if self.changes == "both" and nominal is not None and not nominal.modal[1] > 0.0:
+            raise ValueError(
+                "Mass and stiffness are told apart by damping, and the nominal model has none. "
+                "Give nominal.damping_ratio, or let only one of them change."
+            )
+        return self
+
     @classmethod
     def from_json(cls, text: str) -> "Registration":
         """Read what `to_json` has written."""
@@ -151,3 +165,41 @@ class Registration(Frozen):
         """Give it as JSON-compatible values."""
         content: dict[str, Any] = self.model_dump(mode="json")
         return content
+
+
+ID = r"^[a-z0-9][a-z0-9_-]{0,62}\.[a-z0-9][a-z0-9_-]{0,62}$"
+"""A twin's id: site and asset, a full stop between them."""
+
+
+class WrongRegistrationsError(ValueError):
+    """A file of registrations that cannot be used; the text says where and why."""
+
+
+def registrations(path: Path | None) -> dict[str, Registration]:
+    """Read a TOML or JSON file of twin id → registration; nothing where there is no path."""
+    if path is None:
+        return {}
+    try:
+        text = path.read_text(encoding="utf-8")
+        content = tomllib.loads(text) if path.suffix == ".toml" else json.loads(text)
+    except (OSError, ValueError) as error:
+        raise WrongRegistrationsError(
+            f"{path} cannot be read as registrations: {error}. Give a .toml or .json file of "
+            "twin id → registration."
+        ) from error
+    found = {}
+    for twin_id, given in content.items() if isinstance(content, dict) else [(content, None)]:
+        if not re.match(ID, str(twin_id)):
+            raise WrongRegistrationsError(
+                f"{path}: {twin_id!r:.60} is no twin's id. Give SITE.ASSET in lower case, such "
+                'as "lab.beam"; in TOML with quotes: ["lab.beam"].'
+            )
+        try:
+            found[twin_id] = Registration.model_validate(given)
+        except ValidationError as error:
+            fault = error.errors(include_url=False)[0]
+            where = ".".join(map(str, (twin_id, *fault["loc"])))
+            raise WrongRegistrationsError(
+                f"{path}: at {where}, {fault['input']!r:.60} was given: {fault['msg']}."
+            ) from error
+    return found

@@ -117,6 +117,8 @@ class TwinSettings(BaseSettings):
     connect_timeout_s: Positive = 30.0
     zenoh: dict[str, Any] = {}
     """Further settings of Zenoh, key to value, such as those of TLS."""
+    registrations: Path | None = None
+    """TOML or JSON file: twin id → registration, for twins that are not yet registered."""
     auto_register: bool = True
     """Whether an asset nobody registered gets a twin when its first features come."""
     default_registration: Registration = Registration()

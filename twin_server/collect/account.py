@@ -42,6 +42,8 @@ class Account:
         """Remember what was made durable before; runs in the order of their numbers."""
         for run in runs:
             line = self._line(run.site, run.asset)
+            if line.runs:
+                line.runs[-1].followed = True
             line.runs.append(run)
             self._runs[run.site, run.asset, run.boot] = run
             self._uneasy[run.site, run.asset] = line
@@ -55,6 +57,8 @@ class Account:
         line.runs.clear()
         line.waiting.clear()
         line.inquire = line.alive
+        line.ease()
+        self._uneasy[site, asset] = line
 
     def take(self, arrivals: Iterable[Arrival], now_s: float, change: Change) -> None:
         """Take what arrived: order, hold or refuse it."""
@@ -66,7 +70,7 @@ class Account:
                 self._line(features.site, features.asset).replayed = arrival.replayed
             if run.flows and features.sequence == run.next:
                 self._accept(run, arrival, change)
-                if run.held:
+                if run.held or run.followed:
                     self._flow(run, change)
                     self._check_end(run, change)
             else:
@@ -229,9 +233,8 @@ class Account:
         run.last, run.last_t_ns = features.sequence, features.t_ns
 
     def _check_end(self, run: Run, change: Change) -> None:
-        line = self._line(run.site, run.asset)
-        if line.has_later(run):
-            self._close_finished(line, change)
+        if run.followed:
+            self._close_finished(self._line(run.site, run.asset), change)
 
     def _flow(self, run: Run, change: Change) -> None:
         """Let through what was held, as far as nothing is missing before it."""
@@ -325,11 +328,12 @@ class Account:
             and not self._is_admitted(line.site, line.asset, holding.boot)
         ]
         listed = {boot for boot, _ in new}
+        # One that was heard of and is not held any more is older than those that are.
         later: list[tuple[str, Holding | None]] = [
-            *new,
             *((boot, None) for boot in line.waiting if boot not in listed),
+            *new,
         ]
-        if later:
+        if later and not self._alone:
             held_still = {holding.boot for holding in listing}
             for run in line.runs:
                 run.gone = run.gone or run.boot not in held_still
@@ -353,6 +357,8 @@ class Account:
         run = line.waiting.pop(boot, None) or Run(line.site, line.asset, boot, since_s=now_s)
         self._runs[line.site, line.asset, boot] = run
         run.number, self._next_number = self._next_number, self._next_number + 1
+        if line.runs:
+            line.runs[-1].followed = True
         line.runs.append(run)
         change.touched[run] = None
         earliest = min(run.held, default=None)
@@ -407,7 +413,7 @@ class Account:
         self, line: Line, run: Run, hole: tuple[int, int], why: str, change: Change
     ) -> None:
         """Go on behind a hole; a tail that nothing follows is forgotten instead."""
-        if run.held or line.has_later(run):
+        if run.held or run.followed:
             self._lose(run, *hole, why, change)
             self._flow(run, change)
         else:
@@ -426,12 +432,11 @@ class Account:
                 continue
             run.flows = True
             self._flow(run, change)
-            later = line.has_later(run)
-            if later and run.gone:
+            if run.followed and run.gone:
                 while (hole := run.missing()) is not None:
                     self._lose(run, *hole, "the edge no longer holds it", change)
                     self._flow(run, change)
-            if not later or run.missing() is not None:
+            if not run.followed or run.missing() is not None:
                 return
             run.closed, run.flows = True, False
             run.calm()

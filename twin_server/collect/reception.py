@@ -2,15 +2,32 @@
 
 import functools
 from collections.abc import Iterable
+from typing import NamedTuple
+
+from pydantic import ValidationError
 
 from slowtime_schemas.codec import Refused, decode
-from slowtime_schemas.messages import Features, Health, Message
-from slowtime_schemas.streams import FEATURES, HEALTH, Stream, parse_key
+from slowtime_schemas.messages import Features, Health, Message, Registered
+from slowtime_schemas.streams import FEATURES, HEALTH, REGISTRATION, Stream, parse_key
 from slowtime_services.bus import Sample
+from twin_server.registration import Registration
 from twin_server.settings import AdmissionSettings
 
 from .refusals import Refusals
 from .runs import Arrival
+
+
+class Received(NamedTuple):
+    """What could be believed of a batch, each kind in its order."""
+
+    arrivals: list[Arrival]
+    healths: list[tuple[Health, bool]]
+    """With whether they were replayed."""
+    registrations: list[tuple[str, Registration]]
+    """By twin id; replayed ones only, since those of the moment are our own."""
+
+
+_TAKEN = (FEATURES, HEALTH, REGISTRATION)
 
 
 class Reception:
@@ -38,12 +55,10 @@ class Reception:
             )
         return size <= most
 
-    def read(
-        self, samples: Iterable[Sample], now_ns: int
-    ) -> tuple[list[Arrival], list[tuple[Health, bool]]]:
-        """Take features and health messages out of `samples`, in their order."""
-        arrivals: list[Arrival] = []
-        healths: list[tuple[Health, bool]] = []
+    def read(self, samples: Iterable[Sample], now_ns: int) -> Received:
+        """Take what is believed out of `samples`, in their order."""
+        received = Received([], [], [])
+        arrivals = received.arrivals
         for sample in samples:
             if not self.admits(sample):
                 continue
@@ -55,17 +70,20 @@ class Reception:
                     self._check_sensor(message, now_ns, sample.replayed)
                     arrivals.append(Arrival(message, sample.payload, sample.replayed))
                 elif type(message) is Health:
-                    healths.append((message, sample.replayed))
+                    received.healths.append((message, sample.replayed))
+                elif type(message) is Registered and sample.replayed:
+                    received.registrations.append((message.twin_id, _registration(message)))
             except Refused as refused:
                 self._refusals.refuse(refused.reason, f"{sample.key:.200}: {refused}")
-        return arrivals, healths
+        return received
 
     def _decode(self, sample: Sample) -> Message:
         stream, site, asset = _address(sample.key)
-        if stream is not FEATURES and stream is not HEALTH:
+        if stream not in _TAKEN:
             raise Refused(
                 "unexpected",
-                f"A {stream.name} message was given. Allowed: features and health.",
+                f"A {stream.name} message was given. Allowed: "
+                f"{', '.join(taken.name for taken in _TAKEN)}.",
             )
         message = decode(stream, sample.payload)
         if message.site != site or message.asset != asset:
@@ -109,6 +127,18 @@ class Reception:
                 f"to {limits.max_age_s / 86_400:.1f}. Set the sensor's clock; or raise "
                 'max_age_s; or give time_base "recorded".',
             )
+
+
+def _registration(message: Registered) -> Registration:
+    try:
+        return Registration.model_validate(message.registration)
+    except ValidationError as error:
+        fault = error.errors(include_url=False)[0]
+        raise Refused(
+            "invalid",
+            f"A registration of {message.twin_id} with {fault['loc']} = {fault['input']!r:.60} "
+            f"was given: {fault['msg']}. Allowed: what PUT /api/v1/twins takes.",
+        ) from error
 
 
 def _side(off_s: float) -> str:

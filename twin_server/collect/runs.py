@@ -56,6 +56,8 @@ class Run:
         The newest the edge has made, as far as it said.
     forgotten
         Up to where the edge has said so in vain, nothing following.
+    followed
+        Whether a later boot has been let in.
     gone
         Whether the edge has forgotten this boot: what is missing cannot be had.
     """
@@ -72,6 +74,7 @@ class Run:
     flows: bool = False
     closed: bool = False
     gone: bool = False
+    followed: bool = False
     held: dict[int, Arrival] = dataclasses.field(default_factory=dict)
     lost: list[tuple[int, int]] = dataclasses.field(default_factory=list)
     worried: bool = False
@@ -153,10 +156,6 @@ class Line:
     def all_runs(self) -> tuple[Run, ...]:
         """Those let in and those waiting."""
         return (*self.runs, *self.waiting.values())
-
-    def has_later(self, run: Run) -> bool:
-        """Whether a boot has been let in after `run`."""
-        return self.runs[-1] is not run
 
     def ease(self) -> None:
         """Ask at the next occasion, with new patience."""

@@ -96,8 +96,9 @@ def estimate(
     given = columns(features, [modes[place] for place in owners])
     rows_of = _rows_by_owner(owner, len(twins))
     nominals, checkpoints, learnt = _nominals(twins, given, owner, rows_of)
-    states = _begin(given, missing_before)
+    # What leaves the range of floats is found and named below, not warned of.
     with np.errstate(all="ignore"):
+        states = _begin(given, missing_before)
         _estimate_all(states, given, nominals, twins, owner)
     notices: list[list[Notice]] = []
     for place, (twin, rows) in enumerate(zip(twins, rows_of, strict=True)):

@@ -1,6 +1,7 @@
 """The nominal model of a twin, learnt from the first epochs in which its mode was found."""
 
 import dataclasses
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -36,9 +37,10 @@ def learn(checkpoint: Checkpoint, epochs: Sequence[Epoch], wanted: int) -> Lesso
     """Add epochs to those learnt from, until `wanted` of them with a mode make a model."""
     gathered = list(checkpoint.learning)
     for number, epoch in enumerate(epochs, start=1):
-        if not (epoch[0] > 0.0 and epoch[1] >= 0.0):
+        if not _is_sane(epoch[0], epoch[1]):
             continue
-        gathered.append(epoch)
+        damping = epoch[2:] if _is_sane(epoch[2], epoch[3]) else (math.nan, math.nan)
+        gathered.append((epoch[0], epoch[1], *damping))
         if len(gathered) < wanted:
             continue
         nominal = _nominal(gathered)
@@ -54,6 +56,11 @@ def learn(checkpoint: Checkpoint, epochs: Sequence[Epoch], wanted: int) -> Lesso
         gathered = gathered[wanted // 2 :]
     going_on = dataclasses.replace(checkpoint, learning=tuple(gathered))
     return Lesson(going_on, len(epochs))
+
+
+def _is_sane(value: float, sd: float) -> bool:
+    """Whether squares and weights of these stay within the range of floats."""
+    return 1e-9 < value < 1e9 and 0.0 <= sd < 1e3 * value
 
 
 def _nominal(epochs: Sequence[Epoch]) -> Nominal:

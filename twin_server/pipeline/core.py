@@ -15,8 +15,16 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple, Protocol, TypeVar
 
 from slowtime_schemas.codec import encode
-from slowtime_schemas.messages import Acknowledgement, Event, Features
-from slowtime_schemas.streams import ACK, EVENT, FEATURES, HEALTH, STATE, alive_key
+from slowtime_schemas.messages import Acknowledgement, Event, Features, Registered
+from slowtime_schemas.streams import (
+    ACK,
+    EVENT,
+    FEATURES,
+    HEALTH,
+    REGISTRATION,
+    STATE,
+    alive_key,
+)
 from slowtime_services.bus import Bus, Handle, Inbox, Sample
 from slowtime_services.clock import Clock, SystemClock
 from twin_server.collect import (
@@ -56,6 +64,9 @@ logger = logging.getLogger(__name__)
 
 T = TypeVar("T")
 ACK_EVERY_S = 0.03
+ANNOUNCE_EVERY_S = 1.0 / (REGISTRATION.nominal_rate_hz or 0.1)
+NO_BOOT = "twin"
+"""Stands for an edge's boot in what the twin says of its own accord."""
 _ANEW = 5_000
 
 
@@ -114,6 +125,8 @@ class Pipeline:
         self._healer: Healer | None = None
         self._unacknowledged: dict[Run, None] = {}
         self._acknowledged_s = 0.0
+        self._announced_s = 0.0
+        self._announcements = 0
         self.counts: collections.Counter[str] = collections.Counter()
         self.failing: str = ""
         self._account = self._new_account()
@@ -131,6 +144,7 @@ class Pipeline:
         self._handles = [
             self._bus.subscribe(FEATURES.everywhere, self._receive),
             self._bus.subscribe(HEALTH.everywhere, self._receive),
+            self._bus.subscribe(REGISTRATION.everywhere, self._receive),
             self._bus.watch(alive_key("*", "*"), self._see),
         ]
         self._healer.start()
@@ -259,6 +273,7 @@ class Pipeline:
                 if real:
                     self._guarded(lambda real=real: self._take(real))  # type: ignore[misc]
                 self._guarded(self._acknowledge)
+                self._guarded(self._announce_all)
             if self._inbox.closed and not samples and not self._calls:
                 return
 
@@ -311,7 +326,9 @@ class Pipeline:
 
     def _take(self, samples: Sequence[Sample]) -> None:
         """One batch, from bytes to history."""
-        arrivals, healths = self._reception.read(samples, self._clock.now_ns())
+        arrivals, healths, registrations = self._reception.read(samples, self._clock.now_ns())
+        for twin_id, registration in registrations:
+            self._register(twin_id, registration, "by a recording")
         if not self.settings.auto_register:
             arrivals = [a for a in arrivals if self._is_registered(a.features)]
             healths = [h for h in healths if (h[0].site, h[0].asset) in self._twins]
@@ -502,21 +519,47 @@ class Pipeline:
             )
         )
 
-    def _register(self, twin_id: str, registration: Registration) -> bool:
+    def _register(
+        self, twin_id: str, registration: Registration, how: str = "by request"
+    ) -> bool:
         key = address(twin_id)
         before = self._twins.get(key)
         if before is not None and before.registration == registration:
             return False
-        event = self._registered(*key, registration, "by request")
+        event = self._registered(*key, registration, how)
         if before is None:
             twin = Twin(registration, Checkpoint.start(registration))
             self.store.write(Cut(twins=[twin_row(key, twin)], events=[event]))
         else:
             twin = self._estimate_anew(key, registration, event)
         self._twins[key] = twin
+        self._announce(key)
         for listener in self._listeners:
             listener.reset(twin_id)
         return before is None
+
+    def _announce_all(self) -> None:
+        """Say now and then how twins are registered, for recorders that began since."""
+        now = time.monotonic()
+        if now - self._announced_s < ANNOUNCE_EVERY_S:
+            return
+        self._announced_s = now
+        for key in self._twins:
+            self._announce(key)
+
+    def _announce(self, key: tuple[str, str]) -> None:
+        site, asset = key
+        self._announcements += 1
+        message = Registered(
+            site=site,
+            asset=asset,
+            boot=NO_BOOT,
+            sequence=self._announcements,
+            t_ns=self._clock.now_ns(),
+            id=f"{site}.{asset}",
+            registration=self._twins[key].registration.to_dict(),
+        )
+        self._publish(REGISTRATION.key(*key), encode(message), REGISTRATION.encoding)
 
     def _estimate_anew(
         self, key: tuple[str, str], registration: Registration, event: EventRow
@@ -551,7 +594,7 @@ class Pipeline:
             Event(
                 site=site,
                 asset=asset,
-                boot="none",
+                boot=NO_BOOT,
                 sequence=0,
                 t_ns=self._clock.now_ns(),
                 kind="registered",

@@ -10,7 +10,7 @@ from pydantic import Field
 from pydantic_core import to_json
 from starlette.responses import FileResponse
 
-from twin_server.registration import Registration
+from twin_server.registration import ID, Registration
 from twin_server.rendering import estimate_objects, event_object, points, state_objects
 from twin_server.settings import ServeSettings
 
@@ -25,7 +25,6 @@ from .problems import Problem, ProblemError
 WEB = Path(__file__).parent / "web"
 PLOTLY = Path(plotly.__file__).parent / "package_data" / "plotly.min.js"
 JSON = "application/json"
-ID = r"^[a-z0-9][a-z0-9_-]{0,62}\.[a-z0-9][a-z0-9_-]{0,62}$"
 
 _PROBLEM: dict[int | str, dict[str, Any]] = {
     status: {

@@ -1,0 +1,325 @@
+"""The account: whatever the transport does, one order, nothing missing, nothing twice."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from slowtime_schemas.codec import encode
+from slowtime_schemas.messages import Health
+from twin_server.collect import Account, Arrival, Change, Holding
+from twin_server.settings import HealingSettings
+
+HEALING = HealingSettings(
+    grace_s=1.0, backoff_s=1.0, max_backoff_s=4.0, tries=2, foreign_patience_s=5.0, max_held=50
+)
+
+
+class World:
+    """An account, an edge's spool, and a clock that is moved by hand."""
+
+    def __init__(self, make, *, alone=False):
+        self.make = make
+        self.account = Account(HEALING, max_jump=1000, alone=alone)
+        self.now_s = 0.0
+        self.spool: dict[str, set[int]] = {}
+        self.order: list[tuple[str, int]] = []
+        self.changes = Change()
+        self.reachable = True
+        self.asked = 0
+
+    def note(self, change):
+        self.order += [(o.run.boot, o.features.sequence) for o in change.ordered]
+        for name in ("ordered", "held", "released", "lost", "refused"):
+            getattr(self.changes, name).extend(getattr(change, name))
+        self.changes.touched.update(change.touched)
+
+    def arrive(self, *which):
+        change = Change()
+        self.account.take([self.arrival(*one) for one in which], self.now_s, change)
+        self.note(change)
+        return change
+
+    def arrival(self, boot, sequence, **more):
+        message = self.make(sequence, boot=boot, **more)
+        return Arrival(message, encode(message))
+
+    def health(self, boot, last, first_held=0):
+        change = Change()
+        message = Health(
+            site="lab", asset="beam", boot=boot, sequence=0, t_ns=1, last_sequence=last,
+            first_held=first_held, uptime_s=1.0,
+        )  # fmt: skip
+        self.account.hear([(message, False)], self.now_s, change)
+        self.note(change)
+
+    def alive(self, alive=True):
+        self.account.watch("lab", "beam", alive=alive)
+
+    def heal(self, rounds=40, step_s=1.0):
+        """Let time pass, and answer the account's questions as an edge would."""
+        for _ in range(rounds):
+            for want in self.account.wants(self.now_s):
+                self.asked += 1
+                listing = None
+                if want.boot and self.reachable:
+                    kept = self.spool.get(want.boot, ())
+                    self.arrive(
+                        *((want.boot, s) for s in sorted(kept) if want.first <= s <= want.last)
+                    )
+                if not want.boot or self.account.still_missing(want):
+                    listing = self.listing() if self.reachable else []
+                change = Change()
+                self.account.settle(want, listing, self.now_s, change, sound=self.reachable)
+                self.note(change)
+            self.now_s += step_s
+
+    def listing(self):
+        return [Holding(b, min(kept), max(kept)) for b, kept in self.spool.items() if kept]
+
+    @property
+    def reasons(self):
+        return [reason for reason, _ in self.changes.refused]
+
+    @property
+    def lost(self):
+        return [(lost.run.boot, lost.first, lost.last) for lost in self.changes.lost]
+
+
+@pytest.fixture
+def world(features):
+    return World(features)
+
+
+boots = st.lists(st.integers(1, 12), min_size=1, max_size=3)
+
+
+@settings(max_examples=150, deadline=None)
+@given(lengths=boots, data=st.data())
+def test_any_order_of_arrival_with_doubles_and_drops_gives_one_order(features, lengths, data):
+    world = World(features)
+    sent = [(f"b{b}", s) for b, length in enumerate(lengths) for s in range(length)]
+    for boot, sequence in sent:
+        world.spool.setdefault(boot, set()).add(sequence)
+    world.alive()
+    copies = data.draw(st.lists(st.integers(0, 2), min_size=len(sent), max_size=len(sent)))
+    arriving = [one for one, count in zip(sent, copies, strict=True) for _ in range(count)]
+    arriving = data.draw(st.permutations(arriving))
+    while arriving:
+        some = data.draw(st.integers(1, len(arriving)))
+        world.arrive(*arriving[:some])
+        arriving = arriving[some:]
+        world.heal(data.draw(st.integers(0, 3)))
+    world.heal()
+    assert world.order == sent
+    assert not world.changes.lost
+    assert set(world.reasons) <= {"duplicate"}
+
+
+@settings(max_examples=100, deadline=None)
+@given(data=st.data())
+def test_what_the_edge_no_longer_holds_is_lost_and_the_rest_goes_on(features, data):
+    world = World(features)
+    count = data.draw(st.integers(2, 20))
+    gone = data.draw(st.sets(st.integers(0, count - 2)))
+    kept = [s for s in range(count) if s not in gone]
+    world.spool["b1"] = set(kept)
+    world.alive()
+    world.arrive(*(("b1", s) for s in data.draw(st.permutations(kept))))
+    world.heal(80)
+    assert world.order == [("b1", s) for s in kept]
+    lost = [s for _, first, last in world.lost for s in range(first, last + 1)]
+    assert sorted(lost) == sorted(gone)
+    assert len(lost) == len(set(lost))
+
+
+def test_in_order_nothing_is_asked_but_the_account_once(world):
+    world.alive()
+    for sequence in range(5):
+        world.spool.setdefault("b1", set()).add(sequence)
+        world.arrive(("b1", sequence))
+        world.heal(2)
+    assert [s for _, s in world.order] == list(range(5))
+    assert world.asked == 1
+
+
+def test_a_lost_tail_is_noticed_from_health(world):
+    world.alive()
+    world.spool["b1"] = set(range(4))
+    world.arrive(("b1", 0), ("b1", 1))
+    world.heal(2)
+    assert len(world.order) == 4
+    world.spool["b1"] |= {4, 5}
+    world.health("b1", last=5)
+    world.heal()
+    assert [s for _, s in world.order] == list(range(6))
+
+
+def test_a_tail_that_is_promised_in_vain_keeps_nothing_up(world):
+    world.alive()
+    world.spool["b1"] = {0, 1}
+    world.arrive(("b1", 0), ("b1", 1))
+    world.health("b1", last=10**9)
+    world.heal()
+    asked = world.asked
+    world.health("b1", last=10**9)
+    world.heal(3)
+    assert world.asked == asked
+    world.spool["b1"].add(2)
+    world.arrive(("b1", 2))
+    assert [s for _, s in world.order] == [0, 1, 2]
+    assert not world.lost
+
+
+def test_a_boot_in_the_spool_comes_before_the_one_that_showed_it(world):
+    world.spool = {"old": {3, 4}, "new": {0}}
+    world.alive()
+    world.arrive(("new", 0))
+    assert not world.order
+    world.heal()
+    assert world.order == [("old", 3), ("old", 4), ("new", 0)]
+    assert world.lost == [("old", 0, 2)]
+
+
+def test_a_restarted_edge_is_first_asked_for_the_rest_of_its_last_run(world):
+    world.spool["b1"] = set(range(6))
+    world.alive()
+    world.arrive(*(("b1", s) for s in range(3)))
+    world.reachable = False
+    world.spool["b2"] = {0, 1}
+    world.arrive(("b2", 0), ("b2", 1))
+    world.heal(5)
+    assert ("b2", 0) not in world.order
+    world.reachable = True
+    world.heal()
+    assert world.order == [("b1", s) for s in range(6)] + [("b2", 0), ("b2", 1)]
+
+
+def test_a_boot_whose_spool_is_gone_with_its_disk_is_closed_at_once(world):
+    world.spool["b1"] = {0, 1, 2}
+    world.alive()
+    world.arrive(("b1", 0))
+    world.arrive(("b1", 2))
+    world.reachable = False
+    world.heal(3)
+    world.spool = {"b2": {0}}
+    world.reachable = True
+    world.arrive(("b2", 0))
+    world.heal()
+    assert world.order[-1] == ("b2", 0)
+    assert all(boot == "b1" for boot, _, _ in world.lost)
+    world.arrive(("b1", 7))
+    assert world.reasons[-1] == "closed_boot"
+
+
+def test_an_edge_that_is_away_is_waited_for(world):
+    world.spool["b1"] = set(range(3))
+    world.alive()
+    world.arrive(("b1", 0))
+    world.heal(2)
+    world.spool["b1"] = set(range(6))
+    world.alive(False)
+    world.reachable = False
+    world.arrive(("b1", 5))
+    world.heal(60)
+    assert [s for _, s in world.order] == [0, 1, 2]
+    world.reachable = True
+    world.alive()
+    world.heal()
+    assert [s for _, s in world.order] == list(range(6))
+    assert not world.lost
+
+
+def test_a_sender_without_an_account_is_waited_for_a_little(world):
+    world.reachable = False
+    world.arrive(("b1", 0))
+    world.heal(10)
+    world.arrive(("b1", 2))
+    world.heal(4)
+    assert len(world.order) == 1
+    world.heal(10)
+    assert [s for _, s in world.order] == [0, 2]
+    assert world.lost == [("b1", 1, 1)]
+    assert "nobody could be asked" in world.changes.lost[0].why
+
+
+def test_what_comes_after_it_was_given_up_is_too_late(world):
+    world.spool["b1"] = {0, 2}
+    world.alive()
+    world.arrive(("b1", 0), ("b1", 2))
+    world.heal()
+    world.arrive(("b1", 1), ("b1", 2), ("b1", 0))
+    assert world.reasons == ["too_late", "duplicate", "duplicate"]
+    assert [s for _, s in world.order] == [0, 2]
+
+
+def test_sensor_time_that_does_not_increase_is_refused_and_passed(world):
+    world.alive()
+    world.spool["b1"] = {0}
+    world.arrive(("b1", 0))
+    world.heal(2)
+    change = Change()
+    arrivals = [
+        world.arrival("b1", 1),
+        world.arrival("b1", 2, t_ns=1_767_225_600_000_000_000),
+        world.arrival("b1", 3),
+    ]
+    world.account.take(arrivals, world.now_s, change)
+    assert [o.features.sequence for o in change.ordered] == [1, 3]
+    assert change.ordered[1].missing_before == 1
+    assert change.refused[0][0] == "clock_not_increasing"
+
+
+def test_a_leap_of_the_sequence_is_refused_and_poisons_nothing(world):
+    world.alive()
+    world.spool["b1"] = {0, 1}
+    world.arrive(("b1", 0))
+    world.heal(2)
+    world.arrive(("b1", 10**9), ("b1", 2**32), ("b1", 1))
+    world.heal()
+    assert world.reasons[:2] == ["sequence_jump", "sequence_jump"]
+    assert [s for _, s in world.order] == [0, 1]
+    assert not world.lost
+
+
+def test_more_than_can_be_held_is_asked_for_again(world):
+    world.alive()
+    world.spool["b1"] = set(range(200))
+    world.arrive(("b1", 0))
+    world.reachable = False
+    world.arrive(*(("b1", s) for s in range(2, 200)))
+    assert "held_full" in world.reasons
+    assert world.account.held <= HEALING.max_held
+    world.reachable = True
+    world.heal(200)
+    assert [s for _, s in world.order] == list(range(200))
+
+
+def test_alone_boots_are_let_in_as_they_come_and_holes_given_up_at_the_end(features):
+    world = World(features, alone=True)
+    world.arrive(("b1", 0), ("b1", 2), ("b2", 0))
+    assert world.order == [("b1", 0)]
+    change = Change()
+    world.account.give_up(change)
+    world.note(change)
+    assert world.order == [("b1", 0), ("b1", 2), ("b2", 0)]
+    assert world.lost == [("b1", 1, 1)]
+
+
+def test_an_edge_that_did_not_hear_the_acknowledgement_is_told_again(world):
+    world.alive()
+    world.spool["b1"] = {0, 1}
+    world.arrive(("b1", 0), ("b1", 1))
+    world.heal(2)
+    world.changes = Change()
+    world.health("b1", last=1, first_held=0)
+    assert [run.next for run in world.changes.touched] == [2]
+
+
+def test_what_is_forgotten_may_come_again(world):
+    world.alive()
+    world.spool["b1"] = {0, 1}
+    world.arrive(("b1", 0), ("b1", 1))
+    world.heal(2)
+    world.account.forget("lab", "beam")
+    world.heal()
+    assert world.order == [("b1", 0), ("b1", 1)] * 2

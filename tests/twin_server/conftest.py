@@ -1,0 +1,212 @@
+"""What the tests of the twin share: an edge that ages, with a spool that may lose things."""
+
+import dataclasses
+import json
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+from slowtime_schemas.codec import encode
+from slowtime_schemas.messages import Features, Mode, Quality, Smoothed
+from slowtime_schemas.quantities import Quantity
+from slowtime_schemas.streams import FEATURES, alive_key, request_key
+from slowtime_services.bus import Sample
+from twin_server.persist import SqliteStore
+from twin_server.settings import TwinSettings
+
+ORIGIN_NS = 1_767_225_600_000_000_000
+
+
+def _features(
+    sequence,
+    *,
+    asset="beam",
+    boot="b1",
+    frequency_hz=3.0,
+    sd=0.002,
+    damping=0.02,
+    damping_sd=0.001,
+    smoothed=None,
+    truth=None,
+    t_ns=None,
+    slow_time=None,
+    time_base="simulated",
+    modes=None,
+):
+    t_ns = ORIGIN_NS + sequence * 10**9 if t_ns is None else t_ns
+    mode = Mode(
+        frequency_hz=Quantity(value=frequency_hz, sd=sd),
+        damping_ratio=Quantity(value=damping, sd=damping_sd),
+        smoothed_frequency_hz=smoothed and Smoothed(value=smoothed, sd=sd / 2, lag_epochs=2.0),
+    )
+    return Features(
+        site="lab",
+        asset=asset,
+        boot=boot,
+        sequence=sequence,
+        t_ns=t_ns,
+        start_ns=t_ns,
+        slow_time=float(sequence) if slow_time is None else slow_time,
+        time_base=time_base,
+        method="ambient" if modes is None else "none",
+        modes=(mode,) if modes is None else modes,
+        quality=Quality(samples=1000),
+        truth=truth,
+    )
+
+
+def _sample(message, *, sent_ns=None, replayed=False):
+    key = FEATURES.key(message.site, message.asset)
+    return Sample(key, encode(message), sent_ns, replayed)
+
+
+@pytest.fixture(scope="session")
+def features():
+    """One features message of an edge."""
+    return _features
+
+
+@pytest.fixture(scope="session")
+def sample():
+    """A features message as it arrives."""
+    return _sample
+
+
+@pytest.fixture(scope="session")
+def ageing():
+    """Features of a beam that loses `loss` of its stiffness over `count` epochs."""
+
+    def make(count, *, loss=0.2, sd=0.002, seed=0, first=0, **more):
+        rng = np.random.default_rng(seed)
+        noise = sd * rng.standard_normal(count)
+        change = -loss * np.arange(count) / count
+        return [
+            _features(
+                first + i,
+                frequency_hz=float(3.0 * np.sqrt(1.0 + change[i]) + noise[i]),
+                sd=sd,
+                truth={"stiffness_change": float(change[i]), "mass_change": 0.0},
+                **more,
+            )
+            for i in range(count)
+        ]
+
+    return make
+
+
+class Edge:
+    """An edge agent on a bus: it keeps what it makes, and answers for it."""
+
+    def __init__(self, bus, site="lab", asset="beam", *, account=True):
+        self.bus, self.site, self.asset = bus, site, asset
+        self.spool: dict[str, dict[int, bytes]] = {}
+        self.handles = []
+        if account:
+            self.handles = [
+                bus.answer(request_key(site, asset, "account"), self._account),
+                bus.answer(request_key(site, asset, "features"), self._again),
+                bus.announce(alive_key(site, asset)),
+            ]
+
+    def make(self, message, *, send=True):
+        payload = encode(message)
+        self.spool.setdefault(message.boot, {})[message.sequence] = payload
+        if send:
+            self.send(payload)
+
+    def send(self, payload):
+        self.bus.publish(
+            FEATURES.key(self.site, self.asset), payload, encoding="application/json"
+        )
+
+    def forget(self, boot, *sequences):
+        for sequence in sequences:
+            del self.spool[boot][sequence]
+
+    def close(self):
+        for handle in self.handles:
+            handle.close()
+
+    def _account(self, query):
+        return [
+            (
+                query.key,
+                json.dumps({"boot": boot, "first": min(kept), "last": max(kept)}).encode(),
+            )
+            for boot, kept in self.spool.items()
+            if kept
+        ]
+
+    def _again(self, query):
+        first, last = int(query.parameters["first"]), int(query.parameters["last"])
+        kept = self.spool.get(query.parameters["boot"], {})
+        for sequence in sorted(kept):
+            if first <= sequence <= last:
+                yield FEATURES.key(self.site, self.asset), kept[sequence]
+
+
+@pytest.fixture(scope="session")
+def edge():
+    """The class of edges."""
+    return Edge
+
+
+@pytest.fixture
+def store(tmp_path):
+    """A database of its own."""
+    made = SqliteStore(tmp_path / "twin.sqlite")
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="session")
+def settings():
+    """Settings with little patience."""
+    return TwinSettings(
+        port=0,
+        healing={
+            "grace_s": 0.02,
+            "backoff_s": 0.02,
+            "max_backoff_s": 0.1,
+            "tries": 2,
+            "foreign_patience_s": 0.2,
+            "absent_patience_s": 30.0,
+        },
+    )
+
+
+@pytest.fixture(scope="session")
+def eventually():
+    """Whether a condition becomes true in good time."""
+
+    def wait(condition, timeout_s=10.0):
+        deadline = time.monotonic() + timeout_s
+        while not condition():
+            if time.monotonic() > deadline:
+                return False
+            time.sleep(0.01)
+        return True
+
+    return wait
+
+
+@dataclasses.dataclass
+class Heard:
+    """A listener that keeps what it is told."""
+
+    news: list[Any] = dataclasses.field(default_factory=list)
+    resets: list[str] = dataclasses.field(default_factory=list)
+
+    def tell(self, news):
+        self.news.append(news)
+
+    def reset(self, twin_id):
+        self.resets.append(twin_id)
+
+
+@pytest.fixture
+def heard():
+    """A listener that keeps what it is told."""
+    return Heard()
