@@ -1,13 +1,13 @@
 """How close identification comes to the limits of what can be known, and whether it says so.
 
-Run `python benchmarks/identification.py [--runs 500]`. Every figure is a ratio to a bound that is
-computed beside it; every case is seeded. Signals are made by another road than the models that
-are fitted: decays in closed form, ambient response by synthesis of its spectrum on a record
-several decay times longer than the part that is kept.
+Run `python benchmarks/identification.py [--runs 500]`. Every figure is a ratio to a bound that
+is computed beside it; every case is seeded. Signals are made by another road than the models
+that are fitted: decays in closed form, ambient response by synthesis of its spectrum on a
+record many decay times longer than the part that is kept.
 
-Ambient errors are set against two limits. `law` is the uncertainty law without noise and with an
-unlimited band; a fitted noise floor at a peak-to-floor ratio of 100 alone costs 1.16 (f) and 1.24
-(ln zeta) of it. `bound` is the same Fisher information with level and floor unknown: it is what
+Ambient errors are set against two limits. `law` is the uncertainty law without noise and with
+an unlimited band; a fitted noise floor at a peak-to-floor ratio of 100 alone costs 1.16 (f) and
+1.24 (ln zeta) of it. `bound` is the same Fisher information with level and floor unknown: what
 an estimator that fits the floor can reach at best, and what the ratio of 1.15 is asked of.
 """
 
@@ -18,8 +18,9 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-import scipy.fft as fft
 
+from slowtime.dynamics.oscillator import Oscillator
+from slowtime.dynamics.stepping import ambient_acceleration
 from slowtime.identification import (
     Identified,
     ambient_bound,
@@ -71,7 +72,7 @@ AMBIENTS = (
 
 
 def free_decay(case: Case, rng: np.random.Generator) -> np.ndarray:
-    """Unit decay of random phase in white noise; snr = 1 / (2 sigma^2)."""
+    """Draw a unit decay of random phase in white noise; snr = 1 / (2 sigma^2)."""
     omega = 2 * np.pi * case.frequency_hz
     times = np.arange(round(case.duration_s * case.rate_hz)) / case.rate_hz
     damped = omega * np.sqrt(1 - case.damping_ratio**2)
@@ -81,17 +82,13 @@ def free_decay(case: Case, rng: np.random.Generator) -> np.ndarray:
 
 
 def ambient(case: Case, rng: np.random.Generator) -> np.ndarray:
-    """Acceleration under white force of unit peak density; snr = peak over floor density."""
+    """Acceleration under white force, of unit peak density; snr = peak over floor density."""
     count = round(case.duration_s * case.rate_hz)
-    memory = 16 / (case.damping_ratio * 2 * np.pi * case.frequency_hz)
-    longer = fft.next_fast_len(count + round(memory * case.rate_hz), real=True)
-    square = (fft.rfftfreq(longer, 1 / case.rate_hz) / case.frequency_hz) ** 2
-    width = 4 * case.damping_ratio**2
-    density = width * square**2 / ((1 - square) ** 2 + width * square)
-    random = rng.standard_normal((2, len(square)))
-    spectrum = (random[0] + 1j * random[1]) * np.sqrt(density * case.rate_hz * longer / 4)
+    oscillator = Oscillator.from_modal(case.frequency_hz, case.damping_ratio)
+    unit = 4 * case.damping_ratio**2
+    response = ambient_acceleration(oscillator, count, case.rate_hz, rng, force_psd=unit)
     noise = rng.standard_normal(count) * np.sqrt(case.rate_hz / 2 / case.snr)
-    return np.asarray(fft.irfft(spectrum, longer)[:count] + noise)
+    return np.asarray(response + noise)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

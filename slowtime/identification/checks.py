@@ -45,8 +45,8 @@ def series(samples: np.ndarray, rate_hz: float) -> Float[np.ndarray, "time chann
     if bad:
         raise ValueError(
             f"{bad} of {columns.size} samples are NaN or infinite, the first in row "
-            f"{int(np.argmax(~np.isfinite(columns).all(axis=1)))}. Give finite samples: cut the "
-            "record at the gap, or fill it, before identification."
+            f"{int(np.argmax(~np.isfinite(columns).all(axis=1)))}. Give finite "
+            "samples: cut the record at the gap, or fill it, before identification."
         )
     return columns[:, _moving(columns)]
 

@@ -14,7 +14,7 @@ import scipy.linalg as la
 from jaxtyping import Complex, Float
 
 STEPS = 40
-CONVERGED = 1e-5
+CONVERGED = 1e-3
 NEARLY = 0.1
 """A search cut short before a step of fewer standard deviations still passes as done."""
 
@@ -23,7 +23,7 @@ WIDEST_PENCIL = 96
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Decays:
-    r"""Fitted poles :math:`-\alpha_k + i \omega_k` [1/s, rad/s], amplitudes and what is left."""
+    r"""Fitted poles :math:`-\alpha_k + i \omega_k` [1/s, rad/s], amplitudes, what is left."""
 
     poles: Complex[np.ndarray, " mode"]
     amplitudes: Complex[np.ndarray, " mode"]
@@ -39,7 +39,7 @@ class Decays:
 
 
 def drift_basis(count: int, terms: int) -> Float[np.ndarray, "time term"]:
-    """Orthonormal cosines of up to `terms` - 1 half-periods over the record, from a constant."""
+    """Orthonormal cosines over the record: a constant, then `terms` - 1 of rising frequency."""
     instants = (np.arange(count) + 0.5) / count
     basis = np.cos(np.pi * np.outer(instants, np.arange(terms)))
     return np.asarray(basis / np.linalg.norm(basis, axis=0))
@@ -138,7 +138,7 @@ def _solve(
 
 
 def _rings(poles: np.ndarray, times: np.ndarray) -> bool:
-    """Whether poles oscillate below the Nyquist frequency, neither dying nor exploding at once."""
+    """Whether poles oscillate below Nyquist, neither dying nor exploding at once."""
     spacing = times[1] - times[0]
     return bool(
         np.all(poles.imag > 0)

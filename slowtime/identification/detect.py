@@ -14,7 +14,7 @@ FALSE_ALARM = 1e-3
 """Probability that a record of stationary noise shows a candidate at all."""
 
 SMOOTHING = 0.01
-"""Half-width, relative to frequency, over which ordinates are averaged before peaks are read."""
+"""Half-width, relative to frequency, over which ordinates are averaged for peaks to be read."""
 
 HANN_WORTH = 1.94
 """Hann correlates neighbours: so many ordinates carry the information of one."""

@@ -12,6 +12,9 @@ from scipy.special import gammaincinv
 FLOOR_QUANTILE = 40.0
 """The floor is this percentile of its neighbourhood: below the median, for peaks weigh less."""
 
+MOST_AVERAGED = 30
+"""Beyond so many ordinates percentile and mean are the same for the purpose."""
+
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Spectrum:
@@ -152,10 +155,12 @@ def noise_floor(
     floors = [percentile_filter(c, FLOOR_QUANTILE, size=size, mode="nearest") for c in columns]
     where = np.log(np.maximum(np.arange(count), 1))
     found = np.stack([np.interp(where, ruler, f) for f in floors], axis=1)
-    scatter = np.interp(where, centres, np.minimum(width, 30).astype(float))
+    scatter = np.interp(where, centres, np.minimum(width, MOST_AVERAGED).astype(float))
     return np.asarray(np.exp(found) * _percentile_to_mean(scatter)[:, None])
 
 
 def _percentile_to_mean(ordinates: Float[np.ndarray, " frequency"]) -> np.ndarray:
     """Ratio of mean to percentile of a mean of that many exponential ordinates (gamma law)."""
-    return np.asarray(ordinates / gammaincinv(ordinates, FLOOR_QUANTILE / 100.0))
+    known = np.arange(1.0, MOST_AVERAGED + 1.0)
+    ratio = known / gammaincinv(known, FLOOR_QUANTILE / 100.0)
+    return np.asarray(np.interp(ordinates, known, ratio))
