@@ -47,6 +47,10 @@ class Account:
             line.runs.append(run)
             self._runs[run.site, run.asset, run.boot] = run
             self._uneasy[run.site, run.asset] = line
+        for line in self._lines.values():
+            open_runs = [run for run in line.runs if not run.closed]
+            for run in open_runs[:1]:
+                run.flows = True
         self._next_number = next_number
 
     def forget(self, site: str, asset: str) -> None:

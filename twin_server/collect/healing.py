@@ -50,10 +50,6 @@ class Healer:
         """Begin."""
         self._thread.start()
 
-    def wake(self) -> None:
-        """Look at once whether there is something to ask."""
-        self._wake.set()
-
     def stop(self) -> None:
         """Ask nothing more; wait for what is under way."""
         self._stop.set()
@@ -87,6 +83,8 @@ class Healer:
             logger.exception("%s.%s could not be asked; trying again.", want.site, want.asset)
             listing, sound = None, False
         self._settle(want, listing, sound)
+        # Where one hole was, the next may be: it is not waited for.
+        self._wake.set()
 
     def _features(self, want: Want) -> tuple[bool, bool]:
         """Whether the first asked for is missing still, and whether all was answered."""

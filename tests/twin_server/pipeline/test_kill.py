@@ -1,0 +1,62 @@
+"""A server killed at any moment goes on as if it had not been."""
+
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from twin_server.persist import SqliteStore
+from twin_server.pipeline import Pipeline
+from twin_server.settings import TwinSettings
+
+CHILD = """
+import sys
+from pathlib import Path
+from slowtime_services.bus import Sample
+from twin_server.persist import SqliteStore
+from twin_server.pipeline import Pipeline
+from twin_server.settings import TwinSettings
+
+database, messages = Path(sys.argv[1]), Path(sys.argv[2])
+pipeline = Pipeline(TwinSettings(pipeline={"batch_messages": 7}), SqliteStore(database))
+print("ready", flush=True)
+for line in messages.read_bytes().splitlines():
+    pipeline.ingest([Sample("slowtime/v1/lab/beam/features", line, None, True)])
+print("done", flush=True)
+"""
+
+
+@pytest.mark.parametrize("after_s", [0.05, 0.2, 0.5])
+def test_sigkill_and_another_start_give_the_undisturbed_history(
+    tmp_path, ageing, sample, after_s
+):
+    messages = ageing(4000)
+    samples = [sample(message) for message in messages]
+    # Out of order here and there, so that a part is held on disk when the end comes.
+    for i in range(3, 3990, 11):
+        samples[i], samples[i + 4] = samples[i + 4], samples[i]
+    (tmp_path / "messages").write_bytes(b"\n".join(s.payload for s in samples))
+    expected = SqliteStore(tmp_path / "undisturbed.sqlite")
+    Pipeline(TwinSettings(), expected).ingest(map(sample, messages))
+
+    database = tmp_path / "killed.sqlite"
+    arguments = [sys.executable, "-c", CHILD, str(database), str(tmp_path / "messages")]
+    with subprocess.Popen(arguments, stdout=subprocess.PIPE) as child:
+        assert child.stdout is not None
+        assert child.stdout.readline() == b"ready\n"
+        time.sleep(after_s)
+        child.send_signal(signal.SIGKILL)
+        child.wait()
+
+    store = SqliteStore(database)
+    survived = store.count("lab.beam")
+    assert 0 < survived < 4000
+    Pipeline(TwinSettings(), store).ingest(samples)
+    assert store.digest("lab.beam") == expected.digest("lab.beam")
+    assert [e.body for e in store.events("lab.beam") if e.derived] == [
+        e.body for e in expected.events("lab.beam") if e.derived
+    ]
+    store.close()
+    expected.close()
