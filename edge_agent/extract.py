@@ -17,7 +17,7 @@ from slowtime.signals.block import Block
 from slowtime.signals.smoothing import MedianEwma, SmootherState
 from slowtime_schemas.messages import Features, Mode, Quality, Smoothed
 from slowtime_schemas.quantities import Quantity
-from slowtime_services.files import find_column
+from slowtime_services.files import accelerations, find_column
 
 from .settings import ExtractSettings, Origin
 
@@ -180,8 +180,8 @@ class Extract:
             return state, None, ("too_short",)
         if missing > given.max_missing * (len(rows) + missing):
             return state, None, ("too_much_missing",)
-        if given.channels is not None:
-            rows = rows[:, [find_column(name, block.channels) for name in given.channels]]
+        chosen = given.channels or accelerations(block.channels, block.units)
+        rows = rows[:, [find_column(name, block.channels) for name in chosen]]
         tracker = Tracker(
             rate_hz=block.rate_hz,
             band_hz=given.band_hz,

@@ -111,7 +111,7 @@ class ExtractSettings(Frozen):
     """How frequency and damping are read out of conditioned samples."""
 
     channels: tuple[str, ...] | None = None
-    """Those to identify from; None for all."""
+    """Those to identify from; None for all accelerations, by name or unit, else for all."""
     method: Literal["auto", "ambient", "free_decay", "peak"] = "auto"
     band_hz: Band | None = None
     """Where to look for the first mode; None for everywhere."""

@@ -1,5 +1,6 @@
 """Verbs that start from a record of somebody's samples: `import` and `identify`."""
 
+import dataclasses
 import datetime
 import json
 from collections.abc import Sequence
@@ -16,7 +17,7 @@ from slowtime.identification.identified import Identified
 from slowtime.identification.windows import Epoch, identify_windows
 from slowtime_schemas.raw import RawHeader, encode_raw
 from slowtime_schemas.streams import RAW
-from slowtime_services.files import Record
+from slowtime_services.files import Record, accelerations
 from slowtime_services.record import RecordingWriter
 
 from .reading import record_flags
@@ -166,6 +167,7 @@ def identify(
     """
     if hop_s is not None and window_s is None:
         raise click.UsageError("--hop-s goes with --window-s.")
+    record = _accelerations_of(record)
     samples = np.asarray(record.samples, dtype=float)
     facts = {
         "record": path.name,
@@ -189,6 +191,26 @@ def identify(
         }
     if out is not None:
         out.write_text(json.dumps(result, indent=1) + "\n")
+
+
+def _accelerations_of(record: Record) -> Record:
+    """Leave out what is no acceleration by its name, where others are, and say so."""
+    chosen = accelerations(record.channels, record.units)
+    left_out = [name for name in record.channels if name not in chosen]
+    if not left_out:
+        return record
+    click.echo(
+        f"note: identified from {', '.join(chosen)}; {', '.join(left_out)} left out, being no "
+        "acceleration by name or unit. --channels chooses others.",
+        err=True,
+    )
+    columns = [record.channels.index(name) for name in chosen]
+    return dataclasses.replace(
+        record,
+        samples=record.samples[:, columns],
+        channels=chosen,
+        units=tuple(record.units[column] for column in columns),
+    )
 
 
 def _stretches(record: Record) -> list[tuple[int, int, int]]:

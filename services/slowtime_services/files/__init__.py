@@ -1,6 +1,14 @@
 """Files of measurements in, records out: text of any kind, NumPy, MATLAB."""
 
 from .read import MAX_BYTES, read_record
-from .record import Gap, Record, RecordError, find_column
+from .record import Gap, Record, RecordError, accelerations, find_column
 
-__all__ = ["MAX_BYTES", "Gap", "Record", "RecordError", "find_column", "read_record"]
+__all__ = [
+    "MAX_BYTES",
+    "Gap",
+    "Record",
+    "RecordError",
+    "accelerations",
+    "find_column",
+    "read_record",
+]

@@ -11,6 +11,10 @@ from jaxtyping import Shaped
 from slowtime.signals.block import Block
 
 Values = Shaped[np.ndarray, "..."]
+ACCELERATION_UNITS = frozenset(
+    ("m/s^2", "m/s2", "m/s²", "m/s**2", "m·s-2", "mm/s^2", "mm/s2", "g", "mg", "µg", "gal")
+)
+
 SENSOR_DTYPES = ("<f8", "<f4", "<i4", "<i2")
 """Types of samples that stay what they are; any other becomes ``<f8``."""
 
@@ -121,6 +125,27 @@ def find_column(name: str, names: tuple[str, ...]) -> int:
         f"No column is called {name!r}. There are: {', '.join(map(repr, names))}; a number "
         f"from 0 to {len(names) - 1} will also do."
     )
+
+
+def accelerations(channels: tuple[str, ...], units: tuple[str, ...]) -> tuple[str, ...]:
+    """Which channels are accelerations by their unit or name; all, where none says so.
+
+    A record may hold a position or a temperature beside its accelerometers, and what that does
+    is no vibration of the structure.
+
+    Examples
+    --------
+    >>> accelerations(("Low G Accel", "PinLoc"), ("V", "V"))
+    ('Low G Accel',)
+    >>> accelerations(("x", "y"), ("", ""))
+    ('x', 'y')
+    """
+    said = tuple(
+        name
+        for name, unit in zip(channels, units, strict=True)
+        if unit.casefold() in ACCELERATION_UNITS or "acc" in name.casefold()
+    )
+    return said or channels
 
 
 def in_sensor_type(values: Values) -> Values:
