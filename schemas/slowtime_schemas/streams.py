@@ -161,6 +161,7 @@ REQUESTS = {
     "features": "features messages again; parameters boot, first, last",
     "raw": "the last samples from the ring buffer; parameter seconds",
     "about": "the about message",
+    "registration": "registrations; the twin server answers, for all its twins that match",
 }
 
 

@@ -24,8 +24,9 @@ from slowtime_schemas.streams import (
     REGISTRATION,
     STATE,
     alive_key,
+    request_key,
 )
-from slowtime_services.bus import Bus, Handle, Inbox, Sample
+from slowtime_services.bus import Bus, Handle, Inbox, Query, Sample, matches
 from slowtime_services.clock import Clock, SystemClock
 from twin_server.collect import (
     Account,
@@ -146,6 +147,7 @@ class Pipeline:
             self._bus.subscribe(HEALTH.everywhere, self._receive),
             self._bus.subscribe(REGISTRATION.everywhere, self._receive),
             self._bus.watch(alive_key("*", "*"), self._see),
+            self._bus.answer(request_key("*", "*", "registration"), self._answer_registrations),
         ]
         self._healer.start()
 
@@ -548,6 +550,18 @@ class Pipeline:
             self._announce(key)
 
     def _announce(self, key: tuple[str, str]) -> None:
+        twin = self._twins[key]
+        self._publish(
+            REGISTRATION.key(*key), self._registered_as(key, twin), REGISTRATION.encoding
+        )
+
+    def _answer_registrations(self, query: Query) -> Iterator[tuple[str, bytes]]:
+        """Say how twins are registered to somebody who asks; in a thread of the bus."""
+        for key, twin in list(self._twins.items()):
+            if matches(query.key, request_key(*key, "registration")):
+                yield REGISTRATION.key(*key), self._registered_as(key, twin)
+
+    def _registered_as(self, key: tuple[str, str], twin: Twin) -> bytes:
         site, asset = key
         self._announcements += 1
         message = Registered(
@@ -557,9 +571,9 @@ class Pipeline:
             sequence=self._announcements,
             t_ns=self._clock.now_ns(),
             id=f"{site}.{asset}",
-            registration=self._twins[key].registration.to_dict(),
+            registration=twin.registration.to_dict(),
         )
-        self._publish(REGISTRATION.key(*key), encode(message), REGISTRATION.encoding)
+        return encode(message)
 
     def _estimate_anew(
         self, key: tuple[str, str], registration: Registration, event: EventRow

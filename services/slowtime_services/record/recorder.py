@@ -10,7 +10,15 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import NamedTuple, Self
 
-from slowtime_schemas.streams import FEATURES, STREAMS, Stream, any_key, parse_key
+from slowtime_schemas.streams import (
+    FEATURES,
+    REGISTRATION,
+    STREAMS,
+    Stream,
+    any_key,
+    parse_key,
+    request_key,
+)
 from slowtime_services.bus import Bus, Inbox, Sample
 from slowtime_services.clock import Clock, SystemClock
 
@@ -110,6 +118,11 @@ class Recorder:
         for thread in self._threads:
             thread.start()
         self._subscription = bus.subscribe(any_key(site, asset), self._arrive)
+        if REGISTRATION.name in self._streams:
+            # What twins were told before the recording began; without it none is whole.
+            asked = bus.ask(request_key(site, asset, "registration"), timeout_s=1.0)
+            for sample in asked:
+                self._arrive(sample)
 
     @property
     def recording(self) -> Recording:

@@ -24,6 +24,7 @@ from slowtime_schemas.streams import (
     ACK,
     FEATURES,
     HEALTH,
+    REGISTRATION,
     Stream,
     alive_key,
     parse_key,
@@ -36,7 +37,7 @@ from slowtime_services.runs import Run, run_and_sequence
 from .account import Holding, closing_words, features_again, take_stock
 from .reading import Contents, Recorded, contents, read_recording
 
-FROM_THE_EDGE = (ABOUT, FEATURES, HEALTH)
+PLAYED = (REGISTRATION, ABOUT, FEATURES, HEALTH)
 
 
 class Progress(NamedTuple):
@@ -73,7 +74,7 @@ def replay(
     bus: Bus,
     *,
     speed: float = 1.0,
-    streams: Collection[Stream] = FROM_THE_EDGE,
+    streams: Collection[Stream] = PLAYED,
     clock: Clock | None = None,
     progress: Callable[[Progress], None] | None = None,
     stop: threading.Event | None = None,
@@ -87,7 +88,8 @@ def replay(
     speed
         1 as it was, ``math.inf`` as fast as it is acknowledged.
     streams
-        What to publish; by default what comes from the edge, since a twin makes the rest anew.
+        What to publish; by default what comes from the edge, and what the twin was told of its
+        structure: it makes the rest anew.
     clock
         Keeps the pace.
     progress
