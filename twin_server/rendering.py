@@ -33,7 +33,8 @@ def state_messages(
     for row, boot, unit in zip(states.tolist(), boots, units, strict=True):
         yield (
             f'{{"version":1,"site":"{site}","asset":"{asset}","boot":"{boot}",'
-            f'"sequence":{row[0]},"t_ns":{row[1]},"id":"{site}.{asset}",{_core(row, unit)}}}'
+            f'"sequence":{row[0]},"t_ns":{row[1]},"id":"{site}.{asset}",'
+            f"{_core(row, unit, brief=True)}}}"
         ).encode()
 
 
@@ -60,7 +61,7 @@ def estimate_objects(table: Sequence[Sequence[float]]) -> list[dict[str, float]]
     return [dict(zip(("value", "sd", "lo", "hi"), row, strict=True)) for row in table]
 
 
-def _core(row: tuple[Any, ...], unit: str) -> str:
+def _core(row: tuple[Any, ...], unit: str, *, brief: bool = False) -> str:
     frequency, damping, stiffness, mass = row[3:7]
     reasons, notes = row[10], row[11]
     return (
@@ -69,7 +70,7 @@ def _core(row: tuple[Any, ...], unit: str) -> str:
         f'"stiffness_change":{_estimate(*stiffness)},"mass_change":{_estimate(*mass)},'
         f'"correlation":{row[7]},"assumed":{_assumed(notes)},'
         f'"frequency_used":"{"smoothed" if notes & USED_SMOOTHED else "measured"}",'
-        f'"valid":{"false" if reasons else "true"},"reasons":{_reasons(reasons)},'
+        f'"valid":{"false" if reasons else "true"},"reasons":{_reasons(reasons, brief)},'
         f'"truth":{_truth(row[8])}'
     )
 
@@ -95,8 +96,14 @@ def _text(text: str) -> str:
 
 
 @functools.lru_cache(maxsize=4096)
-def _reasons(reasons: int) -> str:
-    return json.dumps(sentences(reasons))
+def _reasons(reasons: int, brief: bool) -> str:
+    said = sentences(reasons)
+    return json.dumps([_opening(text) for text in said] if brief else said)
+
+
+def _opening(text: str, most: int = 200) -> str:
+    """As many whole sentences as a message has room for."""
+    return text if len(text) <= most else text[: text[:most].rindex(". ") + 1]
 
 
 @functools.lru_cache(maxsize=16)

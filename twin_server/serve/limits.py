@@ -1,5 +1,7 @@
 """A request body larger than allowed is refused before it is read."""
 
+import contextlib
+
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from .problems import MEDIA_TYPE, problem
@@ -24,7 +26,7 @@ class BodyLimit:
         if not stated.isdigit() or int(stated) > self._max_bytes:
             await self._refuse(scope, send, stated.decode("latin-1"))
             return
-        read, answering = 0, False
+        read = 0
 
         async def limited() -> Message:
             nonlocal read
@@ -34,16 +36,15 @@ class BodyLimit:
                 raise _TooLarge
             return message
 
-        async def watched(message: Message) -> None:
-            nonlocal answering
-            answering = True
-            await send(message)
+        async def unless_too_large(message: Message) -> None:
+            # What the application makes of its interrupted reading is not the answer.
+            if read <= self._max_bytes:
+                await send(message)
 
-        try:
-            await self._app(scope, limited, watched)
-        except _TooLarge:
-            if not answering:
-                await self._refuse(scope, send, f"more than {self._max_bytes}")
+        with contextlib.suppress(_TooLarge):
+            await self._app(scope, limited, unless_too_large)
+        if read > self._max_bytes:
+            await self._refuse(scope, send, f"more than {self._max_bytes}")
 
     async def _refuse(self, scope: Scope, send: Send, given: str) -> None:
         detail = (

@@ -36,9 +36,9 @@ def parse_moment(text: str) -> Moment:
             slow = float(text.removeprefix("slow:"))
             if math.isfinite(slow):
                 return Moment(slow_time=slow)
-        elif re.fullmatch(r"\d{1,19}", text) and int(text) < 2**63:
+        elif re.fullmatch(r"[0-9]{1,19}", text) and int(text) < 2**63:
             return Moment(t_ns=int(text))
-        elif not text.isdecimal():
+        else:
             return Moment(t_ns=_from_rfc3339(text))
     except ValueError:
         pass

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from slowtime_schemas.codec import decode_sample, encode
 from slowtime_schemas.messages import Health, TwinState
 from slowtime_schemas.streams import ACK, EVENT, HEALTH, REGISTRATION, STATE
-from slowtime_services.bus import MemoryBus
+from slowtime_services.bus import MemoryBus, Sample
 from slowtime_services.clock import HandClock
-from twin_server import pipeline as pipelines
+from twin_server import estimate as estimators
 from twin_server.persist import SqliteStore, StoreError
-from twin_server.pipeline import Pipeline
+from twin_server.pipeline import Pipeline, core
 from twin_server.registration import Registration
 from twin_server.settings import TwinSettings
 
@@ -125,7 +125,7 @@ def test_a_lost_tail_is_fetched_on_the_word_of_health(open_twin, edge, ageing, e
 
 
 def test_only_what_is_durable_is_acknowledged(open_twin, edge, ageing, eventually, tmp_path):
-    acknowledged = []
+    acknowledged: list[tuple[int, int]] = []
     with MemoryBus() as bus:
         _, store = open_twin(bus)
 
@@ -145,7 +145,7 @@ def test_only_what_is_durable_is_acknowledged(open_twin, edge, ageing, eventuall
 def test_states_events_and_registrations_travel_as_the_messages_they_are(
     open_twin, edge, ageing, eventually
 ):
-    heard = []
+    heard: list[Sample] = []
     with MemoryBus() as bus:
         pipeline, store = open_twin(bus)
         for stream in (STATE, EVENT, REGISTRATION):
@@ -167,7 +167,7 @@ def test_states_events_and_registrations_travel_as_the_messages_they_are(
 def test_a_recorded_registration_is_taken_and_a_live_one_is_an_echo(
     open_twin, ageing, sample, tmp_path
 ):
-    kept = []
+    kept: list[Sample] = []
     registration = Registration(nominal={"frequency_hz": 3.0, "damping_ratio": 0.02})
     with MemoryBus() as bus:
         bus.subscribe(REGISTRATION.everywhere, kept.append)
@@ -186,7 +186,7 @@ def test_a_recorded_registration_is_taken_and_a_live_one_is_an_echo(
 def test_registering_anew_gives_the_history_of_having_known_before(
     open_twin, ageing, sample, tmp_path, heard, later, monkeypatch
 ):
-    monkeypatch.setattr(pipelines.core, "_ANEW", 7)
+    monkeypatch.setattr(core, "_ANEW", 7)
     messages = ageing(60, loss=0.5) + ageing(10, boot="b2")
     pipeline, store = open_twin()
     pipeline.listen(heard)
@@ -266,14 +266,12 @@ def _full(cut):
 def test_features_that_make_the_server_fail_stop_no_others(
     open_twin, ageing, sample, monkeypatch, caplog
 ):
-    estimate = pipelines.core.estimate
-
     def fragile(twins, features, owners, missing):
         if any(f.asset == "bad" and f.sequence == 5 for f in features):
             raise ZeroDivisionError("a fault of ours")
-        return estimate(twins, features, owners, missing)
+        return estimators.estimate(twins, features, owners, missing)
 
-    monkeypatch.setattr(pipelines.core, "estimate", fragile)
+    monkeypatch.setattr(core, "estimate", fragile)
     pipeline, store = open_twin()
     mixed = [m for pair in zip(ageing(20), ageing(20, asset="bad"), strict=True) for m in pair]
     pipeline.ingest(map(sample, mixed))
@@ -294,12 +292,14 @@ def test_what_finds_no_room_is_counted_and_healed(edge, ageing, eventually, tmp_
         pipeline = Pipeline(small, store, bus=bus)
         blocked = threading.Event()
         pipeline.start()
-        pipeline._later(lambda: blocked.wait(5) and None)
+        holding = threading.Thread(target=pipeline.call, args=(lambda: blocked.wait(5),))
+        holding.start()
         beam = edge(MemoryBus(joins=bus))
         for message in ageing(100):
             beam.make(message)
         assert pipeline.refusals.counts["inbox_full"] > 50
         blocked.set()
+        holding.join()
         assert eventually(lambda: store.count("lab.beam") == 100)
         pipeline.stop()
     store.close()

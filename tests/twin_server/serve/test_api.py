@@ -1,0 +1,271 @@
+"""REST as others script against it."""
+
+import socket
+
+import numpy as np
+import pytest
+
+from slowtime_services.clock import SystemClock
+from twin_server.collect.refusals import REASONS
+from twin_server.serve import models
+
+TWIN = "/api/v1/twins/lab.beam"
+
+
+def test_the_list_shows_each_twin_with_its_latest_state(server):
+    (twin,) = server.get("/api/v1/twins").json()["twins"]
+    models.TwinModel.model_validate(twin)
+    models.State.model_validate({k: twin[k] for k in models.State.model_fields})
+    assert twin["id"] == "lab.beam"
+    assert twin["slow_time"] == 299.0
+    assert twin["registration"]["name"] == "Beam"
+    assert twin["nominal"]["frequency_hz"] == 3.0
+    assert twin["valid"] is True
+
+
+def test_history_holds_every_state_in_order(server):
+    found = models.HistoryModel.model_validate(server.get(f"{TWIN}/history").json())
+    assert [p.sequence for p in found.points] == list(range(300))
+    held = []
+    for point in found.points:
+        assert point.stiffness_change is not None
+        assert point.truth is not None
+        true = point.truth["stiffness_change"]
+        held.append(point.stiffness_change.lo <= true <= point.stiffness_change.hi)
+    assert 0.91 < np.mean(held) < 0.99
+
+
+@pytest.mark.parametrize("max_points", [2, 7, 50, 299])
+def test_fewer_points_hide_no_extreme(server, max_points):
+    every = server.get(f"{TWIN}/history").json()["points"]
+    some = server.get(f"{TWIN}/history", max_points=max_points).json()["points"]
+    assert len(some) <= max_points
+    assert some[0] == every[0]
+    assert some[-1] == every[-1]
+    assert [p["sequence"] for p in some] == sorted(p["sequence"] for p in some)
+    if max_points >= 50:
+        for quantity in ("frequency_hz", "stiffness_change"):
+            for end, extreme in (("lo", min), ("hi", max), ("value", min), ("value", max)):
+                values = [p[quantity][end] for p in some]
+                assert extreme(values) == extreme(p[quantity][end] for p in every)
+
+
+@pytest.mark.parametrize(
+    ("span", "sequences"),
+    [
+        ({"start": "slow:10", "end": "slow:12"}, [10, 11, 12]),
+        ({"start": "2026-01-01T00:00:10Z", "end": "1767225611000000000"}, [10, 11]),
+        ({"end": "slow:1.5"}, [0, 1]),
+        ({"start": "slow:298.5"}, [299]),
+        ({"start": "slow:400"}, []),
+        ({"start": "slow:5", "end": "slow:4"}, []),
+    ],
+)
+def test_history_is_cut_where_it_is_asked_for(server, span, sequences):
+    points = server.get(f"{TWIN}/history", **span).json()["points"]
+    assert [p["sequence"] for p in points] == sequences
+
+
+def test_a_twin_as_it_was(server):
+    assert server.get(TWIN, at="slow:41.7").json()["sequence"] == 41
+    assert server.get(TWIN, at="2026-01-01T00:01:00Z").json()["sequence"] == 60
+    before = server.get(TWIN, at="2020-01-01T00:00:00Z").json()
+    assert before["valid"] is False
+    assert before["stiffness_change"] is None
+    assert "no features at that moment" in before["reasons"][0]
+
+
+def test_the_forecast_goes_on_where_the_history_ends(server):
+    found = server.get(f"{TWIN}/forecast", horizon=30, points=3).json()
+    models.ForecastModel.model_validate(found)
+    assert [p["slow_time"] for p in found["points"]] == [309.0, 319.0, 329.0]
+    assert found["points"][0]["mass_change"] is None
+    last = found["points"][-1]["stiffness_change"]
+    assert last["lo"] < -0.2 * 329 / 300 < last["hi"]
+    assert server.get(f"{TWIN}/forecast").json()["points"]
+
+
+def test_events_from_the_first_or_from_a_number_on(server):
+    found = server.get(f"{TWIN}/events").json()
+    models.EventList.model_validate(found)
+    assert [e["kind"] for e in found["events"]] == ["registered"]
+    number = found["events"][-1]["number"]
+    assert server.get(f"{TWIN}/events", after=number).json() == {"events": []}
+
+
+def test_the_hash_names_how_many_features_it_is_of(server):
+    found = server.get(f"{TWIN}/history/hash").json()
+    assert found["features"] == 300
+    assert len(found["sha256"]) == 64
+
+
+def test_health_readiness_and_metrics(server):
+    assert server.get("/healthz").json() == {"status": "ok"}
+    assert server.get("/readyz").json() == {"status": "ok"}
+    answer = server.get("/metrics")
+    assert answer.headers["content-type"].startswith("text/plain; version=0.0.4")
+    lines = answer.text.splitlines()
+    assert "slowtime_twin_accepted_total 300" in lines
+    assert "slowtime_twin_twins 1" in lines
+    said = {line.split('"')[1] for line in lines if line.startswith("slowtime_twin_refused_t")}
+    assert said == set(REASONS)
+    for line in lines:
+        name = line.split("{")[0].split(" ")[0]
+        assert line.startswith("#") or f"# TYPE {name} " in answer.text
+
+
+PROBLEMS = [
+    ("GET", "/api/v1/twins/lab.nobody", 404, "no-such-twin", "Registered: lab.beam"),
+    ("GET", "/api/v1/twins/lab.nobody/live", 404, "no-such-twin", "Register it with PUT"),
+    ("DELETE", "/api/v1/twins/lab.nobody", 404, "no-such-twin", "Register it with PUT"),
+    ("GET", "/api/v1/nowhere", 404, "no-such-address", "openapi.json"),
+    ("GET", "/assets/../settings.py", 404, "no-such-address", "does not exist"),
+    ("GET", "/assets/nothing.js", 404, "no-such-address", "Allowed: app.js"),
+    ("POST", "/api/v1/twins", 405, "method-not-allowed", "Allowed: GET"),
+    ("GET", "/api/v1/twins/Not-An-Id", 422, "not-valid", "path.twin_id"),
+    ("GET", f"{TWIN}?at=yesterday", 422, "not-valid", "query.at, yesterday is no moment"),
+    ("GET", f"{TWIN}/history?start=slow:x", 422, "not-valid", "query.start"),
+    ("GET", f"{TWIN}/history?max_points=1", 422, "not-valid", "greater than or equal to 2"),
+    ("GET", f"{TWIN}/history?max_points=many", 422, "not-valid", "'many' was given"),
+    ("GET", f"{TWIN}/forecast?horizon=-1", 422, "not-valid", "query.horizon"),
+    ("GET", f"{TWIN}/forecast?horizon=nan", 422, "not-valid", "query.horizon"),
+    ("GET", f"{TWIN}/events?after=-1", 422, "not-valid", "query.after"),
+]
+
+
+@pytest.mark.parametrize(("method", "path", "status", "slug", "says"), PROBLEMS)
+def test_every_error_is_a_problem_document(server, method, path, status, slug, says):
+    answer = server.client.request(method, path)
+    assert answer.status_code == status
+    assert answer.headers["content-type"] == "application/problem+json"
+    body = answer.json()
+    assert body["type"] == f"urn:slowtime:problem:{slug}"
+    assert body["status"] == status
+    assert body["title"]
+    assert says in body["detail"]
+    assert body["instance"].startswith("/")
+
+
+@pytest.mark.parametrize(
+    ("body", "says"),
+    [
+        (b"{", "JSON decode error"),
+        (b"[]", "object"),
+        (b'{"changes": "colour"}', "body.changes, 'colour' was given"),
+        (b'{"chages": "mass"}', "body.chages, 'mass' was given"),
+        (b'{"nominal": {"frequency_hz": -3}}', "body.nominal.frequency_hz"),
+        (b'{"nominal": {"frequency_hz": NaN}}', "body"),
+        (b'{"nominal": {"mass_kg": 3}}', "given twice, or not whole"),
+    ],
+)
+def test_a_wrong_registration_is_refused_with_where_and_why(server, body, says):
+    answer = server.client.put(TWIN, content=body, headers={"Content-Type": "application/json"})
+    assert answer.status_code == 422
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert says in str(answer.json())
+    assert server.get(TWIN).json()["registration"]["name"] == "Beam"
+
+
+def test_a_body_too_large_is_refused_whatever_its_header_says(server):
+    answer = server.client.put(TWIN, content=b" " * 10**6)
+    assert answer.status_code == 413
+    assert "1000000 bytes was given. Allowed: up to 65,536" in answer.json()["detail"]
+    answer = server.client.put(TWIN, content=iter([b" " * 10**5] * 10))
+    assert answer.status_code == 413
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert server.get("/healthz").status_code == 200
+
+
+def test_every_route_is_described_with_an_example(server):
+    document = server.get("/api/v1/openapi.json").json()
+    assert set(document["paths"]) == {
+        "/api/v1/twins", "/api/v1/twins/{twin_id}", "/api/v1/twins/{twin_id}/history",
+        "/api/v1/twins/{twin_id}/history/hash", "/api/v1/twins/{twin_id}/forecast",
+        "/api/v1/twins/{twin_id}/events", "/api/v1/twins/{twin_id}/live", "/healthz",
+        "/readyz", "/metrics",
+    }  # fmt: skip
+    for path, methods in document["paths"].items():
+        for method, operation in methods.items():
+            assert operation["description"], (method, path)
+    for name in ("State", "TwinModel", "Registration"):
+        assert document["components"]["schemas"][name]["examples"]
+
+
+def test_the_page_comes_with_all_it_needs(server):
+    page = server.get("/")
+    assert page.headers["content-type"].startswith("text/html")
+    assert "//" not in page.text.replace("http://www.w3.org/2000/svg", "")
+    for name in ("app.js", "style.css", "plotly.min.js"):
+        assert f"/assets/{name}" in page.text
+        asset = server.get(f"/assets/{name}")
+        assert asset.status_code == 200
+        assert len(asset.content) > 1000
+
+
+def test_registering_again_estimates_again_and_deleting_forgets(serving, ageing, eventually):
+    own = serving()
+    own.feed(ageing(60))
+    assert eventually(lambda: own.count() == 60)
+    learning = own.get(f"{TWIN}/history").json()["points"]
+    assert learning[0]["stiffness_change"] is None
+    body = {"changes": "mass", "nominal": {"frequency_hz": 3.0}}
+    answer = own.client.put(TWIN, json=body)
+    assert answer.status_code == 200
+    models.TwinModel.model_validate(answer.json())
+    again = own.get(f"{TWIN}/history").json()["points"]
+    assert len(again) == 60
+    assert again[0]["mass_change"] is not None
+    assert again[0]["assumed"] == ["stiffness_change"]
+    assert own.client.delete(TWIN).status_code == 204
+    assert own.get("/api/v1/twins").json() == {"twins": []}
+
+
+def test_a_twin_without_features_says_so(serving):
+    own = serving()
+    assert own.client.put(TWIN, json={}).status_code == 201
+    twin = own.get(TWIN).json()
+    models.TwinModel.model_validate(twin)
+    assert twin["reasons"] == [
+        "There are no features yet. Start the edge agent, or ask for a later one."
+    ]
+    assert own.get(f"{TWIN}/history").json() == {"points": []}
+    forecast = own.get(f"{TWIN}/forecast").json()
+    assert forecast["valid"] is False
+    assert "too few valid readings" in forecast["reasons"][0]
+
+
+def test_a_hostile_message_is_counted_in_metrics_and_stops_nothing(
+    serving, ageing, features, sample, eventually
+):
+    own = serving()
+    first, *rest = ageing(5)
+    own.feed([first])
+    key, good, _, _ = sample(first)
+    for payload in (b"\xff", good.replace(b'"slow_time":0.0', b'"slow_time":NaN'),
+                    good.replace(b'"version":1', b'"version":77'), bytes(2**21)):  # fmt: skip
+        own.bus.publish(key, payload, encoding="application/json")
+    future = features(9, time_base="live", t_ns=SystemClock().now_ns() + 10**15)
+    own.bus.publish(key, sample(future).payload, encoding="application/json")
+    own.feed([first, *rest])
+    assert eventually(lambda: own.count() == 5)
+    metrics = own.get("/metrics").text
+    for reason in ("not_json", "not_finite", "unknown_version", "too_large", "future_clock",
+                   "duplicate"):  # fmt: skip
+        assert f'refused_total{{reason="{reason}"}} 1' in metrics
+
+
+def test_not_ready_says_what_is_wrong(serving):
+    own = serving()
+    own.bus.connected = False
+    answer = own.get("/readyz")
+    assert answer.status_code == 503
+    assert answer.json()["type"] == "urn:slowtime:problem:not-ready"
+    assert "The router is not connected" in answer.json()["detail"]
+
+
+def test_nonsense_on_the_socket_does_not_end_the_server(server):
+    host, port = server.url.removeprefix("http://").split(":")
+    with socket.create_connection((host, int(port)), 5) as raw:
+        raw.sendall(b"\x16\x03\x01 not http at all\r\n\r\n")
+        assert raw.recv(100).startswith(b"HTTP/1.1 400")
+    assert server.get("/healthz").status_code == 200

@@ -1,0 +1,88 @@
+"""The process: it ends when asked to, and says what to do when it cannot begin."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+
+import pytest
+
+from slowtime_services.bus import MemoryBus
+from twin_server.__main__ import run
+
+CHILD = """
+import logging, sys
+from pathlib import Path
+from slowtime_services.bus import MemoryBus
+from twin_server.__main__ import run
+from twin_server.settings import TwinSettings
+
+logging.basicConfig(level=logging.INFO)
+settings = TwinSettings(database=Path(sys.argv[1]), port=0)
+sys.exit(run(settings, bus=MemoryBus(), ready=lambda url: print(url, flush=True)))
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_it_cleanly_with_status_0(tmp_path, number):
+    arguments = [sys.executable, "-c", CHILD, str(tmp_path / "twin.sqlite")]
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("SLOWTIME_TWIN_")}
+    with subprocess.Popen(
+        arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+    ) as child:
+        assert child.stdout is not None
+        url = child.stdout.readline().strip()
+        with urllib.request.urlopen(f"{url}/readyz", timeout=5) as answer:
+            assert answer.status == 200
+        with urllib.request.urlopen(f"{url}/api/v1/twins", timeout=5) as answer:
+            assert answer.read() == b'{"twins":[]}'
+        began = time.monotonic()
+        child.send_signal(number)
+        _, said = child.communicate(timeout=10)
+        assert time.monotonic() - began < 5
+    assert child.returncode == 0, said
+    assert "Traceback" not in said
+
+
+def test_a_taken_port_is_said_to_be_one(tmp_path, settings, caplog):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        own = settings.model_copy(
+            update={"port": taken.getsockname()[1], "database": tmp_path / "x.sqlite"}
+        )
+        assert run(own, bus=MemoryBus()) == 2
+    assert "cannot be listened on" in caplog.text
+    assert "--port" in caplog.text
+
+
+def test_a_database_of_somebody_else_is_left_alone(tmp_path, settings, caplog):
+    (tmp_path / "x.sqlite").write_bytes(b"something else " * 100)
+    own = settings.model_copy(update={"database": tmp_path / "x.sqlite"})
+    assert run(own, bus=MemoryBus()) == 2
+    assert "Give another --database" in caplog.text
+    assert (tmp_path / "x.sqlite").read_bytes() == b"something else " * 100
+
+
+def test_a_router_that_is_not_there_is_said_not_to_be(tmp_path, settings, caplog):
+    own = settings.model_copy(
+        update={
+            "database": tmp_path / "x.sqlite",
+            "connect": ("tcp/127.0.0.1:1",),
+            "connect_timeout_s": 0.3,
+        }
+    )
+    assert run(own) == 2
+    assert "No router answers at tcp/127.0.0.1:1" in caplog.text
+
+
+def test_a_wrong_file_of_registrations_is_the_user_s_to_mend(tmp_path, settings, caplog):
+    (tmp_path / "r.json").write_text('{"beam": {}}')
+    own = settings.model_copy(
+        update={"database": tmp_path / "x.sqlite", "registrations": tmp_path / "r.json"}
+    )
+    assert run(own, bus=MemoryBus()) == 2
+    assert "'beam' is no twin's id" in caplog.text
