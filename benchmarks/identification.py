@@ -15,7 +15,7 @@ import argparse
 import dataclasses
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -175,11 +175,11 @@ def _row(
     return text, fine
 
 
-def main() -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Print both tables; status 1 if any figure misses its mark."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--runs", type=int, default=500, help="seeded runs of every case")
-    runs = parser.parse_args().runs
+    runs = parser.parse_args(arguments).runs
     passed = True
     print(
         f"Free decay, {runs} runs a case: RMSE / Cramer-Rao bound (aim <= {FREE_DECAY_LIMIT})"

@@ -19,6 +19,7 @@ NEARLY = 0.1
 """A search cut short before a step of fewer standard deviations still passes as done."""
 
 WIDEST_PENCIL = 96
+MOST_DIRECTIONS = 6
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -71,10 +72,11 @@ def fit_decays(
     times = np.arange(len(series)) / rate_hz
     target = series - drift @ (drift.T @ series)
     state = _solve(target, times, poles, drift)
+    rounding = 1e-15 * float(target @ target)
     damping, expected = 0.0, 0.0
     for _ in range(steps):
         step, expected = _step(state, damping)
-        if expected < CONVERGED**2 * state.variance:
+        if expected <= max(CONVERGED**2 * state.variance, rounding):
             break
         if _rings(state.poles + step, times):
             trial = _solve(target, times, state.poles + step, drift)
@@ -89,7 +91,7 @@ def fit_decays(
         state.amplitudes,
         state.residual,
         np.asarray(np.linalg.pinv(state.normal, hermitian=True)),
-        expected < NEARLY**2 * state.variance or damping > 1e6,
+        expected <= max(NEARLY**2 * state.variance, rounding) or damping > 1e6,
     )
 
 
@@ -160,17 +162,25 @@ def _step(state: _State, damping: float) -> tuple[np.ndarray, float]:
     return move[:modes] + 1j * move[modes:], float(move @ state.gradient)
 
 
+def signal_space(series: Float[np.ndarray, " time"]) -> Float[np.ndarray, "lag direction"]:
+    """Directions of the Hankel matrix of a series, the strongest first."""
+    window = min(len(series) // 3, WIDEST_PENCIL)
+    hankel = np.lib.stride_tricks.sliding_window_view(series, window)
+    strongest = la.eigh(
+        hankel.T @ hankel, subset_by_index=(max(window - MOST_DIRECTIONS, 0), window - 1)
+    )
+    return np.asarray(strongest[1][:, ::-1])
+
+
 def matrix_pencil(
-    series: Float[np.ndarray, " time"], rate_hz: float, order: int
+    space: Float[np.ndarray, "lag direction"], rate_hz: float, order: int
 ) -> Complex[np.ndarray, " mode"]:
     """Poles with positive frequency of the `order` strongest real oscillations (ESPRIT).
 
-    Rotational invariance of the leading singular vectors of the Hankel matrix; good enough to
-    start from, and free of starting values itself.
+    Rotational invariance of the leading directions of the Hankel matrix (`signal_space`); good
+    enough to start from, and free of starting values itself.
     """
-    window = min(len(series) // 3, WIDEST_PENCIL)
-    hankel = np.lib.stride_tricks.sliding_window_view(series, window)
-    vectors = la.eigh(hankel.T @ hankel)[1][:, : -2 * order - 1 : -1]
+    vectors = space[:, : 2 * order]
     shift = np.linalg.lstsq(vectors[:-1], vectors[1:], rcond=None)[0]
     ratios = np.linalg.eigvals(shift)
     poles = np.log(ratios[np.abs(ratios) > 1e-6].astype(complex)) * rate_hz

@@ -160,6 +160,9 @@ def _after_a_blow(
     blow = fit_blow(columns, rate_hz, found) if found else None
     if blow is None or blow.explained < EXPLAINED:
         return None
+    # Something else that happened in the record shows in the residual; stretches can tell.
+    if "coloured_residual" in blow.identified.flags:
+        return None
     return blow.identified if verdict(blow.identified) == "mode" else None
 
 

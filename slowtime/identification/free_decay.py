@@ -6,13 +6,14 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Complex, Float
 
-from slowtime.signals.spectra import detrended, periodogram
+from slowtime.signals.spectra import detrended
 
 from . import checks
 from .combine import modal_series
-from .decays import Decays, drift_basis, fit_decays, matrix_pencil
+from .decay_errors import Stretch, describe
+from .decays import Decays, drift_basis, fit_decays, matrix_pencil, signal_space
 from .detect import Candidate, candidates, leading, strongest
-from .identified import Identified, Measured
+from .identified import Identified
 from .isolate import Isolated, isolate
 
 MOST_MODES = 3
@@ -21,8 +22,6 @@ PRICE = 8.0
 four parameters, because noise offers a mode at every frequency to choose from.
 """
 
-THRESHOLD = 12.0
-"""Gain in log-likelihood over pure noise below which there is no decay to speak of."""
 
 NEIGHBOUR = 2.0**0.25
 """A fitted mode further from its candidate than this factor is not the candidate's."""
@@ -31,9 +30,6 @@ FRONT_SHARE = 0.9
 """Share of the power in the first half of a record from which on it is taken for a blow."""
 
 BLOW_DAMPINGS = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
-
-NEAR_BINS = 12
-"""Noise is judged on so many bins on either side of the mode."""
 
 
 def identify_free_decay(
@@ -84,17 +80,7 @@ def identify_free_decay(
         return rough.identified
     drift = drift_basis(len(series), 1)
     fit = fit_decays(series, rate_hz, np.array([rough.pole]), drift)
-    return describe(fit, 0, rate_hz, 0.0).identified
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class Stretch:
-    """A mode read off one stretch, its pole [1/s, rad/s], and how well decays explain it."""
-
-    identified: Identified
-    pole: complex
-    others: int
-    explained: float
+    return describe(fit, 0, rate_hz).identified
 
 
 def fit_stretch(part: Isolated, candidate: Candidate) -> Stretch:
@@ -102,18 +88,18 @@ def fit_stretch(part: Isolated, candidate: Candidate) -> Stretch:
     count = len(part.series)
     duration = count / part.rate_hz
     drift = drift_basis(count, 1 + int(2 * duration * part.drift_hz))
-    target = part.series - drift @ (drift.T @ part.series)
-    fit, worth = _with_modes(1, part, candidate, target, drift)
+    space = signal_space(part.series - drift @ (drift.T @ part.series))
+    fit, worth = _with_modes(1, part, candidate, space, drift)
     for order in range(2, MOST_MODES + 1):
-        more, gained = _with_modes(order, part, candidate, target, drift)
+        more, gained = _with_modes(order, part, candidate, space, drift)
         if gained >= worth:
             break
         fit, worth = more, gained
     which = own_mode(fit, duration, candidate)
     if which is None:
-        strayed = describe(fit, 0, part.rate_hz, part.start_s)
+        strayed = describe(fit, 0, part.rate_hz, part.start_s, part.band_hz)
         return dataclasses.replace(strayed, identified=_strayed(strayed.identified))
-    return describe(fit, which, part.rate_hz, part.start_s)
+    return describe(fit, which, part.rate_hz, part.start_s, part.band_hz)
 
 
 def fit_blow(
@@ -137,14 +123,14 @@ def fit_blow(
     best = int(np.argmin([fit.cost for fit in rough]))
     fit = fit_decays(series, rate_hz, starts[best], drift)
     which = own_mode(fit, len(series) / rate_hz, found[0])
-    return None if which is None else describe(fit, which, rate_hz, 0.0)
+    return None if which is None else describe(fit, which, rate_hz)
 
 
 def _with_modes(
-    order: int, part: Isolated, candidate: Candidate, target: np.ndarray, drift: np.ndarray
+    order: int, part: Isolated, candidate: Candidate, space: np.ndarray, drift: np.ndarray
 ) -> tuple[Decays, float]:
     """Fit of at most `order` modes, and its criterion: the lower, the better."""
-    poles = _started(matrix_pencil(target, part.rate_hz, order), part, candidate)
+    poles = _started(matrix_pencil(space, part.rate_hz, order), part, candidate)
     fit = fit_decays(part.series, part.rate_hz, poles, drift)
     count = len(part.series)
     price = PRICE * len(poles) * np.log(count)
@@ -179,63 +165,3 @@ def _started(
         poles = 2 * np.pi * candidate.frequency_hz * np.array([-0.01 + 1j])
     slowest = -0.1 * part.rate_hz / len(part.series)
     return np.asarray(np.clip(poles.real, -0.5 * poles.imag, slowest) + 1j * poles.imag)
-
-
-def describe(fit: Decays, which: int, rate_hz: float, start_s: float) -> Stretch:
-    """One mode of a fit, with errors from the information and the noise next to the mode."""
-    pole, modes, count = complex(fit.poles[which]), len(fit.poles), len(fit.residual)
-    variance, coloured = _noise(fit, abs(pole.imag), rate_hz)
-    pick = np.array([which, modes + which])
-    covariance = variance * fit.unit_covariance[np.ix_(pick, pick)]
-    natural, damping = abs(pole), -pole.real / abs(pole)
-    # Slopes of (|s|, -Re s / |s|) in (Re s, Im s).
-    slopes = np.array(
-        [
-            [pole.real / natural, pole.imag / natural],
-            [-(pole.imag**2) / natural**3, pole.real * pole.imag / natural**3],
-        ]
-    )
-    both = slopes @ covariance @ slopes.T
-    sd = np.sqrt(np.diag(both))
-    amplitude = abs(fit.amplitudes[which])
-    wave = amplitude**2 / 2 * _mean_square(-2 * pole.real, count / rate_hz)
-    explained = wave / (wave + fit.cost / count)
-    flags = ["coloured_residual"] if coloured else []
-    if 0.5 * count * np.log1p(wave / (fit.cost / count + 1e-300)) < THRESHOLD:
-        flags.append("below_threshold")
-    if damping <= 0:
-        flags.append("not_decaying")
-    if not fit.converged:
-        flags.append("not_converged")
-    identified = Identified(
-        frequency_hz=Measured(natural / (2 * np.pi), float(sd[0]) / (2 * np.pi)),
-        damping_ratio=Measured(damping, float(sd[1])),
-        correlation=float(both[0, 1] / (sd[0] * sd[1])) if sd.all() else 0.0,
-        snr_db=float(10 * np.log10(amplitude**2 / (2 * variance))) if variance else None,
-        amplitude=float(amplitude),
-        method="free_decay",
-        span_s=(start_s, start_s + count / rate_hz),
-        flags=tuple(flags),
-    )
-    return Stretch(identified, pole, modes - 1, float(explained))
-
-
-def _mean_square(rate: float, duration: float) -> float:
-    """Mean of exp(-rate t) over the duration."""
-    x = float(np.clip(rate * duration, -50.0, 1e9))
-    return 1.0 if abs(x) < 1e-9 else float(-np.expm1(-x) / x)
-
-
-def _noise(fit: Decays, omega: float, rate_hz: float) -> tuple[float, bool]:
-    """Noise variance per sample: its density next to the mode, if not higher by chance."""
-    count = len(fit.residual)
-    used = 4 * len(fit.poles)
-    white = fit.cost / max(count - used, 1)
-    density = periodogram(fit.residual[:, None], rate_hz).density[:, 0] * rate_hz / 2
-    centre = round(omega / (2 * np.pi) * count / rate_hz)
-    near = density[max(centre - NEAR_BINS, 1) : centre + NEAR_BINS + 1]
-    free = max(len(near) - used / 2, 1.0)
-    local = float(near.sum()) / free
-    if local < white * (1 + 2.6 / np.sqrt(free)):
-        return white, False
-    return local, True

@@ -31,6 +31,11 @@ class Isolated:
     high_hz: float
     drift_hz: float
 
+    @property
+    def band_hz(self) -> tuple[float, float]:
+        """Where the mode may be, and where noise is neither drift nor filtered [Hz]."""
+        return self.low_hz, self.high_hz
+
 
 def isolate(
     series: Float[np.ndarray, " time"], rate_hz: float, candidate: Candidate

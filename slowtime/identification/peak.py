@@ -11,7 +11,13 @@ from .combine import modal_series
 from .detect import Candidate, strongest
 from .identified import Identified, Measured
 
-BINS_PER_HALF_WIDTH = 4.0
+BINS_PER_HALF_WIDTH = 1.5
+HANN_HALF_WIDTH = 0.72
+"""Half-power half-width of a Hann segment's own peak, times the length of the segment."""
+
+ROUNDS = 3
+INEFFICIENCY = 1.5
+"""Error of the parabola over that of the likelihood with the same band (by simulation)."""
 
 
 def peak(
@@ -33,30 +39,32 @@ def peak(
 def fit_peak(
     columns: Float[np.ndarray, "time channel"], rate_hz: float, candidate: Candidate
 ) -> Identified:
-    r"""Peak near a candidate: a parabola through the inverse spectrum above half power.
+    r"""Peak near a candidate: a parabola through the inverse spectrum about half power.
 
     Near a light resonance :math:`1 / S \propto (f - f_n)^2 + \zeta^2 f_n^2`, so a parabola
-    through 1/S over the half-power band gives :math:`f_n` and, from its minimum and
-    curvature, :math:`\zeta`. Segments are as long as the width of the peak asks for and the
-    record allows; where the record is too short for the width, damping is only an upper limit
-    and the flag `resolution_limited` says so.
+    through 1/S over the peak gives :math:`f_n` and, from its minimum and curvature,
+    :math:`\zeta`, less the width of the segments' own peak. Segments are as long as the width
+    asks for and the record allows; where the record is too short for the width, damping is
+    little more than an upper limit, and the flag `resolution_limited` says so.
     """
     series = modal_series(columns, rate_hz, candidate)[:, None]
     duration = len(series) / rate_hz
-    segment = min(duration, 64.0 / candidate.frequency_hz)
+    segment = min(duration, 16.0 / candidate.frequency_hz)
     while True:
-        frequency, half_width, top, averages = _parabola(series, rate_hz, segment, candidate)
+        frequency, seen, top = _parabola(series, rate_hz, segment, candidate)
+        own = HANN_HALF_WIDTH / segment
+        half_width = float(np.sqrt(max(seen**2 - own**2, (0.2 * own) ** 2)))
         longer = min(duration, 2 * segment)
         if half_width * segment > BINS_PER_HALF_WIDTH or longer == segment:
             break
         segment = longer
     damping = min(half_width / frequency, 0.5)
-    limited = half_width * segment < 2.0
-    law = ambient_law(damping, duration * frequency, reach=1.0)
-    resolution = 0.25 / (segment * frequency) / np.sqrt(averages) if limited else 0.0
+    limited = half_width * segment < 0.5 * BINS_PER_HALF_WIDTH
+    law = INEFFICIENCY * np.array(ambient_law(damping, duration * frequency, reach=2.0))
+    resolution = 0.25 / (segment * frequency) if limited else 0.0
     return Identified(
         frequency_hz=Measured(frequency, frequency * float(np.hypot(law[0], resolution))),
-        damping_ratio=Measured(damping, damping * min(law[1], 1.0)),
+        damping_ratio=Measured(damping, damping * float(min(law[1], 1.0))),
         correlation=0.0,
         snr_db=candidate.prominence_db,
         amplitude=float(np.sqrt(top * np.pi / 2 * half_width)),
@@ -71,33 +79,25 @@ def _parabola(
     rate_hz: float,
     segment: float,
     candidate: Candidate,
-) -> tuple[float, float, float, float]:
-    """Frequency and half width [Hz], top density, and how many segments were averaged."""
+) -> tuple[float, float, float]:
+    """Frequency, half width as it is seen [Hz] and top density."""
     spectrum = welch(series, rate_hz, segment_s=segment)
     density, frequency = spectrum.density[:, 0], spectrum.frequency_hz
+    bin_hz = spectrum.spacing_hz
     near = np.abs(frequency - candidate.frequency_hz)
-    reach = max(2 * spectrum.spacing_hz, 0.1 * candidate.frequency_hz)
-    inside = (near <= reach) & (frequency > 0)
-    top = int(np.argmax(np.where(inside, density, -1.0)))
-    left = right = top
-    while left > 1 and density[left - 1] > density[top] / 2:
-        left -= 1
-    while right < len(density) - 2 and density[right + 1] > density[top] / 2:
-        right += 1
-    use = slice(
-        max(left - 1, 1) if right - left < 2 else left,
-        right + 2 if right - left < 2 else right + 1,
-    )
-    offset = frequency[use] - frequency[top]
-    curve, slope, least = np.polyfit(offset, density[top] / density[use], 2)
-    averages = max(1.0, 2 * len(series) / (segment * rate_hz) - 1)
-    if curve <= 0:
-        return float(frequency[top]), spectrum.spacing_hz, float(density[top]), averages
-    shift = float(np.clip(-slope / (2 * curve), offset[0], offset[-1]))
-    bottom = max(least - slope**2 / (4 * curve), 0.1)
-    return (
-        float(frequency[top] + shift),
-        float(np.sqrt(bottom / curve)),
-        float(density[top] / bottom),
-        averages,
-    )
+    inside = (near <= max(2 * bin_hz, 0.1 * candidate.frequency_hz)) & (frequency > 0)
+    peak_at = int(np.argmax(np.where(inside, density, -1.0)))
+    centre, width, height = float(frequency[peak_at]), 2 * bin_hz, float(density[peak_at])
+    for _ in range(ROUNDS):
+        reach = float(np.clip(2 * width, 1.5 * bin_hz, 0.3 * centre + bin_hz))
+        use = (np.abs(frequency - centre) <= reach) & (frequency > 0)
+        offset, level = frequency[use] - centre, density[use] / height
+        # 1/S scatters in proportion to itself, so that S is its weight.
+        curve, slope, least = np.polyfit(offset, 1 / level, 2, w=level)
+        if curve <= 0:
+            break
+        shift = float(np.clip(-slope / (2 * curve), -reach, reach))
+        bottom = max(least - slope**2 / (4 * curve), 0.1)
+        centre, width = centre + shift, float(np.sqrt(bottom / curve))
+        height = height / bottom
+    return centre, width, height

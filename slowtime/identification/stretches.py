@@ -5,9 +5,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from .decays import drift_basis, fit_decays, matrix_pencil
+from .decay_errors import Stretch, describe
+from .decays import drift_basis, fit_decays, matrix_pencil, signal_space
 from .detect import Candidate
-from .free_decay import Stretch, describe, fit_stretch, own_mode
+from .free_decay import fit_stretch, own_mode
 from .identified import Identified, Measured
 from .isolate import Isolated
 
@@ -16,6 +17,10 @@ SHORTEST = 4
 """Stretches begin and end at eighths of the record and are at least half of it."""
 
 FINALISTS = 3
+
+CHOSEN = 1.1
+"""The smallest of many estimated errors is too small by about so much (by simulation)."""
+
 FEWEST_CYCLES = 4.0
 FEWEST_SAMPLES = 24
 
@@ -33,12 +38,16 @@ def best_stretch(part: Isolated, candidate: Candidate) -> Stretch:
     ]
     best = min(fits, key=lambda fit: fit.identified.frequency_hz.sd)
     whole = options[0]
-    if best.identified.span_s == (whole.start_s, whole.start_s + _seconds(whole)):
-        return best
-    flags = (*best.identified.flags, "part_of_record")
-    return dataclasses.replace(
-        best, identified=dataclasses.replace(best.identified, flags=flags)
-    )
+    mode = best.identified
+    if mode.span_s != (whole.start_s, whole.start_s + _seconds(whole)):
+        mode = dataclasses.replace(mode, flags=(*mode.flags, "part_of_record"))
+    if len(options) > 1:
+        mode = dataclasses.replace(
+            mode,
+            frequency_hz=Measured(mode.frequency_hz.value, CHOSEN * mode.frequency_hz.sd),
+            damping_ratio=Measured(mode.damping_ratio.value, CHOSEN * mode.damping_ratio.sd),
+        )
+    return dataclasses.replace(best, identified=mode)
 
 
 def widened(mode: Identified, first: Measured, second: Measured) -> Identified:
@@ -94,8 +103,8 @@ def _cut(part: Isolated, begin: int, end: int) -> Isolated:
 def _quick_error(part: Isolated, candidate: Candidate) -> float:
     """Error of the frequency with poles straight from the matrix pencil."""
     drift = drift_basis(len(part.series), 1 + int(2 * _seconds(part) * part.drift_hz))
-    target = part.series - drift @ (drift.T @ part.series)
-    poles = matrix_pencil(target, part.rate_hz, 2)
+    space = signal_space(part.series - drift @ (drift.T @ part.series))
+    poles = matrix_pencil(space, part.rate_hz, 2)
     hz = poles.imag / (2 * np.pi)
     poles = poles[
         (hz > part.low_hz)
@@ -109,7 +118,9 @@ def _quick_error(part: Isolated, candidate: Candidate) -> float:
     which = own_mode(fit, _seconds(part), candidate)
     if which is None:
         return float("inf")
-    return describe(fit, which, part.rate_hz, part.start_s).identified.frequency_hz.sd
+    return describe(
+        fit, which, part.rate_hz, part.start_s, part.band_hz
+    ).identified.frequency_hz.sd
 
 
 def _with_change(part: Isolated, fit: Stretch, candidate: Candidate) -> Stretch:

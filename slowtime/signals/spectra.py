@@ -12,7 +12,7 @@ from scipy.special import gammaincinv
 FLOOR_QUANTILE = 40.0
 """The floor is this percentile of its neighbourhood: below the median, for peaks weigh less."""
 
-MOST_AVERAGED = 30
+MOST_AVERAGED = 300
 """Beyond so many ordinates percentile and mean are the same for the purpose."""
 
 
