@@ -216,6 +216,14 @@ def listen(endpoint: str, bare: bool, pipe: multiprocessing.connection.Connectio
         bus.close()
 
 
+def free_port() -> int:
+    """Find a port of this machine that nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return port
+
+
 def bare_config(endpoint: str) -> zenoh.Config:
     """Configure a client with nothing but where to connect."""
     config = zenoh.Config()
@@ -266,9 +274,7 @@ def compare_latency(endpoint: str) -> None:
 
 def main() -> None:
     """Print every ratio."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
     payloads = features()
     print(f"{COUNT:,} features messages of {len(payloads[0])} bytes")
     compare_decoding(payloads)

@@ -1,1 +1,1 @@
-"""Vibration in, knowledge about stiffness and mass out: arithmetic on arrays, and nothing else."""
+"""Vibration in, knowledge about stiffness and mass out: arithmetic on arrays, nothing else."""

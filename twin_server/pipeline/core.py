@@ -65,6 +65,7 @@ logger = logging.getLogger(__name__)
 
 T = TypeVar("T")
 ACK_EVERY_S = 0.03
+BUSY, GATHER_S = 50, 0.03
 ANNOUNCE_EVERY_S = 1.0 / (REGISTRATION.nominal_rate_hz or 0.1)
 NO_BOOT = "twin"
 """Stands for an edge's boot in what the twin says of its own accord."""
@@ -268,6 +269,10 @@ class Pipeline:
         while True:
             wait_s = ACK_EVERY_S if self._unacknowledged else 0.25
             samples = self._inbox.take(limit, timeout_s=wait_s)
+            if BUSY <= len(samples) < limit:
+                # A transaction costs as much as a hundred rows: under load, let more come.
+                time.sleep(GATHER_S)
+                samples += self._inbox.take(limit - len(samples))
             with self._lock:
                 while self._calls:
                     self._guarded(self._calls.popleft())

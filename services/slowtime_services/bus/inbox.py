@@ -33,24 +33,30 @@ class Inbox(Generic[T]):
                 f"An inbox of {max_items=}, {max_bytes=} holds nothing. Give positive numbers."
             )
         self._max_items, self._max_bytes = max_items, max_bytes
-        self._items: collections.deque[tuple[T, int]] = collections.deque()
+        self._items: collections.deque[T] = collections.deque()
+        self._sizes: collections.deque[int] = collections.deque()
         self._bytes = 0
         self._dropped = 0
         self._closed = False
-        self._changed = threading.Condition()
+        self._lock = threading.Lock()
+        self._changed = threading.Condition(self._lock)
+        self._waiting = 0
 
     def put(self, item: T, size: int = 0) -> bool:
         """Leave `item` for the worker; False, and counted, where there is no room."""
-        with self._changed:
+        with self._lock:
             full = (
                 len(self._items) >= self._max_items or self._bytes + size > self._max_bytes
             ) and self._items
             if full or self._closed:
                 self._dropped += 1
                 return False
-            self._items.append((item, size))
+            self._items.append(item)
+            self._sizes.append(size)
             self._bytes += size
-            self._changed.notify()
+            # Waking somebody costs more than all the rest, so it is done for who sleeps only.
+            if self._waiting:
+                self._changed.notify()
             return True
 
     def take(self, limit: int | None = None, timeout_s: float | None = 0.0) -> list[T]:
@@ -58,17 +64,18 @@ class Inbox(Generic[T]):
 
         None waits for as long as the inbox is open.
         """
-        with self._changed:
-            if timeout_s is None or timeout_s > 0:
+        with self._lock:
+            if not self._items and (timeout_s is None or timeout_s > 0):
+                self._waiting += 1
                 self._changed.wait_for(lambda: self._items or self._closed, timeout_s)
+                self._waiting -= 1
             count = len(self._items) if limit is None else min(limit, len(self._items))
-            taken = [self._items.popleft() for _ in range(count)]
-            self._bytes -= sum(size for _, size in taken)
-        return [item for item, _ in taken]
+            self._bytes -= sum(self._sizes.popleft() for _ in range(count))
+            return [self._items.popleft() for _ in range(count)]
 
     def close(self) -> None:
         """Accept nothing more; what is inside can still be taken."""
-        with self._changed:
+        with self._lock:
             self._closed = True
             self._changed.notify_all()
 

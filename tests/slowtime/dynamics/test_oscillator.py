@@ -18,7 +18,8 @@ from slowtime.dynamics.response import free_response, frequency_response
 
 def magnitude(zeta: float, ratio: float, order: int = 0) -> float:
     osc = Oscillator(1.0, 2 * zeta, 1.0)
-    return ratio**order * abs(frequency_response(osc, np.array([ratio]))[0])
+    response = frequency_response(osc, np.array([ratio]))[0]
+    return float(ratio**order * abs(response))
 
 
 @given(zeta=st.floats(0.0, 3.0), frequency=st.floats(0.01, 1e4), mass=st.floats(1e-3, 1e6))
