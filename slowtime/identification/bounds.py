@@ -58,7 +58,7 @@ def ambient_law(
     --------
     Ten minutes at 1 Hz and 1 % damping know the damping to 16 % at best:
 
-    >>> round(ambient_law(0.01, 600)[1], 3)
+    >>> round(ambient_law(0.01, 600.0)[1], 3)
     0.163
     """
     angle = np.arctan(reach)

@@ -31,10 +31,11 @@ class Stretch:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class _Noise:
-    """Variance per sample as dense as it is at the mode, and power left next to the mode."""
+    """Variance per sample as dense as it is at the mode; what is left next to it."""
 
     variance: float
     coloured: bool
+    unexplained: float
     near_power: float
 
 
@@ -79,7 +80,10 @@ def describe(
         span_s=(start_s, start_s + count / rate_hz),
         flags=tuple(flags),
     )
-    return Stretch(identified, pole, modes - 1, float(wave / (wave + noise.near_power)))
+    # Of what this mode and the noise make up, and of what all modes together leave unexplained.
+    own = wave / (wave + noise.near_power)
+    explained = float(min(own, 1.0 - noise.unexplained))
+    return Stretch(identified, pole, modes - 1, explained)
 
 
 def _mean_square(rate: float, duration: float) -> float:
@@ -107,10 +111,20 @@ def _noise(
         local, free = _mean(near, 2 * modes)
         if local > max(variance, white * (1 + 2.6 / np.sqrt(free))):
             variance, freedom, coloured = local, free, True
-    near = density[max(centre - widest, 1) : centre + widest + 1]
+    around = slice(max(centre - widest, 1), centre + widest + 1)
+    waves = np.exp(np.multiply.outer(np.arange(count) / rate_hz, fit.poles))
+    # All modes together: two close ones may each be larger than what they leave of each other.
+    whole = fit.residual + (waves @ fit.amplitudes).real
+    there = periodogram(whole[:, None], rate_hz).density[around, 0] * rate_hz / 2
+    left, _ = _mean(density[around], 2 * modes)
     # The error of the error: what a t-distribution of so few freedoms adds to the variance.
     variance *= 1 + 1 / freedom
-    return _Noise(variance, bool(coloured), float(near.sum()) / (count / 2))
+    return _Noise(
+        variance,
+        bool(coloured),
+        left / (float(there.mean()) + 1e-300),
+        float(density[around].sum()) / (count / 2),
+    )
 
 
 def _mean(ordinates: np.ndarray, spent: int) -> tuple[float, float]:
