@@ -176,7 +176,7 @@ def test_one_who_does_not_answer_costs_no_more_than_the_timeout(pair, eventually
     release.set()
     assert answers == []
     assert answers.errors == ("Timeout",)
-    assert 0.25 < time.monotonic() - started < 2.0
+    assert 0.25 < time.monotonic() - started < 5.0
 
 
 def test_presence_is_seen_by_those_before_and_after(pair, eventually):
