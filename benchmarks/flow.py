@@ -31,6 +31,7 @@ from slowtime_schemas.messages import Features, Mode, Quality
 from slowtime_schemas.quantities import Quantity
 from slowtime_schemas.streams import FEATURES
 from slowtime_services.bus import Sample, ZenohBus
+from twin_server.__main__ import collect_less_often
 from twin_server.persist import SqliteStore
 from twin_server.pipeline import Pipeline
 from twin_server.settings import TwinSettings
@@ -180,6 +181,7 @@ def whole_flow(endpoint: str, folder: Path) -> float:
 
 def compare_throughput(endpoint: str, folder: Path) -> None:
     """Features per second against the floor."""
+    collect_less_often()
     ratios = []
     for number in range(3):
         inside = folder / str(number)

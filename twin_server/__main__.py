@@ -112,7 +112,7 @@ def _serve(
         if pipeline.twin(twin_id) is None:
             pipeline.register(twin_id, registration)
     door.start()
-    _collect_less_often()
+    collect_less_often()
     try:
         while not server.started and door.is_alive():
             stop.wait(0.01)
@@ -129,7 +129,7 @@ def _serve(
         pipeline.stop()
 
 
-def _collect_less_often() -> None:
+def collect_less_often() -> None:
     """Keep the garbage collector from walking through all twins for every batch.
 
     Half the time of a busy server went into that. What lives as long as the server is set

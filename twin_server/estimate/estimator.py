@@ -146,7 +146,13 @@ def _nominals(
                 notices[-1].append(_learnt(lesson.used - 1, checkpoint))
         checkpoints.append(checkpoint)
         if checkpoint.known is not None:
-            table[place] = dataclasses.astuple(checkpoint.known)
+            known = checkpoint.known
+            table[place] = (
+                known.frequency_hz,
+                known.frequency_relative_sd,
+                known.damping_ratio,
+                known.damping_relative_sd,
+            )
     each = table[owner]
     each[begins] = np.nan
     return _Nominals(*np.ascontiguousarray(each.T)), checkpoints, notices

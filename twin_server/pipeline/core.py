@@ -64,8 +64,7 @@ from .records import (
 logger = logging.getLogger(__name__)
 
 T = TypeVar("T")
-ACK_EVERY_S = 0.03
-BUSY, GATHER_S = 50, 0.03
+ACK_EVERY_S = 0.1
 ANNOUNCE_EVERY_S = 1.0 / (REGISTRATION.nominal_rate_hz or 0.1)
 NO_BOOT = "twin"
 """Stands for an edge's boot in what the twin says of its own accord."""
@@ -269,10 +268,6 @@ class Pipeline:
         while True:
             wait_s = ACK_EVERY_S if self._unacknowledged else 0.25
             samples = self._inbox.take(limit, timeout_s=wait_s)
-            if BUSY <= len(samples) < limit:
-                # A transaction costs as much as a hundred rows: under load, let more come.
-                time.sleep(GATHER_S)
-                samples += self._inbox.take(limit - len(samples))
             with self._lock:
                 while self._calls:
                     self._guarded(self._calls.popleft())
@@ -491,7 +486,7 @@ class Pipeline:
             logger.exception("A message on %s could not be published.", key)
 
     def _acknowledge(self) -> None:
-        """Tell edges what is durable: at once when idle, else a few dozen times a second."""
+        """Tell edges what is durable: at once when idle, else a few times a second."""
         now = time.monotonic()
         if not self._unacknowledged or now - self._acknowledged_s < ACK_EVERY_S:
             return
