@@ -4,6 +4,8 @@ DURATION ?= 0
 PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$p; break; }; done)
 BIN := .venv/bin
+# As the command does: small matrices, and sums that do not depend on the machine.
+export OPENBLAS_NUM_THREADS ?= 1
 PIP_INSTALL := $(BIN)/python -m pip --disable-pip-version-check --quiet install -c constraints.txt
 
 .PHONY: demo test test-slow check bench figures docs clean help
