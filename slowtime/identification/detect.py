@@ -27,6 +27,9 @@ COMPANION_DB_PER_OCTAVE = 32.0
 """A peak is another's companion, its side lobe or lesser close mode, if it is weaker by so
 much within a quarter octave, and by so much more an octave further away."""
 
+SKIRT, SKIRT_FROM = 0.5, 0.08
+"""A mode's skirt is read within e to these powers of its frequency, outside of its peak."""
+
 RESOLVED_BINS = 8.0
 UNRESOLVED_DB = 3.0
 """Closer than so many bins, being weaker by this is enough."""
@@ -69,8 +72,10 @@ def candidates(
     inside = (curve.frequency_hz >= low) & (curve.frequency_hz <= high)
     height = np.where(inside, curve.level_db, -np.inf)
     tops = np.asarray(find_peaks(np.maximum(height, -300.0))[0])
-    tops = tops[height[tops] > _threshold_db(curve.worth[tops], int(inside.sum()))]
+    threshold = _threshold_db(curve.worth, int(inside.sum()))
+    tops = tops[height[tops] > threshold[tops]]
     separate = _separate(curve, tops[np.argsort(-height[tops])])
+    separate = _above_skirts(curve, separate, threshold)
     return _with_bands(curve, separate, low, high)
 
 
@@ -147,6 +152,29 @@ def _separate(curve: _Curve, tops: np.ndarray) -> list[int]:
         ceiling = curve.level_db[top] - need
         if all(curve.level_db[min(top, k) : max(top, k)].min() < ceiling for k in kept):
             kept.append(top)
+    return sorted(kept)
+
+
+def _above_skirts(curve: _Curve, tops: list[int], threshold: np.ndarray) -> list[int]:
+    r"""From the highest down, the peaks significant above the skirts of the higher ones too.
+
+    Far from its resonance, at :math:`W = f / f_0`, a mode's acceleration under white force has
+    the density :math:`c\, W^4 / (1 - W^2)^2`; c is the median of what is there, which lesser
+    peaks do not move.
+    """
+    kept: list[int] = []
+    level = 10 ** (curve.level_db / 10)
+    background = np.ones_like(level)
+    for top in sorted(tops, key=lambda k: -curve.level_db[k]):
+        if curve.level_db[top] - 10 * np.log10(background[top]) <= threshold[top]:
+            continue
+        kept.append(top)
+        ratio = curve.frequency_hz / curve.frequency_hz[top]
+        shape = ratio**4 / np.maximum((1 - ratio**2) ** 2, 1e-3)
+        skirt = (np.abs(np.log(ratio + 1e-30)) < SKIRT) & (np.abs(ratio - 1) > SKIRT_FROM)
+        if skirt.any():
+            excess = np.maximum(level[skirt] - background[skirt], 0.0)
+            background = background + float(np.median(excess / shape[skirt])) * shape
     return sorted(kept)
 
 

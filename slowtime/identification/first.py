@@ -71,9 +71,11 @@ def first_mode(
     """
     columns = detrended(checks.series(samples, rate_hz))
     low, high = checks.band(band_hz, rate_hz, len(columns))
+    struck = None
     if method in ("auto", "free_decay") and expected_hz is None:
         struck = _after_a_blow(columns, rate_hz, low, high)
-        if struck is not None:
+        # Something else that happened in the record shows in the residual; stretches can tell.
+        if struck is not None and "coloured_residual" not in struck.flags:
             return struck
     found = leading(candidates(columns, rate_hz, low, high), len(columns) / rate_hz)
     for candidate in _in_order(found, expected_hz):
@@ -83,7 +85,7 @@ def first_mode(
             return _decaying(mode)
         if found_out == "unclear":
             return None
-    return None
+    return struck
 
 
 def all_modes(
@@ -159,9 +161,6 @@ def _after_a_blow(
     found = leading(peaks, len(columns) / rate_hz)
     blow = fit_blow(columns, rate_hz, found) if found else None
     if blow is None or blow.explained < EXPLAINED:
-        return None
-    # Something else that happened in the record shows in the residual; stretches can tell.
-    if "coloured_residual" in blow.identified.flags:
         return None
     return blow.identified if verdict(blow.identified) == "mode" else None
 

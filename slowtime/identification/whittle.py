@@ -21,6 +21,9 @@ STEPS = 60
 CONVERGED = 1e-4
 """Stop when a scoring step moves no parameter by more than this many standard deviations."""
 
+NEARLY = 0.05
+"""A search that stalls, on slopes by differences, before a smaller step passes as done."""
+
 FLOOR_PRIOR = 1e-2
 """Prior information on the logarithm of the floor (sd 10): keeps an invisible one put."""
 
@@ -89,7 +92,7 @@ def fit_resonance(data: Ordinates, start: Float[np.ndarray, " parameter"]) -> Re
     theta, damping = start.copy(), 1e-3
     expected, slopes = _linearised(data, theta)
     best = log_likelihood(data, expected)
-    converged = False
+    left = np.inf
     for _ in range(STEPS):
         information = (slopes * data.number) @ slopes.T
         information[3, 3] += FLOOR_PRIOR
@@ -98,8 +101,8 @@ def fit_resonance(data: Ordinates, start: Float[np.ndarray, " parameter"]) -> Re
         scale = np.diag(np.diag(information))
         step = np.linalg.solve(information + damping * scale, score)
         trial = theta + np.clip(step, -1.0, 1.0)
-        if step @ information @ step < CONVERGED**2:
-            converged = True
+        left = float(step @ information @ step)
+        if left < CONVERGED**2:
             break
         if not _possible(data, trial):
             damping = max(damping, 1e-3) * 8.0
@@ -115,7 +118,7 @@ def fit_resonance(data: Ordinates, start: Float[np.ndarray, " parameter"]) -> Re
         expected, slopes = _linearised(data, theta)
     information = (slopes * data.number) @ slopes.T
     information[3, 3] += FLOOR_PRIOR
-    return Resonance(theta, np.linalg.inv(information), best, expected, converged)
+    return Resonance(theta, np.linalg.inv(information), best, expected, left < NEARLY**2)
 
 
 def log_likelihood(data: Ordinates, expected: Float[np.ndarray, " frequency"]) -> float:
