@@ -162,3 +162,16 @@ def test_every_method_answers_alike_and_changes_nothing(method):
     assert one is not None
     assert one.frequency_hz.value == pytest.approx(30.0, rel=0.03)
     np.testing.assert_array_equal(record, before)
+
+
+def test_of_hundreds_of_epochs_none_is_lost_and_none_is_a_bump_on_the_skirt():
+    rng = np.random.default_rng(2)
+    off = []
+    for _ in range(400):
+        record = ambient_acceleration(Oscillator.from_modal(4.0, 0.015), 3000, 50.0, rng)
+        record += 0.1 * np.std(record) * rng.standard_normal(len(record))
+        found = first_mode(record, 50.0, method="ambient")
+        assert found is not None
+        off.append((found.frequency_hz.value - 4.0) / found.frequency_hz.sd)
+    assert np.abs(off).max() < 5.0
+    assert 0.92 < np.mean(np.abs(off) < 1.96) < 0.98
