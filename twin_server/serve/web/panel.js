@@ -1,0 +1,127 @@
+// The part of the page that shows one twin; made once, then kept up to date in place.
+import { draw } from "./charts.js";
+import { QUANTITIES, ago, isClock, make, say, slowTime, spoken, standing, whenOf } from "./words.js";
+
+const CHARTS = ["frequency_hz", "stiffness_change", "mass_change"];
+const STANDING = {
+  valid: ["good", "valid"],
+  inseparable: ["waiting", "mass and stiffness not separately identifiable"],
+  learning: ["waiting", "learning the nominal model"],
+  invalid: ["bad", "not valid"],
+};
+const CHANGES = {
+  stiffness: "stiffness may change, mass is assumed constant",
+  mass: "mass may change, stiffness is assumed constant",
+  both: "stiffness and mass may both change",
+};
+
+export class Panel {
+  constructor(twin) {
+    this.twin = twin;
+    this.root = make("section", undefined, "twin");
+    this.root.id = twin.id;
+    this.root.setAttribute("aria-labelledby", `${twin.id}-name`);
+    this.name = make("h2", twin.id);
+    this.name.id = `${twin.id}-name`;
+    [this.validity, this.edge] = [make("p", "", "pill"), make("p", "", "pill")];
+    this.size = make("button", "Larger charts", "quiet");
+    this.size.type = "button";
+    this.size.setAttribute("aria-pressed", "false");
+    this.size.addEventListener("click", () => this.resize());
+    const history = make("a", "History as JSON");
+    history.href = `${twin.base}/history`;
+    const heading = make("div", undefined, "heading"), tools = make("p", undefined, "tools");
+    tools.append(this.size, history);
+    heading.append(this.name, this.validity, this.edge, tools);
+    [this.facts, this.seen, this.reasons] = [make("p", "", "facts"), make("span"), make("ul", undefined, "reasons")];
+    const about = make("p", undefined, "facts");
+    this.reading = make("span");
+    about.append(this.reading, this.seen);
+    this.charts = make("div", undefined, "charts");
+    this.figures = Object.fromEntries(CHARTS.map((quantity) => [quantity, this.figure(quantity)]));
+    this.events = make("details");
+    this.summary = make("summary", "No events yet");
+    this.list = make("ol");
+    this.events.append(this.summary, this.list);
+    this.root.append(heading, this.facts, about, this.reasons, this.charts, this.events);
+  }
+
+  figure(quantity) {
+    const figure = make("figure"), caption = make("figcaption"), value = make("strong", "\u2013"), interval = make("span", "", "interval");
+    const plot = make("div", undefined, "plot");
+    plot.dataset.quantity = quantity;
+    plot.setAttribute("role", "img");
+    plot.setAttribute("aria-label", `${QUANTITIES[quantity].title}: being loaded`);
+    caption.append(make("span", QUANTITIES[quantity].title, "title"), value, interval);
+    figure.append(caption, plot);
+    this.charts.append(figure);
+    return { figure, value, interval, plot };
+  }
+
+  resize() {
+    const wide = this.root.classList.toggle("wide");
+    this.size.setAttribute("aria-pressed", String(wide));
+    this.twin.dirty = true;
+  }
+
+  /** What changes as time goes by, though nothing new arrives. */
+  tick() {
+    const { seenAt, latest } = this.twin;
+    const text = !latest || latest.slow_time === null ? "" : seenAt ? `, last seen ${ago(Date.now() - seenAt)}` : ", not heard of since this page was opened";
+    if (this.seen.textContent !== text) this.seen.textContent = text;
+  }
+
+  /** Words first: they need no drawing library. */
+  tell() {
+    const { twin } = this, { latest } = twin;
+    if (!latest) return;
+    const named = latest.registration.name || twin.id;
+    this.name.textContent = named;
+    say(this.edge, latest.alive ? "good" : "waiting", latest.alive ? "edge agent is there" : "edge agent is away");
+    const begun = latest.slow_time !== null;
+    say(this.validity, ...(begun ? STANDING[standing(latest)] : ["waiting", "no features yet"]));
+    const damping = latest.damping_ratio && spoken(latest.damping_ratio, "damping_ratio");
+    const facts = [named === twin.id ? "" : twin.id, CHANGES[latest.registration.changes], damping && `damping ratio ${damping[0]} (95\u202f%: ${damping[1]})`,
+      latest.frequency_used === "smoothed" && "from smoothed frequencies"];
+    this.facts.textContent = facts.filter(Boolean).join(" \u00b7 ");
+    this.reading.textContent = begun ? `reading ${latest.sequence} at slow time ${slowTime(latest)}, sensor time ${new Date(latest.t_ns / 1e6).toLocaleString()}` : "";
+    const reasons = [...latest.reasons, ...(twin.problem ? [twin.problem] : [])];
+    if (this.said !== reasons.join("\n")) this.reasons.replaceChildren(...reasons.map((reason) => make("li", reason)));
+    this.said = reasons.join("\n");
+    for (const quantity of CHARTS) this.number(quantity, latest);
+    this.chronicle(latest);
+    this.tick();
+  }
+
+  number(quantity, latest) {
+    const { value, interval, figure } = this.figures[quantity], estimate = latest[quantity], assumed = latest.assumed.includes(quantity);
+    const [said, range] = estimate && !assumed ? spoken(estimate, quantity) : ["\u2013", ""];
+    value.textContent = assumed ? "none" : said;
+    interval.textContent = assumed ? "assumed" : range ? `95\u202f%: ${range}` : latest.slow_time === null ? "" : "not estimated";
+    figure.dataset.standing = assumed ? "assumed" : standing(latest);
+  }
+
+  chronicle(latest) {
+    const { events } = this.twin, newest = events.at(-1), clock = latest.slow_time !== null && isClock(latest);
+    if (!newest || this.newest === newest.number) return;
+    this.newest = newest.number;
+    this.summary.textContent = `${events.length} event${events.length > 1 ? "s" : ""}, last: ${whenOf(newest, clock)} ${newest.message}`;
+    this.events.dataset.severity = newest.severity;
+    this.list.replaceChildren(...events.slice().reverse().map((event) => {
+      const item = make("li");
+      item.dataset.severity = event.severity;
+      item.append(make("span", whenOf(event, clock), "when"), make("span", event.severity, "severity"), event.message);
+      return item;
+    }));
+  }
+
+  /** Gives back which keys of the legend it has drawn. */
+  async draw() {
+    const wide = this.root.classList.contains("wide"), found = {};
+    for (const quantity of CHARTS) {
+      const drawn = await draw(this.figures[quantity].plot, this.twin, quantity, wide);
+      for (const key of Object.keys(drawn)) found[key] ||= drawn[key];
+    }
+    return found;
+  }
+}

@@ -1,0 +1,82 @@
+// Numbers, times and elements: how things are said on the page.
+
+export function make(tag, text, name) {
+  const element = document.createElement(tag);
+  if (text !== undefined) element.textContent = text;
+  if (name) element.className = name;
+  return element;
+}
+
+export function say(element, state, text) {
+  if (element.dataset.state !== state) element.dataset.state = state;
+  if (element.textContent !== text) element.textContent = text;
+}
+
+export const QUANTITIES = {
+  frequency_hz: { title: "Natural frequency", unit: "Hz", scale: 1, axis: "frequency [Hz]" },
+  stiffness_change: { title: "Stiffness change", unit: "%", scale: 100, axis: "change [%]" },
+  mass_change: { title: "Mass change", unit: "%", scale: 100, axis: "change [%]" },
+  damping_ratio: { title: "Damping ratio", unit: "%", scale: 100, axis: "damping ratio [%]" },
+};
+
+const MINUS = "\u2212", NARROW = "\u202f";
+
+/** A number to `places`, with a true minus sign. */
+export const number = (x, places) => x.toFixed(places).replace(/^-(?=.*[1-9])/, MINUS).replace("-", "");
+
+/** As many places as the second digit of the standard deviation has. */
+function places(sd) {
+  return sd > 0 ? Math.min(8, Math.max(0, 1 - Math.floor(Math.log10(sd)))) : 3;
+}
+
+/** `["4.701 Hz", "4.673 to 4.728 Hz"]`: the value, and its 95 % interval. */
+export function spoken(estimate, quantity) {
+  const { unit, scale } = QUANTITIES[quantity];
+  const many = Math.min(places(scale * estimate.sd), unit === "%" ? 2 : 6);
+  const text = (x) => number(scale * x, many);
+  return [`${text(estimate.value)}${NARROW}${unit}`, `${text(estimate.lo)} to ${text(estimate.hi)}${NARROW}${unit}`];
+}
+
+/** Slow time that is the time of day is drawn as dates, any other as the number it is. */
+export function isClock(point) {
+  return point.slow_time_unit === "s" && Math.abs(point.slow_time - point.t_ns / 1e9) < 1e6;
+}
+
+const UNITS = { T0: "periods T\u2080" };
+export const unitOf = (point) => UNITS[point.slow_time_unit] || point.slow_time_unit;
+
+export function slowTime(point) {
+  return isClock(point) ? new Date(1000 * point.slow_time).toLocaleString() : `${+point.slow_time.toPrecision(6)} ${unitOf(point)}`;
+}
+
+/** How long ago, in the largest unit that fits. */
+export function ago(milliseconds) {
+  const s = Math.max(0, Math.round(milliseconds / 1000));
+  for (const [size, name] of [[86400, "d"], [3600, "h"], [60, "min"]]) {
+    if (s >= 2 * size) return `${Math.floor(s / size)} ${name} ago`;
+  }
+  return `${s} s ago`;
+}
+
+/** The time of an event: of the structure where it has one, else of the day. */
+export function whenOf(event, clock) {
+  if (event.kind === "registered" || event.slow_time === null) return new Date(event.t_ns / 1e6).toLocaleTimeString();
+  return clock ? new Date(1000 * event.slow_time).toLocaleString() : `t_s = ${+event.slow_time.toPrecision(6)}`;
+}
+
+// Reasons that say nothing against the frequency itself.
+const LEARNING = /still being learnt/, INSEPARABLE = /not separately identifiable|^The damping is known|^No (positive )?damping ratio/;
+
+/** What stands against a reading: nothing, that it is too early, that mass and stiffness look alike, or more. */
+export function standing({ valid, reasons }) {
+  if (valid) return "valid";
+  if (!reasons.every((reason) => LEARNING.test(reason) || INSEPARABLE.test(reason))) return "invalid";
+  return reasons.some((reason) => LEARNING.test(reason)) ? "learning" : "inseparable";
+}
+
+export async function ask(path) {
+  const answer = await fetch(path, { headers: { Accept: "application/json" }, signal: AbortSignal.timeout(8000) });
+  const body = await answer.json();
+  if (!answer.ok) throw Object.assign(new Error(body.detail || answer.statusText), { status: answer.status });
+  return body;
+}
