@@ -55,7 +55,7 @@ Examples:
     "--record",
     "recording",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Also record what travels into this MCAP file.",
+    help="Also record what travels, raw blocks too, into this MCAP file.",
 )
 @click.option(
     "--rate",
@@ -136,6 +136,7 @@ def _run(
                 str(home / f"spool-{name}"),
                 "--epochs-per-s",
                 str(epochs_per_s),
+                "--no-raw" if recording is None else "--raw",
             ],
         )
     click.echo(f"\n  The page: {url}\n" + LOOK_AT.format(url=url, rate=epochs_per_s))
