@@ -1,0 +1,320 @@
+"""What a structure is made of, in words an engineer would use; and the matrices that follow."""
+
+import dataclasses
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from .parts import BASE, ROTATION, Beam, Element, Node, Spring
+from .structure import Structure
+from .units import UnitOfCoordinate, unit_factor
+
+__all__ = [
+    "BASE",
+    "Beam",
+    "Description",
+    "DescriptionError",
+    "Element",
+    "Input",
+    "Node",
+    "Parts",
+    "Sensor",
+    "Spring",
+    "Tolerance",
+    "assemble",
+    "assemble_parts",
+]
+
+Square = Float[np.ndarray, "dof dof"]
+Where = tuple[str | int, ...]
+
+
+class DescriptionError(ValueError):
+    """A description that contradicts itself; `where` is the way to the fault in it."""
+
+    def __init__(self, where: Where, sentence: str) -> None:
+        super().__init__(sentence)
+        self.where = where
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Input:
+    """A measured force on a node, or the measured acceleration of the base."""
+
+    channel: str
+    kind: Literal["force", "base_acceleration"]
+    unit: str
+    node: str | None = None
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Sensor:
+    """What one channel measures: the motion of a node, in space or against the base."""
+
+    channel: str
+    quantity: Literal["acceleration", "velocity", "displacement"]
+    node: str
+    unit: str
+    frame: Literal["absolute", "relative_to_base"] = "absolute"
+    noise_sd: float | None = None
+    """Of white noise, in the unit of the channel; None where it is not known."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Tolerance:
+    """Relative standard deviation of what the description claims."""
+
+    stiffness: float = 0.0
+    damping: float = 0.0
+    mass: float = 0.0
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Description:
+    """Nodes and elements, what shakes them and what listens.
+
+    Parameters
+    ----------
+    effects
+        What the linear elements lack, as diagnosis names it; carried along, not assembled.
+    inputs
+        None for a structure under ambient forces that nobody measures.
+    tolerance
+        None where nothing is claimed.
+    unit_of_coordinate
+        ``"rad"`` makes every length an angle, every force a torque, every mass an inertia.
+
+    Raises
+    ------
+    DescriptionError
+        Where a node is spoken of that does not exist, a name is used twice, a unit does not
+        fit its quantity, or a part cannot be what it says.
+
+    Examples
+    --------
+    >>> spring = Spring(id="k1", between=(BASE, "m1"), stiffness_n_per_m=8.0)
+    >>> swing = Description(name="one", nodes=(Node(id="m1", mass_kg=2.0),), elements=(spring,))
+    >>> assemble(swing).stiffness
+    array([[8.]])
+    """
+
+    name: str
+    nodes: tuple[Node, ...]
+    elements: tuple[Element, ...]
+    effects: tuple[Mapping[str, Any], ...] = ()
+    inputs: tuple[Input, ...] = ()
+    sensors: tuple[Sensor, ...] = ()
+    tolerance: Tolerance | None = None
+    unit_of_coordinate: UnitOfCoordinate = "m"
+
+    def __post_init__(self) -> None:
+        _check_nodes(self)
+        _check_elements(self)
+        _check_channels(self)
+
+    @property
+    def dofs(self) -> tuple[str, ...]:
+        """Names of the degrees of freedom, in the order of the nodes."""
+        return tuple(name for node in self.nodes for name in node.dofs)
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Parts:
+    r"""What each node and element contributes, so that :math:`K = \sum_e (1 + \theta_e) K_e`.
+
+    Parameters
+    ----------
+    names
+        Of the degrees of freedom.
+    mass_parts
+        By node, and by beam for the mass spread along it.
+    damping_parts, stiffness_parts
+        By element; elements without damping or stiffness are left out.
+    """
+
+    names: tuple[str, ...]
+    mass_parts: Mapping[str, Square]
+    damping_parts: Mapping[str, Square]
+    stiffness_parts: Mapping[str, Square]
+
+
+def assemble(description: Description) -> Structure:
+    """Matrices of a description, in coordinates relative to the base."""
+    free = len(description.dofs)
+    whole = {what: np.zeros((free + 1, free + 1)) for what in ("mass", "damping", "stiffness")}
+    for what, _, matrix in _contributions(description):
+        whole[what] += matrix
+    return Structure(
+        mass=whole["mass"][:free, :free],
+        damping=whole["damping"][:free, :free],
+        stiffness=whole["stiffness"][:free, :free],
+        names=description.dofs,
+        influence=np.array([not name.endswith(ROTATION) for name in description.dofs], float),
+        base_mass=whole["mass"][:free, free],
+    )
+
+
+def assemble_parts(description: Description) -> Parts:
+    """Matrices of each node and element of a description by itself."""
+    parts: dict[str, dict[str, Square]] = {"mass": {}, "damping": {}, "stiffness": {}}
+    for what, name, matrix in _contributions(description):
+        if matrix[:-1, :-1].any():
+            parts[what][name] = matrix[:-1, :-1]
+    return Parts(
+        names=description.dofs,
+        mass_parts=parts["mass"],
+        damping_parts=parts["damping"],
+        stiffness_parts=parts["stiffness"],
+    )
+
+
+def _contributions(
+    description: Description,
+) -> Iterator[tuple[str, str, Float[np.ndarray, "all all"]]]:
+    """Give what every node and element adds; last row and column are of the base moving."""
+    place = _places(description)
+    size = len(description.dofs) + 1
+    for node in description.nodes:
+        names = (node.id, node.id + ROTATION)[: 1 + (node.kind == "beam")]
+        own = np.diag([node.mass_kg, node.rotary_inertia_kg_m2][: len(names)])
+        yield "mass", node.id, _spread(own, names, place, size)
+    for element in description.elements:
+        mass = element.mass()
+        if mass is not None:
+            yield "mass", element.id, _spread(mass, element.dofs, place, size)
+        yield "damping", element.id, _spread(element.damping(), element.dofs, place, size)
+        yield "stiffness", element.id, _spread(element.stiffness(), element.dofs, place, size)
+
+
+def _places(description: Description) -> dict[str, int | None]:
+    """Row of each coordinate: the base's row for those held to it, None where held at zero."""
+    base = len(description.dofs)
+    place: dict[str, int | None] = {BASE: base, BASE + ROTATION: None}
+    for node in description.nodes:
+        place |= {node.id: base, node.id + ROTATION: None}
+    return place | {name: row for row, name in enumerate(description.dofs)}
+
+
+def _spread(
+    matrix: Float[np.ndarray, "own own"],
+    names: Iterable[str],
+    place: Mapping[str, int | None],
+    size: int,
+) -> Float[np.ndarray, "all all"]:
+    """Put a part's own matrix where its coordinates stand in the whole."""
+    rows = [place[name] for name in names]
+    to = np.zeros((len(rows), size))
+    for own, row in enumerate(rows):
+        if row is not None:
+            to[own, row] = 1.0
+    return np.asarray(to.T @ matrix @ to)
+
+
+def _check_nodes(description: Description) -> None:
+    if not description.nodes:
+        raise DescriptionError(("nodes",), "There are no nodes. Give at least one.")
+    _check_unique("nodes", [node.id for node in description.nodes], "id")
+    for i, node in enumerate(description.nodes):
+        if node.id == BASE:
+            raise DescriptionError(
+                ("nodes", i, "id"),
+                f"{BASE!r} is the ground, which every model has. Call the node something else.",
+            )
+        if node.kind == "point" and not node.mass_kg > 0:
+            raise DescriptionError(
+                ("nodes", i, "mass_kg"),
+                f"Node {node.id!r} has a mass of {node.mass_kg} kg. Give a point a positive "
+                "mass, or join its two elements into one.",
+            )
+        if node.kind == "point" and (node.held or node.rotary_inertia_kg_m2):
+            raise DescriptionError(
+                ("nodes", i, "held" if node.held else "rotary_inertia_kg_m2"),
+                f"Node {node.id!r} is a point, which neither turns nor is held. Say `kind: "
+                "beam`, or leave it out.",
+            )
+    if not description.dofs:
+        raise DescriptionError(("nodes",), "All nodes are held: nothing can move. Free one.")
+
+
+def _check_elements(description: Description) -> None:
+    _check_unique("elements", [element.id for element in description.elements], "id")
+    kinds = {node.id: node.kind for node in description.nodes} | {BASE: "beam"}
+    for i, element in enumerate(description.elements):
+        where = ("elements", i, "between")
+        for node in element.between:
+            _check_known(where, node, kinds)
+            if isinstance(element, Beam) and kinds[node] != "beam":
+                raise DescriptionError(
+                    where,
+                    f"Beam {element.id!r} ends at {node!r}, a point, which does not turn. Say "
+                    "`kind: beam` at the node.",
+                )
+        if element.between[0] == element.between[1]:
+            raise DescriptionError(
+                where,
+                f"Element {element.id!r} joins {element.between[0]!r} to itself. Name two "
+                "different nodes.",
+            )
+        if isinstance(element, Beam):
+            _check_beam(description, i, element)
+
+
+def _check_beam(description: Description, i: int, beam: Beam) -> None:
+    if description.unit_of_coordinate == "rad":
+        raise DescriptionError(
+            ("elements", i, "kind"),
+            f"Beam {beam.id!r} bends in metres, but unit_of_coordinate is rad. Use springs.",
+        )
+    if any(node.id == beam.id for node in description.nodes):
+        raise DescriptionError(
+            ("elements", i, "id"),
+            f"Beam and node are both called {beam.id!r}, so that their masses could not be "
+            "told apart. Rename one.",
+        )
+
+
+def _check_channels(description: Description) -> None:
+    nodes = {node.id for node in description.nodes}
+    coordinate = description.unit_of_coordinate
+    for i, entry in enumerate(description.inputs):
+        where = ("inputs", i)
+        if (entry.node is None) != (entry.kind == "base_acceleration"):
+            raise DescriptionError(
+                where if entry.node is None else (*where, "node"),
+                f"Input {entry.channel!r}: a force acts on a node, and only a force does. "
+                "Name the node of a force; leave it out of a base_acceleration.",
+            )
+        if entry.node is not None:
+            _check_known((*where, "node"), entry.node, nodes)
+        quantity: Literal["force", "acceleration"]
+        quantity = "force" if entry.kind == "force" else "acceleration"
+        try:
+            unit_factor(entry.unit, quantity, coordinate)
+        except ValueError as error:
+            raise DescriptionError((*where, "unit"), str(error)) from None
+    for i, sensor in enumerate(description.sensors):
+        _check_known(("sensors", i, "node"), sensor.node, nodes | {BASE})
+        try:
+            unit_factor(sensor.unit, sensor.quantity, coordinate)
+        except ValueError as error:
+            raise DescriptionError(("sensors", i, "unit"), str(error)) from None
+    _check_unique("inputs", [entry.channel for entry in description.inputs], "channel")
+    _check_unique("sensors", [sensor.channel for sensor in description.sensors], "channel")
+
+
+def _check_unique(group: str, names: list[str], key: str) -> None:
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise DescriptionError(
+                (group, i, key), f"{name!r} is used twice among the {group}. Rename one."
+            )
+
+
+def _check_known(where: Where, node: str, known: Iterable[str]) -> None:
+    if node not in known:
+        raise DescriptionError(
+            where,
+            f"No node is called {node!r}. There are: {', '.join(sorted({*known, BASE}))}.",
+        )

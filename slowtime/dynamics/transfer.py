@@ -1,0 +1,103 @@
+r"""Frequency domain: :math:`H(s) = (s^2 M + s C + K)^{-1}` and what rests on it."""
+
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from .modes import ComplexModes, Modes
+from .structure import Structure
+
+Omega = Float[np.ndarray, " frequency"]
+Laplace = Complex[np.ndarray, " frequency"]
+Transfer = Complex[np.ndarray, "frequency output input"]
+Quantity = Literal["displacement", "velocity", "acceleration"]
+POWERS: dict[str, int] = {"displacement": 0, "velocity": 1, "acceleration": 2}
+
+
+def transfer_function(structure: Structure, s: Laplace) -> Transfer:
+    """Displacement per force at points of the Laplace plane [1/s], all coordinates by all.
+
+    Examples
+    --------
+    >>> two = Structure(mass=np.eye(2), damping=np.zeros((2, 2)), stiffness=np.diag([4.0, 9.0]))
+    >>> transfer_function(two, np.array([0j])).real
+    array([[[0.25      , 0.        ],
+            [0.        , 0.11111111]]])
+    """
+    point = s[:, None, None]
+    return np.asarray(
+        np.linalg.inv(
+            point**2 * structure.mass + point * structure.damping + structure.stiffness
+        )
+    )
+
+
+def frequency_response(
+    structure: Structure, omega: Omega, quantity: Quantity = "displacement"
+) -> Transfer:
+    r"""Response per force at angular frequencies [rad/s]: :math:`(i\omega)^n H(i \omega)`.
+
+    Parameters
+    ----------
+    quantity
+        Relative to the base: of displacement, velocity or acceleration.
+    """
+    scale = (1j * omega) ** POWERS[_known(quantity)]
+    return np.asarray(scale[:, None, None] * transfer_function(structure, 1j * omega))
+
+
+def undamped_transfer(
+    modes: Modes, omega: Omega
+) -> Float[np.ndarray, "frequency output input"]:
+    r"""Response with no damping, :math:`\sum_j x_j x_j^T / (\omega_j^2 - \omega^2)` (eq. 3.85)."""
+    weight = 1 / (modes.angular_frequency**2 - omega[:, None] ** 2)
+    return np.asarray(np.einsum("aj,bj,fj->fab", modes.shapes, modes.shapes, weight))
+
+
+def modal_transfer(modes: ComplexModes, s: Laplace) -> Transfer:
+    r"""Transfer function as a sum over complex modes (eq. 3.238).
+
+    .. math:: H(s) = \sum_{j=1}^{N} \left[ \frac{z_j z_j^T}{\gamma_j (s - s_j)}
+        + \frac{z_j^* z_j^{*T}}{\gamma_j^* (s - s_j^*)} \right]
+
+    with one term for each overdamped motion, which the book leaves out.
+    """
+    poles, shapes, norms = modes.all()
+    weight = 1 / (norms * (s[:, None] - poles))
+    return np.asarray(np.einsum("aj,bj,fj->fab", shapes, shapes, weight))
+
+
+def laplace_response(
+    structure: Structure,
+    s: Laplace,
+    *,
+    force: Complex[np.ndarray, "frequency dof"] | None = None,
+    displacement: Float[np.ndarray, " dof"] | None = None,
+    velocity: Float[np.ndarray, " dof"] | None = None,
+) -> Complex[np.ndarray, "frequency dof"]:
+    r"""Laplace transform of the displacement, from any initial state under any force.
+
+    .. math:: \bar q(s) = H(s) \{ \bar f(s) + M \dot q_0 + C q_0 + s M q_0 \}
+
+    Eq. 3.237; on the imaginary axis, eq. 3.134, the frequency response of figures 3.6 to 3.10.
+
+    Parameters
+    ----------
+    force
+        :math:`\bar f(s)`, transformed.
+    displacement, velocity
+        At time zero; at rest where not given.
+    """
+    rest = np.zeros(structure.dofs)
+    q0 = rest if displacement is None else displacement
+    v0 = rest if velocity is None else velocity
+    moved = structure.mass @ v0 + structure.damping @ q0 + np.outer(s, structure.mass @ q0)
+    pushed = moved if force is None else moved + force
+    return np.asarray(np.einsum("fab,fb->fa", transfer_function(structure, s), pushed))
+
+
+def _known(quantity: str) -> str:
+    if quantity not in POWERS:
+        raise ValueError(f"{quantity=} is not known. Allowed: {', '.join(POWERS)}.")
+    return quantity

@@ -1,0 +1,51 @@
+"""Units that models and records may be written in, and what each is worth in SI."""
+
+from types import MappingProxyType
+from typing import Literal
+
+UnitOfCoordinate = Literal["m", "rad"]
+Quantity = Literal["acceleration", "velocity", "displacement", "force"]
+
+GRAVITY = 9.80665
+"""Standard gravity [m/s^2], by definition."""
+
+_LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
+_ANGLES = {"rad": 1.0, "mrad": 1e-3, "deg": 3.141592653589793 / 180}
+_FORCES = {"N": 1.0, "kN": 1e3, "mN": 1e-3, "MN": 1e6}
+_GRAVITIES = {"g": GRAVITY, "mg": 1e-3 * GRAVITY, "gal": 1e-2}
+
+
+def _per(lengths: dict[str, float], *ends: str) -> dict[str, float]:
+    return {name + end: factor for name, factor in lengths.items() for end in ends}
+
+
+UNITS = MappingProxyType(
+    {
+        ("m", "displacement"): _LENGTHS,
+        ("m", "velocity"): _per(_LENGTHS, "/s"),
+        ("m", "acceleration"): _per(_LENGTHS, "/s^2", "/s2", "/s²") | _GRAVITIES,
+        ("m", "force"): _FORCES,
+        ("rad", "displacement"): _ANGLES,
+        ("rad", "velocity"): _per(_ANGLES, "/s"),
+        ("rad", "acceleration"): _per(_ANGLES, "/s^2", "/s2", "/s²"),
+        ("rad", "force"): _per(_FORCES, " m", "m", "·m"),
+    }
+)
+"""Worth in SI of each unit, by unit of the coordinate and quantity."""
+
+
+def unit_factor(unit: str, quantity: Quantity, coordinate: UnitOfCoordinate = "m") -> float:
+    """Look up what a number in `unit` is to be multiplied by to be in SI.
+
+    Where the coordinate is an angle, a ``force`` is a torque.
+
+    Examples
+    --------
+    >>> unit_factor("mm/s^2", "acceleration")
+    0.001
+    """
+    known = UNITS[coordinate, quantity]
+    if unit not in known:
+        what = "torque" if (coordinate, quantity) == ("rad", "force") else quantity
+        raise ValueError(f"{unit!r} is no unit of {what}. Allowed: {', '.join(known)}.")
+    return known[unit]
