@@ -210,6 +210,8 @@ def test_what_is_not_valid_is_drawn_apart_and_explained(
     nominal = {"frequency_hz": 3.0, "damping_ratio": 0.02}
     for asset, changes in (("beam", "stiffness"), ("both", "both")):
         body = {"changes": changes, "nominal": nominal, "damping_coefficient_sd": 0.5}
+        if asset == "beam":
+            body["alarms"] = [{"quantity": "stiffness_change", "below": -0.15}]
         server.client.put(f"/api/v1/twins/lab.{asset}", json=body)
     filled(server, [*ageing(20), features(20, frequency_hz=1.5)], eventually)
     filled(server, ageing(20, asset="both", loss=0.0), eventually, "lab.both")
@@ -232,7 +234,10 @@ def test_what_is_not_valid_is_drawn_apart_and_explained(
         "mass and stiffness not separately identifiable"
     )
     expect(page.locator('[data-key="inseparable"]')).to_be_visible()
-    expect(page.locator('[data-key="limit"]')).to_be_hidden()
+    expect(page.locator('[data-key="limit"]')).to_be_visible()
+    limits = "plot => plot.layout.shapes.map(shape => shape.y0)"
+    assert plot(page, "stiffness_change").evaluate(limits) == [-15.0]
+    assert plot(page, "frequency_hz").evaluate(limits) == []
     has(page, "frequency_hz", "points", 20, "lab.both")
 
 
@@ -357,7 +362,7 @@ def test_a_page_without_its_drawing_library_still_gives_the_numbers(server, brow
     try:
         page.route("**/plotly.min.js", lambda route: route.abort())
         page.goto(server.url)
-        expect(page.locator("#undrawn")).to_contain_text("Reload the page")
+        expect(page.locator("#undrawn")).to_contain_text("did not load. Reload the page.")
         expect(page.locator('[id="lab.beam"] figcaption').first).to_contain_text("Hz")
     finally:
         page.close()

@@ -32,7 +32,7 @@ function follow() {
   const shown = document.hidden || lostAt ? [] : visible(), followed = new Set(shown.slice(0, STREAMS));
   for (const panel of panels.values()) followed.has(panel) ? panel.twin.watch() : panel.twin.unwatch();
   for (const panel of shown) {
-    if (!followed.has(panel)) panel.twin.load();
+    if (!followed.has(panel)) panel.twin.catchUp();
     panel.twin.foresee();
   }
 }
@@ -74,7 +74,8 @@ function list(twins) {
   $("legend").hidden = $("index").hidden = twins.length === 0;
   const wanted = decodeURIComponent(location.hash.slice(1));
   $("unknown").hidden = !wanted || there.has(wanted);
-  $("unknown").textContent = `No twin is called ${wanted}. Choose one of those below, or register it with PUT /api/v1/twins/${wanted}.`;
+  $("unknown").textContent = `No twin is called ${wanted}. Choose one of those below, or register it with `
+    + `PUT /api/v1/twins/${wanted}.`;
   if (there.has(wanted) && arrivedAt !== wanted) $(wanted).scrollIntoView();
   arrivedAt = wanted;
 }
@@ -89,8 +90,12 @@ async function refresh() {
     say($("connection"), "good", "live");
   } catch (error) {
     lostAt ??= new Date();
-    const said = error.status ? `The server answers with an error: ${error.message}` : "Connection lost, trying again.";
-    $("lost").textContent = `${said} ${panels.size ? `What you see was known at ${lostAt.toLocaleTimeString()}.` : ""} If this lasts, look whether the twin server runs: slowtime twin`;
+    const said = [
+      error.status ? `The server answers with an error: ${error.message}` : "Connection lost, trying again.",
+      panels.size ? `What you see was known at ${lostAt.toLocaleTimeString()}.` : "",
+      "If this lasts, look whether the twin server runs: slowtime twin",
+    ];
+    $("lost").textContent = said.filter(Boolean).join(" ");
     say($("connection"), "bad", "connection lost, trying again");
   } finally { asking = false; }
   $("lost").hidden = !lostAt;
@@ -112,7 +117,9 @@ async function draw() {
 }
 
 plotly.catch((error) => { $("undrawn").textContent = error.message; $("undrawn").hidden = false; });
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { for (const panel of panels.values()) panel.twin.dirty = true; });
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+  for (const panel of panels.values()) panel.twin.dirty = true;
+});
 document.addEventListener("visibilitychange", () => { document.hidden ? follow() : refresh(); });
 addEventListener("hashchange", refresh);
 setInterval(() => { if (!document.hidden) refresh(); }, LIST_MS);

@@ -47,7 +47,8 @@ export class Panel {
   }
 
   figure(quantity) {
-    const figure = make("figure"), caption = make("figcaption"), value = make("strong", "\u2013"), interval = make("span", "", "interval");
+    const figure = make("figure"), caption = make("figcaption");
+    const value = make("strong", "\u2013"), interval = make("span", "", "interval");
     const plot = make("div", undefined, "plot");
     plot.dataset.quantity = quantity;
     plot.setAttribute("role", "img");
@@ -67,7 +68,8 @@ export class Panel {
   /** What changes as time goes by, though nothing new arrives. */
   tick() {
     const { seenAt, latest } = this.twin;
-    const text = !latest || latest.slow_time === null ? "" : seenAt ? `, last seen ${ago(Date.now() - seenAt)}` : ", not heard of since this page was opened";
+    const heard = seenAt ? `, last seen ${ago(Date.now() - seenAt)}` : ", not heard of since this page was opened";
+    const text = latest && latest.slow_time !== null ? heard : "";
     if (this.seen.textContent !== text) this.seen.textContent = text;
   }
 
@@ -81,10 +83,16 @@ export class Panel {
     const begun = latest.slow_time !== null;
     say(this.validity, ...(begun ? STANDING[standing(latest)] : ["waiting", "no features yet"]));
     const damping = latest.damping_ratio && spoken(latest.damping_ratio, "damping_ratio");
-    const facts = [named === twin.id ? "" : twin.id, CHANGES[latest.registration.changes], damping && `damping ratio ${damping[0]} (95\u202f%: ${damping[1]})`,
-      latest.frequency_used === "smoothed" && "from smoothed frequencies"];
+    const facts = [
+      named !== twin.id && twin.id,
+      CHANGES[latest.registration.changes],
+      damping && `damping ratio ${damping[0]} (95\u202f%: ${damping[1]})`,
+      latest.frequency_used === "smoothed" && "from smoothed frequencies",
+    ];
     this.facts.textContent = facts.filter(Boolean).join(" \u00b7 ");
-    this.reading.textContent = begun ? `reading ${latest.sequence} at slow time ${slowTime(latest)}, sensor time ${new Date(latest.t_ns / 1e6).toLocaleString()}` : "";
+    const taken = begun && new Date(latest.t_ns / 1e6).toLocaleString();
+    const reading = begun && `reading ${latest.sequence} at slow time ${slowTime(latest)}, sensor time ${taken}`;
+    this.reading.textContent = reading || "";
     const reasons = [...latest.reasons, ...(twin.problem ? [twin.problem] : [])];
     if (this.said !== reasons.join("\n")) this.reasons.replaceChildren(...reasons.map((reason) => make("li", reason)));
     this.said = reasons.join("\n");
@@ -94,10 +102,12 @@ export class Panel {
   }
 
   number(quantity, latest) {
-    const { value, interval, figure } = this.figures[quantity], estimate = latest[quantity], assumed = latest.assumed.includes(quantity);
+    const { value, interval, figure } = this.figures[quantity];
+    const estimate = latest[quantity], assumed = latest.assumed.includes(quantity);
     const [said, range] = estimate && !assumed ? spoken(estimate, quantity) : ["\u2013", ""];
     value.textContent = assumed ? "none" : said;
-    interval.textContent = assumed ? "assumed" : range ? `95\u202f%: ${range}` : latest.slow_time === null ? "" : "not estimated";
+    const missing = latest.slow_time === null ? "" : "not estimated";
+    interval.textContent = assumed ? "assumed" : range ? `95\u202f%: ${range}` : missing;
     figure.dataset.standing = assumed ? "assumed" : standing(latest);
   }
 
@@ -105,7 +115,8 @@ export class Panel {
     const { events } = this.twin, newest = events.at(-1), clock = latest.slow_time !== null && isClock(latest);
     if (!newest || this.newest === newest.number) return;
     this.newest = newest.number;
-    this.summary.textContent = `${events.length} event${events.length > 1 ? "s" : ""}, last: ${whenOf(newest, clock)} ${newest.message}`;
+    const count = events.length > 1 ? `${events.length} events` : "1 event";
+    this.summary.textContent = `${count}, last: ${whenOf(newest, clock)} ${newest.message}`;
     this.events.dataset.severity = newest.severity;
     this.list.replaceChildren(...events.slice().reverse().map((event) => {
       const item = make("li");

@@ -1,12 +1,13 @@
 // What the page knows of one twin: its history, and what the live stream adds to it.
 import { ask } from "./words.js";
 
-const MAX_POINTS = 1000, FORECAST_MS = 8000, EVENTS = 100;
+const MAX_POINTS = 1000, FORECAST_MS = 8000, RELOAD_MS = 30000, EVENTS = 100;
 
 export class Twin {
   constructor(id, listen) {
     Object.assign(this, { id, listen, latest: null, points: [], events: [], forecast: null });
-    Object.assign(this, { stream: null, dirty: true, seenAt: null, loading: null, forecastAt: 0, problem: null });
+    Object.assign(this, { stream: null, loading: null, arrived: null, stale: false, problem: null, dirty: true });
+    Object.assign(this, { seenAt: null, loadedAt: 0, forecastAt: 0 });
   }
 
   get base() { return `/api/v1/twins/${encodeURIComponent(this.id)}`; }
@@ -49,22 +50,44 @@ export class Twin {
     this.dirty = true;
   }
 
-  /** History and events anew; one request at a time, however often it is asked for. */
+  /** History and events anew: one request at a time, and one more if it is asked for meanwhile. */
   load() {
-    this.loading ??= this.fetchAll().catch((error) => { this.problem = error.message; }).finally(() => {
+    if (this.loading) this.stale = true;
+    else this.loading = this.fetchAll().catch((error) => { this.problem = error.message; }).finally(() => {
       this.loading = this.arrived = null;
       this.dirty = true;
+      if (this.stale) this.load();
     });
-    return this.loading;
   }
 
   async fetchAll() {
     this.arrived = [];
-    const [history, events] = await Promise.all([ask(`${this.base}/history?max_points=${MAX_POINTS}`), ask(`${this.base}/events?limit=${EVENTS}`)]);
+    this.stale = false;
+    const [history, events] = await Promise.all([
+      ask(`${this.base}/history?max_points=${MAX_POINTS}`),
+      ask(`${this.base}/events?limit=${EVENTS}`),
+    ]);
     const known = new Set(history.points.map((point) => `${point.boot} ${point.sequence}`));
     this.points = [...history.points, ...this.arrived.filter((point) => !known.has(`${point.boot} ${point.sequence}`))];
     this.events = events.events;
+    this.loadedAt = Date.now();
     this.problem = null;
+  }
+
+  /** For a twin on screen that has no stream: what is new, and everything now and then. */
+  async catchUp() {
+    const last = this.points.at(-1);
+    if (this.loading) return;
+    if (!last || Date.now() - this.loadedAt > RELOAD_MS) {
+      this.load();
+      return;
+    }
+    const [history, events] = await Promise.all([
+      ask(`${this.base}/history?start=${last.t_ns}&max_points=${MAX_POINTS}`),
+      ask(`${this.base}/events?after=${this.events.at(-1)?.number ?? 0}`),
+    ]).catch(() => [{ points: [] }, { events: [] }]);
+    for (const point of history.points) this.arrive(point);
+    for (const event of events.events) this.happen(event);
   }
 
   async foresee() {

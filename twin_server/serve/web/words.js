@@ -46,7 +46,8 @@ const UNITS = { T0: "periods T\u2080" };
 export const unitOf = (point) => UNITS[point.slow_time_unit] || point.slow_time_unit;
 
 export function slowTime(point) {
-  return isClock(point) ? new Date(1000 * point.slow_time).toLocaleString() : `${+point.slow_time.toPrecision(6)} ${unitOf(point)}`;
+  if (isClock(point)) return new Date(1000 * point.slow_time).toLocaleString();
+  return `${+point.slow_time.toPrecision(6)} ${unitOf(point)}`;
 }
 
 /** How long ago, in the largest unit that fits. */
@@ -65,7 +66,8 @@ export function whenOf(event, clock) {
 }
 
 // Reasons that say nothing against the frequency itself.
-const LEARNING = /still being learnt/, INSEPARABLE = /not separately identifiable|^The damping is known|^No (positive )?damping ratio/;
+const LEARNING = /still being learnt/;
+const INSEPARABLE = /not separately identifiable|^The damping is known|^No (positive )?damping ratio/;
 
 /** What stands against a reading: nothing, that it is too early, that mass and stiffness look alike, or more. */
 export function standing({ valid, reasons }) {
