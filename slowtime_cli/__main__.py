@@ -5,26 +5,61 @@ import logging
 import os
 import sys
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import click
 from pydantic import ValidationError
 
 from . import version
 
+
+class Verb(NamedTuple):
+    """Where a verb is defined, and what it says of itself in one line."""
+
+    place: str
+    help: str
+
+
+# The lines are repeated here so that `--help` answers without importing every verb; a test
+# holds them to the verbs' own.
 VERBS = {
-    "demo": "demo:demo",
-    "edge": "processes:edge",
-    "twin": "processes:twin",
-    "router": "processes:router",
-    "status": "processes:status",
-    "record": "recording:record",
-    "replay": "recording:replay",
-    "recover": "recording:recover",
-    "import": "records:import_",
-    "identify": "records:identify",
-    "simulate": "simulating:simulate",
-    "evolve": "evolving:evolve",
+    "demo": Verb("demo:demo", "Run router, edge agents, twin server and page on this machine."),
+    "edge": Verb(
+        "processes:edge", "Run an edge agent: samples in, features with uncertainty out."
+    ),
+    "twin": Verb(
+        "processes:twin", "Run the twin server: features in; knowledge, REST and page out."
+    ),
+    "router": Verb(
+        "processes:router", "Run a Zenoh router: what edges, twin and recorder connect to."
+    ),
+    "status": Verb(
+        "processes:status", "Tell whether the router answers and which edge agents live."
+    ),
+    "record": Verb("recording:record", "Record what travels on the bus into an MCAP file."),
+    "replay": Verb(
+        "recording:replay", "Play a recording again and print the hash of its history."
+    ),
+    "recover": Verb(
+        "recovering:recover", "Make a recording sound again that was cut short or not closed."
+    ),
+    "import": Verb(
+        "importing:import_", "Turn a text, NumPy or MATLAB record into an MCAP recording."
+    ),
+    "identify": Verb(
+        "identifying:identify", "Find natural frequencies and damping in a record, with errors."
+    ),
+    "simulate": Verb(
+        "simulating:simulate", "Write the vibration of a structure that ages, epoch by epoch."
+    ),
+    "evolve": Verb(
+        "evolving:evolve", "Tell how stiffness and mass have changed, from frequencies."
+    ),
 }
+ROOMS = (
+    "edge_agent", "slowtime", "slowtime_cli", "slowtime_schemas", "slowtime_services",
+    "twin_server",
+)  # fmt: skip
 
 
 class Verbs(click.Group):
@@ -38,11 +73,16 @@ class Verbs(click.Group):
         """Import the verb's own module, now."""
         if cmd_name not in VERBS:
             return None
-        module, name = VERBS[cmd_name].split(":")
+        module, name = VERBS[cmd_name].place.split(":")
         command: click.Command = getattr(
             importlib.import_module(f"slowtime_cli.{module}"), name
         )
         return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the verbs without importing them."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, verb.help) for name, verb in VERBS.items()])
 
 
 @click.group(
@@ -56,7 +96,7 @@ Examples:
 """,
 )
 @click.version_option(version(), "-V", "--version", prog_name="slowtime")
-@click.option("-v", "--verbose", count=True, help="Say more; twice for everything.")
+@click.option("-v", "--verbose", count=True, help="Say more; twice to hear the libraries too.")
 @click.option("-q", "--quiet", is_flag=True, help="Say only what went wrong.")
 def app(verbose: int, quiet: bool) -> None:
     """Digital twin for things that vibrate.
@@ -64,20 +104,21 @@ def app(verbose: int, quiet: bool) -> None:
     An edge agent turns acceleration into natural frequencies and damping; a twin server turns
     those into the evolution of stiffness and mass in slow time, with uncertainty.
     """
-    level = logging.ERROR if quiet else (logging.INFO, logging.DEBUG)[min(verbose, 1)]
+    level = logging.DEBUG if verbose > 1 else logging.INFO
     logging.basicConfig(
-        level=level,
+        level=logging.ERROR if quiet else level,
         stream=sys.stderr,
         format="%(asctime)s %(levelname)-7s %(name)s: %(message)s",
     )
-    logging.getLogger("httpx").setLevel(logging.WARNING)
+    for room in ROOMS if verbose and not quiet else ():
+        logging.getLogger(room).setLevel(logging.DEBUG)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and leave with its exit status.
 
     0 is success, 2 that the input is wrong (a sentence on stderr), 1 a failure of ours, 130
-    that Ctrl-C ended a job before its end.
+    that Ctrl-C ended a job before its end; what runs until Ctrl-C ends with 0.
     """
     try:
         status = app.main(arguments, prog_name="slowtime", standalone_mode=False)

@@ -12,7 +12,9 @@ from typing import Any
 import click
 
 from .children import Children, children
+from .options import Number, OutFile
 from .structures import STRUCTURES, registration
+from .terminal import INTERRUPTED, Stop, plural, until_signalled
 
 LOOK_AT = """
   Three simulated structures grow old in front of you, {rate:g} epochs a second:
@@ -48,13 +50,13 @@ Examples:
     "duration_s",
     default=0.0,
     show_default=True,
-    type=click.FloatRange(min=0),
+    type=Number(min=0),
     help="Seconds to run; 0 until Ctrl-C.",
 )
 @click.option(
     "--record",
     "recording",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=OutFile(".mcap"),
     help="Also record what travels, raw blocks too, into this MCAP file.",
 )
 @click.option(
@@ -62,7 +64,7 @@ Examples:
     "epochs_per_s",
     default=5.0,
     show_default=True,
-    type=click.FloatRange(min=0, min_open=True, max=50),
+    type=Number(min=0, min_open=True, max=50),
     help="Epochs per second of each edge agent.",
 )
 @click.option(
@@ -77,7 +79,7 @@ def demo(
     recording: Path | None,
     epochs_per_s: float,
     folder: Path | None,
-) -> None:
+) -> int:
     """Run router, edge agents, twin server and page on this machine.
 
     Three simulated structures change in accelerated slow time; the twins follow them from
@@ -87,10 +89,18 @@ def demo(
         raise click.UsageError(
             f"Port {port} is taken on this machine. Give another, such as --port {port + 1}."
         )
-    with tempfile.TemporaryDirectory(prefix="slowtime-demo-") as temporary:
-        home = folder or Path(temporary)
-        with children(home / "logs") as family:
-            _run(family, home, port, duration_s, recording, epochs_per_s)
+    if recording is not None and recording.exists():
+        raise click.UsageError(
+            f"{recording} exists and may be the only copy of a recording. Give another name."
+        )
+    with (
+        tempfile.TemporaryDirectory(prefix="slowtime-demo-") as temporary,
+        # Outermost: a second Ctrl-C, or SIGTERM, must not leave children behind.
+        until_signalled() as stop,
+        children((folder or Path(temporary)) / "logs") as family,
+    ):
+        _run(family, folder or Path(temporary), port, duration_s, recording, epochs_per_s, stop)
+    return INTERRUPTED if duration_s and stop.interrupted else 0
 
 
 def _run(
@@ -100,6 +110,7 @@ def _run(
     duration_s: float,
     recording: Path | None,
     epochs_per_s: float,
+    stop: Stop,
 ) -> None:
     endpoint = f"tcp/127.0.0.1:{_free_port()}"
     url = f"http://127.0.0.1:{port}"
@@ -117,12 +128,14 @@ def _run(
             str(home / "twin.sqlite"),
         ],
     )
-    _wait_until_ready(family, url)
+    _wait_until_ready(family, url, stop)
+    if stop.is_set():
+        return
     for name in STRUCTURES:
         _put(f"{url}/api/v1/twins/demo.{name}", registration(name))
     if recording is not None:
         family.start("recorder", ["record", "--connect", endpoint, "--out", str(recording)])
-        _wait_for_file(family, recording)
+        _wait_for_file(family, recording, stop)
     for name in STRUCTURES:
         family.start(
             f"edge-{name}",
@@ -141,9 +154,8 @@ def _run(
         )
     click.echo(f"\n  The page: {url}\n" + LOOK_AT.format(url=url, rate=epochs_per_s))
     click.echo("Ctrl-C ends everything." if not duration_s else f"Ends after {duration_s:g} s.")
-    try:
-        _watch(family, duration_s)
-    except KeyboardInterrupt:
+    _watch(family, duration_s, stop)
+    if stop.is_set():
         click.echo("\nEnding ...")
     for name in STRUCTURES:
         click.echo(
@@ -151,10 +163,9 @@ def _run(
         )
 
 
-def _watch(family: Children, duration_s: float) -> None:
+def _watch(family: Children, duration_s: float, stop: Stop) -> None:
     deadline = time.monotonic() + duration_s if duration_s else float("inf")
-    while (left := deadline - time.monotonic()) > 0:
-        time.sleep(min(left, 0.5))
+    while (left := deadline - time.monotonic()) > 0 and not stop.wait(min(left, 0.5)):
         family.check()
 
 
@@ -171,12 +182,14 @@ def summary(name: str, history: dict[str, Any]) -> str:
         if judged:
             held = sum(estimate["lo"] <= true <= estimate["hi"] for estimate, true in judged)
             said.append(f"the true {quantity.replace('_', ' ')} in {held / len(judged):.1%}")
+    if not said:
+        return f"  demo.{name}: no estimate yet, after {plural(len(points), 'epoch')}"
     return f"  demo.{name}: of {len(points)} epochs, 95 % intervals held {', '.join(said)}"
 
 
-def _wait_until_ready(family: Children, url: str, patience_s: float = 60.0) -> None:
+def _wait_until_ready(family: Children, url: str, stop: Stop, patience_s: float = 60.0) -> None:
     deadline = time.monotonic() + patience_s
-    while True:
+    while not stop.wait(0.1):
         family.check()
         try:
             _get(f"{url}/readyz")
@@ -185,18 +198,16 @@ def _wait_until_ready(family: Children, url: str, patience_s: float = 60.0) -> N
                 raise RuntimeError(
                     f"The twin server was not ready after {patience_s:g} s."
                 ) from None
-            time.sleep(0.1)
         else:
             return
 
 
-def _wait_for_file(family: Children, path: Path, patience_s: float = 20.0) -> None:
+def _wait_for_file(family: Children, path: Path, stop: Stop, patience_s: float = 20.0) -> None:
     deadline = time.monotonic() + patience_s
-    while not path.exists():
+    while not path.exists() and not stop.wait(0.05):
         family.check()
         if time.monotonic() > deadline:
             raise RuntimeError(f"The recorder did not begin {path} within {patience_s:g} s.")
-        time.sleep(0.05)
 
 
 def _get(url: str) -> dict[str, Any]:

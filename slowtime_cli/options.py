@@ -1,12 +1,160 @@
-"""Flags that several verbs share."""
+"""What several verbs are given alike: flags, and the kinds of values that flags take."""
+
+import datetime
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import click
 
 ROUTER = "tcp/127.0.0.1:7447"
+NAME = r"[a-z0-9][a-z0-9_-]{0,62}"
+STDOUT = Path("-")
+
+
+class Number(click.FloatRange):
+    """A number that is one: neither NaN nor infinite, and within its range."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Refuse what the range itself lets through."""
+        number: float = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number. Give one such as 1.5.", param, ctx)
+        return number
+
+
+POSITIVE = Number(min=0, min_open=True)
+
+
+class Name(click.ParamType):  # type: ignore[type-arg]  # generic only in the newest click
+    """A site or an asset; with `parts=2` both, SITE.ASSET, each of which may be ``*``."""
+
+    name = "name"
+
+    def __init__(self, parts: int = 1, *, any_: bool = False) -> None:
+        one = rf"({NAME}|\*)" if any_ else NAME
+        self._pattern = re.compile(r"\.".join([one] * parts))
+        self._allowed = ("SITE.ASSET, each of " if parts == 2 else "") + (
+            "at most 63 lower-case letters, digits, '-' and '_'" + (", or *" if any_ else "")
+        )
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str:
+        """Refuse what could not be part of a key."""
+        if not self._pattern.fullmatch(str(value)):
+            self.fail(f"{value!r} is no name. Allowed: {self._allowed}.", param, ctx)
+        return str(value)
+
+
+class Endpoint(click.ParamType):  # type: ignore[type-arg]  # generic only in the newest click
+    """Where a router listens."""
+
+    name = "endpoint"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str:
+        """Refuse what is no endpoint before anything is opened."""
+        if not re.fullmatch(r"[a-z][a-z0-9_+.-]*/\S+", str(value)):
+            self.fail(
+                f"{value!r} is no endpoint. Give PROTOCOL/ADDRESS, such as {ROUTER}.",
+                param,
+                ctx,
+            )
+        return str(value)
+
+
+class Instant(click.ParamType):  # type: ignore[type-arg]  # generic only in the newest click
+    """A date and time of ISO 8601; UTC unless it says otherwise. In nanoseconds since 1970."""
+
+    name = "time"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> int:
+        """Turn text into whole nanoseconds."""
+        if isinstance(value, int):
+            return value
+        try:
+            when = datetime.datetime.fromisoformat(value)
+        except ValueError:
+            self.fail(f"{value!r} is no time. Give one as 2022-07-19T22:55:00Z.", param, ctx)
+        when = when if when.tzinfo else when.replace(tzinfo=datetime.UTC)
+        since = when - datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
+        t_ns = (since // datetime.timedelta(microseconds=1)) * 1000
+        if not 0 <= t_ns < 2**63:
+            self.fail(f"{value} is not between the years 1970 and 2262.", param, ctx)
+        return t_ns
+
+
+class OutFile(click.Path):
+    """A file to write, of a kind that its name tells, in a folder that is there.
+
+    Asked before the work, so that an hour of it is not thrown away at its end.
+    """
+
+    def __init__(self, *suffixes: str, stdout: bool = False) -> None:
+        super().__init__(dir_okay=False, writable=True, path_type=Path, allow_dash=stdout)
+        self._suffixes = suffixes
+
+    def convert(
+        self,
+        value: Any,
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> Any:
+        """Refuse a name that cannot be written to."""
+        path: Path = super().convert(value, param, ctx)  # type: ignore[assignment]
+        if path == STDOUT and self.allow_dash:
+            return path
+        if self._suffixes and path.suffix.lower() not in self._suffixes:
+            allowed = " or ".join(self._suffixes)
+            self.fail(f"{path.name!r} does not end in {allowed}. Give one that does.")
+        if not path.parent.is_dir():
+            self.fail(f"There is no folder {path.parent} for {path.name}. Make it first.")
+        return path
+
+
+def names(text: str | None, flag: str) -> tuple[str, ...] | None:
+    """Split ``a,b``; None where the flag was not given.
+
+    Examples
+    --------
+    >>> names("acc_x, acc_y", "--channels")
+    ('acc_x', 'acc_y')
+    """
+    if text is None:
+        return None
+    parts = tuple(part.strip() for part in text.split(","))
+    if not all(parts):
+        raise click.UsageError(
+            f"{flag} {text!r} has an empty name. Give names with commas between them: a,b."
+        )
+    return parts
+
+
+def together(given: Sequence[tuple[str, object]]) -> None:
+    """Refuse two of several ways to say one thing.
+
+    Raises
+    ------
+    click.UsageError
+        Naming those that were given.
+    """
+    used = [flag for flag, value in given if value]
+    if len(used) > 1:
+        raise click.UsageError(f"{' and '.join(used)} exclude each other. Give one of them.")
+
 
 connect_option = click.option(
     "--connect",
     multiple=True,
+    type=Endpoint(),
     default=(ROUTER,),
     show_default=True,
     help="Endpoint of the router; may be given several times.",

@@ -1,7 +1,11 @@
 """Verbs that are processes of the house, `edge`, `twin`, `router`, and `status`."""
 
+import contextlib
+import json
 import logging
 import threading
+import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,7 +16,16 @@ from slowtime_schemas.streams import alive_key
 from slowtime_services import router as router_process
 from slowtime_services.bus import Bus, BusUnreachableError, ZenohBus
 
-from .options import ROUTER, connect_option
+from .options import (
+    POSITIVE,
+    ROUTER,
+    Endpoint,
+    Name,
+    Number,
+    connect_option,
+    names,
+    together,
+)
 from .structures import STRUCTURES, structure
 
 METHODS = {"ambient": "ambient", "hammer": "free_decay"}
@@ -32,9 +45,11 @@ underscores); flags overrule the environment, which overrules the file.
 """
 )
 @click.option("--config", type=CONFIG, help="TOML or JSON file of settings.")
-@click.option("--site", help="Where the asset stands.  [default: demo]")
+@click.option("--site", type=Name(), help="Where the asset stands.  [default: demo]")
 @click.option(
-    "--asset", help="Name of the asset.  [default: tower, or the simulated structure]"
+    "--asset",
+    type=Name(),
+    help="Name of the asset.  [default: tower, or the simulated structure]",
 )
 @click.option(
     "--simulate",
@@ -44,18 +59,18 @@ underscores); flags overrule the environment, which overrules the file.
 @click.option("--file", "file", type=CONFIG, help="Listen to a text, NumPy or MATLAB record.")
 @click.option("--recording", type=CONFIG, help="Listen to the raw blocks of an MCAP recording.")
 @click.option(
-    "--rate-hz", type=float, help="Samples per second of --file, where it does not say."
+    "--rate-hz", type=POSITIVE, help="Samples per second of --file, where it does not say."
 )
 @click.option(
     "--speed",
-    type=float,
+    type=Number(min=0),
     default=1.0,
     show_default=True,
     help="Pace of --file or --recording; 0 as fast as possible.",
 )
 @click.option(
     "--epochs-per-s",
-    type=click.FloatRange(min=0, min_open=True),
+    type=POSITIVE,
     default=5.0,
     show_default=True,
     help="Pace of --simulate.",
@@ -66,9 +81,17 @@ underscores); flags overrule the environment, which overrules the file.
     type=click.Choice(["auto", "ambient", "free_decay", "peak"]),
     help="How to identify.  [default: auto, or what the simulated structure needs]",
 )
-@click.option("--band-hz", nargs=2, type=float, help="Where to look for the first mode.")
-@click.option("--window-s", type=float, help="Window of a continuous stream.  [default: 60]")
-@click.option("--hop-s", type=float, help="From one window to the next.  [default: the window]")
+@click.option(
+    "--band-hz",
+    nargs=2,
+    type=Number(min=0),
+    metavar="LO HI",
+    help="Where to look for the first mode.",
+)
+@click.option("--window-s", type=POSITIVE, help="Window of a continuous stream.  [default: 60]")
+@click.option(
+    "--hop-s", type=POSITIVE, help="From one window to the next.  [default: the window]"
+)
 @click.option("--raw/--no-raw", default=None, help="Publish raw blocks too, for recording.")
 @click.option(
     "--spool",
@@ -95,20 +118,13 @@ def edge(
     spool: Path | None,
     connect: tuple[str, ...],
 ) -> int:
-    """Run an edge agent: samples in, features with uncertainty out."""
+    """Run an edge agent: samples in, features with uncertainty out.
+
+    Without a router it goes on, and keeps its features on disk until there is one.
+    """
     from edge_agent.__main__ import run
 
-    given = [
-        name
-        for name, value in (
-            ("--simulate", simulate),
-            ("--file", file),
-            ("--recording", recording),
-        )
-        if value
-    ]
-    if len(given) > 1:
-        raise click.UsageError(f"{' and '.join(given)} are two inputs. Give one of them.")
+    together([("--simulate", simulate), ("--file", file), ("--recording", recording)])
     if rate_hz is not None and file is None:
         raise click.UsageError("--rate-hz goes with --file; other inputs say their rate.")
     source: dict[str, Any] = {}
@@ -128,24 +144,25 @@ def edge(
             "that names one."
         )
     extract = _given(
-        channels=tuple(channels.split(",")) if channels else None,
+        channels=names(channels, "--channels"),
         band_hz=band_hz or None,
         method=method or (METHODS[STRUCTURES[simulate]["excitation"]] if simulate else None),
         window_s=window_s,
         hop_s=hop_s,
     )
-    settings = EdgeSettings(
-        **_given(
-            config=config,
-            site=site,
-            asset=asset or simulate,
-            connect=_endpoints(connect, config),
-            input=source or None,
-            extract=extract or None,
-            publish={"raw": "on" if raw else "off"} if raw is not None else None,
-            spool={"folder": spool} if spool else None,
+    with _naming(config):
+        settings = EdgeSettings(
+            **_given(
+                config=config,
+                site=site,
+                asset=asset or simulate,
+                connect=_endpoints(connect, config),
+                input=source or None,
+                extract=extract or None,
+                publish={"raw": "on" if raw else "off"} if raw is not None else None,
+                spool={"folder": spool} if spool else None,
+            )
         )
-    )
     return run(settings)
 
 
@@ -186,12 +203,16 @@ def twin(
     registrations: Path | None,
     connect: tuple[str, ...],
 ) -> int:
-    """Run the twin server: features in; history, forecast, alarms, REST and page out."""
+    """Run the twin server: features in; knowledge, REST and page out.
+
+    Knowledge is the history of stiffness and mass, its forecast, and alarms.
+    """
     from twin_server.__main__ import run
+    from twin_server.registration import registrations as read_registrations
     from twin_server.settings import TwinSettings
 
-    return run(
-        TwinSettings(
+    with _naming(config):
+        settings = TwinSettings(
             **_given(
                 config=config,
                 host=host,
@@ -201,7 +222,8 @@ def twin(
                 connect=_endpoints(connect, config),
             )
         )
-    )
+    read_registrations(settings.registrations)  # refused before a router is waited for
+    return run(settings)
 
 
 @click.command(
@@ -215,11 +237,12 @@ Examples:
 @click.option(
     "--listen",
     multiple=True,
+    type=Endpoint(),
     default=(ROUTER,),
     show_default=True,
     help="Endpoint to listen on; may be given several times.",
 )
-@click.option("--connect", multiple=True, help="Another router to join.")
+@click.option("--connect", multiple=True, type=Endpoint(), help="Another router to join.")
 def router(listen: tuple[str, ...], connect: tuple[str, ...]) -> None:
     """Run a Zenoh router: what edges, twin and recorder connect to."""
     router_process.run(
@@ -235,16 +258,16 @@ Examples:
 """
 )
 @connect_option
-@click.option("--asset", help="SITE.ASSET that must be alive.")
+@click.option("--asset", type=Name(parts=2), help="SITE.ASSET that must be alive.")
 @click.option(
     "--timeout-s",
     default=4.0,
     show_default=True,
-    type=click.FloatRange(min=0.1),
+    type=Number(min=0.1),
     help="How long to wait.",
 )
 def status(connect: tuple[str, ...], asset: str | None, timeout_s: float) -> int:
-    """Tell whether the router answers, and which edge agents are alive.
+    """Tell whether the router answers and which edge agents live.
 
     Leaves with 0 if all that was asked for is there, else with 1; made for health checks.
     """
@@ -252,7 +275,7 @@ def status(connect: tuple[str, ...], asset: str | None, timeout_s: float) -> int
     site, _, name = (asset or "*.*").partition(".")
     try:
         with ZenohBus("client", connect, open_timeout_s=timeout_s) as bus:
-            alive = _alive(bus, alive_key(site, name or "*"), timeout_s if asset else 0.5)
+            alive = _alive(bus, alive_key(site, name), timeout_s if asset else 0.5)
     except BusUnreachableError as error:
         click.echo(str(error), err=True)
         return 1
@@ -283,6 +306,16 @@ def _alive(bus: Bus, key: str, timeout_s: float) -> set[str]:
 
 def _given(**settings: Any) -> dict[str, Any]:
     return {name: value for name, value in settings.items() if value is not None}
+
+
+@contextlib.contextmanager
+def _naming(config: Path | None) -> Iterator[None]:
+    """Say which file it was that could not be read."""
+    try:
+        yield
+    except (json.JSONDecodeError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        kind = "JSON" if config is not None and config.suffix == ".json" else "TOML"
+        raise click.UsageError(f"--config {config} is not {kind}: {error}.") from error
 
 
 def _endpoints(connect: tuple[str, ...], config: Path | None) -> tuple[str, ...] | None:

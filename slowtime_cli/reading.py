@@ -1,5 +1,6 @@
 """The flags with which every verb reads a record, whatever wrote it."""
 
+import dataclasses
 import functools
 from collections.abc import Callable
 from pathlib import Path
@@ -7,16 +8,21 @@ from typing import Any
 
 import click
 
-from slowtime_services.files import Record, read_record
+from slowtime_services.files import Record, find_column, read_record
 from slowtime_services.replay import record_of
+
+from .options import POSITIVE, names
+from .terminal import note
+
+BINARY = (".mcap", ".npy", ".npz", ".mat")
 
 FLAGS = (
     click.option(
         "--rate-hz",
-        type=click.FloatRange(min=0, min_open=True),
+        type=POSITIVE,
         help="Samples per second, where the file does not say.",
     ),
-    click.option("--channels", help="Columns to use, by name or number: a,b."),
+    click.option("--channels", help="Columns to use, by name or number from 0: a,b."),
     click.option(
         "--skip-lines",
         type=click.IntRange(min=0),
@@ -25,7 +31,7 @@ FLAGS = (
     click.option("--columns", help="Names of all columns, where the file has none: a,b,c."),
     click.option(
         "--time-column",
-        help="Column of time in seconds, by name or number.  [default: found out]",
+        help="Column of time, by name or number; none if there is none.  [default: found out]",
     ),
 )
 
@@ -44,10 +50,15 @@ def record_flags(verb: Callable[..., Any]) -> Callable[..., Any]:
         **others: Any,
     ) -> Any:
         record = _read(
-            record_path, rate_hz, _names(channels), skip_lines, _names(columns), time_column
+            record_path,
+            rate_hz,
+            names(channels, "--channels"),
+            skip_lines,
+            names(columns, "--columns"),
+            time_column,
         )
-        for note in record.notes:
-            click.echo(f"note: {note}", err=True)
+        for text in record.notes:
+            note(text)
         return verb(record=record, path=record_path, **others)
 
     for flag in reversed(FLAGS):
@@ -67,8 +78,13 @@ def _read(
     columns: tuple[str, ...] | None,
     time_column: str | None,
 ) -> Record:
-    if path.suffix.lower() == ".mcap":
-        return record_of(path, channels=channels)
+    kind = path.suffix.lower()
+    if kind in BINARY and skip_lines:
+        note(f"--skip-lines was not used: a {kind} file has no lines.")
+    if kind == ".mcap":
+        if time_column is not None:
+            note("--time-column was not used: an MCAP recording carries its own clock.")
+        return _as_told(record_of(path), path, rate_hz, channels, columns)
     return read_record(
         path,
         rate_hz=rate_hz,
@@ -79,9 +95,32 @@ def _read(
     )
 
 
-def _names(text: str | None) -> tuple[str, ...] | None:
-    return (
-        None
-        if text is None
-        else tuple(name.strip() for name in text.split(",") if name.strip())
+def _as_told(
+    record: Record,
+    path: Path,
+    rate_hz: float | None,
+    channels: tuple[str, ...] | None,
+    columns: tuple[str, ...] | None,
+) -> Record:
+    """Let flags overrule what a recording says of itself, as they do for other files."""
+    if columns is not None:
+        if len(columns) != len(record.channels):
+            raise click.UsageError(
+                f"--columns gives {len(columns)} names, {', '.join(columns)}; {path} has "
+                f"{len(record.channels)} channels, {', '.join(record.channels)}. Give one each."
+            )
+        record = dataclasses.replace(record, channels=columns)
+    if rate_hz is not None and abs(rate_hz / record.rate_hz - 1) > 1e-3:
+        note(f"{path.name} says {record.rate_hz:g} Hz; {rate_hz:g} Hz was given, and used.")
+        record = dataclasses.replace(record, rate_hz=rate_hz)
+    if channels is None:
+        return record
+    kept = [find_column(name, record.channels) for name in channels]
+    if len(set(kept)) != len(kept):
+        raise click.UsageError(f"--channels {','.join(channels)} names one twice.")
+    return dataclasses.replace(
+        record,
+        samples=record.samples[:, kept],
+        channels=tuple(record.channels[column] for column in kept),
+        units=tuple(record.units[column] for column in kept),
     )

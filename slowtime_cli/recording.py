@@ -1,4 +1,4 @@
-"""Verbs around recordings: `record`, `replay`, `recover`."""
+"""The verbs `record` and `replay`: from the bus to a file, and back."""
 
 import json
 import math
@@ -24,13 +24,12 @@ from slowtime_schemas.streams import (
 )
 from slowtime_services.bus import Sample, ZenohBus
 from slowtime_services.record import Recorder, Recording, free_path
-from slowtime_services.record import recover as recover_file
 from slowtime_services.replay import Progress, contents, raw_blocks, read_recording
 from slowtime_services.replay import replay as replay_file
 
 from .offline import offline_twin
-from .options import connect_option
-from .terminal import bar, counting, until_signalled
+from .options import POSITIVE, Name, Number, OutFile, connect_option, names, together
+from .terminal import INTERRUPTED, bar, counting, removed_unless_finished, until_signalled
 
 RECORDING = click.Path(exists=True, dir_okay=False, path_type=Path)
 
@@ -46,12 +45,16 @@ Examples:
 @click.option(
     "--out",
     required=True,
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=OutFile(".mcap"),
     help="MCAP file to write; it must not exist yet.",
 )
 @connect_option
 @click.option(
-    "--asset", default="*.*", show_default=True, help="SITE.ASSET to record; * for any."
+    "--asset",
+    default="*.*",
+    show_default=True,
+    type=Name(parts=2, any_=True),
+    help="SITE.ASSET to record; * for any.",
 )
 @click.option("--streams", help="Streams to record: a,b.  [default: all that are meant for it]")
 @click.option(
@@ -59,7 +62,7 @@ Examples:
     "duration_s",
     default=0.0,
     show_default=True,
-    type=click.FloatRange(min=0),
+    type=Number(min=0),
     help="Seconds to record; 0 until Ctrl-C.",
 )
 @click.option("--number", is_flag=True, help="Where OUT exists, put a number after its name.")
@@ -70,22 +73,27 @@ def record(
     streams: str | None,
     duration_s: float,
     number: bool,
-) -> None:
+) -> int:
     """Record what travels on the bus into an MCAP file.
 
     What has arrived is on the disk within a second; a file left by a killed recorder is made
     sound again by `slowtime recover`. Foxglove and Lichtblick open the result.
     """
-    wanted = (
-        [_stream(name) for name in streams.split(",")] if streams else _meant_for_recording()
-    )
+    chosen = names(streams, "--streams")
+    wanted = _meant_for_recording() if chosen is None else [_stream(name) for name in chosen]
     site, _, name = asset.partition(".")
     path = free_path(out) if number and out.exists() else out
+    if path.exists():
+        raise click.UsageError(
+            f"{path} exists and may be the only copy of a recording. Give another name, or "
+            "--number to have one put after it."
+        )
     with until_signalled(duration_s) as stop, ZenohBus("client", connect) as bus:
-        with Recorder(bus, path, streams=wanted, site=site, asset=name or "*") as recorder:
+        with Recorder(bus, path, streams=wanted, site=site, asset=name) as recorder:
             with counting("Recording") as tell:
                 recorder.run(stop, lambda now: tell(_describe(now)))
         click.echo(_describe(recorder.recording))
+    return INTERRUPTED if duration_s and stop.interrupted else 0
 
 
 def _meant_for_recording() -> list[Stream]:
@@ -120,7 +128,7 @@ Examples:
     "--speed",
     default=1.0,
     show_default=True,
-    type=click.FloatRange(min=0, min_open=True),
+    type=POSITIVE,
     help="Pace; 1 as it was.",
 )
 @click.option("--fast", is_flag=True, help="As fast as the twin acknowledges.")
@@ -128,7 +136,7 @@ Examples:
 @click.option(
     "--into",
     "database",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=OutFile(),
     help="New SQLite file: run through a twin here, without any bus.",
 )
 @click.option(
@@ -145,16 +153,16 @@ def replay(
     database: Path | None,
     edge: bool,
 ) -> int:
-    """Play a recording again and print the hash of the history that comes of it.
+    """Play a recording again and print the hash of its history.
 
     The same recording gives the same history, bit for bit, at any speed.
     """
-    if edge and database is not None:
-        raise click.UsageError("--edge and --into are two ways to replay. Give one of them.")
+    together([("--edge", edge), ("--into", database), ("--server", server)])
     if edge:
         return _through_the_edge(recording)
     if database is not None:
         return _into(recording, database)
+    contents(recording)  # refused before a router is waited for
     return _onto_the_bus(recording, connect, math.inf if fast else speed, server)
 
 
@@ -172,13 +180,25 @@ def _onto_the_bus(
         f"{counts} in {played.duration_s:.1f} s; {played.acknowledged} of {played.features} "
         "features acknowledged"
     )
+    if stop.interrupted:
+        return INTERRUPTED
     if server is not None:
         for asset in _assets(recording):
-            with urllib.request.urlopen(
-                f"{server.rstrip('/')}/api/v1/twins/{asset}/history/hash", timeout=30
-            ) as answer:
-                _print_hash(asset, json.loads(answer.read()))
+            _print_hash(asset, _asked_of(server, asset))
     return 0 if played.complete else 1
+
+
+def _asked_of(server: str, asset: str) -> Mapping[str, object]:
+    url = f"{server.rstrip('/')}/api/v1/twins/{asset}/history/hash"
+    try:
+        with urllib.request.urlopen(url, timeout=30) as answer:
+            digest: dict[str, object] = json.loads(answer.read())
+    except (OSError, ValueError) as error:
+        raise click.UsageError(
+            f"--server {server} did not tell the hash of {asset}: {error}. Give the "
+            "address of a running twin server, such as http://127.0.0.1:8000."
+        ) from error
+    return digest
 
 
 def _share(tell: Callable[[float], None]) -> Callable[[Progress], None]:
@@ -190,13 +210,20 @@ def _into(recording: Path, database: Path) -> int:
         raise click.UsageError(
             f"{database} exists. Give a new file, so that the history is fresh."
         )
+    assets = list(_assets(recording))
+    if not assets:
+        raise click.UsageError(
+            f"{recording} holds no features for a twin. Run its raw blocks through an edge "
+            "agent first: slowtime edge --recording."
+        )
     with (
+        removed_unless_finished(database),
         offline_twin(database) as (pipeline, store),
         bar("Replaying", _how_many(recording)) as tell,
     ):
         pipeline.ingest(_samples(recording, tell))
         pipeline.give_up()
-        for asset in _assets(recording):
+        for asset in assets:
             digest, count = store.digest(asset)
             _print_hash(asset, {"sha256": digest, "features": count})
     return 0
@@ -256,24 +283,3 @@ def _recorded_settings(recording: Path, site: str, asset: str) -> Processing:
 def _assets(recording: Path) -> Iterator[str]:
     keys = contents(recording, streams=[FEATURES]).counts
     return iter(sorted({".".join(key.split("/")[2:4]) for key, count in keys.items() if count}))
-
-
-@click.command(
-    epilog="""\b
-Examples:
-  slowtime recover killed.mcap --out sound.mcap
-"""
-)
-@click.argument("damaged", type=RECORDING)
-@click.option(
-    "--out",
-    required=True,
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Sound file to write; it must not exist yet.",
-)
-def recover(damaged: Path, out: Path) -> None:
-    """Make a recording sound again that was cut short or not closed.
-
-    Everything that is whole in it is kept, indexed, and can be opened by any MCAP reader.
-    """
-    click.echo(str(recover_file(damaged, out)))

@@ -1,5 +1,6 @@
 """The verb `simulate`: samples of a structure that exists in software only."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -8,11 +9,13 @@ import numpy as np
 
 from slowtime_schemas.raw import RawHeader, encode_raw
 from slowtime_schemas.streams import RAW
+from slowtime_services.files import MAX_BYTES
 from slowtime_services.record import RecordingWriter
 from slowtime_services.simulate import SimulatedStructure
 
+from .options import OutFile
 from .structures import STRUCTURES, structure
-from .terminal import bar
+from .terminal import bar, plural, removed_unless_finished
 
 
 @click.command(
@@ -41,7 +44,7 @@ Examples:
 @click.option(
     "--out",
     required=True,
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=OutFile(".mcap", ".npz"),
     help="MCAP or NumPy (.npz) file to write.",
 )
 def simulate(name: str, epochs: int, seed: int | None, out: Path) -> None:
@@ -52,13 +55,15 @@ def simulate(name: str, epochs: int, seed: int | None, out: Path) -> None:
     """
     settings = structure(name) | {"epochs": epochs} | ({} if seed is None else {"seed": seed})
     simulated = SimulatedStructure(**settings)
-    if out.suffix == ".npz":
-        _as_arrays(simulated, epochs, out)
-    elif out.suffix == ".mcap":
-        _as_recording(simulated, epochs, name, out)
-    else:
-        raise click.UsageError(f"{out.name} is neither .mcap nor .npz. Give one of them.")
-    click.echo(f"{out}: {epochs} epochs of {simulated.seconds:g} s at {simulated.rate_hz:g} Hz")
+    with removed_unless_finished(out):
+        if out.suffix.lower() == ".npz":
+            _as_arrays(simulated, epochs, out)
+        else:
+            _as_recording(simulated, epochs, name, out)
+    click.echo(
+        f"{out}: {plural(epochs, 'epoch')} of {simulated.seconds:g} s at "
+        f"{simulated.rate_hz:g} Hz"
+    )
 
 
 def _as_recording(simulated: SimulatedStructure, epochs: int, name: str, out: Path) -> None:
@@ -91,6 +96,12 @@ def _as_recording(simulated: SimulatedStructure, epochs: int, name: str, out: Pa
 
 def _as_arrays(simulated: SimulatedStructure, epochs: int, out: Path) -> None:
     shape = (epochs, simulated.samples)
+    if math.prod(shape) * 8 > MAX_BYTES:
+        raise click.UsageError(
+            f"{out.name} would hold {math.prod(shape) * 8 / 2**20:.0f} MiB; .npz is made in "
+            f"memory, of at most {MAX_BYTES / 2**20:.0f} MiB. Give fewer --epochs, or "
+            "write .mcap."
+        )
     samples = np.full(shape, np.nan)
     with bar("Simulating", epochs) as tell:
         for number in range(epochs):

@@ -1,0 +1,252 @@
+"""The verb `identify`: somebody's samples in, natural frequencies and damping out."""
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from slowtime.identification.first import all_modes
+from slowtime.identification.identified import Identified
+from slowtime.identification.windows import Epoch, identify_windows
+from slowtime_services.files import Record, accelerations
+
+from .options import POSITIVE, Number, OutFile
+from .reading import record_flags
+from .terminal import counting, note, plural, show, write_json
+
+Samples = np.ndarray[Any, Any]
+COLUMNS = ("frequency [Hz]", "damping [%]", "SNR [dB]", "method", "mistrust")
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  slowtime identify record.csv --rate-hz 200
+  slowtime identify record.csv --rate-hz 200 --band-hz 1 20 --out modes.json
+  slowtime identify trial.mcap --window-s 1 --out epochs.json
+  slowtime identify trial.mcap --out - | jq .modes[0].frequency_hz
+
+A terminal is shown a table; a pipe or a file gets lines with tabs between their fields.
+"""
+)
+@record_flags
+@click.option(
+    "--band-hz",
+    nargs=2,
+    type=Number(),
+    metavar="LO HI",
+    help="Where to look for modes.  [default: from a few cycles to 0.45 of the rate]",
+)
+@click.option(
+    "--window-s", type=POSITIVE, help="Identify window by window instead of the whole record."
+)
+@click.option(
+    "--hop-s",
+    type=POSITIVE,
+    help="From one window to the next.  [default: a quarter of a window]",
+)
+@click.option(
+    "--method",
+    default="auto",
+    show_default=True,
+    type=click.Choice(["auto", "ambient", "free_decay", "peak"]),
+    help="How to fit; auto finds out what the record is.",
+)
+@click.option(
+    "--out", type=OutFile(stdout=True), help="JSON file to write; - for stdout, and no table."
+)
+def identify(
+    record: Record,
+    path: Path,
+    band_hz: tuple[float, float] | None,
+    window_s: float | None,
+    hop_s: float | None,
+    method: Any,
+    out: Path | None,
+) -> None:
+    """Find natural frequencies and damping in a record, with errors.
+
+    RECORD is MCAP, text of any delimiter, NumPy or MATLAB. Frequencies are undamped natural
+    frequencies; errors are standard deviations. Where nothing stands out of the noise, nothing
+    is claimed.
+    """
+    if hop_s is not None and window_s is None:
+        raise click.UsageError("--hop-s goes with --window-s.")
+    record = _accelerations_of(record)
+    samples = np.asarray(record.samples, dtype=float)
+    _say_constant(record, samples)
+    result: dict[str, Any] = {
+        "record": path.name,
+        "rate_hz": record.rate_hz,
+        "channels": list(record.channels),
+        "duration_s": record.duration_s,
+    }
+    silent = out is not None and str(out) == "-"
+    if window_s is None:
+        part = _longest(record, samples)
+        with counting("Identifying"):
+            modes = all_modes(part, record.rate_hz, band_hz=band_hz, method=method)
+        if not modes:
+            note("no mode stands out of the noise. Record longer, or give --band-hz.")
+        result["modes"] = [_as_json(mode) for mode in modes]
+        if not silent:
+            _show_modes(modes, path.name)
+    else:
+        epochs = _windows(record, samples, window_s, hop_s, band_hz, method)
+        result |= {"window_s": window_s, "epochs": [_epoch_json(epoch) for epoch in epochs]}
+        if not silent:
+            _show_epochs(epochs, path.name)
+    if out is not None:
+        write_json(out, result)
+
+
+def _accelerations_of(record: Record) -> Record:
+    """Leave out what is no acceleration by its name, where others are, and say so."""
+    chosen = accelerations(record.channels, record.units)
+    left_out = [name for name in record.channels if name not in chosen]
+    if not left_out:
+        return record
+    note(
+        f"identified from {', '.join(chosen)}; {', '.join(left_out)} left out, being no "
+        "acceleration by name or unit. --channels chooses others."
+    )
+    columns = [record.channels.index(name) for name in chosen]
+    return dataclasses.replace(
+        record,
+        samples=record.samples[:, columns],
+        channels=chosen,
+        units=tuple(record.units[column] for column in columns),
+    )
+
+
+def _say_constant(record: Record, samples: Samples) -> None:
+    dead = [
+        name
+        for name, constant in zip(record.channels, np.ptp(samples, axis=0) == 0, strict=True)
+        if constant
+    ]
+    if dead and len(dead) < len(record.channels):
+        note(f"{', '.join(dead)} never changes and says nothing. Check the sensor.")
+
+
+def _stretches(record: Record) -> list[tuple[int, int, int]]:
+    """First row, last row and rows missing before, of each part without a gap."""
+    starts = [0, *(gap.row for gap in record.gaps), len(record.samples)]
+    lost = np.cumsum([0, *(gap.missing for gap in record.gaps)])
+    return [
+        (a, b, int(missing))
+        for a, b, missing in zip(starts[:-1], starts[1:], lost, strict=True)
+    ]
+
+
+def _longest(record: Record, samples: Samples) -> Samples:
+    first, last, _ = max(_stretches(record), key=lambda part: part[1] - part[0])
+    if record.gaps:
+        note(
+            "only the longest part without a gap is used, "
+            f"{(last - first) / record.rate_hz:.3f} s. --window-s uses all parts."
+        )
+    return samples[first:last]
+
+
+def _windows(
+    record: Record,
+    samples: Samples,
+    window_s: float,
+    hop_s: float | None,
+    band_hz: tuple[float, float] | None,
+    method: Any,
+) -> list[Epoch]:
+    shortest = round(window_s * record.rate_hz)
+    parts = [part for part in _stretches(record) if part[1] - part[0] >= shortest]
+    if not parts:
+        longest = max(b - a for a, b, _ in _stretches(record)) / record.rate_hz
+        raise click.UsageError(
+            f"--window-s {window_s:g} is longer than the longest part of the record without a "
+            f"gap, {longest:g} s. Give a shorter window."
+        )
+    epochs: list[Epoch] = []
+    with counting("Identifying windows") as tell:
+        for number, (first, last, lost) in enumerate(parts):
+            tell(f"part {number + 1} of {len(parts)}, {plural(len(epochs), 'window')} done")
+            offset = (first + lost) / record.rate_hz
+            for epoch in identify_windows(
+                samples[first:last],
+                record.rate_hz,
+                window_s=window_s,
+                hop_s=hop_s,
+                band_hz=band_hz,
+                method=method,
+            ):
+                span = epoch.start_s + offset, epoch.end_s + offset
+                epochs.append(Epoch(*span, epoch.modes, epoch.refused))
+    return epochs
+
+
+def _as_json(mode: Identified) -> dict[str, Any]:
+    return {
+        "frequency_hz": {"value": mode.frequency_hz.value, "sd": mode.frequency_hz.sd},
+        "damping_ratio": {"value": mode.damping_ratio.value, "sd": mode.damping_ratio.sd},
+        "correlation": mode.correlation,
+        "snr_db": mode.snr_db if mode.snr_db is None or np.isfinite(mode.snr_db) else None,
+        "method": mode.method,
+        "span_s": list(mode.span_s),
+        "flags": list(mode.flags),
+    }
+
+
+def _epoch_json(epoch: Epoch) -> dict[str, Any]:
+    body: dict[str, Any] = {
+        "start_s": epoch.start_s,
+        "end_s": epoch.end_s,
+        "modes": [_as_json(mode) for mode in epoch.modes],
+    }
+    return body | ({"refused": epoch.refused} if epoch.refused else {})
+
+
+def _cells(mode: Identified) -> tuple[str, ...]:
+    f, z = mode.frequency_hz, mode.damping_ratio
+    return (
+        f"{f.value:.4f} ± {f.sd:.4f}",
+        f"{100 * z.value:.3f} ± {100 * z.sd:.3f}",
+        "" if mode.snr_db is None else f"{mode.snr_db:.0f}",
+        mode.method,
+        ", ".join(mode.flags),
+    )
+
+
+def _plain(mode: Identified | None) -> dict[str, Any]:
+    """Tell the same as fields of a line; all empty where there is no mode."""
+    fields: dict[str, Any] = dict.fromkeys(
+        ("frequency_hz", "frequency_sd", "damping_ratio", "damping_sd", "snr_db", "method")
+    )
+    fields["flags"] = None
+    if mode is not None:
+        f, z = mode.frequency_hz, mode.damping_ratio
+        values = (f.value, f.sd, z.value, z.sd, mode.snr_db, mode.method, ",".join(mode.flags))
+        fields.update(zip(fields, values, strict=True))
+    return fields
+
+
+def _show_modes(modes: Sequence[Identified], title: str) -> None:
+    if modes:
+        plain = [_plain(mode) for mode in modes]
+        show(title, COLUMNS, [_cells(mode) for mode in modes], plain=plain)
+
+
+def _show_epochs(epochs: Sequence[Epoch], title: str) -> None:
+    rows, plain = [], []
+    for epoch, mode in _by_mode(epochs):
+        cells = _cells(mode) if mode is not None else ("-",) * len(COLUMNS)
+        rows.append((f"{epoch.start_s:.3f}", f"{epoch.end_s:.3f}", *cells))
+        plain.append({"start_s": epoch.start_s, "end_s": epoch.end_s} | _plain(mode))
+    show(title, ("from [s]", "to [s]", *COLUMNS), rows, plain=plain)
+
+
+def _by_mode(epochs: Sequence[Epoch]) -> Iterator[tuple[Epoch, Identified | None]]:
+    for epoch in epochs:
+        for mode in epoch.modes or (None,):
+            yield epoch, mode

@@ -1,0 +1,117 @@
+"""The verb `import`: somebody's samples in, an MCAP recording of raw blocks out."""
+
+from pathlib import Path
+
+import click
+import numpy as np
+
+from slowtime_schemas.raw import RawHeader, encode_raw
+from slowtime_schemas.streams import RAW
+from slowtime_services.files import Record
+from slowtime_services.record import RecordingWriter
+
+from .options import POSITIVE, Instant, Name, OutFile
+from .reading import record_flags
+from .terminal import bar, note, removed_unless_finished
+
+UNDATED_NS = 946_684_800_000_000_000
+"""2000-01-01 UTC: when a record begins that does not say when it began."""
+
+
+@click.command(
+    "import",
+    epilog="""\b
+Examples:
+  slowtime import record.csv --out record.mcap
+  slowtime import trial.txt --out trial.mcap --asset beam --start 2022-07-19T22:55:00Z
+  slowtime import sensors.npy --rate-hz 256 --out sensors.mcap
+""",
+)
+@record_flags
+@click.option(
+    "--out",
+    required=True,
+    type=OutFile(".mcap"),
+    help="MCAP file to write; it must not exist yet.",
+)
+@click.option(
+    "--site", default="import", show_default=True, type=Name(), help="Site of the asset."
+)
+@click.option(
+    "--asset", type=Name(), help="Name of the asset.  [default: from the file's name]"
+)
+@click.option(
+    "--start",
+    "start_ns",
+    type=Instant(),
+    help="Time of the first sample, such as 2022-07-19T22:55:00Z; overrules the file.",
+)
+@click.option(
+    "--block-s",
+    default=0.1,
+    show_default=True,
+    type=POSITIVE,
+    help="Length of a raw block.",
+)
+def import_(
+    record: Record,
+    path: Path,
+    out: Path,
+    site: str,
+    asset: str | None,
+    start_ns: int | None,
+    block_s: float,
+) -> None:
+    """Turn a text, NumPy or MATLAB record into an MCAP recording.
+
+    The recording holds raw blocks with their rate, channels and units; the same file gives the
+    same bytes. `slowtime edge --recording` and `slowtime identify` read it; so do Foxglove's
+    and other MCAP tools.
+    """
+    name = asset or _as_name(path)
+    begin = _start_ns(record, start_ns)
+    total = -(-len(record.samples) // max(1, round(block_s * record.rate_hz)))
+    with (
+        removed_unless_finished(out),
+        RecordingWriter(out) as writer,
+        bar("Importing", total) as tell,
+    ):
+        for number, block in enumerate(record.blocks(block_s, start_ns=begin)):
+            samples = np.ascontiguousarray(block.samples)
+            header = RawHeader(
+                site=site,
+                asset=name,
+                boot="import",
+                sequence=number,
+                t_ns=block.start_ns,
+                time_base="recorded",
+                rate_hz=block.rate_hz,
+                first_index=block.first_index,
+                dtype=samples.dtype.newbyteorder("<").str,
+                samples=len(samples),
+                channels=block.channels,
+                units=block.units,
+            )
+            payload = encode_raw(header, samples.tobytes())
+            writer.write(RAW, site, name, payload, block.start_ns, block.start_ns)
+            tell(number + 1)
+    click.echo(
+        f"{out}: {len(record.samples)} samples of {', '.join(record.channels)} at "
+        f"{record.rate_hz:g} Hz, {record.duration_s:.3f} s, as {site}.{name}"
+    )
+
+
+def _start_ns(record: Record, start_ns: int | None) -> int:
+    if start_ns is not None:
+        return start_ns
+    if record.start_ns is not None:
+        return record.start_ns
+    note("the file does not say when it began; 2000-01-01 is put there. Give --start.")
+    return UNDATED_NS
+
+
+def _as_name(path: Path) -> str:
+    name = "".join(
+        c if c.isascii() and (c.isalnum() or c in "-_") else "-" for c in path.stem.lower()
+    )
+    return name.strip("-_")[:63] or "record"
