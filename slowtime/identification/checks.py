@@ -1,7 +1,7 @@
 """Hopeless input is refused here, with the cure, before any arithmetic."""
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 SHORTEST = 32
 """Fewer samples than this cannot hold a mode, a noise level and an error bar."""
@@ -48,19 +48,19 @@ def series(samples: np.ndarray, rate_hz: float) -> Float[np.ndarray, "time chann
             f"{int(np.argmax(~np.isfinite(columns).all(axis=1)))}. Give finite "
             "samples: cut the record at the gap, or fill it, before identification."
         )
-    return columns[:, _moving(columns)]
+    return columns[:, moving(columns)]
 
 
-def _moving(columns: np.ndarray) -> np.ndarray:
-    """Which channels vary by more than rounding."""
+def moving(columns: Float[np.ndarray, "time channel"]) -> Bool[np.ndarray, " channel"]:
+    """Which channels vary by more than rounding; at least one must."""
     spread = np.ptp(columns, axis=0)
-    moving = spread > 1e-12 * np.abs(columns).max(axis=0)
-    if not moving.any():
+    varies = spread > 1e-12 * np.abs(columns).max(axis=0)
+    if not varies.any():
         raise ValueError(
             f"Every one of {columns.shape[1]} channels is constant over {len(columns)} "
             "samples. Check the sensor, its cable and the channel selection."
         )
-    return np.asarray(moving)
+    return np.asarray(varies)
 
 
 def band(

@@ -1,0 +1,56 @@
+"""Spectra in, the peaks that stand out of their nearest surroundings out."""
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
+from scipy.special import gammainccinv
+
+from .narrowband import Spectra
+
+FALSE_ALARM = 1e-2
+"""Probability that smooth noise shows a peak at all; what it is is judged later."""
+
+WIDTHS = (1, 7, 31)
+"""Peaks are looked for in means over so many bins: steady lines, and lines that wander."""
+
+SURROUNDINGS = 20
+"""... against the median over so many times as many bins."""
+
+MOST = 100
+"""The sharpest so many are kept."""
+
+
+def sharp_peaks(spectra: Spectra, low_hz: float, high_hz: float) -> list[float]:
+    """Frequencies of peaks no wider than a few tens of bins, ascending [Hz]."""
+    power = np.abs(_hann(spectra.coefficients)) ** 2
+    index = np.arange(len(power))
+    inside = (index * spectra.spacing_hz >= low_hz) & (index * spectra.spacing_hz <= high_hz)
+    inside &= (index >= 3) & (index < len(power) - 4)
+    found: dict[int, float] = {}
+    for width in WIDTHS:
+        excess = _excess(power, width)
+        excess[~inside] = -np.inf
+        tops = (excess == maximum_filter1d(excess, 2 * width + 5)) & (excess > 0)
+        for top in np.flatnonzero(tops).tolist():
+            if all(abs(top - other) > 2 * width + 2 for other in found):
+                found[top] = float(excess[top])
+    sharpest = sorted(found, key=lambda top: -found[top])[:MOST]
+    return sorted(top * spectra.spacing_hz for top in sharpest)
+
+
+def _hann(coefficients: np.ndarray) -> np.ndarray:
+    """Put a Hann taper on, by what it does to neighbouring coefficients."""
+    tapered = coefficients.copy()
+    tapered[1:-1] -= 0.5 * (coefficients[:-2] + coefficients[2:])
+    return tapered
+
+
+def _excess(power: np.ndarray, width: int) -> np.ndarray:
+    """Logarithm of the mean over `width` bins over what smooth noise would hardly reach."""
+    around = min(SURROUNDINGS * width | 1, len(power) | 1)
+    floor = median_filter(power, size=(around, 1), mode="nearest") / np.log(2.0)
+    floor = np.maximum(floor, np.finfo(float).tiny)
+    level = uniform_filter1d((power / floor).max(axis=1), width, mode="nearest")
+    ordinates = max(1.0, width / 1.5)
+    # Each channel may be the one that shows the line.
+    rare = FALSE_ALARM / power.size
+    return np.asarray(np.log(level * ordinates / gammainccinv(ordinates, rare)))
