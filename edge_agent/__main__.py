@@ -5,13 +5,13 @@ import datetime
 import importlib.metadata
 import logging
 import secrets
-import signal
 import sys
 import threading
 from collections.abc import Iterator
 
 from slowtime_services.bus import Bus, ZenohBus
 from slowtime_services.clock import Clock, SystemClock
+from slowtime_services.ending import ended_by_signals
 
 from .acquire import Pacer, Source, open_source
 from .pipeline import Edge, listen
@@ -47,7 +47,7 @@ def run(
     """
     with contextlib.ExitStack() as stack:
         if stop is None:
-            stop = stack.enter_context(stopped_by_signals())
+            stop = stack.enter_context(ended_by_signals())
         clock = clock or SystemClock()
         source = source or open_source(settings.input, clock, stop)
         origin = Origin(
@@ -116,22 +116,6 @@ def new_boot(clock: Clock) -> str:
     now = clock.now_ns()
     when = datetime.datetime.fromtimestamp(now // 10**9, datetime.UTC)
     return f"{when:%Y%m%dT%H%M%S}.{now // 10**6 % 1000:03d}Z-{secrets.token_hex(3)}"
-
-
-@contextlib.contextmanager
-def stopped_by_signals() -> Iterator[threading.Event]:
-    """Give an event that SIGINT and SIGTERM set; the former handlers come back afterwards."""
-    stop = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield stop
-        return
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(number, lambda *_: stop.set()) for number in numbers]
-    try:
-        yield stop
-    finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)
 
 
 @contextlib.contextmanager

@@ -8,16 +8,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
-from pydantic_settings import (
-    BaseSettings,
-    JsonConfigSettingsSource,
-    PydanticBaseSettingsSource,
-    SettingsConfigDict,
-    TomlConfigSettingsSource,
-)
+from pydantic_settings import SettingsConfigDict
 
 from slowtime_schemas.messages import About, TimeBase
 from slowtime_schemas.quantities import BootId, Name
+from slowtime_services.configuration import ProcessSettings
 from slowtime_services.simulate import SimulatedStructure
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -177,7 +172,7 @@ class PublishSettings(Frozen):
     """How long to wait, once the input has ended, for the twin to acknowledge everything."""
 
 
-class EdgeSettings(BaseSettings):
+class EdgeSettings(ProcessSettings):
     """All settings of an edge agent.
 
     Examples
@@ -186,15 +181,8 @@ class EdgeSettings(BaseSettings):
     (1.0, 9.0)
     """
 
-    model_config = SettingsConfigDict(
-        frozen=True,
-        extra="forbid",
-        env_prefix="SLOWTIME_EDGE_",
-        env_nested_delimiter="__",
-    )
+    model_config = SettingsConfigDict(env_prefix="SLOWTIME_EDGE_")
 
-    config: Path | None = None
-    """TOML or JSON file to take settings from."""
     site: Name = "demo"
     asset: Name = "tower"
     boot: BootId | None = None
@@ -204,7 +192,7 @@ class EdgeSettings(BaseSettings):
     connect_wait_s: NotNegative = 3.0
     """How long to wait for the router before listening begins. Features are not lost without
     it, since they are asked for again; raw blocks would be."""
-    zenoh: dict[str, Any] = {}
+    zenoh: dict[str, Any] = Field(default_factory=dict)
     """Further settings of Zenoh, key to value, such as those of TLS."""
     input: Input = SimulatedInput()
     admission: AdmissionSettings = AdmissionSettings()
@@ -217,28 +205,3 @@ class EdgeSettings(BaseSettings):
     def processing(self) -> Processing:
         """What decides the features."""
         return Processing(condition=self.condition, extract=self.extract)
-
-    @classmethod
-    def settings_customise_sources(
-        cls,
-        settings_cls: type[BaseSettings],
-        init_settings: PydanticBaseSettingsSource,
-        env_settings: PydanticBaseSettingsSource,
-        dotenv_settings: PydanticBaseSettingsSource,
-        file_secret_settings: PydanticBaseSettingsSource,
-    ) -> tuple[PydanticBaseSettingsSource, ...]:
-        """Ask flags before environment before file."""
-        path = init_settings().get("config") or env_settings().get("config")
-        if path is None:
-            return init_settings, env_settings
-        return init_settings, env_settings, _file_source(settings_cls, Path(path))
-
-
-def _file_source(settings: type[BaseSettings], path: Path) -> PydanticBaseSettingsSource:
-    if not path.is_file():
-        raise FileNotFoundError(f"There is no settings file {path}. Give an existing --config.")
-    if path.suffix == ".toml":
-        return TomlConfigSettingsSource(settings, path)
-    if path.suffix == ".json":
-        return JsonConfigSettingsSource(settings, path)
-    raise ValueError(f"{path.name} is no settings file. Allowed: .toml and .json.")

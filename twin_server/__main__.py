@@ -3,18 +3,17 @@
 import contextlib
 import gc
 import logging
-import signal
 import socket
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from types import FrameType
 
 import uvicorn
 from fastapi import FastAPI
 
 from slowtime_services.bus import Bus, BusUnreachableError, ZenohBus
 from slowtime_services.clock import Clock
+from slowtime_services.ending import ended_by_signals
 from twin_server.persist import SqliteStore, WrongStoreError
 from twin_server.pipeline import Herald, Pipeline, TwinKnowledge
 from twin_server.registration import WrongRegistrationsError, registrations
@@ -52,7 +51,7 @@ def run(
     stop = stop or threading.Event()
     try:
         with contextlib.ExitStack() as open_things:
-            open_things.enter_context(_ended_by_signals(stop))
+            open_things.enter_context(ended_by_signals(stop))
             listening = open_things.enter_context(_listening(settings.host, settings.port))
             store = SqliteStore(settings.database, synchronous=settings.synchronous)
             open_things.callback(store.close)
@@ -176,24 +175,6 @@ def _listening(host: str, port: int) -> Iterator[socket.socket]:
                 "--port or --host, or end the process that has it."
             ) from error
         yield listening
-
-
-@contextlib.contextmanager
-def _ended_by_signals(stop: threading.Event) -> Iterator[None]:
-    """Let SIGINT and SIGTERM set `stop`, where this is the thread that signals reach."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def end(_number: int, _frame: FrameType | None) -> None:
-        stop.set()
-
-    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 if __name__ == "__main__":

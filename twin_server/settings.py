@@ -8,13 +8,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
-from pydantic_settings import (
-    BaseSettings,
-    JsonConfigSettingsSource,
-    PydanticBaseSettingsSource,
-    SettingsConfigDict,
-    TomlConfigSettingsSource,
-)
+from pydantic_settings import SettingsConfigDict
+
+from slowtime_services.configuration import ProcessSettings
 
 from .registration import Registration
 
@@ -87,7 +83,7 @@ class ServeSettings(Frozen):
     max_forecast_points: Annotated[int, Field(ge=2)] = 200
 
 
-class TwinSettings(BaseSettings):
+class TwinSettings(ProcessSettings):
     """All settings of a twin server.
 
     Examples
@@ -97,15 +93,9 @@ class TwinSettings(BaseSettings):
     """
 
     model_config = SettingsConfigDict(
-        frozen=True,
-        extra="forbid",
-        env_prefix="SLOWTIME_TWIN_",
-        env_nested_delimiter="__",
-        nested_model_default_partial_update=True,
+        env_prefix="SLOWTIME_TWIN_", nested_model_default_partial_update=True
     )
 
-    config: Path | None = None
-    """TOML or JSON file to take settings from."""
     host: str = "127.0.0.1"
     port: Annotated[int, Field(ge=0, le=65_535)] = 8000
     """0 for any that is free."""
@@ -115,7 +105,7 @@ class TwinSettings(BaseSettings):
     connect: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
     """Where the router is."""
     connect_timeout_s: Positive = 30.0
-    zenoh: dict[str, Any] = {}
+    zenoh: dict[str, Any] = Field(default_factory=dict)
     """Further settings of Zenoh, key to value, such as those of TLS."""
     registrations: Path | None = None
     """TOML or JSON file: twin id → registration, for twins that are not yet registered."""
@@ -129,28 +119,3 @@ class TwinSettings(BaseSettings):
     healing: HealingSettings = HealingSettings()
     pipeline: PipelineSettings = PipelineSettings()
     serve: ServeSettings = ServeSettings()
-
-    @classmethod
-    def settings_customise_sources(
-        cls,
-        settings_cls: type[BaseSettings],
-        init_settings: PydanticBaseSettingsSource,
-        env_settings: PydanticBaseSettingsSource,
-        dotenv_settings: PydanticBaseSettingsSource,
-        file_secret_settings: PydanticBaseSettingsSource,
-    ) -> tuple[PydanticBaseSettingsSource, ...]:
-        """Ask flags before environment before file."""
-        path = init_settings().get("config") or env_settings().get("config")
-        if path is None:
-            return init_settings, env_settings
-        return init_settings, env_settings, _file_source(settings_cls, Path(path))
-
-
-def _file_source(settings: type[BaseSettings], path: Path) -> PydanticBaseSettingsSource:
-    if not path.is_file():
-        raise FileNotFoundError(f"There is no settings file {path}. Give an existing --config.")
-    if path.suffix == ".toml":
-        return TomlConfigSettingsSource(settings, path)
-    if path.suffix == ".json":
-        return JsonConfigSettingsSource(settings, path)
-    raise ValueError(f"{path.name} is no settings file. Allowed: .toml and .json.")

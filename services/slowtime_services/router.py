@@ -1,13 +1,11 @@
 """The router, made of the Zenoh binding itself: what edges, twin and recorder connect to."""
 
 import logging
-import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from types import FrameType
+from collections.abc import Callable, Mapping, Sequence
 
 from slowtime_services.bus import BusUnreachableError, ZenohBus
+from slowtime_services.ending import ended_by_signals
 
 logger = logging.getLogger(__name__)
 
@@ -42,12 +40,14 @@ def run(
     BusUnreachableError
         If an endpoint is taken or misspelt.
     """
-    stop = stop or threading.Event()
-    with _ended_by_signals(stop), ZenohBus("router", connect, listen, options=options):
+    with (
+        ended_by_signals(stop) as end,
+        ZenohBus("router", connect, listen, options=options),
+    ):
         logger.info("Router listens on %s.", ", ".join(listen))
         if ready is not None:
             ready(listen)
-        stop.wait()
+        end.wait()
     logger.info("Router has ended.")
 
 
@@ -61,21 +61,3 @@ def check(endpoint: str, *, timeout_s: float = 2.0) -> bool:
             return bus.connected
     except BusUnreachableError:
         return False
-
-
-@contextmanager
-def _ended_by_signals(stop: threading.Event) -> Iterator[None]:
-    """Let SIGINT and SIGTERM set `stop`, where this is the thread that signals reach."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def end(_number: int, _frame: FrameType | None) -> None:
-        stop.set()
-
-    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -8,11 +8,12 @@ import threading
 
 import pytest
 
-from edge_agent.__main__ import run, stopped_by_signals
+from edge_agent.__main__ import run
 from edge_agent.settings import EdgeSettings
 from slowtime_schemas.messages import About, Features
 from slowtime_schemas.streams import ABOUT, FEATURES
 from slowtime_services.bus import MemoryBus
+from slowtime_services.ending import ended_by_signals
 from slowtime_services.files import RecordError
 
 TABLE_HZ = (26.27, 28.23, 30.82, 33.87, 37.55, 41.96)
@@ -62,7 +63,7 @@ def test_about_tells_the_software_and_no_address(tmp_path):
 
 def test_signals_end_the_agent_and_their_handlers_come_back():
     before = signal.getsignal(signal.SIGTERM)
-    with stopped_by_signals() as stop:
+    with ended_by_signals() as stop:
         assert not stop.is_set()
         os.kill(os.getpid(), signal.SIGTERM)
         assert stop.wait(1.0)
@@ -109,11 +110,7 @@ def test_the_moving_roller_is_followed_through_its_dwells_and_never_at_its_secon
 ):
     messages = features_of(
         tmp_path,
-        input={
-            "kind": "file",
-            "path": data / "moving_roller/slow10_test0.txt",
-            "channels": ("Accel",),
-        },
+        input={"kind": "file", "path": data / "moving_roller/slow10_test0.txt"},
         extract={"window_s": 1.0, "hop_s": 0.5},
     )
     found = [m.modes[0].frequency_hz for m in messages if m.modes]

@@ -12,10 +12,16 @@ import scipy.io
 from .record import RecordError, Values
 
 Arrays = Mapping[str, Values]
+NPY_MAGIC = b"\x93NUMPY"
+PICKLE = b"\x80"
 
 
 def read_npy(path: Path, max_bytes: int) -> Arrays:
     """One array, called ``data``; a structured one gives an array for each of its fields."""
+    with path.open("rb") as file:
+        begins = file.read(len(NPY_MAGIC))
+    if begins and begins != NPY_MAGIC and begins[:1] != PICKLE:
+        raise _unreadable(path, ValueError(f"it begins with {begins!r}, not {NPY_MAGIC!r}"))
     try:
         mapped = np.load(path, mmap_mode="r", allow_pickle=False)
     except (ValueError, EOFError, OSError) as error:
@@ -32,11 +38,13 @@ def read_npz(path: Path, max_bytes: int) -> Arrays:
         with zipfile.ZipFile(path) as archive:
             _refuse_above(path, sum(item.file_size for item in archive.infolist()), max_bytes)
         with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
+            members = {name: archive[name] for name in archive.files}
     except (ValueError, EOFError, OSError, zipfile.BadZipFile) as error:
         if isinstance(error, RecordError):
             raise
         raise _unreadable(path, error) from error
+    # What is no array in the archive comes back as bytes.
+    return {name: found for name, found in members.items() if isinstance(found, np.ndarray)}
 
 
 def read_matlab(path: Path, max_bytes: int) -> Arrays:

@@ -14,6 +14,8 @@ from .timeaxis import TimeAxis, is_time_name, looks_like_time, read_time
 
 Column = Shaped[np.ndarray, " time"]
 MAX_BYTES = 1 << 30
+SLOWEST_HZ, FASTEST_HZ = 1e-6, 1e9
+"""Sampling rates beyond these are taken for slips of the pen."""
 _ARRAYS = {".npy": read_npy, ".npz": read_npz, ".mat": read_matlab}
 _RATE_NAMES = frozenset(
     "rate_hz rate fs f_s samplerate sample_rate sampling_rate samplingrate sampling_frequency "
@@ -66,10 +68,8 @@ def read_record(
         cannot be opened.
     """
     path = Path(path)
-    if rate_hz is not None and not (np.isfinite(rate_hz) and rate_hz > 0):
-        raise RecordError(
-            f"{rate_hz=} is not a sampling rate. Give samples per second, above 0."
-        )
+    if rate_hz is not None:
+        _refuse_rate(rate_hz)
     size = path.stat().st_size
     if size > max_bytes:
         raise RecordError(
@@ -87,6 +87,7 @@ def read_record(
             f"{path.name} does not say how often it was sampled: no time column was found "
             f"among {', '.join(names)}. Give --rate-hz, or name the clock with --time-column."
         )
+    _refuse_rate(rate)
     kept = _kept(names, channels, clock)
     if not kept:
         raise RecordError(
@@ -151,6 +152,7 @@ def _columns(arrays: Arrays, file: str) -> _Columns:
     length = max(max(array.shape) for array in tables.values())
     columns: dict[str, Column] = {}
     aux: dict[str, Values] = {}
+    other = [k for k, array in tables.items() if max(array.shape) != length]
     for name, array in plain.items():
         if name not in tables or max(array.shape) != length:
             aux[name] = array
@@ -167,7 +169,7 @@ def _columns(arrays: Arrays, file: str) -> _Columns:
         tuple(columns.values()),
         stated[0] if stated else None,
         aux,
-        (),
+        (f"Left out, not being of length {length}: {', '.join(other)}.",) if other else (),
         0,
     )
 
@@ -208,6 +210,14 @@ def _refuse_unusable(
                 f"{bad[0]}. Cut them out or fill them in; the edge agent can be told to treat "
                 "them as dropouts."
             )
+
+
+def _refuse_rate(rate_hz: float) -> None:
+    if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
+        raise RecordError(
+            f"{rate_hz:g} is not a sampling rate. Give samples per second, from {SLOWEST_HZ:g} "
+            f"to {FASTEST_HZ:g}."
+        )
 
 
 def _find_clock(
@@ -254,8 +264,9 @@ def _time_axis(
 
 def _say_gaps(gaps: tuple[Gap, ...]) -> str:
     missing = sum(gap.missing for gap in gaps)
-    where = f"the first before row {gaps[0].row}"
-    return f"{missing} samples are missing in {len(gaps)} gaps, {where}."
+    samples = "1 sample is" if missing == 1 else f"{missing} samples are"
+    where = "1 gap," if len(gaps) == 1 else f"{len(gaps)} gaps, the first"
+    return f"{samples} missing in {where} before row {gaps[0].row}."
 
 
 def _kept(
@@ -264,6 +275,11 @@ def _kept(
     if channels is None:
         return tuple(i for i in range(len(names)) if i != clock)
     kept = tuple(find_column(name, names) for name in channels)
+    if clock in kept:
+        raise RecordError(
+            f"{names[clock]!r} is the clock of the record, not a channel. Leave it out; if it is "
+            "a channel after all, give --time-column none and --rate-hz."
+        )
     if len(set(kept)) != len(kept):
         raise RecordError(
             f"A channel was named twice in {', '.join(channels)}. Name each once."

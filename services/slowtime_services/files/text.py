@@ -95,7 +95,13 @@ def read_table(
 def _decode(path: Path) -> str:
     raw = path.read_bytes()
     if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return raw.decode("utf-16")
+        try:
+            return raw.decode("utf-16")
+        except UnicodeDecodeError as error:
+            raise RecordError(
+                f"{path.name} begins as UTF-16 text and is none: {error.reason} at byte "
+                f"{error.start}. Allowed: text, .npy, .npz, .mat, .mcap."
+            ) from error
     if b"\0" in raw[:4096]:
         raise RecordError(
             f"{path.name} is not text: it holds zero bytes. "
@@ -261,7 +267,7 @@ def _numbers_with_care(
         if not keep_missing and not np.isfinite(row).all():
             column = int(np.flatnonzero(~np.isfinite(row))[0])
             raise RecordError(
-                f"Line {index + 1}, field {column + 1} is {fields[column]!r}: not a finite "
+                f"Line {index + 1}, field {column + 1} is {fields[column][:40]!r}: not a finite "
                 "number. Cut the record there, or fill the value in; the edge agent can be "
                 "told to treat such values as dropouts."
             )
