@@ -28,7 +28,7 @@ COMPANION_DB_PER_OCTAVE = 32.0
 much within a quarter octave, and by so much more an octave further away."""
 
 SKIRT, SKIRT_FROM = 0.5, 0.08
-"""A mode's skirt is read within e to these powers of its frequency, outside of its peak."""
+"""A mode's skirt reaches as far as e to the first of its frequency, outside of its peak."""
 
 RESOLVED_BINS = 8.0
 UNRESOLVED_DB = 3.0
@@ -170,8 +170,9 @@ def _above_skirts(curve: _Curve, tops: list[int], threshold: np.ndarray) -> list
             continue
         kept.append(top)
         ratio = curve.frequency_hz / curve.frequency_hz[top]
-        shape = ratio**4 / np.maximum((1 - ratio**2) ** 2, 1e-3)
-        skirt = (np.abs(np.log(ratio + 1e-30)) < SKIRT) & (np.abs(ratio - 1) > SKIRT_FROM)
+        near = np.abs(np.log(ratio + 1e-30)) < SKIRT
+        shape = np.where(near, ratio**4 / np.maximum((1 - ratio**2) ** 2, 1e-3), 0.0)
+        skirt = near & (np.abs(ratio - 1) > SKIRT_FROM)
         if skirt.any():
             excess = np.maximum(level[skirt] - background[skirt], 0.0)
             background = background + float(np.median(excess / shape[skirt])) * shape
