@@ -11,6 +11,7 @@ import click
 from pydantic import ValidationError
 
 from . import version
+from .faults import readable
 
 
 class Verb(NamedTuple):
@@ -135,7 +136,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
     except ValidationError as error:
-        _say(_readable(error))
+        _say(readable(error))
         sys.exit(2)
     except (ValueError, OSError) as error:
         if os.environ.get("SLOWTIME_DEBUG"):
@@ -155,14 +156,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _say(sentence: str) -> None:
     click.echo(f"slowtime: {sentence}", err=True)
-
-
-def _readable(error: ValidationError) -> str:
-    parts = []
-    for item in error.errors(include_url=False):
-        where = ".".join(str(step) for step in item["loc"]) or "input"
-        parts.append(f"{where}={item['input']!r}: {item['msg']}")
-    return "; ".join(parts)
 
 
 if __name__ == "__main__":

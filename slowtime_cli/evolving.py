@@ -1,14 +1,16 @@
 """The verb `evolve`: frequencies and damping over slow time in, stiffness and mass out."""
 
+import collections
 import csv
 import json
+import math
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
 import click
-from rich.console import Console
-from rich.table import Table
+from pydantic import ValidationError
 
 from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Features, Mode, Quality
@@ -19,20 +21,27 @@ from slowtime_services.replay import contents, read_recording
 from twin_server.registration import Nominal, Registration
 from twin_server.rendering import points, state_objects
 
+from .faults import readable
 from .offline import offline_twin
+from .options import POSITIVE, STDOUT, Name, Number, OutFile
+from .terminal import note, show, write_json
 
 SITE, ASSET = "offline", "record"
+NEEDED = ("slow_time", "frequency_hz", "frequency_sd")
+OPTIONAL = ("damping_ratio", "damping_sd")
+ROWS = 40
+"""As many of the epochs as a person will look at."""
 
 
 @click.command(
     epilog="""\b
 Examples:
-  slowtime evolve modes.json --changes stiffness
+  slowtime evolve modes.json --nominal-hz 5 --out states.json
   slowtime evolve house.mcap --asset demo.tower --nominal-hz 5 --nominal-damping 0.01
   slowtime evolve frequencies.csv --changes mass --out evolution.json
 
-A text file has a header and the columns slow_time, frequency_hz, frequency_sd and, where the
-damping is known, damping_ratio and damping_sd.
+A text file has a header and, between commas, semicolons or tabs, the columns slow_time,
+frequency_hz, frequency_sd and, where the damping is known, damping_ratio and damping_sd.
 """
 )
 @click.argument("source", type=click.Path(exists=True, dir_okay=False, path_type=Path))
@@ -45,10 +54,14 @@ damping is known, damping_ratio and damping_sd.
 )
 @click.option(
     "--nominal-hz",
-    type=click.FloatRange(min=0, min_open=True),
+    type=POSITIVE,
     help="Natural frequency as built.  [default: learnt from the first epochs]",
 )
-@click.option("--nominal-damping", type=click.FloatRange(0, 1), help="Damping ratio as built.")
+@click.option(
+    "--nominal-damping",
+    type=Number(0, 1, max_open=True),
+    help="Damping ratio as built.",
+)
 @click.option(
     "--learn-epochs",
     type=click.IntRange(min=2),
@@ -56,11 +69,13 @@ damping is known, damping_ratio and damping_sd.
     show_default=True,
     help="Epochs from which the nominal model is learnt.",
 )
-@click.option("--asset", help="SITE.ASSET, where a recording holds several.")
+@click.option(
+    "--asset", type=Name(parts=2), help="SITE.ASSET, where a recording holds several."
+)
 @click.option(
     "--out",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="JSON file to write: {points: [state, ...]}.",
+    type=OutFile(stdout=True),
+    help="JSON file to write, {points: [state, ...]}; - for stdout, and no table.",
 )
 def evolve(
     source: Path,
@@ -71,7 +86,7 @@ def evolve(
     asset: str | None,
     out: Path | None,
 ) -> None:
-    """Tell how stiffness and mass have changed, from frequencies over slow time.
+    """Tell how stiffness and mass have changed, from frequencies.
 
     SOURCE is what `slowtime identify --window-s` wrote, an MCAP recording of features, or a
     text file. Each epoch is judged by its own standard deviation.
@@ -98,10 +113,11 @@ def evolve(
         body = points(state_objects(history.states, twin_id, boots, units))
     states = json.loads(body)["points"]
     if not states:
-        raise click.UsageError(f"{source} holds no epoch.")
-    _show(states, changes)
+        raise click.UsageError(f"{source} holds no epoch. Give a source with at least one.")
+    if out != STDOUT:
+        _show(states, changes)
     if out is not None:
-        out.write_text(json.dumps({"points": states}, indent=1) + "\n")
+        write_json(out, {"points": states})
 
 
 def _samples(source: Path, asset: str | None) -> tuple[str, Iterator[Sample]]:
@@ -119,13 +135,16 @@ def _samples(source: Path, asset: str | None) -> tuple[str, Iterator[Sample]]:
 def _of_recording(source: Path, asset: str | None) -> tuple[str, Iterator[Sample]]:
     counts = contents(source, streams=[FEATURES]).counts
     assets = sorted(".".join(key.split("/")[2:4]) for key, count in counts.items() if count)
-    if asset is None and len(assets) != 1:
+    if not assets:
         raise click.UsageError(
-            f"{source} holds {', '.join(assets) or 'no features'}. Name one with --asset."
+            f"{source} holds no features. If it holds raw blocks, run `slowtime identify "
+            f"{source} --window-s W --out modes.json` first, and give modes.json."
         )
+    if asset is None and len(assets) != 1:
+        raise click.UsageError(f"{source} holds {', '.join(assets)}. Name one with --asset.")
     if asset is not None and asset not in assets:
         raise click.UsageError(
-            f"{source} has no {asset}, but: {', '.join(assets) or 'nobody'}."
+            f"{source} has no {asset}, but: {', '.join(assets)}. Name one of them with --asset."
         )
     twin_id = asset or assets[0]
     key = FEATURES.key(*twin_id.split(".", 1))
@@ -138,40 +157,99 @@ def _of_recording(source: Path, asset: str | None) -> tuple[str, Iterator[Sample
 
 def _of_json(source: Path) -> Iterator[Features]:
     try:
-        epochs = json.loads(source.read_text())["epochs"]
-        for number, epoch in enumerate(epochs):
-            first = epoch["modes"][0] if epoch["modes"] else None
-            yield _features(number, 0.5 * (epoch["start_s"] + epoch["end_s"]), first)
-    except (KeyError, TypeError, json.JSONDecodeError) as error:
+        body = json.loads(source.read_text(encoding="utf-8"))
+    except ValueError as error:
         raise click.UsageError(
-            f"{source} is not what `slowtime identify --window-s` writes: {error!r}."
+            f"{source} is not JSON: {error}. Give what `slowtime identify --window-s W --out` "
+            "wrote."
         ) from error
+    if not isinstance(body, dict) or not isinstance(body.get("epochs"), list):
+        whole = isinstance(body, dict) and "modes" in body
+        raise click.UsageError(
+            f"{source} has no epochs"
+            + (", but the modes of a whole record" if whole else "")
+            + ". Run `slowtime identify` with --window-s W, and give what it wrote."
+        )
+    for number, epoch in enumerate(body["epochs"]):
+        try:
+            yield _of_epoch(number, epoch)
+        except (KeyError, TypeError, ValueError, IndexError) as error:
+            raise click.UsageError(
+                f"{source}, epoch {number}: {_fault(error)}. Give what `slowtime identify "
+                "--window-s W --out` wrote."
+            ) from error
+
+
+def _of_epoch(number: int, epoch: dict[str, Any]) -> Features:
+    first = epoch["modes"][0] if epoch["modes"] else None
+    return _features(number, 0.5 * (epoch["start_s"] + epoch["end_s"]), first)
 
 
 def _of_text(source: Path) -> Iterator[Features]:
-    with source.open(newline="") as file:
-        table = csv.DictReader(file)
-        missing = {"slow_time", "frequency_hz", "frequency_sd"} - set(table.fieldnames or ())
-        if missing:
+    try:
+        lines = source.read_text(encoding="utf-8-sig").splitlines()
+    except UnicodeDecodeError as error:
+        raise click.UsageError(
+            f"{source} is not UTF-8 text: {error}. Save it as such."
+        ) from error
+    header = lines[0] if lines else ""
+    table = csv.DictReader(lines, delimiter=max(",;\t", key=header.count))
+    missing = sorted({*NEEDED} - {*(table.fieldnames or ())})
+    if missing:
+        raise click.UsageError(
+            f"{source} lacks the columns {', '.join(missing)}; its first line is "
+            f"{header[:80]!r}. Give a header line with {', '.join(NEEDED)} and, where known, "
+            f"{', '.join(OPTIONAL)}."
+        )
+    before = -math.inf
+    for number, row in enumerate(table):
+        try:
+            features = _of_row(number, row)
+        except (TypeError, ValueError) as error:
             raise click.UsageError(
-                f"{source} lacks the columns {', '.join(sorted(missing))}. Give a header line."
+                f"{source}, line {table.line_num}: {_fault(error)}. Mend or remove that line."
+            ) from error
+        if features.slow_time is not None and features.slow_time <= before:
+            raise click.UsageError(
+                f"{source}, line {table.line_num}: slow time goes from {before:g} to "
+                f"{features.slow_time:g}. Put the lines in order of slow_time, each once."
             )
-        for number, row in enumerate(table):
-            try:
-                yield _of_row(number, row)
-            except (TypeError, ValueError) as error:
-                raise click.UsageError(f"{source}, line {table.line_num}: {error}") from error
+        before = features.slow_time if features.slow_time is not None else before
+        yield features
 
 
-def _of_row(number: int, row: dict[str, str]) -> Features:
-    damping, sd = row.get("damping_ratio"), row.get("damping_sd")
+def _fault(error: Exception) -> str:
+    """Say in words what was wrong with a number, whoever noticed."""
+    if isinstance(error, ValidationError):
+        return readable(error)
+    return f"{error} is missing" if isinstance(error, KeyError) else str(error)
+
+
+def _number(row: dict[str, str | None], name: str) -> float:
+    text = row.get(name)
+    if not text:
+        raise ValueError(f"{name} is missing")
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"{name} is {text!r}, which is no number") from None
+
+
+def _of_row(number: int, row: dict[str, str | None]) -> Features:
+    damping = {
+        "value": _number(row, "damping_ratio") if row.get("damping_ratio") else 0.0,
+        "sd": _number(row, "damping_sd") if row.get("damping_sd") else 0.0,
+    }
     mode = {
-        "frequency_hz": {"value": float(row["frequency_hz"]), "sd": float(row["frequency_sd"])},
-        "damping_ratio": {"value": float(damping or 0.0), "sd": float(sd or 0.0)},
+        "frequency_hz": {
+            "value": _number(row, "frequency_hz"),
+            "sd": _number(row, "frequency_sd"),
+        },
+        "damping_ratio": damping,
         "correlation": 0.0,
         "flags": (),
     }
-    return _features(number, float(row["slow_time"]), mode)
+    return _features(number, _number(row, "slow_time"), mode)
 
 
 def _features(number: int, slow_time: float, mode: dict[str, Any] | None) -> Features:
@@ -206,31 +284,37 @@ def _features(number: int, slow_time: float, mode: dict[str, Any] | None) -> Fea
 
 def _show(states: list[dict[str, Any]], changes: str) -> None:
     wanted = [f"{name}_change" for name in ("stiffness", "mass") if changes in (name, "both")]
-    table = Table()
-    for name in (
-        "slow time",
-        "frequency [Hz]",
-        *(w.replace("_", " ") + " [%]" for w in wanted),
-        "valid",
-    ):
-        table.add_column(name, justify="right", overflow="fold")
-    every = max(1, len(states) // 40)
-    for state in states[::every]:
-        table.add_row(
+    heads = [w.replace("_", " ") + " [%]" for w in wanted]
+    every = max(1, len(states) // ROWS) if sys.stdout.isatty() else 1
+    shown = states[::every]
+    rows = [
+        (
             f"{state['slow_time']:g}",
             _cell(state["frequency_hz"], 1, 4),
             *(_cell(state[name], 100, 2) for name in wanted),
             "yes" if state["valid"] else "no",
         )
-    Console().print(table)
+        for state in shown
+    ]
+    plain = [_plain(state, wanted) for state in shown]
+    show("", ("slow time", "frequency [Hz]", *heads, "valid"), rows, plain=plain)
     if every > 1:
-        click.echo(f"every {every}th of {len(states)} epochs; --out writes all of them")
-    reasons: dict[str, int] = {}
-    for state in states:
-        for reason in state["reasons"]:
-            reasons[reason] = reasons.get(reason, 0) + 1
-    for reason, count in sorted(reasons.items(), key=lambda item: -item[1]):
-        click.echo(f"not valid in {count} of {len(states)}: {reason}")
+        note(f"every {every}th of {len(states)} epochs is shown; --out writes all of them.")
+    reasons = collections.Counter(reason for state in states for reason in state["reasons"])
+    for reason, count in reasons.most_common():
+        note(f"not valid in {count} of {len(states)}: {reason}")
+
+
+def _plain(state: dict[str, Any], wanted: list[str]) -> dict[str, Any]:
+    """Spread the estimates of a state over the fields of a line."""
+    fields: dict[str, Any] = {"slow_time": state["slow_time"]}
+    for name in ("frequency_hz", *wanted):
+        estimate = state[name] or {}
+        short = name.removesuffix("_hz")
+        fields[name] = estimate.get("value")
+        for part in ("sd", "lo", "hi"):
+            fields[f"{short}_{part}"] = estimate.get(part)
+    return fields | {"valid": state["valid"], "reasons": "; ".join(state["reasons"])}
 
 
 def _cell(estimate: dict[str, float] | None, factor: float, digits: int) -> str:

@@ -26,8 +26,8 @@ COLUMNS = ("frequency [Hz]", "damping [%]", "SNR [dB]", "method", "mistrust")
 Examples:
   slowtime identify record.csv --rate-hz 200
   slowtime identify record.csv --rate-hz 200 --band-hz 1 20 --out modes.json
-  slowtime identify trial.mcap --window-s 1 --out epochs.json
-  slowtime identify trial.mcap --out - | jq .modes[0].frequency_hz
+  slowtime identify tower.mcap --window-s 60 --hop-s 60 --out modes.json
+  slowtime identify tower.mcap --out - | python -m json.tool
 
 A terminal is shown a table; a pipe or a file gets lines with tabs between their fields.
 """

@@ -21,9 +21,8 @@ from .terminal import bar, plural, removed_unless_finished
 @click.command(
     epilog="""\b
 Examples:
-  slowtime simulate --structure tower --epochs 100 --out tower.mcap
+  slowtime simulate --structure tower --epochs 20 --out tower.mcap
   slowtime simulate --structure wing --epochs 20 --seed 7 --out wing.npz
-  slowtime edge --recording tower.mcap --speed 0
 """
 )
 @click.option(

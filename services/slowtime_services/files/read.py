@@ -277,8 +277,8 @@ def _kept(
     kept = tuple(find_column(name, names) for name in channels)
     if clock in kept:
         raise RecordError(
-            f"{names[clock]!r} is the clock of the record, not a channel. Leave it out; if it is "
-            "a channel after all, give --time-column none and --rate-hz."
+            f"{names[clock]!r} is the clock of the record, not a channel. Leave it out; if "
+            "it is one after all, give --time-column none and --rate-hz."
         )
     if len(set(kept)) != len(kept):
         raise RecordError(

@@ -267,9 +267,9 @@ def _numbers_with_care(
         if not keep_missing and not np.isfinite(row).all():
             column = int(np.flatnonzero(~np.isfinite(row))[0])
             raise RecordError(
-                f"Line {index + 1}, field {column + 1} is {fields[column][:40]!r}: not a finite "
-                "number. Cut the record there, or fill the value in; the edge agent can be "
-                "told to treat such values as dropouts."
+                f"Line {index + 1}, field {column + 1} is {fields[column][:40]!r}: not a "
+                "finite number. Cut the record there, or fill the value in; the edge agent "
+                "can be told to treat such values as dropouts."
             )
         missing += sum(not np.isfinite(value) for value in row)
         rows.append([value if np.isfinite(value) else np.nan for value in row])
