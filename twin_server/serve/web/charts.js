@@ -35,7 +35,7 @@ function limitsOf(twin, quantity) {
   });
 }
 
-function layoutOf(twin, quantity, { range, assumed, wide }) {
+function layoutOf(twin, quantity, { width, range, assumed, wide }) {
   const last = twin.points.at(-1), grid = colour("line");
   const axis = {
     gridcolor: grid, linecolor: grid, tickcolor: grid, showline: true, zeroline: false, ticks: "outside", ticklen: 4,
@@ -47,7 +47,7 @@ function layoutOf(twin, quantity, { range, assumed, wide }) {
     font: { color: colour("faint") },
   };
   return {
-    height: wide ? WIDE_PX : HEIGHT_PX, margin: { l: 54, r: 10, t: 8, b: 42 }, showlegend: false, hovermode: "closest",
+    width, height: wide ? WIDE_PX : HEIGHT_PX, margin: { l: 54, r: 10, t: 8, b: 42 }, showlegend: false, hovermode: "closest",
     dragmode: touched.matches ? false : "zoom", uirevision: twin.id,
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
     font: { color: colour("ink"), size: 11.5, family: "system-ui, sans-serif" },
@@ -61,8 +61,9 @@ function layoutOf(twin, quantity, { range, assumed, wide }) {
 export async function draw(plot, twin, quantity, wide) {
   const Plotly = await plotly, assumed = Boolean(twin.points.at(-1)?.assumed.includes(quantity));
   const parts = assumed ? NOTHING : sorted(twin.points, quantity), range = rangeOf(twin.points, quantity, parts);
-  const traces = tracesOf(twin, quantity, parts, range), layout = layoutOf(twin, quantity, { range, assumed, wide });
-  await Plotly.react(plot, traces, layout, { responsive: true, displayModeBar: false });
+  const traces = tracesOf(twin, quantity, parts, range);
+  const layout = layoutOf(twin, quantity, { width: plot.clientWidth, range, assumed, wide });
+  await Plotly.react(plot, traces, layout, { displayModeBar: false });
   const { runs, apart } = parts, has = (name) => traces.some((trace) => trace.name === name);
   plot.setAttribute("aria-label", described(twin, quantity, assumed));
   Object.assign(plot.dataset, {

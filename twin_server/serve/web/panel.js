@@ -38,6 +38,7 @@ export class Panel {
     this.reading = make("span");
     about.append(this.reading, this.seen);
     this.charts = make("div", undefined, "charts");
+    new ResizeObserver(() => { twin.dirty = true; }).observe(this.charts);
     this.figures = Object.fromEntries(CHARTS.map((quantity) => [quantity, this.figure(quantity)]));
     this.events = make("details");
     this.summary = make("summary", "No events yet");
@@ -62,7 +63,6 @@ export class Panel {
   resize() {
     const wide = this.root.classList.toggle("wide");
     this.size.setAttribute("aria-pressed", String(wide));
-    this.twin.dirty = true;
   }
 
   /** What changes as time goes by, though nothing new arrives. */
