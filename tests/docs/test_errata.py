@@ -6,11 +6,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.linalg import block_diag, eig, eigh, expm
+from scipy.linalg import block_diag, eigh, expm
 from scipy.optimize import minimize, minimize_scalar
 from scipy.special import ndtr
 
-from slowtime.dynamics import degradation, oscillator, response, stepping
+from slowtime.dynamics import (
+    degradation,
+    modes,
+    oscillator,
+    perturbation,
+    response,
+    stepping,
+    transfer,
+)
+from slowtime.dynamics.structure import Structure
 from slowtime.estimation import kalman
 from slowtime.evolution import (
     Reason,
@@ -200,7 +209,7 @@ CHAIN = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 2.0]])
 @pytest.mark.parametrize("time", [0.0, 1.0, 5.0])
 def test_e11_motion_after_a_released_displacement_starts_without_velocity(time):
     damping = 0.2
-    squares, modes = eigh(CHAIN)
+    squares, shapes = eigh(CHAIN)
     w = np.sqrt(squares)
     zeta = damping / (2 * w)
     wd = w * np.sqrt(1 - zeta**2)
@@ -208,7 +217,7 @@ def test_e11_motion_after_a_released_displacement_starts_without_velocity(time):
 
     def summed(sine, t):
         swing = np.cos(wd * t) + sine * zeta * w / wd * np.sin(wd * t)
-        return modes @ (modes[1] * np.exp(-zeta * w * t) * swing)
+        return shapes @ (shapes[1] * np.exp(-zeta * w * t) * swing)
 
     exact = moved(np.eye(3), damping * np.eye(3), CHAIN, start, time)
     np.testing.assert_allclose(summed(1.0, time), exact, atol=1e-13)
@@ -223,30 +232,17 @@ C_2 = np.array([[4.0, -4.0], [-4.0, 4.0]])
 K_2 = np.array([[1100.0, -100.0], [-100.0, 1200.0]])
 
 
-def complex_modes(mass, damping, stiffness):
-    """Poles with positive imaginary part, ascending, and their shapes (Duncan form)."""
-    n = len(mass)
-    a = np.block([[damping, mass], [mass, np.zeros((n, n))]])
-    values, vectors = eig(-block_diag(stiffness, -mass), a)
-    upper = [i for i in np.argsort(values.imag) if values[i].imag > 0]
-    return values[upper], vectors[:n, upper]
-
-
-def norms(poles, shapes, mass, damping):
-    """Normalisation constants gamma_j of eq. 3.211."""
-    return np.array(
-        [z @ (2 * s * mass + damping) @ z for s, z in zip(poles, shapes.T, strict=True)]
-    )
+PAIR = Structure(mass=M_2, damping=C_2, stiffness=K_2)
 
 
 def test_e13_the_sums_over_modes_hold_only_with_these_indices():
-    mass, stiffness = np.eye(3), CHAIN
     damping = np.array([[0.3, -0.1, 0.0], [-0.1, 0.1, 0.0], [0.0, 0.0, 0.05]])
-    poles, shapes = complex_modes(mass, damping, stiffness)
-    squares, modes = eigh(stiffness)
-    c = modes.T @ damping @ modes
+    chain = Structure(mass=np.eye(3), damping=damping, stiffness=CHAIN)
+    exact, undamped = modes.complex_modes(chain), modes.undamped_modes(chain)
+    squares = undamped.angular_frequency**2
+    c = perturbation.modal_damping_matrix(chain, undamped)
     j, k = 0, 2
-    lam, alpha = poles[j] / 1j, modes.T @ shapes[:, j]
+    lam, alpha = exact.complex_frequency[j], undamped.shapes.T @ exact.shapes[:, j]
     (other,) = set(range(3)) - {j, k}
     of_itself = (squares[k] - lam**2 + 1j * lam * c[k, k]) * alpha[k]
     right = of_itself + 1j * lam * (alpha[j] * c[k, j] + alpha[other] * c[k, other])
@@ -257,26 +253,26 @@ def test_e13_the_sums_over_modes_hold_only_with_these_indices():
 
 
 def test_e14_the_denominator_holds_a_sum_with_the_conjugate():
-    squares, modes = eigh(K_2)
-    modes = modes * np.sign(modes[0]) * one(1, -1)
-    c = modes.T @ C_2 @ modes
-    lam = np.sqrt(squares) + 0.5j * np.diag(c)
+    undamped, exact_shapes = modes.undamped_modes(PAIR), modes.complex_modes(PAIR).shapes
+    c = perturbation.modal_damping_matrix(PAIR, undamped)
+    squares, lam = undamped.angular_frequency**2, perturbation.light_frequencies(PAIR)
+    right = perturbation.factored_shapes(PAIR)
     first = one(1, 1) * [0.7870 - 0.0661j, -0.6406 - 0.1179j]
-    # The book's own second components, which only the corrected formula gives.
-    printed_in_book = 0.6287 + 0.1070j, 0.7797 - 0.0729j
+    in_the_book = 0.6287 + 0.1070j, 0.7797 - 0.0729j
     for j, k in ((0, 1), (1, 0)):
-        found = {}
-        for name, conjugate in (("right", lam[k].conj()), ("printed", -lam[k].conj())):
-            factors = (lam[j] - lam[k]) * (lam[j] + conjugate)
-            shape = modes[:, j] + 1j * lam[j] * c[k, j] / factors * modes[:, k]
-            found[name] = first[j] * shape[1] / shape[0]
-        assert found["right"] == pytest.approx(printed_in_book[j], abs=1e-4)
-        assert abs(found["printed"] - printed_in_book[j]) > 0.5
+        share = 1j * lam[j] * c[k, j] / ((lam[j] - lam[k]) * (lam[j] - lam[k].conj()))
+        printed = undamped.shapes[:, j] + share * undamped.shapes[:, k]
+        of_right, of_print, exact = (
+            first[j] * z[1] / z[0] for z in (right[:, j], printed, exact_shapes[:, j])
+        )
+        assert of_right == pytest.approx(in_the_book[j], abs=1e-4)
+        assert of_right == pytest.approx(exact, abs=0.025)
+        assert abs(of_print - exact) > 0.5
     exact = squares[1] - lam[0] ** 2 + 1j * lam[0] * c[1, 1]
     split = lam[0] - lam[1]
-    right, printed = -split * (lam[0] + lam[1].conj()), -split * (lam[0] - lam[1].conj())
+    product, printed = -split * (lam[0] + lam[1].conj()), -split * (lam[0] - lam[1].conj())
     assert exact == pytest.approx(222.1 + 230.6j, abs=0.1)
-    assert right == pytest.approx(236.4 + 230.6j, abs=0.1)
+    assert product == pytest.approx(236.4 + 230.6j, abs=0.1)
     assert printed == pytest.approx(-25.2 + 1.4j, abs=0.1)
 
 
@@ -296,65 +292,59 @@ def test_e15_the_transform_of_a_velocity_takes_off_the_start():
     assert abs(motion[1] - s * motion[0]) == pytest.approx(abs(Q_0), abs=1e-9)
 
 
-def non_proportional():
-    poles, shapes = complex_modes(M_2, C_2, K_2)
-    both = np.concatenate((poles, poles.conj())), np.hstack((shapes, shapes.conj()))
-    return *both, norms(*both, M_2, C_2), one(1.0, -0.5), one(0.2, 0.8)
+Q_2, V_2 = one(1.0, -0.5), one(0.2, 0.8)
 
 
 def test_e16_the_share_of_a_mode_holds_its_own_pole_and_only_the_sum_does_not_care():
-    poles, shapes, gamma, q0, v0 = non_proportional()
+    poles, shapes, gamma = modes.complex_modes(PAIR).all()
     s = 3.0 + 20.0j
-    states = np.vstack((shapes, shapes * poles))
     a = np.block([[C_2, M_2], [M_2, np.zeros((2, 2))]])
     b = block_diag(K_2, -M_2)
-    transform = np.linalg.solve(s * a + b, a @ np.concatenate((q0, v0)))
-    exact = np.linalg.solve(states, transform)
-    known = M_2 @ v0 + C_2 @ q0
-    right = [
-        z @ (known + own * M_2 @ q0) / (g * (s - own))
-        for z, own, g in zip(shapes.T, poles, gamma, strict=True)
-    ]
-    printed = [
-        z @ (known + s * M_2 @ q0) / (g * (s - own))
-        for z, own, g in zip(shapes.T, poles, gamma, strict=True)
-    ]
-    np.testing.assert_allclose(right, exact, atol=1e-13)
+    transform = np.linalg.solve(s * a + b, a @ np.concatenate((Q_2, V_2)))
+    exact = np.linalg.solve(np.vstack((shapes, shapes * poles)), transform)
+
+    def shares(pole):
+        drive = M_2 @ V_2 + C_2 @ Q_2 + np.multiply.outer(pole, M_2 @ Q_2)
+        return np.einsum("dj,jd->j", shapes, drive) / (gamma * (s - poles))
+
+    np.testing.assert_allclose(shares(poles), exact, atol=1e-13)
+    printed = shares(np.full(4, s))
     assert np.abs(printed - exact).max() > 0.1 * np.abs(exact).max()
+    whole = transfer.laplace_response(PAIR, np.array([s]), displacement=Q_2, velocity=V_2)[0]
     np.testing.assert_allclose(shapes @ printed, transform[:2], atol=1e-13)
+    np.testing.assert_allclose(whole, transform[:2], atol=1e-13)
 
 
 def test_e17_the_second_half_of_a_response_takes_the_conjugate_frequency():
-    poles, shapes, gamma, q0, v0 = non_proportional()
+    found = modes.complex_modes(PAIR)
 
-    def half(pole, shape, norm, t):
-        drive = shape @ (M_2 @ v0 + C_2 @ q0 + pole * M_2 @ q0)
-        return np.exp(pole * t) * drive * shape / norm
+    def half(pole, shapes, norm, t):
+        drive = shapes.T @ (M_2 @ V_2 + C_2 @ Q_2) + pole * (shapes.T @ M_2 @ Q_2)
+        return shapes @ (np.exp(pole * t) * drive / norm)
 
     def summed(t, second):
-        pairs = zip(poles[:2], shapes.T[:2], gamma[:2], strict=True)
-        return sum(
-            half(s, z, g, t) + half(second(s), z.conj(), g.conj(), t) for s, z, g in pairs
+        return half(found.poles, found.shapes, found.norms, t) + half(
+            second(found.poles), found.shapes.conj(), found.norms.conj(), t
         )
 
     errors = []
     for time in (0.4, 1.3):
-        exact = moved(M_2, C_2, K_2, np.concatenate((q0, v0)), time)
+        exact = moved(M_2, C_2, K_2, np.concatenate((Q_2, V_2)), time)
         np.testing.assert_allclose(summed(time, np.conj), exact, atol=1e-11)
-        # Without the star exp(-i lambda t) = exp(-s t), which grows.
+        # Without the star exp(-i lambda t) is exp(-s t), which grows.
         errors.append(np.abs(summed(time, np.negative) - exact).max())
     assert errors[1] > 10 * errors[0] > 0.5
 
 
 def test_e18_with_twice_the_pole_even_a_proportional_mode_is_not_mass_normalised():
-    damping = 0.2 * np.eye(3)
-    poles, shapes = complex_modes(np.eye(3), damping, CHAIN)
-    gamma = norms(poles, shapes, np.eye(3), damping)
-    for s, z, g in zip(poles, shapes.T, gamma, strict=True):
-        by_print, right = z @ z * 2 * s / g, z @ z * 2j * s.imag / g
-        assert right == pytest.approx(1.0)
-        assert by_print == pytest.approx(s / (1j * s.imag))
-        assert abs(by_print - 1.0) > 0.05
+    chain = Structure(mass=np.eye(3), damping=0.2 * np.eye(3), stiffness=CHAIN)
+    found = modes.complex_modes(chain)
+    for s, z, norm in zip(found.poles, found.shapes.T, found.norms, strict=True):
+        assert z @ (2 * s * chain.mass + chain.damping) @ z == pytest.approx(norm)
+        assert z @ chain.mass @ z == pytest.approx(1.0)
+        of_print = z * np.sqrt(2 * s / norm)
+        assert of_print @ chain.mass @ of_print == pytest.approx(s / (1j * s.imag))
+        assert abs(s / (1j * s.imag) - 1.0) > 0.05
 
 
 # Chapter 4
