@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import itertools
+import re
 from collections.abc import Iterator, Mapping
 
 import numpy as np
@@ -11,6 +12,7 @@ from jaxtyping import Shaped
 from slowtime.signals.block import Block
 
 Values = Shaped[np.ndarray, "..."]
+NAMES_ACCELERATION = re.compile(r"acc|(low|high)[ _-]?g(?![a-z])", re.IGNORECASE)
 ACCELERATION_UNITS = frozenset(
     ("m/s^2", "m/s2", "m/s²", "m/s**2", "m·s-2", "mm/s^2", "mm/s2", "g", "mg", "µg", "gal")
 )
@@ -137,13 +139,15 @@ def accelerations(channels: tuple[str, ...], units: tuple[str, ...]) -> tuple[st
     --------
     >>> accelerations(("Low G Accel", "PinLoc"), ("V", "V"))
     ('Low G Accel',)
+    >>> accelerations(("lowg", "acc_2", "load"), ("V", "V", "N"))
+    ('lowg', 'acc_2')
     >>> accelerations(("x", "y"), ("", ""))
     ('x', 'y')
     """
     said = tuple(
         name
         for name, unit in zip(channels, units, strict=True)
-        if unit.casefold() in ACCELERATION_UNITS or "acc" in name.casefold()
+        if unit.casefold() in ACCELERATION_UNITS or NAMES_ACCELERATION.search(name)
     )
     return said or channels
 
