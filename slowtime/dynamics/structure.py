@@ -87,7 +87,7 @@ class Structure:
         carried = self.mass @ self.influence
         if self.base_mass is not None:
             carried = carried + self.base_mass
-        return np.multiply.outer(acceleration, -carried)
+        return np.asarray(np.multiply.outer(acceleration, -carried))
 
 
 def state_matrix(structure: Structure) -> Float[np.ndarray, "state state"]:

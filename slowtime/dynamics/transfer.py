@@ -50,7 +50,7 @@ def frequency_response(
 def undamped_transfer(
     modes: Modes, omega: Omega
 ) -> Float[np.ndarray, "frequency output input"]:
-    r"""Response with no damping, :math:`\sum_j x_j x_j^T / (\omega_j^2 - \omega^2)` (eq. 3.85)."""
+    r"""Undamped response :math:`\sum_j x_j x_j^T / (\omega_j^2 - \omega^2)` (eq. 3.85)."""
     weight = 1 / (modes.angular_frequency**2 - omega[:, None] ** 2)
     return np.asarray(np.einsum("aj,bj,fj->fab", modes.shapes, modes.shapes, weight))
 
