@@ -132,7 +132,7 @@ class Registration(Frozen):
     learn_epochs: Annotated[int, Field(ge=2, le=1000)] = 20
     frequency_source: Literal["measured", "smoothed"] = "measured"
     mode: Annotated[int, Field(ge=0, le=63)] = 0
-    """Which of the identified modes, counted from the lowest."""
+    """Which of the structural modes, counted from the lowest."""
     prior_stiffness_sd: Annotated[float, Field(gt=1e-9, le=100)] = 0.3
     prior_mass_sd: Annotated[float, Field(gt=1e-9, le=100)] = 0.3
     """What is believed of ln(1 + change) beforehand, where both may change."""

@@ -1,5 +1,6 @@
-"""What travels between edge and twin, each message with the version it was born with."""
+"""What travels between edge and twin, each message with the version it is at now."""
 
+import math
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import AfterValidator, Field, StringConstraints, model_validator
@@ -16,6 +17,7 @@ from .quantities import (
     Name,
     Nanoseconds,
     Quantity,
+    Sd,
     Sequence,
     UnitName,
 )
@@ -57,8 +59,48 @@ def _positive(frequency: Quantity) -> Quantity:
     return frequency
 
 
+Components = Annotated[tuple[Finite, ...], Field(min_length=1, max_length=4096)]
+
+UNIT_NORM_WITHIN = 1e-3
+"""Shapes are rounded before they travel; what is farther from unit norm was never scaled."""
+
+
+class Shape(Frozen):
+    """What each channel shows while a mode rings, up to one complex factor.
+
+    Of unit norm, largest component real and positive; one component a channel, in the order
+    and the units of the channels.
+    """
+
+    re: Components
+    im: Components
+    sd: Annotated[
+        tuple[Sd, ...],
+        Field(
+            min_length=1,
+            max_length=4096,
+            description="Of the complex deviation of each component.",
+        ),
+    ]
+
+    @model_validator(mode="after")
+    def _is_one_shape(self) -> "Shape":
+        if not len(self.re) == len(self.im) == len(self.sd):
+            raise ValueError(
+                f"A shape of {len(self.re)} real parts, {len(self.im)} imaginary parts and "
+                f"{len(self.sd)} standard deviations. Give one of each per channel."
+            )
+        norm = math.hypot(*self.re, *self.im)
+        if abs(norm - 1.0) > UNIT_NORM_WITHIN:
+            raise ValueError(
+                f"A shape of norm {norm:.6g}. Divide it by its norm; leave out the shape of a "
+                "mode that no channel sees."
+            )
+        return self
+
+
 class Mode(Frozen):
-    """One identified mode of vibration."""
+    """One identified mode of vibration, or the line of a machine."""
 
     frequency_hz: Annotated[
         Quantity,
@@ -70,6 +112,15 @@ class Mode(Frozen):
     smoothed_frequency_hz: Smoothed | None = None
     snr_db: Finite | None = None
     flags: Flags = ()
+    identity: Annotated[
+        Count | None,
+        Field(description="Lasting name within the boot; null for what is nobody's yet."),
+    ] = None
+    kind: Annotated[
+        Literal["structural", "harmonic"],
+        Field(description="A harmonic is a machine's line, whose damping means nothing."),
+    ] = "structural"
+    shape: Shape | None = None
 
 
 class Quality(Frozen):
@@ -82,17 +133,21 @@ class Quality(Frozen):
 
 
 class Features(Message):
-    """What one epoch of samples said about frequency and damping."""
+    """What one epoch of samples said about frequencies, damping and shapes."""
 
     MESSAGE: ClassVar[str] = "features"
-    VERSION: ClassVar[int] = 1
+    VERSION: ClassVar[int] = 2
 
-    version: Literal[1] = 1
+    version: Literal[2] = 2
     time_base: TimeBase = "live"
     slow_time: Finite
     slow_time_unit: UnitName = "s"
     start_ns: Nanoseconds
-    method: Literal["free_decay", "ambient", "peak", "none"]
+    method: Literal["free_decay", "ambient", "peak", "ssi", "none"]
+    channels: Annotated[
+        tuple[str, ...],
+        Field(max_length=4096, description="Whose components the shapes hold, in order."),
+    ] = ()
     modes: Annotated[
         tuple[Mode, ...], Field(max_length=64, description="Ascending in frequency.")
     ]
@@ -113,6 +168,21 @@ class Features(Message):
                 raise ValueError(
                     f"Modes at {frequencies} Hz are not in order. Give them ascending."
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _has_one_shape_and_name_each(self) -> "Features":
+        sizes = {len(mode.shape.re) for mode in self.modes if mode.shape is not None}
+        if sizes - {len(self.channels)}:
+            raise ValueError(
+                f"Shapes of {sorted(sizes)} components for {len(self.channels)} channels. "
+                "Give one component per channel."
+            )
+        names = [mode.identity for mode in self.modes if mode.identity is not None]
+        if len(set(names)) < len(names):
+            raise ValueError(
+                f"Identities {names} name more than one mode alike. Give each its own, or null."
+            )
         return self
 
 

@@ -3,11 +3,12 @@
 A version that was once published never changes and never vanishes: recordings of it exist.
 When a message changes shape, raise its `VERSION` and declare the step here:
 
-    @MIGRATIONS.step("features", from_version=1)
+    @MIGRATIONS.step("note", from_version=1)
     def _(payload):
         return {**payload, "new_field": None}
 
-The registry is empty while every message is at its first version.
+A step is given whatever claims to be of its version; what is wrong in it is left for the
+message's own validation to refuse.
 """
 
 import copy
@@ -112,6 +113,17 @@ def _what_to_do(message: str, version: object, readable: list[int]) -> str:
 
 
 MIGRATIONS = Migrations({name: message.VERSION for name, message in MESSAGES.items()})
+
+
+@MIGRATIONS.step("features", from_version=1)
+def _features_1(payload: Payload) -> Payload:
+    """Modes without shape, each of them structural and not followed."""
+    modes = payload.get("modes")
+    if isinstance(modes, list):
+        new = {"identity": None, "kind": "structural", "shape": None}
+        modes = [new | mode if isinstance(mode, dict) else mode for mode in modes]
+        payload = {**payload, "modes": modes}
+    return {"channels": [], **payload}
 
 
 def migrate(message_name: str, payload_dict: Mapping[str, Any]) -> Payload:

@@ -64,7 +64,7 @@ FEATURES = Stream(
     nominal_rate_hz=None,
     recorded=True,
     encoding=JSON,
-    says="edge to twin: frequency and damping of one epoch",
+    says="edge to twin: frequencies, damping and shapes of one epoch",
 )
 HEALTH = Stream(
     name="health",

@@ -3,6 +3,7 @@
 import json
 import time
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -14,6 +15,7 @@ from slowtime_schemas.messages import (
     Health,
     Mode,
     Quality,
+    Shape,
     TwinState,
 )
 from slowtime_schemas.quantities import Estimate, Quantity
@@ -31,23 +33,44 @@ headers = {
     "boot": st.from_regex(r"[0-9A-Za-z][0-9A-Za-z._-]{0,20}", fullmatch=True),
     "sequence": counts,
 }
+pairs = st.lists(st.complex_numbers(max_magnitude=9, allow_nan=False), min_size=2, max_size=2)
+
+
+def shape_of(pair):
+    vector = np.array([1.0, *pair])
+    vector = vector / np.linalg.norm(vector)
+    return Shape(re=tuple(vector.real), im=tuple(vector.imag), sd=(0.0, 0.1, 0.2))
+
+
 modes = st.builds(
     Mode,
     frequency_hz=st.builds(Quantity, value=positive, sd=positive),
     damping_ratio=st.builds(Quantity, value=finite, sd=positive),
     correlation=st.floats(-1, 1),
     snr_db=st.none() | finite,
+    kind=st.sampled_from(["structural", "harmonic"]),
+    shape=st.none() | pairs.map(shape_of),
 )
+
+
+def in_order(found):
+    """Ascending modes; every second one is followed."""
+    ascending = sorted(found, key=lambda mode: mode.frequency_hz.value)
+    return tuple(
+        mode.model_copy(update={"identity": n if n % 2 else None})
+        for n, mode in enumerate(ascending)
+    )
+
+
 features = st.builds(
     Features,
     **headers,
     t_ns=st.integers(2**62, 2**63 - 1),
     slow_time=finite,
     start_ns=st.integers(0, 2**62),
-    method=st.sampled_from(["free_decay", "ambient", "peak", "none"]),
-    modes=st.lists(modes, max_size=3).map(
-        lambda found: tuple(sorted(found, key=lambda mode: mode.frequency_hz.value))
-    ),
+    method=st.sampled_from(["free_decay", "ambient", "peak", "ssi", "none"]),
+    channels=st.just(("x", "y", "z")),
+    modes=st.lists(modes, max_size=4).map(in_order),
     quality=st.builds(Quality, samples=counts),
     covariates=numbers,
     truth=st.none() | numbers,
@@ -89,7 +112,7 @@ MODE = {
     "damping_ratio": {"value": 0.02, "sd": 0.1},
 }
 VALID = {
-    "version": 1,
+    "version": 2,
     "site": "lab",
     "asset": "beam",
     "boot": "b1",
@@ -101,6 +124,7 @@ VALID = {
     "modes": [MODE],
     "quality": {"samples": 100},
 }
+SHAPE = {"re": [0.6, 0.0], "im": [0.0, -0.8], "sd": [0.1, 0.1]}
 
 
 def changed(**changes):
@@ -152,12 +176,12 @@ def test_a_raw_block_is_what_was_sent(rows, columns, dtype):
             "not_finite",
             "",
         ),
-        (changed(version=99), "unknown_version", "Allowed: 1. It comes from newer software"),
-        (changed(version="1"), "unknown_version", "version '1' was given. Allowed: 1"),
+        (changed(version=99), "unknown_version", "Allowed: 1, 2. It comes from newer software"),
+        (changed(version="1"), "unknown_version", "version '1' was given. Allowed: 1, 2"),
         (
             json.dumps({k: v for k, v in VALID.items() if k != "version"}).encode(),
             "unknown_version",
-            'without a version was given. Send "version": 1',
+            'without a version was given. Send "version": 2',
         ),
         (changed(surprise=1), "unknown_field", "at surprise, 1 was given"),
         (changed(sequence=-1), "invalid", "at sequence, -1 was given"),
@@ -190,9 +214,51 @@ def test_modes_out_of_order_are_refused():
         decode(FEATURES, changed(modes=[high, MODE]))
 
 
+def shaped(shape=(), channels=("x", "y"), **mode):
+    return changed(
+        modes=[{**MODE, **mode, "shape": {**SHAPE, **dict(shape)}}], channels=channels
+    )
+
+
+@pytest.mark.parametrize(
+    ("payload", "sentence"),
+    [
+        (shaped({"re": [0.6]}), "1 real parts, 2 imaginary parts and 2 standard deviations"),
+        (shaped({"re": [6.0, 0.0]}), "A shape of norm 6.0531. Divide it by its norm"),
+        (shaped({"sd": [0.1, -0.1]}), "greater than or equal to 0"),
+        (shaped(channels=["x"]), r"Shapes of [2] components for 1 channels"),
+        (shaped(channels=[]), r"Shapes of [2] components for 0 channels"),
+        (shaped(kind="electric"), "'structural' or 'harmonic'"),
+        (shaped(identity=-1), "at modes.0.identity, -1 was given"),
+        (
+            changed(modes=[{**MODE, "identity": 3}, {**MODE, "identity": 3}]),
+            r"Identities [3, 3] name more than one mode alike",
+        ),
+    ],
+)
+def test_shapes_and_identities_that_contradict_each_other_are_refused(payload, sentence):
+    assert decode(FEATURES, shaped())
+    assert decode(FEATURES, changed(modes=[{**MODE, "identity": None}] * 2))
+    with pytest.raises(Refused) as refused:
+        decode(FEATURES, payload)
+    assert refused.value.reason == "invalid"
+    assert sentence in str(refused.value)
+
+
+@pytest.mark.parametrize("modes", [None, {}, "x", [None], [[]], [{"frequency_hz": 3}], [MODE]])
+def test_what_only_claims_to_be_an_older_message_is_refused_as_any_other(modes):
+    payload = changed(version=1, modes=modes)
+    if modes == [MODE]:
+        assert decode(FEATURES, payload) == decode(FEATURES, changed())
+        return
+    with pytest.raises(Refused) as refused:
+        decode(FEATURES, payload)
+    assert refused.value.reason == "invalid"
+
+
 def test_no_infinity_hides_in_free_form_content():
-    event = {k: VALID[k] for k in ("version", "site", "asset", "boot", "sequence", "t_ns")}
-    event |= {"kind": "k", "severity": "info", "message": "m"}
+    event = {k: VALID[k] for k in ("site", "asset", "boot", "sequence", "t_ns")}
+    event |= {"version": 1, "kind": "k", "severity": "info", "message": "m"}
     for value in ("NaN", "1e999", "-Infinity"):
         text = json.dumps(event | {"details": {"a": [{"b": "here"}]}}).replace('"here"', value)
         with pytest.raises(Refused) as refused:

@@ -9,8 +9,9 @@ import pytest
 from slowtime_schemas import freeze
 from slowtime_schemas.codec import decode, encode
 from slowtime_schemas.frozen import folder, plotting_schema_text, schema_text
+from slowtime_schemas.messages import Features
 from slowtime_schemas.raw import decode_raw, encode_raw
-from slowtime_schemas.streams import BY_NAME, MESSAGES
+from slowtime_schemas.streams import BY_NAME, FEATURES, MESSAGES
 
 GOLDEN = Path(freeze.__file__).parents[1] / "golden"
 
@@ -38,6 +39,21 @@ def test_golden_bytes_decode_for_ever(path):
         assert encode(message) == payload
 
 
+def test_features_of_the_first_version_have_modes_without_shape_that_nobody_followed():
+    payload = (GOLDEN / "features" / "v1.json").read_bytes()
+    message = decode(FEATURES, payload)
+    assert isinstance(message, Features)
+    assert (message.version, message.channels, message.method) == (2, (), "ambient")
+    assert [mode.frequency_hz.value for mode in message.modes] == [3.141592653589793, 18.25]
+    for mode in message.modes:
+        assert (mode.identity, mode.kind, mode.shape) == (None, "structural", None)
+    # Nothing of the old message is lost on the way.
+    old, new = json.loads(payload), json.loads(encode(message))
+    assert all(new[key] == old[key] for key in old.keys() - {"version", "modes"})
+    for before, after in zip(old["modes"], new["modes"], strict=True):
+        assert before == {key: after[key] for key in before}
+
+
 def test_the_golden_raw_block_decodes_for_ever():
     payload = (GOLDEN / "raw" / "v1.bin").read_bytes()
     header, body = decode_raw(payload)
@@ -50,7 +66,7 @@ def test_the_golden_raw_block_decodes_for_ever():
 def test_freezing_again_changes_nothing_and_drift_is_refused(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(freeze, "folder", lambda: tmp_path)
     assert freeze.main([]) == 0
-    written = {path: path.read_text() for path in tmp_path.glob("*/v1.json")}
+    written = {path: path.read_text() for path in tmp_path.glob("*/v*.json")}
     assert len(written) == len(MESSAGES)
     assert freeze.main([]) == 0
     path = tmp_path / "health" / "v1.json"
@@ -60,7 +76,7 @@ def test_freezing_again_changes_nothing_and_drift_is_refused(tmp_path, monkeypat
     assert "Raise VERSION and declare a migration" in capsys.readouterr().err
     assert "up_s" in path.read_text()
     assert freeze.main(["--replace"]) == 0
-    assert {path: path.read_text() for path in tmp_path.glob("*/v1.json")} == written
+    assert {path: path.read_text() for path in tmp_path.glob("*/v*.json")} == written
 
 
 def test_a_version_never_frozen_names_those_that_are():
@@ -80,6 +96,6 @@ def describable(schema, path="message"):
 
 @pytest.mark.parametrize("name", MESSAGES)
 def test_plotting_tools_can_read_every_schema(name):
-    plain = json.loads(plotting_schema_text(name, 1))
+    plain = json.loads(plotting_schema_text(name, MESSAGES[name].VERSION))
     describable(plain)
     assert set(plain["properties"]) == set(MESSAGES[name].model_fields)

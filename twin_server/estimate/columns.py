@@ -37,7 +37,7 @@ class Columns:
 
 
 def columns(features: Sequence[Features], modes: Sequence[int]) -> Columns:
-    """Read the columns out of `features`, of each the mode of the number in `modes`."""
+    """Read the columns out of `features`, of each the structural mode that `modes` numbers."""
     count = len(features)
     numbers = [
         (message.slow_time, *_mode(message, mode), *_truth(message))
@@ -63,9 +63,10 @@ def columns(features: Sequence[Features], modes: Sequence[int]) -> Columns:
 
 
 def _mode(message: Features, number: int) -> tuple[float, ...]:
-    if number >= len(message.modes):
+    structural = [mode for mode in message.modes if mode.kind == "structural"]
+    if number >= len(structural):
         return _NO_MODE
-    mode = message.modes[number]
+    mode = structural[number]
     frequency, damping, smoothed = (
         mode.frequency_hz,
         mode.damping_ratio,

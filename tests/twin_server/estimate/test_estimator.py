@@ -201,6 +201,23 @@ def test_the_mode_of_the_registration_is_followed(features):
     assert states["reasons"].tolist() == [0, rows.NO_MODE]
 
 
+def test_the_line_of_a_machine_is_not_counted_among_the_modes(features):
+    lowest, first, second = (
+        Mode(
+            frequency_hz=Quantity(value=f, sd=0.01),
+            damping_ratio=Quantity(value=0.02, sd=0.001),
+            kind="harmonic" if f == 2.0 else "structural",
+        )
+        for f in (2.0, 3.0, 18.0)
+    )
+    twin = begin(nominal={"frequency_hz": 3.0, "damping_ratio": 0.02})
+    states, _, _ = run(
+        twin, [features(0, modes=(lowest, first, second)), features(1, modes=(lowest,))]
+    )
+    assert states["frequency_hz"][0, 0] == 3.0
+    assert states["reasons"].tolist() == [0, rows.NO_MODE]
+
+
 def test_an_alarm_is_raised_once_and_ends_once(features):
     def at(change, i):
         return features(i, frequency_hz=3.0 * np.sqrt(1 + change))

@@ -242,7 +242,7 @@ def test_a_hostile_message_is_counted_in_metrics_and_stops_nothing(
     own.feed([first])
     key, good, _, _ = sample(first)
     for payload in (b"\xff", good.replace(b'"slow_time":0.0', b'"slow_time":NaN'),
-                    good.replace(b'"version":1', b'"version":77'), bytes(2**21)):  # fmt: skip
+                    good.replace(b'"version":2', b'"version":77'), bytes(2**21)):  # fmt: skip
         own.bus.publish(key, payload, encoding="application/json")
     future = features(9, time_base="live", t_ns=SystemClock().now_ns() + 10**15)
     own.bus.publish(key, sample(future).payload, encoding="application/json")
