@@ -12,8 +12,8 @@ from jaxtyping import Complex, Float
 from .damping import is_proportional
 from .structure import Structure, state_matrix
 
-ROUNDING = 1e-9
-"""Relative size below which an eigenvalue is taken for zero: a rigid-body motion."""
+ROUNDING = 100 * float(np.finfo(float).eps)
+"""Relative size per mode below which an eigenvalue is taken for zero: a rigid-body motion."""
 
 DEFECT = 1e-6
 """Relative norm below which two modes are so alike that their sum loses its digits."""
@@ -124,13 +124,13 @@ def undamped_modes(structure: Structure) -> Modes:
     array([1.      , 1.732051])
     """
     squares, shapes = scipy.linalg.eigh(structure.stiffness, structure.mass)
-    largest = np.abs(squares).max()
-    if squares[0] < -ROUNDING * largest:
+    nothing = ROUNDING * len(squares) * np.abs(squares).max()
+    if squares[0] < -nothing:
         raise ValueError(
             f"The stiffness matrix has a negative eigenvalue (omega^2 = {squares[0]:.4g}): the "
             "structure is unstable at rest and has no natural frequency there. Check the signs."
         )
-    squares = np.where(squares < ROUNDING * largest, 0.0, squares)
+    squares = np.where(squares < nothing, 0.0, squares)
     return Modes(angular_frequency=np.sqrt(squares), shapes=shapes * _signs(shapes))
 
 

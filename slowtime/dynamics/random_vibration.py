@@ -14,7 +14,7 @@ from jaxtyping import Complex, Float, Inexact
 
 from .simulation import density_root, force_density
 from .structure import Structure, state_matrix
-from .transfer import Quantity, frequency_response
+from .transfer import frequency_response
 
 Square = Float[np.ndarray, "dof dof"]
 ForceDensity = float | Float[np.ndarray, " dof"] | Square
@@ -90,7 +90,7 @@ def response_spectrum(
     structure: Structure,
     frequency_hz: Frequencies,
     force_psd: ForceDensity | Inexact[np.ndarray, "frequency dof dof"],
-    quantity: Quantity = "displacement",
+    quantity: str = "displacement",
     *,
     shaping: Shaping | None = None,
 ) -> Complex[np.ndarray, "frequency dof dof"]:

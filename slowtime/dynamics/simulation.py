@@ -7,7 +7,6 @@ few structures whose modes do not span all motion are stepped by their matrix ex
 
 import math
 from collections.abc import Sequence
-from typing import Literal
 
 import numpy as np
 import scipy.fft
@@ -18,11 +17,10 @@ from jaxtyping import Complex, Float
 from .modes import ComplexModes, DefectiveModesError, complex_modes
 from .stepping import FORGOTTEN
 from .structure import Structure, state_matrix
-from .transfer import POWERS, Quantity
+from .transfer import derivative_order
 
 Motion = Float[np.ndarray, "time dof"]
 State = Float[np.ndarray, " dof"]
-Hold = Literal["zero", "first"]
 
 CHUNK = 1 << 15
 """Samples moved at once: bounds the memory of the modal coordinates."""
@@ -35,7 +33,7 @@ def simulate_structure(
     q0: State | None = None,
     v0: State | None = None,
     *,
-    hold: Hold = "zero",
+    hold: str = "zero",
 ) -> tuple[Motion, Motion, Motion]:
     """Displacement, velocity and acceleration, relative to the base, at the samples of a force.
 
@@ -93,7 +91,7 @@ def ambient_structure(
     *,
     force_psd: float | State | Float[np.ndarray, "dof dof"] = 1.0,
     channels: Sequence[str] | None = None,
-    quantity: Quantity = "acceleration",
+    quantity: str = "acceleration",
 ) -> Float[np.ndarray, "time channel"]:
     """Stationary response to white forces that are cut off at half the sampling rate.
 
@@ -133,7 +131,7 @@ def ambient_structure(
     spectrum = np.zeros((len(s), len(heard)), dtype=complex)
     for pole, shape, norm, seen in zip(poles, shapes.T, norms, heard.T, strict=True):
         spectrum += np.multiply.outer((force @ shape) / (norm * (s - pole)), seen)
-    spectrum *= (s ** POWERS[quantity])[:, None]
+    spectrum *= (s ** derivative_order(quantity))[:, None]
     if period % 2 == 0:
         spectrum[-1] = math.sqrt(2.0) * spectrum[-1].real
     return np.asarray(scipy.fft.irfft(spectrum, period, axis=0)[:samples])
@@ -189,7 +187,7 @@ def _by_modes(
     force: Motion,
     rate_hz: float,
     start: tuple[State, State],
-    hold: Hold,
+    hold: str,
 ) -> tuple[Motion, Motion]:
     """Sum of modes; of each pair, twice the real part of one."""
     poles = np.concatenate([modes.poles, modes.real_poles])
@@ -222,7 +220,7 @@ def _by_modes(
 
 
 def _hold(
-    step: Complex[np.ndarray, " mode"], hold: Hold
+    step: Complex[np.ndarray, " mode"], hold: str
 ) -> tuple[
     Complex[np.ndarray, " mode"], Complex[np.ndarray, " mode"], Complex[np.ndarray, " mode"]
 ]:
@@ -242,7 +240,7 @@ def _by_exponential(
     force: Motion,
     rate_hz: float,
     start: tuple[State, State],
-    hold: Hold,
+    hold: str,
 ) -> tuple[Motion, Motion]:
     dofs = structure.dofs
     whole = np.zeros((4 * dofs, 4 * dofs))

@@ -1,7 +1,5 @@
 r"""Frequency domain: :math:`H(s) = (s^2 M + s C + K)^{-1}` and what rests on it."""
 
-from typing import Literal
-
 import numpy as np
 from jaxtyping import Complex, Float
 
@@ -11,8 +9,7 @@ from .structure import Structure
 Omega = Float[np.ndarray, " frequency"]
 Laplace = Complex[np.ndarray, " frequency"]
 Transfer = Complex[np.ndarray, "frequency output input"]
-Quantity = Literal["displacement", "velocity", "acceleration"]
-POWERS: dict[str, int] = {"displacement": 0, "velocity": 1, "acceleration": 2}
+QUANTITIES = ("displacement", "velocity", "acceleration")
 
 
 def transfer_function(structure: Structure, s: Laplace) -> Transfer:
@@ -34,7 +31,7 @@ def transfer_function(structure: Structure, s: Laplace) -> Transfer:
 
 
 def frequency_response(
-    structure: Structure, omega: Omega, quantity: Quantity = "displacement"
+    structure: Structure, omega: Omega, quantity: str = "displacement"
 ) -> Transfer:
     r"""Response per force at angular frequencies [rad/s]: :math:`(i\omega)^n H(i \omega)`.
 
@@ -43,7 +40,7 @@ def frequency_response(
     quantity
         Relative to the base: of displacement, velocity or acceleration.
     """
-    scale = (1j * omega) ** POWERS[_known(quantity)]
+    scale = (1j * omega) ** derivative_order(quantity)
     return np.asarray(scale[:, None, None] * transfer_function(structure, 1j * omega))
 
 
@@ -97,7 +94,8 @@ def laplace_response(
     return np.asarray(np.einsum("fab,fb->fa", transfer_function(structure, s), pushed))
 
 
-def _known(quantity: str) -> str:
-    if quantity not in POWERS:
-        raise ValueError(f"{quantity=} is not known. Allowed: {', '.join(POWERS)}.")
-    return quantity
+def derivative_order(quantity: str) -> int:
+    """How often displacement is to be differentiated for `quantity`."""
+    if quantity not in QUANTITIES:
+        raise ValueError(f"{quantity=} is not known. Allowed: {', '.join(QUANTITIES)}.")
+    return QUANTITIES.index(quantity)

@@ -47,6 +47,7 @@ def test_covariance_is_the_integral_of_the_spectrum(quantity, colour):
 def test_under_coloured_force_acceleration_has_a_covariance_too(colour):
     shaping = COLOURS[colour]
     found = response_covariance(STRUCTURE, PSD, shaping=shaping).acceleration
+    assert found is not None
     np.testing.assert_allclose(integrated("acceleration", shaping), found, rtol=2e-3)
     assert response_covariance(STRUCTURE, PSD).acceleration is None
 
@@ -149,6 +150,7 @@ def test_simulated_coloured_force_has_the_covariance_of_the_theory():
     force = force @ np.linalg.cholesky(PSD).T
     q, _, a = simulate_structure(STRUCTURE, force, rate, hold="first")
     found = response_covariance(STRUCTURE, PSD, shaping=shaping)
+    assert found.acceleration is not None
     late = slice(2000, None)
     np.testing.assert_allclose(np.cov(q[late].T), found.displacement, rtol=0.08)
     np.testing.assert_allclose(
