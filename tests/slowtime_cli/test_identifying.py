@@ -1,0 +1,126 @@
+import json
+
+import numpy as np
+import pytest
+
+from slowtime.dynamics.oscillator import Oscillator
+from slowtime.dynamics.response import free_response
+
+
+def sound(mode):
+    """Whether a mode is as scripts expect it."""
+    return all(
+        set(mode[name]) == {"value", "sd"} and mode[name]["sd"] > 0
+        for name in ("frequency_hz", "damping_ratio")
+    )
+
+
+@pytest.fixture
+def decay(text):
+    """A decay at 4 Hz, once each 10 s, without any noise."""
+    times = np.arange(1000) / 100.0
+    oscillator = Oscillator.from_modal(4.0, 0.01)
+    once = np.asarray(free_response(oscillator, times, 1.0, 0.0)[0])
+    return text([f"{x:.9f}" for x in np.tile(once, 3)], "decay.txt")
+
+
+def test_a_whole_record_gives_its_modes(run, record):
+    done = run("identify", record, "--out", "modes.json")
+    assert (done.status, done.err) == (0, "")
+    with open("modes.json") as file:
+        found = json.load(file)
+    (mode,) = found["modes"]
+    assert sound(mode)
+    error = mode["frequency_hz"]["value"] - 3.0
+    assert abs(error) < 4 * mode["frequency_hz"]["sd"] < 0.2
+    assert abs(mode["damping_ratio"]["value"] - 0.02) < 4 * mode["damping_ratio"]["sd"]
+    assert set(mode) >= {"correlation", "snr_db", "method", "span_s", "flags"}
+    assert {key: found[key] for key in ("record", "rate_hz", "channels", "duration_s")} == {
+        "record": "record.csv",
+        "rate_hz": 100.0,
+        "channels": ["acc_x", "acc_y"],
+        "duration_s": 60.0,
+    }
+
+
+def test_windows_give_epochs(run, decay):
+    flags = ("--rate-hz", 100, "--window-s", 10, "--hop-s", 10, "--out", "-")
+    found = run("identify", decay, *flags).json
+    assert "modes" not in found
+    assert found["window_s"] == 10.0
+    assert [(e["start_s"], e["end_s"]) for e in found["epochs"]] == [
+        (0, 10),
+        (10, 20),
+        (20, 30),
+    ]
+    for epoch in found["epochs"]:
+        (mode,) = epoch["modes"]
+        assert sound(mode)
+        assert mode["frequency_hz"]["value"] == pytest.approx(4.0, abs=1e-3)
+
+
+def test_windows_hop_by_a_quarter_unless_told_otherwise(run, decay):
+    flags = ("--rate-hz", 100, "--window-s", 20, "--method", "peak", "--out", "-")
+    starts = [epoch["start_s"] for epoch in run("identify", decay, *flags).json["epochs"]]
+    assert starts == [0.0, 5.0, 10.0]
+
+
+def test_a_band_confines_the_search(run, record):
+    above = run("identify", record, "--band-hz", 10, 40, "--out", "-")
+    assert (above.status, above.json["modes"]) == (0, [])
+    assert "no mode stands out of the noise" in above.err
+    within = run("identify", record, "--band-hz", 2, 4, "--out", "-").json["modes"]
+    assert within[0]["frequency_hz"]["value"] == pytest.approx(3.0, abs=0.1)
+
+
+def test_a_pipe_gets_the_same_numbers_as_the_json_in_lines_of_fields(run, record):
+    head, line = run("identify", record, "--out", "modes.json").out.splitlines()
+    fields = dict(zip(head.split("\t"), line.split("\t"), strict=True))
+    with open("modes.json") as file:
+        (mode,) = json.load(file)["modes"]
+    assert float(fields["frequency_hz"]) == pytest.approx(mode["frequency_hz"]["value"])
+    assert float(fields["damping_sd"]) == pytest.approx(mode["damping_ratio"]["sd"])
+    assert fields["method"] == mode["method"]
+
+
+def test_a_terminal_gets_a_table_with_errors(run, record, monkeypatch):
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    assert "±" in run("identify", record, "--method", "peak").out
+    said = run("identify", record, "--method", "peak", "--window-s", 40).out
+    assert "40.000" in said
+
+
+def test_what_is_no_acceleration_is_left_out_where_others_are(run, text, lines):
+    path = text(["time,acc_x,roller", *lines[1:]])
+    found = run("identify", path, "--method", "peak", "--out", "-")
+    assert found.json["channels"] == ["acc_x"]
+    assert "roller left out, being no acceleration by name or unit" in found.err
+    chosen = run("identify", path, "--method", "peak", "--channels", "roller", "--out", "-")
+    assert chosen.json["channels"] == ["roller"]
+
+
+@pytest.mark.parametrize(
+    ("flags", "says"),
+    [
+        (("--band-hz", "1", "80"), "is not a band between 0 and 50 Hz, half the sampling rate"),
+        (("--band-hz", "60", "80"), "is not a band between 0 and 50 Hz. Give"),
+        (("--band-hz", "20", "2"), "Give 0 < low < high < that, or sample faster."),
+        (("--band-hz", "-1", "2"), "Give 0 < low < high < that"),
+        (("--band-hz", "nan", "2"), "nan is not a finite number"),
+        (("--band-hz", "3"), "requires 2 arguments"),
+        (("--band-hz", "1", "80", "--window-s", "20"), "is not a band between 0 and 50 Hz"),
+        (("--window-s", "100"), "without a gap, 60 s. Give a shorter window."),
+        (("--window-s", "0.1"), "a window holds at least 32 samples (0.32 s) and at most"),
+        (("--window-s", "0"), "0.0 is not in the range x>0"),
+        (("--window-s", "inf"), "inf is not a finite number. Give one such as"),
+        (("--window-s", "nan"), "nan is not a finite number. Give one such as"),
+        (("--hop-s", "1"), "--hop-s goes with --window-s."),
+        (("--window-s", "10", "--hop-s", "0.001"), "is less than one sample. Give at least"),
+        (("--method", "magic"), "'magic' is not one of 'auto'"),
+        (("--out", "nowhere/modes.json"), "There is no folder nowhere for modes.json. Make it"),
+        (("--out", "."), "is a directory"),
+    ],
+)
+def test_flags_that_cannot_be_met_are_refused(refused, record, flags, says):
+    said = refused("identify", record, *flags)
+    assert says.partition(". Give")[0] in said, said

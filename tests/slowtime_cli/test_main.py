@@ -1,0 +1,120 @@
+import os
+import re
+import signal
+import subprocess
+import sys
+
+import click
+import pytest
+
+from slowtime_cli import __main__ as command
+from slowtime_cli.__main__ import VERBS, app
+
+HEAVY = ("numpy", "scipy", "zenoh", "mcap", "fastapi", "uvicorn", "h5py")
+
+
+@pytest.mark.parametrize("flag", ["--help", "--version"])
+def test_help_and_version_import_nothing_heavy(flag):
+    program = (
+        "import sys; from slowtime_cli.__main__ import main\n"
+        f"try: main([{flag!r}])\n"
+        "except SystemExit as left: status = left.code\n"
+        f"found = set(sys.modules) & set({HEAVY!r})\n"
+        "sys.exit(f'{status} {found}' if status or found else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert ("evolve" if flag == "--help" else "version") in done.stdout
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_the_list_of_verbs_says_what_each_verb_says_of_itself(verb):
+    command = app.get_command(click.Context(app), verb)
+    assert command is not None
+    assert command.name == verb
+    assert command.get_short_help_str(limit=1000) == VERBS[verb].help
+
+
+def test_the_list_of_verbs_fits_a_terminal_of_80_columns(run):
+    said = run("--help").out
+    assert all(f"  {verb:9} {VERBS[verb].help}\n" in said for verb in VERBS)
+    commands = said.partition("Commands:")[2].partition("Examples:")[0]
+    assert max(map(len, commands.splitlines())) < 80
+
+
+def test_a_bare_command_shows_its_help(run):
+    assert "Commands:" in "".join(run()[1:])
+
+
+def test_an_unknown_verb_or_flag_is_refused(refused):
+    assert "No such command 'frobnicate'" in refused("frobnicate")
+    assert "No such option" in refused("--frobnicate")
+
+
+def fails_with(error):
+    @click.command()
+    def failing() -> None:
+        raise error
+
+    return failing
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "says"),
+    [
+        (ValueError("Give a number."), 2, r"^slowtime: Give a number\.\n$"),
+        (FileNotFoundError(2, "No such file", "x"), 2, r"^slowtime: .*No such file: 'x'\n$"),
+        (click.UsageError("Give one of them."), 2, r"Error: Give one of them\.\n$"),
+        (click.FileError("x.json", "is a folder"), 2, r"^slowtime: .*x\.json.*is a folder"),
+        (KeyboardInterrupt(), 130, r"^\n?slowtime: Ended by Ctrl-C\.\n$"),
+        (click.Abort(), 130, r"^\n?slowtime: Ended by Ctrl-C\.\n$"),
+        (KeyError("boot"), 1, r"^slowtime: A failure of slowtime itself: KeyError: 'boot'\."),
+        (MemoryError("much"), 1, r"failure of slowtime itself: MemoryError: much\. Set SLOW"),
+    ],
+)
+def test_every_error_has_its_exit_status_and_no_traceback(
+    run, monkeypatch, error, status, says
+):
+    monkeypatch.setattr(app, "get_command", lambda _ctx, _name: fails_with(error))
+    done = run("demo")
+    assert (done.status, done.out) == (status, "")
+    assert re.search(says, done.err), done.err
+
+
+def test_what_failed_of_ours_can_be_seen_in_full(monkeypatch):
+    monkeypatch.setattr(app, "get_command", lambda _ctx, _name: fails_with(KeyError("boot")))
+    monkeypatch.setenv("SLOWTIME_DEBUG", "1")
+    with pytest.raises(KeyError, match="boot"):
+        command.main(["demo"])
+
+
+def test_the_installed_command_leaves_with_the_same_statuses(start, record):
+    refused = start("identify", "missing.csv")
+    out, err = refused.communicate(timeout=30)
+    assert (refused.returncode, out) == (2, "")
+    assert "File 'missing.csv' does not exist" in err
+    good = start("identify", record, "--out", "-")
+    out, err = good.communicate(timeout=30)
+    assert (good.returncode, err) == (0, "")
+    assert out.startswith("{")
+
+
+def test_ctrl_c_ends_a_job_with_130_and_one_sentence(start, tmp_path):
+    # Reading from a pipe that nobody writes to is work that does not end.
+    os.mkfifo(tmp_path / "endless.csv")
+    process = start("identify", "endless.csv")
+    with (tmp_path / "endless.csv").open("w"):  # opens once the command reads
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=30)
+    # The terminal's own ^C gets a line of its own.
+    assert (process.returncode, out, err) == (130, "", "\nslowtime: Ended by Ctrl-C.\n")
+
+
+def test_a_reader_that_leaves_early_is_no_error_to_speak_of(record):
+    pipe = subprocess.run(
+        f"{sys.executable} -m slowtime_cli identify {record} --out - | true",
+        shell=True,
+        capture_output=True,
+        text=True,
+    )
+    assert (pipe.returncode, pipe.stderr) == (0, "")
