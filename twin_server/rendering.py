@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from slowtime_schemas.codec import encode
-from slowtime_schemas.messages import Event
+from slowtime_schemas.messages import Event, TwinState
 
 from .states import ESTIMATES, USED_SMOOTHED, States, assumed, sentences
 
@@ -32,7 +32,7 @@ def state_messages(
     """Each state as the message `TwinState`."""
     for row, boot, unit in zip(states.tolist(), boots, units, strict=True):
         yield (
-            f'{{"version":1,"site":"{site}","asset":"{asset}","boot":"{boot}",'
+            f'{{"version":{TwinState.VERSION},"site":"{site}","asset":"{asset}","boot":"{boot}",'
             f'"sequence":{row[0]},"t_ns":{row[1]},"id":"{site}.{asset}",'
             f"{_core(row, unit, brief=True)}}}"
         ).encode()

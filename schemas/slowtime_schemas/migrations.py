@@ -126,6 +126,15 @@ def _features_1(payload: Payload) -> Payload:
     return {"channels": [], **payload}
 
 
+@MIGRATIONS.step("state", from_version=1)
+def _state_1(payload: Payload) -> Payload:
+    """Come from a twin of one mode, of whose elements nothing was asked."""
+    none: Payload = {
+        "elements": {}, "posterior_to_prior": {}, "suspects": [], "channels": [], "modes": [],
+    }  # fmt: skip
+    return none | payload
+
+
 def migrate(message_name: str, payload_dict: Mapping[str, Any]) -> Payload:
     """`payload_dict` at the current version of `message_name`; see `Migrations.migrate`."""
     return MIGRATIONS.migrate(message_name, payload_dict)

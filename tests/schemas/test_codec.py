@@ -15,6 +15,7 @@ from slowtime_schemas.messages import (
     Health,
     Mode,
     Quality,
+    SeenMode,
     Shape,
     TwinState,
 )
@@ -87,6 +88,21 @@ states = st.builds(
     stiffness_change=st.none() | estimates,
     mass_change=st.none() | estimates,
     valid=st.booleans(),
+    elements=st.dictionaries(st.text(max_size=9), estimates, max_size=3),
+    posterior_to_prior=st.dictionaries(st.text(max_size=9), finite, max_size=3),
+    suspects=st.lists(st.text(min_size=1, max_size=20), max_size=3).map(tuple),
+    channels=st.just(("x", "y", "z")),
+    modes=st.lists(
+        st.builds(
+            SeenMode,
+            identity=st.none() | counts,
+            model_mode=st.none() | counts,
+            frequency_hz=estimates,
+            damping_ratio=st.none() | estimates,
+            shape=st.none() | pairs.map(shape_of),
+        ),
+        max_size=3,
+    ).map(tuple),
 )
 healths = st.builds(
     Health,

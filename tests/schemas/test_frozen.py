@@ -9,9 +9,9 @@ import pytest
 from slowtime_schemas import freeze
 from slowtime_schemas.codec import decode, encode
 from slowtime_schemas.frozen import folder, plotting_schema_text, schema_text
-from slowtime_schemas.messages import Features
+from slowtime_schemas.messages import Features, TwinState
 from slowtime_schemas.raw import decode_raw, encode_raw
-from slowtime_schemas.streams import BY_NAME, FEATURES, MESSAGES
+from slowtime_schemas.streams import BY_NAME, FEATURES, MESSAGES, STATE
 
 GOLDEN = Path(freeze.__file__).parents[1] / "golden"
 
@@ -52,6 +52,20 @@ def test_features_of_the_first_version_have_modes_without_shape_that_nobody_foll
     assert all(new[key] == old[key] for key in old.keys() - {"version", "modes"})
     for before, after in zip(old["modes"], new["modes"], strict=True):
         assert before == {key: after[key] for key in before}
+
+
+def test_states_of_the_first_version_are_of_twins_without_elements():
+    payload = (GOLDEN / "state" / "v1.json").read_bytes()
+    message = decode(STATE, payload)
+    assert isinstance(message, TwinState)
+    assert (message.version, message.elements, message.modes, message.suspects) == (
+        2,
+        {},
+        (),
+        (),
+    )
+    old, new = json.loads(payload), json.loads(encode(message))
+    assert all(new[key] == old[key] for key in old.keys() - {"version"})
 
 
 def test_the_golden_raw_block_decodes_for_ever():
