@@ -13,7 +13,7 @@ from pydantic_settings import SettingsConfigDict
 from slowtime_schemas.messages import About, TimeBase
 from slowtime_schemas.quantities import BootId, Name
 from slowtime_services.configuration import ProcessSettings
-from slowtime_services.simulate import SimulatedStructure
+from slowtime_services.simulate import AnyStructure, SimulatedStructure
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -40,7 +40,7 @@ class SimulatedInput(Frozen):
     """Samples of a structure that exists in software only."""
 
     kind: Literal["simulated"] = "simulated"
-    structure: SimulatedStructure = SimulatedStructure()
+    structure: AnyStructure = SimulatedStructure()
     every_s: NotNegative = 0.5
     """From one epoch to the next on the wall's clock; 0 for as fast as possible."""
     first_epoch: Annotated[int, Field(ge=0)] = 0

@@ -1,0 +1,31 @@
+"""Structures that age while nobody looks: slow evolution in, blocks of samples out."""
+
+from typing import Annotated, Any
+
+from pydantic import Discriminator, Tag
+
+from .evolutions import Constant as Constant
+from .evolutions import Evolution as Evolution
+from .evolutions import Fatigue as Fatigue
+from .evolutions import FillingAndEmptying as FillingAndEmptying
+from .evolutions import Linear as Linear
+from .evolutions import Step as Step
+from .frame import Machine as Machine
+from .frame import SimulatedFrame as SimulatedFrame
+from .listening import ORIGIN_NS as ORIGIN_NS
+from .listening import Sensor as Sensor
+from .listening import Simulated as Simulated
+from .listening import Temperature as Temperature
+from .oscillator import SimulatedStructure as SimulatedStructure
+
+
+def _kind(given: Any) -> Any:
+    """Tell what is meant; settings from before there were frames do not say."""
+    return given.get("kind", "oscillator") if isinstance(given, dict) else given.kind
+
+
+AnyStructure = Annotated[
+    Annotated[SimulatedStructure, Tag("oscillator")] | Annotated[SimulatedFrame, Tag("frame")],
+    Discriminator(_kind),
+]
+"""Whatever can be simulated, by its `kind`; an oscillator where none is given."""
