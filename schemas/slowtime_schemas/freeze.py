@@ -1,4 +1,4 @@
-"""Write the JSON Schema of each message, once: `python -m slowtime_schemas.freeze [--replace]`.
+"""Write each JSON Schema once: `python -m slowtime_schemas.freeze [--replace]`.
 
 A frozen version is never rewritten, since others read recordings by it; `--replace` is for
 versions that no release has carried yet.
@@ -8,20 +8,20 @@ import difflib
 import json
 import sys
 
+from .documents import DOCUMENTS, Versioned
 from .frozen import folder
-from .messages import Message
 from .streams import MESSAGES
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
-def generate(message: type[Message]) -> str:
+def generate(message: type[Versioned]) -> str:
     """Make the JSON Schema of a message as it is now."""
     schema = {"$schema": DIALECT, **message.model_json_schema()}
     return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
 
 
-def drift(message: type[Message]) -> list[str]:
+def drift(message: type[Versioned]) -> list[str]:
     """Compare a message with its frozen version; lines of a diff, none if they agree."""
     path = folder() / message.MESSAGE / f"v{message.VERSION}.json"
     frozen = path.read_text() if path.is_file() else ""
@@ -35,7 +35,8 @@ def drift(message: type[Message]) -> list[str]:
 def main(arguments: list[str]) -> int:
     """Freeze what is new; refuse, with status 2, where a frozen version has drifted."""
     drifted = []
-    for message in MESSAGES.values():
+    everything: list[type[Versioned]] = [*MESSAGES.values(), *DOCUMENTS.values()]
+    for message in everything:
         path = folder() / message.MESSAGE / f"v{message.VERSION}.json"
         difference = drift(message)
         if difference and path.is_file() and "--replace" not in arguments:

@@ -8,6 +8,7 @@ import pytest
 
 from slowtime_schemas import freeze
 from slowtime_schemas.codec import decode, encode
+from slowtime_schemas.documents import DOCUMENTS
 from slowtime_schemas.frozen import folder, plotting_schema_text, schema_text
 from slowtime_schemas.messages import Features, TwinState
 from slowtime_schemas.raw import decode_raw, encode_raw
@@ -16,7 +17,9 @@ from slowtime_schemas.streams import BY_NAME, FEATURES, MESSAGES, STATE
 GOLDEN = Path(freeze.__file__).parents[1] / "golden"
 
 
-@pytest.mark.parametrize("message", MESSAGES.values(), ids=MESSAGES)
+@pytest.mark.parametrize(
+    "message", [*MESSAGES.values(), *DOCUMENTS.values()], ids=[*MESSAGES, *DOCUMENTS]
+)
 def test_no_message_has_drifted_from_its_frozen_schema(message):
     assert "\n".join(freeze.drift(message)) == ""
 
@@ -81,7 +84,7 @@ def test_freezing_again_changes_nothing_and_drift_is_refused(tmp_path, monkeypat
     monkeypatch.setattr(freeze, "folder", lambda: tmp_path)
     assert freeze.main([]) == 0
     written = {path: path.read_text() for path in tmp_path.glob("*/v*.json")}
-    assert len(written) == len(MESSAGES)
+    assert len(written) == len(MESSAGES) + len(DOCUMENTS)
     assert freeze.main([]) == 0
     path = tmp_path / "health" / "v1.json"
     path.write_text(path.read_text().replace("uptime_s", "up_s"))

@@ -1,0 +1,20 @@
+"""The registry of files that others script against, as `streams` is of messages."""
+
+from typing import Any, ClassVar, Protocol
+
+from .model_file import ModelFile
+
+
+class Versioned(Protocol):
+    """What has a name, a version and a JSON Schema."""
+
+    MESSAGE: ClassVar[str]
+    VERSION: ClassVar[int]
+
+    @classmethod
+    def model_json_schema(cls) -> dict[str, Any]:
+        """Describe itself."""
+
+
+DOCUMENTS: dict[str, type[Versioned]] = {ModelFile.MESSAGE: ModelFile}
+"""Every such file by its name."""

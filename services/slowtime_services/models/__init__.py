@@ -1,0 +1,18 @@
+"""Model files in, descriptions out, and back again; and models set in motion."""
+
+from .reading import MAX_BYTES, ModelFileError, description_of, read_description, read_model
+from .running import ambient_model, run_model
+from .writing import model_file_of, model_text, write_model
+
+__all__ = [
+    "MAX_BYTES",
+    "ModelFileError",
+    "ambient_model",
+    "description_of",
+    "model_file_of",
+    "model_text",
+    "read_description",
+    "read_model",
+    "run_model",
+    "write_model",
+]

@@ -1,0 +1,93 @@
+"""YAML in; plain values out, and the line on which each of them stands.
+
+Only what JSON could also say: no objects, no aliases (which a few lines can make unfold to any
+size), no key twice. JSON is YAML, and read alike.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import yaml
+
+Path = tuple[str | int, ...]
+DEPTH = 16
+
+
+class YamlError(ValueError):
+    """Text that is not YAML, or more than is allowed of it."""
+
+    def __init__(self, line: int, sentence: str) -> None:
+        super().__init__(sentence)
+        self.line = line
+
+
+def read_with_lines(text: str) -> tuple[Any, Mapping[Path, int]]:
+    r"""Read a document, and tell of each key and item its line, counted from 1.
+
+    Raises
+    ------
+    YamlError
+        With the line at fault.
+
+    Examples
+    --------
+    >>> values, lines = read_with_lines("name: rig\nnodes:\n  - {id: m1}")
+    >>> values, lines["nodes", 0, "id"]
+    ({'name': 'rig', 'nodes': [{'id': 'm1'}]}, 3)
+    """
+    loader = yaml.SafeLoader(text)
+    lines: dict[Path, int] = {}
+    try:
+        _refuse_aliases(text)
+        root = loader.get_single_node()
+        if root is None:
+            raise YamlError(1, "The file is empty. Begin it with `slowtime_model: 1`.")
+        return _values(loader, root, (), lines), lines
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line = mark.line + 1 if mark else 1
+        raise YamlError(
+            line,
+            f"This is not YAML: {error.problem or error.context}. Check indentation, "
+            "colons and quotes.",
+        ) from None
+    except yaml.YAMLError as error:
+        raise YamlError(1, f"This is not YAML: {error}") from None
+    finally:
+        loader.dispose()
+
+
+def _refuse_aliases(text: str) -> None:
+    depth = 0
+    for event in yaml.parse(text, Loader=yaml.SafeLoader):
+        line = event.start_mark.line + 1
+        if isinstance(event, yaml.AliasEvent):
+            raise YamlError(line, f"`*{event.anchor}` is an alias. Write the value out.")
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+        if depth > DEPTH:
+            raise YamlError(
+                line, f"More than {DEPTH} levels deep: no model is. Check brackets."
+            )
+
+
+def _values(loader: Any, node: yaml.Node, path: Path, lines: dict[Path, int]) -> Any:
+    lines.setdefault(path, node.start_mark.line + 1)
+    if isinstance(node, yaml.SequenceNode):
+        return [_values(loader, item, (*path, i), lines) for i, item in enumerate(node.value)]
+    if not isinstance(node, yaml.MappingNode):
+        return loader.construct_object(node)
+    values: dict[str, Any] = {}
+    for key_node, value_node in node.value:
+        line = key_node.start_mark.line + 1
+        if not isinstance(key_node, yaml.ScalarNode):
+            raise YamlError(line, "A key is no single word. Check the brackets.")
+        key = str(key_node.value)
+        if key in values:
+            first = lines[(*path, key)]
+            raise YamlError(line, f"`{key}` stands here twice, first on line {first}.")
+        lines[(*path, key)] = line
+        values[key] = _values(loader, value_node, (*path, key), lines)
+    return values

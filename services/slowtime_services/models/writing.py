@@ -1,0 +1,74 @@
+"""Descriptions in, model files out, in the form in which a person would write them."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from slowtime.dynamics.description import Beam, Description, Element
+from slowtime_schemas.model_file import ModelFile
+
+GROUPS = ("nodes", "elements", "effects", "inputs", "sensors")
+
+
+def model_file_of(description: Description) -> ModelFile:
+    """Turn a description, of a builder say, into a model file."""
+    tolerance = description.tolerance
+    return ModelFile.model_validate(
+        {
+            "slowtime_model": 1,
+            "name": description.name,
+            "unit_of_coordinate": description.unit_of_coordinate,
+            "nodes": [_node(dataclasses.asdict(node)) for node in description.nodes],
+            "elements": [_element(element) for element in description.elements],
+            "effects": [dict(effect) for effect in description.effects],
+            "inputs": [dataclasses.asdict(entry) for entry in description.inputs],
+            "sensors": [dataclasses.asdict(sensor) for sensor in description.sensors],
+            "tolerance": None if tolerance is None else dataclasses.asdict(tolerance),
+        }
+    )
+
+
+def model_text(model: ModelFile | Description) -> str:
+    """Write as YAML, one line a node, element and channel; defaults are left out.
+
+    Reading it back gives the same model to the last digit.
+    """
+    if isinstance(model, Description):
+        model = model_file_of(model)
+    values = model.model_dump(mode="json", exclude_defaults=True)
+    text = [f"slowtime_model: {model.slowtime_model}\n"]
+    for key in ("name", "unit_of_coordinate", *GROUPS, "tolerance"):
+        if key in values:
+            text.append(_entry(key, values[key]))
+    return "".join(text)
+
+
+def write_model(path: str | Path, model: ModelFile | Description) -> None:
+    """Write a model file; a path that exists is written over."""
+    Path(path).write_text(model_text(model), encoding="utf-8")
+
+
+def _entry(key: str, value: Any) -> str:
+    if isinstance(value, list):
+        return f"{key}:\n" + "".join(f"  - {_flow(item)}" for item in value)
+    return f"{key}: {_flow(value)}"
+
+
+def _flow(value: Any) -> str:
+    text = yaml.safe_dump(
+        value, default_flow_style=True, sort_keys=False, width=10**6, allow_unicode=True
+    )
+    return str(text).removesuffix("...\n")
+
+
+def _node(settings: dict[str, Any]) -> dict[str, Any]:
+    if settings["kind"] == "point":
+        return {key: settings[key] for key in ("id", "mass_kg")}
+    return settings
+
+
+def _element(element: Element) -> dict[str, Any]:
+    kind = {"kind": "beam"} if isinstance(element, Beam) else {}
+    return kind | dataclasses.asdict(element)
