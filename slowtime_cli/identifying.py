@@ -27,7 +27,7 @@ Examples:
   slowtime identify record.csv --rate-hz 200
   slowtime identify record.csv --rate-hz 200 --band-hz 1 20 --out modes.json
   slowtime identify tower.mcap --window-s 60 --hop-s 60 --out modes.json
-  slowtime identify tower.mcap --out - | python -m json.tool
+  slowtime identify record.csv --rate-hz 200 --out - | python -m json.tool
 
 A terminal is shown a table; a pipe or a file gets lines with tabs between their fields.
 """

@@ -248,11 +248,13 @@ def _print_hash(asset: str, digest: Mapping[str, object]) -> None:
 def _through_the_edge(recording: Path) -> int:
     recorded = {message.payload for message in read_recording(recording, streams=[FEATURES])}
     total = same = 0
-    for site, asset in _listened_to(recording):
-        processing = _recorded_settings(recording, site, asset)
-        for payload in rerun(raw_blocks(recording, site=site, asset=asset), processing):
-            total += 1
-            same += payload in recorded
+    with counting("Running the edge again") as tell:
+        for site, asset in _listened_to(recording):
+            processing = _recorded_settings(recording, site, asset)
+            for payload in rerun(raw_blocks(recording, site=site, asset=asset), processing):
+                total += 1
+                same += payload in recorded
+                tell(f"{site}.{asset}, {same} of {total} features identical")
     click.echo(f"{same} of {total} features identical to those recorded, byte for byte")
     return 0 if same == total else 1
 

@@ -21,7 +21,7 @@ from .terminal import bar, plural, removed_unless_finished
 @click.command(
     epilog="""\b
 Examples:
-  slowtime simulate --structure tower --epochs 20 --out tower.mcap
+  slowtime simulate --structure tower --epochs 8 --out tower.mcap
   slowtime simulate --structure wing --epochs 20 --seed 7 --out wing.npz
 """
 )

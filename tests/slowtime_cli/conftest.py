@@ -3,8 +3,10 @@
 import functools
 import json
 import os
+import socket
 import subprocess
 import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,6 +16,11 @@ import pytest
 from slowtime.dynamics.oscillator import Oscillator
 from slowtime.dynamics.stepping import ambient_acceleration
 from slowtime_cli.__main__ import main
+from slowtime_schemas.codec import encode
+from slowtime_schemas.messages import Features, Mode, Quality
+from slowtime_schemas.quantities import Quantity
+from slowtime_schemas.streams import FEATURES
+from slowtime_services.record import RecordingWriter
 
 RATE_HZ = 100.0
 FREQUENCY_HZ = 3.0
@@ -41,7 +48,9 @@ def run(capsys, tmp_path, monkeypatch):
         capsys.readouterr()
         with pytest.raises(SystemExit) as left:
             main([str(argument) for argument in arguments])
-        return Done(left.value.code, *capsys.readouterr())
+        status = left.value.code
+        assert isinstance(status, int)
+        return Done(status, *capsys.readouterr())
 
     return command
 
@@ -115,10 +124,10 @@ def lines(samples, clock) -> list[str]:
 
 
 @pytest.fixture
-def text(tmp_path):
+def text(tmp_path: Path) -> Callable[..., Path]:
     """Write lines to a file."""
 
-    def write(lines: list[str], name: str = "record.csv") -> Path:
+    def write(lines: Sequence[str], name: str = "record.csv") -> Path:
         path = tmp_path / name
         path.write_text("\n".join(lines) + "\n")
         return path
@@ -127,6 +136,63 @@ def text(tmp_path):
 
 
 @pytest.fixture
-def record(text, lines) -> Path:
+def record(text, lines):
     """The record as a CSV file."""
     return text(lines)
+
+
+def features(count: int, asset: str = "beam") -> list[Features]:
+    """What an edge agent says of an asset whose frequency falls."""
+    return [
+        Features(
+            site="lab",
+            asset=asset,
+            boot="b1",
+            sequence=number,
+            t_ns=1_700_000_000_000_000_000 + number * 10**9,
+            start_ns=1_700_000_000_000_000_000,
+            slow_time=float(number),
+            method="ambient",
+            modes=(
+                Mode(
+                    frequency_hz=Quantity(value=3.0 - 1e-3 * number, sd=0.002),
+                    damping_ratio=Quantity(value=0.02, sd=0.001),
+                ),
+            ),
+            quality=Quality(samples=1000),
+        )
+        for number in range(count)
+    ]
+
+
+@pytest.fixture
+def recorded(tmp_path):
+    """Write a recording of features of some assets."""
+
+    def write(count: int = 40, assets: Sequence[str] = ("beam",), name: str = "house.mcap"):
+        path = tmp_path / name
+        with RecordingWriter(path) as writer:
+            for asset in assets:
+                for message in features(count, asset):
+                    writer.write(FEATURES, "lab", asset, encode(message), message.t_ns)
+        return path
+
+    return write
+
+
+@pytest.fixture
+def port() -> int:
+    """A port that nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        number: int = probe.getsockname()[1]
+    return number
+
+
+@pytest.fixture
+def router(start, port) -> str:
+    """Endpoint of a router that runs as long as the test."""
+    endpoint = f"tcp/127.0.0.1:{port}"
+    process = start("router", "--listen", endpoint)
+    assert process.stdout.readline() == f"Router on {endpoint}\n"
+    return endpoint

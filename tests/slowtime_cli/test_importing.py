@@ -16,11 +16,11 @@ def modes(run, *arguments):
 def test_what_is_imported_is_identified_as_the_file_itself(
     run, record, samples, clock, tmp_path, kind
 ):
-    path, flags = tmp_path / f"record.{kind}", ()
+    path = tmp_path / f"record.{kind}"
+    flags = ("--rate-hz", 100) if kind == "npy" else ()
     columns = {"t": clock, "acc_x": samples[:, 0], "acc_y": samples[:, 1]}
     if kind == "npy":
         np.save(path, samples)
-        flags = ("--rate-hz", 100)
     elif kind == "npz":
         np.savez(path, **columns)
     elif kind == "v5.mat":

@@ -1,6 +1,7 @@
 import io
 import json
 import signal
+from typing import Any
 
 import pytest
 from rich.console import Console
@@ -8,7 +9,7 @@ from rich.console import Console
 from slowtime_cli import terminal
 
 ROWS = [("1.0 ± 0.1", "ambient"), ("2.0 ± 0.2", "")]
-PLAIN = [
+PLAIN: list[dict[str, Any]] = [
     {"frequency_hz": 1.0, "sd": 1 / 3, "valid": True, "flags": "a,b"},
     {"frequency_hz": 2.0, "sd": None, "valid": False, "flags": ""},
 ]

@@ -1,0 +1,100 @@
+"""What the README tells a newcomer to type is what the command understands."""
+
+import json
+import re
+import shlex
+from pathlib import Path
+from urllib.parse import parse_qs, urlsplit
+
+import click
+import numpy as np
+import pytest
+
+from slowtime.dynamics.oscillator import Oscillator
+from slowtime.dynamics.stepping import ambient_acceleration
+from slowtime_cli.__main__ import app, main
+from slowtime_cli.offline import offline_twin
+from twin_server.pipeline import TwinKnowledge
+from twin_server.serve import Hub, create_app
+from twin_server.settings import ServeSettings
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text()
+BLOCK = re.compile(r"(?:^ {4}\S.*\n)+", re.M)
+OFFLINE = ("identify", "evolve", "simulate")
+
+
+def typed() -> list[list[str]]:
+    """Words of every line to type, without comment and `&`."""
+    lines = "".join(BLOCK.findall(README)).splitlines()
+    return [words for line in lines if (words := shlex.split(line.strip(" &"), comments=True))]
+
+
+def of_slowtime() -> list[list[str]]:
+    return [words[1:] for words in typed() if words[0] == "slowtime"]
+
+
+def test_the_readme_shows_the_command():
+    assert {words[0] for words in of_slowtime()} >= {"identify", "evolve", "edge", "twin"}
+
+
+@pytest.mark.parametrize("arguments", of_slowtime(), ids=" ".join)
+def test_every_command_of_the_readme_parses(arguments, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for word in arguments:
+        if re.fullmatch(r"[\w-]+\.\w+", word):
+            (tmp_path / word).touch()
+    command = app.get_command(click.Context(app), arguments[0])
+    assert command is not None
+    command.make_context(arguments[0], list(arguments[1:])).close()
+
+
+def test_the_offline_commands_of_the_readme_run_one_after_the_other(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(0)
+    oscillator = Oscillator.from_modal(4.0, 0.02)
+    samples = ambient_acceleration(oscillator, 200 * 120, 200.0, rng)
+    np.savetxt("record.csv", samples / samples.std(), fmt="%.6f", header="acc [m/s^2]")
+    ran = [arguments for arguments in of_slowtime() if arguments[0] in OFFLINE]
+    assert len(ran) >= 3
+    for arguments in ran:
+        with pytest.raises(SystemExit) as left:
+            main(arguments)
+        assert left.value.code == 0, arguments
+    epochs = json.loads((tmp_path / "modes.json").read_text())["epochs"]
+    assert [e["modes"][0]["frequency_hz"]["value"] for e in epochs] == pytest.approx(
+        [4.0] * len(epochs), abs=0.1
+    )
+
+
+def test_every_word_of_make_in_the_readme_is_one():
+    known = set(re.findall(r"^([a-z-]+):.*##", (ROOT / "Makefile").read_text(), re.M))
+    said = set(re.findall(r"`make ([a-z-]+)`", README))
+    said |= {words[1] for words in typed() if words[0] == "make"}
+    assert {"demo", "test", "check"} <= said <= known
+
+
+def test_every_link_of_the_readme_leads_somewhere():
+    links = [link for link in re.findall(r"\]\(([^)#]+)\)", README) if "://" not in link]
+    assert links
+    assert [link for link in links if not (ROOT / link).exists()] == []
+
+
+def test_every_address_that_the_readme_asks_is_served(tmp_path):
+    with offline_twin(tmp_path / "twin.sqlite") as (pipeline, store):
+        app = create_app(TwinKnowledge(pipeline, store), Hub(1, 1), ServeSettings())
+    asked = [
+        (url.path, parse_qs(url.query))
+        for words in typed()
+        if words[0] == "curl"
+        for url in [urlsplit(words[-1])]
+    ]
+    assert asked
+    for path, query in asked:
+        operation = app.openapi()["paths"][path.replace("demo.tower", "{twin_id}")]["get"]
+        known = {parameter["name"] for parameter in operation.get("parameters", [])}
+        assert set(query) <= known
+    served = {getattr(route, "path", None) for route in app.routes}
+    said = set(re.findall(r"`(/[a-z0-9/._-]+)`", README))
+    assert said
+    assert said <= served

@@ -1,0 +1,103 @@
+"""Examples are promises: those in the help of every verb parse, and the short ones run."""
+
+import re
+import shlex
+
+import click
+import pytest
+
+from slowtime_cli.__main__ import VERBS, app
+
+FILE = re.compile(r"[\w.-]+\.(csv|txt|npy|npz|mat|mcap|json|toml|sqlite)")
+RUN = ("simulate", "identify", "evolve")
+
+
+def verb(name: str) -> click.Command:
+    command = app.get_command(click.Context(app), name)
+    assert command is not None
+    return command
+
+
+def examples(epilog: str) -> list[list[str]]:
+    """Arguments of each `slowtime` in lines of examples, without what is said beside them."""
+    found = []
+    for line in epilog.replace("\\\n", " ").splitlines():
+        example = re.split(r"(?<=\S)\s{2,}", line.strip())[0]
+        for part in re.split(r"&&|[|&]", example):
+            words = shlex.split(part, comments=True)
+            while words and re.fullmatch(r"[A-Z_]+=\S+", words[0]):
+                words = words[1:]
+            if words[:1] == ["slowtime"]:
+                found.append(words[1:])
+    return found
+
+
+def of_help(name: str) -> list[list[str]]:
+    return examples(verb(name).epilog or "")
+
+
+def parse(arguments: list[str]) -> None:
+    """Let click parse, with every file that is named in its place, and run nothing."""
+    for word in arguments:
+        if FILE.fullmatch(word):
+            open(word, "a").close()
+    verb(arguments[0]).make_context(arguments[0], arguments[1:]).close()
+
+
+def test_examples_are_found_as_they_are_written():
+    said = """\b
+Examples:
+  slowtime demo --port 8080            another port
+  SLOWTIME_EDGE_SITE=lab slowtime edge --config a.toml
+  slowtime twin & slowtime edge --simulate tower   # both
+  curl http://127.0.0.1:8000/slowtime
+"""
+    assert examples(said) == [
+        ["demo", "--port", "8080"],
+        ["edge", "--config", "a.toml"],
+        ["twin"],
+        ["edge", "--simulate", "tower"],
+    ]
+
+
+def test_an_example_with_a_wrong_flag_does_not_parse(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(click.NoSuchOption):
+        parse(["identify", "record.csv", "--rate", "200"])
+    with pytest.raises(click.BadParameter):
+        parse(["simulate", "--structure", "bridge", "--out", "a.mcap"])
+    with pytest.raises(click.UsageError, match="unexpected extra argument"):
+        parse(["identify", "record.csv", "other.csv"])
+
+
+@pytest.mark.parametrize("name", VERBS)
+def test_every_help_ends_with_examples_of_its_verb_that_parse(run, name):
+    said = run(name, "--help")
+    assert (said.status, said.err) == (0, "")
+    assert "\n  Examples:\n    " in said.out.partition("Options:")[2]
+    found = of_help(name)
+    assert [name] in [example[:1] for example in found]
+    for arguments in found:
+        parse(arguments)
+
+
+def test_the_first_help_has_examples_that_parse(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    found = examples(app.epilog or "")
+    assert len(found) >= 3
+    for arguments in found:
+        parse(arguments)
+
+
+def test_the_short_examples_run_one_after_the_other(run, tmp_path):
+    """Those that name only what an earlier one has written."""
+    done = []
+    for arguments in (example for name in RUN for example in of_help(name)):
+        inputs = [word for word in arguments[1:2] if FILE.fullmatch(word)]
+        if all((tmp_path / name).exists() for name in inputs):
+            result = run(*arguments)
+            assert result.status == 0, (arguments, result.err)
+            done.append(arguments[0])
+    assert set(done) == set(RUN)
+    assert len(done) >= 4
+    assert (tmp_path / "states.json").exists()
