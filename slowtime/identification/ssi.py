@@ -1,0 +1,422 @@
+r"""Correlations in; poles and shapes at many model orders, each with its uncertainty, out.
+
+Correlations of a structure under white force obey :math:`R_\tau = C A^{\tau-1} G`. The Hankel
+matrix of their blocks has the rank of the model; its singular vectors give C and A, and a model
+of any lower order is a leading part of the same vectors.
+
+Errors travel to first order, without a large matrix ever being formed. With
+:math:`U S V^H` the leading n singular triplets of the (weighted) Hankel matrix H, left and
+right eigenvectors :math:`\chi, \psi` of A and the observability matrix :math:`\Gamma`,
+
+.. math:: \delta\mu = x^H \, \delta H \, y, \qquad
+          y = V S^{-1} \psi, \quad
+          x^H = \chi^H \Gamma_\uparrow^+ (S_\downarrow - \mu S_\uparrow) (I - U U^H)
+
+is the error of a pole, and since H is a Hankel matrix, :math:`x^H \delta H y` is a sum over
+lags of the errors of the correlations, with weights that are the convolution of x and y. Each
+draw of :class:`Correlations` then costs one inner product per pole.
+
+Everything holds for real series and for complex ones (a band moved to zero frequency) alike.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+import scipy.linalg
+from jaxtyping import Complex, Float, Inexact, Int
+from scipy.special import stdtrit
+
+from . import checks
+from .correlations import Correlations, correlate
+
+Weighting = Literal["none", "past", "both"]
+
+RIDGE = 1e-6
+"""Whitening stops at this share of the mean power: below lies rounding, not signal."""
+
+FLAT = 0.22
+"""Draws per decay time: so far the density of the products is flat to within 5 %."""
+
+FEWEST_DRAWS = 6
+GAUSSIAN = 1.959964
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Poles:
+    r"""Poles of models of many orders, side by side.
+
+    Parameters
+    ----------
+    order
+        Of the model that each pole belongs to.
+    pole
+        s [rad/s], only those of positive frequency.
+    shape
+        Of unit norm.
+    draws
+        Errors of s [rad/s].
+    shape_draws
+        Errors of the shapes; None where they were not asked for.
+    duration_s
+        Of the record [s].
+    """
+
+    order: Int[np.ndarray, " pole"]
+    pole: Complex[np.ndarray, " pole"]
+    shape: Complex[np.ndarray, "channel pole"]
+    draws: Complex[np.ndarray, "draw pole"]
+    shape_draws: Complex[np.ndarray, "draw channel pole"] | None
+    duration_s: float
+
+    @property
+    def frequency_hz(self) -> Float[np.ndarray, " pole"]:
+        """Undamped natural frequencies [Hz]."""
+        return np.asarray(np.abs(self.pole) / (2 * np.pi))
+
+    @property
+    def damping_ratio(self) -> Float[np.ndarray, " pole"]:
+        """Damping ratios; negative where a model is unstable."""
+        return np.asarray(-self.pole.real / np.abs(self.pole))
+
+    def errors(
+        self,
+    ) -> tuple[Float[np.ndarray, "draw pole"], Float[np.ndarray, "draw pole"]]:
+        """Errors of frequency [Hz] and of damping ratio, draw by draw."""
+        size = np.abs(self.pole)
+        along = (self.pole.conj() * self.draws).real / size
+        damping = -self.draws.real / size - self.damping_ratio * along / size
+        return along / (2 * np.pi), damping
+
+    def standard_deviations(
+        self,
+    ) -> tuple[Float[np.ndarray, " pole"], Float[np.ndarray, " pole"], np.ndarray]:
+        """Of frequency [Hz] and damping ratio, and the correlation of the two errors.
+
+        As many draws count as the memory of the pole leaves flat; the values are enlarged so
+        that 1.96 of them are an interval of 95 % under Student's law.
+        """
+        frequency, damping = self.errors()
+        used, student = self._used()
+        ff = np.sum(frequency**2 * used, axis=0)
+        zz = np.sum(damping**2 * used, axis=0)
+        fz = np.sum(frequency * damping * used, axis=0)
+        correlation = fz / np.sqrt(np.maximum(ff * zz, np.finfo(float).tiny))
+        return student * np.sqrt(ff), student * np.sqrt(zz), correlation
+
+    def shape_sd(self) -> Float[np.ndarray, "channel pole"]:
+        """Square root of the mean squared modulus of the deviation of each component."""
+        if self.shape_draws is None:
+            raise ValueError("These poles came without errors of shapes. Ask with shapes=True.")
+        used, student = self._used()
+        power = np.einsum("kcp,kp->cp", np.abs(self.shape_draws) ** 2, used)
+        return np.asarray(student * np.sqrt(power))
+
+    def _used(self) -> tuple[np.ndarray, np.ndarray]:
+        """Weights of the draws, which average them, and Student's factor."""
+        most = len(self.draws)
+        number = np.floor(FLAT * np.abs(self.pole.real) * self.duration_s).astype(int)
+        number = np.clip(number, min(FEWEST_DRAWS, most), most)
+        used = (np.arange(most)[:, None] < number) / number
+        return used, stdtrit(number.astype(float), 0.975) / GAUSSIAN
+
+
+def ssi_covariance(
+    samples: Float[np.ndarray, "time channel"],
+    rate_hz: float,
+    *,
+    block_rows: int,
+    orders: Sequence[int],
+    references: Sequence[int] | None = None,
+    shapes: bool = True,
+) -> Poles:
+    """Covariance-driven stochastic subspace identification, with uncertainty at every order.
+
+    Parameters
+    ----------
+    samples
+        Equally spaced, any units; each channel is scaled to unit variance.
+    rate_hz
+        Samples per second [Hz].
+    block_rows
+        Lags in a block row or column; twice as many are used.
+    orders
+        Model orders, two for each mode.
+    references
+        Channels to correlate with; all by default.
+    shapes
+        Whether to compute errors of the shapes as well.
+
+    References
+    ----------
+    .. [1] P. Van Overschee, B. De Moor, "Subspace Identification for Linear Systems" (1996).
+    .. [2] E. Reynders, R. Pintelon, G. De Roeck, "Uncertainty bounds on modal parameters
+       obtained from stochastic subspace identification", MSSP 22 (2008).
+    .. [3] M. Döhler, L. Mevel, "Efficient multi-order uncertainty computation for stochastic
+       subspace identification", MSSP 38 (2013).
+    """
+    return _of_samples(samples, rate_hz, block_rows, orders, references, shapes, "none")
+
+
+def ssi_data(
+    samples: Float[np.ndarray, "time channel"],
+    rate_hz: float,
+    *,
+    block_rows: int,
+    orders: Sequence[int],
+    references: Sequence[int] | None = None,
+    shapes: bool = True,
+) -> Poles:
+    r"""Data-driven stochastic subspace identification (UPC), with uncertainty at every order.
+
+    The projection of future on past, :math:`Y_f Y_p^H (Y_p Y_p^H)^{-1} Y_p`, has the left
+    singular vectors and values of :math:`H (Y_p Y_p^H)^{-1/2}`: the covariances of the data,
+    whitened on the side of the past. Parameters as in `ssi_covariance`.
+    """
+    return _of_samples(samples, rate_hz, block_rows, orders, references, shapes, "past")
+
+
+def identify(
+    correlations: Correlations,
+    *,
+    block_rows: int,
+    orders: Sequence[int],
+    weighting: Weighting = "none",
+    mixing: Inexact[np.ndarray, "reference channel"] | None = None,
+    first_lag: int = 1,
+    shapes: bool = False,
+) -> Poles:
+    r"""Poles of all `orders` from one singular value decomposition.
+
+    Parameters
+    ----------
+    correlations
+        At least ``first_lag + 2 * block_rows - 1`` lags of them.
+    block_rows
+        Blocks p of the p by p Hankel matrix.
+    orders
+        Ranks kept.
+    weighting
+        What whitens the Hankel matrix: nothing (covariance-driven), the past (data-driven,
+        UPC), or past and future (CVA), which shows a weak mode beside a strong one.
+    mixing
+        M of the references :math:`r = M y`; the channels themselves by default.
+    first_lag
+        Lags before it are not used, whatever noise and filters do to them.
+    shapes
+        Whether to compute errors of the shapes as well.
+
+    References
+    ----------
+    .. [1] P. Van Overschee, B. De Moor, "Subspace Identification for Linear Systems" (1996),
+       table 3.1 for the weightings.
+    """
+    needed = first_lag + 2 * block_rows - 1
+    available, channels, references = correlations.mean.shape
+    largest = min(max(orders), (block_rows - 1) * channels, block_rows * references)
+    if block_rows < 2 or min(orders) < 1 or needed > available:
+        raise ValueError(
+            f"{block_rows=} and orders from {min(orders)} need {needed} lags, and {available} "
+            "were given. Give at least 2 block rows, orders from 1, and as many lags."
+        )
+    mean = correlations.mean[first_lag:needed]
+    draws = correlations.draws[:, first_lag:needed]
+    hankel = _hankel(mean, block_rows)
+    past, future = _whitening(correlations, block_rows, weighting, mixing)
+    u, s, vh = scipy.linalg.svd(future.left @ hankel @ past.left, full_matrices=False)
+    largest = min(largest, int(np.count_nonzero(s > 1e-13 * s[0])))
+    gamma = future.inverse @ u[:, :largest]
+    subspace = _Subspace(u, s, vh, gamma, future, past, channels, correlations.rate_hz)
+    parts = [
+        _of_order(subspace, n, draws, correlations.centre_hz, shapes)
+        for n in sorted({n for n in orders if n <= largest})
+    ]
+    return _joined(parts, correlations.duration_s)
+
+
+def rescaled(poles: Poles, scale: Float[np.ndarray, " channel"]) -> Poles:
+    """Shapes in units in which each channel counts `scale` times as much."""
+    shape = poles.shape * scale[:, None]
+    size = np.linalg.norm(shape, axis=0)
+    moved = None
+    if poles.shape_draws is not None:
+        moved = poles.shape_draws * scale[:, None] / size
+        # What only lengthens or turns a shape of unit norm is no error of it.
+        along = np.einsum("cp,kcp->kp", (shape / size).conj(), moved)
+        moved = moved - along[:, None, :] * (shape / size)
+    return dataclasses.replace(poles, shape=shape / size, shape_draws=moved)
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class _Whitening:
+    left: np.ndarray
+    inverse: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class _Subspace:
+    """Singular triplets of the weighted Hankel matrix and the observability matrix."""
+
+    u: np.ndarray
+    s: np.ndarray
+    vh: np.ndarray
+    gamma: np.ndarray
+    future: _Whitening
+    past: _Whitening
+    channels: int
+    rate_hz: float
+
+
+def _hankel(lagged: np.ndarray, rows: int) -> np.ndarray:
+    """Block (i, j) is lag i + j."""
+    columns = len(lagged) - rows + 1
+    index = np.arange(rows)[:, None] + np.arange(columns)
+    blocks = lagged[index].transpose(0, 2, 1, 3)
+    return np.asarray(blocks.reshape(rows * lagged.shape[1], columns * lagged.shape[2]))
+
+
+def _toeplitz(lagged: np.ndarray, rows: int) -> np.ndarray:
+    """Block (i, j) is lag i - j of square correlations, negative lags by symmetry."""
+    both = np.concatenate([lagged[rows - 1 : 0 : -1].conj().transpose(0, 2, 1), lagged[:rows]])
+    index = np.arange(rows)[:, None] - np.arange(rows) + rows - 1
+    size = rows * lagged.shape[1]
+    return np.asarray(both[index].transpose(0, 2, 1, 3).reshape(size, size))
+
+
+def _whitening(
+    correlations: Correlations, rows: int, weighting: Weighting, mixing: np.ndarray | None
+) -> tuple[_Whitening, _Whitening]:
+    """Inverse square roots of the covariances of past and future, and their inverses."""
+    channels, references = correlations.mean.shape[1:]
+    past = future = None
+    if weighting != "none":
+        if mixing is None and references != channels:
+            raise ValueError(
+                f"{references} references of {channels} channels were given without `mixing`. "
+                "Say which they are, or choose weighting='none'."
+            )
+        mean = correlations.mean[:rows]
+        own = mean if mixing is None else np.einsum("rc,lcs->lrs", mixing, mean)
+        # Column block j of the Hankel matrix is j instants before the present.
+        past = _toeplitz(own.conj().transpose(0, 2, 1), rows)
+    if weighting == "both":
+        if references != channels:
+            raise ValueError(
+                "weighting='both' needs every channel as a reference. Choose 'past'."
+            )
+        future = _toeplitz(correlations.mean[:rows], rows)
+    return (
+        _root(past, rows * references, correlations.mean.dtype),
+        _root(future, rows * channels, correlations.mean.dtype),
+    )
+
+
+def _root(covariance: np.ndarray | None, size: int, dtype: np.dtype) -> _Whitening:
+    if covariance is None:
+        identity = np.eye(size, dtype=dtype)
+        return _Whitening(identity, identity)
+    power, directions = scipy.linalg.eigh((covariance + covariance.conj().T) / 2)
+    root = np.sqrt(np.maximum(power, 0.0) + RIDGE * np.trace(covariance).real / size)
+    turned = directions.conj().T
+    return _Whitening((directions / root) @ turned, (directions * root) @ turned)
+
+
+_Part = tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]
+
+
+def _of_order(
+    subspace: _Subspace, n: int, draws: np.ndarray, centre_hz: float, shapes: bool
+) -> _Part:
+    """Poles of positive frequency of one order, with what the draws move them by."""
+    channels, rate = subspace.channels, subspace.rate_hz
+    gamma = subspace.gamma[:, :n]
+    inverse = np.linalg.pinv(gamma[:-channels])
+    eigenvalue, right = np.linalg.eig(inverse @ gamma[channels:])
+    keep = eigenvalue != 0
+    observed = np.linalg.solve(right, inverse.astype(right.dtype))
+    pole = np.zeros_like(eigenvalue, dtype=complex)
+    pole[keep] = np.log(eigenvalue[keep].astype(complex)) * rate
+    pole += 2j * np.pi * centre_hz
+    keep &= pole.imag > 0
+    at = np.flatnonzero(keep)
+    reached = subspace.past.left @ (subspace.vh[:n].conj().T / subspace.s[:n]) @ right[:, at]
+    # Row functionals on the error of the observability matrix, one for each eigenvector m.
+    down, up = np.zeros((2, len(observed), len(gamma)), dtype=complex)
+    down[:, channels:], up[:, :-channels] = observed, observed
+    own = down[at] - eigenvalue[at, None] * up[at]
+    moved = _functionals(subspace, n, own, reached, draws)
+    shape = gamma[:channels] @ right
+    size = np.linalg.norm(shape[:, at], axis=0)
+    moves = None
+    if shapes:
+        moves = np.empty((len(draws), channels, len(at)), dtype=complex)
+        for k, m in enumerate(at):
+            gap = eigenvalue[m] - eigenvalue
+            share = np.where(np.arange(len(gap)) == m, 0.0, 1.0 / np.where(gap == 0, 1.0, gap))
+            rows = np.eye(channels, len(gamma), dtype=complex)
+            rows += (shape * share) @ (down - eigenvalue[m] * up)
+            y = np.repeat(reached[:, k : k + 1], channels, axis=1)
+            moves[:, :, k] = _functionals(subspace, n, rows, y, draws) / size[k]
+    derivative = rate / eigenvalue[at]
+    return n, pole[at], shape[:, at] / size, moved * derivative, moves
+
+
+def _functionals(
+    subspace: _Subspace, n: int, rows: np.ndarray, y: np.ndarray, draws: np.ndarray
+) -> np.ndarray:
+    """Rows times the error of the observability matrix times its eigenvector, per draw."""
+    u = subspace.u[:, :n]
+    x = rows @ subspace.future.inverse
+    x = (x - (x @ u) @ u.conj().T) @ subspace.future.left
+    channels, references = draws.shape[2:]
+    x = x.reshape(len(x), -1, channels)
+    y = y.T.reshape(len(x), -1, references)
+    weights = np.zeros((len(x), draws.shape[1], channels, references), dtype=complex)
+    for i in range(x.shape[1]):
+        weights[:, i : i + y.shape[1]] += x[:, i, None, :, None] * y[:, :, None, :]
+    return draws.reshape(len(draws), -1) @ weights.reshape(len(x), -1).T
+
+
+def _joined(parts: list[_Part], duration_s: float) -> Poles:
+    order = np.concatenate([np.full(len(part[1]), part[0]) for part in parts])
+    errors = [part[4] for part in parts if part[4] is not None]
+    found = Poles(
+        order=order,
+        pole=np.concatenate([part[1] for part in parts]),
+        shape=np.concatenate([part[2] for part in parts], axis=1),
+        draws=np.concatenate([part[3] for part in parts], axis=1),
+        shape_draws=np.concatenate(errors, axis=2) if len(errors) == len(parts) else None,
+        duration_s=duration_s,
+    )
+    return rescaled(found, np.ones(len(found.shape)))
+
+
+def _of_samples(
+    samples: np.ndarray,
+    rate_hz: float,
+    block_rows: int,
+    orders: Sequence[int],
+    references: Sequence[int] | None,
+    shapes: bool,
+    weighting: Weighting,
+) -> Poles:
+    columns = checks.series(samples, rate_hz)
+    if columns.shape != samples.shape:
+        raise ValueError(
+            f"Of {samples.shape[1]} channels {columns.shape[1]} move. Leave the others out."
+        )
+    columns = columns - columns.mean(axis=0)
+    scale = columns.std(axis=0)
+    scaled = columns / scale
+    chosen = list(range(columns.shape[1])) if references is None else list(references)
+    found = correlate(scaled, scaled[:, chosen], lags=2 * block_rows, rate_hz=rate_hz)
+    poles = identify(
+        found,
+        block_rows=block_rows,
+        orders=orders,
+        weighting=weighting,
+        mixing=np.eye(columns.shape[1])[chosen],
+        shapes=shapes,
+    )
+    return rescaled(poles, scale)
