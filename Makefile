@@ -33,6 +33,7 @@ bench: .venv/dev  ## every figure of speed, memory and accuracy, as ratios
 	$(BIN)/python -m benchmarks
 
 figures: .venv/dev  ## draw the book's figures into docs/figures
+	$(BIN)/python docs/figures/chapter_3.py
 	$(BIN)/python docs/figures/chapter_5.py
 
 .venv/run: pyproject.toml constraints.txt
