@@ -49,7 +49,7 @@ def record_flags(verb: Callable[..., Any]) -> Callable[..., Any]:
         time_column: str | None,
         **others: Any,
     ) -> Any:
-        record = _read(
+        record = read_any(
             record_path,
             rate_hz,
             names(channels, "--channels"),
@@ -70,14 +70,15 @@ def record_flags(verb: Callable[..., Any]) -> Callable[..., Any]:
     )(with_record)
 
 
-def _read(
+def read_any(
     path: Path,
-    rate_hz: float | None,
-    channels: tuple[str, ...] | None,
-    skip_lines: int | None,
-    columns: tuple[str, ...] | None,
-    time_column: str | None,
+    rate_hz: float | None = None,
+    channels: tuple[str, ...] | None = None,
+    skip_lines: int | None = None,
+    columns: tuple[str, ...] | None = None,
+    time_column: str | None = None,
 ) -> Record:
+    """Read a record of any kind, a recording among them."""
     kind = path.suffix.lower()
     if kind in BINARY and skip_lines:
         note(f"--skip-lines was not used: a {kind} file has no lines.")

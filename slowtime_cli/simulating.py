@@ -13,9 +13,12 @@ from slowtime_services.files import MAX_BYTES
 from slowtime_services.record import RecordingWriter
 from slowtime_services.simulate import SimulatedStructure
 
-from .options import OutFile
+from .modelled import simulate_model
+from .options import POSITIVE, OutFile, together
 from .structures import STRUCTURES, structure
 from .terminal import bar, plural, removed_unless_finished
+
+IN = click.Path(exists=True, dir_okay=False, path_type=Path)
 
 
 @click.command(
@@ -23,14 +26,23 @@ from .terminal import bar, plural, removed_unless_finished
 Examples:
   slowtime simulate --structure tower --epochs 8 --out tower.mcap
   slowtime simulate --structure wing --epochs 20 --seed 7 --out wing.npz
+  slowtime simulate --model rig.yaml --input shaker.csv --out rig.npz
+  slowtime simulate --model tower.yaml --duration 600 --rate-hz 50 --seed 1 --out tower.npz
 """
 )
 @click.option(
     "--structure",
     "name",
     type=click.Choice(sorted(STRUCTURES)),
-    required=True,
     help="Which of the demo's structures.",
+)
+@click.option("--model", type=IN, help="Model file (YAML) to run instead.")
+@click.option(
+    "--input",
+    "record",
+    type=IN,
+    metavar="RECORD",
+    help="With --model: record that holds its inputs, by channel name.",
 )
 @click.option(
     "--epochs",
@@ -41,17 +53,74 @@ Examples:
 )
 @click.option("--seed", type=click.IntRange(min=0), help="Decides every random number.")
 @click.option(
+    "--rate-hz",
+    type=POSITIVE,
+    help="With --model: samples per second, where no record says.",
+)
+@click.option(
+    "--duration",
+    "duration_s",
+    type=POSITIVE,
+    help="With --model without inputs: seconds of ambient vibration.",
+)
+@click.option(
+    "--force-psd",
+    default=1.0,
+    show_default=True,
+    type=POSITIVE,
+    help="Of the ambient force on each node, one-sided [N^2/Hz].",
+)
+@click.option(
+    "--hold",
+    default="first",
+    show_default=True,
+    type=click.Choice(["first", "zero"]),
+    help="What inputs do between samples: go straight to the next, or stay.",
+)
+@click.option("--noise", is_flag=True, help="Add each sensor's noise_sd; needs --seed.")
+@click.option(
     "--out",
     required=True,
     type=OutFile(".mcap", ".npz"),
     help="MCAP or NumPy (.npz) file to write.",
 )
-def simulate(name: str, epochs: int, seed: int | None, out: Path) -> None:
-    """Write the vibration of a structure that ages, epoch by epoch.
+def simulate(
+    name: str | None,
+    model: Path | None,
+    record: Path | None,
+    epochs: int,
+    seed: int | None,
+    rate_hz: float | None,
+    duration_s: float | None,
+    force_psd: float,
+    hold: str,
+    noise: bool,
+    out: Path,
+) -> None:
+    """Write the vibration of a structure that ages, epoch by epoch; or run a model file.
 
     MCAP holds raw blocks with the simulator's truth beside them; .npz the samples
     (epoch, time), their slow times and the truth.
+
+    With --model: from rest under the inputs found in RECORD, or stationary under ambient
+    forces where the model lists none. OUT (.npz) holds t [s] and one array a sensor.
     """
+    together((("--structure", name), ("--model", model)))
+    if model is not None:
+        simulate_model(
+            model,
+            record,
+            out,
+            rate_hz=rate_hz,
+            duration_s=duration_s,
+            seed=seed,
+            force_psd=force_psd,
+            hold=hold,
+            noise=noise,
+        )
+        return
+    if name is None:
+        raise click.UsageError("Missing option '--structure' or '--model'. Give one of them.")
     settings = structure(name) | {"epochs": epochs} | ({} if seed is None else {"seed": seed})
     simulated = SimulatedStructure(**settings)
     with removed_unless_finished(out):

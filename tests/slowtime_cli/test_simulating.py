@@ -37,7 +37,7 @@ def test_a_seed_decides_every_number(run, tmp_path):
 @pytest.mark.parametrize(
     ("flags", "says"),
     [
-        (("--out", "a.mcap"), "Missing option '--structure'"),
+        (("--out", "a.mcap"), "Missing option '--structure' or '--model'"),
         (("--structure", "bridge", "--out", "a.mcap"), "is not one of 'tank', 'tower', 'wing'"),
         (("--structure", "tower", "--out", "a.csv"), "does not end in .mcap or .npz"),
         (("--structure", "tower", "--out", "nowhere/a.npz"), "There is no folder nowhere"),
