@@ -5,10 +5,11 @@ clock or bus; `listen` is the loop that nothing stops but the end of its source;
 of recorded raw blocks the very bytes that the edge once made of them.
 """
 
+import contextlib
 import dataclasses
 import logging
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 from slowtime.signals.block import Block
 from slowtime_schemas.codec import encode
@@ -77,6 +78,51 @@ class Edge:
         return state, out
 
 
+class Effort:
+    """What the work costs, and what it may cost: the time from one window to the next.
+
+    Counters of `Health`: ``busy_ms`` in all, ``window_busy_ms`` for the last window,
+    ``window_busy_max_ms`` for the dearest, ``window_period_ms`` from the window before to the
+    last one, all on the clock of the agent. Of a live sensor also ``behind_ms``, from the last
+    sample of a window until it was told: it grows where the work does not fit the period.
+    """
+
+    def __init__(self, publisher: Publisher, clock: Clock) -> None:
+        self._publisher, self._clock = publisher, clock
+        self._total_ns = self._window_ns = self._dearest_ns = 0
+        self._last_ns: int | None = None
+
+    @contextlib.contextmanager
+    def spent(self) -> Iterator[None]:
+        """Count the time within."""
+        began_ns = self._clock.now_ns()
+        try:
+            yield
+        finally:
+            took_ns = max(0, self._clock.now_ns() - began_ns)
+            self._total_ns += took_ns
+            self._window_ns += took_ns
+            self._put("busy", self._total_ns)
+
+    def told(self, windows: Sequence[Features]) -> None:
+        """Share what was spent among the windows that have been told now."""
+        if not windows:
+            return
+        now_ns = self._clock.now_ns()
+        each_ns, self._window_ns = self._window_ns // len(windows), 0
+        self._dearest_ns = max(self._dearest_ns, each_ns)
+        self._put("window_busy", each_ns)
+        self._put("window_busy_max", self._dearest_ns)
+        if self._last_ns is not None:
+            self._put("window_period", (now_ns - self._last_ns) // len(windows))
+        if windows[-1].time_base == "live":
+            self._put("behind", now_ns - windows[-1].t_ns)
+        self._last_ns = now_ns
+
+    def _put(self, what: str, ns: int) -> None:
+        self._publisher.put(f"{what}_ms", max(0, ns) // 10**6)
+
+
 class Listening:
     """One pass over a source: admits, works, publishes, counts; what is bad is left out."""
 
@@ -86,24 +132,29 @@ class Listening:
         self._edge, self._admission = edge, admission
         self._publisher, self._clock = publisher, clock
         self._state, self._admitted = edge.start(), admission.start()
+        self._effort = Effort(publisher, clock)
 
     def take(self, block: Block | None) -> None:
         """Take what the source gave; None says that an epoch is complete."""
+        with self._effort.spent():
+            features = self._work(block)
+            for message in features:
+                self._tell(message)
+        self._effort.told(features)
+
+    def _work(self, block: Block | None) -> tuple[Features, ...]:
+        features: tuple[Features, ...] = ()
         try:
             if block is None:
                 self._state, features = self._edge.finish(self._state)
             elif self._admit(block):
                 self._publisher.raw(block)
                 self._state, features = self._edge.step(self._state, block)
-            else:
-                return
         except Exception:
             self._publisher.count("failed_blocks")
             logger.exception("A block could not be worked; the stream goes on after it.")
             self._state = self._edge.restart(self._state)
-            return
-        for message in features:
-            self._tell(message)
+        return features
 
     def _admit(self, block: Block) -> bool:
         self._publisher.count("blocks")

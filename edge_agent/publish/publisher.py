@@ -99,6 +99,10 @@ class Publisher:
         """Count something that `Health` shall tell."""
         self._counters[what] += by
 
+    def put(self, what: str, value: int) -> None:
+        """Set a number that `Health` shall tell, in place of the one before."""
+        self._counters[what] = value
+
     @property
     def counters(self) -> dict[str, int]:
         """What has been counted."""

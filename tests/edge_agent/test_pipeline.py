@@ -49,7 +49,7 @@ class Given:
 class House:
     """An edge agent run to its end on a bus that keeps what it heard."""
 
-    def __init__(self, folder, source, *, stop=None, bus=None, **chosen):
+    def __init__(self, folder, source, *, stop=None, bus=None, clock=None, **chosen):
         self.heard: list[tuple[str, bytes]] = []
         self.bus = bus or MemoryBus()
         self.bus.subscribe(
@@ -68,7 +68,7 @@ class House:
         self.status = run(
             self.settings,
             bus=self.bus,
-            clock=HandClock(2 * 10**18),
+            clock=clock or HandClock(2 * 10**18),
             source=source,
             stop=stop or threading.Event(),
         )
@@ -156,6 +156,44 @@ def test_epochs_become_features_in_order_with_their_truth(tmp_path):
         assert abs(frequency.value - m.truth["frequency_hz"]) < 4.5 * frequency.sd
     assert house.health.last_sequence == 5
     assert house.health.counters["features"] == 6
+
+
+def test_health_tells_what_a_window_cost_and_how_much_time_there_was(tmp_path, monkeypatch):
+    from edge_agent.extract import Extract
+
+    clock, real, costs = HandClock(2 * 10**18), Extract.finish, iter([0.0, 0.2, 0.9, 0.3, 0.0])
+
+    def dear(self, state):
+        clock.sleep(next(costs))
+        return real(self, state)
+
+    class Paced(Given):
+        def __iter__(self):
+            for item in self.items:
+                clock.sleep(0.0 if item is None else 2.0)
+                yield item
+
+    monkeypatch.setattr(Extract, "finish", dear)
+    items = [item for n in range(4) for item in (*STRUCTURE.epoch(n)[:1], None)]
+    house = House(tmp_path, Paced(items), clock=clock)
+    told = {k: v for k, v in house.health.counters.items() if k.endswith("_ms")}
+    assert told == {
+        "busy_ms": 1400,
+        "window_busy_ms": 300,
+        "window_busy_max_ms": 900,
+        "window_period_ms": 2300,
+    }
+
+
+def test_health_tells_how_far_a_live_sensor_is_ahead_of_its_features(tmp_path):
+    (block,) = SimulatedStructure(seconds=30.0, start_ns=2 * 10**18 - 31 * 10**9).epoch(0)
+
+    class Live(Given):
+        time_base = "live"
+
+    house = House(tmp_path, Live([block, None]))
+    assert house.health.counters["behind_ms"] == 1010
+    assert "window_period_ms" not in house.health.counters
 
 
 def test_an_epoch_that_is_complete_is_told_before_the_next_begins(tmp_path):

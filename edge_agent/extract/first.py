@@ -1,0 +1,46 @@
+"""One window in, its first mode out."""
+
+import dataclasses
+import math
+
+from edge_agent.settings import ExtractSettings
+from slowtime.identification.first import Method as FirstMethod
+from slowtime.identification.windows import Tracker
+from slowtime_schemas.messages import Mode
+
+from .reading import Memory, Reading, Window, is_sound, quantity, smooth
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class FirstMode:
+    """Read the lowest clear mode, from all channels together."""
+
+    settings: ExtractSettings
+    method: FirstMethod
+
+    def step(self, memory: Memory, window: Window) -> tuple[Memory, Reading]:
+        """Read a window; one without a clear mode leaves the memory as it is."""
+        tracker = Tracker(
+            rate_hz=window.rate_hz,
+            band_hz=self.settings.band_hz,
+            method=self.method,
+            follow=self.settings.follow,
+        )
+        tracked, found = tracker.step(memory.first, window.rows)
+        if found is None:
+            return memory, Reading(why=("no_mode",))
+        if not is_sound(found.frequency_hz, found.damping_ratio, found.correlation):
+            return memory, Reading(why=("not_credible",))
+        memory, smoothed = smooth(
+            dataclasses.replace(memory, first=tracked), 0, found.frequency_hz, self.settings
+        )
+        snr = found.snr_db
+        mode = Mode(
+            frequency_hz=quantity(found.frequency_hz),
+            damping_ratio=quantity(found.damping_ratio),
+            correlation=min(max(found.correlation, -1.0), 1.0),
+            smoothed_frequency_hz=smoothed,
+            snr_db=snr if snr is not None and math.isfinite(snr) else None,
+            flags=found.flags,
+        )
+        return memory, Reading((mode,), method=found.method)

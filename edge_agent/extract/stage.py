@@ -1,0 +1,166 @@
+"""The stage: windows gathered, each of them read, one message for each.
+
+Where nothing could be identified a message has no modes and a flag that says why.
+"""
+
+import dataclasses
+import logging
+
+from edge_agent.settings import ExtractSettings, Origin
+from slowtime.signals.block import Block
+from slowtime_schemas.messages import Features, Quality
+from slowtime_services.files import accelerations, find_column
+
+from .first import FirstMode
+from .reading import Memory, Reader, Reading, Window
+from .windows import Gathered, Marks, Rows, Stretch, belongs, between, gather
+
+logger = logging.getLogger(__name__)
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class ExtractState:
+    """What the stage remembers: where it is in its count, what it read, and a window begun."""
+
+    sequence: int = 0
+    memory: Memory = dataclasses.field(default_factory=Memory)
+    gathered: Gathered | None = None
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Extract:
+    """Gather windows and read the modes out of each."""
+
+    settings: ExtractSettings
+    origin: Origin
+
+    def start(self) -> ExtractState:
+        """Begin with nothing seen."""
+        return ExtractState()
+
+    def step(
+        self, state: ExtractState, block: Block, marks: Marks
+    ) -> tuple[ExtractState, tuple[Features, ...]]:
+        """Take a conditioned block; give the features of the windows it completes."""
+        out: tuple[Features, ...] = ()
+        if state.gathered is not None and not belongs(block, state.gathered):
+            state, out = self.finish(state)
+        gathered = gather(state.gathered, block, marks, self.settings.max_samples)
+        state = dataclasses.replace(state, gathered=gathered)
+        if block.epoch is None:
+            state, slid = self._slide(state)
+            out += slid
+        return state, out
+
+    def finish(self, state: ExtractState) -> tuple[ExtractState, tuple[Features, ...]]:
+        """Close the window that was begun: its epoch is complete, or the stream has ended.
+
+        What is left of a continuous stream gives a message only if no whole window came before
+        it, so that a stream shorter than a window is not passed over in silence.
+        """
+        gathered = state.gathered
+        if gathered is None:
+            return state, ()
+        closed = dataclasses.replace(state, gathered=None)
+        if gathered.latest.epoch is None and gathered.windows:
+            return closed, ()
+        longest = max(gathered.stretches, key=lambda stretch: stretch.count)
+        present = sum(stretch.count for stretch in gathered.stretches)
+        lost = gathered.stretches[-1].next_index - gathered.stretches[0].first_index - present
+        flags: tuple[str, ...] = ("gap",) if len(gathered.stretches) > 1 else ()
+        if gathered.latest.epoch is None:
+            flags += ("short_window",)
+        closed, message = self._read(closed, gathered.latest, longest, lost, flags)
+        return closed, (message,)
+
+    def _slide(self, state: ExtractState) -> tuple[ExtractState, tuple[Features, ...]]:
+        """Read all whole windows that a continuous stream holds by now."""
+        gathered = state.gathered
+        assert gathered is not None
+        rate = gathered.latest.rate_hz
+        length = max(1, round(self.settings.window_s * rate))
+        hop = max(1, round((self.settings.hop_s or self.settings.window_s) * rate))
+        stretch, windows, out = gathered.stretches[-1], gathered.windows, []
+        skip = gathered.skip
+        while stretch.count >= skip + length:
+            stretch, skip = between(stretch, skip, stretch.count, rate), 0
+            window = between(stretch, 0, length, rate)
+            state, message = self._read(state, gathered.latest, window, 0, ())
+            out.append(message)
+            windows, skip = windows + 1, hop
+        left = Gathered(gathered.latest, (stretch,), windows, skip)
+        return dataclasses.replace(state, gathered=left), tuple(out)
+
+    def _read(
+        self,
+        state: ExtractState,
+        block: Block,
+        window: Stretch,
+        lost: int,
+        flags: tuple[str, ...],
+    ) -> tuple[ExtractState, Features]:
+        """Make the one message of a window."""
+        rate, count = block.rate_hz, window.count
+        rows, marks = window.joined()
+        missing = int(marks[:, 0].sum()) + lost
+        memory, reading = self._identify(state.memory, rows, block, window.start_ns, missing)
+        last_ns = window.start_ns + round((count - 1) * 1e9 / rate)
+        slow_time = block.slow_time
+        if slow_time is None:
+            slow_time = (window.start_ns + last_ns) / 2e9
+        message = Features(
+            **self.origin.model_dump(),
+            sequence=state.sequence,
+            t_ns=last_ns,
+            slow_time=slow_time,
+            start_ns=window.start_ns,
+            method=reading.method,
+            channels=reading.channels,
+            modes=reading.modes,
+            quality=Quality(
+                samples=count,
+                missing=missing,
+                outliers=int(marks[:, 1].sum()),
+                flags=flags + reading.why,
+            ),
+            covariates=dict(block.covariates),
+            truth=dict(block.truth) or None,
+        )
+        after = dataclasses.replace(state, sequence=state.sequence + 1, memory=memory)
+        return after, message
+
+    def _identify(
+        self, memory: Memory, rows: Rows, block: Block, start_ns: int, missing: int
+    ) -> tuple[Memory, Reading]:
+        """Modes of a window, or a word on why there are none."""
+        given = self.settings
+        if len(rows) < given.min_samples:
+            return memory, Reading(why=("too_short",))
+        if missing > given.max_missing * (len(rows) + missing):
+            return memory, Reading(why=("too_much_missing",))
+        chosen = given.channels or accelerations(block.channels, block.units)
+        columns = [find_column(name, block.channels) for name in chosen]
+        window = Window(
+            rows=rows[:, columns],
+            rate_hz=block.rate_hz,
+            channels=tuple(block.channels[column] for column in columns),
+            position=self._position(block, start_ns),
+        )
+        try:
+            return self._reader.step(memory, window)
+        except ValueError as error:
+            logger.info("A window from %d ns was not read: %s", block.start_ns, error)
+            return memory, Reading(why=("not_usable",))
+        except Exception:
+            logger.exception("Identification failed on a window from %d ns.", block.start_ns)
+            return memory, Reading(why=("failed",))
+
+    @property
+    def _reader(self) -> Reader:
+        return FirstMode(self.settings, self.settings.method)
+
+    def _position(self, block: Block, start_ns: int) -> float:
+        """Where a window is among the others: its epoch's number, or so many hops."""
+        if block.epoch is not None:
+            return float(block.epoch)
+        return start_ns / 1e9 / (self.settings.hop_s or self.settings.window_s)

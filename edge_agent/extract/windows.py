@@ -1,0 +1,86 @@
+"""Blocks in, windows out: an epoch, or a stretch of `window_s` of a continuous stream."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from slowtime.signals.block import Block
+
+Rows = Float[np.ndarray, "time channel"]
+Marks = Int[np.ndarray, "time 2"]
+Part = tuple[Float[np.ndarray, "_ channel"], Int[np.ndarray, "_ 2"]]
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Stretch:
+    """Rows that follow each other without a break."""
+
+    first_index: int
+    start_ns: int
+    parts: tuple[Part, ...]
+    count: int
+
+    @property
+    def next_index(self) -> int:
+        """Index of the sample after the last one."""
+        return self.first_index + self.count
+
+    def joined(self) -> tuple[Rows, Marks]:
+        """All rows and marks in one piece; parts are only joined once a window is whole."""
+        rows, marks = zip(*self.parts, strict=True)
+        return np.concatenate(rows), np.concatenate(marks)
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Gathered:
+    """What has come of a window so far."""
+
+    latest: Block
+    stretches: tuple[Stretch, ...]
+    windows: int = 0
+    """How many windows the stretch has given already."""
+    skip: int = 0
+    """Rows of the stretch before the next window."""
+
+
+def belongs(block: Block, gathered: Gathered) -> bool:
+    """Whether a block goes on with the window that was begun."""
+    latest = gathered.latest
+    same = (
+        block.epoch == latest.epoch
+        and block.rate_hz == latest.rate_hz
+        and block.channels == latest.channels
+    )
+    return same and (
+        block.epoch is not None or block.first_index == gathered.stretches[-1].next_index
+    )
+
+
+def gather(gathered: Gathered | None, block: Block, marks: Marks, max_samples: int) -> Gathered:
+    """Add a block to the window that was begun; what an epoch has beyond is left out."""
+    rows = np.asarray(block.samples, dtype=float)
+    fresh = Stretch(block.first_index, block.start_ns, ((rows, marks),), len(rows))
+    if gathered is None:
+        return Gathered(block, (fresh,))
+    *before, last = gathered.stretches
+    held = sum(stretch.count for stretch in gathered.stretches)
+    if block.epoch is not None and held + fresh.count > max_samples:
+        return gathered
+    if fresh.first_index != last.next_index:
+        return dataclasses.replace(gathered, latest=block, stretches=(*before, last, fresh))
+    joined = dataclasses.replace(
+        last, parts=last.parts + fresh.parts, count=last.count + fresh.count
+    )
+    return dataclasses.replace(gathered, latest=block, stretches=(*before, joined))
+
+
+def between(stretch: Stretch, first: int, last: int, rate_hz: float) -> Stretch:
+    """Rows `first` to `last` of a stretch, as one that begins there."""
+    rows, marks = stretch.joined()
+    return Stretch(
+        stretch.first_index + first,
+        stretch.start_ns + round(first * 1e9 / rate_hz),
+        ((rows[first:last], marks[first:last]),),
+        last - first,
+    )
