@@ -51,7 +51,8 @@ VERBS = {
         "identifying:identify", "Find natural frequencies and damping in a record, with errors."
     ),
     "simulate": Verb(
-        "simulating:simulate", "Write the vibration of a structure that ages, epoch by epoch."
+        "simulating:simulate",
+        "Write the vibration of a structure that ages, or of a model file.",
     ),
     "evolve": Verb(
         "evolving:evolve", "Tell how stiffness and mass have changed, from frequencies."

@@ -97,9 +97,9 @@ def simulate(
     noise: bool,
     out: Path,
 ) -> None:
-    """Write the vibration of a structure that ages, epoch by epoch; or run a model file.
+    """Write the vibration of a structure that ages, or of a model file.
 
-    MCAP holds raw blocks with the simulator's truth beside them; .npz the samples
+    With --structure, epoch by epoch: MCAP holds raw blocks with the simulator's truth beside them; .npz the samples
     (epoch, time), their slow times and the truth.
 
     With --model: from rest under the inputs found in RECORD, or stationary under ambient
