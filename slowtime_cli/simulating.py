@@ -99,8 +99,8 @@ def simulate(
 ) -> None:
     """Write the vibration of a structure that ages, or of a model file.
 
-    With --structure, epoch by epoch: MCAP holds raw blocks with the simulator's truth beside them; .npz the samples
-    (epoch, time), their slow times and the truth.
+    With --structure, epoch by epoch: MCAP holds raw blocks with the simulator's truth beside
+    them; .npz the samples (epoch, time), their slow times and the truth.
 
     With --model: from rest under the inputs found in RECORD, or stationary under ambient
     forces where the model lists none. OUT (.npz) holds t [s] and one array a sensor.
