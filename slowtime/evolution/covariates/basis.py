@@ -26,8 +26,8 @@ from jaxtyping import Bool, Float
 
 Law = Literal["constant", "linear", "bilinear", "Gaussian process"]
 
-EIGENFUNCTIONS = 20
-_REACH = 1.5  # half-width of the interval over half the range of the covariate
+EIGENFUNCTIONS = 24
+_REACH = 2.0  # half-width of the interval over half the range of the covariate
 _MARGIN = 0.1  # of the range, by which covariates may go beyond it and still be judged
 
 

@@ -18,6 +18,7 @@ _FEWEST = 30
 _SIDE = 0.05  # share of the training below freezing, and above, that makes a bend worth trying
 _NEAR = 5.0  # degrees about freezing within which the bend is sought
 _OUTLIER = 5.0  # standard deviations beyond which a reading is not learnt from
+_PASSES = 4
 _BOUNDED = 6.0  # prior standard deviations that a logarithm may be from its prior centre
 
 
@@ -132,28 +133,25 @@ def learn_normal(
     training, unusable = _usable(slow_time, frequency, frequency_sd, covariates)
     centre = float(np.median(training.value))
     training = dataclasses.replace(training, value=training.value - centre)
-    laws = _laws(training, temperature, freezing)
-    fits = {law: _fit(law, training, temperature or 0, freezing) for law in laws}
-    ranked = sorted(fits, key=lambda law: -fits[law][2])
-    basis, wander, _ = fits[ranked[0]]
-    kept = _agreeing(training, basis, wander)
-    if not kept.all():
+    agreed = _without_outliers(training, temperature, freezing)
+    laws = _laws(agreed, temperature, freezing)
+    fits = {law: _fit(law, agreed, temperature or 0, freezing) for law in laws}
+    rejected = unusable + len(training.time) - len(agreed.time)
+    return _conclude(agreed, centre, fits, rejected)
+
+
+def _without_outliers(
+    training: _Training, temperature: int | None, freezing: float
+) -> _Training:
+    """Leave out readings that the most flexible law finds far out of line."""
+    law = _laws(training, temperature, freezing)[-1]
+    for _ in range(_PASSES):
+        basis, wander, _ = _fit(law, training, temperature or 0, freezing)
+        kept = _agreeing(training, basis, wander)
+        if kept.all():
+            break
         training = training.only(kept)
-        return _again(training, centre, temperature, freezing, unusable + int((~kept).sum()))
-    return _conclude(training, centre, fits, unusable)
-
-
-def _again(
-    training: _Training,
-    centre: float,
-    temperature: int | None,
-    freezing: float,
-    rejected: int,
-) -> Normal:
-    """Learn once more without the outliers."""
-    laws = _laws(training, temperature, freezing)
-    fits = {law: _fit(law, training, temperature or 0, freezing) for law in laws}
-    return _conclude(training, centre, fits, rejected)
+    return training
 
 
 def _conclude(
@@ -281,5 +279,6 @@ def _agreeing(training: _Training, basis: Basis, wander: Wander) -> np.ndarray:
         )
         score[i] = reading.residual / np.sqrt(reading.variance)
         belief = recursion.update(belief, reading, _OUTLIER)
-    scale = max(1.0, 1.4826 * float(np.median(np.abs(score))))
+    # By the scatter of the middle half: outliers have widened what the fit calls noise.
+    scale = 1.4826 * float(np.median(np.abs(score)))
     return np.asarray(np.abs(score) <= _OUTLIER * scale)

@@ -121,8 +121,8 @@ def judge(brought, truth):
     return given, passed
 
 
-def check_campaign(seed):
-    made = campaign(seed)
+def check_campaign(seed, count=2000):
+    made = campaign(seed, count)
     state, brought = run(made.epochs)
     given, passed = judge(brought, made.truth)
     settled = {owner: {int(i) for i in np.unique(ids)} for owner, ids in given.items()}
@@ -136,13 +136,13 @@ def check_campaign(seed):
     return brought
 
 
-def test_no_identity_is_swapped_or_invented_in_two_thousand_epochs():
-    check_campaign(0)
+def test_no_identity_is_swapped_or_invented_in_a_year_of_epochs():
+    check_campaign(0, count=700)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(1, 21))
-def test_no_identity_is_swapped_or_invented_over_many_seeds(seed):
+@pytest.mark.parametrize("seed", range(30))
+def test_no_identity_is_swapped_or_invented_in_2000_epochs_over_many_seeds(seed):
     check_campaign(seed)
 
 
