@@ -167,6 +167,18 @@ def test_the_ambient_record_has_the_density_the_theory_says(family):
         assert abs(found[1].conj() - expected[0, 1]) < 0.08 * level
 
 
+def test_the_line_at_half_the_sampling_rate_has_half_the_power_of_its_neighbours():
+    """Seen where the record is so short, and the density so steep, that it is most of all."""
+    one = np.ones((1, 1))
+    structure = Structure(mass=one, damping=56.0 * one, stiffness=1600.0 * one)
+    rng = np.random.default_rng(1)
+    power = np.mean([ambient_structure(structure, 15, 1.0, rng) ** 2 for _ in range(3000)])
+    f = np.arange(1, 9) / 16
+    density = np.abs(frequency_response(structure, 2 * np.pi * f, "acceleration")[:, 0, 0]) ** 2
+    weight = np.where(f == 0.5, 0.5, 1.0) / 16
+    assert power == pytest.approx(density @ weight, rel=0.05)
+
+
 def test_forces_that_go_together_move_only_what_they_push(family):
     structure = family["two alike"]()
     together = np.ones((2, 2))
