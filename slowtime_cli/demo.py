@@ -13,7 +13,7 @@ import click
 
 from .children import Children, children
 from .options import Number, OutFile
-from .structures import STRUCTURES, registration
+from .structures import DEMO, registration
 from .terminal import INTERRUPTED, Stop, plural, until_signalled
 
 LOOK_AT = """
@@ -131,12 +131,12 @@ def _run(
     _wait_until_ready(family, url, stop)
     if stop.is_set():
         return
-    for name in STRUCTURES:
+    for name in DEMO:
         _put(f"{url}/api/v1/twins/demo.{name}", registration(name))
     if recording is not None:
         family.start("recorder", ["record", "--connect", endpoint, "--out", str(recording)])
         _wait_for_file(family, recording, stop)
-    for name in STRUCTURES:
+    for name in DEMO:
         family.start(
             f"edge-{name}",
             [
@@ -157,7 +157,7 @@ def _run(
     _watch(family, duration_s, stop)
     if stop.is_set():
         click.echo("\nEnding ...")
-    for name in STRUCTURES:
+    for name in DEMO:
         click.echo(
             summary(name, _get(f"{url}/api/v1/twins/demo.{name}/history?max_points=100000"))
         )

@@ -26,9 +26,8 @@ from .options import (
     names,
     together,
 )
-from .structures import STRUCTURES, structure
+from .structures import METHODS, STRUCTURES, structure
 
-METHODS = {"ambient": "ambient", "hammer": "free_decay"}
 CONFIG = click.Path(exists=True, dir_okay=False, path_type=Path)
 
 
@@ -36,6 +35,7 @@ CONFIG = click.Path(exists=True, dir_okay=False, path_type=Path)
     epilog="""\b
 Examples:
   slowtime edge --simulate tower
+  slowtime edge --simulate frame
   slowtime edge --site lab --asset beam --file record.csv --rate-hz 200 --window-s 60
   slowtime edge --site lab --asset beam --recording raw.mcap --window-s 1 --hop-s 0.5
   SLOWTIME_EDGE_SITE=lab slowtime edge --config edge.toml
@@ -86,7 +86,7 @@ underscores); flags overrule the environment, which overrules the file.
     nargs=2,
     type=Number(min=0),
     metavar="LO HI",
-    help="Where to look for the first mode.",
+    help="Where to look for modes.",
 )
 @click.option("--window-s", type=POSITIVE, help="Window of a continuous stream.  [default: 60]")
 @click.option(
@@ -146,7 +146,7 @@ def edge(
     extract = _given(
         channels=names(channels, "--channels"),
         band_hz=band_hz or None,
-        method=method or (METHODS[STRUCTURES[simulate]["excitation"]] if simulate else None),
+        method=method or (METHODS[simulate] if simulate else None),
         window_s=window_s,
         hop_s=hop_s,
     )

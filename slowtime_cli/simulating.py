@@ -11,7 +11,7 @@ from slowtime_schemas.raw import RawHeader, encode_raw
 from slowtime_schemas.streams import RAW
 from slowtime_services.files import MAX_BYTES
 from slowtime_services.record import RecordingWriter
-from slowtime_services.simulate import SimulatedStructure
+from slowtime_services.simulate import Simulated, simulated_structure
 
 from .modelled import simulate_model
 from .options import POSITIVE, OutFile, together
@@ -26,6 +26,7 @@ IN = click.Path(exists=True, dir_okay=False, path_type=Path)
 Examples:
   slowtime simulate --structure tower --epochs 8 --out tower.mcap
   slowtime simulate --structure wing --epochs 20 --seed 7 --out wing.npz
+  slowtime simulate --structure frame --epochs 4 --out frame.npz
   slowtime simulate --model rig.yaml --input shaker.csv --out rig.npz
   slowtime simulate --model tower.yaml --duration 600 --rate-hz 50 --seed 1 --out tower.npz
 """
@@ -34,7 +35,7 @@ Examples:
     "--structure",
     "name",
     type=click.Choice(sorted(STRUCTURES)),
-    help="Which of the demo's structures.",
+    help="Which of the structures that are known by name.",
 )
 @click.option("--model", type=IN, help="Model file (YAML) to run instead.")
 @click.option(
@@ -122,7 +123,7 @@ def simulate(
     if name is None:
         raise click.UsageError("Missing option '--structure' or '--model'. Give one of them.")
     settings = structure(name) | {"epochs": epochs} | ({} if seed is None else {"seed": seed})
-    simulated = SimulatedStructure(**settings)
+    simulated = simulated_structure(settings)
     with removed_unless_finished(out):
         if out.suffix.lower() == ".npz":
             _as_arrays(simulated, epochs, out)
@@ -134,7 +135,7 @@ def simulate(
     )
 
 
-def _as_recording(simulated: SimulatedStructure, epochs: int, name: str, out: Path) -> None:
+def _as_recording(simulated: Simulated, epochs: int, name: str, out: Path) -> None:
     with RecordingWriter(out) as writer, bar("Simulating", epochs) as tell:
         for sequence, block in enumerate(simulated.blocks()):
             samples = np.ascontiguousarray(block.samples)
@@ -162,8 +163,8 @@ def _as_recording(simulated: SimulatedStructure, epochs: int, name: str, out: Pa
             tell((block.epoch or 0) + 1)
 
 
-def _as_arrays(simulated: SimulatedStructure, epochs: int, out: Path) -> None:
-    shape = (epochs, simulated.samples)
+def _as_arrays(simulated: Simulated, epochs: int, out: Path) -> None:
+    shape = (len(simulated.channels), epochs, simulated.samples)
     if math.prod(shape) * 8 > MAX_BYTES:
         raise click.UsageError(
             f"{out.name} would hold {math.prod(shape) * 8 / 2**20:.0f} MiB; .npz is made in "
@@ -175,13 +176,13 @@ def _as_arrays(simulated: SimulatedStructure, epochs: int, out: Path) -> None:
         for number in range(epochs):
             for block in simulated.epoch(number):
                 start = block.first_index - number * simulated.samples
-                samples[number, start : start + len(block.samples)] = block.samples[:, 0]
+                samples[:, number, start : start + len(block.samples)] = block.samples.T
             tell(number + 1)
     truth = [simulated.truth(number) for number in range(epochs)]
     arrays: dict[str, Any] = {
         f"true_{key}": np.array([known[key] for known in truth]) for key in truth[0]
     }
-    arrays["acceleration"] = samples
+    arrays |= dict(zip(simulated.channels, samples, strict=True))
     arrays["rate_hz"] = np.array(simulated.rate_hz)
     arrays["slow_time"] = np.arange(epochs) * simulated.slow_time_step
     np.savez(out, **arrays)

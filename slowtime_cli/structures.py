@@ -40,10 +40,26 @@ STRUCTURES: Mapping[str, Mapping[str, Any]] = {
         "mass": FILLING,
         "sensor": {"noise": 0.02},
     },
+    "frame": {
+        "kind": "frame",
+        "seconds": 120.0,
+        "rate_hz": 50.0,
+        "floors_kg": [1000.0, 1000.0, 800.0],
+        "storeys_n_per_m": [1.2e6, 1.0e6, 0.8e6],
+        "damping_ratio": 0.01,
+        "stiffness": {"storey2": FATIGUE},
+        "sensor": {"noise": 0.1},
+    },
 }
-"""Name → what `slowtime_services.simulate.SimulatedStructure` is given."""
+"""Name → what a structure of `slowtime_services.simulate` is given."""
 
-CHANGES = {"tower": "stiffness", "tank": "mass", "wing": "both"}
+DEMO = ("tower", "tank", "wing")
+"""Structures that grow old in the demo."""
+
+CHANGES = {"tower": "stiffness", "tank": "mass", "wing": "both", "frame": "elements"}
+
+METHODS = {"tower": "ambient", "tank": "ambient", "wing": "free_decay", "frame": "ambient"}
+"""How each is identified at the edge."""
 
 
 def structure(name: str) -> dict[str, Any]:
@@ -59,6 +75,8 @@ def registration(name: str) -> dict[str, Any]:
     real structure it does, and mass and stiffness are known no better than it is.
     """
     built = STRUCTURES[name]
+    if name == "frame":
+        return {"changes": CHANGES[name], "model": _model(structure(name))}
     body: dict[str, Any] = {
         "changes": CHANGES[name],
         "nominal": {
@@ -69,3 +87,12 @@ def registration(name: str) -> dict[str, Any]:
     if name == "wing":
         body["damping_coefficient_sd"] = 0.0
     return body
+
+
+def _model(fields: dict[str, Any]) -> dict[str, Any]:
+    """Describe a frame as built, each floor with its accelerometer, as a model file does."""
+    from slowtime_services.models import model_file_of
+    from slowtime_services.simulate import SimulatedFrame
+
+    model = model_file_of(SimulatedFrame(**fields).description)
+    return model.model_dump(mode="json", exclude_defaults=True)

@@ -26,6 +26,20 @@ def test_arrays_hold_the_same_samples(run, tmp_path):
     np.testing.assert_array_equal(arrays["acceleration"].ravel(), recorded)
 
 
+def test_every_channel_of_a_frame_is_an_array_of_its_own(run, tmp_path):
+    done = run("simulate", "--structure", "frame", "--epochs", 3, "--out", "a.npz")
+    assert done.out == "a.npz: 3 epochs of 120 s at 50 Hz\n"
+    assert run("simulate", "--structure", "frame", "--epochs", 3, "--out", "a.mcap").status == 0
+    with np.load(tmp_path / "a.npz") as file:
+        arrays = dict(file)
+    for number, (_, block) in enumerate(raw_blocks("a.mcap")):
+        for column, channel in enumerate(block.channels):
+            assert channel == f"a_floor{column + 1}"
+            np.testing.assert_array_equal(arrays[channel][number], block.samples[:, column])
+        assert block.truth["element.storey2"] == arrays["true_element.storey2"][number]
+    assert arrays["true_element.storey2"][2] < 0 == arrays["true_element.storey1"].any()
+
+
 def test_a_seed_decides_every_number(run, tmp_path):
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
         flags = ("--structure", "tank", "--epochs", 1, "--seed", seed)
@@ -38,7 +52,10 @@ def test_a_seed_decides_every_number(run, tmp_path):
     ("flags", "says"),
     [
         (("--out", "a.mcap"), "Missing option '--structure' or '--model'"),
-        (("--structure", "bridge", "--out", "a.mcap"), "is not one of 'tank', 'tower', 'wing'"),
+        (
+            ("--structure", "bridge", "--out", "a.mcap"),
+            "not one of 'frame', 'tank', 'tower', 'wing'",
+        ),
         (("--structure", "tower", "--out", "a.csv"), "does not end in .mcap or .npz"),
         (("--structure", "tower", "--out", "nowhere/a.npz"), "There is no folder nowhere"),
         (("--structure", "tower", "--epochs", "0", "--out", "a.npz"), "0 is not in the range"),

@@ -1,8 +1,9 @@
 """Structures that age while nobody looks: slow evolution in, blocks of samples out."""
 
+from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import Discriminator, Tag
+from pydantic import Discriminator, Tag, TypeAdapter
 
 from .evolutions import Constant as Constant
 from .evolutions import Evolution as Evolution
@@ -29,3 +30,15 @@ AnyStructure = Annotated[
     Discriminator(_kind),
 ]
 """Whatever can be simulated, by its `kind`; an oscillator where none is given."""
+
+
+def simulated_structure(fields: Mapping[str, Any]) -> Simulated:
+    """Make the structure that `fields` describe.
+
+    Examples
+    --------
+    >>> simulated_structure({"kind": "frame", "sensors": ("floor3",)}).channels
+    ('a_floor3',)
+    """
+    adapter: TypeAdapter[SimulatedStructure | SimulatedFrame] = TypeAdapter(AnyStructure)
+    return adapter.validate_python(dict(fields))
