@@ -171,7 +171,8 @@ def _windows(
     epochs: list[Epoch] = []
     with counting("Identifying windows") as tell:
         for number, (first, last, lost) in enumerate(parts):
-            tell(f"part {number + 1} of {len(parts)}, {plural(len(epochs), 'window')} done")
+            if len(parts) > 1:
+                tell(f"part {number + 1} of {len(parts)}, {plural(len(epochs), 'window')} done")
             offset = (first + lost) / record.rate_hz
             for epoch in identify_windows(
                 samples[first:last],
@@ -241,9 +242,9 @@ def _show_epochs(epochs: Sequence[Epoch], title: str) -> None:
     rows, plain = [], []
     for epoch, mode in _by_mode(epochs):
         cells = _cells(mode) if mode is not None else ("-",) * len(COLUMNS)
-        rows.append((f"{epoch.start_s:.3f}", f"{epoch.end_s:.3f}", *cells))
+        rows.append((f"{epoch.start_s:g} – {epoch.end_s:g}", *cells))
         plain.append({"start_s": epoch.start_s, "end_s": epoch.end_s} | _plain(mode))
-    show(title, ("from [s]", "to [s]", *COLUMNS), rows, plain=plain)
+    show(title, ("window [s]", *COLUMNS), rows, plain=plain)
 
 
 def _by_mode(epochs: Sequence[Epoch]) -> Iterator[tuple[Epoch, Identified | None]]:

@@ -22,11 +22,12 @@ from slowtime_schemas.streams import (
     Stream,
     parse_key,
 )
-from slowtime_services.bus import Sample, ZenohBus
+from slowtime_services.bus import Sample
 from slowtime_services.record import Recorder, Recording, free_path
 from slowtime_services.replay import Progress, contents, raw_blocks, read_recording
 from slowtime_services.replay import replay as replay_file
 
+from .connecting import connected
 from .offline import offline_twin
 from .options import POSITIVE, Name, Number, OutFile, connect_option, names, together
 from .terminal import INTERRUPTED, bar, counting, removed_unless_finished, until_signalled
@@ -88,7 +89,7 @@ def record(
             f"{path} exists and may be the only copy of a recording. Give another name, or "
             "--number to have one put after it."
         )
-    with until_signalled(duration_s) as stop, ZenohBus("client", connect) as bus:
+    with until_signalled(duration_s) as stop, connected(connect, stop) as bus:
         with Recorder(bus, path, streams=wanted, site=site, asset=name) as recorder:
             with counting("Recording") as tell:
                 recorder.run(stop, lambda now: tell(_describe(now)))
@@ -171,7 +172,7 @@ def _onto_the_bus(
 ) -> int:
     with (
         until_signalled() as stop,
-        ZenohBus("client", connect) as bus,
+        connected(connect, stop) as bus,
         bar("Replaying", 1) as tell,
     ):
         played = replay_file(recording, bus, speed=speed, stop=stop, progress=_share(tell))

@@ -11,6 +11,7 @@ from types import FrameType
 from typing import Any
 
 import click
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -107,9 +108,12 @@ def show(
                 click.echo("\t".join(row))
             click.echo("\t".join(map(_field, row.values())))
         return
-    table = Table(title=title or None, title_justify="left")
+    table = Table(title=title or None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     for column in columns:
-        table.add_column(column, justify="left" if column.isalpha() else "right")
+        words = column.isalpha()  # numbers have a unit in their heading, and stay on a line
+        table.add_column(
+            column, justify="left" if words else "right", no_wrap=not words, overflow="fold"
+        )
     for cells in rows:
         table.add_row(*cells)
     Console().print(table)

@@ -6,6 +6,7 @@ import logging
 import socket
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 
 import uvicorn
@@ -21,6 +22,9 @@ from twin_server.serve import Hub, create_app
 from twin_server.settings import TwinSettings
 
 logger = logging.getLogger(__name__)
+
+ATTEMPT_S = 2.0
+"""For how long Zenoh is asked to find the router at once."""
 
 
 def run(
@@ -56,7 +60,7 @@ def run(
             store = SqliteStore(settings.database, synchronous=settings.synchronous)
             open_things.callback(store.close)
             if bus is None:
-                bus = open_things.enter_context(_open_bus(settings, clock))
+                bus = open_things.enter_context(_open_bus(settings, clock, stop))
             _serve(settings, listening, store, bus, clock, stop, ready)
     except (
         BusUnreachableError,
@@ -151,14 +155,21 @@ def _config(app: FastAPI, settings: TwinSettings) -> uvicorn.Config:
     )
 
 
-def _open_bus(settings: TwinSettings, clock: Clock | None) -> ZenohBus:
-    return ZenohBus(
-        "client",
-        connect=settings.connect,
-        open_timeout_s=settings.connect_timeout_s,
-        options=settings.zenoh,
-        clock=clock,
-    )
+def _open_bus(settings: TwinSettings, clock: Clock | None, stop: threading.Event) -> ZenohBus:
+    """Wait for the router a little at a time: nobody hears a signal while Zenoh opens."""
+    deadline = time.monotonic() + settings.connect_timeout_s
+    while True:
+        try:
+            return ZenohBus(
+                "client",
+                connect=settings.connect,
+                open_timeout_s=min(ATTEMPT_S, settings.connect_timeout_s),
+                options=settings.zenoh,
+                clock=clock,
+            )
+        except BusUnreachableError:
+            if stop.wait(0.1) or time.monotonic() >= deadline:
+                raise
 
 
 @contextlib.contextmanager

@@ -1,5 +1,6 @@
 """Examples are promises: those in the help of every verb parse, and the short ones run."""
 
+import itertools
 import re
 import shlex
 
@@ -8,7 +9,7 @@ import pytest
 
 from slowtime_cli.__main__ import VERBS, app
 
-FILE = re.compile(r"[\w.-]+\.(csv|txt|npy|npz|mat|mcap|json|toml|sqlite)")
+FILE = re.compile(r"[\w.-]+\.(csv|txt|npy|npz|mat|mcap|json|toml|yaml|sqlite)")
 RUN = ("simulate", "identify", "evolve")
 
 
@@ -93,7 +94,11 @@ def test_the_short_examples_run_one_after_the_other(run, tmp_path):
     """Those that name only what an earlier one has written."""
     done = []
     for arguments in (example for name in RUN for example in of_help(name)):
-        inputs = [word for word in arguments[1:2] if FILE.fullmatch(word)]
+        inputs = [
+            word
+            for before, word in itertools.pairwise(arguments)
+            if FILE.fullmatch(word) and before != "--out"
+        ]
         if all((tmp_path / name).exists() for name in inputs):
             result = run(*arguments)
             assert result.status == 0, (arguments, result.err)
