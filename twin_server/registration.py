@@ -1,5 +1,6 @@
 """What a person says of a twin: which of its properties may change, and from what."""
 
+import functools
 import json
 import math
 import re
@@ -8,6 +9,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from slowtime_schemas.model_file import ModelFile
+from slowtime_services.models import description_of
+
+from .model import Model, model_of
 
 Positive = Annotated[float, Field(gt=0, lt=1e300, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, lt=1e300, allow_inf_nan=False)]
@@ -77,7 +83,16 @@ class Nominal(Frozen):
 class Alarm(Frozen):
     """A limit to be warned of, once it is passed with the certainty asked for."""
 
-    quantity: Literal["frequency_hz", "damping_ratio", "stiffness_change", "mass_change"]
+    quantity: Annotated[
+        str,
+        Field(
+            min_length=1,
+            max_length=80,
+            examples=["stiffness_change", "elements", "storey2"],
+            description="frequency_hz or damping_ratio; stiffness_change or mass_change; of a "
+            "twin of elements, one of its parameters, or `elements` for each of them.",
+        ),
+    ]
     below: Number | None = None
     above: Number | None = None
     certainty: Annotated[float, Field(ge=0.5, lt=1)] = 0.975
@@ -92,10 +107,41 @@ class Alarm(Frozen):
         return self
 
     @property
-    def name(self) -> str:
-        """What it watches, in words."""
-        side, limit = ("below", self.below) if self.below is not None else ("above", self.above)
-        return f"{self.quantity} {side} {limit:g}"
+    def limit(self) -> tuple[Literal["below", "above"], float]:
+        """On which side of what it is raised."""
+        if self.below is not None:
+            return "below", self.below
+        assert self.above is not None
+        return "above", self.above
+
+
+MODEL_EXAMPLE: dict[str, Any] = {
+    "name": "Frame",
+    "changes": "elements",
+    "model": {
+        "slowtime_model": 1,
+        "nodes": [{"id": "floor1", "mass_kg": 900.0}, {"id": "floor2", "mass_kg": 800.0}],
+        "elements": [
+            {"id": "storey1", "between": ["base", "floor1"], "stiffness_n_per_m": 1.2e6},
+            {"id": "storey2", "between": ["floor1", "floor2"], "stiffness_n_per_m": 1.0e6},
+        ],
+        "sensors": [
+            {
+                "channel": f"a_{floor}",
+                "quantity": "acceleration",
+                "node": floor,
+                "unit": "m/s^2",
+            }
+            for floor in ("floor1", "floor2")
+        ],
+        "tolerance": {"stiffness": 0.1},
+    },
+    "parameters": {"storey1": 0.3, "storey2": 0.3, "floor2.mass": 0.1},
+    "alarms": [{"quantity": "elements", "below": -0.1}],
+}
+
+_OF_ONE_MODE = ("frequency_hz", "damping_ratio", "stiffness_change", "mass_change")
+_EACH = "elements"
 
 
 class Registration(Frozen):
@@ -119,14 +165,26 @@ class Registration(Frozen):
                     "alarms": [{"quantity": "stiffness_change", "below": -0.1}],
                 },
                 {"changes": "both", "learn_epochs": 40, "damping_coefficient_sd": 0.0},
+                MODEL_EXAMPLE,
             ]
         },
     )
 
     name: Annotated[str, Field(max_length=100)] = ""
     """For people; the twin's id is what everything else knows it by."""
-    changes: Literal["stiffness", "mass", "both"] = "stiffness"
+    changes: Literal["stiffness", "mass", "both", "elements"] = "stiffness"
     """What may change; the rest is assumed to stay, and said so in every state."""
+    model: ModelFile | None = None
+    """Of a twin of elements: nodes, elements, and sensors with the edge's channel names."""
+    parameters: (
+        Annotated[
+            dict[str, Annotated[float, Field(gt=1e-9, le=10)]],
+            Field(min_length=1, max_length=64),
+        ]
+        | None
+    ) = None
+    """Of a twin of elements: what may change, an element's id or a node's and `.mass`, with the
+    standard deviation of ln(1 + change) believed beforehand; all stiffnesses by default."""
     nominal: Nominal | None = None
     """None to learn it from the first epochs."""
     learn_epochs: Annotated[int, Field(ge=2, le=1000)] = 20
@@ -152,6 +210,56 @@ class Registration(Frozen):
             )
         return self
 
+    @model_validator(mode="after")
+    def _has_a_model_if_of_elements(self) -> Self:
+        of_elements = self.changes == "elements"
+        if (self.model is not None) != of_elements or (self.parameters and not of_elements):
+            raise ValueError(
+                f"changes={self.changes!r} was given {'without a' if of_elements else 'with'} "
+                "model or parameters. Give a model, and changes='elements', to estimate many "
+                "elements; leave both out for a twin of one mode."
+            )
+        if not of_elements:
+            return self._with_alarms_on(_OF_ONE_MODE)
+        if self.nominal is not None:
+            raise ValueError(
+                "A twin of elements was given a nominal frequency. Leave `nominal` out: its "
+                "modes are learnt from the first epochs."
+            )
+        model = self.structure()
+        return self._with_alarms_on((*_OF_ONE_MODE[:2], _EACH, *model.free))
+
+    def _with_alarms_on(self, allowed: tuple[str, ...]) -> Self:
+        for alarm in self.alarms:
+            if alarm.quantity not in allowed:
+                raise ValueError(
+                    f"An alarm on {alarm.quantity!r:.60} was given. Allowed: "
+                    f"{', '.join(allowed)}."
+                )
+        return self
+
+    def structure(self) -> Model:
+        """Arrays of the model, with what may change; for twins of elements only.
+
+        Raises
+        ------
+        ValueError
+            Where model and parameters do not go together; the text says what to do.
+        """
+        assert self.model is not None
+        of_each = None if self.parameters is None else tuple(self.parameters.items())
+        return _structure(self.model.model_dump_json(), of_each, self.prior_stiffness_sd)
+
+    def watched(self) -> tuple[tuple[str, Alarm], ...]:
+        """Each alarm with the quantity it watches; one on `elements` watches each of them."""
+        return tuple(
+            (name, alarm)
+            for alarm in self.alarms
+            for name in (
+                self.structure().free if alarm.quantity == _EACH else (alarm.quantity,)
+            )
+        )
+
     @classmethod
     def from_json(cls, text: str) -> "Registration":
         """Read what `to_json` has written."""
@@ -165,6 +273,16 @@ class Registration(Frozen):
         """Give it as JSON-compatible values."""
         content: dict[str, Any] = self.model_dump(mode="json")
         return content
+
+
+@functools.lru_cache(maxsize=256)
+def _structure(
+    model: str, parameters: tuple[tuple[str, float], ...] | None, prior_sd: float
+) -> Model:
+    description = description_of(ModelFile.model_validate_json(model))
+    return model_of(
+        description, None if parameters is None else dict(parameters), prior_sd=prior_sd
+    )
 
 
 ID = r"^[a-z0-9][a-z0-9_-]{0,62}\.[a-z0-9][a-z0-9_-]{0,62}$"

@@ -7,34 +7,54 @@ general encoder takes ten times as long; tests hold it against the messages' sch
 import functools
 import json
 from collections.abc import Iterator, Sequence
+from itertools import repeat
 from typing import Any
 
 from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Event, TwinState
+from slowtime_schemas.streams import STATE
 
+from .details import Bodies, without_shapes
 from .states import ESTIMATES, USED_SMOOTHED, States, assumed, sentences
+
+_MOST_BYTES = STATE.max_bytes - 2**16
 
 
 def state_objects(
-    states: States, twin_id: str, boots: Sequence[str], units: Sequence[str]
+    states: States,
+    twin_id: str,
+    boots: Sequence[str],
+    units: Sequence[str],
+    bodies: Bodies = (),
 ) -> Iterator[str]:
     """Each state as REST gives it; its boot and unit of slow time beside it."""
-    for row, boot, unit in zip(states.tolist(), boots, units, strict=True):
+    for row, boot, unit, body in zip(
+        states.tolist(), boots, units, bodies or repeat(None, len(states)), strict=True
+    ):
         yield (
-            f'{{"id":"{twin_id}","t_ns":{row[1]},{_core(row, unit)},'
+            f'{{"id":"{twin_id}","t_ns":{row[1]},{_core(row, unit)},{_rest(row, body)},'
             f'"boot":"{boot}","sequence":{row[0]},"missing_before":{row[9]}}}'
         )
 
 
 def state_messages(
-    states: States, site: str, asset: str, boots: Sequence[str], units: Sequence[str]
+    states: States,
+    site: str,
+    asset: str,
+    boots: Sequence[str],
+    units: Sequence[str],
+    bodies: Bodies = (),
 ) -> Iterator[bytes]:
     """Each state as the message `TwinState`."""
-    for row, boot, unit in zip(states.tolist(), boots, units, strict=True):
+    for row, boot, unit, body in zip(
+        states.tolist(), boots, units, bodies or repeat(None, len(states)), strict=True
+    ):
+        if body is not None and len(body) > _MOST_BYTES:
+            body = without_shapes(body)
         yield (
             f'{{"version":{TwinState.VERSION},"site":"{site}","asset":"{asset}","boot":"{boot}",'
             f'"sequence":{row[0]},"t_ns":{row[1]},"id":"{site}.{asset}",'
-            f"{_core(row, unit, brief=True)}}}"
+            f"{_core(row, unit, brief=True)},{_rest(row, body)}}}"
         ).encode()
 
 
@@ -70,9 +90,13 @@ def _core(row: tuple[Any, ...], unit: str, *, brief: bool = False) -> str:
         f'"stiffness_change":{_estimate(*stiffness)},"mass_change":{_estimate(*mass)},'
         f'"correlation":{row[7]},"assumed":{_assumed(notes)},'
         f'"frequency_used":"{"smoothed" if notes & USED_SMOOTHED else "measured"}",'
-        f'"valid":{"false" if reasons else "true"},"reasons":{_reasons(reasons, brief)},'
-        f'"truth":{_truth(row[8])}'
+        f'"valid":{"false" if reasons else "true"},"reasons":{_reasons(reasons, brief)}'
     )
+
+
+def _rest(row: tuple[Any, ...], body: bytes | None) -> str:
+    """Write what a simulator knows, and the details where there are some."""
+    return f'"truth":{_truth(row[8])}' if body is None else body[1:-1].decode()
 
 
 def _estimate(value: float, sd: float, lo: float, hi: float) -> str:

@@ -45,6 +45,8 @@ NO_MODE = 1 << 16
 LEARNING = 1 << 17
 NO_DAMPING = 1 << 18
 NOT_REPRESENTABLE = 1 << 19
+NO_MODEL_MODE = 1 << 20
+MODEL_MISFIT = 1 << 21
 """Bits of `reasons` beside those of `slowtime.evolution.Reason`."""
 
 _OURS = {
@@ -63,6 +65,16 @@ _OURS = {
     NOT_REPRESENTABLE: (
         "A change came out infinite or undefined and is left out. Look at the frequency and "
         "its standard deviation."
+    ),
+    NO_MODEL_MODE: (
+        "None of the modes of this epoch is one that the structure had while its model was "
+        "learnt, so that nothing is estimated from it. Look at the sensors; or register the "
+        "twin anew, with a model of the structure as it is now."
+    ),
+    MODEL_MISFIT: (
+        "The modes have moved in a way that no change of the free parameters explains. Look at "
+        "the sensors and at the temperature, or let more elements and masses be free in the "
+        "registration."
     ),
 }
 

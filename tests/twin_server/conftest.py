@@ -3,16 +3,20 @@
 import dataclasses
 import json
 import time
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
+from slowtime.dynamics.builders import shear_frame
+from slowtime.dynamics.description import assemble
+from slowtime.dynamics.modes import undamped_modes
 from slowtime_schemas.codec import encode
-from slowtime_schemas.messages import Features, Mode, Quality, Smoothed
+from slowtime_schemas.messages import Features, Mode, Quality, Shape, Smoothed
 from slowtime_schemas.quantities import Quantity
 from slowtime_schemas.streams import FEATURES, alive_key, request_key
 from slowtime_services.bus import Sample
+from slowtime_services.models import model_file_of
 from twin_server.persist import SqliteStore
 from twin_server.settings import TwinSettings
 
@@ -94,6 +98,84 @@ def ageing():
         ]
 
     return make
+
+
+FLOORS_KG = (1000.0, 1000.0, 800.0)
+MODEL_N_PER_M = (1.2e6, 1.0e6, 0.8e6)
+REAL_N_PER_M = (1.26e6, 0.95e6, 0.84e6)
+
+
+class Frame:
+    """A frame of three storeys whose edge identifies all modes; its model is a little wrong."""
+
+    description: ClassVar = shear_frame(FLOORS_KG, MODEL_N_PER_M)
+    model: ClassVar = model_file_of(description).model_dump(mode="json")
+    channels = ("a_floor1", "a_floor2", "a_floor3")
+
+    def __init__(self, seed=0, asset="frame", *, frequency_sd=0.001, shape_sd=0.005):
+        self.rng = np.random.default_rng(seed)
+        self.asset, self.frequency_sd, self.shape_sd = asset, frequency_sd, shape_sd
+
+    def registration(self, **more):
+        return {"changes": "elements", "model": self.model, **more}
+
+    def epoch(self, sequence, changes=(0.0, 0.0, 0.0), *, masses=(0.0, 0.0, 0.0), **more):
+        """Features of one epoch with the storeys' stiffness, and floors' mass, changed."""
+        springs = [k * (1.0 + c) for k, c in zip(REAL_N_PER_M, changes, strict=True)]
+        floors = [m * (1.0 + c) for m, c in zip(FLOORS_KG, masses, strict=True)]
+        modes = undamped_modes(assemble(shear_frame(floors, springs)))
+        found = [
+            self.mode(f, modes.shapes[:, j], identity=j + 1)
+            for j, f in enumerate(modes.frequency_hz.tolist())
+        ]
+        truth = {f"element.storey{i + 1}": c for i, c in enumerate(changes)}
+        truth |= {f"node.floor{i + 1}.mass": c for i, c in enumerate(masses)}
+        return self.message(sequence, found, truth=truth, **more)
+
+    def mode(self, frequency_hz, shape, *, identity=None, noise=True, **more):
+        """One mode as an edge would identify it."""
+        own = self.rng.standard_normal(1 + 2 * len(shape)) * noise
+        clean = shape / np.linalg.norm(shape)
+        drawn = clean + self.shape_sd * (own[1::2] + 1j * own[2::2]) / np.sqrt(2.0)
+        drawn = drawn / np.linalg.norm(drawn)
+        largest = drawn[np.argmax(np.abs(drawn))]
+        drawn = drawn * largest.conjugate() / abs(largest)
+        value = frequency_hz * (1.0 + self.frequency_sd * own[0])
+        return Mode(
+            frequency_hz=Quantity(value=value, sd=self.frequency_sd * frequency_hz),
+            damping_ratio=Quantity(value=0.02, sd=0.002),
+            identity=identity,
+            shape=Shape(
+                re=tuple(drawn.real.tolist()),
+                im=tuple(drawn.imag.tolist()),
+                sd=(self.shape_sd,) * len(shape),
+            ),
+            **more,
+        )
+
+    def message(self, sequence, modes, *, boot="b1", channels=channels, truth=None):
+        t_ns = ORIGIN_NS + sequence * 10**9
+        return Features(
+            site="lab",
+            asset=self.asset,
+            boot=boot,
+            sequence=sequence,
+            t_ns=t_ns,
+            start_ns=t_ns,
+            slow_time=float(sequence),
+            time_base="simulated",
+            method="ssi",
+            channels=channels,
+            modes=tuple(sorted(modes, key=lambda mode: mode.frequency_hz.value)),
+            quality=Quality(samples=1000),
+            truth=truth,
+        )
+
+
+@pytest.fixture(scope="session")
+def frame():
+    """The class of frames."""
+    return Frame
 
 
 class Edge:

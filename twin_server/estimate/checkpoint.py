@@ -7,6 +7,8 @@ from typing import Any
 
 from twin_server.registration import Registration
 
+from .memory import Memory
+
 Epoch = tuple[float, float, float, float]
 """Frequency [Hz] and its sd, damping ratio [1] and its sd, of one epoch learnt from."""
 
@@ -58,13 +60,16 @@ class Checkpoint:
     trusted
         Whether states are believed to be valid.
     raised
-        For each alarm of the registration, whether it is raised.
+        For each quantity that an alarm of the registration watches, whether it is raised.
+    elements
+        What a twin of elements remembers beside.
     """
 
     known: Known | None = None
     learning: tuple[Epoch, ...] = ()
     trusted: Belief = Belief(True)
     raised: tuple[Belief, ...] = ()
+    elements: Memory | None = None
 
     @classmethod
     def start(cls, registration: Registration) -> "Checkpoint":
@@ -75,7 +80,11 @@ class Checkpoint:
             known = Known(
                 frequency, nominal.frequency_relative_sd, damping, nominal.damping_relative_sd
             )
-        return cls(known=known, raised=(Belief(False),) * len(registration.alarms))
+        return cls(
+            known=known,
+            raised=(Belief(False),) * len(registration.watched()),
+            elements=Memory() if registration.changes == "elements" else None,
+        )
 
     def to_json(self) -> str:
         """Write it as text, every float exactly."""
@@ -85,23 +94,26 @@ class Checkpoint:
     def from_json(cls, text: str) -> "Checkpoint":
         """Read what `to_json` has written."""
         content: dict[str, Any] = json.loads(text)
-        known = content["known"]
+        known, elements = content["known"], content.get("elements")
         return cls(
             known=Known(**known) if known else None,
             learning=tuple((f, s, z, e) for f, s, z, e in content["learning"]),
             trusted=Belief(**content["trusted"]),
             raised=tuple(Belief(**belief) for belief in content["raised"]),
+            elements=None if elements is None else Memory.from_dict(elements),
         )
 
     def nominal(self) -> dict[str, float] | None:
-        """Give the numbers of the nominal model that are known."""
-        if self.known is None:
+        """Give the numbers of the nominal model that are known; of elements, its first mode."""
+        if self.elements is not None and self.elements.knows:
+            first = dataclasses.asdict(self.elements.baselines[0])
+            first["frequency_relative_sd"] = first["relative_sd"]
+            known = {field.name: first[field.name] for field in dataclasses.fields(Known)}
+        elif self.known is not None:
+            known = dataclasses.asdict(self.known)
+        else:
             return None
-        return {
-            name: value
-            for name, value in dataclasses.asdict(self.known).items()
-            if not math.isnan(value)
-        }
+        return {name: value for name, value in known.items() if not math.isnan(value)}
 
     @property
     def has_damping(self) -> bool:

@@ -20,12 +20,14 @@ from slowtime.evolution import (
 )
 from slowtime_schemas.messages import Features
 from twin_server import states as st
+from twin_server.details import Detail
 from twin_server.registration import Registration
 from twin_server.states import States
 
 from .checkpoint import Checkpoint
 from .columns import Columns, columns
 from .learning import learn
+from .telling import tell
 from .watching import Notice, watch
 
 LEVEL = 0.95
@@ -55,11 +57,14 @@ class Estimated:
         One for each twin.
     notices
         For each twin; their rows count within `states`.
+    details
+        Of each state of a twin of elements; empty where there is no such twin.
     """
 
     states: States
     checkpoints: list[Checkpoint]
     notices: list[list[Notice]]
+    details: Sequence[Detail | None] = ()
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -91,6 +96,9 @@ def estimate(
     missing_before
         For each, how many are missing between it and the one before.
     """
+    of_elements = [t.registration.changes == "elements" for t in twins]
+    if any(of_elements):
+        return _apart(twins, features, owners, missing_before, of_elements)
     owner = np.asarray(owners, dtype=np.intp)
     modes = [twin.registration.mode for twin in twins]
     given = columns(features, [modes[place] for place in owners])
@@ -106,6 +114,50 @@ def estimate(
         seen = learnt[place] + seen
         notices.append([notice._replace(row=int(rows[notice.row])) for notice in seen])
     return Estimated(states, checkpoints, notices)
+
+
+def _apart(
+    twins: Sequence[Twin],
+    features: Sequence[Features],
+    owners: Sequence[int],
+    missing_before: Sequence[int],
+    of_elements: Sequence[bool],
+) -> Estimated:
+    """Estimate twins of elements one by one, and all others together."""
+    rows_of = _rows_by_owner(np.asarray(owners, dtype=np.intp), len(twins))
+    states, checkpoints = st.blank(len(features)), [twin.checkpoint for twin in twins]
+    notices: list[list[Notice]] = [[] for _ in twins]
+    details: list[Detail | None] = [None] * len(features)
+    for place, twin in enumerate(twins):
+        rows = rows_of[place].tolist()
+        if not of_elements[place] or not rows:
+            continue
+        told = tell(
+            twin.registration,
+            twin.checkpoint,
+            [features[row] for row in rows],
+            [missing_before[row] for row in rows],
+        )
+        states[rows], checkpoints[place] = told.states, told.checkpoint
+        notices[place] = [notice._replace(row=rows[notice.row]) for notice in told.notices]
+        for row, detail in zip(rows, told.details, strict=True):
+            details[row] = detail
+    others = [place for place, apart in enumerate(of_elements) if not apart]
+    rows = sorted(row for place in others for row in rows_of[place].tolist())
+    if rows:
+        found = estimate(
+            [twins[place] for place in others],
+            [features[row] for row in rows],
+            [others.index(owners[row]) for row in rows],
+            [missing_before[row] for row in rows],
+        )
+        states[rows] = found.states
+        for place, checkpoint, seen in zip(
+            others, found.checkpoints, found.notices, strict=True
+        ):
+            checkpoints[place] = checkpoint
+            notices[place] = [notice._replace(row=rows[notice.row]) for notice in seen]
+    return Estimated(states, checkpoints, notices, details)
 
 
 def _rows_by_owner(owner: Int[np.ndarray, " time"], count: int) -> list[Int[np.ndarray, " _"]]:

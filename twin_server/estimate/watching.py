@@ -5,16 +5,20 @@ when it is as certain that the limit is no longer passed as it once was that it 
 """
 
 import dataclasses
-from typing import Any, Literal, NamedTuple
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 from scipy.special import ndtri
 
 from twin_server.registration import Alarm, Registration
 from twin_server.states import LEARNING, States, sentences
 
 from .checkpoint import Belief, Checkpoint
+
+Estimates: TypeAlias = Float[np.ndarray, "time 4"]
+"""Value, sd, lo and hi."""
 
 
 class Notice(NamedTuple):
@@ -34,9 +38,19 @@ class Notice(NamedTuple):
 
 
 def watch(
-    registration: Registration, checkpoint: Checkpoint, states: States
+    registration: Registration,
+    checkpoint: Checkpoint,
+    states: States,
+    parameters: Mapping[str, Estimates] | None = None,
 ) -> tuple[Checkpoint, list[Notice]]:
-    """Follow validity and alarms of one twin through its next states."""
+    """Follow validity and alarms of one twin through its next states.
+
+    Parameters
+    ----------
+    parameters
+        Estimates of each parameter of a twin of elements at these states, NaN where none.
+    """
+    parameters = parameters or {}
     notices: list[Notice] = []
     judged = (states["reasons"] & LEARNING) == 0
     valid = states["reasons"] == 0
@@ -45,11 +59,15 @@ def watch(
     )
     notices += [_validity(states, row, holds) for row, holds in flips]
     raised = []
-    for alarm, belief in zip(registration.alarms, checkpoint.raised, strict=True):
-        passed, cleared = _evidence(alarm, states)
+    watched = registration.watched() if registration.alarms else ()
+    for (name, alarm), belief in zip(watched, checkpoint.raised, strict=True):
+        estimates = parameters[name] if name in parameters else states[name]
+        passed, cleared = _evidence(alarm, estimates)
         belief, flips = _follow(belief, passed, cleared, registration.confirm_readings)
         raised.append(belief)
-        notices += [_alarm(alarm, states, row, holds) for row, holds in flips]
+        notices += [
+            _alarm(name, alarm, estimates[row].tolist(), row, holds) for row, holds in flips
+        ]
     notices.sort(key=lambda notice: notice.row)
     if trusted == checkpoint.trusted and tuple(raised) == checkpoint.raised:
         return checkpoint, notices
@@ -83,10 +101,10 @@ def _follow(
 
 
 def _evidence(
-    alarm: Alarm, states: States
+    alarm: Alarm, estimates: Estimates
 ) -> tuple[Bool[np.ndarray, " time"], Bool[np.ndarray, " time"]]:
     """Where the limit is certainly passed, and where it certainly is not."""
-    value, sd = states[alarm.quantity][:, 0], states[alarm.quantity][:, 1]
+    value, sd = estimates[:, 0], estimates[:, 1]
     beyond = alarm.below - value if alarm.below is not None else value - (alarm.above or 0.0)
     margin = float(ndtri(alarm.certainty)) * sd
     passed: Bool[np.ndarray, " time"] = (beyond > 0.0) & (beyond >= margin)
@@ -107,18 +125,20 @@ def _validity(states: States, row: int, holds: bool) -> Notice:
     )
 
 
-def _alarm(alarm: Alarm, states: States, row: int, holds: bool) -> Notice:
-    value, sd, lo, hi = states[alarm.quantity][row].tolist()
+def _alarm(name: str, alarm: Alarm, estimate: list[float], row: int, holds: bool) -> Notice:
+    value, sd, lo, hi = estimate
+    side, limit = alarm.limit
     details = {
-        "quantity": alarm.quantity,
-        "limit": alarm.below if alarm.below is not None else alarm.above,
-        "side": "below" if alarm.below is not None else "above",
+        "quantity": name,
+        "limit": limit,
+        "side": side,
         "certainty": alarm.certainty,
         "estimate": {"value": value, "sd": sd, "lo": lo, "hi": hi},
     }
     said = f"{value:.4g} (95 % interval {lo:.4g} to {hi:.4g})"
+    watches = f"{name} {side} {limit:g}"
     if holds:
-        message = f"{alarm.name} with {alarm.certainty:.1%} certainty: {said}."
+        message = f"{watches} with {alarm.certainty:.1%} certainty: {said}."
         return Notice(row, "alarm", "alarm", message, details)
-    message = f"No longer {alarm.name}: {said}."
+    message = f"No longer {watches}: {said}."
     return Notice(row, "alarm_cleared", "info", message, details)

@@ -3,10 +3,12 @@
 from .sqlite import SqliteStore
 from .store import (
     Cut,
+    DetailRow,
     EventRow,
     FeatureRow,
     History,
     RunRow,
+    StateRow,
     Store,
     StoreError,
     TwinRow,
@@ -15,11 +17,13 @@ from .store import (
 
 __all__ = [
     "Cut",
+    "DetailRow",
     "EventRow",
     "FeatureRow",
     "History",
     "RunRow",
     "SqliteStore",
+    "StateRow",
     "Store",
     "StoreError",
     "TwinRow",

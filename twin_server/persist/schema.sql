@@ -1,4 +1,4 @@
--- Version 1. A feature's id is number << 40 | sequence: boots are numbered in the order in
+-- Version 2. A feature's id is number << 40 | sequence: boots are numbered in the order in
 -- which they were let in, so that ascending ids are a twin's history in order.
 create table twins (
   id text primary key,
@@ -32,6 +32,12 @@ create table features (
   slow_time real not null,
   message blob not null,
   state blob not null
+);
+-- Of twins of elements only. Version 1 had no such table.
+create table details (
+  id integer primary key,
+  changes blob not null,
+  body blob not null
 );
 create table held (
   number integer not null,

@@ -16,23 +16,34 @@ from typing import Any, Literal
 
 from twin_server.states import LAYOUT, from_bytes
 
-from .searching import Span, spans_by_slow_time, spans_by_time, whole
+from .detailing import changes, column, delete_details, has_details, insert_details
+from .searching import SHIFT, Span, spans_by_slow_time, spans_by_time, whole
 from .store import (
     Cut,
+    DetailRow,
     EventRow,
     FeatureRow,
     History,
+    Pick,
     RunRow,
+    StateRow,
     StoreError,
     TwinRow,
     WrongStoreError,
 )
 
 APPLICATION = 0x536C6F77
-VERSION = 256 * LAYOUT + 1
+VERSION = 256 * LAYOUT + 2
 """Layout of the states, and of the tables around them."""
 
-SHIFT = 40
+_ADDED = {
+    256 * LAYOUT + 1: (
+        "create table details "
+        "(id integer primary key, changes blob not null, body blob not null);"
+    )
+}
+"""What an older version lacks; it is added where such a database is opened."""
+
 _TWIN = "site, asset, registration, checkpoint"
 _RUN = "number, site, asset, boot, slow_time_unit, next, last, last_t_ns, told, closed, lost"
 _EVENT = "number, site, asset, t_ns, slow_time, derived, body"
@@ -124,6 +135,8 @@ class SqliteStore:
                     [(n << SHIFT | s, *rest) for n, s, *rest in cut.features],
                 )
                 self._note_slow_times(writer, cut.features)
+            if cut.details:
+                insert_details(writer, cut.details)
             if cut.held:
                 writer.executemany("insert or ignore into held values (?,?,?)", cut.held)
             if cut.released:
@@ -150,15 +163,22 @@ class SqliteStore:
     def rewrite(
         self,
         twin_id: str,
-        states: Iterable[tuple[int, int, bytes]],
+        states: Iterable[StateRow],
         finish: Callable[[], tuple[TwinRow, Sequence[EventRow]]],
     ) -> None:
         """Replace a twin's states, its registration and its derived events, all at once."""
         with self._writing() as writer:
-            writer.executemany(
-                "update features set state = ? where id = ?",
-                ((state, n << SHIFT | s) for n, s, state in states),
-            )
+            delete_details(writer, twin_id)
+            rows = iter(states)
+            while part := list(itertools.islice(rows, _AT_ONCE)):
+                writer.executemany(
+                    "update features set state = ? where id = ?",
+                    [(row.state, row.number << SHIFT | row.sequence) for row in part],
+                )
+                insert_details(
+                    writer,
+                    [DetailRow(r.number, r.sequence, *r.detail) for r in part if r.detail],
+                )
             twin, events = finish()
             writer.execute("delete from events where twin = ? and derived", (twin_id,))
             self.write(Cut(twins=[twin], events=list(events)))
@@ -167,6 +187,7 @@ class SqliteStore:
         """Forget a twin and all it has seen; False where there is none."""
         with self._writing() as writer:
             following = self.runs()[1]
+            delete_details(writer, twin_id)
             for span in whole(writer, twin_id):
                 writer.execute(
                     "delete from features where id between ? and ?", (span.first, span.last)
@@ -186,6 +207,7 @@ class SqliteStore:
         after: tuple[int, int] | None = None,
         limit: int | None = None,
         newest: bool = False,
+        pick: Pick | None = None,
     ) -> History:
         """States between two times, both included, or after (boot number, sequence)."""
         with self._reading() as reader:
@@ -196,8 +218,14 @@ class SqliteStore:
             if after is not None:
                 spans = [span.after(after[0] << SHIFT | after[1]) for span in spans]
             rows = _states(reader, spans, slow_time, limit, newest)
-        states = from_bytes(state for _, state in rows)
-        return History(states, [key >> SHIFT for key, _ in rows], boots)
+            states = from_bytes(state for _, state in rows)
+            keys = [key for key, _ in rows]
+            detailed = has_details(reader, keys)
+            if pick is not None and keys:
+                kept = pick(states, changes(reader, keys) if detailed else None)
+                states, keys = states[kept], [keys[i] for i in kept.tolist()]
+            bodies = column(reader, keys, "body") if detailed else ()
+        return History(states, [key >> SHIFT for key in keys], boots, bodies)
 
     def count(self, twin_id: str) -> int:
         """How many features a twin has."""
@@ -213,17 +241,18 @@ class SqliteStore:
             )
 
     def digest(self, twin_id: str) -> tuple[str, int]:
-        """SHA-256 over all features of a twin and their states in order, and their number."""
+        """SHA-256 over all features of a twin, their states and details, and their number."""
         digest, count = hashlib.sha256(), 0
         with self._reading() as reader:
             for span in whole(reader, twin_id):
-                for key, message, state in reader.execute(
-                    "select id, message, state from features where id between ? and ? "
-                    "order by id",
+                for key, message, state, body in reader.execute(
+                    "select features.id, message, state, body from features "
+                    "left join details on details.id = features.id "
+                    "where features.id between ? and ? order by features.id",
                     (span.first, span.last),
                 ):
                     head = f"{span.boot} {key & _LOW} {len(message)} {len(state)}\n"
-                    digest.update(head.encode() + message + state)
+                    digest.update(head.encode() + message + state + (body or b""))
                     count += 1
         return digest.hexdigest(), count
 
@@ -267,6 +296,11 @@ class SqliteStore:
         )
         tables = self._writer.execute("select count(*) from sqlite_master").fetchone()[0]
         if (application, version) == (APPLICATION, VERSION):
+            return
+        if application == APPLICATION and version in _ADDED:
+            self._writer.executescript(
+                f"begin;{_ADDED[version]}pragma user_version={VERSION};commit;"
+            )
             return
         if tables:
             raise WrongStoreError(
@@ -362,6 +396,9 @@ class SqliteStore:
 
 
 _LOW = (1 << SHIFT) - 1
+
+
+_AT_ONCE = 1_000
 
 
 def _insert_event(writer: sqlite3.Connection, event: EventRow) -> int:

@@ -6,8 +6,12 @@ all. Any thread reads, and sees whole cuts only.
 
 import dataclasses
 from collections.abc import Callable, Iterable, Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, TypeAlias
 
+import numpy as np
+from jaxtyping import Float, Int
+
+from twin_server.details import Bodies, Detail
 from twin_server.states import States
 
 
@@ -61,6 +65,15 @@ class FeatureRow(NamedTuple):
     state: bytes
 
 
+class DetailRow(NamedTuple):
+    """What some features led to beside their state, of a twin of elements."""
+
+    number: int
+    sequence: int
+    changes: bytes
+    body: bytes
+
+
 class EventRow(NamedTuple):
     """An event as it is kept; `number` counts all events of a store, 0 before it is kept."""
 
@@ -84,6 +97,7 @@ class Cut:
     held: list[tuple[int, int, bytes]] = dataclasses.field(default_factory=list)
     released: list[tuple[int, int]] = dataclasses.field(default_factory=list)
     events: list[EventRow] = dataclasses.field(default_factory=list)
+    details: list[DetailRow] = dataclasses.field(default_factory=list)
 
 
 class History(NamedTuple):
@@ -94,6 +108,23 @@ class History(NamedTuple):
     """Of each state, the number of its boot."""
     boots: dict[int, tuple[str, str]]
     """Name and unit of slow time of each boot number."""
+    bodies: Bodies = ()
+    """Detail of each state; empty where none has any."""
+
+
+class StateRow(NamedTuple):
+    """State of some features, made anew."""
+
+    number: int
+    sequence: int
+    state: bytes
+    detail: Detail | None = None
+
+
+Pick: TypeAlias = Callable[
+    [States, Float[np.ndarray, "time parameter 3"] | None], Int[np.ndarray, " kept"]
+]
+"""Which of some states to keep, by them and value, lo and hi of parameters where there are."""
 
 
 class Store(Protocol):
@@ -126,7 +157,7 @@ class Store(Protocol):
     def rewrite(
         self,
         twin_id: str,
-        states: Iterable[tuple[int, int, bytes]],
+        states: Iterable[StateRow],
         finish: Callable[[], tuple[TwinRow, Sequence[EventRow]]],
     ) -> None:
         """Replace a twin's states, its registration and its derived events, all at once.
@@ -153,6 +184,7 @@ class Store(Protocol):
         after: tuple[int, int] | None = None,
         limit: int | None = None,
         newest: bool = False,
+        pick: Pick | None = None,
     ) -> History:
         """States between two times, both included, or after (boot number, sequence), in order.
 
@@ -160,6 +192,8 @@ class Store(Protocol):
         ----------
         limit, newest
             At most so many: the first, or with `newest` the last ones.
+        pick
+            Of these, which to give.
         """
         ...
 
@@ -168,7 +202,7 @@ class Store(Protocol):
         ...
 
     def digest(self, twin_id: str) -> tuple[str, int]:
-        """SHA-256 over all features of a twin and their states in order, and their number."""
+        """SHA-256 over all features of a twin, their states and details, and their number."""
         ...
 
     def events(

@@ -40,8 +40,17 @@ from twin_server.collect import (
     Run,
     Want,
 )
-from twin_server.estimate import Checkpoint, Twin, estimate
-from twin_server.persist import Cut, EventRow, FeatureRow, Store, StoreError
+from twin_server.details import Bodies, part
+from twin_server.estimate import Checkpoint, Estimated, Twin, estimate
+from twin_server.persist import (
+    Cut,
+    DetailRow,
+    EventRow,
+    FeatureRow,
+    StateRow,
+    Store,
+    StoreError,
+)
 from twin_server.registration import Registration
 from twin_server.rendering import state_messages
 from twin_server.settings import TwinSettings
@@ -49,6 +58,7 @@ from twin_server.states import States
 
 from .records import (
     address,
+    body_of,
     cut_up,
     decoded,
     derived_event,
@@ -79,6 +89,8 @@ class News(NamedTuple):
     runs: Sequence[tuple[int, str, str]]
     """Of each state: number and name of its boot, unit of its slow time."""
     events: Sequence[tuple[int, str]]
+    bodies: Bodies = ()
+    """Of each state of a twin of elements, its detail; empty for other twins."""
 
 
 class Listener(Protocol):
@@ -377,7 +389,7 @@ class Pipeline:
             return
         cut = Cut(held=rows_of_held(change), released=rows_of_released(change))
         twins = dict(self._twins)
-        states, owners, keys = self._estimate(change.ordered, twins, cut)
+        found, owners, keys = self._estimate(change.ordered, twins, cut)
         cut.events += [lost_event(lost) for lost in change.lost]
         cut.runs += [
             run_row(run, self._units.get(run.number, "s"))
@@ -387,14 +399,14 @@ class Pipeline:
         numbers = self.store.write(cut)
         self._twins = twins
         self._count(change, cut)
-        self._tell(change.ordered, states, owners, keys, cut, numbers)
+        self._tell(change.ordered, found, owners, keys, cut, numbers)
 
     def _estimate(
         self,
         ordered: Sequence[Ordered],
         twins: dict[tuple[str, str], Twin],
         cut: Cut,
-    ) -> tuple[States, list[int], list[tuple[str, str]]]:
+    ) -> tuple[Estimated, list[int], list[tuple[str, str]]]:
         """Add states, checkpoints and events of `ordered` to `cut`, checkpoints to `twins`."""
         keys: dict[tuple[str, str], int] = {}
         owners = [keys.setdefault((o.run.site, o.run.asset), len(keys)) for o in ordered]
@@ -426,7 +438,12 @@ class Pipeline:
             )
             for o, state in zip(ordered, cut_up(found.states), strict=True)
         ]  # fmt: skip
-        return found.states, owners, list(keys)
+        cut.details += [
+            DetailRow(o.run.number, o.features.sequence, *detail)
+            for o, detail in zip(ordered, found.details, strict=False)
+            if detail is not None
+        ]
+        return found, owners, list(keys)
 
     def _count(self, change: Change, cut: Cut) -> None:
         self.counts["batches"] += 1
@@ -439,13 +456,14 @@ class Pipeline:
     def _tell(
         self,
         ordered: Sequence[Ordered],
-        states: States,
+        found: Estimated,
         owners: Sequence[int],
         keys: Sequence[tuple[str, str]],
         cut: Cut,
         numbers: Sequence[int],
     ) -> None:
         """Publish and show what has just become durable."""
+        states = found.states
         events: dict[tuple[str, str], list[tuple[int, str]]] = {}
         for number, event in zip(numbers, cut.events, strict=True):
             events.setdefault((event.site, event.asset), []).append((number, event.body))
@@ -462,12 +480,15 @@ class Pipeline:
                 (run.number, run.boot, self._units[run.number])
                 for run in (ordered[row].run for row in of_twin)
             ]
+            bodies = [body_of(found.details[row]) for row in of_twin] if found.details else ()
             shown = slice(None) if all_of_them else slice(-1, None)
             if self._bus is not None:
                 _, boots, units = zip(*runs[shown], strict=True)
-                for message in state_messages(theirs[shown], *key, boots, units):
+                for message in state_messages(
+                    theirs[shown], *key, boots, units, part(bodies, shown)
+                ):
                     self._publish(STATE.key(*key), message, STATE.encoding)
-            news = News(".".join(key), theirs, runs, events.pop(key, ()))
+            news = News(".".join(key), theirs, runs, events.pop(key, ()), bodies)
             for listener in self._listeners:
                 listener.tell(news)
         for key, happened in events.items():
@@ -582,7 +603,7 @@ class Pipeline:
         twin = Twin(registration, Checkpoint.start(registration))
         events = [event]
 
-        def states() -> Iterator[tuple[int, int, bytes]]:
+        def states() -> Iterator[StateRow]:
             nonlocal twin
             last = (0, -1)
             while rows := self.store.messages(".".join(key), last, _ANEW):
@@ -595,8 +616,9 @@ class Pipeline:
                 found = estimate([twin], features, [0] * len(rows), missing)
                 twin = twin._replace(checkpoint=found.checkpoints[0])
                 events.extend(derived_event(features[n.row], n) for n in found.notices[0])
-                for row, state in zip(rows, cut_up(found.states), strict=True):
-                    yield row.number, row.sequence, state
+                details = found.details or [None] * len(rows)
+                for row, state, detail in zip(rows, cut_up(found.states), details, strict=True):
+                    yield StateRow(row.number, row.sequence, state, detail)
 
         self.store.rewrite(".".join(key), states(), lambda: (twin_row(key, twin), events))
         return twin

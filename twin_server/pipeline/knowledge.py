@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from slowtime.evolution import extremes
 from slowtime_services.bus import Bus
@@ -88,13 +88,9 @@ class TwinKnowledge:
             twin_id,
             t_ns=(start.t_ns, end.t_ns),
             slow_time=(start.slow_time, end.slow_time),
+            pick=lambda states, changes: thin(states, max_points, changes),
         )
-        kept = thin(found.states, max_points)
-        if len(kept) == len(found.states):
-            return _chapter(found)
-        return _chapter(
-            History(found.states[kept], [found.number[i] for i in kept.tolist()], found.boots)
-        )
+        return _chapter(found)
 
     def since(self, twin_id: str, key: int, limit: int) -> Chapter:
         """States behind the one of `key`."""
@@ -190,27 +186,39 @@ class Herald:
 
     def tell(self, news: News) -> None:
         """Hand on what is new of one twin."""
-        self._hub.tell(news.twin_id, news.states, news.runs, news.events)
+        self._hub.tell(news.twin_id, news.states, news.runs, news.events, news.bodies)
 
     def reset(self, twin_id: str) -> None:
         """Hand on that a twin's history has been made anew, or has gone."""
         self._hub.reset(twin_id)
 
 
-def thin(states: States, max_points: int) -> Int[np.ndarray, " kept"]:
-    """Pick at most `max_points` states, among them the extremes of all that varies."""
+def thin(
+    states: States,
+    max_points: int,
+    changes: Float[np.ndarray, "time parameter 3"] | None = None,
+) -> Int[np.ndarray, " kept"]:
+    """Pick at most `max_points` states, among them the extremes of all that varies.
+
+    Parameters
+    ----------
+    changes
+        Value, lo and hi of the parameters of a twin of elements, which then come first.
+    """
     if len(states) <= max_points:
         return np.arange(len(states))
-    names = shown(states) or ["frequency_hz"]
-    names = names[: max(1, max_points // 6)]
+    varies = [states[name][:, [0, 2, 3]] for name in shown(states) or ["frequency_hz"]]
+    if changes is not None:
+        varies = [changes[:, i] for i in range(changes.shape[1])] + varies
+    varies = varies[: max(1, max_points // 6)]
     kept = [
         extremes(
-            np.ascontiguousarray(states[name][:, 0]),
-            max_points // len(names),
-            lo=np.ascontiguousarray(states[name][:, 2]),
-            hi=np.ascontiguousarray(states[name][:, 3]),
+            np.ascontiguousarray(one[:, 0]),
+            max_points // len(varies),
+            lo=np.ascontiguousarray(one[:, 1]),
+            hi=np.ascontiguousarray(one[:, 2]),
         )
-        for name in names
+        for one in varies
     ]
     return np.unique(np.concatenate(kept))
 
@@ -227,4 +235,5 @@ def _chapter(found: History) -> Chapter:
         ],
         [boot for boot, _ in boots],
         [unit for _, unit in boots],
+        found.bodies,
     )

@@ -7,6 +7,7 @@ from slowtime_schemas.codec import Refused, decode
 from slowtime_schemas.messages import Event, Features
 from slowtime_schemas.streams import FEATURES
 from twin_server.collect import Change, Lost, Run
+from twin_server.details import Detail
 from twin_server.estimate import Notice, Twin
 from twin_server.persist import EventRow, RunRow, TwinRow
 from twin_server.rendering import event_body
@@ -31,6 +32,11 @@ def cut_up(states: States) -> list[bytes]:
     """Give each state the bytes it is kept as."""
     raw, size = states.tobytes(), STATE.itemsize
     return [raw[i : i + size] for i in range(0, len(raw), size)]
+
+
+def body_of(detail: Detail | None) -> bytes | None:
+    """Give what others are told of a detail."""
+    return None if detail is None else detail.body
 
 
 def rows_of_held(change: Change) -> list[tuple[int, int, bytes]]:

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from jaxtyping import Float
 
+from twin_server.details import Bodies
 from twin_server.registration import Registration
 from twin_server.states import States
 
@@ -21,6 +22,7 @@ class Chapter(NamedTuple):
     """Of each state, its place in the order of all: ascending, the same for ever."""
     boots: Sequence[str]
     units: Sequence[str]
+    bodies: Bodies = ()
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

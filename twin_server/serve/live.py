@@ -16,6 +16,7 @@ from pydantic_core import to_json
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
+from twin_server.details import Bodies, part
 from twin_server.rendering import event_object, state_objects
 from twin_server.states import States
 
@@ -128,16 +129,17 @@ class Hub:
         states: States,
         runs: Sequence[tuple[int, str, str]],
         events: Sequence[tuple[int, str]],
+        bodies: Bodies = (),
     ) -> None:
         """Tell what is new of a twin; costs nothing where nobody watches it."""
         if twin_id not in self._clients:
             return
         # More at once than a client may be behind: it fetches the history again instead.
         items = [RESET] if len(states) > self.backlog // 2 else []
-        part = slice(-1, None) if items else slice(None)
-        numbers, boots, units = zip(*runs[part], strict=True) if runs else ((), (), ())
-        texts = state_objects(states[part], twin_id, boots, units)
-        sequences = states["sequence"][part].tolist()
+        newest = slice(-1, None) if items else slice(None)
+        numbers, boots, units = zip(*runs[newest], strict=True) if runs else ((), (), ())
+        texts = state_objects(states[newest], twin_id, boots, units, part(bodies, newest))
+        sequences = states["sequence"][newest].tolist()
         items += [
             Item.of_state(number << SHIFT | sequence, text)
             for number, sequence, text in zip(numbers, sequences, texts, strict=True)
@@ -238,7 +240,9 @@ class LiveResponse(Response):
             self._key, self._number = int(seen.group(1)), int(seen.group(2))
             chapter = knowledge.since(twin_id, self._key, self._hub.backlog)
             before = [] if len(chapter.keys) < self._hub.backlog else [RESET]
-        texts = state_objects(chapter.states, twin_id, chapter.boots, chapter.units)
+        texts = state_objects(
+            chapter.states, twin_id, chapter.boots, chapter.units, chapter.bodies
+        )
         states = [Item.of_state(k, t) for k, t in zip(chapter.keys, texts, strict=True)]
         events = knowledge.events(
             twin_id, after=self._number, limit=self._hub.backlog, newest=False

@@ -14,6 +14,7 @@ from twin_server.persist import (
     FeatureRow,
     RunRow,
     SqliteStore,
+    StateRow,
     StoreError,
     TwinRow,
     WrongStoreError,
@@ -225,7 +226,7 @@ def test_rewriting_replaces_states_and_derived_events_and_keeps_the_rest(store):
     new["correlation"] = 0.25
     store.rewrite(
         "lab.beam",
-        [(1, s, new.tobytes()) for s in (0, 1)],
+        [StateRow(1, s, new.tobytes()) for s in (0, 1)],
         lambda: (TwinRow("lab", "beam", "r", "c"), [event_row("anew")]),
     )
     assert store.history("lab.beam").states["correlation"].tolist() == [0.25, 0.25]

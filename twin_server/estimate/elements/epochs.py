@@ -1,0 +1,242 @@
+r"""Epoch after epoch of one twin: modes in, changes of its parameters out.
+
+What is compared with the model is what has changed since learning,
+
+.. math:: \ln f_j - \ln f_j^0 + \ln f_j(\theta_0), \qquad
+          \phi_j - \phi_j^0 + \phi_j(\theta_0) ,
+
+with :math:`f^0, \phi^0` as learnt and :math:`f(\theta_0), \phi(\theta_0)` of the model moved
+there, so that what the model cannot explain even then is not taken for a change. The errors of
+what was learnt are added to those of each epoch.
+"""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import chdtrc, ndtri
+
+from slowtime.evolution import Reason
+from slowtime.evolution.structures import (
+    MeasuredModes,
+    ParametricStructure,
+    Posterior,
+    estimate,
+    name_changes,
+)
+from slowtime.evolution.structures.measured import gap
+from slowtime_schemas.messages import Features
+from twin_server import states as st
+from twin_server.estimate.memory import Baseline, Memory
+from twin_server.model import Model
+
+from .learning import conclude, gather
+from .matching import aligned, match, remember
+from .seeing import Seen, seen
+from .suspects import Suspect, suspects_of
+
+STARTS = 2
+"""Searches besides the one from nominal, for the posterior may have several peaks."""
+
+UNCHANGED = 0.01
+"""Probability of data as far from "nothing has changed", below which suspects are sought."""
+
+MISFIT = 1e-5
+"""Probability of data as far from the best parameters, below which none of them explains it."""
+
+QUANTILE = float(ndtri(0.975))
+"""Half of a 95 % interval, in standard deviations."""
+
+_MOST_CHANGED = 2
+_FAR = 0.3  # shift of a frequency at which the model loses its meaning
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Reading:
+    """What one epoch has told.
+
+    Parameters
+    ----------
+    features
+        The message.
+    seen
+        Its structural modes.
+    pairs
+        Place of a mode in the message → its number in the model.
+    reasons
+        Bits that stand against it; 0 where nothing does.
+    changes
+        Of each free parameter value, sd, lo and hi; None where nothing could be estimated.
+    ratio
+        Posterior over prior sd of each.
+    suspects
+        What has changed.
+    """
+
+    features: Features
+    seen: tuple[Seen, ...]
+    pairs: dict[int, int]
+    reasons: int
+    changes: Float[np.ndarray, "parameter 4"] | None = None
+    ratio: Float[np.ndarray, " parameter"] | None = None
+    suspects: tuple[Suspect, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Found:
+    """What some epochs have told, and what is remembered of them.
+
+    Parameters
+    ----------
+    lessons
+        Epochs that ended the learning, and how many modes of the model it had found: none
+        where it begins anew.
+    """
+
+    memory: Memory
+    readings: tuple[Reading, ...]
+    lessons: tuple[tuple[int, int], ...]
+
+
+def follow(
+    memory: Memory, model: Model, features: Sequence[Features], learn_epochs: int
+) -> Found:
+    """Take in the next epochs of one twin."""
+    readings, lessons = [], []
+    nominal = _Nominal.of(memory, model) if memory.knows else None
+    for row, message in enumerate(features):
+        modes = seen(message, model)
+        if nominal is None:
+            memory = gather(memory, modes, message.boot)
+            empty = st.LEARNING | (0 if modes else st.NO_MODE)
+            readings.append(Reading(message, tuple(modes), {}, empty))
+            if memory.learnt_from >= learn_epochs:
+                memory = conclude(memory, model)
+                lessons.append((row, len(memory.baselines)))
+                nominal = _Nominal.of(memory, model) if memory.knows else None
+            continue
+        pairs = match(memory.references, modes, message.boot)
+        references = tuple(
+            remember(one, modes[pairs[i]] if i in pairs else None, message.boot)
+            for i, one in enumerate(memory.references)
+        )
+        memory = dataclasses.replace(memory, references=references)
+        readings.append(_read(message, modes, pairs, nominal))
+    return Found(memory, tuple(readings), tuple(lessons))
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class _Nominal:
+    """The structure as it was to begin with, and what the model makes of it."""
+
+    model: Model
+    structure: ParametricStructure
+    baselines: tuple[Baseline, ...]
+    frequency_hz: Float[np.ndarray, " baseline"]
+    shapes: Float[np.ndarray, "baseline channel"]
+
+    @classmethod
+    def of(cls, memory: Memory, model: Model) -> "_Nominal":
+        structure = model.at(memory.theta)
+        modes = structure.modes(np.zeros(len(structure.names)))
+        which = [one.mode for one in memory.baselines]
+        shapes = (model.rows @ modes.shape[:, which]).T
+        return cls(model, structure, memory.baselines, modes.frequency_hz[which], shapes)
+
+
+def _read(
+    message: Features, modes: Sequence[Seen], pairs: dict[int, int], nominal: _Nominal
+) -> Reading:
+    numbers = {modes[j].place: nominal.baselines[i].mode for i, j in sorted(pairs.items())}
+    if not pairs:
+        reasons = st.NO_MODEL_MODE if modes else st.NO_MODE
+        return Reading(message, tuple(modes), numbers, reasons)
+    matched = [(nominal.baselines[i], i, modes[j]) for i, j in sorted(pairs.items())]
+    measured = _measured(matched, nominal)
+    posterior = estimate(nominal.structure, measured, nominal.model.prior_sd, starts=STARTS)
+    changes = _changes(posterior)
+    if changes is None:
+        return Reading(message, tuple(modes), numbers, st.NOT_REPRESENTABLE)
+    reasons = st.MODEL_MISFIT if posterior.p_value < MISFIT else 0
+    away = [abs(mode.frequency_hz / one.frequency_hz - 1.0) for one, _, mode in matched]
+    if max(away) >= _FAR:
+        reasons |= int(Reason.BEYOND_RECOMMENDED)
+    return Reading(
+        message,
+        tuple(modes),
+        numbers,
+        reasons,
+        changes,
+        posterior.ratio,
+        _suspects(measured, nominal),
+    )
+
+
+def _measured(
+    matched: Sequence[tuple[Baseline, int, Seen]], nominal: _Nominal
+) -> MeasuredModes:
+    frequency, relative, shapes, shape_sds = [], [], [], []
+    for baseline, i, mode in matched:
+        frequency.append(
+            mode.frequency_hz / baseline.frequency_hz * float(nominal.frequency_hz[i])
+        )
+        relative.append(math.hypot(mode.relative_sd, baseline.relative_sd))
+        shape, shape_sd = _shape(baseline, mode, nominal.shapes[i])
+        shapes.append(shape)
+        shape_sds.append(shape_sd)
+    values, any_shape = np.array(frequency), bool(np.isfinite(shapes).any())
+    return MeasuredModes(
+        frequency_hz=values,
+        frequency_sd_hz=values * np.array(relative),
+        shapes=np.array(shapes) if any_shape else None,
+        shape_sd=np.array(shape_sds) if any_shape else None,
+        channels=nominal.model.rows if any_shape else None,
+    )
+
+
+def _shape(
+    baseline: Baseline, mode: Seen, model: Float[np.ndarray, " channel"]
+) -> tuple[Float[np.ndarray, " channel"], Float[np.ndarray, " channel"]]:
+    """Shape of the model plus what has changed since learning; NaN where not known."""
+    nothing = np.full(len(model), np.nan)
+    if mode.shape is None or mode.shape_sd is None or baseline.shape is None:
+        return nothing, nothing
+    learnt, learnt_sd = np.array(baseline.shape), np.array(baseline.shape_sd)
+    now, factor = aligned(mode.shape, learnt)
+    own, _ = aligned(model, learnt)
+    sd = np.hypot(factor * mode.shape_sd, learnt_sd)
+    shape = own + now - learnt
+    known = np.isfinite(shape) & np.isfinite(sd)
+    if known.sum() < 2:
+        return nothing, nothing
+    return np.where(known, shape, np.nan), np.where(known, sd, np.nan)
+
+
+def _changes(posterior: Posterior) -> Float[np.ndarray, "parameter 4"] | None:
+    """Value, sd, lo and hi of the relative changes, over all peaks of the posterior."""
+    theta, sd = posterior.theta, posterior.sd
+    half = QUANTILE * sd
+    with np.errstate(over="ignore", invalid="ignore"):
+        numbers = np.column_stack(
+            (
+                np.expm1(theta),
+                np.exp(theta) * sd,
+                np.expm1(theta - half),
+                np.expm1(theta + half),
+            )
+        )
+    return numbers if np.isfinite(numbers).all() else None
+
+
+def _suspects(measured: MeasuredModes, nominal: _Nominal) -> tuple[Suspect, ...]:
+    """Name what has changed, where "nothing" does not explain the modes."""
+    structure, prior = nominal.structure, nominal.model.prior_sd
+    still = gap(structure, measured, np.zeros(len(prior)), prior)
+    shapes = 0 if measured.shapes is None else int(np.isfinite(measured.shapes).any(1).sum())
+    free = max(len(still.residual) - shapes, 1)
+    if chdtrc(free, float(still.residual @ still.residual)) > UNCHANGED:
+        return ()
+    named = name_changes(structure, measured, changed_sd=prior, most=_MOST_CHANGED)
+    return suspects_of(named)

@@ -1,0 +1,183 @@
+"""The first epochs teach what the structure is like, and the model is moved there."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from slowtime.evolution import learn_nominal
+from slowtime.evolution.structures import MeasuredModes, estimate
+from slowtime.evolution.structures.measured import gap
+from twin_server.estimate.memory import Baseline, Lesson, Memory, Reference
+from twin_server.model import Model
+
+from .matching import aligned, begin, best_pairs, likeness, match, remember
+from .seeing import Seen
+
+MOST_GROUPS = 64
+_UNMODELLED_FREQUENCY = 0.002
+_UNMODELLED_SHAPE = 0.02
+_TURNED = 0.1
+_UNLIKE = 0.3
+_GATE = 10.0
+_MOST_UNCERTAIN = 0.1
+
+
+def gather(memory: Memory, modes: Sequence[Seen], boot: str) -> Memory:
+    """Add the modes of one epoch to what is learnt from; without any it teaches nothing."""
+    if not modes:
+        return memory
+    pairs = match(memory.references, modes, boot)
+    references, lessons = [], []
+    for i, (reference, lesson) in enumerate(
+        zip(memory.references, memory.lessons, strict=True)
+    ):
+        mode = modes[pairs[i]] if i in pairs else None
+        references.append(remember(reference, mode, boot))
+        lessons.append(lesson if mode is None else _added(lesson, mode, reference))
+    fresh = [mode for j, mode in enumerate(modes) if j not in pairs.values()]
+    for mode in fresh[: MOST_GROUPS - len(references)]:
+        references.append(begin(mode, boot))
+        lessons.append(_added(Lesson(), mode, references[-1]))
+    return dataclasses.replace(
+        memory,
+        references=tuple(references),
+        lessons=tuple(lessons),
+        learnt_from=memory.learnt_from + 1,
+    )
+
+
+def conclude(memory: Memory, model: Model) -> Memory:
+    """Make a baseline of what was gathered; without one, learning begins anew.
+
+    Modes that fewer than half of the epochs have shown are left out, and those that are none
+    of the model's.
+    """
+    groups = [
+        (reference, _baseline(lesson))
+        for reference, lesson in zip(memory.references, memory.lessons, strict=True)
+        if len(lesson.epochs) >= max(2, memory.learnt_from / 2)
+    ]
+    groups = [group for group in groups if group[1].relative_sd < _MOST_UNCERTAIN]
+    pairs = _partners([baseline for _, baseline in groups], model)
+    if not pairs:
+        return dataclasses.replace(memory, references=(), lessons=(), learnt_from=0)
+    chosen = [groups[i] for i in pairs]
+    theta, modes = _moved(model, [baseline for _, baseline in chosen])
+    ranked = sorted(zip(modes, chosen, strict=True), key=lambda one: one[0])
+    return dataclasses.replace(
+        memory,
+        references=tuple(reference for _, (reference, _) in ranked),
+        lessons=(),
+        theta=theta,
+        baselines=tuple(
+            dataclasses.replace(baseline, mode=mode) for mode, (_, baseline) in ranked
+        ),
+    )
+
+
+def measured_of(
+    baselines: Sequence[Baseline],
+    model: Model,
+    *,
+    unmodelled_frequency: float = 0.0,
+    unmodelled_shape: float = 0.0,
+) -> MeasuredModes:
+    """Learnt modes as the estimation of structures takes them, with what no model tells."""
+    frequency = np.array([one.frequency_hz for one in baselines])
+    relative = np.array(
+        [math.hypot(one.relative_sd, unmodelled_frequency) for one in baselines]
+    )
+    shapes = shape_sd = None
+    if any(one.shape is not None for one in baselines):
+        nothing = (math.nan,) * len(model.channels)
+        shapes = np.array([one.shape or nothing for one in baselines])
+        shape_sd = np.hypot([one.shape_sd or nothing for one in baselines], unmodelled_shape)
+    return MeasuredModes(
+        frequency_hz=frequency,
+        frequency_sd_hz=frequency * relative,
+        shapes=shapes,
+        shape_sd=shape_sd,
+        channels=model.rows if shapes is not None else None,
+    )
+
+
+def _added(lesson: Lesson, mode: Seen, reference: Reference) -> Lesson:
+    epoch = (
+        mode.frequency_hz,
+        mode.relative_sd * mode.frequency_hz,
+        mode.damping_ratio,
+        mode.damping_sd,
+    )
+    epochs = (*lesson.epochs, epoch)
+    if mode.shape is None or mode.shape_sd is None or reference.shape is None:
+        return dataclasses.replace(lesson, epochs=epochs)
+    turned, factor = aligned(mode.shape, np.array(reference.shape))
+    precision = (factor * mode.shape_sd) ** -2.0
+    known = np.isfinite(turned) & np.isfinite(precision)
+    zeros = (0.0,) * len(turned)
+    weight = np.where(known, precision, 0.0)
+    return Lesson(
+        epochs,
+        tuple((np.array(lesson.weighted or zeros) + weight * np.nan_to_num(turned)).tolist()),
+        tuple((np.array(lesson.weight or zeros) + weight).tolist()),
+    )
+
+
+def _baseline(lesson: Lesson) -> Baseline:
+    """Average what one mode has taught; its number in the model is not known yet."""
+    frequency, sd, damping, damping_sd = np.array(lesson.epochs).T.copy()
+    nominal = learn_nominal(frequency, sd, damping, damping_sd)
+    weight = np.array(lesson.weight)
+    shape = shape_sd = None
+    if (weight > 0.0).sum() > 1:
+        heard = weight > 0.0
+        safe = np.where(heard, weight, 1.0)
+        mean = np.where(heard, np.array(lesson.weighted) / safe, np.nan)
+        norm = float(np.sqrt(np.nansum(mean**2)))
+        shape = tuple((mean / norm).tolist())
+        shape_sd = tuple((np.where(heard, safe**-0.5, np.nan) / norm).tolist())
+    return Baseline(
+        -1,
+        nominal.frequency,
+        nominal.frequency_relative_sd,
+        nominal.damping_ratio,
+        nominal.damping_relative_sd,
+        shape,
+        shape_sd,
+    )
+
+
+def _partners(baselines: Sequence[Baseline], model: Model) -> dict[int, int]:
+    """Which learnt mode is which of the model's, before the model is moved."""
+    modes = model.whole.modes(np.zeros(len(model.whole.names)))
+    reach = np.sqrt(np.sum((modes.log_frequency_slope * model.tolerance) ** 2, axis=1))
+    gains = np.zeros((len(baselines), len(reach)))
+    columns = model.rows @ modes.shape
+    for i, one in enumerate(baselines):
+        away = np.log(one.frequency_hz / modes.frequency_hz)
+        cost = 0.5 * away**2 / ((reach + 0.01) ** 2 + one.relative_sd**2)
+        if one.shape is not None:
+            for j in range(len(reach)):
+                alike, channels = likeness(np.array(one.shape), columns[:, j])
+                own = max(channels - 1, 0)
+                cost[j] += 0.5 * own * (1.0 - alike) / _TURNED
+                cost[j] += _GATE * (alike < _UNLIKE and own > 0)
+        gains[i] = _GATE - cost
+    return dict(best_pairs(gains))
+
+
+def _moved(
+    model: Model, baselines: Sequence[Baseline]
+) -> tuple[tuple[float, ...], tuple[int, ...]]:
+    """Where in the model the structure is, and which of its modes each learnt one is."""
+    measured = measured_of(
+        baselines,
+        model,
+        unmodelled_frequency=_UNMODELLED_FREQUENCY,
+        unmodelled_shape=_UNMODELLED_SHAPE,
+    )
+    theta = estimate(model.whole, measured, model.tolerance, starts=0).theta
+    modes = gap(model.whole, measured, theta, np.full(len(theta), 0.05)).pairs
+    return tuple(theta.tolist()), tuple(modes.tolist())

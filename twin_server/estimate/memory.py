@@ -1,0 +1,146 @@
+"""What a twin of elements remembers from one epoch to the next; numbers and text."""
+
+import dataclasses
+from typing import Any
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Reference:
+    """A mode that the next epoch's modes are compared with.
+
+    Parameters
+    ----------
+    frequency_hz
+        Where it was seen last, evened out a little.
+    shape
+        Likewise, in displacements, of unit norm; None where no shape was ever seen.
+    boot, identity
+        What the edge calls it, and in which of its boots.
+    missed
+        Epochs since it was seen.
+    """
+
+    frequency_hz: float
+    shape: tuple[float, ...] | None
+    boot: str = ""
+    identity: int | None = None
+    missed: int = 0
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Lesson:
+    """What has been gathered of one mode while learning.
+
+    Parameters
+    ----------
+    epochs
+        Frequency [Hz], its sd, damping ratio, its sd; NaN where not known.
+    weighted, weight
+        Sums of real shapes over their variances, and of the inverse variances, per channel.
+    """
+
+    epochs: tuple[tuple[float, float, float, float], ...] = ()
+    weighted: tuple[float, ...] = ()
+    weight: tuple[float, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Baseline:
+    """One mode of the model, as the structure had it to begin with.
+
+    Parameters
+    ----------
+    mode
+        Its number in the model, 0 for the lowest.
+    frequency_hz, relative_sd
+        As learnt.
+    damping_ratio, damping_relative_sd
+        As learnt; NaN where none was found.
+    shape, shape_sd
+        As learnt, per channel of the model, NaN where not heard; None without shapes.
+    """
+
+    mode: int
+    frequency_hz: float
+    relative_sd: float
+    damping_ratio: float
+    damping_relative_sd: float
+    shape: tuple[float, ...] | None = None
+    shape_sd: tuple[float, ...] | None = None
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Suspicion:
+    """Whether something is believed to have changed, and readings in a row that deny it."""
+
+    word: str
+    holds: bool = False
+    against: int = 0
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Memory:
+    """All that the next epoch needs to know of those before it.
+
+    Parameters
+    ----------
+    references
+        Modes followed; once learnt, one for each of `baselines`, in the same order.
+    lessons
+        While learning, one for each of `references`; later none.
+    learnt_from
+        Epochs gathered so far.
+    theta
+        Where the structure is in the model: logarithms of the factors on all stiffnesses and
+        masses; none while learning.
+    baselines
+        Modes of the model that were found in the structure.
+    suspicions
+        What is believed to have changed, or is on its way to be.
+    """
+
+    references: tuple[Reference, ...] = ()
+    lessons: tuple[Lesson, ...] = ()
+    learnt_from: int = 0
+    theta: tuple[float, ...] = ()
+    baselines: tuple[Baseline, ...] = ()
+    suspicions: tuple[Suspicion, ...] = ()
+
+    @property
+    def knows(self) -> bool:
+        """Whether learning is over."""
+        return bool(self.baselines)
+
+    @classmethod
+    def from_dict(cls, content: dict[str, Any]) -> "Memory":
+        """Read what `dataclasses.asdict` and JSON have made of one."""
+        return cls(
+            references=tuple(
+                Reference(**{**r, "shape": _floats(r["shape"])}) for r in content["references"]
+            ),
+            lessons=tuple(
+                Lesson(
+                    tuple((f, s, z, e) for f, s, z, e in one["epochs"]),
+                    tuple(one["weighted"]),
+                    tuple(one["weight"]),
+                )
+                for one in content["lessons"]
+            ),
+            learnt_from=content["learnt_from"],
+            theta=tuple(content["theta"]),
+            baselines=tuple(
+                Baseline(
+                    **{
+                        **b,
+                        "shape": _floats(b["shape"]),
+                        "shape_sd": _floats(b["shape_sd"]),
+                    }
+                )
+                for b in content["baselines"]
+            ),
+            suspicions=tuple(Suspicion(**s) for s in content["suspicions"]),
+        )
+
+
+def _floats(numbers: list[float] | None) -> tuple[float, ...] | None:
+    return None if numbers is None else tuple(numbers)
