@@ -20,9 +20,9 @@ from .harmonic_families import Family, families
 from .identified import Measured
 from .modes import Kind
 from .narrowband import Narrow, Spectra, narrow, spectra_of, steadiness, untuned
-from .rarity import steady_rarity, tone_rarity
+from .rarity import noise_rarity, steady_rarity, tone_rarity
 from .sharp_peaks import sharp_peaks
-from .tones import line_amplitude, line_frequency, line_shape, strongest_bin
+from .tones import SEARCH_BINS, line_amplitude, line_frequency, line_shape, strongest_bin
 
 LEAST_DAMPING = 5e-4
 FALSE_ALARM = 1e-3
@@ -57,8 +57,8 @@ class Verdict:
     kind
         `harmonic` where `p_structural` is below the false-alarm rate that holds there.
     p_structural
-        Probability that a mode damped by `least_damping` or more looks so steady: an upper
-        limit over all such modes, all tests counted.
+        Probability that a mode damped by `least_damping` or more looks so steady, or noise
+        stands so high: an upper limit over all such modes, all tests counted.
     kurtosis
         Of the band-passed signal: 1.5 a sine, 3 a mode under Gaussian force, more a mode
         under blows.
@@ -201,7 +201,8 @@ def find_harmonics(
     low, high = checks.band(band_hz, rate_hz, len(samples))
     peaks = sharp_peaks(spectra, low, high)
     speeds = tuple(Measured(float(f), 0.0) for f in known_hz)
-    found = [_verdict(spectra, moving, f, doubt, speeds) for f in peaks]
+    searched = round((high - low) / spectra.spacing_hz)
+    found = [_verdict(spectra, moving, f, doubt, speeds, searched) for f in peaks]
     lines = _harmonics(found, spectra.spacing_hz)
     bases = families(tuple(v.frequency_hz for v in lines), resolution_hz=spectra.spacing_hz)
     if bases:
@@ -229,6 +230,7 @@ def _verdict(
     frequency_hz: float,
     doubt: Doubt,
     speeds: tuple[Measured, ...],
+    searched: int = 2 * SEARCH_BINS + 1,
 ) -> Verdict:
     centre = strongest_bin(spectra, frequency_hz)
     expected = _is_multiple(spectra, centre * spectra.spacing_hz, speeds)
@@ -236,6 +238,7 @@ def _verdict(
     least = doubt.least_damping * centre
     rng = np.random.default_rng(doubt.seed)
     p, line = _least_likely(spectra, centre, least, level, rng)
+    p = max(p, noise_rarity(line, int(moving.sum()), searched))
     harmonic = p < level
     tone = 1.0 - float(untuned(line.envelope[None])[0])
     shape = np.zeros(len(moving), dtype=complex)

@@ -11,6 +11,7 @@ References
 from collections.abc import Callable
 
 import numpy as np
+from scipy.special import gammaincc
 
 from .narrowband import Narrow, envelopes, steadiness, untuned
 
@@ -26,6 +27,9 @@ DRAWS = 1.5
 FEWEST, MOST = 64, 1024
 ENOUGH = 10
 """Modes drawn at a time, and how many as steady as the peak settle the matter."""
+
+NOISE_DOUBT = 1.5
+"""The noise density is told from few bins, and may be so much higher."""
 
 WIDER = 1.4
 """Step of the search for the narrowest mode that the peak may be."""
@@ -57,6 +61,17 @@ def tone_rarity(seen: Narrow, least: float, level: float, rng: np.random.Generat
         return 1.0
     value = float(untuned(seen.envelope[None])[0])
     return rarity(seen, value, untuned, least, level, rng)
+
+
+def noise_rarity(seen: Narrow, channels: int, searched: int) -> float:
+    r"""Probability that noise alone stands so high in one of the bands searched.
+
+    The energy of the band over the noise density has a gamma law; its weighting of the channels
+    was chosen to show the peak, which is worth one degree of freedom a channel.
+    """
+    count = len(seen.envelope)
+    energy = (1.0 + seen.snr) * count
+    return min(1.0, searched * float(gammaincc(count + channels - 1, energy / NOISE_DOUBT)))
 
 
 def steady_rarity(seen: Narrow, least: float, level: float, rng: np.random.Generator) -> float:

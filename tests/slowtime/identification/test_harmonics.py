@@ -180,6 +180,12 @@ def test_structures_and_noise_have_no_harmonics(modes):
         assert find_harmonics(record, RATE) == ((), ())
 
 
+def test_the_highest_peaks_of_long_noise_in_many_channels_are_no_lines():
+    rng = np.random.default_rng(15)
+    for _ in range(4):
+        assert find_harmonics(rng.standard_normal((60_000, 4)), RATE) == ((), ())
+
+
 def test_the_record_stays_as_it_was_and_the_answer_the_same():
     record = tone(np.random.default_rng(13), 8.0, 100.0)[:, None]
     kept = record.copy()
