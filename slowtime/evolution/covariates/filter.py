@@ -71,9 +71,7 @@ def innovation(
     return Innovation(expected, variance, value - expected, seen, shared / variance)
 
 
-def update(belief: Belief, reading: Innovation, most: float = np.inf) -> Belief:
-    """Take in a reading, its residual cut at `most` standard deviations."""
+def update(belief: Belief, reading: Innovation) -> Belief:
+    """Take in a reading."""
     covariance = belief.covariance - reading.variance * np.outer(reading.gain, reading.gain)
-    cut = most * reading.variance**0.5
-    residual = min(max(reading.residual, -cut), cut)
-    return Belief(belief.time, belief.mean + reading.gain * residual, covariance)
+    return Belief(belief.time, belief.mean + reading.gain * reading.residual, covariance)

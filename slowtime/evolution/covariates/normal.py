@@ -18,8 +18,11 @@ _FEWEST = 30
 _SIDE = 0.05  # share of the training below freezing, and above, that makes a bend worth trying
 _NEAR = 5.0  # degrees about freezing within which the bend is sought
 _OUTLIER = 5.0  # standard deviations beyond which a reading is not learnt from
+_BLUNT = 1.2  # times the lesser spread of a foretold reading, beyond which it has no say
 _PASSES = 4
-_BOUNDED = 6.0  # prior standard deviations that a logarithm may be from its prior centre
+# Where the search may begin, in prior sds: a long memory has a false summit of its own.
+_MEMORIES, _SPREADS = np.linspace(-1.2, 1.2, 5), np.linspace(-1.0, 1.0, 3)
+_BOUNDED = 4.0  # prior standard deviations that a logarithm may be from its prior centre
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -145,13 +148,14 @@ def _without_outliers(
 ) -> _Training:
     """Leave out readings that the most flexible law finds far out of line."""
     law = _laws(training, temperature, freezing)[-1]
+    kept = np.ones(len(training.time), dtype=bool)
     for _ in range(_PASSES):
-        basis, wander, _ = _fit(law, training, temperature or 0, freezing)
-        kept = _agreeing(training, basis, wander)
-        if kept.all():
+        basis, wander, _ = _fit(law, training.only(kept), temperature or 0, freezing)
+        agreeing = _agreeing(training, kept, basis, wander)
+        if (agreeing == kept).all():
             break
-        training = training.only(kept)
-    return training
+        kept = agreeing
+    return training.only(kept)
 
 
 def _conclude(
@@ -228,9 +232,11 @@ def _fit(
         evidence = log_evidence(wander, training.time, training.value, training.sd, features)
         return 0.5 * float(whitened @ whitened) - evidence
 
+    net = np.zeros((_MEMORIES.size * _SPREADS.size, len(centre)))
+    net[:, :2] = np.stack(np.meshgrid(_MEMORIES, _SPREADS), axis=-1).reshape(-1, 2)
     found = minimize(
         cost,
-        np.zeros(len(centre)),
+        min(net, key=cost),
         method="L-BFGS-B",
         bounds=[(-_BOUNDED, _BOUNDED)] * len(centre),
         options={"maxiter": 60, "ftol": 1e-9},
@@ -267,18 +273,39 @@ def _parametrised(
     return np.array(centre), np.array(sd), build
 
 
-def _agreeing(training: _Training, basis: Basis, wander: Wander) -> np.ndarray:
-    """Which readings a filter of the fitted law does not find far out of line."""
+def _agreeing(
+    training: _Training, kept: np.ndarray, basis: Basis, wander: Wander
+) -> np.ndarray:
+    """Which readings are in line with those before them or with those after.
+
+    Only a side that foretells about as well as the other has a say: at the first readings the
+    future knows better, and behind a wrong one the past may take long to recover.
+    """
+    back = training.only(np.arange(len(training.time))[::-1])
+    back = dataclasses.replace(back, time=-back.time)
+    before, its_spread = _foretold(training, kept, basis, wander)
+    after, other_spread = (part[::-1] for part in _foretold(back, kept[::-1], basis, wander))
+    score, spread = np.abs([before, after]), np.array([its_spread, other_spread])
+    score[spread > _BLUNT * spread.min(axis=0)] = np.inf
+    best = score.min(axis=0)
+    # By the scatter of the middle half: outliers have widened what the fit calls noise.
+    return np.asarray(best <= _OUTLIER * 1.4826 * np.median(best))
+
+
+def _foretold(
+    training: _Training, kept: np.ndarray, basis: Basis, wander: Wander
+) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals of a filter fed with what was kept so far, in their spreads, and these."""
     features = basis.features(training.covariates)
     belief = recursion.prior(features.shape[1], wander, float(training.time[0]))
-    score = np.zeros(len(training.time))
-    for i in range(len(score)):
+    score, spread = np.zeros(len(features)), np.zeros(len(features))
+    for i in range(len(features)):
         belief = recursion.ahead(belief, wander, float(training.time[i]))
         reading = recursion.innovation(
             belief, wander, float(training.value[i]), float(training.sd[i]), features[i]
         )
-        score[i] = reading.residual / np.sqrt(reading.variance)
-        belief = recursion.update(belief, reading, _OUTLIER)
-    # By the scatter of the middle half: outliers have widened what the fit calls noise.
-    scale = 1.4826 * float(np.median(np.abs(score)))
-    return np.asarray(np.abs(score) <= _OUTLIER * scale)
+        spread[i] = np.sqrt(reading.variance)
+        score[i] = reading.residual / spread[i]
+        if kept[i]:
+            belief = recursion.update(belief, reading)
+    return score, spread

@@ -285,6 +285,20 @@ def test_the_law_is_chosen_by_evidence(law):
     assert np.std(removed) / 5.0 < 0.0012
 
 
+@pytest.mark.parametrize("where", [0, 300, 599])
+def test_wrong_readings_are_not_learnt_from_wherever_they_are(where):
+    rng = np.random.default_rng(9)
+    t, warm = np.arange(600.0), 5.0 * rng.normal(size=600)
+    frequency = 5.0 * np.exp(-0.002 * warm + 0.001 * rng.normal(size=600))
+    clean = learn_normal(t, frequency, 0.005, warm[:, None])
+    wrong = frequency.copy()
+    wrong[where] *= 0.87
+    normal = learn_normal(t, wrong, 0.005, warm[:, None])
+    assert normal.rejected == 1
+    assert clean.rejected == 0
+    assert normal.wander.sd < 1.5 * clean.wander.sd + 2e-4
+
+
 def test_a_single_wrong_reading_raises_no_alarm_and_changes_no_belief():
     log = multivariate_normal(np.zeros(60), dense(plain(), 60)).rvs(random_state=6)
     wrong = log.copy()
