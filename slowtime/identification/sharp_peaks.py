@@ -47,8 +47,9 @@ def _hann(coefficients: np.ndarray) -> np.ndarray:
 def _excess(power: np.ndarray, width: int) -> np.ndarray:
     """Logarithm of the mean over `width` bins over what smooth noise would hardly reach."""
     around = min(SURROUNDINGS * width | 1, len(power) | 1)
-    floor = median_filter(power, size=(around, 1), mode="nearest") / np.log(2.0)
-    floor = np.maximum(floor, np.finfo(float).tiny)
+    # One column at a time: the filter is a hundred times faster on one axis than on two.
+    middle = [median_filter(column, size=around, mode="nearest") for column in power.T]
+    floor = np.maximum(np.stack(middle, axis=1) / np.log(2.0), np.finfo(float).tiny)
     level = uniform_filter1d((power / floor).max(axis=1), width, mode="nearest")
     ordinates = max(1.0, width / 1.5)
     # Each channel may be the one that shows the line.
