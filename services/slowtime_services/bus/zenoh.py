@@ -155,9 +155,10 @@ class ZenohBus:
         key = check_key(key_expression, wildcards=True)
         entity = self._session.declare_subscriber(key, zenoh.handlers.FifoChannel(_WAITING))
         # A thread of Zenoh's own would pass the interpreter's lock back and forth for each
-        # message, which costs a busy process more than receiving does.
+        # message, which costs a busy process more than receiving does. No daemon: one that
+        # wakes up while the interpreter ends takes the process down with it.
         threading.Thread(
-            target=self._pump, args=(entity.handler, callback), name=f"bus {key}", daemon=True
+            target=self._pump, args=(entity.handler, callback), name=f"bus {key}"
         ).start()
         return self._keep(entity)
 
