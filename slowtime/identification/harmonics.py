@@ -237,8 +237,7 @@ def _verdict(
     level = max(doubt.false_alarm, FALSE_ALARM_AT_A_MULTIPLE if expected else 0.0)
     least = doubt.least_damping * centre
     rng = np.random.default_rng(doubt.seed)
-    p, line = _least_likely(spectra, centre, least, level, rng)
-    p = max(p, noise_rarity(line, int(moving.sum()), searched))
+    p, line = _least_likely(spectra, centre, least, level, searched, rng)
     harmonic = p < level
     tone = 1.0 - float(untuned(line.envelope[None])[0])
     shape = np.zeros(len(moving), dtype=complex)
@@ -257,21 +256,32 @@ def _verdict(
 
 
 def _least_likely(
-    spectra: Spectra, centre: int, least: float, level: float, rng: np.random.Generator
+    spectra: Spectra,
+    centre: int,
+    least: float,
+    level: float,
+    searched: int,
+    rng: np.random.Generator,
 ) -> tuple[float, Narrow]:
     """Smallest probability of all tests, each paid for, and the band in which it came out."""
-    found = []
+    channels, found = spectra.coefficients.shape[1], []
     share = 2.0 * len(TONE_HALF_WIDTHS)
     for half_width in TONE_HALF_WIDTHS:
         line = narrow(spectra, centre, half_width)
-        found.append((share * tone_rarity(line, least, level / share, rng), line))
+        p = noise_rarity(line, channels, searched)
+        if p < level:
+            p = max(p, share * tone_rarity(line, least, level / share, rng))
+        found.append((p, line))
     share = 2.0 * len(HALF_WIDTHS)
     for half_width in HALF_WIDTHS:
         settled = min(found, key=lambda pair: pair[0])[0] < level
         if settled or half_width > max(WIDEST * centre, HALF_WIDTHS[0]):
             break
         line = narrow(spectra, centre, half_width)
-        found.append((share * steady_rarity(line, least, level / share, rng), line))
+        p = noise_rarity(line, channels, searched)
+        if p < level:
+            p = max(p, share * steady_rarity(line, least, level / share, rng))
+        found.append((p, line))
     p, line = min(found, key=lambda pair: pair[0])
     if p >= level:
         line = found[len(TONE_HALF_WIDTHS) - 1][1]
