@@ -1,0 +1,30 @@
+import json
+import re
+
+from slowtime_services.reports import Chart, Section, Table, write_page
+
+HOSTILE = "</script><script>window.hacked = 1</script>"
+
+
+def written(tmp_path, *shown):
+    path = tmp_path / "page.html"
+    write_page(path, f"Modes {HOSTILE}", HOSTILE, [Section("Found", [HOSTILE], shown)])
+    return path.read_text(encoding="utf-8")
+
+
+def test_names_out_of_records_are_shown_and_never_run(tmp_path):
+    chart = Chart([{"name": HOSTILE, "x": [1.0]}], {"title": HOSTILE}, HOSTILE)
+    text = written(tmp_path, Table([HOSTILE], [[HOSTILE]], HOSTILE), chart)
+    assert "<script>window.hacked" not in text
+    inside = re.search(r'<script type="application/json">(.*?)</script>', text)
+    assert json.loads(inside[1])["data"][0]["name"] == HOSTILE
+
+
+def test_a_page_asks_nobody_for_anything(tmp_path):
+    text = written(tmp_path, Chart([{"y": [1.0, 2.0]}], {}, "A line."))
+    assert not re.search(r"<(script|link|img|iframe)[^>]+(src|href)=", text)
+    assert "Plotly" in text
+
+
+def test_a_page_without_charts_does_without_the_library(tmp_path):
+    assert len(written(tmp_path, Table(["f"], [["1"]]))) < 5000
