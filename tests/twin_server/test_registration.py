@@ -6,6 +6,7 @@ import pytest
 from pydantic import ValidationError
 
 from twin_server.registration import (
+    MODEL_EXAMPLE,
     Alarm,
     Nominal,
     Registration,
@@ -102,3 +103,54 @@ def test_a_wrong_file_of_registrations_says_where_and_why(tmp_path, name, text, 
         (tmp_path / name).write_text(text)
     with pytest.raises(WrongRegistrationsError, match=says):
         registrations(tmp_path / name)
+
+
+def of_elements(**more):
+    return {"changes": "elements", "model": MODEL_EXAMPLE["model"], **more}
+
+
+def test_a_twin_of_elements_is_written_and_read_without_loss():
+    registration = Registration.model_validate(MODEL_EXAMPLE)
+    assert Registration.from_json(registration.to_json()) == registration
+    assert Registration.model_validate(registration.to_dict()) == registration
+    assert registration.structure().free == ("storey1", "storey2", "floor2.mass")
+    assert [name for name, _ in registration.watched()] == list(registration.structure().free)
+    everything = Registration(**of_elements()).structure()
+    assert everything.free == ("storey1", "storey2")
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"changes": "elements"}, r"without a model.*Give a model, and changes='elements'"),
+        ({"model": MODEL_EXAMPLE["model"]}, r"'stiffness' was given with model or parameters"),
+        ({"parameters": {"storey1": 0.1}}, r"was given with model or parameters"),
+        (
+            of_elements(parameters={"attic": 0.1}),
+            r"attic may change.*Allowed: storey1, storey2",
+        ),
+        (of_elements(parameters={}), r"at least 1 item"),
+        (of_elements(nominal={"frequency_hz": 3.0}), r"Leave `nominal` out"),
+        (
+            of_elements(alarms=[{"quantity": "attic", "below": 0.0}]),
+            r"An alarm on 'attic'.*Allowed: .*storey2",
+        ),
+        (
+            {"alarms": [{"quantity": "elements", "below": 0.0}]},
+            r"An alarm on 'elements'.*Allowed: frequency_hz",
+        ),
+        (
+            of_elements(model={**MODEL_EXAMPLE["model"], "sensors": []}),
+            r"No sensor of the model is on something that moves",
+        ),
+    ],
+)
+def test_a_model_and_parameters_that_do_not_go_together_are_refused(given, says):
+    with pytest.raises(ValidationError, match=says):
+        Registration.model_validate(given)
+
+
+def test_a_model_that_contradicts_itself_is_refused_by_name():
+    model = {**MODEL_EXAMPLE["model"], "nodes": MODEL_EXAMPLE["model"]["nodes"][:1]}
+    with pytest.raises(ValidationError, match=r"No node is called 'floor2'"):
+        Registration(**of_elements(model=model))

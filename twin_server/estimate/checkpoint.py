@@ -115,6 +115,18 @@ class Checkpoint:
             return None
         return {name: value for name, value in known.items() if not math.isnan(value)}
 
+    def nominal_modes(self) -> list[dict[str, Any]]:
+        """Give the modes of a model as they were learnt."""
+        return [
+            {
+                "model_mode": one.mode,
+                "frequency_hz": one.frequency_hz,
+                "relative_sd": one.relative_sd,
+                "damping_ratio": None if math.isnan(one.damping_ratio) else one.damping_ratio,
+            }
+            for one in (() if self.elements is None else self.elements.baselines)
+        ]
+
     @property
     def has_damping(self) -> bool:
         """Whether a nominal damping ratio is known."""

@@ -62,6 +62,11 @@ class TwinKnowledge:
         twin = self._pipeline.twin(twin_id)
         return None if twin is None else twin.checkpoint.nominal()
 
+    def nominal_modes(self, twin_id: str) -> list[dict[str, Any]]:
+        """Give the modes of a twin of elements as learnt; empty while they are not."""
+        twin = self._pipeline.twin(twin_id)
+        return [] if twin is None else twin.checkpoint.nominal_modes()
+
     def alive(self, twin_id: str) -> bool:
         """Whether the edge of a twin is there."""
         return self._pipeline.is_alive(twin_id)

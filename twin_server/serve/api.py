@@ -7,9 +7,10 @@ from typing import Annotated, Any
 import plotly
 from fastapi import APIRouter, Depends, FastAPI, Header, Query, Request, Response
 from pydantic import Field
-from pydantic_core import to_json
+from pydantic_core import from_json, to_json
 from starlette.responses import FileResponse
 
+from twin_server.details import without_shapes
 from twin_server.registration import ID, Registration
 from twin_server.rendering import estimate_objects, event_object, points, state_objects
 from twin_server.settings import ServeSettings
@@ -41,12 +42,20 @@ _MOMENT = (
 TwinId = Annotated[str, Field(pattern=ID)]
 MomentText = Annotated[str | None, Query(description=_MOMENT, examples=["slow:812.5"])]
 Finite = Annotated[float, Field(gt=0, le=1e300, allow_inf_nan=False)]
-_EMPTY: dict[str, Any] = dict.fromkeys(models.State.model_fields) | {
+_OF_ONE_MODE = models.State.model_fields.keys() - models.OfElements.model_fields
+_EMPTY: dict[str, Any] = dict.fromkeys(_OF_ONE_MODE) | {
     "correlation": 0.0,
     "assumed": [],
     "frequency_used": "measured",
     "valid": False,
     "missing_before": 0,
+}
+
+_MODE: dict[str, Any] = {
+    "identity": None,
+    "model_mode": None,
+    "kind": "structural",
+    "shape": None,
 }
 
 
@@ -85,9 +94,12 @@ def _twins(knowledge: Knowledge, hub: Hub, settings: ServeSettings) -> APIRouter
 
     Known = Annotated[Registration, Depends(known)]
 
-    def described(twin_id: str, registration: Registration, at: Moment | None) -> str:
+    def described(
+        twin_id: str, registration: Registration, at: Moment | None, *, shapes: bool = True
+    ) -> str:
         chapter = knowledge.latest(twin_id, at)
-        state = next(_objects(twin_id, chapter), None) or _no_state(twin_id, at)
+        found = _objects(twin_id, chapter, shapes=shapes)
+        state = next(found, None) or _no_state(twin_id, at)
         more = to_json(
             {
                 "alive": knowledge.alive(twin_id),
@@ -99,9 +111,9 @@ def _twins(knowledge: Knowledge, hub: Hub, settings: ServeSettings) -> APIRouter
 
     @api.get("/twins", response_model=models.TwinList)
     def list_twins() -> Response:
-        """All twins, each with its latest state."""
+        """All twins, each with its latest state; shapes are left to `modes`."""
         all_of_them = [(i, knowledge.registration(i)) for i in knowledge.ids()]
-        texts = [described(i, r, None) for i, r in all_of_them if r is not None]
+        texts = [described(i, r, None, shapes=False) for i, r in all_of_them if r is not None]
         return Response(f'{{"twins":[{",".join(texts)}]}}', media_type=JSON)
 
     @api.put(
@@ -138,12 +150,20 @@ def _twins(knowledge: Knowledge, hub: Hub, settings: ServeSettings) -> APIRouter
             int,
             Query(ge=2, le=settings.max_points, description="Extremes are never left out."),
         ] = settings.default_points,
+        shapes: Annotated[
+            bool, Query(description="With the shapes of all modes, which are most of it.")
+        ] = False,
     ) -> Response:
         """States from `start` to `end`, both included."""
         chapter = knowledge.history(
             twin_id, _moment("start", start), _moment("end", end), max_points
         )
-        return Response(points(_objects(twin_id, chapter)), media_type=JSON)
+        return Response(points(_objects(twin_id, chapter, shapes=shapes)), media_type=JSON)
+
+    @api.get("/twins/{twin_id}/modes", response_model=models.ModesModel, responses=_PROBLEM)
+    def modes(twin_id: TwinId, registration: Known, at: MomentText = None) -> Response:
+        """Modes of the latest epoch, or of the last one not later than `at`, with shapes."""
+        return _json(_modes(knowledge, twin_id, _moment("at", at)))
 
     @api.get(
         "/twins/{twin_id}/history/hash", response_model=models.HashModel, responses=_PROBLEM
@@ -168,6 +188,8 @@ def _twins(knowledge: Knowledge, hub: Hub, settings: ServeSettings) -> APIRouter
         ] = 40,
     ) -> Response:
         """Stiffness and mass change expected up to `horizon` after the last reading."""
+        if registration.changes == "elements":
+            return _json(_no_forecast(twin_id, _NONE_OF_ELEMENTS))
         return _json(_forecast(knowledge, twin_id, horizon, count))
 
     @api.get("/twins/{twin_id}/events", response_model=models.EventList, responses=_PROBLEM)
@@ -264,8 +286,29 @@ def _page() -> APIRouter:
     return api
 
 
-def _objects(twin_id: str, chapter: Chapter) -> Any:
-    return state_objects(chapter.states, twin_id, chapter.boots, chapter.units)
+def _objects(twin_id: str, chapter: Chapter, *, shapes: bool = True) -> Any:
+    bodies = chapter.bodies
+    if not shapes:
+        bodies = [body if body is None else without_shapes(body) for body in bodies]
+    return state_objects(chapter.states, twin_id, chapter.boots, chapter.units, bodies)
+
+
+def _modes(knowledge: Knowledge, twin_id: str, at: Moment | None) -> dict[str, Any]:
+    """Put together the modes of a state; of a twin of one mode, the one it follows."""
+    state = next(map(from_json, _objects(twin_id, knowledge.latest(twin_id, at))), None)
+    if state is None:
+        state = from_json(_no_state(twin_id, at))
+    modes = state.get("modes")
+    if modes is None:
+        one = {"frequency_hz": state["frequency_hz"], "damping_ratio": state["damping_ratio"]}
+        modes = [one] if state["frequency_hz"] else []
+    kept = ("id", "t_ns", "slow_time", "slow_time_unit", "valid", "reasons")
+    return {
+        **{key: state[key] for key in kept},
+        "channels": state.get("channels", []),
+        "modes": [_MODE | mode for mode in modes],
+        "nominal": knowledge.nominal_modes(twin_id),
+    }
 
 
 def _no_state(twin_id: str, at: Moment | None) -> str:
@@ -274,22 +317,26 @@ def _no_state(twin_id: str, at: Moment | None) -> str:
     return to_json({**_EMPTY, "id": twin_id, "reasons": reasons}).decode()
 
 
+_NONE_OF_ELEMENTS = (
+    "Elements are estimated, not forecast. Look at their changes over slow time in the history."
+)
+
+
+def _no_forecast(twin_id: str, reason: str) -> dict[str, Any]:
+    none: dict[str, Any] = {"since": None, "until": None, "points": [], "valid": False}
+    return {"id": twin_id, **none, "reasons": [reason]}
+
+
 def _forecast(
     knowledge: Knowledge, twin_id: str, horizon: float | None, count: int
 ) -> dict[str, Any]:
     outlook = knowledge.outlook(twin_id, horizon, count)
     if outlook is None:
-        return {
-            "id": twin_id,
-            "since": None,
-            "until": None,
-            "points": [],
-            "valid": False,
-            "reasons": [
-                "There are too few valid readings to forecast from. Wait for more of them, or "
-                "look at the reasons of the latest states."
-            ],
-        }
+        return _no_forecast(
+            twin_id,
+            "There are too few valid readings to forecast from. Wait for more of them, or "
+            "look at the reasons of the latest states.",
+        )
     none = [None] * len(outlook.slow_time)
     of_each = {
         name: estimate_objects(outlook.bands[name].tolist()) if name in outlook.bands else none

@@ -51,6 +51,10 @@ class Knowledge(Protocol):
         """Give the nominal model in use; None while it is being learnt."""
         ...
 
+    def nominal_modes(self, twin_id: str) -> list[dict[str, Any]]:
+        """Give the modes of a twin of elements as learnt; empty while they are not."""
+        ...
+
     def alive(self, twin_id: str) -> bool:
         """Whether the edge of a twin is there."""
         ...

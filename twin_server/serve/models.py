@@ -4,8 +4,9 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, Field
 
+from slowtime_schemas.messages import Shape
 from slowtime_schemas.quantities import Estimate
-from twin_server.registration import Registration
+from twin_server.registration import MODEL_EXAMPLE, Registration
 
 _FREQUENCY = {"value": 2.987, "sd": 0.002, "lo": 2.983, "hi": 2.991}
 _STIFFNESS = {"value": -0.0086, "sd": 0.0013, "lo": -0.0112, "hi": -0.006}
@@ -30,10 +31,69 @@ STATE_EXAMPLE: dict[str, Any] = {
 }
 
 
-class State(BaseModel):
+_LOST = {"value": -0.08, "sd": 0.01, "lo": -0.0994, "hi": -0.0603}
+SHAPE_EXAMPLE = {"re": [0.36, 0.6, 0.714], "im": [0.0, 0.0, 0.0], "sd": [0.01, 0.01, 0.01]}
+MODE_EXAMPLE: dict[str, Any] = {
+    "identity": 1,
+    "model_mode": 0,
+    "frequency_hz": _FREQUENCY,
+    "damping_ratio": {"value": 0.0213, "sd": 0.0009, "lo": 0.0195, "hi": 0.0231},
+    "kind": "structural",
+    "shape": SHAPE_EXAMPLE,
+}
+ELEMENTS_EXAMPLE: dict[str, Any] = {
+    **STATE_EXAMPLE,
+    "id": "demo.frame",
+    "stiffness_change": None,
+    "mass_change": None,
+    "assumed": [],
+    "truth": {"storey2": -0.083},
+    "elements": {"storey1": {"value": 0.004, "sd": 0.011, "lo": -0.017, "hi": 0.026}}
+    | {"storey2": _LOST},
+    "posterior_to_prior": {"storey1": 0.036, "storey2": 0.033},
+    "suspects": ["storey2"],
+    "channels": ["a_floor1", "a_floor2", "a_floor3"],
+    "modes": [MODE_EXAMPLE],
+}
+
+
+class SeenModeModel(BaseModel):
+    """One mode of an epoch."""
+
+    model_config = {"json_schema_extra": {"examples": [MODE_EXAMPLE]}}
+
+    identity: int | None = Field(None, description="The edge's name of it, within a boot.")
+    model_mode: int | None = Field(
+        None, description="Which of the model's modes it is, 0 for the lowest."
+    )
+    frequency_hz: Estimate
+    damping_ratio: Estimate | None
+    kind: Literal["structural", "harmonic"] = "structural"
+    shape: Shape | None = Field(
+        None, description="One component per channel; null in histories unless asked for."
+    )
+
+
+class OfElements(BaseModel):
+    """What only a twin of many elements has."""
+
+    elements: dict[str, Estimate] = Field(
+        default={}, description="Relative change of each free stiffness and mass, by name."
+    )
+    posterior_to_prior: dict[str, float] = Field(
+        default={}, description="Of each: 1 where the readings said nothing, 0 if sure."
+    )
+    suspects: list[str] = Field(
+        default=[], description="What has changed: 'j2'; 'j1 or j4' where nobody can tell."
+    )
+    channels: list[str] = Field(default=[], description="Of the shapes' components, in order.")
+    modes: list[SeenModeModel] = []
+
+
+class State(OfElements):
     """What a twin knew after one features message."""
 
-    model_config = {"json_schema_extra": {"examples": [STATE_EXAMPLE]}}
+    model_config = {"json_schema_extra": {"examples": [STATE_EXAMPLE, ELEMENTS_EXAMPLE]}}
 
     id: str
     t_ns: int = Field(description="Sensor time [ns since 1970-01-01 UTC].")
@@ -54,7 +114,7 @@ class State(BaseModel):
     missing_before: int = Field(description="Features lost between the last one and this.")
 
 
-class TwinModel(BaseModel):
+class TwinModel(OfElements):
     """A twin: its latest state, or that at a moment, and what it is."""
 
     model_config = {
@@ -65,7 +125,13 @@ class TwinModel(BaseModel):
                     "alive": True,
                     "nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02},
                     "registration": {"changes": "stiffness"},
-                }
+                },
+                {
+                    **ELEMENTS_EXAMPLE,
+                    "alive": True,
+                    "nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02},
+                    "registration": MODEL_EXAMPLE,
+                },
             ]
         }
     }
@@ -94,6 +160,56 @@ class HistoryModel(BaseModel):
     """States in order."""
 
     points: list[State]
+
+
+class NominalMode(BaseModel):
+    """One mode as the first epochs had it."""
+
+    model_mode: int
+    frequency_hz: float
+    relative_sd: float
+    damping_ratio: float | None
+
+
+class ModesModel(BaseModel):
+    """Modes of one epoch, with shapes, and those that the twin has learnt."""
+
+    model_config = {
+        "json_schema_extra": {
+            "examples": [
+                {
+                    "id": "demo.frame",
+                    "t_ns": 1795233600123456789,
+                    "slow_time": 812.5,
+                    "slow_time_unit": "d",
+                    "valid": True,
+                    "reasons": [],
+                    "channels": ["a_floor1", "a_floor2", "a_floor3"],
+                    "modes": [MODE_EXAMPLE],
+                    "nominal": [
+                        {
+                            "model_mode": 0,
+                            "frequency_hz": 3.04,
+                            "relative_sd": 0.0004,
+                            "damping_ratio": 0.0208,
+                        }
+                    ],
+                }
+            ]
+        }
+    }
+
+    id: str
+    t_ns: int | None
+    slow_time: float | None
+    slow_time_unit: str | None
+    valid: bool
+    reasons: list[str]
+    channels: list[str] = Field(description="Of the shapes' components, in order.")
+    modes: list[SeenModeModel]
+    nominal: list[NominalMode] = Field(
+        description="The model's modes as they were learnt; empty while they are not."
+    )
 
 
 class ForecastPoint(BaseModel):

@@ -15,7 +15,7 @@ TWIN = "/api/v1/twins/lab.beam"
 def test_the_list_shows_each_twin_with_its_latest_state(server):
     (twin,) = server.get("/api/v1/twins").json()["twins"]
     models.TwinModel.model_validate(twin)
-    models.State.model_validate({k: twin[k] for k in models.State.model_fields})
+    models.State.model_validate({k: twin[k] for k in models.State.model_fields if k in twin})
     assert twin["id"] == "lab.beam"
     assert twin["slow_time"] == 299.0
     assert twin["registration"]["name"] == "Beam"
@@ -181,13 +181,13 @@ def test_every_route_is_described_with_an_example(server):
     assert set(document["paths"]) == {
         "/api/v1/twins", "/api/v1/twins/{twin_id}", "/api/v1/twins/{twin_id}/history",
         "/api/v1/twins/{twin_id}/history/hash", "/api/v1/twins/{twin_id}/forecast",
-        "/api/v1/twins/{twin_id}/events", "/api/v1/twins/{twin_id}/live", "/healthz",
-        "/readyz", "/metrics",
+        "/api/v1/twins/{twin_id}/events", "/api/v1/twins/{twin_id}/live",
+        "/api/v1/twins/{twin_id}/modes", "/healthz", "/readyz", "/metrics",
     }  # fmt: skip
     for path, methods in document["paths"].items():
         for method, operation in methods.items():
             assert operation["description"], (method, path)
-    for name in ("State", "TwinModel", "Registration"):
+    for name in ("State", "TwinModel", "Registration", "ModesModel"):
         assert document["components"]["schemas"][name]["examples"]
 
 
@@ -269,3 +269,84 @@ def test_nonsense_on_the_socket_does_not_end_the_server(server):
         raw.sendall(b"\x16\x03\x01 not http at all\r\n\r\n")
         assert raw.recv(100).startswith(b"HTTP/1.1 400")
     assert server.get("/healthz").status_code == 200
+
+
+FRAME = "/api/v1/twins/lab.frame"
+
+
+@pytest.fixture(scope="module")
+def framed(serving, frame, eventually):
+    """A server with a frame whose second storey has been weaker since its 40th epoch."""
+    started, made = serving(), frame(seed=1)
+    body = made.registration(alarms=[{"quantity": "storey2", "below": -0.05}])
+    assert started.client.put(FRAME, json=body).status_code == 201
+    started.feed([made.epoch(i, (0.0, -0.08 * (i >= 40), 0.0)) for i in range(60)])
+    assert eventually(lambda: started.count("lab.frame") == 60)
+    return started
+
+
+def test_a_twin_of_elements_tells_what_changed_and_its_modes(framed):
+    twin = framed.get(FRAME).json()
+    known = models.TwinModel.model_validate(twin)
+    assert known.suspects == ["storey2"]
+    assert known.elements["storey2"].hi < -0.05
+    assert known.posterior_to_prior["storey2"] < 0.1
+    assert (known.stiffness_change, known.mass_change) == (None, None)
+    assert twin["truth"] == {"storey1": 0.0, "storey2": -0.08, "storey3": 0.0}
+    assert [len(mode.shape.re) for mode in known.modes if mode.shape] == [3, 3, 3]
+    (listed,) = framed.get("/api/v1/twins").json()["twins"]
+    assert listed["elements"] == twin["elements"]
+    assert {mode["shape"] for mode in listed["modes"]} == {None}
+
+
+def test_modes_come_with_shapes_and_with_what_was_learnt(framed, server):
+    found = models.ModesModel.model_validate(framed.get(f"{FRAME}/modes").json())
+    assert [mode.model_mode for mode in found.modes] == [0, 1, 2]
+    assert found.channels == ["a_floor1", "a_floor2", "a_floor3"]
+    moved = [
+        mode.frequency_hz.value / learnt.frequency_hz
+        for mode, learnt in zip(found.modes, found.nominal, strict=True)
+    ]
+    assert all(0.95 < ratio < 1.003 for ratio in moved)
+    assert min(moved) < 0.985
+    first = models.ModesModel.model_validate(framed.get(f"{FRAME}/modes", at="slow:0").json())
+    assert first.slow_time == 0.0
+    (one,) = models.ModesModel.model_validate(server.get(f"{TWIN}/modes").json()).modes
+    assert one.shape is None
+    assert one.frequency_hz.value == server.get(TWIN).json()["frequency_hz"]["value"]
+    none = framed.get(f"{FRAME}/modes", at="slow:-1").json()
+    assert none["modes"] == []
+    assert "no features at that moment" in none["reasons"][0]
+
+
+@pytest.mark.parametrize("shapes", [False, True])
+def test_the_history_of_elements_has_shapes_where_they_are_asked_for(framed, shapes):
+    found = framed.get(f"{FRAME}/history", shapes=shapes).json()
+    points = models.HistoryModel.model_validate(found).points
+    assert [bool(point.elements) for point in points] == [False] * 20 + [True] * 40
+    shaped = {mode.shape is not None for point in points for mode in point.modes}
+    assert shaped == {shapes}
+
+
+def test_fewer_points_hide_no_extreme_of_an_element(framed):
+    every = framed.get(f"{FRAME}/history").json()["points"][20:]
+    some = framed.get(f"{FRAME}/history", max_points=40).json()["points"]
+    assert len(some) <= 40
+    values = [point["elements"]["storey2"]["value"] for point in every]
+    kept = [p["elements"]["storey2"]["value"] for p in some if p["elements"]]
+    assert (min(kept), max(kept)) == (min(values), max(values))
+
+
+def test_what_changed_is_told_once_and_by_name(framed):
+    events = framed.get(f"{FRAME}/events").json()["events"]
+    told = [(e["kind"], e["slow_time"]) for e in events if e["kind"] != "registered"]
+    assert told == [("nominal_learnt", 19.0), ("element_changed", 42.0), ("alarm", 42.0)]
+    by_kind = {event["kind"]: event for event in events}
+    assert by_kind["element_changed"]["message"].startswith("storey2 has lost ")
+    assert by_kind["alarm"]["message"].startswith("storey2 below -0.05 with 97.5% certainty")
+
+
+def test_elements_are_not_forecast_and_it_says_so(framed):
+    forecast = models.ForecastModel.model_validate(framed.get(f"{FRAME}/forecast").json())
+    assert forecast.points == []
+    assert forecast.reasons[0].startswith("Elements are estimated, not forecast")

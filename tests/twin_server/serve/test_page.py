@@ -3,11 +3,9 @@
 import functools
 import itertools
 import re
-import shutil
-from pathlib import Path
 
 import pytest
-from playwright.sync_api import expect, sync_playwright
+from playwright.sync_api import expect
 
 from slowtime.evolution import Reason
 from twin_server.settings import ServeSettings
@@ -15,47 +13,9 @@ from twin_server.states import LEARNING, NO_DAMPING, NO_MODE, NOT_REPRESENTABLE,
 
 pytestmark = pytest.mark.browser
 
-NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 PATIENCE_MS = 8000
 REFUSED = "net::ERR_CONNECTION_REFUSED"
 CHARTS = ("frequency_hz", "stiffness_change", "mass_change")
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with sync_playwright() as playwright:
-        own = Path(playwright.chromium.executable_path)
-        found = next(filter(None, map(shutil.which, NAMES)), own if own.exists() else None)
-        if found is None:
-            pytest.skip(
-                f"no Chromium: none of {', '.join(NAMES)} is on the PATH, and playwright has "
-                "none of its own; install one, or run `playwright install chromium`"
-            )
-        launched = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
-        yield launched
-        launched.close()
-
-
-@pytest.fixture
-def visit(browser):
-    """Open pages, each in a fresh profile, that keep what was requested and complained of."""
-    contexts = []
-
-    def go(server, fragment="", **profile):
-        context = browser.new_context(**{"viewport": {"width": 1200, "height": 900}, **profile})
-        contexts.append(context)
-        page = context.new_page()
-        page.set_default_timeout(PATIENCE_MS)
-        page.requested, page.complaints = [], []
-        page.on("request", lambda request: page.requested.append(request.url))
-        page.on("console", lambda message: page.complaints.append(message.text))
-        page.on("pageerror", lambda error: page.complaints.append(str(error)))
-        page.goto(server.url + "/" + fragment)
-        return page
-
-    yield go
-    for context in contexts:
-        context.close()
 
 
 def plot(page, quantity, twin_id="lab.beam"):

@@ -1,5 +1,6 @@
 // The part of the page that shows one twin; made once, then kept up to date in place.
 import { draw } from "./charts.js";
+import { Elements } from "./elements.js";
 import { QUANTITIES, ago, isClock, make, say, slowTime, spoken, standing, whenOf } from "./words.js";
 
 const CHARTS = ["frequency_hz", "stiffness_change", "mass_change"];
@@ -13,6 +14,7 @@ const CHANGES = {
   stiffness: "stiffness may change, mass is assumed constant",
   mass: "mass may change, stiffness is assumed constant",
   both: "stiffness and mass may both change",
+  elements: "each element of a model may change by itself",
 };
 
 export class Panel {
@@ -40,6 +42,8 @@ export class Panel {
     this.charts = make("div", undefined, "charts");
     new ResizeObserver(() => { twin.dirty = true; }).observe(this.charts);
     this.figures = Object.fromEntries(CHARTS.map((quantity) => [quantity, this.figure(quantity)]));
+    this.quantities = CHARTS;
+    this.elements = null;
     this.events = make("details");
     this.summary = make("summary", "No events yet");
     this.list = make("ol");
@@ -96,9 +100,20 @@ export class Panel {
     const reasons = [...latest.reasons, ...(twin.problem ? [twin.problem] : [])];
     if (this.said !== reasons.join("\n")) this.reasons.replaceChildren(...reasons.map((reason) => make("li", reason)));
     this.said = reasons.join("\n");
-    for (const quantity of CHARTS) this.number(quantity, latest);
+    this.become(latest.registration.changes === "elements");
+    for (const quantity of this.quantities) this.number(quantity, latest);
+    if (this.elements) this.elements.tell(latest);
     this.chronicle(latest);
     this.tick();
+  }
+
+  /** A twin may be registered anew, of many elements instead of one mode; it begins afresh then. */
+  become(ofElements) {
+    if (ofElements === Boolean(this.elements)) return;
+    if (!ofElements) this.elements.remove();
+    this.elements = ofElements ? new Elements(this) : null;
+    this.quantities = ofElements ? CHARTS.slice(0, 1) : CHARTS;
+    for (const quantity of CHARTS) this.figures[quantity].figure.hidden = !this.quantities.includes(quantity);
   }
 
   number(quantity, latest) {
@@ -129,10 +144,11 @@ export class Panel {
   /** Gives back which keys of the legend it has drawn. */
   async draw() {
     const wide = this.root.classList.contains("wide"), found = {};
-    for (const quantity of CHARTS) {
+    for (const quantity of this.quantities) {
       const drawn = await draw(this.figures[quantity].plot, this.twin, quantity, wide);
       for (const key of Object.keys(drawn)) found[key] ||= drawn[key];
     }
+    if (this.elements) await this.elements.draw(wide);
     return found;
   }
 }

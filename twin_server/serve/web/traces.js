@@ -4,7 +4,7 @@ import { QUANTITIES, isClock, spoken, standing } from "./words.js";
 export function colour(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 }
-function faded(hex, alpha) { return hex + Math.round(255 * alpha).toString(16).padStart(2, "0"); }
+export function faded(hex, alpha) { return hex + Math.round(255 * alpha).toString(16).padStart(2, "0"); }
 
 /** Where a reading is on the axis of slow time. */
 export const placeOf = (point) => isClock(point) ? new Date(1000 * point.slow_time) : point.slow_time;

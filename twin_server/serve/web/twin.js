@@ -91,6 +91,8 @@ export class Twin {
   }
 
   async foresee() {
+    // Of many elements nothing is forecast.
+    if (this.latest?.registration?.changes === "elements") return;
     if (!this.points.length || Date.now() - this.forecastAt < FORECAST_MS) return;
     this.forecastAt = Date.now();
     const forecast = await ask(`${this.base}/forecast?points=40`).catch(() => ({ points: [] }));

@@ -1,0 +1,108 @@
+"""The page of a twin of many elements names what changed, in words, charts and shapes."""
+
+import re
+
+import pytest
+from playwright.sync_api import expect
+
+pytestmark = pytest.mark.browser
+
+PATIENCE_MS = 8000
+LOSS = (0.0, -0.08, 0.0)
+SIZE = re.compile(r"^storey2 has lost [78]\.\d\u202f% ± [\d.]+\u202f% of its stiffness\.$")
+
+
+@pytest.fixture(scope="module")
+def frames(serving, frame, eventually):
+    """A server with a frame that has stood still for 40 epochs."""
+    server, made = serving(), frame(seed=2)
+    put = server.client.put("/api/v1/twins/lab.frame", json=made.registration(name="Frame"))
+    assert put.status_code == 201
+    server.feed([made.epoch(i) for i in range(40)])
+    assert eventually(lambda: server.count("lab.frame") == 40)
+    return server, made
+
+
+def part(page, selector):
+    return page.locator(f'[id="lab.frame"] {selector}')
+
+
+def test_the_page_names_the_storey_that_loses_stiffness_while_it_looks_on(
+    frames, visit, eventually
+):
+    server, made = frames
+    page = visit(server)
+    verdict = part(page, ".verdict")
+    expect(verdict).to_have_text("No element is seen to have changed.", timeout=PATIENCE_MS)
+    expect(part(page, "table.elements tbody tr")).to_have_count(3)
+    chart = part(page, '[data-quantity="elements"]')
+    expect(chart).to_have_attribute("data-suspects", "", timeout=PATIENCE_MS)
+
+    server.feed([made.epoch(i, LOSS) for i in range(40, 60)])
+    expect(verdict).to_have_text(SIZE, timeout=PATIENCE_MS)
+    expect(verdict).to_have_attribute("role", "status")
+    changed = part(page, 'table.elements tr[data-changed="true"]')
+    expect(changed).to_have_count(1)
+    expect(changed).to_contain_text("storey2")
+    expect(part(page, "details summary")).to_contain_text("storey2 has lost")
+
+    expect(chart).to_have_attribute("data-suspects", "storey2", timeout=PATIENCE_MS)
+    assert "storey2 −" in chart.get_attribute("aria-label")
+    drawn = chart.evaluate("plot => [plot.data[0].y, plot.data[0].x, plot.layout.shapes]")
+    assert drawn[0] == ["storey1", "storey2", "storey3"]
+    (point,) = server.get("/api/v1/twins/lab.frame/history", start="slow:59").json()["points"]
+    expected = [100 * estimate["value"] for estimate in point["elements"].values()]
+    assert drawn[1] == expected
+    assert [shape["x0"] for shape in drawn[2]] == [
+        100 * estimate["lo"] for estimate in point["elements"].values()
+    ]
+
+    past = part(page, '[data-quantity="elements-history"]')
+    expect(past).to_have_attribute("data-points", "40", timeout=PATIENCE_MS)
+    names = past.evaluate("plot => plot.data.map(t => t.name)")
+    assert names[-3:] == ["storey2 band", "storey2", "storey2 truth"]
+    assert page.complaints == []
+
+
+def test_modes_are_listed_with_their_errors_and_drawn_with_their_shapes(frames, visit):
+    server, _ = frames
+    page = visit(server)
+    rows = part(page, "table.modes tbody tr")
+    expect(rows).to_have_count(3, timeout=PATIENCE_MS)
+    found = server.get("/api/v1/twins/lab.frame/modes").json()
+    for place, mode in enumerate(found["modes"]):
+        row = rows.nth(place)
+        expect(row.locator("th")).to_have_text(str(place + 1))
+        expect(row).to_contain_text(f"{mode['frequency_hz']['value']:.4f}")
+        expect(row.locator("svg .shape")).to_have_count(1)
+        label = row.locator("svg").get_attribute("aria-label")
+        for channel, value in zip(found["channels"], mode["shape"]["re"], strict=True):
+            assert f"{channel} {value:.2f}".replace("-", "−") in label
+    # The line of rest, from the base up: the first mode leans to one side only.
+    points = rows.nth(0).locator("svg .shape").get_attribute("points").split()
+    across = [float(point.split(",")[0]) for point in points]
+    assert len(across) == 4
+    assert across == sorted(across) or across == sorted(across, reverse=True)
+
+
+def test_the_page_fits_a_telephone(frames, visit):
+    server, _ = frames
+    page = visit(server, viewport={"width": 390, "height": 800})
+    expect(part(page, "table.modes tbody tr")).to_have_count(3, timeout=PATIENCE_MS)
+    assert page.evaluate("document.documentElement.scrollWidth - window.innerWidth") <= 0
+    assert page.complaints == []
+
+
+def test_a_twin_may_become_one_of_elements_and_go_back(serving, frame, visit, eventually):
+    server, made = serving(), frame(seed=4)
+    server.feed([made.epoch(i) for i in range(30)])
+    assert eventually(lambda: server.count("lab.frame") == 30)
+    page = visit(server)
+    stiffness = part(page, '[data-quantity="stiffness_change"]')
+    expect(stiffness).to_be_visible(timeout=PATIENCE_MS)
+    server.client.put("/api/v1/twins/lab.frame", json=made.registration())
+    expect(part(page, ".verdict")).to_have_text(re.compile("No element"), timeout=PATIENCE_MS)
+    expect(stiffness).to_be_hidden()
+    server.client.put("/api/v1/twins/lab.frame", json={"changes": "stiffness"})
+    expect(stiffness).to_be_visible(timeout=PATIENCE_MS)
+    expect(part(page, ".verdict")).to_have_count(0)

@@ -1,0 +1,196 @@
+// A twin of many elements: which of them has changed, said first, then listed and drawn.
+import { plotly } from "./charts.js";
+import { Modes } from "./modes.js";
+import { colour, faded, placeOf, spanOf } from "./traces.js";
+import { isClock, make, number, slowTime, unitOf } from "./words.js";
+
+const HEIGHT_PX = 215, WIDE_PX = 300, MOST_LINES = 8, NARROW = "\u202f";
+const HARDLY_TOLD = 0.9;
+const TINTS = ["inseparable", "ahead", "estimate"], DASHES = ["solid", "dash", "dot"];
+
+const percent = (x, places) => number(100 * x, places);
+const placesOf = (sd) => sd > 0 ? Math.min(2, Math.max(0, 1 - Math.floor(Math.log10(100 * sd)))) : 1;
+
+/** `["−7.6 %", "−9.0 to −6.1 %"]`: the change, and its 95 % interval. */
+function changeOf({ value, sd, lo, hi }) {
+  const many = placesOf(sd);
+  return [`${percent(value, many)}${NARROW}%`, `${percent(lo, many)} to ${percent(hi, many)}${NARROW}%`];
+}
+
+const MASS = ".mass";
+const ownerOf = (name) => name.endsWith(MASS) ? name.slice(0, -MASS.length) : name;
+const whatOf = (name) => name.endsWith(MASS) ? "mass" : "stiffness";
+
+/** Names that a suspicion speaks of: one, or several with "or" and "and" between them. */
+const namesIn = (word, elements) => word.split(/ or | and /).filter((name) => name in elements);
+
+function sentence(word, elements) {
+  const names = namesIn(word, elements);
+  if (names.length !== 1) return `${word} has changed; the readings cannot tell which`;
+  const { value, sd } = elements[names[0]], places = Math.max(0, placesOf(sd) - 1);
+  const size = `${number(Math.abs(100 * value), places)}${NARROW}% ± ${number(100 * sd, places)}${NARROW}%`;
+  return `${ownerOf(names[0])} has ${value < 0 ? "lost" : "gained"} ${size} of its ${whatOf(names[0])}`;
+}
+
+export class Elements {
+  constructor(panel) {
+    this.twin = panel.twin;
+    this.verdict = make("p", "", "verdict");
+    this.verdict.setAttribute("role", "status");
+    panel.charts.before(this.verdict);
+    this.now = this.figure("elements", "Change of each element, now");
+    this.past = this.figure("elements-history", "Changes over slow time");
+    panel.charts.append(this.now, this.past);
+    this.table = make("table", undefined, "elements");
+    this.modes = new Modes(this.twin);
+    this.tables = make("div", undefined, "tables");
+    this.tables.append(this.table, this.modes.root);
+    panel.charts.after(this.tables);
+  }
+
+  remove() {
+    for (const part of [this.verdict, this.now, this.past, this.tables]) part.remove();
+  }
+
+  figure(key, title) {
+    const figure = make("figure"), caption = make("figcaption"), plot = make("div", undefined, "plot");
+    caption.append(make("span", title, "title"));
+    plot.dataset.quantity = key;
+    plot.setAttribute("role", "img");
+    plot.setAttribute("aria-label", `${title}: being loaded`);
+    figure.append(caption, plot);
+    this[key] = plot;
+    return figure;
+  }
+
+  /** What is known in words; it needs no drawing library. */
+  tell(latest) {
+    const { elements = {}, suspects = [] } = latest, names = Object.keys(elements);
+    this.modes.tell(latest);
+    const said = suspects.map((word) => sentence(word, elements));
+    const calm = names.length ? "No element is seen to have changed" : "";
+    const text = said.length ? `${said.join("; ")}.` : calm && `${calm}.`;
+    if (this.verdict.textContent !== text) this.verdict.textContent = text;
+    this.verdict.dataset.state = said.length ? "bad" : "good";
+    this.list(elements, suspects, latest.posterior_to_prior ?? {});
+  }
+
+  list(elements, suspects, ratios) {
+    const accused = new Set(suspects.flatMap((word) => namesIn(word, elements)));
+    const head = make("tr"), body = make("tbody"), top = make("thead");
+    for (const title of ["element", "change", "95\u202f% interval", ""]) {
+      const cell = make("th", title);
+      cell.scope = "col";
+      head.append(cell);
+    }
+    for (const [name, estimate] of Object.entries(elements)) {
+      const row = make("tr"), title = make("th", ownerOf(name)), [value, interval] = changeOf(estimate);
+      title.scope = "row";
+      if (whatOf(name) === "mass") title.append(make("span", " mass", "interval"));
+      const told = ratios[name] < HARDLY_TOLD ? "" : "hardly told by these sensors";
+      row.append(title, make("td", value), make("td", interval), make("td", accused.has(name) ? "changed" : told));
+      row.dataset.changed = accused.has(name);
+      body.append(row);
+    }
+    top.append(head);
+    this.table.replaceChildren(make("caption", "Elements"), top, body);
+    this.table.hidden = !body.childElementCount;
+  }
+
+  async draw(wide) {
+    const Plotly = await plotly, { twin } = this, latest = twin.latest, elements = latest?.elements ?? {};
+    const known = twin.points.filter((point) => Object.keys(point.elements ?? {}).length);
+    const accused = [...new Set((latest?.suspects ?? []).flatMap((word) => namesIn(word, elements)))];
+    const base = (plot) => ({
+      width: plot.clientWidth, height: wide ? WIDE_PX : HEIGHT_PX, showlegend: false, hovermode: "closest",
+      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", uirevision: twin.id,
+      font: { color: colour("ink"), size: 11.5, family: "system-ui, sans-serif" },
+    });
+    const quiet = { displayModeBar: false };
+    await Plotly.react(this.elements, ...drawnNow(elements, accused, base(this.elements)), quiet);
+    const [traces, layout, shown] = drawnPast(twin, known, elements, accused, base(this["elements-history"]));
+    await Plotly.react(this["elements-history"], traces, layout, quiet);
+    this.describe(elements, accused, known, shown);
+    await this.modes.refresh();
+  }
+
+  describe(elements, accused, known, shown) {
+    const each = Object.entries(elements).map(([name, estimate]) => `${name} ${changeOf(estimate).join(", 95 % ")}`);
+    this.elements.setAttribute("aria-label", `Change of each element, now: ${each.join("; ") || "none is estimated yet"}`);
+    Object.assign(this.elements.dataset, { elements: each.length, suspects: accused.join(" ") });
+    const [first, last] = [known[0], known.at(-1)];
+    const span = first ? `from slow time ${slowTime(first)} to ${slowTime(last)}` : "no readings yet";
+    this["elements-history"].setAttribute("aria-label", `Changes over slow time of ${shown.join(", ") || "no element"}, ${span}`);
+    Object.assign(this["elements-history"].dataset, { points: known.length, shown: shown.join(" ") });
+  }
+}
+
+const axisOf = () => ({
+  gridcolor: colour("line"), linecolor: colour("line"), tickcolor: colour("line"), showline: true, ticks: "outside",
+  ticklen: 4, zeroline: true, zerolinecolor: colour("faint"),
+});
+
+/** One interval each, lowest element at the bottom as in the structure. */
+function drawnNow(elements, accused, base) {
+  const rows = Object.entries(elements), tint = (name) => colour(accused.includes(name) ? "inseparable" : "estimate");
+  const trace = {
+    name: "change", x: rows.map(([, e]) => 100 * e.value), y: rows.map(([name]) => name), mode: "markers", type: "scatter",
+    marker: {
+      color: rows.map(([name]) => tint(name)), size: 9,
+      symbol: rows.map(([name]) => accused.includes(name) ? "diamond" : "circle"),
+    },
+    text: rows.map(([name, e]) => `${name}: ${changeOf(e).join(", 95 %: ")}`), hovertemplate: "%{text}<extra></extra>",
+  };
+  // Plotly has one colour for all error bars of a trace, and these are the point of the chart.
+  const bars = rows.map(([name, e]) => ({
+    type: "line", x0: 100 * e.lo, x1: 100 * e.hi, y0: name, y1: name, line: { color: tint(name), width: 3 },
+  }));
+  const reach = Math.max(1, ...rows.flatMap(([, e]) => [Math.abs(100 * e.lo), Math.abs(100 * e.hi)]));
+  const layout = {
+    ...base, margin: { l: 8, r: 10, t: 8, b: 42 }, shapes: bars,
+    xaxis: { ...axisOf(), title: { text: "change [%]", standoff: 6 }, range: [-1.1 * reach, 1.1 * reach] },
+    yaxis: { ...axisOf(), zeroline: false, automargin: true, type: "category" },
+  };
+  return [[trace], layout];
+}
+
+/** Stretches of a line, broken where features are missing. */
+function broken(points, pick) {
+  return points.flatMap((point, i) => i && point.missing_before > 0 ? [null, pick(point)] : [pick(point)]);
+}
+
+function drawnPast(twin, known, elements, accused, base) {
+  const surely = ([, e]) => e.sd > 0 ? Math.abs(e.value) / e.sd : 0;
+  const ranked = Object.entries(elements).sort((a, b) => surely(b) - surely(a)).map(([name]) => name);
+  const shown = [...accused, ...ranked.filter((name) => !accused.includes(name))].slice(0, MOST_LINES);
+  const traces = shown.slice().reverse().flatMap((name) => {
+    const points = known.filter((point) => name in point.elements), place = accused.indexOf(name);
+    const tint = colour(place < 0 ? "faint" : TINTS[place % TINTS.length]), dash = DASHES[Math.max(place, 0) % DASHES.length];
+    const around = [...points, ...points.slice().reverse()];
+    const band = {
+      name: `${name} band`, x: around.map(placeOf), mode: "lines", fill: "toself", hoverinfo: "skip", line: { width: 0 },
+      y: around.map((point, i) => 100 * point.elements[name][i < points.length ? "lo" : "hi"]), fillcolor: faded(tint, 0.22),
+    };
+    const line = {
+      name, x: broken(points, placeOf), y: broken(points, (point) => 100 * point.elements[name].value), mode: "lines",
+      line: { color: tint, width: place < 0 ? 1 : 2, dash }, hovertemplate: `${name}: %{y:.2f} %<extra></extra>`,
+    };
+    const told = points.filter((point) => point.truth && name in point.truth);
+    const truth = {
+      name: `${name} truth`, x: told.map(placeOf), y: told.map((point) => 100 * point.truth[name]), mode: "lines",
+      line: { color: colour("truth"), width: 1.2, dash: "4px,4px" }, hovertemplate: `${name}, truth: %{y:.2f} %<extra></extra>`,
+    };
+    return [...(place < 0 ? [] : [band]), line, ...(told.length ? [truth] : [])];
+  });
+  const last = known.at(-1), along = last && !isClock(last) ? `slow time [${unitOf(last)}]` : "slow time";
+  const notes = shown.filter((name) => accused.includes(name)).map((name) => ({
+    text: name, showarrow: false, xanchor: "left", x: 0.02, xref: "paper", yanchor: "bottom", bgcolor: colour("card"),
+    y: 100 * elements[name].value, font: { color: colour(TINTS[accused.indexOf(name) % TINTS.length]) },
+  }));
+  const layout = {
+    ...base, margin: { l: 54, r: 10, t: 8, b: 42 }, annotations: notes,
+    xaxis: { ...axisOf(), zeroline: false, nticks: 7, range: spanOf(twin), title: { text: along, standoff: 6 } },
+    yaxis: { ...axisOf(), nticks: 6, title: { text: "change [%]", standoff: 4 } },
+  };
+  return [traces, layout, shown];
+}
