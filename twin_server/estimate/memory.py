@@ -35,13 +35,18 @@ class Lesson:
     ----------
     epochs
         Frequency [Hz], its sd, damping ratio, its sd; NaN where not known.
-    weighted, weight
-        Sums of real shapes over their variances, and of the inverse variances, per channel.
+    squared, weighted, weight
+        Sums over the inverse variances of real shapes squared, of the shapes, and of 1, per
+        channel.
+    heard
+        Epochs whose shape is in them.
     """
 
     epochs: tuple[tuple[float, float, float, float], ...] = ()
+    squared: tuple[float, ...] = ()
     weighted: tuple[float, ...] = ()
     weight: tuple[float, ...] = ()
+    heard: int = 0
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -58,6 +63,9 @@ class Baseline:
         As learnt; NaN where none was found.
     shape, shape_sd
         As learnt, per channel of the model, NaN where not heard; None without shapes.
+    scatter, shape_scatter
+        How many times wider than their standard deviations said the readings scattered while
+        the structure stood still; those to come are taken to do the same.
     """
 
     mode: int
@@ -67,6 +75,8 @@ class Baseline:
     damping_relative_sd: float
     shape: tuple[float, ...] | None = None
     shape_sd: tuple[float, ...] | None = None
+    scatter: float = 1.0
+    shape_scatter: float = 1.0
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -121,8 +131,10 @@ class Memory:
             lessons=tuple(
                 Lesson(
                     tuple((f, s, z, e) for f, s, z, e in one["epochs"]),
+                    tuple(one["squared"]),
                     tuple(one["weighted"]),
                     tuple(one["weight"]),
+                    one["heard"],
                 )
                 for one in content["lessons"]
             ),

@@ -331,3 +331,29 @@ def test_no_number_that_a_message_may_hold_fails_or_leaves_the_finite(
         assert b"NaN" not in body
         assert b"Infinity" not in body
         json.loads(body)
+
+
+def test_readings_that_scatter_more_than_they_say_are_believed_less(frame):
+    made = frame(seed=13)
+    boastful = []
+    for i in range(60):
+        message = made.epoch(i)
+        modes = [
+            mode.model_copy(
+                update={
+                    "frequency_hz": mode.frequency_hz.model_copy(
+                        update={"sd": mode.frequency_hz.sd / 4}
+                    ),
+                    "shape": mode.shape.model_copy(update={"sd": (made.shape_sd / 4,) * 3}),
+                }
+            )
+            for mode in message.modes
+        ]
+        boastful.append(made.message(i, modes))
+    _, bodies, twin, notices = run(begin(**made.registration()), boastful)
+    for baseline in twin.checkpoint.elements.baselines:
+        assert 2.0 < baseline.scatter < 7.0
+        assert 2.5 < baseline.shape_scatter < 5.5
+    assert [n.kind for n in notices] == ["nominal_learnt"]
+    numbers = table(bodies[20:])
+    assert np.mean((numbers[..., 2] <= 0) & (numbers[..., 3] >= 0)) > 0.85

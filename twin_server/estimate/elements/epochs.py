@@ -7,7 +7,8 @@ What is compared with the model is what has changed since learning,
 
 with :math:`f^0, \phi^0` as learnt and :math:`f(\theta_0), \phi(\theta_0)` of the model moved
 there, so that what the model cannot explain even then is not taken for a change. The errors of
-what was learnt are added to those of each epoch.
+what was learnt are added to those of each epoch, which are widened where the readings scattered
+more than they said while the structure stood still.
 """
 
 import dataclasses
@@ -182,7 +183,7 @@ def _measured(
         frequency.append(
             mode.frequency_hz / baseline.frequency_hz * float(nominal.frequency_hz[i])
         )
-        relative.append(math.hypot(mode.relative_sd, baseline.relative_sd))
+        relative.append(math.hypot(baseline.scatter * mode.relative_sd, baseline.relative_sd))
         shape, shape_sd = _shape(baseline, mode, nominal.shapes[i])
         shapes.append(shape)
         shape_sds.append(shape_sd)
@@ -206,7 +207,7 @@ def _shape(
     learnt, learnt_sd = np.array(baseline.shape), np.array(baseline.shape_sd)
     now, factor = aligned(mode.shape, learnt)
     own, _ = aligned(model, learnt)
-    sd = np.hypot(factor * mode.shape_sd, learnt_sd)
+    sd = np.hypot(baseline.shape_scatter * factor * mode.shape_sd, learnt_sd)
     shape = own + now - learnt
     known = np.isfinite(shape) & np.isfinite(sd)
     if known.sum() < 2:

@@ -22,6 +22,7 @@ _TURNED = 0.1
 _UNLIKE = 0.3
 _GATE = 10.0
 _MOST_UNCERTAIN = 0.1
+_CLEARLY = 1.5
 
 
 def gather(memory: Memory, modes: Sequence[Seen], boot: str) -> Memory:
@@ -117,11 +118,13 @@ def _added(lesson: Lesson, mode: Seen, reference: Reference) -> Lesson:
     precision = (factor * mode.shape_sd) ** -2.0
     known = np.isfinite(turned) & np.isfinite(precision)
     zeros = (0.0,) * len(turned)
-    weight = np.where(known, precision, 0.0)
+    weight, heard = np.where(known, precision, 0.0), np.nan_to_num(turned)
     return Lesson(
         epochs,
-        tuple((np.array(lesson.weighted or zeros) + weight * np.nan_to_num(turned)).tolist()),
+        tuple((np.array(lesson.squared or zeros) + weight * heard**2).tolist()),
+        tuple((np.array(lesson.weighted or zeros) + weight * heard).tolist()),
         tuple((np.array(lesson.weight or zeros) + weight).tolist()),
+        lesson.heard + 1,
     )
 
 
@@ -131,13 +134,18 @@ def _baseline(lesson: Lesson) -> Baseline:
     nominal = learn_nominal(frequency, sd, damping, damping_sd)
     weight = np.array(lesson.weight)
     shape = shape_sd = None
+    shape_scatter = 1.0
     if (weight > 0.0).sum() > 1:
         heard = weight > 0.0
         safe = np.where(heard, weight, 1.0)
         mean = np.where(heard, np.array(lesson.weighted) / safe, np.nan)
         norm = float(np.sqrt(np.nansum(mean**2)))
+        # Each shape's size is fitted to the mean, which takes one of its components along.
+        free = (int(heard.sum()) - 1) * max(lesson.heard - 1, 1)
+        left = float(np.nansum(np.array(lesson.squared) - weight * mean**2)) / free
+        shape_scatter = _scatter(math.sqrt(max(left, 0.0)))
         shape = tuple((mean / norm).tolist())
-        shape_sd = tuple((np.where(heard, safe**-0.5, np.nan) / norm).tolist())
+        shape_sd = tuple((shape_scatter * np.where(heard, safe**-0.5, np.nan) / norm).tolist())
     return Baseline(
         -1,
         nominal.frequency,
@@ -146,7 +154,14 @@ def _baseline(lesson: Lesson) -> Baseline:
         nominal.damping_relative_sd,
         shape,
         shape_sd,
+        _scatter(1.4826 * float(np.median(np.abs(frequency - nominal.frequency) / sd))),
+        shape_scatter,
     )
+
+
+def _scatter(ratio: float) -> float:
+    """Take scatter over standard deviation seriously only where it is clearly above 1."""
+    return ratio if ratio > _CLEARLY else 1.0
 
 
 def _partners(baselines: Sequence[Baseline], model: Model) -> dict[int, int]:

@@ -54,7 +54,9 @@ export class Elements {
 
   figure(key, title) {
     const figure = make("figure"), caption = make("figcaption"), plot = make("div", undefined, "plot");
-    caption.append(make("span", title, "title"));
+    const value = make("strong", "\u2013"), interval = make("span", "", "interval");
+    caption.append(make("span", title, "title"), value, interval);
+    this[`${key}-caption`] = { value, interval };
     plot.dataset.quantity = key;
     plot.setAttribute("role", "img");
     plot.setAttribute("aria-label", `${title}: being loaded`);
@@ -73,6 +75,18 @@ export class Elements {
     if (this.verdict.textContent !== text) this.verdict.textContent = text;
     this.verdict.dataset.state = said.length ? "bad" : "good";
     this.list(elements, suspects, latest.posterior_to_prior ?? {});
+    this.caption(elements, suspects);
+  }
+
+  /** How many have changed, and the one that has changed most surely. */
+  caption(elements, suspects) {
+    const now = this["elements-caption"], past = this["elements-history-caption"], [most] = ranked(elements);
+    const accused = suspects.flatMap((word) => namesIn(word, elements)), shown = accused[0] ?? most;
+    now.value.textContent = !most ? "\u2013" : suspects.length ? suspects.join(", ") : "none";
+    now.interval.textContent = most ? `changed, of ${Object.keys(elements).length}` : "not estimated";
+    const [value, interval] = shown ? changeOf(elements[shown]) : ["\u2013", ""];
+    past.value.textContent = value;
+    past.interval.textContent = shown ? `${shown}, 95${NARROW}%: ${interval}` : "not estimated";
   }
 
   list(elements, suspects, ratios) {
@@ -112,6 +126,7 @@ export class Elements {
     await Plotly.react(this["elements-history"], traces, layout, quiet);
     this.describe(elements, accused, known, shown);
     await this.modes.refresh();
+    return { truth: traces.some((trace) => trace.name.endsWith("truth")) };
   }
 
   describe(elements, accused, known, shown) {
@@ -124,6 +139,11 @@ export class Elements {
     Object.assign(this["elements-history"].dataset, { points: known.length, shown: shown.join(" ") });
   }
 }
+
+const surely = ({ value, sd }) => sd > 0 ? Math.abs(value) / sd : 0;
+
+/** Names, the most surely changed one first. */
+const ranked = (elements) => Object.keys(elements).sort((a, b) => surely(elements[b]) - surely(elements[a]));
 
 const axisOf = () => ({
   gridcolor: colour("line"), linecolor: colour("line"), tickcolor: colour("line"), showline: true, ticks: "outside",
@@ -160,9 +180,7 @@ function broken(points, pick) {
 }
 
 function drawnPast(twin, known, elements, accused, base) {
-  const surely = ([, e]) => e.sd > 0 ? Math.abs(e.value) / e.sd : 0;
-  const ranked = Object.entries(elements).sort((a, b) => surely(b) - surely(a)).map(([name]) => name);
-  const shown = [...accused, ...ranked.filter((name) => !accused.includes(name))].slice(0, MOST_LINES);
+  const shown = [...accused, ...ranked(elements).filter((name) => !accused.includes(name))].slice(0, MOST_LINES);
   const traces = shown.slice().reverse().flatMap((name) => {
     const points = known.filter((point) => name in point.elements), place = accused.indexOf(name);
     const tint = colour(place < 0 ? "faint" : TINTS[place % TINTS.length]), dash = DASHES[Math.max(place, 0) % DASHES.length];

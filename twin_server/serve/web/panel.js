@@ -148,7 +148,8 @@ export class Panel {
       const drawn = await draw(this.figures[quantity].plot, this.twin, quantity, wide);
       for (const key of Object.keys(drawn)) found[key] ||= drawn[key];
     }
-    if (this.elements) await this.elements.draw(wide);
+    const drawn = this.elements ? await this.elements.draw(wide) : {};
+    for (const key of Object.keys(drawn)) found[key] ||= drawn[key];
     return found;
   }
 }
