@@ -13,6 +13,7 @@ import atexit
 import json
 import logging
 import os
+import re
 import struct
 import threading
 import weakref
@@ -316,16 +317,18 @@ def _configure(
 
 
 def _why(mode: Mode, connect: Sequence[str], listen: Sequence[str], error: Exception) -> str:
+    # Zenoh ends its sentences with where in its own source they were written.
+    said = re.sub(r"\s+at /\S+\.rs:\d+\.?", "", str(error))
     if mode == "client":
         return (
             f"No router answers at {', '.join(connect) or '(no endpoint given)'}. Start one "
             "with `slowtime router`, or give the right endpoint, such as tcp/127.0.0.1:7447. "
-            f"({error})"
+            f"({said})"
         )
     return (
         f"Cannot open as {mode} listening on {', '.join(listen) or '(nothing)'}: another "
         "process may have the port, or an endpoint is misspelt; they look like "
-        f"tcp/0.0.0.0:7447. ({error})"
+        f"tcp/0.0.0.0:7447. ({said})"
     )
 
 

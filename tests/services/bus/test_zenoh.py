@@ -49,8 +49,9 @@ def test_a_process_ends_even_if_it_forgot_to_close_its_bus(endpoint, ending, sta
 
 def test_a_client_without_a_router_is_told_what_to_start(free_port):
     started = time.monotonic()
-    with pytest.raises(BusUnreachableError, match="Start one with `slowtime router`"):
+    with pytest.raises(BusUnreachableError, match="Start one with `slowtime router`") as told:
         ZenohBus("client", connect=[f"tcp/127.0.0.1:{free_port()}"], open_timeout_s=0.3)
+    assert ".rs" not in str(told.value)
     assert time.monotonic() - started < 3
 
 
