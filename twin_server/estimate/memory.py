@@ -35,18 +35,22 @@ class Lesson:
     ----------
     epochs
         Frequency [Hz], its sd, damping ratio, its sd; NaN where not known.
-    squared, weighted, weight
-        Sums over the inverse variances of real shapes squared, of the shapes, and of 1, per
-        channel.
-    heard
-        Epochs whose shape is in them.
+    weighted, weight
+        Sums of real shapes over their variances, and of the inverse variances, per channel.
+    last, last_sd
+        The newest of these shapes, NaN where not heard.
+    jumped, jumps
+        Sum of squared steps from one shape to the next over their variances, and how many
+        steps of a component are in it.
     """
 
     epochs: tuple[tuple[float, float, float, float], ...] = ()
-    squared: tuple[float, ...] = ()
     weighted: tuple[float, ...] = ()
     weight: tuple[float, ...] = ()
-    heard: int = 0
+    last: tuple[float, ...] = ()
+    last_sd: tuple[float, ...] = ()
+    jumped: float = 0.0
+    jumps: int = 0
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -64,8 +68,8 @@ class Baseline:
     shape, shape_sd
         As learnt, per channel of the model, NaN where not heard; None without shapes.
     scatter, shape_scatter
-        How many times wider than their standard deviations said the readings scattered while
-        the structure stood still; those to come are taken to do the same.
+        How many times farther than their standard deviations said the readings stepped from
+        one epoch to the next while learning; those to come are taken to do the same.
     """
 
     mode: int
@@ -131,10 +135,12 @@ class Memory:
             lessons=tuple(
                 Lesson(
                     tuple((f, s, z, e) for f, s, z, e in one["epochs"]),
-                    tuple(one["squared"]),
                     tuple(one["weighted"]),
                     tuple(one["weight"]),
-                    one["heard"],
+                    tuple(one["last"]),
+                    tuple(one["last_sd"]),
+                    one["jumped"],
+                    one["jumps"],
                 )
                 for one in content["lessons"]
             ),

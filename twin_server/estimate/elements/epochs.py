@@ -8,7 +8,7 @@ What is compared with the model is what has changed since learning,
 with :math:`f^0, \phi^0` as learnt and :math:`f(\theta_0), \phi(\theta_0)` of the model moved
 there, so that what the model cannot explain even then is not taken for a change. The errors of
 what was learnt are added to those of each epoch, which are widened where the readings scattered
-more than they said while the structure stood still.
+more than they said from epoch to epoch while learning.
 """
 
 import dataclasses

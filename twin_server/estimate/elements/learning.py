@@ -5,6 +5,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from slowtime.evolution import learn_nominal
 from slowtime.evolution.structures import MeasuredModes, estimate
@@ -115,17 +116,37 @@ def _added(lesson: Lesson, mode: Seen, reference: Reference) -> Lesson:
     if mode.shape is None or mode.shape_sd is None or reference.shape is None:
         return dataclasses.replace(lesson, epochs=epochs)
     turned, factor = aligned(mode.shape, np.array(reference.shape))
-    precision = (factor * mode.shape_sd) ** -2.0
+    sd = factor * mode.shape_sd
+    precision = sd**-2.0
     known = np.isfinite(turned) & np.isfinite(precision)
     zeros = (0.0,) * len(turned)
+    jumped, jumps = _jump(lesson, turned, sd)
     weight, heard = np.where(known, precision, 0.0), np.nan_to_num(turned)
     return Lesson(
         epochs,
-        tuple((np.array(lesson.squared or zeros) + weight * heard**2).tolist()),
         tuple((np.array(lesson.weighted or zeros) + weight * heard).tolist()),
         tuple((np.array(lesson.weight or zeros) + weight).tolist()),
-        lesson.heard + 1,
+        tuple(turned.tolist()),
+        tuple(sd.tolist()),
+        lesson.jumped + jumped,
+        lesson.jumps + jumps,
     )
+
+
+def _jump(
+    lesson: Lesson, shape: Float[np.ndarray, " channel"], sd: Float[np.ndarray, " channel"]
+) -> tuple[float, int]:
+    """How far a shape is from the one before, in squared sds, and over how many components.
+
+    A structure that drifts while it is learnt hardly moves from one epoch to the next.
+    """
+    if not lesson.last:
+        return 0.0, 0
+    step, _ = aligned(shape, np.array(lesson.last))
+    far = (step - np.array(lesson.last)) ** 2 / (sd**2 + np.array(lesson.last_sd) ** 2)
+    both = np.isfinite(far)
+    # The size of one is fitted to the other, which takes one of the components along.
+    return float(far[both].sum()), max(int(both.sum()) - 1, 0)
 
 
 def _baseline(lesson: Lesson) -> Baseline:
@@ -140,10 +161,7 @@ def _baseline(lesson: Lesson) -> Baseline:
         safe = np.where(heard, weight, 1.0)
         mean = np.where(heard, np.array(lesson.weighted) / safe, np.nan)
         norm = float(np.sqrt(np.nansum(mean**2)))
-        # Each shape's size is fitted to the mean, which takes one of its components along.
-        free = (int(heard.sum()) - 1) * max(lesson.heard - 1, 1)
-        left = float(np.nansum(np.array(lesson.squared) - weight * mean**2)) / free
-        shape_scatter = _scatter(math.sqrt(max(left, 0.0)))
+        shape_scatter = _scatter(math.sqrt(lesson.jumped / max(lesson.jumps, 1)))
         shape = tuple((mean / norm).tolist())
         shape_sd = tuple((shape_scatter * np.where(heard, safe**-0.5, np.nan) / norm).tolist())
     return Baseline(
@@ -154,9 +172,15 @@ def _baseline(lesson: Lesson) -> Baseline:
         nominal.damping_relative_sd,
         shape,
         shape_sd,
-        _scatter(1.4826 * float(np.median(np.abs(frequency - nominal.frequency) / sd))),
+        _scatter(_steps(frequency, sd)),
         shape_scatter,
     )
+
+
+def _steps(frequency: Float[np.ndarray, " epoch"], sd: Float[np.ndarray, " epoch"]) -> float:
+    """How far a frequency steps from one epoch to the next, over what its sds say."""
+    far = np.diff(frequency) / np.hypot(sd[1:], sd[:-1])
+    return 1.4826 * float(np.median(np.abs(far)))
 
 
 def _scatter(ratio: float) -> float:
