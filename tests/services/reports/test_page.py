@@ -17,6 +17,7 @@ def test_names_out_of_records_are_shown_and_never_run(tmp_path):
     text = written(tmp_path, Table([HOSTILE], [[HOSTILE]], HOSTILE), chart)
     assert "<script>window.hacked" not in text
     inside = re.search(r'<script type="application/json">(.*?)</script>', text)
+    assert inside is not None
     assert json.loads(inside[1])["data"][0]["name"] == HOSTILE
 
 
