@@ -29,10 +29,12 @@ class Linear(Frozen):
         float, Field(allow_inf_nan=False, description="Change per unit of slow time.")
     ] = -2e-4
     limit: Annotated[float, Field(gt=-1, allow_inf_nan=False)] = -0.5
+    begins: float = 0.0
+    """Slow time until which nothing changes."""
 
     def at(self, slow_time: float) -> float:
         """Relative change at `slow_time`."""
-        drift = self.rate * slow_time
+        drift = self.rate * max(slow_time - self.begins, 0.0)
         return max(drift, self.limit) if self.rate < 0 else min(drift, abs(self.limit))
 
 

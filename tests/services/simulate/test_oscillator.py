@@ -64,6 +64,8 @@ def test_another_seed_or_epoch_is_another_record():
         (Linear(rate=-1e-3, limit=-0.2), 100.0, -0.1),
         (Linear(rate=-1e-3, limit=-0.2), 900.0, -0.2),
         (Linear(rate=1e-3, limit=0.2), 900.0, 0.2),
+        (Linear(rate=-1e-3, begins=50.0), 49.0, 0.0),
+        (Linear(rate=-1e-3, begins=50.0), 150.0, -0.1),
         (Step(at_slow_time=10.0, change=-0.3), 9.9, 0.0),
         (Step(at_slow_time=10.0, change=-0.3), 10.0, -0.3),
         (Fatigue(), 1000.0, -0.3486),
