@@ -102,14 +102,47 @@ class ConditionSettings(Frozen):
     decimate: Annotated[int, Field(ge=1, le=1000)] = 1
 
 
+class TrackingSettings(Frozen):
+    """How modes are followed from window to window."""
+
+    confirm: Annotated[int, Field(ge=1)] = 5
+    """Windows that must show a mode before it is given an identity."""
+    quiet: Annotated[int, Field(ge=1)] = 10
+    """Windows in a row without a mode before it counts as missing."""
+    patience: Annotated[int, Field(ge=1)] = 2000
+    """Windows in a row without a mode before it is given up."""
+    false_modes: Positive = 0.3
+    """Expected in a window, per unit of ln f."""
+    most: Annotated[int, Field(ge=1, le=1000)] = 64
+    """Modes followed at once, those without an identity included."""
+
+    @model_validator(mode="after")
+    def _gives_up_last(self) -> "TrackingSettings":
+        if self.patience < self.quiet:
+            raise ValueError(
+                f"patience={self.patience} is less than quiet={self.quiet}. A mode is missing "
+                "before it is given up: raise patience."
+            )
+        return self
+
+
 class ExtractSettings(Frozen):
-    """How frequency and damping are read out of conditioned samples."""
+    """How frequency, damping and shapes are read out of conditioned samples."""
 
     channels: tuple[str, ...] | None = None
     """Those to identify from; None for all accelerations, by name or unit, else for all."""
-    method: Literal["auto", "ambient", "free_decay", "peak"] = "auto"
+    method: Literal["auto", "ambient", "free_decay", "peak", "modes"] = "auto"
+    """One way to identify the first mode, or `auto` for what the record calls for; or `modes`
+    for all of them, with shapes and identities, by stochastic subspaces."""
     band_hz: Band | None = None
-    """Where to look for the first mode; None for everywhere."""
+    """Where to look for modes; None for everywhere."""
+    order: Annotated[int, Field(ge=2, le=100)] = 30
+    """Highest model order of one band, of `modes`."""
+    most: Annotated[int, Field(ge=1, le=64)] = 16
+    """Structural modes told of a window, of `modes`; those of most evidence."""
+    max_channels: Annotated[int, Field(ge=1, le=4096)] = 64
+    """More are not read at once, of `modes`: the cost grows with their square."""
+    tracking: TrackingSettings = TrackingSettings()
     follow: bool = False
     """Whether to try first what is nearest to the mode of the window before."""
     window_s: Positive = 60.0

@@ -13,14 +13,16 @@ import click
 
 from .children import Children, children
 from .options import Number, OutFile
-from .structures import DEMO, registration
+from .structures import EPOCHS_PER_S, STRUCTURES, registration
 from .terminal import INTERRUPTED, Stop, plural, until_signalled
 
 LOOK_AT = """
-  Three simulated structures grow old in front of you, {rate:g} epochs a second:
+  Four simulated structures grow old in front of you, {rate:g} epochs a second:
     demo.tower   loses stiffness (eq. 5.12), heard under ambient excitation
     demo.tank    is filled and emptied (eq. 5.13): its mass changes
     demo.wing    both at once, from hammer tests: frequency and damping tell them apart
+    demo.frame   three sensors on three storeys, one of which weakens after epoch 30: the
+                 twin names it, from frequencies and shapes of all modes ({frame:g} a second)
   Look at the bands: 95 % intervals. The dashed line is what only the simulator knows.
 
   The same in numbers:
@@ -82,7 +84,7 @@ def demo(
 ) -> int:
     """Run router, edge agents, twin server and page on this machine.
 
-    Three simulated structures change in accelerated slow time; the twins follow them from
+    Four simulated structures change in accelerated slow time; the twins follow them from
     vibration alone. Ends with how often their 95 % intervals held the truth.
     """
     if _taken(port):
@@ -131,12 +133,12 @@ def _run(
     _wait_until_ready(family, url, stop)
     if stop.is_set():
         return
-    for name in DEMO:
+    for name in STRUCTURES:
         _put(f"{url}/api/v1/twins/demo.{name}", registration(name))
     if recording is not None:
         family.start("recorder", ["record", "--connect", endpoint, "--out", str(recording)])
         _wait_for_file(family, recording, stop)
-    for name in DEMO:
+    for name in STRUCTURES:
         family.start(
             f"edge-{name}",
             [
@@ -148,19 +150,29 @@ def _run(
                 "--spool",
                 str(home / f"spool-{name}"),
                 "--epochs-per-s",
-                str(epochs_per_s),
+                str(_pace(name, epochs_per_s)),
                 "--no-raw" if recording is None else "--raw",
             ],
         )
-    click.echo(f"\n  The page: {url}\n" + LOOK_AT.format(url=url, rate=epochs_per_s))
+    click.echo(f"\n  The page: {url}\n" + _look_at(url, epochs_per_s))
     click.echo("Ctrl-C ends everything." if not duration_s else f"Ends after {duration_s:g} s.")
     _watch(family, duration_s, stop)
     if stop.is_set():
         click.echo("\nEnding ...")
-    for name in DEMO:
+    for name in STRUCTURES:
         click.echo(
             summary(name, _get(f"{url}/api/v1/twins/demo.{name}/history?max_points=100000"))
         )
+
+
+def _look_at(url: str, epochs_per_s: float) -> str:
+    frame = _pace("frame", epochs_per_s)
+    return LOOK_AT.format(url=url, rate=epochs_per_s, frame=frame)
+
+
+def _pace(name: str, epochs_per_s: float) -> float:
+    """Epochs per second of one structure, when the usual ones have `epochs_per_s`."""
+    return epochs_per_s * EPOCHS_PER_S[name] / max(EPOCHS_PER_S.values())
 
 
 def _watch(family: Children, duration_s: float, stop: Stop) -> None:
@@ -172,19 +184,32 @@ def _watch(family: Children, duration_s: float, stop: Stop) -> None:
 def summary(name: str, history: dict[str, Any]) -> str:
     """How often the intervals of a twin held the simulator's truth."""
     points = [point for point in history["points"] if point.get("truth")]
-    said = []
-    for quantity in ("stiffness_change", "mass_change"):
-        judged = [
-            (point[quantity], point["truth"][quantity])
-            for point in points
-            if point[quantity] is not None and quantity not in point["assumed"]
-        ]
-        if judged:
-            held = sum(estimate["lo"] <= true <= estimate["hi"] for estimate, true in judged)
-            said.append(f"the true {quantity.replace('_', ' ')} in {held / len(judged):.1%}")
-    if not said:
+    judged: dict[str, list[bool]] = {}
+    for point in points:
+        for quantity, estimate in _estimates(point).items():
+            true = point["truth"].get(quantity)
+            if true is not None:
+                held = estimate["lo"] <= true <= estimate["hi"]
+                judged.setdefault(quantity, []).append(held)
+    if not judged:
         return f"  demo.{name}: no estimate yet, after {plural(len(points), 'epoch')}"
-    return f"  demo.{name}: of {len(points)} epochs, 95 % intervals held {', '.join(said)}"
+    said = ", ".join(
+        f"the true {quantity.replace('_', ' ')} in {sum(held) / len(held):.1%}"
+        for quantity, held in judged.items()
+    )
+    suspects = points[-1].get("suspects")
+    named = f"; suspected now: {', '.join(suspects)}" if suspects else ""
+    return f"  demo.{name}: of {len(points)} epochs, 95 % intervals held {said}{named}"
+
+
+def _estimates(point: dict[str, Any]) -> dict[str, dict[str, float]]:
+    """Estimates of changes in a state, of the whole structure or of its elements."""
+    whole = {
+        name: point[name]
+        for name in ("stiffness_change", "mass_change")
+        if point[name] is not None and name not in point["assumed"]
+    }
+    return whole | (point.get("elements") or {})
 
 
 def _wait_until_ready(family: Children, url: str, stop: Stop, patience_s: float = 60.0) -> None:

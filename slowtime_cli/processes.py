@@ -26,7 +26,7 @@ from .options import (
     names,
     together,
 )
-from .structures import METHODS, STRUCTURES, structure
+from .structures import EPOCHS_PER_S, METHODS, STRUCTURES, structure
 
 CONFIG = click.Path(exists=True, dir_okay=False, path_type=Path)
 
@@ -71,15 +71,14 @@ underscores); flags overrule the environment, which overrules the file.
 @click.option(
     "--epochs-per-s",
     type=POSITIVE,
-    default=5.0,
-    show_default=True,
-    help="Pace of --simulate.",
+    help="Pace of --simulate.  [default: 5, or 1 for a frame]",
 )
 @click.option("--channels", help="Channels to identify from: a,b.  [default: all]")
 @click.option(
     "--method",
-    type=click.Choice(["auto", "ambient", "free_decay", "peak"]),
-    help="How to identify.  [default: auto, or what the simulated structure needs]",
+    type=click.Choice(["auto", "ambient", "free_decay", "peak", "modes"]),
+    help="How to identify the first mode, or all modes with shapes.  [default: auto, or what "
+    "the simulated structure needs]",
 )
 @click.option(
     "--band-hz",
@@ -108,9 +107,9 @@ def edge(
     recording: Path | None,
     rate_hz: float | None,
     speed: float,
-    epochs_per_s: float,
+    epochs_per_s: float | None,
     channels: str | None,
-    method: Literal["auto", "ambient", "free_decay", "peak"] | None,
+    method: Literal["auto", "ambient", "free_decay", "peak", "modes"] | None,
     band_hz: tuple[float, float] | None,
     window_s: float | None,
     hop_s: float | None,
@@ -132,7 +131,7 @@ def edge(
         source = {
             "kind": "simulated",
             "structure": structure(simulate),
-            "every_s": 1 / epochs_per_s,
+            "every_s": 1 / (epochs_per_s or EPOCHS_PER_S[simulate]),
         }
     elif file:
         source = {"kind": "file", "path": file, "rate_hz": rate_hz, "speed": speed}

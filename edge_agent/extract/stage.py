@@ -13,6 +13,7 @@ from slowtime_services.files import accelerations, find_column
 
 from .first import FirstMode
 from .reading import Memory, Reader, Reading, Window
+from .several import SeveralModes
 from .windows import Gathered, Marks, Rows, Stretch, belongs, between, gather
 
 logger = logging.getLogger(__name__)
@@ -157,6 +158,8 @@ class Extract:
 
     @property
     def _reader(self) -> Reader:
+        if self.settings.method == "modes":
+            return SeveralModes(self.settings)
         return FirstMode(self.settings, self.settings.method)
 
     def _position(self, block: Block, start_ns: int) -> float:

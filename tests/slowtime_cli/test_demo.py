@@ -34,6 +34,20 @@ def test_the_summary_counts_how_often_the_bands_held_the_truth():
     assert summary("tower", {"points": []}).endswith("no estimate yet, after 0 epochs")
 
 
+def test_the_summary_judges_each_element_and_names_the_suspect():
+    truth = {"storey1": 0.0, "storey2": -0.2, "frequency_hz": 2.4}
+    point = dict.fromkeys(("stiffness_change", "mass_change")) | {
+        "truth": truth,
+        "assumed": [],
+        "elements": {"storey1": estimate(0.0, 0.01), "storey2": estimate(-0.1, 0.01)},
+    }
+    points = [point | {"elements": {}}, point, point | {"suspects": ["storey2"]}]
+    assert summary("frame", {"points": points}) == (
+        "  demo.frame: of 3 epochs, 95 % intervals held the true storey1 in 100.0%, "
+        "the true storey2 in 0.0%; suspected now: storey2"
+    )
+
+
 def test_a_demo_that_cannot_run_says_why_before_anything_starts(refused, tmp_path, port):
     (tmp_path / "a.mcap").write_bytes(b"precious")
     with socket.socket() as taken:
