@@ -2,7 +2,9 @@
 
 import functools
 import json
+import logging
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -15,7 +17,7 @@ import pytest
 
 from slowtime.dynamics.oscillator import Oscillator
 from slowtime.dynamics.stepping import ambient_acceleration
-from slowtime_cli.__main__ import main
+from slowtime_cli.__main__ import ROOMS, main
 from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Features, Mode, Quality
 from slowtime_schemas.quantities import Quantity
@@ -37,6 +39,24 @@ class Done(NamedTuple):
     def json(self) -> Any:
         """What it wrote to stdout, where that is JSON."""
         return json.loads(self.out)
+
+
+@pytest.fixture(autouse=True)
+def _logging_as_before():
+    """Take back what the command does to the logging of its process, which is ours here."""
+    loggers = [logging.getLogger(name) for name in (None, *ROOMS)]
+    levels, root = [logger.level for logger in loggers], loggers[0]
+    yield
+    for logger, level in zip(loggers, levels, strict=True):
+        logger.setLevel(level)
+    for handler in root.handlers[:]:
+        if type(handler) is logging.StreamHandler:
+            root.removeHandler(handler)
+
+
+def _heeding_interrupts():
+    """Undo what a background job inherits: a shell makes it deaf to Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture
@@ -82,6 +102,7 @@ def start(tmp_path):
             stderr=subprocess.PIPE,
             text=True,
             env=os.environ | {"PYTHONUNBUFFERED": "1"},
+            preexec_fn=_heeding_interrupts,
         )
         running.append(process)
         return process
