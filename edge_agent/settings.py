@@ -141,7 +141,7 @@ class ExtractSettings(Frozen):
     most: Annotated[int, Field(ge=1, le=64)] = 16
     """Structural modes told of a window, of `modes`; those of most evidence."""
     max_channels: Annotated[int, Field(ge=1, le=4096)] = 64
-    """More are not read at once, of `modes`: the cost grows with their square."""
+    """More are not read at once, of `modes`: it bounds memory, and the size of a message."""
     tracking: TrackingSettings = TrackingSettings()
     follow: bool = False
     """Whether to try first what is nearest to the mode of the window before."""
