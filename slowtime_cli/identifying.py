@@ -8,11 +8,14 @@ from typing import Any
 import click
 import numpy as np
 
+from slowtime.identification.automatic import ModalResult, identify_modes
 from slowtime.identification.first import all_modes
 from slowtime.identification.identified import Identified
 from slowtime.identification.windows import Epoch, identify_windows
 from slowtime_services.files import Record, accelerations
+from slowtime_services.models import read_description
 
+from . import modal
 from .options import POSITIVE, Number, OutFile
 from .reading import record_flags
 from .terminal import counting, note, plural, show, write_json
@@ -28,6 +31,7 @@ Examples:
   slowtime identify record.csv --rate-hz 200 --band-hz 1 20 --out modes.json
   slowtime identify tower.mcap --window-s 60 --hop-s 60 --out modes.json
   slowtime identify record.csv --rate-hz 200 --out - | python -m json.tool
+  slowtime identify record.csv --rate-hz 200 --method modes --report modes.html
 
 A terminal is shown a table; a pipe or a file gets lines with tabs between their fields.
 """
@@ -52,8 +56,19 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     "--method",
     default="auto",
     show_default=True,
-    type=click.Choice(["auto", "ambient", "free_decay", "peak"]),
-    help="How to fit; auto finds out what the record is.",
+    type=click.Choice(["auto", "modes", "ambient", "free_decay", "peak"]),
+    help="How to fit; auto finds out what the record is. modes: every mode of all channels "
+    "together, with shapes; lines of machines are told apart.",
+)
+@click.option(
+    "--model",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="Model file (YAML) to compare the modes with, mode by mode.",
+)
+@click.option(
+    "--report",
+    type=OutFile(".html"),
+    help="HTML page to write: table, spectra, stabilisation diagram, shapes.",
 )
 @click.option(
     "--out", type=OutFile(stdout=True), help="JSON file to write; - for stdout, and no table."
@@ -65,6 +80,8 @@ def identify(
     window_s: float | None,
     hop_s: float | None,
     method: Any,
+    model: Path | None,
+    report: Path | None,
     out: Path | None,
 ) -> None:
     """Find natural frequencies and damping in a record, with errors.
@@ -75,6 +92,16 @@ def identify(
     """
     if hop_s is not None and window_s is None:
         raise click.UsageError("--hop-s goes with --window-s.")
+    if window_s is not None and (method == "modes" or model or report):
+        raise click.UsageError(
+            "--window-s follows the first mode. Leave it out for --method modes, --model and "
+            "--report."
+        )
+    if model or report:
+        method = "modes" if method == "auto" else method
+        if method != "modes":
+            raise click.UsageError("--model and --report go with --method modes.")
+    description = read_description(model) if model else None
     record = _accelerations_of(record)
     samples = np.asarray(record.samples, dtype=float)
     _say_constant(record, samples)
@@ -88,12 +115,21 @@ def identify(
     if window_s is None:
         part = _longest(record, samples)
         with counting("Identifying"):
-            modes = all_modes(part, record.rate_hz, band_hz=band_hz, method=method)
-        if not modes:
+            modes, whole = _identify(part, record.rate_hz, band_hz, method)
+        if not modes and not (whole and whole.modes):
             note("no mode stands out of the noise. Record longer, or give --band-hz.")
-        result["modes"] = [_as_json(mode) for mode in modes]
-        if not silent:
-            _show_modes(modes, path.name)
+        if whole is None:
+            result["modes"] = [_as_json(mode) for mode in modes]
+            if not silent:
+                _show_modes(modes, path.name)
+        else:
+            channels = record.channels
+            models = modal.model_modes(description, channels) if description else []
+            result["modes"] = [modal.as_json(mode, models) for mode in whole.modes]
+            if not silent:
+                modal.show_modes(whole, models, path.name)
+            if report is not None:
+                modal.write_report(report, path.name, channels, whole, models)
     else:
         epochs = _windows(record, samples, window_s, hop_s, band_hz, method)
         result |= {"window_s": window_s, "epochs": [_epoch_json(epoch) for epoch in epochs]}
@@ -101,6 +137,24 @@ def identify(
             _show_epochs(epochs, path.name)
     if out is not None:
         write_json(out, result)
+
+
+def _identify(
+    part: Samples, rate_hz: float, band_hz: tuple[float, float] | None, method: Any
+) -> tuple[Sequence[Identified], ModalResult | None]:
+    """Modes one by one, or all channels together where asked for or called for.
+
+    Left to itself, a record of many channels that is not explained by decays is taken for the
+    response to an unknown steady force.
+    """
+    if method == "modes":
+        return (), identify_modes(part, rate_hz, band_hz=band_hz)
+    modes = all_modes(part, rate_hz, band_hz=band_hz, method=method)
+    decays = bool(modes) and all(mode.method == "free_decay" for mode in modes)
+    if method != "auto" or part.shape[1] == 1 or decays:
+        return modes, None
+    whole = identify_modes(part, rate_hz, band_hz=band_hz)
+    return (modes, None) if not whole.modes else ((), whole)
 
 
 def _accelerations_of(record: Record) -> Record:
@@ -192,6 +246,9 @@ def _as_json(mode: Identified) -> dict[str, Any]:
         "frequency_hz": {"value": mode.frequency_hz.value, "sd": mode.frequency_hz.sd},
         "damping_ratio": {"value": mode.damping_ratio.value, "sd": mode.damping_ratio.sd},
         "correlation": mode.correlation,
+        "shape": None,
+        "kind": "structural",
+        "quality": None,
         "snr_db": mode.snr_db if mode.snr_db is None or np.isfinite(mode.snr_db) else None,
         "method": mode.method,
         "span_s": list(mode.span_s),
