@@ -30,6 +30,9 @@ CONVERGED = 0.03
 GAUGE = 1e-9
 """Directions of less information than this share of the most belong to no parameter."""
 
+DAMPING_SD = 1.0
+"""Of log decay about where it started: a pole narrower than one ordinate explains it alone."""
+
 WARM_UP = 25
 """Rounds of expectation-maximisation at fixed poles, from which scoring starts."""
 
@@ -58,7 +61,8 @@ class BandModel:
     """Parameters of the density, poles in the unit of `omega`.
 
     The last `held` modes are beyond the band: their poles and shapes are known well enough
-    for the skirts that they send into it, and stay.
+    for the skirts that they send into it, and stay. `expected` is the logarithm of the decay
+    rate about which each pole is thought to lie.
     """
 
     pole: Complex[np.ndarray, " mode"]
@@ -66,6 +70,7 @@ class BandModel:
     force: Complex[np.ndarray, "direction mode"]
     level: Complex[np.ndarray, "direction direction"]
     slope: Complex[np.ndarray, "direction direction"]
+    expected: Float[np.ndarray, " mode"]
     held: int = 0
 
     def free(self) -> np.ndarray:
@@ -95,8 +100,16 @@ class BandModel:
         """Model with one mode less."""
         keep = np.arange(len(self.pole)) != mode
         return dataclasses.replace(
-            self, pole=self.pole[keep], shape=self.shape[:, keep], force=self.force[:, keep]
+            self,
+            pole=self.pole[keep],
+            shape=self.shape[:, keep],
+            force=self.force[:, keep],
+            expected=self.expected[keep],
         )
+
+    def surprise(self) -> np.ndarray:
+        """Log decay rates less what was expected, in standard deviations of the prior."""
+        return np.asarray((np.log(-self.pole.real) - self.expected) / DAMPING_SD)
 
     def with_modes(self, pole: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Poles and shapes with more of them, those that are held last."""
@@ -185,13 +198,14 @@ def started(
     share = -drawn[:modes, :modes] / (pole[:, None] + pole.conj())
     force = (share @ shape.conj().T + drawn[:modes, modes:]).conj().T
     level = drawn[modes:, modes:]
-    return BandModel(pole, shape, np.asarray(force), level, np.zeros_like(level), held)
+    expected = np.log(-pole.real)
+    return BandModel(pole, shape, np.asarray(force), level, 0 * level, expected, held)
 
 
 def fit(data: BandData, model: BandModel) -> BandFit:
     """Climb from a positive model to the likeliest one near by."""
     density = model.density(data.omega)
-    best = log_likelihood(data, density)
+    best = _posterior(data, model, density)
     damping, converged = 1e-3, False
     free = model.free()
     whole = np.zeros(len(free))
@@ -206,7 +220,7 @@ def fit(data: BandData, model: BandModel) -> BandFit:
             whole[free] = step / scale
             trial = _moved(model, whole)
             trial_density = trial.density(data.omega)
-            likelihood = log_likelihood(data, trial_density)
+            likelihood = _posterior(data, trial, trial_density)
             if likelihood >= best - 1e-10 * abs(best):
                 accepted = True
                 break
@@ -222,7 +236,11 @@ def fit(data: BandData, model: BandModel) -> BandFit:
     information, _ = _information(data, model, density)
     covariance = np.zeros((len(free), len(free)))
     covariance[np.ix_(free, free)] = _inverse(information)
-    return BandFit(model, best, covariance, converged)
+    return BandFit(model, log_likelihood(data, density), covariance, converged)
+
+
+def _posterior(data: BandData, model: BandModel, density: np.ndarray) -> float:
+    return log_likelihood(data, density) - 0.5 * float(np.sum(model.surprise() ** 2))
 
 
 def promise(
@@ -238,6 +256,7 @@ def promise(
         pole=np.append(model.pole, pole),
         shape=np.column_stack([model.shape, shape]),
         force=np.column_stack([model.force, np.zeros_like(shape)]),
+        expected=np.append(model.expected, np.log(-pole.real)),
         held=model.held + 1,
     )
     information, score = _information(data, added, model.density(data.omega))
@@ -259,7 +278,13 @@ def _information(
     whitened = (inverse @ slopes @ turned).reshape(len(slopes), -1)
     rest = (inverse @ (data.density - density) @ turned).reshape(-1)
     columns = np.concatenate([whitened.real, whitened.imag], axis=1)
-    return columns @ columns.T, columns @ np.concatenate([rest.real, rest.imag])
+    information = columns @ columns.T
+    score = columns @ np.concatenate([rest.real, rest.imag])
+    modes = len(model.pole) - model.held
+    decays = np.arange(0, 2 * modes, 2)
+    information[decays, decays] += DAMPING_SD**-2
+    score[decays] -= model.surprise()[:modes] / DAMPING_SD
+    return information, score
 
 
 def _slopes(model: BandModel, omega: np.ndarray) -> np.ndarray:
@@ -322,6 +347,7 @@ def _moved(model: BandModel, step: np.ndarray) -> BandModel:
         model.force + force,
         model.level + np.tensordot(level, basis, axes=1),
         model.slope + np.tensordot(slope, basis, axes=1),
+        model.expected,
         model.held,
     )
 

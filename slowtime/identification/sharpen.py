@@ -123,9 +123,9 @@ def sharpen(
     fitted in wide ones, where most is to be learned, with each other's skirts accounted for.
     """
     edges = low_hz, high_hz
-    chosen = _in_windows(spectrum, starts, edges, SELECTING, _selected)
+    chosen = _in_windows(spectrum, starts, edges, SELECTING, 0, _selected)
     again = [Start(sharp.pole, sharp.shape) for _, sharp in chosen]
-    final = _in_windows(spectrum, again, edges, SHARPENING, _kept)
+    final = _in_windows(spectrum, again, edges, SHARPENING, MOST_BESIDE, _kept)
     return sorted(
         [(chosen[k][0], sharp) for k, sharp in final], key=lambda pair: abs(pair[1].pole)
     )
@@ -136,6 +136,7 @@ def _in_windows(
     starts: list[Start],
     edges: tuple[float, float],
     wide: float,
+    beside: int,
     choose: "_Choice",
 ) -> list[tuple[int, Sharp]]:
     least = 0.25 * spectrum.spacing_hz * 2 * np.pi
@@ -144,7 +145,7 @@ def _in_windows(
     poles = np.minimum(poles.real, -least) + 1j * poles.imag
     found: list[tuple[int, Sharp]] = []
     for group in _groups(poles):
-        window = _Window.about(spectrum, poles, group, edges, wide)
+        window = _Window.about(spectrum, poles, group, edges, wide, beside)
         modes = window.modes + window.beside
         shapes = np.stack([starts[order[k]].shape for k in modes], axis=1)
         for k, sharp in _fitted(spectrum, window, poles[modes], shapes, choose):
@@ -189,6 +190,7 @@ class _Window:
         group: list[int],
         edges: tuple[float, float],
         wide: float,
+        beside: int,
     ) -> "_Window":
         frequency, half = poles.imag / (2 * np.pi), -poles.real / (2 * np.pi)
         below = min(frequency[k] - wide * half[k] for k in group)
@@ -208,12 +210,13 @@ class _Window:
                 below = 0.5 * (frequency[k] + min(frequency[m] for m in modes))
             else:
                 above = 0.5 * (frequency[k] + max(frequency[m] for m in modes))
-        lower = [k for k in range(min(modes)) if frequency[k] <= below][-MOST_BESIDE:]
+        lower = [k for k in range(min(modes)) if frequency[k] <= below]
         upper = [k for k in range(max(modes) + 1, len(poles)) if frequency[k] >= above]
+        around = lower[len(lower) - min(beside, len(lower)) :] + upper[:beside]
         below, above = max(below, edges[0] / 2), min(above, edges[1])
         first = max(2, int(np.ceil(below / spectrum.spacing_hz)))
         last = min(len(spectrum.coefficients) - 2, int(above / spectrum.spacing_hz))
-        return _Window(first, last, sorted(modes), lower + upper[:MOST_BESIDE])
+        return _Window(first, last, sorted(modes), around)
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

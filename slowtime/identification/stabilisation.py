@@ -14,7 +14,7 @@ from .shapes import mac_matrix
 from .ssi import Poles
 
 MOST_DAMPING = 0.25
-MOST_SD = 1.5
+MOST_SD = 3.0
 """A pole that is known no better than so many half-bandwidths is none."""
 
 REACH = 2.0
