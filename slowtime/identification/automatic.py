@@ -21,7 +21,7 @@ from .identified import Measured
 from .modes import Mode
 from .shapes import mac, normalised
 from .sharpen import WIDEST, Sharp, Spectrum, Start, sharpen
-from .ssi import Poles, identify, rescaled
+from .ssi import Poles, identify, mixed
 from .stabilisation import Candidate, Stabilisation, candidates
 from .tones import without_lines
 
@@ -225,8 +225,7 @@ def _poles(
     correlations = correlate(series, series, lags=2 * rows, rate_hz=rate, centre_hz=centre)
     orders = range(1, min(order, (rows - 1) * number) + 1)
     found = identify(correlations, block_rows=rows, orders=orders, weighting="both")
-    shape = directions.conj() @ found.shape
-    return rescaled(dataclasses.replace(found, shape=shape), scale)
+    return mixed(found, scale[:, None] * directions.conj())
 
 
 def _spectrum(

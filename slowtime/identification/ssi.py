@@ -237,15 +237,21 @@ def identify(
 
 def rescaled(poles: Poles, scale: Float[np.ndarray, " channel"]) -> Poles:
     """Shapes in units in which each channel counts `scale` times as much."""
-    shape = poles.shape * scale[:, None]
+    return mixed(poles, np.diag(scale))
+
+
+def mixed(poles: Poles, mixing: Inexact[np.ndarray, "sensor channel"]) -> Poles:
+    """Shapes of other channels, which are mixtures of those identified; of unit norm."""
+    shape = mixing @ poles.shape
     size = np.linalg.norm(shape, axis=0)
+    shape = shape / size
     moved = None
     if poles.shape_draws is not None:
-        moved = poles.shape_draws * scale[:, None] / size
+        moved = np.einsum("sc,kcp->ksp", mixing, poles.shape_draws) / size
         # What only lengthens or turns a shape of unit norm is no error of it.
-        along = np.einsum("cp,kcp->kp", (shape / size).conj(), moved)
-        moved = moved - along[:, None, :] * (shape / size)
-    return dataclasses.replace(poles, shape=shape / size, shape_draws=moved)
+        along = np.einsum("cp,kcp->kp", shape.conj(), moved)
+        moved = moved - along[:, None, :] * shape
+    return dataclasses.replace(poles, shape=shape, shape_draws=moved)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

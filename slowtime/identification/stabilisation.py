@@ -52,8 +52,8 @@ class Candidate:
         How many showed it.
     share
         Of the orders from its lowest to the highest of all [1].
-    members
-        Indices of the poles.
+    members, index
+        Indices of the poles, and of the one that stands for them.
     """
 
     pole: complex
@@ -63,6 +63,7 @@ class Candidate:
     orders: int
     share: float
     members: Int[np.ndarray, " member"]
+    index: int
 
     @property
     def frequency_hz(self) -> float:
@@ -117,6 +118,7 @@ def candidates(poles: Poles, *, low_hz: float, high_hz: float) -> list[Candidate
                 len(members),
                 float(share),
                 members,
+                int(middle),
             )
         )
     return _without_doubles(sorted(found, key=lambda c: c.frequency_hz))
