@@ -20,7 +20,7 @@ from .harmonics import Verdict, find_harmonics, judge
 from .identified import Measured
 from .modes import Mode
 from .shapes import mac, normalised
-from .sharpen import WIDEST, Sharp, Spectrum, Start, sharpen
+from .sharpen import WIDEST, Sharp, Spectrum, Start, select, sharpen
 from .ssi import Poles, identify, mixed
 from .stabilisation import Candidate, Stabilisation, candidates
 from .tones import without_lines
@@ -127,9 +127,7 @@ def identify_modes(
     transform = fft.rfft(cleaned, axis=0)
     poles, found, members = _candidates(transform, len(columns), rate_hz, edges, order)
     spectrum = _spectrum(transform, len(columns), rate_hz, tones)
-    starts = [Start(c.pole, c.shape) for c in found]
-    sharp = sharpen(spectrum, starts, low_hz=edges[0], high_hz=EDGE * rate_hz / 2)
-    sharp = _distinct([(k, s) for k, s in sharp if _is_mode(found[k], s, edges)])
+    sharp = _sharp(spectrum, found, edges, EDGE * rate_hz / 2)
     if most is not None:
         strongest = sorted(sharp, key=lambda pair: -pair[1].evidence)[:most]
         sharp = [pair for pair in sharp if pair in strongest]
@@ -238,6 +236,19 @@ def _spectrum(
         at = round(line.value / spacing)
         spared[max(0, at - reach) : at + reach + 1] = True
     return Spectrum(transform * np.sqrt(2.0 / (rate_hz * count)), spacing, spared)
+
+
+def _sharp(
+    spectrum: Spectrum, found: list[Candidate], edges: tuple[float, float], highest_hz: float
+) -> list[tuple[int, Sharp]]:
+    """Choose modes among candidates, then let the spectra say where they are."""
+    low, starts = edges[0], [Start(c.pole, c.shape) for c in found]
+    chosen = select(spectrum, starts, low_hz=low, high_hz=highest_hz)
+    chosen = _distinct([(k, s) for k, s in chosen if _is_mode(found[k], s, edges)])
+    again = [Start(s.pole, s.shape) for _, s in chosen]
+    final = sharpen(spectrum, again, low_hz=low, high_hz=highest_hz)
+    sharp = [(chosen[k][0], s) for k, s in final]
+    return _distinct([(k, s) for k, s in sharp if _is_mode(found[k], s, edges)])
 
 
 def _is_mode(start: Candidate, sharp: Sharp, edges: tuple[float, float]) -> bool:

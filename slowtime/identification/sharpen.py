@@ -114,21 +114,25 @@ class Start:
     shape: Complex[np.ndarray, " channel"]
 
 
+def select(
+    spectrum: Spectrum, starts: list[Start], *, low_hz: float, high_hz: float
+) -> list[tuple[int, Sharp]]:
+    """Modes among the candidates, each with the index of its start.
+
+    Windows are narrow here: little else in them can be mistaken for a mode.
+    """
+    return _in_windows(spectrum, starts, (low_hz, high_hz), SELECTING, 0, _selected)
+
+
 def sharpen(
     spectrum: Spectrum, starts: list[Start], *, low_hz: float, high_hz: float
 ) -> list[tuple[int, Sharp]]:
-    """Likeliest modes among the candidates, each with the index of its start.
+    """Modes at their likeliest, each with the index of its start.
 
-    Modes are chosen in narrow windows, where little else can be mistaken for them, and then
-    fitted in wide ones, where most is to be learned, with each other's skirts accounted for.
+    Windows are wide here: most is to be learned in them, with the skirts of the modes beyond
+    accounted for. That asks for a list of modes without strangers.
     """
-    edges = low_hz, high_hz
-    chosen = _in_windows(spectrum, starts, edges, SELECTING, 0, _selected)
-    again = [Start(sharp.pole, sharp.shape) for _, sharp in chosen]
-    final = _in_windows(spectrum, again, edges, SHARPENING, MOST_BESIDE, _kept)
-    return sorted(
-        [(chosen[k][0], sharp) for k, sharp in final], key=lambda pair: abs(pair[1].pole)
-    )
+    return _in_windows(spectrum, starts, (low_hz, high_hz), SHARPENING, MOST_BESIDE, _kept)
 
 
 def _in_windows(
@@ -151,7 +155,7 @@ def _in_windows(
         for k, sharp in _fitted(spectrum, window, poles[modes], shapes, choose):
             if modes[k] in group:
                 found.append((order[modes[k]], sharp))
-    return found
+    return sorted(found, key=lambda pair: abs(pair[1].pole))
 
 
 def _groups(poles: np.ndarray) -> list[list[int]]:

@@ -26,7 +26,7 @@ ALIKE = 0.8
 GAP = 3
 """Orders that a pole may be missing at."""
 
-SHORTEST = 5
+SHORTEST = 7
 """Orders that a candidate must be seen at ..."""
 
 DENSEST = 0.6
