@@ -125,7 +125,8 @@ def identify(
         else:
             channels = record.channels
             models = modal.model_modes(description, channels) if description else []
-            result["modes"] = [modal.as_json(mode, models) for mode in whole.modes]
+            span = 0.0, len(part) / record.rate_hz
+            result["modes"] = [modal.as_json(mode, models, span) for mode in whole.modes]
             if not silent:
                 modal.show_modes(whole, models, path.name)
             if report is not None:
@@ -281,10 +282,11 @@ def _plain(mode: Identified | None) -> dict[str, Any]:
     fields: dict[str, Any] = dict.fromkeys(
         ("frequency_hz", "frequency_sd", "damping_ratio", "damping_sd", "snr_db", "method")
     )
-    fields["flags"] = None
+    fields |= {"kind": None, "quality": None, "flags": None}
     if mode is not None:
         f, z = mode.frequency_hz, mode.damping_ratio
-        values = (f.value, f.sd, z.value, z.sd, mode.snr_db, mode.method, ",".join(mode.flags))
+        fit = (f.value, f.sd, z.value, z.sd, mode.snr_db, mode.method)
+        values = (*fit, "structural", None, ",".join(mode.flags))
         fields.update(zip(fields, values, strict=True))
     return fields
 

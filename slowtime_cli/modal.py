@@ -56,7 +56,9 @@ def nearest(mode: Mode, models: Sequence[ModelMode]) -> tuple[int, float | None]
     return near[int(np.argmin(away))], None
 
 
-def as_json(mode: Mode, models: Sequence[ModelMode]) -> dict[str, Any]:
+def as_json(
+    mode: Mode, models: Sequence[ModelMode], span_s: tuple[float, float]
+) -> dict[str, Any]:
     """One mode of `modes.json`; numbers that are not known are null."""
     body = {
         "frequency_hz": {"value": mode.frequency_hz.value, "sd": mode.frequency_hz.sd},
@@ -69,7 +71,9 @@ def as_json(mode: Mode, models: Sequence[ModelMode]) -> dict[str, Any]:
         },
         "kind": mode.kind,
         "quality": mode.quality,
+        "snr_db": None,
         "method": "modes",
+        "span_s": list(span_s),
         "flags": list(mode.flags),
     }
     meant = nearest(mode, models)
@@ -136,6 +140,8 @@ def show_modes(result: ModalResult, models: Sequence[ModelMode], title: str) -> 
                 "frequency_sd": f.sd,
                 "damping_ratio": z.value,
                 "damping_sd": z.sd,
+                "snr_db": None,
+                "method": "modes",
                 "kind": mode.kind,
                 "quality": mode.quality,
                 "flags": ",".join(mode.flags),
