@@ -14,7 +14,7 @@ from slowtime_schemas.messages import Features, TwinState
 from slowtime_schemas.raw import decode_raw, encode_raw
 from slowtime_schemas.streams import BY_NAME, FEATURES, MESSAGES, STATE
 
-GOLDEN = Path(freeze.__file__).parents[1] / "golden"
+GOLDEN = Path(__file__).parents[2] / "schemas/golden"
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from slowtime.dynamics.builders import beam, chain, shear_frame
 from slowtime.dynamics.description import Tolerance, assemble
-from slowtime_schemas import freeze
 from slowtime_schemas.documents import DOCUMENTS
 from slowtime_schemas.frozen import folder
 from slowtime_services.models import (
@@ -23,7 +22,7 @@ from slowtime_services.models import (
 )
 from slowtime_services.models.reading import parse_model
 
-GOLDEN = Path(freeze.__file__).parents[1] / "golden"
+GOLDEN = Path(__file__).parents[3] / "schemas/golden"
 RIG = """\
 slowtime_model: 1
 name: rig

@@ -4,7 +4,7 @@ import asyncio
 import json
 import threading
 import time
-from pathlib import Path
+from importlib.resources import files
 from types import SimpleNamespace
 from typing import Any
 
@@ -238,6 +238,6 @@ def test_a_client_too_far_behind_ends_and_holds_nothing():
 
 
 def test_the_page_knows_every_kind_of_event_of_the_stream():
-    script = (Path(__file__).parents[3] / "twin_server/serve/web/app.js").read_text()
+    script = (files("twin_server.serve") / "web/app.js").read_text()
     for kind in ("state", "event", "reset"):
         assert f'stream.addEventListener("{kind}"' in script
