@@ -1,6 +1,7 @@
 """The order of the stages, and the one thread that keeps it: samples in, history out."""
 
-from .core import Listener, News, Pipeline
+from .core import Pipeline
 from .knowledge import Herald, TwinKnowledge
+from .news import Listener, News
 
 __all__ = ["Herald", "Listener", "News", "Pipeline", "TwinKnowledge"]

@@ -12,20 +12,10 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import NamedTuple, Protocol, TypeVar
+from typing import TypeVar
 
-from slowtime_schemas.codec import encode
-from slowtime_schemas.messages import Acknowledgement, Event, Features, Registered
-from slowtime_schemas.streams import (
-    ACK,
-    EVENT,
-    FEATURES,
-    HEALTH,
-    REGISTRATION,
-    STATE,
-    alive_key,
-    request_key,
-)
+from slowtime_schemas.messages import Features
+from slowtime_schemas.streams import FEATURES, HEALTH, REGISTRATION, alive_key, request_key
 from slowtime_services.bus import Bus, Handle, Inbox, Query, Sample, matches
 from slowtime_services.clock import Clock, SystemClock
 from twin_server.collect import (
@@ -34,35 +24,20 @@ from twin_server.collect import (
     Change,
     Healer,
     Holding,
-    Ordered,
     Reception,
     Refusals,
-    Run,
     Want,
 )
-from twin_server.details import Bodies, part
-from twin_server.estimate import Checkpoint, Estimated, Twin, estimate
-from twin_server.persist import (
-    Cut,
-    DetailRow,
-    EventRow,
-    FeatureRow,
-    StateRow,
-    Store,
-    StoreError,
-)
+from twin_server.estimate import Checkpoint, Twin
+from twin_server.persist import Cut, Store, StoreError
 from twin_server.registration import Registration
-from twin_server.rendering import state_messages
 from twin_server.settings import TwinSettings
-from twin_server.states import States
 
+from .estimating import begun, estimate_anew, estimate_next, registered
+from .news import Listener
 from .records import (
     address,
-    body_of,
-    cut_up,
     decoded,
-    derived_event,
-    event_row,
     lost_event,
     rows_of_held,
     rows_of_released,
@@ -70,39 +45,11 @@ from .records import (
     run_row,
     twin_row,
 )
+from .voice import ACK_EVERY_S, Voice
 
 logger = logging.getLogger(__name__)
 
 T = TypeVar("T")
-ACK_EVERY_S = 0.1
-ANNOUNCE_EVERY_S = 1.0 / (REGISTRATION.nominal_rate_hz or 0.1)
-NO_BOOT = "twin"
-"""Stands for an edge's boot in what the twin says of its own accord."""
-_ANEW = 5_000
-
-
-class News(NamedTuple):
-    """What a batch has brought of one twin, once it is durable."""
-
-    twin_id: str
-    states: States
-    runs: Sequence[tuple[int, str, str]]
-    """Of each state: number and name of its boot, unit of its slow time."""
-    events: Sequence[tuple[int, str]]
-    bodies: Bodies = ()
-    """Of each state of a twin of elements, its detail; empty for other twins."""
-
-
-class Listener(Protocol):
-    """Somebody who wants to know what is new; called by the working thread, must not wait."""
-
-    def tell(self, news: News) -> None:
-        """Hear what is new of one twin."""
-        ...
-
-    def reset(self, twin_id: str) -> None:
-        """Hear that a twin's history has been made anew, or has gone."""
-        ...
 
 
 class Pipeline:
@@ -132,15 +79,11 @@ class Pipeline:
         )
         self._calls: collections.deque[Callable[[], None]] = collections.deque()
         self._lock = threading.RLock()
-        self._listeners: list[Listener] = []
         self._handles: list[Handle] = []
         self._worker: threading.Thread | None = None
         self._healer: Healer | None = None
-        self._unacknowledged: dict[Run, None] = {}
-        self._acknowledged_s = 0.0
-        self._announced_s = 0.0
-        self._announcements = 0
         self.counts: collections.Counter[str] = collections.Counter()
+        self._voice = Voice(bus, self._clock, self.counts, settings.pipeline.states_per_batch)
         self.failing: str = ""
         self._account = self._new_account()
         self._load()
@@ -211,7 +154,7 @@ class Pipeline:
 
     def listen(self, listener: Listener) -> None:
         """Tell `listener` what is new, from now on."""
-        self._listeners.append(listener)
+        self._voice.listen(listener)
 
     def call(self, function: Callable[[], T]) -> T:
         """Do something between two batches, and wait for it."""
@@ -278,7 +221,7 @@ class Pipeline:
     def _work(self) -> None:
         limit = self.settings.pipeline.batch_messages
         while True:
-            wait_s = ACK_EVERY_S if self._unacknowledged else 0.25
+            wait_s = ACK_EVERY_S if self._voice.owes else 0.25
             samples = self._inbox.take(limit, timeout_s=wait_s)
             with self._lock:
                 while self._calls:
@@ -286,8 +229,8 @@ class Pipeline:
                 real = [sample for sample in samples if sample is not None]
                 if real:
                     self._guarded(lambda real=real: self._take(real))  # type: ignore[misc]
-                self._guarded(self._acknowledge)
-                self._guarded(self._announce_all)
+                self._guarded(self._voice.acknowledge)
+                self._guarded(lambda: self._voice.announce_all(self._twins))
             if self._inbox.closed and not samples and not self._calls:
                 return
 
@@ -326,7 +269,7 @@ class Pipeline:
         self._units = {row.number: row.slow_time_unit for row in rows}
         for number, sequence, payload in self.store.held():
             runs[number].held[sequence] = Arrival(decoded(payload), payload)
-        self._unacknowledged.clear()
+        self._voice.forget_owed()
         self._account.restore(runs.values(), following)
         for twin_id in alive:
             self._account.watch(*address(twin_id), alive=True)
@@ -384,12 +327,20 @@ class Pipeline:
         """Estimate, make durable, and only then tell anybody."""
         for reason, sentence in change.refused:
             self.refusals.refuse(reason, sentence)
-        self._unacknowledged.update(change.touched)
+        self._voice.owe(change.touched)
         if not (change.ordered or change.touched or change.lost or change.held):
             return
         cut = Cut(held=rows_of_held(change), released=rows_of_released(change))
         twins = dict(self._twins)
-        found, owners, keys = self._estimate(change.ordered, twins, cut)
+        for run in {id(o.run): o for o in change.ordered}.values():
+            self._units.setdefault(run.run.number, run.features.slow_time_unit)
+        fresh = estimate_next(
+            change.ordered,
+            twins,
+            cut,
+            self.settings.default_registration,
+            self._clock.now_ns(),
+        )
         cut.events += [lost_event(lost) for lost in change.lost]
         cut.runs += [
             run_row(run, self._units.get(run.number, "s"))
@@ -399,51 +350,7 @@ class Pipeline:
         numbers = self.store.write(cut)
         self._twins = twins
         self._count(change, cut)
-        self._tell(change.ordered, found, owners, keys, cut, numbers)
-
-    def _estimate(
-        self,
-        ordered: Sequence[Ordered],
-        twins: dict[tuple[str, str], Twin],
-        cut: Cut,
-    ) -> tuple[Estimated, list[int], list[tuple[str, str]]]:
-        """Add states, checkpoints and events of `ordered` to `cut`, checkpoints to `twins`."""
-        keys: dict[tuple[str, str], int] = {}
-        owners = [keys.setdefault((o.run.site, o.run.asset), len(keys)) for o in ordered]
-        for run in {id(o.run): o for o in ordered}.values():
-            self._units.setdefault(run.run.number, run.features.slow_time_unit)
-        for key in keys:
-            if key not in twins:
-                registration = self.settings.default_registration
-                twins[key] = Twin(registration, Checkpoint.start(registration))
-                cut.events.append(self._registered(*key, registration, "by its first features"))
-                cut.twins.append(twin_row(key, twins[key]))
-        found = estimate(
-            [twins[key] for key in keys],
-            [o.features for o in ordered],
-            owners,
-            [o.missing_before for o in ordered],
-        )
-        for key, checkpoint, notices in zip(
-            keys, found.checkpoints, found.notices, strict=True
-        ):
-            if checkpoint != twins[key].checkpoint:
-                twins[key] = twins[key]._replace(checkpoint=checkpoint)
-                cut.twins.append(twin_row(key, twins[key]))
-            cut.events += [derived_event(ordered[n.row].features, n) for n in notices]
-        cut.features += [
-            FeatureRow(
-                o.run.number, o.features.sequence, o.features.t_ns, o.features.slow_time,
-                o.payload, state,
-            )
-            for o, state in zip(ordered, cut_up(found.states), strict=True)
-        ]  # fmt: skip
-        cut.details += [
-            DetailRow(o.run.number, o.features.sequence, *detail)
-            for o, detail in zip(ordered, found.details, strict=False)
-            if detail is not None
-        ]
-        return found, owners, list(keys)
+        self._voice.tell(change.ordered, fresh, self._units, cut.events, numbers)
 
     def _count(self, change: Change, cut: Cut) -> None:
         self.counts["batches"] += 1
@@ -452,77 +359,6 @@ class Pipeline:
         self.counts["lost"] += sum(lost.last - lost.first + 1 for lost in change.lost)
         for event in cut.events:
             self.counts[f"event_{json.loads(event.body)['kind']}"] += 1
-
-    def _tell(
-        self,
-        ordered: Sequence[Ordered],
-        found: Estimated,
-        owners: Sequence[int],
-        keys: Sequence[tuple[str, str]],
-        cut: Cut,
-        numbers: Sequence[int],
-    ) -> None:
-        """Publish and show what has just become durable."""
-        states = found.states
-        events: dict[tuple[str, str], list[tuple[int, str]]] = {}
-        for number, event in zip(numbers, cut.events, strict=True):
-            events.setdefault((event.site, event.asset), []).append((number, event.body))
-            self._publish(
-                EVENT.key(event.site, event.asset), event.body.encode(), EVENT.encoding
-            )
-        rows: list[list[int]] = [[] for _ in keys]
-        for row, owner in enumerate(owners):
-            rows[owner].append(row)
-        all_of_them = len(ordered) <= self.settings.pipeline.states_per_batch
-        for key, of_twin in zip(keys, rows, strict=True):
-            theirs = states[of_twin]
-            runs = [
-                (run.number, run.boot, self._units[run.number])
-                for run in (ordered[row].run for row in of_twin)
-            ]
-            bodies = [body_of(found.details[row]) for row in of_twin] if found.details else ()
-            shown = slice(None) if all_of_them else slice(-1, None)
-            if self._bus is not None:
-                _, boots, units = zip(*runs[shown], strict=True)
-                for message in state_messages(
-                    theirs[shown], *key, boots, units, part(bodies, shown)
-                ):
-                    self._publish(STATE.key(*key), message, STATE.encoding)
-            news = News(".".join(key), theirs, runs, events.pop(key, ()), bodies)
-            for listener in self._listeners:
-                listener.tell(news)
-        for key, happened in events.items():
-            for listener in self._listeners:
-                listener.tell(News(".".join(key), states[:0], (), happened))
-
-    def _publish(self, key: str, payload: bytes, encoding: str) -> None:
-        if self._bus is None:
-            return
-        try:
-            self._bus.publish(key, payload, encoding=encoding)
-            self.counts["published"] += 1
-        except Exception:
-            # History is durable and REST answers: a bus that fails stops nothing else.
-            self.counts["not_published"] += 1
-            logger.exception("A message on %s could not be published.", key)
-
-    def _acknowledge(self) -> None:
-        """Tell edges what is durable: at once when idle, else a few times a second."""
-        now = time.monotonic()
-        if not self._unacknowledged or now - self._acknowledged_s < ACK_EVERY_S:
-            return
-        self._acknowledged_s = now
-        runs, self._unacknowledged = self._unacknowledged, {}
-        for run in runs:
-            if run.number and run.next:
-                ack = Acknowledgement(
-                    site=run.site,
-                    asset=run.asset,
-                    boot=run.boot,
-                    sequence=run.next - 1,
-                    t_ns=self._clock.now_ns(),
-                )
-                self._publish(ACK.key(run.site, run.asset), encode(ack), ACK.encoding)
 
     def _wants(self) -> list[Want]:
         return self.call(lambda: self._account.wants(time.monotonic()))
@@ -549,103 +385,27 @@ class Pipeline:
         before = self._twins.get(key)
         if before is not None and before.registration == registration:
             return False
-        event = self._registered(*key, registration, how)
+        event = registered(*key, registration, how, self._clock.now_ns())
         if before is None:
-            twin = Twin(registration, Checkpoint.start(registration))
+            twin = begun(registration)
             self.store.write(Cut(twins=[twin_row(key, twin)], events=[event]))
         else:
-            twin = self._estimate_anew(key, registration, event)
+            twin = estimate_anew(self.store, key, registration, event)
         self._twins[key] = twin
-        self._announce(key)
-        for listener in self._listeners:
-            listener.reset(twin_id)
+        self._voice.announce(key, twin)
+        self._voice.reset(twin_id)
         return before is None
-
-    def _announce_all(self) -> None:
-        """Say now and then how twins are registered, for recorders that began since."""
-        now = time.monotonic()
-        if now - self._announced_s < ANNOUNCE_EVERY_S:
-            return
-        self._announced_s = now
-        for key in self._twins:
-            self._announce(key)
-
-    def _announce(self, key: tuple[str, str]) -> None:
-        twin = self._twins[key]
-        self._publish(
-            REGISTRATION.key(*key), self._registered_as(key, twin), REGISTRATION.encoding
-        )
 
     def _answer_registrations(self, query: Query) -> Iterator[tuple[str, bytes]]:
         """Say how twins are registered to somebody who asks; in a thread of the bus."""
         for key, twin in list(self._twins.items()):
             if matches(query.key, request_key(*key, "registration")):
-                yield REGISTRATION.key(*key), self._registered_as(key, twin)
-
-    def _registered_as(self, key: tuple[str, str], twin: Twin) -> bytes:
-        site, asset = key
-        self._announcements += 1
-        message = Registered(
-            site=site,
-            asset=asset,
-            boot=NO_BOOT,
-            sequence=self._announcements,
-            t_ns=self._clock.now_ns(),
-            id=f"{site}.{asset}",
-            registration=twin.registration.to_dict(),
-        )
-        return encode(message)
-
-    def _estimate_anew(
-        self, key: tuple[str, str], registration: Registration, event: EventRow
-    ) -> Twin:
-        """Make all states of a twin from its features again; in memory, a part at a time."""
-        twin = Twin(registration, Checkpoint.start(registration))
-        events = [event]
-
-        def states() -> Iterator[StateRow]:
-            nonlocal twin
-            last = (0, -1)
-            while rows := self.store.messages(".".join(key), last, _ANEW):
-                features = [decoded(row.message) for row in rows]
-                missing = []
-                for row in rows:
-                    before = last[1] if row.number == last[0] else -1
-                    missing.append(row.sequence - before - 1)
-                    last = (row.number, row.sequence)
-                found = estimate([twin], features, [0] * len(rows), missing)
-                twin = twin._replace(checkpoint=found.checkpoints[0])
-                events.extend(derived_event(features[n.row], n) for n in found.notices[0])
-                details = found.details or [None] * len(rows)
-                for row, state, detail in zip(rows, cut_up(found.states), details, strict=True):
-                    yield StateRow(row.number, row.sequence, state, detail)
-
-        self.store.rewrite(".".join(key), states(), lambda: (twin_row(key, twin), events))
-        return twin
-
-    def _registered(
-        self, site: str, asset: str, registration: Registration, how: str
-    ) -> EventRow:
-        return event_row(
-            Event(
-                site=site,
-                asset=asset,
-                boot=NO_BOOT,
-                sequence=0,
-                t_ns=self._clock.now_ns(),
-                kind="registered",
-                severity="info",
-                message=f"Registered {how}: what may change is {registration.changes}.",
-                details=registration.to_dict(),
-            ),
-            derived=False,
-        )
+                yield REGISTRATION.key(*key), self._voice.registration(key, twin)
 
     def _delete(self, twin_id: str) -> bool:
         key = address(twin_id)
         existed = self.store.delete(twin_id)
         self._twins.pop(key, None)
         self._account.forget(*key)
-        for listener in self._listeners:
-            listener.reset(twin_id)
+        self._voice.reset(twin_id)
         return existed

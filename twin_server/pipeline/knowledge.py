@@ -15,7 +15,8 @@ from twin_server.registration import Registration
 from twin_server.serve import Chapter, Hub, Moment, Outlook
 from twin_server.states import States, shown
 
-from .core import News, Pipeline
+from .core import Pipeline
+from .news import News
 
 SHIFT = 40
 _LOOK_BACK = 1_000

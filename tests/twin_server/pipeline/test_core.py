@@ -15,7 +15,7 @@ from slowtime_services.bus import MemoryBus, Sample
 from slowtime_services.clock import HandClock
 from twin_server import estimate as estimators
 from twin_server.persist import SqliteStore, StoreError
-from twin_server.pipeline import Pipeline, core
+from twin_server.pipeline import Pipeline, estimating
 from twin_server.registration import Registration
 from twin_server.settings import TwinSettings
 
@@ -186,7 +186,7 @@ def test_a_recorded_registration_is_taken_and_a_live_one_is_an_echo(
 def test_registering_anew_gives_the_history_of_having_known_before(
     open_twin, ageing, sample, tmp_path, heard, later, monkeypatch
 ):
-    monkeypatch.setattr(core, "_ANEW", 7)
+    monkeypatch.setattr(estimating, "ANEW", 7)
     messages = ageing(60, loss=0.5) + ageing(10, boot="b2")
     pipeline, store = open_twin()
     pipeline.listen(heard)
@@ -271,7 +271,7 @@ def test_features_that_make_the_server_fail_stop_no_others(
             raise ZeroDivisionError("a fault of ours")
         return estimators.estimate(twins, features, owners, missing)
 
-    monkeypatch.setattr(core, "estimate", fragile)
+    monkeypatch.setattr(estimating, "estimate", fragile)
     pipeline, store = open_twin()
     mixed = [m for pair in zip(ageing(20), ageing(20, asset="bad"), strict=True) for m in pair]
     pipeline.ingest(map(sample, mixed))
