@@ -3,9 +3,15 @@ r"""Coefficients and parameters in; log-posterior, its slope and its information
 .. math:: \ln p = -\sum_k (n_k \ln \det E_k + \mathrm{tr}\, E_k^{-1} \Sigma_k) + \mathrm{prior},
           \qquad I_{ab} = \sum_k n_k \, \mathrm{tr}\, E_k^{-1} E_{k,a} E_k^{-1} E_{k,b}
 
-The products are worked out by hand, for all changes of E have rank m or 1: with
-:math:`W = E^{-1}`, :math:`V = W \Psi`, :math:`Q = \Psi^T V`, :math:`H` the spectral matrix of
-the modes and :math:`t = V H`, no sum is dearer than channels × modes squared.
+Every change of E has rank two, :math:`E_{,1} = a_1 b_1^H + b_1 a_1^H`, so that, of
+:math:`W = E^{-1}`,
+
+.. math:: \mathrm{tr}\, W E_{,1} W E_{,2} =
+          2\, \mathrm{Re}\, (b_1^H W a_2 \; b_2^H W a_1 + b_1^H W b_2 \; a_2^H W a_1)
+
+Of pole and coherence of mode i, a is its shape and :math:`b^H` what row i of the spectral
+matrix H changes by, times :math:`\Psi^T`; of a shape, a is the channel and b a column of
+:math:`\Psi H`. Hence :math:`V = W \Psi` and :math:`Q = \Psi^T V` below.
 """
 
 import dataclasses
@@ -13,7 +19,15 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from .model import Band, Modes, cross_periodograms, modes_of, spectral_slopes, vector_of
+from .model import (
+    Band,
+    Modes,
+    cross_periodograms,
+    modes_of,
+    slope_order,
+    spectral_slopes,
+    vector_of,
+)
 
 NOISE_PRIOR_SD = 3.0
 """Of ln noise about where it started: keeps a noise that nothing shows from running away."""
@@ -67,33 +81,31 @@ def _prior(start: Modes) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class _Parts:
-    """The matrices of the module's opening, each with the bins first; x are slopes of h.
+    """The matrices of the module's opening, each with the bins first.
 
-    Of t, q h and h q h only what belongs to modes of the band is kept.
+    Of h, t and r (those of H, V H and H Q H) only what belongs to modes of the band is kept.
+    The rows y of all their modes stand one after the other; `of` says whose each is.
     """
 
     modes: Modes
+    y: np.ndarray
+    of: np.ndarray
     h: np.ndarray
-    x: np.ndarray
     w: np.ndarray
     v: np.ndarray
     q: np.ndarray
-    t: np.ndarray
-    qh: np.ndarray
-    r: np.ndarray
     level: np.ndarray
 
 
 def _worked_out(band: Band, vector: np.ndarray, start: Modes) -> _Parts:
     modes = modes_of(vector, start)
-    h, x = spectral_slopes(band, modes)
+    h, rows = spectral_slopes(band, modes)
     w = np.linalg.inv(_matrices(band, modes, h))
     v = w @ modes.shapes
-    q = modes.shapes.T @ v
-    own = h[:, :, modes.guests :]
-    qh = q @ own
-    r = np.swapaxes(own, 1, 2).conj() @ qh
-    return _Parts(modes, h, x, w, v, q, v @ own, qh, r, np.exp(modes.log_noise))
+    own = np.arange(modes.guests, modes.guests + modes.number)
+    of = np.repeat(own, [each.shape[1] for each in rows])
+    y, q = np.concatenate(rows, axis=1), modes.shapes.T @ v
+    return _Parts(modes, y, of, h[:, :, own], w, v, q, np.exp(modes.log_noise))
 
 
 def _matrices(band: Band, modes: Modes, h: np.ndarray) -> np.ndarray:
@@ -105,42 +117,69 @@ def _slope(band: Band, parts: _Parts) -> np.ndarray:
     modes, w = parts.modes, parts.w
     excess = w @ band.scatter @ w - band.number[:, None, None] * w
     heard = excess @ modes.shapes
-    of_modes = np.einsum("pkij,kji->p", parts.x, modes.shapes.T @ heard).real
-    of_shapes = 2 * np.sum(heard @ parts.h[:, :, modes.guests :], axis=0).T.real
+    seen = modes.shapes.T @ heard
+    of_rows = 2 * np.einsum("kpm,kmp->p", parts.y, seen[:, :, parts.of]).real
+    of_modes = np.empty_like(of_rows)
+    of_modes[slope_order(modes)] = of_rows
+    of_shapes = 2 * np.einsum("kcm,kmi->ic", heard, parts.h).real
     of_noise = parts.level * np.einsum("kcc->c", excess).real
     return np.concatenate([of_modes, of_shapes.ravel(), of_noise])
 
 
 def _information(band: Band, parts: _Parts) -> np.ndarray:
-    w, v, t, level = parts.w, parts.v, parts.t, parts.level
+    """Blocks by poles and coherences, by shapes (mode after mode), by noises."""
+    w, v, h, level = parts.w, parts.v, parts.h, parts.level
     weight = band.number[:, None, None]
-    qx = parts.q @ parts.x
-    parameters, bins = parts.x.shape[:2]
-    flat = (weight * qx).reshape(parameters, -1)
-    turned = np.swapaxes(qx, 2, 3).reshape(parameters, -1)
-    modes_modes = (flat @ turned.T).real
-    vx = weight * (v @ parts.x)
-    modes_shapes = 2 * np.sum(vx @ parts.qh, axis=1).real
-    modes_shapes = np.swapaxes(modes_shapes, 1, 2).reshape(parameters, -1)
-    modes_noise = level * np.einsum("pkci,kci->pc", vx, v.conj()).real
-    channels, number = t.shape[1:]
-    size = channels * number
-    long_t = np.swapaxes(t, 1, 2).reshape(bins, size)
-    crossing = (long_t.T @ (band.number[:, None] * long_t)).reshape(
-        number, channels, number, channels
+    rows = weight * (parts.y @ np.swapaxes(v, 1, 2).conj())
+    of_a = v[:, :, parts.of]
+    turned = np.swapaxes(h, 1, 2).conj() @ parts.q[:, :, parts.of]
+    modes_shapes = np.einsum("kpc,kjp->pjc", rows, turned)
+    modes_shapes += np.einsum("kpj,kcp->pjc", weight * (parts.y @ parts.q @ h), of_a)
+    modes_noise = np.einsum("kpc,kcp->pc", rows, of_a)
+    shapes_shapes = _among_shapes(
+        band.number, v @ h, w, np.swapaxes(h, 1, 2).conj() @ parts.q @ h
     )
-    crossing = np.transpose(crossing, (2, 1, 0, 3))  # t_jc t_id at [i, c, j, d]
-    r = (weight * parts.r).reshape(bins, -1)
-    waiting = (r.T @ w.reshape(bins, -1)).reshape(number, number, channels, channels)
-    crossing = crossing + np.transpose(waiting, (0, 3, 1, 2))  # r_ij w_dc
-    shapes_shapes = 2 * crossing.real.reshape(size, size)
-    shapes_noise = 2 * np.einsum("kdc,kdi->icd", weight * w, t.conj()).real * level
+    shapes_noise = np.einsum("kdc,kdi->icd", weight * w, (v @ h).conj())
     noise_noise = np.sum(weight * np.abs(w) ** 2, axis=0) * np.outer(level, level)
-    flat_noise = shapes_noise.reshape(size, -1)
+    count = len(parts.of)
+    ordered = np.argsort(slope_order(parts.modes))
+    upper = 2 * modes_shapes.real.reshape(count, -1)[ordered]
+    right = 2 * (modes_noise.real * level)[ordered]
+    below = 2 * (shapes_noise.real * level).reshape(-1, len(level))
     return np.block(
         [
-            [modes_modes, modes_shapes, modes_noise],
-            [modes_shapes.T, shapes_shapes, flat_noise],
-            [modes_noise.T, flat_noise.T, noise_noise],
+            [_among_rows(band.number, parts)[np.ix_(ordered, ordered)], upper, right],
+            [upper.T, shapes_shapes, below],
+            [right.T, below.T, noise_noise],
         ]
     )
+
+
+def _among_rows(number: np.ndarray, parts: _Parts) -> np.ndarray:
+    """Of poles and coherences, in the order of the rows y."""
+    y, q, of = parts.y, parts.q, parts.of
+    yq = y @ q
+    whole = np.zeros((len(of), len(of)))
+    for i in np.unique(of):
+        for j in np.unique(of):
+            one, two = of == i, of == j
+            swapped = yq[:, one, j].T @ (number[:, None] * yq[:, two, i])
+            weighted = (number * q[:, j, i])[:, None, None] * yq[:, one]
+            flat = [np.swapaxes(a, 0, 1).reshape(a.shape[1], -1) for a in (weighted, y[:, two])]
+            whole[np.ix_(one, two)] = 2 * (swapped + flat[0] @ flat[1].conj().T).real
+    return whole
+
+
+def _among_shapes(
+    number: np.ndarray, t: np.ndarray, w: np.ndarray, r: np.ndarray
+) -> np.ndarray:
+    """Of shapes, mode after mode; r is H Q H."""
+    bins, channels, modes = t.shape
+    size = channels * modes
+    long = np.swapaxes(t, 1, 2).reshape(bins, size)
+    crossing = (long.T @ (number[:, None] * long)).reshape(modes, channels, modes, channels)
+    waiting = (number[:, None] * r.reshape(bins, -1)).T @ w.reshape(bins, -1)
+    waiting = waiting.reshape(modes, modes, channels, channels)
+    # t_jc t_id, and r_ij w_dc, at [i, c, j, d].
+    both = np.transpose(crossing, (2, 1, 0, 3)) + np.transpose(waiting, (0, 3, 1, 2))
+    return np.asarray(2 * both.real.reshape(size, size))

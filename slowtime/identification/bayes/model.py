@@ -72,8 +72,9 @@ def band_from(
 class Modes:
     """Modes of one band, and before them as many `guests`.
 
-    `shapes` carry the strength; `mixing` is L, complex, lower triangular, of real diagonal. The
-    scale of its rows is a matter of convention, which the prior keeps near 1.
+    `shapes` carry the strength; `mixing` is L but for the length of its rows, which are scaled
+    to 1 (a free length would be one with the strength): complex, lower triangular, of real
+    diagonal.
     """
 
     log_frequency: Float[np.ndarray, " mode"]
@@ -89,9 +90,14 @@ class Modes:
         return len(self.log_frequency) - self.guests
 
     @property
+    def unit_mixing(self) -> Complex[np.ndarray, "mode mode"]:
+        """L."""
+        return np.asarray(self.mixing / np.linalg.norm(self.mixing, axis=1, keepdims=True))
+
+    @property
     def coherence(self) -> Complex[np.ndarray, "mode mode"]:
-        """G, Hermitian."""
-        return np.asarray(self.mixing @ self.mixing.conj().T)
+        """G, Hermitian, of unit diagonal."""
+        return np.asarray(self.unit_mixing @ self.unit_mixing.conj().T)
 
     @property
     def free_mixing(self) -> list[tuple[int, int, complex]]:
@@ -149,32 +155,65 @@ def cross_periodograms(
     log_frequency: Float[np.ndarray, " mode"],
     log_damping: Float[np.ndarray, " mode"],
 ) -> Complex[np.ndarray, "frequency mode mode"]:
-    r"""Predict the cross-periodograms :math:`D_k` of modes of unit peak under one white force.
+    """Predict the cross-periodograms :math:`D_k` of modes among themselves; see `crossed`."""
+    poles = np.stack([log_frequency, log_damping])
+    return crossed(band, poles, poles)
 
-    With the transfer functions :math:`h_i(s) = 2 \zeta_i \, (s / \omega_i)^d \, \omega_i^2 /
-    (s^2 + 2 \zeta_i \omega_i s + \omega_i^2)` the spectra are :math:`h_i(s) h_j(-s)`,
-    :math:`s = i \omega`. A record of length T puts a triangle on the correlations, which
-    adds, for the pole :math:`s_i` of the residue :math:`\rho_{ij}` of the spectrum,
+
+def crossed(
+    band: Band, some: Float[np.ndarray, "2 mode"], others: Float[np.ndarray, "2 other"]
+) -> Complex[np.ndarray, "frequency mode other"]:
+    r"""Predict the cross-periodograms of modes of unit peak under one white force.
+
+    Of modes by ln f and ln zeta with the transfer functions :math:`h_i(s) = 2 \zeta_i \,
+    (s / \omega_i)^d \, \omega_i^2 / (s^2 + 2 \zeta_i \omega_i s + \omega_i^2)` the spectra are
+    :math:`h_i(s) h_j(-s)`, :math:`s = i \omega`. A record of length T puts a triangle on the
+    correlations, which adds, for the pole :math:`s_i` of the residue :math:`\rho_{ij}` of the
+    spectrum,
 
     .. math:: -\rho_{ij} \frac{1 - e^{(s_i - i \omega) T}}{T (i \omega - s_i)^2}
 
     and the like for :math:`s_j`: leakage, which else biases the damping of modes that are
     hardly wider than the record resolves (as in `expected_resonance`).
     """
-    omega, damping = 2 * np.pi * np.exp(log_frequency), np.exp(log_damping)
+    one, other = _resonances(band, some), _resonances(band, others)
+    spectra = one.transfer[:, :, None] * other.transfer[:, None, :].conj()
+    leaked = one.leak[:, :, None] * _residue(one, other, band.derivatives)
+    mirrored = other.leak[:, :, None] * _residue(other, one, band.derivatives)
+    return np.asarray(spectra + leaked + np.swapaxes(mirrored, 1, 2).conj())
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class _Resonances:
+    omega: np.ndarray
+    damping: np.ndarray
+    pole: np.ndarray
+    residue: np.ndarray
+    transfer: np.ndarray
+    leak: np.ndarray
+
+
+def _resonances(band: Band, poles: np.ndarray) -> _Resonances:
+    omega, damping = 2 * np.pi * np.exp(poles[0]), np.exp(poles[1])
     s = 2j * np.pi * band.frequency_hz[:, None]
-    transfer = _transfer(s, omega, damping, band.derivatives)
     damped = omega * np.sqrt(1 - damping**2)
     pole = -damping * omega + 1j * damped
-    own = 2 * damping * (pole / omega) ** band.derivatives * omega**2 / (2j * damped)
-    mirrored = _transfer(-pole[:, None], omega, damping, band.derivatives)
-    residue = own[:, None] * mirrored
-    away = s - pole
     # At every bin exp(-s T) is 1.
-    leak = -(1 - np.exp(pole * band.duration_s)) / (band.duration_s * away**2)
-    leaked = leak[:, :, None] * residue
-    spectra = transfer[:, :, None] * transfer[:, None, :].conj()
-    return np.asarray(spectra + leaked + np.swapaxes(leaked, 1, 2).conj())
+    leak = -(1 - np.exp(pole * band.duration_s)) / (band.duration_s * (s - pole) ** 2)
+    return _Resonances(
+        omega,
+        damping,
+        pole,
+        2 * damping * (pole / omega) ** band.derivatives * omega**2 / (2j * damped),
+        _transfer(s, omega, damping, band.derivatives),
+        leak,
+    )
+
+
+def _residue(one: _Resonances, other: _Resonances, derivatives: int) -> np.ndarray:
+    """Of the cross-spectra (rows one, columns other) at the poles of the one."""
+    mirrored = _transfer(-one.pole[:, None], other.omega, other.damping, derivatives)
+    return np.asarray(one.residue[:, None] * mirrored)
 
 
 def _transfer(
@@ -189,32 +228,56 @@ def spectral_slopes(
     band: Band, modes: Modes
 ) -> tuple[
     Complex[np.ndarray, "frequency mode mode"],
-    Complex[np.ndarray, "parameter frequency mode mode"],
+    list[Complex[np.ndarray, "frequency parameter mode"]],
 ]:
-    r"""Spectral matrices :math:`H_k = G \circ D_k` of the modes, and slopes but by the shapes.
+    r"""Spectral matrices :math:`H_k = G \circ D_k`, and their slopes but by the shapes.
 
-    The parameters are those of `vector_of` before the shapes.
+    A parameter of mode i moves no more than row i of H, by y, and its column by the conjugate;
+    those y are given for each mode of the band: by ln f, ln zeta, then its row of L.
     """
-    crossed = cross_periodograms(band, modes.log_frequency, modes.log_damping)
-    slopes = list(_pole_slopes(band, modes) * modes.coherence)
-    for row, column, unit in modes.free_mixing:
-        change = np.zeros_like(modes.mixing)
-        change[row, column] = unit
-        slope = change @ modes.mixing.conj().T
-        slopes.append((slope + slope.conj().T) * crossed)
-    return crossed * modes.coherence, np.stack(slopes)
+    spectra = cross_periodograms(band, modes.log_frequency, modes.log_damping)
+    unit, coherence = modes.unit_mixing, modes.coherence
+    length = np.linalg.norm(modes.mixing, axis=1)
+    by_poles = _pole_slopes(band, modes)
+    slopes = []
+    for i in range(modes.guests, len(length)):
+        rows = []
+        for row, column, step in modes.free_mixing:
+            if row == i:
+                change = -unit[i] * (unit[i, column].conj() * step).real
+                change[column] += step
+                rows.append(change @ unit.conj().T / length[i])
+        own = [by_poles[:, :, i - modes.guests] * coherence[i]]
+        if rows:
+            own.append(np.stack(rows) * spectra[:, i, None, :])
+        slopes.append(np.concatenate(own, axis=1))
+    return spectra * coherence, slopes
 
 
-def _pole_slopes(band: Band, modes: Modes) -> np.ndarray:
-    """Central differences of `cross_periodograms` by the ln f, then ln zeta, that are free."""
+def slope_order(modes: Modes) -> np.ndarray:
+    """Places in the vector of what `spectral_slopes` gives, one mode after the other."""
+    free = modes.free_mixing
+    return np.array(
+        [
+            place
+            for i in range(modes.number)
+            for place in (
+                [i, modes.number + i]
+                + [2 * modes.number + k for k, f in enumerate(free) if f[0] == modes.guests + i]
+            )
+        ]
+    )
+
+
+def _pole_slopes(band: Band, modes: Modes) -> Complex[np.ndarray, "frequency 2 own mode"]:
+    """Central differences of rows of `cross_periodograms`, the other modes held, by poles."""
     poles = np.stack([modes.log_frequency, modes.log_damping])
+    own = poles[:, modes.guests :]
+    move = MOVE * np.stack([np.exp(own[1]), np.ones(modes.number)])
     slopes = []
     for which in (0, 1):
-        for i in range(modes.guests, poles.shape[1]):
-            move = MOVE * (np.exp(modes.log_damping[i]) if which == 0 else 1.0)
-            ahead, behind = poles.copy(), poles.copy()
-            ahead[which, i] += move
-            behind[which, i] -= move
-            after, before = cross_periodograms(band, *ahead), cross_periodograms(band, *behind)
-            slopes.append((after - before) / (2 * move))
-    return np.stack(slopes)
+        change = np.zeros_like(own)
+        change[which] = move[which]
+        difference = crossed(band, own + change, poles) - crossed(band, own - change, poles)
+        slopes.append(difference / (2 * move[which][:, None]))
+    return np.stack(slopes, axis=1)

@@ -1,0 +1,154 @@
+"""Slopes and information of the posterior against differences and dense matrices."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from slowtime.identification.bayes import likelihood
+from slowtime.identification.bayes.likelihood import (
+    log_posterior,
+    slope,
+    slope_and_information,
+)
+from slowtime.identification.bayes.model import (
+    Band,
+    Modes,
+    cross_periodograms,
+    modes_of,
+    vector_of,
+)
+
+
+def start(*, own=2, guests=1, channels=3, seed=1):
+    rng = np.random.default_rng(seed)
+    count = own + guests
+    root = np.tril(rng.standard_normal((count, count)))
+    root = root + 1j * np.tril(rng.standard_normal((count, count)), -1)
+    root[np.diag_indices(count)] = 1.0 + np.abs(np.diag(root))
+    if guests == 0:
+        root[0] = np.eye(count)[0]
+    return Modes(
+        log_frequency=np.log(np.linspace(2.9, 3.1, count)),
+        log_damping=np.log(np.linspace(0.008, 0.02, count)),
+        shapes=rng.standard_normal((channels, count)),
+        mixing=root,
+        log_noise=np.log(0.01 * (1 + np.arange(channels))),
+        guests=guests,
+    )
+
+
+def band(modes, *, seed=2, derivatives=2, background=True):
+    rng = np.random.default_rng(seed)
+    frequency = np.arange(150, 181) / 55.0
+    channels = len(modes.log_noise)
+    each = rng.standard_normal((2, len(frequency), channels, 4))
+    columns = each[0] + 1j * each[1]
+    return Band(
+        frequency_hz=frequency,
+        scatter=columns @ np.swapaxes(columns, 1, 2).conj(),
+        number=rng.integers(1, 4, len(frequency)).astype(float),
+        duration_s=55.0,
+        derivatives=derivatives,
+        background=0.02 * np.tile(np.eye(channels) + 0j, (len(frequency), 1, 1))
+        if background
+        else None,
+    )
+
+
+CASES = [
+    pytest.param({"own": 1, "guests": 0, "channels": 1}, id="one mode, one channel"),
+    pytest.param({"own": 1, "guests": 2}, id="one mode and guests"),
+    pytest.param({"own": 3, "guests": 0}, id="close modes"),
+    pytest.param({"own": 2, "guests": 2, "channels": 2}, id="close modes and guests"),
+]
+
+
+def spectral_matrices(vector, modes, data):
+    """By the definition, entry by entry."""
+    here = modes_of(vector, modes)
+    crossed = cross_periodograms(data, here.log_frequency, here.log_damping)
+    rung = np.einsum("ci,ij,kij,dj->kcd", here.shapes, here.coherence, crossed, here.shapes)
+    whole = rung + np.diag(np.exp(here.log_noise))
+    return whole if data.background is None else whole + data.background
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_log_posterior_is_that_of_complex_gaussians(case):
+    modes = start(**case)
+    data = band(modes)
+    vectors = vector_of(modes), vector_of(modes) + 0.01
+    expected = []
+    for vector in vectors:
+        matrices = spectral_matrices(vector, modes, data)
+        logs = [np.log(np.linalg.det(m).real) for m in matrices]
+        fit = np.trace(np.linalg.inv(matrices) @ data.scatter, axis1=1, axis2=2).real
+        expected.append(-data.number @ logs - fit.sum())
+    away = vectors[1] - vectors[0]
+    number, mixed = modes.number, len(modes.free_mixing)
+    parts = slice(2 * number, 2 * number + mixed)
+    weight = np.zeros_like(away)
+    weight[parts] = likelihood.MIXING_PRIOR_SD**-2
+    weight[-len(modes.log_noise) :] = likelihood.NOISE_PRIOR_SD**-2
+    expected[1] -= 0.5 * weight @ away**2
+    found = [log_posterior(data, vector, modes) for vector in vectors]
+    assert found[1] - found[0] == pytest.approx(expected[1] - expected[0], rel=1e-8)
+
+
+@pytest.mark.parametrize("derivatives", [0, 1, 2])
+@pytest.mark.parametrize("case", CASES)
+def test_the_slope_is_that_of_the_log_posterior(case, derivatives):
+    modes = start(**case)
+    data = band(modes, derivatives=derivatives)
+    at = vector_of(modes) + 0.01 * np.random.default_rng(3).standard_normal(
+        len(vector_of(modes))
+    )
+    found = slope(data, at, modes)
+    differences = []
+    for i in range(len(at)):
+        move = np.zeros_like(at)
+        move[i] = 1e-6
+        after, before = (log_posterior(data, at + s * move, modes) for s in (1, -1))
+        differences.append((after - before) / 2e-6)
+    np.testing.assert_allclose(found, differences, rtol=1e-4, atol=1e-5 * np.abs(found).max())
+
+
+@pytest.mark.parametrize("background", [False, True])
+@pytest.mark.parametrize("case", CASES)
+def test_the_information_is_that_of_dense_matrices(case, background):
+    modes = start(**case)
+    data = band(modes, background=background)
+    at = vector_of(modes)
+    slopes = []
+    for i in range(len(at)):
+        move = np.zeros_like(at)
+        move[i] = 1e-5
+        after, before = (spectral_matrices(at + s * move, modes, data) for s in (1, -1))
+        slopes.append((after - before) / 2e-5)
+    inverse = np.linalg.inv(spectral_matrices(at, modes, data))
+    turned = inverse @ np.stack(slopes)
+    expected = np.einsum("k,akcd,bkdc->ab", data.number, turned, turned).real
+    _, found = slope_and_information(data, at, modes)
+    prior = np.diag(likelihood._prior(modes)[1])
+    scale = np.sqrt(np.outer(np.diag(expected + prior), np.diag(expected + prior)))
+    np.testing.assert_allclose((found - prior) / scale, expected / scale, atol=2e-6)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_vector_and_the_modes_are_two_forms_of_one(case):
+    modes = start(**case)
+    vector = vector_of(modes) + np.arange(len(vector_of(modes)))
+    np.testing.assert_allclose(vector_of(modes_of(vector, modes)), vector)
+    unchanged = modes_of(vector, modes)
+    guests = modes.guests
+    np.testing.assert_array_equal(
+        unchanged.log_frequency[:guests], modes.log_frequency[:guests]
+    )
+    np.testing.assert_array_equal(unchanged.mixing[:guests], modes.mixing[:guests])
+
+
+def test_forces_have_unit_power_whatever_the_length_of_their_rows():
+    modes = start(own=3, guests=2)
+    longer = dataclasses.replace(modes, mixing=3.0 * modes.mixing)
+    np.testing.assert_allclose(np.diag(modes.coherence), 1.0)
+    np.testing.assert_allclose(longer.coherence, modes.coherence)
