@@ -20,7 +20,7 @@ test: .venv/dev  ## the default suite, under five minutes
 	$(BIN)/python -m pytest -q -n 2 --dist loadfile -m "not slow"
 
 test-slow: .venv/dev  ## what takes longer: statistics over hundreds of runs
-	$(BIN)/python -m pytest -q -m slow
+	$(BIN)/python -m pytest -q -m slow --hypothesis-profile=default
 
 check: .venv/dev  ## format, lint, strict types, import contracts, docs tests
 	$(BIN)/ruff format --check .

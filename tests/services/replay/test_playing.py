@@ -39,7 +39,7 @@ def test_everything_arrives_once_and_in_order(buses, house, ledger):
 def test_a_slow_receiver_loses_nothing(buses, house, ledger):
     path, expected = house(400)
     twin = ledger(buses[1], per_s=1000, inbox_items=64)
-    played = replay(path, buses[0], speed=math.inf, window=50)
+    played = replay(path, buses[0], speed=math.inf, window=50, patience_s=60.0)
     assert twin.kept == expected
     assert played.complete
     assert twin.inbox.dropped == 0

@@ -13,6 +13,9 @@ from twin_server.model import Model
 MOST_UNCERTAIN = 0.1
 """Relative sd of a frequency from which a mode says too little to be used."""
 
+LEAST_SD = 1e-9
+"""Of a frequency, relative, or of a component of a shape: nobody knows them better."""
+
 _FEWEST = 2  # channels below which a shape says nothing
 
 
@@ -60,7 +63,7 @@ def seen(features: Features, model: Model) -> list[Seen]:
             Seen(
                 place,
                 frequency,
-                max(sd / frequency, 1e-9),
+                max(sd / frequency, LEAST_SD),
                 damping.value if known else math.nan,
                 damping.sd if known else math.nan,
                 mode.identity,
@@ -92,7 +95,7 @@ def _shape(
     to = [model.channels.index(name) for name in heard]
     shape, shape_sd = np.full((2, len(model.channels)), np.nan)
     shape[to] = real_shape(moved / norm)
-    shape_sd[to] = np.where((sd > 0.0) & (sd < 1.0), sd, np.nan)
+    shape_sd[to] = np.where((sd > 0.0) & (sd < 1.0), np.maximum(sd, LEAST_SD), np.nan)
     if np.isfinite(shape_sd).sum() < _FEWEST:
         return None, None
     return shape, shape_sd
