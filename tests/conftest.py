@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-# The default suite judges a change by the same examples each time; `make test-slow` looks for new ones.
+# The default suite takes the same examples each time; `make test-slow` looks for new ones.
 settings.register_profile("seeded", derandomize=True)
 settings.load_profile("seeded")
 
