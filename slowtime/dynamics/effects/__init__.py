@@ -1,0 +1,37 @@
+"""What linear elements lack, by name: laws of force, hidden masses, faulty sensors and inputs.
+
+In come a kind of effect, its place and parameters; out come its force along a known motion, and
+the compiled laws that `slowtime.dynamics.plant` integrates. A kind of one's own is one `Kind`.
+"""
+
+from .along import force_along
+from .effect import Effect, Place, read_effects
+from .families import catalogue
+from .kind import (
+    Friction,
+    Hidden,
+    InputChange,
+    Kind,
+    Law,
+    Motion,
+    Parameter,
+    SensorChange,
+    Unmeasured,
+)
+
+__all__ = [
+    "Effect",
+    "Friction",
+    "Hidden",
+    "InputChange",
+    "Kind",
+    "Law",
+    "Motion",
+    "Parameter",
+    "Place",
+    "SensorChange",
+    "Unmeasured",
+    "catalogue",
+    "force_along",
+    "read_effects",
+]

@@ -1,0 +1,63 @@
+"""Dry friction: set-valued laws, which stick."""
+
+import math
+from typing import Any
+
+from .grids import levels
+from .kind import Friction, Kind, Motion, Parameter, Shape
+
+
+def coulomb(e: float, v: float, t: float, z: Any, p: Any) -> float:
+    """Force of sliding, the same at every speed [N]."""
+    return float(p[0])
+
+
+def stribeck(e: float, v: float, t: float, z: Any, p: Any) -> float:
+    """Force of sliding, which falls from that of sticking as speed grows [N]."""
+    ratio = v / p[2]
+    return float(p[0] + (p[1] - p[0]) * math.exp(-ratio * ratio))
+
+
+def speeds(motion: Motion) -> list[Shape]:
+    """Speeds at which friction may have fallen, and how much higher it may have been."""
+    return [
+        {"static_n": ratio, "vs_m_per_s": speed}
+        for speed in levels(motion.v, 0.1, 0.3, 0.6)
+        for ratio in (1.3, 1.8)
+    ]
+
+
+_SLIDING = Parameter(name="friction_n", unit="N", meaning="friction of sliding", low=0.0)
+
+KINDS = (
+    Kind(
+        name="coulomb",
+        family="friction",
+        where="element",
+        parameters=(_SLIDING,),
+        equation="Fc sign(v), at v = 0 whatever up to Fc it takes to stick",
+        source="Coulomb 1785",
+        sentence="Dry friction holds the element until its force is overcome.",
+        action=Friction(limit=coulomb),
+        strength="friction_n",
+    ),
+    Kind(
+        name="stribeck",
+        family="friction",
+        where="element",
+        parameters=(
+            _SLIDING,
+            Parameter(name="static_n", unit="N", meaning="friction of sticking", low=0.0),
+            Parameter(
+                name="vs_m_per_s", unit="m/s", meaning="Stribeck speed", low=0.0, nonzero=True
+            ),
+        ),
+        equation="(Fc + (Fs − Fc) exp(−(v/vs)²)) sign(v), sticking up to Fs",
+        source="Stribeck 1902; form of Bo and Pavelescu 1982",
+        sentence="Dry friction that is greater at rest and at low speed.",
+        action=Friction(limit=stribeck),
+        strength="friction_n",
+        scales=("static_n",),
+        shapes=speeds,
+    ),
+)

@@ -1,0 +1,282 @@
+"""What a kind of effect is: names, units, bounds, words, and the law that acts."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from .compiled import Scalar
+
+Where = Literal["element", "node", "base", "input", "sensor"]
+Series = Float[np.ndarray, " time"]
+Shape = Mapping[str, float]
+Values = Float[np.ndarray, " parameter"]
+Square = Float[np.ndarray, "own own"]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Parameter:
+    """A number that an effect has.
+
+    Parameters
+    ----------
+    name
+        As in a model file, ending in its unit.
+    low, high
+        Of what is allowed, ends included.
+    nonzero
+        Zero is not allowed either: for scales that are divided by.
+    default
+        Where a file leaves it out; None where it must be given. NaN stands for the end of the
+        record.
+    fitted
+        False for what is chosen, as a side or a span, and not estimated.
+    choices
+        All values allowed, where there are few.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    low: float = -math.inf
+    high: float = math.inf
+    nonzero: bool = False
+    default: float | None = None
+    fitted: bool = True
+    choices: tuple[float, ...] = ()
+
+    def refuses(self, value: float) -> str | None:
+        """Say what is wrong with a value; None where nothing is."""
+        if self.default is not None and math.isnan(self.default) and math.isnan(value):
+            return None
+        if self.choices:
+            fine = value in self.choices
+            allowed = " or ".join(f"{choice:g}" for choice in self.choices)
+        else:
+            fine = self.low <= value <= self.high and math.isfinite(value)
+            fine = fine and not (self.nonzero and value == 0)
+            allowed = self._interval()
+        return None if fine else f"`{self.name}` is {value:g}; allowed: {allowed}."
+
+    def _interval(self) -> str:
+        edge = "above" if self.nonzero else "at least"
+        least = f"{edge} {self.low:g}" if math.isfinite(self.low) else ""
+        edge = "below" if self.nonzero else "at most"
+        most = f"{edge} {self.high:g}" if math.isfinite(self.high) else ""
+        both = " and ".join(part for part in (least, most) if part)
+        return both or ("any number but 0" if self.nonzero else "any finite number")
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """Motion along an element (second node minus first), or of a node against the base.
+
+    Parameters
+    ----------
+    e, v, a
+        Elongation [m], its rate [m/s], and the rate of that [m/s^2].
+    times
+        Campaign time of the samples [s].
+    """
+
+    e: Series
+    v: Series
+    a: Series
+    times: Series
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Law:
+    r"""A force :math:`F(e, v, t, z; p)`, with internal states :math:`\dot z_i = r_i(...)`.
+
+    Parameters
+    ----------
+    force
+        Scalar function (e, v, t, z, p) of numbers, which must be written so that numba
+        compiles it: numbers, `math`, `if`. On an element, it resists elongation; on a node, it
+        pushes the node.
+    rates
+        One function of the same arguments for each internal state; states start at 0.
+    switches
+        Names of parameters that are instants [s] at which the force jumps.
+    """
+
+    force: Scalar
+    rates: tuple[Scalar, ...] = ()
+    switches: tuple[str, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Friction:
+    r"""A set-valued law :math:`F \in g \operatorname{Sgn}(v)`: real sticking at v = 0.
+
+    Parameters
+    ----------
+    limit
+        :math:`g(e, |v|, t, z, p) \ge 0`, the force of sliding; at :math:`v = 0` the most that
+        sticking holds.
+    """
+
+    limit: Scalar
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Hidden:
+    """A linear addition to mass, damping and stiffness, with hidden coordinates if need be.
+
+    Parameters
+    ----------
+    matrices
+        From parameters to mass, damping and stiffness over (place, hidden coordinates): place
+        is the elongation of an element, or the motion of a node. What the base does to hidden
+        masses goes by their being carried along.
+    coordinates
+        How many hidden ones.
+    """
+
+    matrices: Callable[[Values], tuple[Square, Square, Square]]
+    coordinates: int = 0
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class InputChange:
+    """What reaches the structure in place of what was recorded.
+
+    Parameters
+    ----------
+    act
+        (recorded series, campaign times, parameters) to the series that acts, of equal length;
+        linear in the series.
+    """
+
+    act: Callable[[Series, Series, Values], Series]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class SensorChange:
+    """What a sensor tells in place of what is there.
+
+    Parameters
+    ----------
+    act
+        (true series, campaign times, parameters) to the series that is told, of equal length.
+    affine
+        Whether it is linear in the series, but for a constant.
+    """
+
+    act: Callable[[Series, Series, Values], Series]
+    affine: bool = True
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Unmeasured:
+    """Motion of the base that nobody measured: nothing in the mean, random otherwise."""
+
+
+Action = Law | Friction | Hidden | InputChange | SensorChange | Unmeasured
+
+
+def no_shapes(motion: Motion) -> list[Shape]:
+    """Of kinds without a shape: one point, which says nothing."""
+    return [{}]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Kind:
+    """A kind of effect.
+
+    Parameters
+    ----------
+    name
+        As in a model file.
+    family
+        Confusing two of one family costs less.
+    where
+        What it sits on.
+    parameters
+        In the order in which laws see them.
+    equation, source, sentence
+        For people: the law as text, where it comes from, and what it means on a structure.
+    action
+        The law.
+    strength
+        Parameter which the force is proportional to, together with `scales`; None where there
+        is no such.
+    scales
+        Parameters which grow along with the strength.
+    quadrature
+        Phase [rad], where the force of any phase is a sum of those at 0 and a quarter turn.
+    shapes
+        From the motion seen to values of the other parameters that make sense for it.
+    """
+
+    name: str
+    family: str
+    where: Where
+    parameters: tuple[Parameter, ...]
+    equation: str
+    source: str
+    sentence: str
+    action: Action
+    strength: str | None = None
+    scales: tuple[str, ...] = ()
+    quadrature: str | None = None
+    shapes: Callable[[Motion], list[Shape]] = no_shapes
+
+    def __post_init__(self) -> None:
+        names = self.names
+        known = (self.strength, self.quadrature, *self.scales)
+        strange = [name for name in known if name is not None and name not in names]
+        if isinstance(self.action, Law):
+            strange += [name for name in self.action.switches if name not in names]
+        if strange or len(set(names)) < len(names):
+            raise ValueError(
+                f"Kind {self.name!r} speaks of {', '.join(strange) or 'one parameter twice'}; "
+                f"its parameters are: {', '.join(names) or 'none'}."
+            )
+        fits = {
+            Law: ("element", "node"),
+            Friction: ("element",),
+            Hidden: ("element", "node"),
+            InputChange: ("input",),
+            SensorChange: ("sensor",),
+            Unmeasured: ("base",),
+        }[type(self.action)]
+        if self.where not in fits:
+            raise ValueError(
+                f"Kind {self.name!r}: a {type(self.action).__name__} cannot sit on "
+                f"{self.where!r}. Allowed: {', '.join(fits)}."
+            )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the parameters, in order."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @property
+    def states(self) -> int:
+        """How many internal states it adds to those of the structure."""
+        if isinstance(self.action, Law):
+            return len(self.action.rates)
+        return 2 * self.action.coordinates if isinstance(self.action, Hidden) else 0
+
+    def parameter(self, name: str) -> Parameter:
+        """Look up a parameter by name."""
+        return self.parameters[self.names.index(name)]
+
+    def values(self, parameters: Mapping[str, float]) -> Values:
+        """Parameters in the order in which laws see them, defaults put in."""
+        missing = [p.name for p in self.parameters if p.default is None]
+        missing = [name for name in missing if name not in parameters]
+        strange = [name for name in parameters if name not in self.names]
+        if missing or strange:
+            raise ValueError(
+                f"{self.name} needs {', '.join(self.names) or 'no parameters'}; "
+                f"{'missing' if missing else 'unknown'}: {', '.join(missing or strange)}."
+            )
+        return np.array(
+            [float(parameters.get(p.name, p.default or 0.0)) for p in self.parameters]
+        )

@@ -1,0 +1,112 @@
+"""Linear additions: stiffness lost, damping or mass gained, a hidden oscillator."""
+
+import math
+
+import numpy as np
+
+from .grids import lines_hz
+from .kind import Hidden, Kind, Motion, Parameter, Shape, Square, Values
+
+_NONE = np.zeros((1, 1))
+_TIE = np.array([[1.0, -1.0], [-1.0, 1.0]])
+
+
+def damped(p: Values) -> tuple[Square, Square, Square]:
+    """Damping that is added [N s/m]."""
+    return _NONE, np.array([[p[0]]]), _NONE
+
+
+def softened(p: Values) -> tuple[Square, Square, Square]:
+    """Stiffness that is lost [N/m]."""
+    return _NONE, _NONE, np.array([[-p[0]]])
+
+
+def laden(p: Values) -> tuple[Square, Square, Square]:
+    """Mass that is added [kg]."""
+    return np.array([[p[0]]]), _NONE, _NONE
+
+
+def ridden(p: Values) -> tuple[Square, Square, Square]:
+    """Mass on a spring of its own, which nobody watches."""
+    mass, frequency, damping = p
+    stiffness = mass * (2 * math.pi * frequency) ** 2
+    return np.diag([0.0, mass]), damping * _TIE, stiffness * _TIE
+
+
+def resonances(motion: Motion) -> list[Shape]:
+    """Frequencies near those at which the place moves most, with light and heavy damping."""
+    shapes: list[Shape] = []
+    for line in lines_hz(motion.a, motion.times, 4):
+        for beside in (0.8, 0.95, 1.05, 1.25):
+            for ratio in (0.01, 0.05):
+                damping = 4 * math.pi * line * beside * ratio
+                shapes.append(
+                    {
+                        "frequency_hz": line * beside,
+                        "damping_n_s_per_m": damping,
+                        "mass_kg": 1.0,
+                    }
+                )
+    return shapes
+
+
+KINDS = (
+    Kind(
+        name="viscous_damping",
+        family="linear damping",
+        where="element",
+        parameters=(Parameter(name="dc_n_s_per_m", unit="N s/m", meaning="damping added"),),
+        equation="Δc v",
+        source="",
+        sentence="The element damps otherwise than the model says, in proportion to speed.",
+        action=Hidden(matrices=damped),
+        strength="dc_n_s_per_m",
+    ),
+    Kind(
+        name="stiffness_loss",
+        family="linear stiffness",
+        where="element",
+        parameters=(Parameter(name="dk_n_per_m", unit="N/m", meaning="stiffness lost"),),
+        equation="−Δk e",
+        source="",
+        sentence="The element is softer than the model says, at every amplitude.",
+        action=Hidden(matrices=softened),
+        strength="dk_n_per_m",
+    ),
+    Kind(
+        name="added_mass",
+        family="linear mass",
+        where="node",
+        parameters=(Parameter(name="dm_kg", unit="kg", meaning="mass added"),),
+        equation="mass + Δm",
+        source="",
+        sentence="The node is heavier than the model says.",
+        action=Hidden(matrices=laden),
+        strength="dm_kg",
+    ),
+    Kind(
+        name="extra_dof",
+        family="extra degree of freedom",
+        where="node",
+        parameters=(
+            Parameter(name="mass_kg", unit="kg", meaning="hidden mass", low=0.0, nonzero=True),
+            Parameter(
+                name="frequency_hz",
+                unit="Hz",
+                meaning="natural frequency of the hidden mass on a node held still",
+                low=0.0,
+                nonzero=True,
+            ),
+            Parameter(
+                name="damping_n_s_per_m", unit="N s/m", meaning="damping of its spring", low=0.0
+            ),
+        ),
+        equation="hidden oscillator m, k = m (2πf)², c on the node",
+        source="Frahm 1909; Ormondroyd and Den Hartog 1928",
+        sentence="Something rides on the node that swings by itself and is not in the model.",
+        action=Hidden(matrices=ridden, coordinates=1),
+        strength="mass_kg",
+        scales=("damping_n_s_per_m",),
+        shapes=resonances,
+    ),
+)

@@ -1,0 +1,10 @@
+"""A description with its effects in; what its sensors tell, and what that hangs on, out.
+
+The linear part is exact; forces of effects by collocation of fifth order within steps that are
+halved where a force has a kink; dry friction sticks, at instants that are located.
+"""
+
+from .names import Name, names_of
+from .plant import Plant
+
+__all__ = ["Name", "Plant", "names_of"]
