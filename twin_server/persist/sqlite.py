@@ -113,12 +113,13 @@ class SqliteStore:
         """Make `cut` durable; give the numbers of its events."""
         with self._writing() as writer:
             if cut.twins:
+                places = itertools.count(_following_place(writer))
                 writer.executemany(
                     "insert into twins (id, place, site, asset, registration, checkpoint) "
-                    "values (?, (select coalesce(max(place), 0) + 1 from twins), ?, ?, ?, ?) "
+                    "values (?, ?, ?, ?, ?, ?) "
                     "on conflict (id) do update set registration = excluded.registration, "
                     "checkpoint = excluded.checkpoint",
-                    [(twin.id, *twin) for twin in cut.twins],
+                    [(twin.id, next(places), *twin) for twin in cut.twins],
                 )
             if cut.runs:
                 writer.executemany(
@@ -386,19 +387,29 @@ class SqliteStore:
         of_run: dict[int, list[float]] = {}
         for row in features:
             of_run.setdefault(row.number, []).append(row.slow_time)
-        for number, times in of_run.items():
-            rises = all(a <= b for a, b in itertools.pairwise(times))
-            writer.execute(
-                "update runs set slow_rises = slow_rises and ? and "
-                "coalesce(slow_last, ?) <= ?, slow_last = ? where number = ?",
-                (rises, times[0], times[0], times[-1], number),
-            )
+        writer.executemany(
+            "update runs set slow_rises = slow_rises and ? and "
+            "coalesce(slow_last, ?) <= ?, slow_last = ? where number = ?",
+            [
+                (_rises(times), times[0], times[0], times[-1], number)
+                for number, times in of_run.items()
+            ],
+        )
 
 
 _LOW = (1 << SHIFT) - 1
 
 
 _AT_ONCE = 1_000
+
+
+def _rises(times: Sequence[float]) -> bool:
+    return all(a <= b for a, b in itertools.pairwise(times))
+
+
+def _following_place(writer: sqlite3.Connection) -> int:
+    place: int = writer.execute("select coalesce(max(place), 0) + 1 from twins").fetchone()[0]
+    return place
 
 
 def _insert_event(writer: sqlite3.Connection, event: EventRow) -> int:
