@@ -10,13 +10,15 @@ from .model import Band, Modes, modes_of, vector_of
 
 STEPS = 60
 NEAR = 0.1
-CONVERGED = 0.01
-"""Scoring hands over to Newton, and Newton stops, when a step has fewer standard deviations."""
-
-NEWTON_STEPS = 8
+CLOSE = 0.02
+"""So many standard deviations from the top scoring hands over to Newton, and Newton stops."""
 
 STALLED = 1e9
 FIRST_DAMPING = 1e-2
+
+ROUNDS = 3
+MOVED = 0.5
+"""The Hessian is worked out anew, at most so often, after so many standard deviations."""
 
 LONGEST_STEP = 0.7
 """Of ln zeta and of ln f in half-bandwidths; more is a leap into the dark."""
@@ -37,69 +39,69 @@ class BandFit:
 
 
 def fit_band(band: Band, start: Modes) -> BandFit:
-    """Maximum of the posterior by Fisher scoring with a trust region, and its curvature.
+    """Maximum of the posterior, by Fisher scoring and Newton's steps, and its curvature.
 
     The covariance is the inverse of the Hessian of the negative log-posterior; where that is
     not positive (short records), of the Fisher information.
     """
-    vector, near = _climb(band, start)
-    hessian = _hessian(band, vector, start)
-    vector, close = _polished(band, vector, start, np.linalg.inv(hessian))
+    vector, _ = _climb(band, vector_of(start), start, NEAR)
+    for _ in range(ROUNDS):
+        hessian = _hessian(band, vector, start)
+        before = vector
+        vector, converged = _climb(band, vector, start, CLOSE, hessian)
+        moved = vector - before
+        if converged and moved @ hessian @ moved < MOVED**2:
+            break
     return BandFit(
         modes=modes_of(vector, start),
         covariance=np.linalg.inv(hessian),
         log_posterior=log_posterior(band, vector, start),
-        converged=near and close,
+        converged=converged,
         band_hz=(float(band.frequency_hz[0]), float(band.frequency_hz[-1])),
     )
 
 
 def rough_fit(band: Band, start: Modes) -> Modes:
     """Modes within a fraction of their errors, which are not worked out."""
-    vector, _ = _climb(band, start)
+    vector, _ = _climb(band, vector_of(start), start, NEAR)
     return modes_of(vector, start)
 
 
-def _climb(band: Band, start: Modes) -> tuple[np.ndarray, bool]:
-    """Fisher scoring, which finds its way from afar."""
-    number = start.number
-    vector = vector_of(start)
+def _climb(
+    band: Band,
+    vector: np.ndarray,
+    start: Modes,
+    tolerance: float,
+    hessian: np.ndarray | None = None,
+) -> tuple[np.ndarray, bool]:
+    """Go uphill, each step damped until it rises: Fisher scoring, or Newton by one Hessian."""
     best = log_posterior(band, vector, start)
-    damping = FIRST_DAMPING
-    uphill, information = slope_and_information(band, vector, start)
+    damping = FIRST_DAMPING if hessian is None else 0.0
+    uphill, metric = _local(band, vector, start, hessian)
     for _ in range(STEPS):
-        scale = np.diag(np.diag(information))
-        step = np.linalg.solve(information + damping * scale, uphill)
-        step *= min(1.0, LONGEST_STEP / _leap(step, vector, number))
-        if step @ information @ step < NEAR**2:
+        if uphill @ np.linalg.solve(metric, uphill) < tolerance**2:
             return vector, True
+        step = np.linalg.solve(metric + damping * np.diag(np.diag(metric)), uphill)
+        step *= min(1.0, LONGEST_STEP / _leap(step, vector, start.number))
         trial = vector + step
-        possible = _possible(band, trial, number)
+        possible = _possible(band, trial, start.number)
         found = log_posterior(band, trial, start) if possible else -np.inf
-        if found < best - 1e-9 * abs(best):
+        if found < best - 1e-12 * abs(best):
             damping = max(8.0 * damping, FIRST_DAMPING)
             if damping > STALLED:
                 break
             continue
         vector, best, damping = trial, found, damping / 8.0
-        uphill, information = slope_and_information(band, vector, start)
+        uphill, metric = _local(band, vector, start, hessian)
     return vector, False
 
 
-def _polished(
-    band: Band, vector: np.ndarray, start: Modes, covariance: np.ndarray
-) -> tuple[np.ndarray, bool]:
-    """Newton's steps with the one Hessian that the errors need anyway."""
-    for _ in range(NEWTON_STEPS):
-        uphill = slope(band, vector, start)
-        step = covariance @ uphill
-        distance = float(np.sqrt(max(step @ uphill, 0.0)))
-        if distance < CONVERGED:
-            return vector, True
-        if distance > 2.0 or not _possible(band, vector + step, start.number):
-            break
-        vector = vector + step
-    return vector, False
+def _local(
+    band: Band, vector: np.ndarray, start: Modes, hessian: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    if hessian is None:
+        return slope_and_information(band, vector, start)
+    return slope(band, vector, start), hessian
 
 
 def _leap(step: np.ndarray, vector: np.ndarray, number: int) -> float:

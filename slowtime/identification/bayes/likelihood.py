@@ -32,8 +32,10 @@ from .model import (
 NOISE_PRIOR_SD = 3.0
 """Of ln noise about where it started: keeps a noise that nothing shows from running away."""
 
-MIXING_PRIOR_SD = 1.0
-"""Of the parts of L about where they started: any coherence may be, of rows about 1."""
+OWN_FORCES = 4.0
+r"""Exponent :math:`\eta` of the prior :math:`\det(G)^\eta` of coherences, which gives a complex
+one about the standard deviation :math:`1 / \sqrt{\eta}`. Modes have forces of their own unless
+the record says otherwise; without it forces that are nearly one make a singular top."""
 
 
 def log_posterior(band: Band, vector: Float[np.ndarray, " parameter"], start: Modes) -> float:
@@ -45,18 +47,15 @@ def log_posterior(band: Band, vector: Float[np.ndarray, " parameter"], start: Mo
     if not (np.isfinite(logarithm).all() and (sign.real > 0).all()):
         return -np.inf
     misfit = np.einsum("kcd,kdc->", np.linalg.inv(matrices), band.scatter).real
-    middle, weight = _prior(start)
-    prior = 0.5 * np.sum(weight * (vector - middle) ** 2)
-    return float(-np.sum(band.number * logarithm) - misfit - prior)
+    return float(log_prior(modes, start) - np.sum(band.number * logarithm) - misfit)
 
 
 def slope(
     band: Band, vector: Float[np.ndarray, " parameter"], start: Modes
 ) -> Float[np.ndarray, " parameter"]:
     """Gradient of the log-posterior."""
-    middle, weight = _prior(start)
-    uphill = _slope(band, _worked_out(band, vector, start)) - weight * (vector - middle)
-    return np.asarray(uphill)
+    parts = _worked_out(band, vector, start)
+    return np.asarray(_slope(band, parts) + _prior(parts.modes, start)[0])
 
 
 def slope_and_information(
@@ -64,19 +63,41 @@ def slope_and_information(
 ) -> tuple[Float[np.ndarray, " parameter"], Float[np.ndarray, "parameter parameter"]]:
     """Gradient of the log-posterior, and Fisher information plus that of the prior."""
     parts = _worked_out(band, vector, start)
-    middle, weight = _prior(start)
-    uphill = _slope(band, parts) - weight * (vector - middle)
-    return uphill, _information(band, parts) + np.diag(weight)
+    uphill, information = _prior(parts.modes, start)
+    return _slope(band, parts) + uphill, _information(band, parts) + information
 
 
-def _prior(start: Modes) -> tuple[np.ndarray, np.ndarray]:
-    """Middle and information of the prior, parameter by parameter."""
-    middle = vector_of(start)
-    weight = np.zeros_like(middle)
-    mixed = slice(2 * start.number, 2 * start.number + len(start.free_mixing))
-    weight[mixed] = MIXING_PRIOR_SD**-2
-    weight[-len(start.log_noise) :] = NOISE_PRIOR_SD**-2
-    return middle, weight
+def log_prior(modes: Modes, start: Modes) -> float:
+    """Of coherences and noise; the length of the rows, which says nothing, is kept near 1."""
+    own = np.arange(modes.guests, len(modes.log_frequency))
+    length = np.linalg.norm(modes.mixing[own], axis=1)
+    itself = modes.mixing[own, own].real
+    if not (itself > 0).all():
+        return -np.inf
+    noise = (modes.log_noise - start.log_noise) / NOISE_PRIOR_SD
+    coherent = 2 * OWN_FORCES * np.log(itself / length)
+    return float(coherent.sum() - 0.5 * np.sum((length - 1) ** 2) - 0.5 * np.sum(noise**2))
+
+
+def _prior(modes: Modes, start: Modes) -> tuple[np.ndarray, np.ndarray]:
+    """Gradient of the log-prior and, as information, what of its curvature is positive."""
+    vector, free = vector_of(modes), modes.free_mixing
+    uphill, information = np.zeros_like(vector), np.zeros((len(vector), len(vector)))
+    for row in range(max(modes.guests, 1), len(modes.log_frequency)):
+        places = 2 * modes.number + np.array([k for k, f in enumerate(free) if f[0] == row])
+        itself = 2 * modes.number + free.index((row, row, 1.0))
+        part, length = vector[places], np.linalg.norm(modes.mixing[row])
+        outward = part / length
+        uphill[places] -= 2 * OWN_FORCES / length * outward + (length - 1) * outward
+        uphill[itself] += 2 * OWN_FORCES / vector[itself]
+        along = np.outer(outward, outward)
+        across = 2 * OWN_FORCES / length**2 * (np.eye(len(part)) - along)
+        information[np.ix_(places, places)] = along + across
+        information[itself, itself] += 2 * OWN_FORCES / vector[itself] ** 2
+    noise = slice(len(vector) - len(modes.log_noise), None)
+    uphill[noise] = -(modes.log_noise - start.log_noise) / NOISE_PRIOR_SD**2
+    information[noise, noise] = np.eye(len(modes.log_noise)) / NOISE_PRIOR_SD**2
+    return uphill, information
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

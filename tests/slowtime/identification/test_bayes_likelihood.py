@@ -73,6 +73,14 @@ def spectral_matrices(vector, modes, data):
     return whole if data.background is None else whole + data.background
 
 
+def log_prior_by_definition(here, modes):
+    own = slice(max(modes.guests, 1), None)
+    length = np.linalg.norm(here.mixing[own], axis=1)
+    noise = (here.log_noise - modes.log_noise) / likelihood.NOISE_PRIOR_SD
+    coherent = likelihood.OWN_FORCES * np.linalg.slogdet(here.coherence)[1]
+    return coherent - 0.5 * np.sum((length - 1.0) ** 2) - 0.5 * np.sum(noise**2)
+
+
 @pytest.mark.parametrize("case", CASES)
 def test_the_log_posterior_is_that_of_complex_gaussians(case):
     modes = start(**case)
@@ -84,13 +92,7 @@ def test_the_log_posterior_is_that_of_complex_gaussians(case):
         logs = [np.log(np.linalg.det(m).real) for m in matrices]
         fit = np.trace(np.linalg.inv(matrices) @ data.scatter, axis1=1, axis2=2).real
         expected.append(-data.number @ logs - fit.sum())
-    away = vectors[1] - vectors[0]
-    number, mixed = modes.number, len(modes.free_mixing)
-    parts = slice(2 * number, 2 * number + mixed)
-    weight = np.zeros_like(away)
-    weight[parts] = likelihood.MIXING_PRIOR_SD**-2
-    weight[-len(modes.log_noise) :] = likelihood.NOISE_PRIOR_SD**-2
-    expected[1] -= 0.5 * weight @ away**2
+        expected[-1] += log_prior_by_definition(modes_of(vector, modes), modes)
     found = [log_posterior(data, vector, modes) for vector in vectors]
     assert found[1] - found[0] == pytest.approx(expected[1] - expected[0], rel=1e-8)
 
@@ -129,9 +131,15 @@ def test_the_information_is_that_of_dense_matrices(case, background):
     turned = inverse @ np.stack(slopes)
     expected = np.einsum("k,akcd,bkdc->ab", data.number, turned, turned).real
     _, found = slope_and_information(data, at, modes)
-    prior = np.diag(likelihood._prior(modes)[1])
-    scale = np.sqrt(np.outer(np.diag(expected + prior), np.diag(expected + prior)))
-    np.testing.assert_allclose((found - prior) / scale, expected / scale, atol=2e-6)
+    of_prior = found - expected
+    mixed = slice(2 * modes.number, 2 * modes.number + len(modes.free_mixing))
+    noise = slice(-len(modes.log_noise), None)
+    only = np.zeros_like(found)
+    only[mixed, mixed] = of_prior[mixed, mixed]
+    only[noise, noise] = np.eye(len(modes.log_noise)) / likelihood.NOISE_PRIOR_SD**2
+    scale = np.sqrt(np.outer(np.diag(found), np.diag(found)))
+    np.testing.assert_allclose(of_prior / scale, only / scale, atol=2e-6)
+    assert (np.linalg.eigvalsh(only[mixed, mixed]) > 0).all()
 
 
 @pytest.mark.parametrize("case", CASES)
