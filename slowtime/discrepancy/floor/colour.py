@@ -1,0 +1,104 @@
+"""The law of a sensor's noise: flat, with a part that falls or rises once, and never a peak.
+
+A structure answers in peaks. Noise that may not have any cannot pass for a structure, nor a
+structure for it.
+"""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+Frequencies = Float[np.ndarray, " frequency"]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Colour:
+    r"""Density of the noise of one sensor.
+
+    .. math:: N(f) = n_0 + n_1 \, (1 + (f / f_c)^2)^{-\beta / 2}
+
+    White for :math:`n_1 = 0`, first-order low-pass for :math:`\beta = 2`, flicker for
+    :math:`\beta = 1` and a small :math:`f_c`, differentiated for :math:`\beta = -2`.
+
+    Parameters
+    ----------
+    white
+        :math:`n_0`, one-sided [unit²/Hz].
+    low
+        :math:`n_1` [unit²/Hz].
+    corner_hz
+        :math:`f_c` [Hz].
+    slope
+        :math:`\beta` [1].
+    """
+
+    white: float
+    low: float = 0.0
+    corner_hz: float = 1.0
+    slope: float = 0.0
+
+    def density(self, frequency_hz: Frequencies) -> Frequencies:
+        """One-sided density at `frequency_hz`.
+
+        Examples
+        --------
+        >>> Colour(white=1.0, low=8.0, corner_hz=1.0, slope=2.0).density(np.array([0.0, 1.0]))
+        array([9., 5.])
+        """
+        ratio = np.log1p((frequency_hz / self.corner_hz) ** 2)
+        return np.asarray(self.white + self.low * np.exp(-self.slope / 2 * ratio))
+
+    def scaled(self, factor: float) -> "Colour":
+        """Give the same colour, `factor` times as strong in power."""
+        return dataclasses.replace(self, white=self.white * factor, low=self.low * factor)
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Noise:
+    """Noise of every sensor in every trial.
+
+    Parameters
+    ----------
+    colours
+        By trial, then by sensor.
+    relative_sd
+        How well the density is known, relative; by trial, then by sensor.
+    """
+
+    colours: tuple[tuple[Colour, ...], ...]
+    relative_sd: tuple[tuple[float, ...], ...]
+
+    def density(
+        self, trial: int, frequency_hz: Frequencies
+    ) -> Float[np.ndarray, "frequency sensor"]:
+        """One-sided density of each sensor in one trial."""
+        return np.stack([c.density(frequency_hz) for c in self.colours[trial]], axis=1)
+
+    def sd(self, trial: int, rate_hz: float) -> Float[np.ndarray, " sensor"]:
+        """Give the standard deviation of the samples of each sensor in one trial."""
+        grid = np.linspace(0.0, rate_hz / 2, 513)
+        return np.asarray(np.sqrt(np.trapezoid(self.density(trial, grid), grid, axis=0)))
+
+    @property
+    def white(self) -> tuple[bool, ...]:
+        """Whether the noise of each sensor is white, in every trial."""
+        by_sensor = zip(*self.colours, strict=True)
+        return tuple(all(colour.low == 0 for colour in row) for row in by_sensor)
+
+
+def white_noise(densities: Sequence[Sequence[float]], relative_sd: float = 0.0) -> Noise:
+    """Flat noise of given one-sided densities, by trial, then by sensor.
+
+    Examples
+    --------
+    >>> noise = white_noise([[0.02]])
+    >>> noise.sd(0, 100.0).round(6)
+    array([1.])
+    """
+    if not all(0 < value < math.inf for row in densities for value in row):
+        raise ValueError(f"{densities=} must be positive. Give the density of each sensor.")
+    colours = tuple(tuple(Colour(white=float(value)) for value in row) for row in densities)
+    return Noise(colours=colours, relative_sd=tuple((relative_sd,) * len(r) for r in colours))

@@ -1,0 +1,144 @@
+"""What was measured, in the units and in the order of the description's channels."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from slowtime.dynamics.description import Description
+
+FEWEST = 64
+"""Samples below which nothing of what follows has a meaning."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Trial:
+    """One record: inputs and outputs on one clock.
+
+    Parameters
+    ----------
+    inputs
+        One column for each input of the description, in its unit; no columns where nobody
+        measured what shakes the structure.
+    outputs
+        One column for each sensor of the description, in its unit.
+    rate_hz
+        Samples per second.
+    start_s
+        Campaign time of the first sample [s], so that slow changes can be dated.
+    use
+        False for a sample that is not to be believed; where not given, for what is not finite.
+
+    Examples
+    --------
+    >>> trial = Trial(inputs=np.zeros((100, 1)), outputs=np.ones((100, 2)), rate_hz=50.0)
+    >>> trial.duration_s, bool(trial.use.all())
+    (2.0, True)
+    """
+
+    inputs: Float[np.ndarray, "moment input"]
+    outputs: Float[np.ndarray, "time sensor"]
+    rate_hz: float
+    start_s: float = 0.0
+    use: Bool[np.ndarray, "time sensor"] | None = None
+
+    def __post_init__(self) -> None:
+        if not (0 < self.rate_hz < np.inf):
+            raise ValueError(
+                f"rate_hz={self.rate_hz} is no sampling rate. Give one above 0 Hz."
+            )
+        if len(self.inputs) != len(self.outputs):
+            raise ValueError(
+                f"Inputs have {len(self.inputs)} samples, outputs {len(self.outputs)}. Cut "
+                "both to the time they share."
+            )
+        if len(self.outputs) < FEWEST:
+            raise ValueError(
+                f"The record has {len(self.outputs)} samples; fewer than {FEWEST} tell "
+                "nothing. Give a longer one."
+            )
+        finite = np.isfinite(self.outputs)
+        kept = finite if self.use is None else self.use & finite
+        object.__setattr__(self, "use", kept)
+
+    @property
+    def used(self) -> Bool[np.ndarray, "time sensor"]:
+        """Which samples are to be believed."""
+        assert self.use is not None
+        return self.use
+
+    @property
+    def measured(self) -> Float[np.ndarray, "time sensor"]:
+        """Outputs, with zeros in place of what is not to be believed."""
+        return np.where(self.used, self.outputs, 0.0)
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the record [s]."""
+        return len(self.outputs) / self.rate_hz
+
+    @property
+    def times_s(self) -> Float[np.ndarray, " time"]:
+        """Campaign time of each sample [s]."""
+        return self.start_s + np.arange(len(self.outputs)) / self.rate_hz
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Campaign:
+    """A model and the records that it is to explain.
+
+    Parameters
+    ----------
+    description
+        The nominal model.
+    trials
+        Those to learn from.
+    holdout
+        Those to judge by; nothing is fitted to them.
+
+    Raises
+    ------
+    ValueError
+        Where channels do not fit the description, or an input is not finite.
+    """
+
+    description: Description
+    trials: tuple[Trial, ...]
+    holdout: tuple[Trial, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.trials:
+            raise ValueError("There is no record to learn from. Give at least one trial.")
+        if not self.description.sensors:
+            raise ValueError("The model lists no sensors. Say which channel measures what.")
+        for trial in (*self.trials, *self.holdout):
+            _check(self.description, trial)
+
+    @property
+    def ambient(self) -> bool:
+        """Whether nothing that shakes the structure was measured."""
+        return not self.description.inputs
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the sensors, in order."""
+        return tuple(sensor.channel for sensor in self.description.sensors)
+
+
+def _check(description: Description, trial: Trial) -> None:
+    for what, given, wanted in (
+        ("input", trial.inputs.shape[1], len(description.inputs)),
+        ("sensor", trial.outputs.shape[1], len(description.sensors)),
+    ):
+        if given != wanted:
+            raise ValueError(
+                f"A record has {given} {what} columns, the model lists {wanted}. Give one "
+                "column for each, in the model's order."
+            )
+    bad = ~np.isfinite(trial.inputs)
+    if bad.any():
+        name = description.inputs[int(np.nonzero(bad.any(axis=0))[0][0])].channel
+        raise ValueError(
+            f"Input {name!r} is not finite in {int(bad.any(axis=1).sum())} samples. What "
+            "shakes the structure must be known throughout: fill the gap or cut the record."
+        )

@@ -1,0 +1,177 @@
+"""A record in; the record with what cannot be believed masked, and the reasons, out.
+
+Nothing here knows any physics: a value that repeats more often than chance allows, or is no
+number, is a fault of the channel whatever the structure does.
+"""
+
+import dataclasses
+import math
+from collections.abc import Iterable, Sequence
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from .records import Trial
+
+Fault = Literal["missing", "constant", "stuck", "zero", "clipped"]
+
+RARE = 1e-6
+"""Chance, over a whole channel, of repeats that are called a fault."""
+
+SHORTEST = 6
+"""Equal values in a row that are not yet remarkable in any record."""
+
+PILE = 4
+"""Clipping puts at least so many samples on the extreme, and so many times its neighbour's."""
+
+SENTENCES = {
+    "missing": "has no numbers in",
+    "constant": "never changes in",
+    "stuck": "is stuck in",
+    "zero": "is exactly zero in",
+    "clipped": "is cut off at its extremes in",
+}
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """A fault of one channel.
+
+    Parameters
+    ----------
+    spans_s
+        Campaign times between which it lasts, each with its end [s].
+    share
+        Of the samples of the channel.
+    """
+
+    fault: Fault
+    channel: str
+    spans_s: tuple[tuple[float, float], ...]
+    share: float
+
+    @property
+    def sentence(self) -> str:
+        """The finding in words."""
+        spans = f"{len(self.spans_s)} span" + "s" * (len(self.spans_s) != 1)
+        return (
+            f"Channel {self.channel!r} {SENTENCES[self.fault]} {spans}, {self.share:.1%} of it."
+        )
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Screened:
+    """A record whose `use` leaves out what the findings name."""
+
+    trial: Trial
+    findings: tuple[Finding, ...]
+
+
+def screen(trial: Trial, channels: Sequence[str] = ()) -> Screened:
+    """Mask what is missing, stuck or clipped.
+
+    Parameters
+    ----------
+    channels
+        Names of the sensors for the findings; numbers from 1 where none are given.
+
+    Examples
+    --------
+    >>> wave = np.sin(0.3 * np.arange(400.0))[:, None]
+    >>> wave[100:150] = 0.25
+    >>> trial = Trial(inputs=np.zeros((400, 0)), outputs=wave, rate_hz=10.0)
+    >>> screened = screen(trial, ["x"])
+    >>> screened.findings[0].sentence
+    "Channel 'x' is stuck in 1 span, 12.5% of it."
+    >>> int(screened.trial.used.sum())
+    350
+    """
+    names = channels or [str(i + 1) for i in range(trial.outputs.shape[1])]
+    use = trial.used.copy()
+    findings: list[Finding] = []
+    still = _still(trial)
+    for i, (name, samples) in enumerate(zip(names, trial.outputs.T, strict=True)):
+        for fault, bad in _faults(samples, still):
+            findings.append(_finding(trial, fault, name, bad))
+            use[:, i] &= ~bad
+    return Screened(trial=dataclasses.replace(trial, use=use), findings=tuple(findings))
+
+
+def _faults(
+    samples: Float[np.ndarray, " time"], still: Bool[np.ndarray, " time"]
+) -> Iterable[tuple[Fault, Bool[np.ndarray, " time"]]]:
+    missing = ~np.isfinite(samples)
+    if missing.any():
+        yield "missing", missing
+    there = samples[~missing]
+    if there.size and np.ptp(there) == 0:
+        yield "constant", ~missing
+        return
+    clipped = _clipped(samples, there)
+    stuck = _stuck(samples) & ~still & ~clipped
+    for fault, which in (("zero", samples == 0), ("stuck", samples != 0)):
+        if (stuck & which).any():
+            yield "zero" if fault == "zero" else "stuck", stuck & which
+    if clipped.any():
+        yield "clipped", clipped
+
+
+def _still(trial: Trial) -> Bool[np.ndarray, " time"]:
+    """Leading samples during which no input has moved yet: rest, not a fault."""
+    moved = (trial.inputs != trial.inputs[0]).any(axis=1)
+    if trial.inputs.shape[1] == 0:
+        return np.zeros(len(moved), dtype=bool)
+    first = int(np.argmax(moved)) if moved.any() else 0
+    return np.arange(len(moved)) < first + 1
+
+
+def _stuck(samples: Float[np.ndarray, " time"]) -> Bool[np.ndarray, " time"]:
+    """Rows of equal values longer than the record's own habit of repeating itself allows."""
+    starts, lengths = _runs(samples)
+    ordinary = lengths[lengths < SHORTEST]
+    pairs, repeats = ordinary.sum(), (ordinary - 1).sum()
+    habit = min(max((repeats + 1) / (pairs + 2), 1e-3), 0.99)
+    longest = max(SHORTEST, math.ceil(math.log(RARE / len(samples)) / math.log(habit)))
+    found = np.zeros(len(samples), dtype=bool)
+    for start, length in zip(starts, lengths, strict=True):
+        if length >= longest:
+            found[start : start + length] = True
+    return found
+
+
+def _runs(
+    samples: Float[np.ndarray, " time"],
+) -> tuple[Int[np.ndarray, " run"], Int[np.ndarray, " run"]]:
+    """Where rows of equal values begin, and how long they are."""
+    changes = np.flatnonzero(samples[1:] != samples[:-1]) + 1
+    starts = np.concatenate([[0], changes])
+    return starts, np.diff(np.concatenate([starts, [len(samples)]]))
+
+
+def _clipped(
+    samples: Float[np.ndarray, " time"], there: Float[np.ndarray, " finite"]
+) -> Bool[np.ndarray, " time"]:
+    """Find samples on an extreme value that occurs far more often than the value next to it."""
+    found = np.zeros(len(samples), dtype=bool)
+    levels, counts = np.unique(there, return_counts=True)
+    if len(levels) < 2 * PILE:
+        return found
+    for extreme, neighbours in ((0, counts[1:PILE]), (-1, counts[-PILE:-1])):
+        if counts[extreme] >= PILE * max(neighbours):
+            found |= samples == levels[extreme]
+    return found
+
+
+def _finding(
+    trial: Trial, fault: Fault, channel: str, bad: Bool[np.ndarray, " time"]
+) -> Finding:
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], bad, [False]]).astype(int)))
+    spans = tuple(
+        (
+            float(trial.start_s + first / trial.rate_hz),
+            float(trial.start_s + last / trial.rate_hz),
+        )
+        for first, last in edges.reshape(-1, 2)
+    )
+    return Finding(fault=fault, channel=channel, spans_s=spans, share=float(bad.mean()))

@@ -1,0 +1,110 @@
+import numpy as np
+import pytest
+import scipy.signal as sps
+
+from slowtime.discrepancy.floor import noise_of_residual, silent_above
+from slowtime.discrepancy.floor.colour import Colour, white_noise
+from slowtime.discrepancy.floor.incoherent import incoherent_power
+from slowtime.discrepancy.records import Trial
+from slowtime.dynamics.description import Description, Node, Spring
+
+RATE, SAMPLES = 200.0, 6000
+PROBES = np.array([0.5, 2.0, 5.0, 10.0, 30.0, 80.0])
+
+
+def coloured(rng, pole, trials=3):
+    """Autoregressive noise of unit innovations, a column a sensor."""
+    white = rng.standard_normal((trials, SAMPLES + 500, 2))
+    return sps.lfilter([1.0], [1.0, -pole], white, axis=1)[:, 500:]
+
+
+def truth(pole):
+    return 2 / RATE / np.abs(1 - pole * np.exp(-2j * np.pi * PROBES / RATE)) ** 2
+
+
+def estimated(residuals, silent_hz, inputs=None):
+    pushed = np.zeros((SAMPLES, 0)) if inputs is None else inputs
+    trials = tuple(Trial(inputs=pushed, outputs=r, rate_hz=RATE) for r in residuals)
+    return noise_of_residual(trials, tuple(residuals), silent_above_hz=silent_hz)
+
+
+@pytest.mark.parametrize("pole", [0.0, 0.6, 0.9, 0.97])
+def test_noise_alone_is_found_with_its_colour(pole):
+    noise = estimated(coloured(np.random.default_rng(1), pole), 0.0)
+    ratio = noise.density(1, PROBES) / truth(pole)[:, None]
+    assert np.all(np.abs(np.log(ratio)) < 0.25)
+    assert noise.white == (pole == 0.0, pole == 0.0)
+
+
+def test_strength_is_each_trials_own_and_has_an_honest_error():
+    errors = []
+    for seed in range(20):
+        residuals = (
+            coloured(np.random.default_rng(seed), 0.0) * np.array([1, 2, 4])[:, None, None]
+        )
+        noise = estimated(residuals, 20.0)
+        for trial, factor in enumerate([1, 4, 16]):
+            found = noise.density(trial, PROBES[:1])[0] / truth(0.0)[0] / factor
+            errors.append(np.log(found) / np.array(noise.relative_sd[trial]))
+    assert 0.75 < np.std(errors) < 1.3
+
+
+@pytest.mark.parametrize(("pole", "factor"), [(0.0, 4.0), (0.9, 6.0)])
+def test_a_resonance_in_the_residual_hardly_lifts_the_floor(pole, factor):
+    rng = np.random.default_rng(2)
+    residuals = coloured(rng, pole)
+    for i, residual in enumerate(residuals):
+        shaken = rng.standard_normal((SAMPLES, 1))
+        for frequency in (3.0, 8.0):
+            b, a = sps.iirpeak(frequency, 25, fs=RATE)
+            residual += 30 * (i + 1) * sps.lfilter(b, a, shaken, axis=0) * [1.0, 2.0]
+    assert np.median(residuals[2].std(axis=0)) > 4 * np.median(coloured(rng, pole).std(axis=1))
+    noise = estimated(residuals, 14.0)
+    ratio = noise.density(2, PROBES) / truth(pole)[:, None]
+    assert np.all(np.abs(np.log(ratio)) < np.log(factor))
+
+
+def test_tones_in_the_silent_band_are_not_noise():
+    residuals = coloured(np.random.default_rng(3), 0.0)
+    times = np.arange(SAMPLES) / RATE
+    residuals += 3 * np.sin(2 * np.pi * 50 * times)[:, None]
+    ratio = estimated(residuals, 20.0).density(0, PROBES) / truth(0.0)[:, None]
+    assert np.all(np.abs(ratio - 1) < 0.1)
+
+
+def test_linear_misfit_to_an_input_is_not_noise():
+    rng = np.random.default_rng(4)
+    inputs, noise = rng.standard_normal((SAMPLES, 1)), rng.standard_normal((SAMPLES, 1))
+    late = np.concatenate([np.zeros((2, 1)), inputs[:-2]])
+    _, power = incoherent_power(noise + 5 * late, inputs, RATE)
+    assert np.mean(power) == pytest.approx(2 / RATE, rel=0.05)
+
+
+def test_masked_samples_do_not_lower_the_floor():
+    residuals = coloured(np.random.default_rng(5), 0.0)
+    residuals[:, :1500] = 0.0
+    use = np.arange(SAMPLES)[:, None] >= np.array([1500, 1500])
+    trials = tuple(
+        Trial(inputs=np.zeros((SAMPLES, 0)), outputs=r, rate_hz=RATE, use=use)
+        for r in residuals
+    )
+    noise = noise_of_residual(trials, tuple(residuals), silent_above_hz=20.0)
+    assert noise.density(0, PROBES) / truth(0.0)[:, None] == pytest.approx(1, rel=0.08)
+
+
+def test_the_integral_of_a_density_is_the_variance():
+    assert white_noise([[0.02, 0.08]]).sd(0, 100.0) == pytest.approx([1.0, 2.0])
+    colour = Colour(white=0.0, low=1.0, corner_hz=1.0, slope=2.0)
+    grid = np.linspace(0, 100, 100001)
+    assert np.trapezoid(colour.density(grid), grid) == pytest.approx(np.arctan(100.0), rel=1e-4)
+
+
+def test_a_density_must_be_positive():
+    with pytest.raises(ValueError, match="must be positive"):
+        white_noise([[0.0]])
+
+
+def test_a_structure_is_silent_well_above_its_highest_mode():
+    spring = Spring(id="j", between=("base", "m"), stiffness_n_per_m=(2 * np.pi * 5) ** 2)
+    one = Description(name="one", nodes=(Node(id="m", mass_kg=1.0),), elements=(spring,))
+    assert silent_above(one) == pytest.approx(8.5)

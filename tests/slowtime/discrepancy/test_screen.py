@@ -1,0 +1,82 @@
+import numpy as np
+import pytest
+
+from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.screen import screen
+
+RATE = 100.0
+
+
+def wave(seed=0, samples=3000, noise=0.01):
+    rng = np.random.default_rng(seed)
+    times = np.arange(samples) / RATE
+    return np.sin(2 * np.pi * 1.3 * times) + noise * rng.standard_normal(samples)
+
+
+def screened(samples, inputs=None):
+    inputs = np.zeros((len(samples), 0)) if inputs is None else inputs
+    trial = Trial(inputs=inputs, outputs=samples[:, None], rate_hz=RATE, start_s=5.0)
+    return screen(trial, ["x"])
+
+
+def found(samples, inputs=None):
+    return [finding.fault for finding in screened(samples, inputs).findings]
+
+
+@pytest.mark.parametrize("seed", range(100))
+def test_a_sound_channel_has_no_findings(seed):
+    assert found(wave(seed)) == []
+
+
+@pytest.mark.parametrize("step", [0.3, 0.1, 0.01])
+def test_a_coarse_converter_is_no_fault(step):
+    assert found(np.round(wave(1) / step) * step) == []
+
+
+@pytest.mark.parametrize(("value", "fault"), [(0.0, "zero"), (0.7, "stuck")])
+def test_a_value_that_stays_is_masked_to_the_sample(value, fault):
+    samples = wave()
+    samples[1000:1080] = value
+    result = screened(samples)
+    assert [finding.fault for finding in result.findings] == [fault]
+    assert result.findings[0].spans_s == ((15.0, 15.8),)
+    assert set(np.flatnonzero(~result.trial.used)) == set(range(1000, 1080))
+
+
+def test_clipping_is_found_on_either_side_and_masked():
+    samples = wave()
+    for clipped in (np.minimum(samples, 0.8), np.maximum(samples, -0.8)):
+        result = screened(clipped)
+        assert [finding.fault for finding in result.findings] == ["clipped"]
+        assert np.array_equal(~result.trial.used[:, 0], np.abs(clipped) == 0.8)
+
+
+def test_numbers_that_are_none_are_told_and_masked():
+    samples = wave()
+    samples[10:20] = np.nan
+    samples[50] = np.inf
+    result = screened(samples)
+    assert [finding.fault for finding in result.findings] == ["missing"]
+    assert result.findings[0].spans_s == ((5.1, 5.2), (5.5, 5.51))
+    assert result.findings[0].share == pytest.approx(11 / 3000)
+
+
+def test_a_channel_that_never_moves_is_masked_throughout():
+    result = screened(np.full(500, 3.2))
+    assert [finding.fault for finding in result.findings] == ["constant"]
+    assert not result.trial.used.any()
+
+
+def test_rest_before_the_input_moves_is_no_fault():
+    samples, inputs = wave(), np.ones((3000, 1))
+    samples[:400], inputs[:400] = 0.0, 0.0
+    assert found(samples, inputs) == []
+    assert found(samples) == ["zero"]
+
+
+def test_the_record_itself_is_left_as_it_was():
+    samples = wave()
+    samples[1000:1080] = 0.0
+    trial = Trial(inputs=np.zeros((3000, 0)), outputs=samples[:, None], rate_hz=RATE)
+    screen(trial)
+    assert trial.used.all()
