@@ -115,6 +115,69 @@ class Alarm(Frozen):
         return "above", self.above
 
 
+class Covariates(Frozen):
+    """What else moves a frequency, is measured, and is to be taken out: temperature, load.
+
+    Training is over once it has spanned `train_span` and has had `train_epochs`. It must have
+    seen what will come later: a year, for the weather.
+    """
+
+    names: Annotated[
+        tuple[Annotated[str, Field(min_length=1, max_length=64)], ...],
+        Field(
+            min_length=1,
+            max_length=8,
+            examples=[["temperature_c", "load_kg"]],
+            description="As the edge's features call them; all are needed in an epoch.",
+        ),
+    ]
+    temperature: Annotated[
+        str | None,
+        Field(description="Which of them may bend the law at freezing; by default by name."),
+    ] = None
+    freezing_c: Number = 0.0
+    train_span: Annotated[
+        float, Field(ge=0, lt=1e300, description="In slow time, whose unit is the edge's.")
+    ] = 0.0
+    train_epochs: Annotated[int, Field(ge=30, le=1_000_000)] = 100
+    reference: Annotated[
+        dict[str, Number] | None,
+        Field(
+            description="Where frequencies are compared; by default at the mean in training."
+        ),
+    ] = None
+    entered: Annotated[
+        Literal["loss", "gain", "either"],
+        Field(description="Of frequency: what an alarm is raised for."),
+    ] = "loss"
+    size: Annotated[
+        float, Field(gt=0, lt=1, description="Typical relative change of frequency sought.")
+    ] = 0.01
+    time_between_false_alarms: Annotated[
+        Positive | None,
+        Field(description="Mean, at least, in slow time; by default ten times the training."),
+    ] = None
+
+    @model_validator(mode="after")
+    def _names_what_it_has(self) -> Self:
+        if len(set(self.names)) < len(self.names):
+            raise ValueError(f"Covariates {self.names} name one twice. Name each once.")
+        strange = {*(self.reference or ()), *filter(None, [self.temperature])} - {*self.names}
+        if strange:
+            raise ValueError(
+                f"{', '.join(sorted(strange))} is none of the covariates. Allowed in "
+                f"`temperature` and `reference`: {', '.join(self.names)}."
+            )
+        return self
+
+    @property
+    def hinge(self) -> int | None:
+        """Which of `names` is the temperature: as told, or the first that is called so."""
+        called = [name for name in self.names if name.startswith("temperature")]
+        name = self.temperature or next(iter(called), None)
+        return None if name is None else self.names.index(name)
+
+
 MODEL_EXAMPLE: dict[str, Any] = {
     "name": "Frame",
     "changes": "elements",
@@ -165,6 +228,10 @@ class Registration(Frozen):
                     "alarms": [{"quantity": "stiffness_change", "below": -0.1}],
                 },
                 {"changes": "both", "learn_epochs": 40, "damping_coefficient_sd": 0.0},
+                {
+                    "changes": "stiffness",
+                    "covariates": {"names": ["temperature_c"], "train_span": 365.0},
+                },
                 MODEL_EXAMPLE,
             ]
         },
@@ -196,6 +263,9 @@ class Registration(Frozen):
     """What is believed of ln(1 + change) beforehand, where both may change."""
     damping_coefficient_sd: Annotated[float, Field(ge=0, le=100)] = 0.1
     """How much the damping coefficient may change by itself, where both may change."""
+    covariates: Covariates | None = None
+    """What of temperature and load is learnt at first, and taken out from then on; learning
+    lasts as long as their training then, not `learn_epochs`."""
     alarms: Annotated[tuple[Alarm, ...], Field(max_length=16)] = ()
     confirm_readings: Annotated[int, Field(ge=1, le=100)] = 3
     """Readings in a row until an alarm, or a change of validity, is believed."""
@@ -207,6 +277,23 @@ class Registration(Frozen):
             raise ValueError(
                 "Mass and stiffness are told apart by damping, and the nominal model has none. "
                 "Give nominal.damping_ratio, or let only one of them change."
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _can_be_freed_of_covariates(self) -> Self:
+        covariates = self.covariates
+        if covariates is None:
+            return self
+        if self.frequency_source == "smoothed":
+            raise ValueError(
+                "Covariates act on a frequency at once, and a smoothed one is late. Give "
+                "frequency_source='measured' with covariates."
+            )
+        if self.nominal is not None and {*(covariates.reference or ())} != {*covariates.names}:
+            raise ValueError(
+                "A nominal model with covariates holds at some value of each. Give "
+                f"covariates.reference for {', '.join(covariates.names)}, or no nominal model."
             )
         return self
 

@@ -47,7 +47,13 @@ NO_DAMPING = 1 << 18
 NOT_REPRESENTABLE = 1 << 19
 NO_MODEL_MODE = 1 << 20
 MODEL_MISFIT = 1 << 21
+TRAINING = 1 << 22
+NO_COVARIATE = 1 << 23
+BEYOND_COVARIATES = 1 << 24
 """Bits of `reasons` beside those of `slowtime.evolution.Reason`."""
+
+BEGINNING = LEARNING | TRAINING
+"""While one of these is set, what there is to compare with is not known yet."""
 
 _OURS = {
     NO_MODE: (
@@ -75,6 +81,20 @@ _OURS = {
         "The modes have moved in a way that no change of the free parameters explains. Look at "
         "the sensors and at the temperature, or let more elements and masses be free in the "
         "registration."
+    ),
+    TRAINING: (
+        "What temperature and load do to the frequencies is still being learnt, and it is "
+        "assumed that nothing else changes meanwhile. Wait, or shorten the training under "
+        "`covariates` in the registration."
+    ),
+    NO_COVARIATE: (
+        "A covariate of the registration is missing in this epoch, so that what it does cannot "
+        "be taken out. Look at its sensor and its name at the edge, or leave it out of "
+        "`covariates.names`."
+    ),
+    BEYOND_COVARIATES: (
+        "A covariate is beyond all that was seen in training, so that what it does is a guess. "
+        "Register the twin anew with a longer `covariates.train_span`."
     ),
 }
 

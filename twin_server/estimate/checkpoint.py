@@ -3,10 +3,11 @@
 import dataclasses
 import json
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 from twin_server.registration import Registration
 
+from .covariates import Condition, Training, condition_of, training_of
 from .memory import Memory
 
 Epoch = tuple[float, float, float, float]
@@ -63,6 +64,9 @@ class Checkpoint:
         For each quantity that an alarm of the registration watches, whether it is raised.
     elements
         What a twin of elements remembers beside.
+    training, condition
+        Of a twin of one mode under covariates: readings of its training, and, once that is
+        over, what is normal.
     """
 
     known: Known | None = None
@@ -70,6 +74,8 @@ class Checkpoint:
     trusted: Belief = Belief(True)
     raised: tuple[Belief, ...] = ()
     elements: Memory | None = None
+    training: Training | None = None
+    condition: Condition | None = None
 
     @classmethod
     def start(cls, registration: Registration) -> "Checkpoint":
@@ -101,6 +107,8 @@ class Checkpoint:
             trusted=Belief(**content["trusted"]),
             raised=tuple(Belief(**belief) for belief in content["raised"]),
             elements=None if elements is None else Memory.from_dict(elements),
+            training=training_of(content.get("training")),
+            condition=condition_of(content.get("condition")),
         )
 
     def nominal(self) -> dict[str, float] | None:
@@ -131,3 +139,10 @@ class Checkpoint:
     def has_damping(self) -> bool:
         """Whether a nominal damping ratio is known."""
         return self.known is not None and not math.isnan(self.known.damping_ratio)
+
+
+class Twin(NamedTuple):
+    """What estimation needs to know of one twin."""
+
+    registration: Registration
+    checkpoint: Checkpoint

@@ -35,6 +35,11 @@ class Columns:
         """Count the messages."""
         return len(self.sequence)
 
+    def of(self, rows: Int[np.ndarray, " some"]) -> "Columns":
+        """Keep some of them."""
+        parts = [getattr(self, field.name)[rows] for field in dataclasses.fields(self)]
+        return Columns(*parts)
+
 
 def columns(features: Sequence[Features], modes: Sequence[int]) -> Columns:
     """Read the columns out of `features`, of each the structural mode that `modes` numbers."""

@@ -6,7 +6,6 @@ clock, not on when they arrived, not on how the stream was cut into batches.
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -24,11 +23,12 @@ from twin_server.details import Detail
 from twin_server.registration import Registration
 from twin_server.states import States
 
-from .checkpoint import Checkpoint
+from .checkpoint import Checkpoint, Twin
 from .columns import Columns, columns
-from .learning import learn
+from .nominals import Nominals, nominals_of
+from .notices import Notice
 from .telling import tell
-from .watching import Notice, watch
+from .watching import watch
 
 LEVEL = 0.95
 """Probability of every interval."""
@@ -36,13 +36,6 @@ LEVEL = 0.95
 _QUANTILE = float(ndtri(0.5 + 0.5 * LEVEL))
 _ANY_DAMPING = 0.02  # stands where none is known, with an sd that lets nothing hang on it
 _UNKNOWN = 1e3
-
-
-class Twin(NamedTuple):
-    """What estimation needs to know of one twin."""
-
-    registration: Registration
-    checkpoint: Checkpoint
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -65,16 +58,6 @@ class Estimated:
     checkpoints: list[Checkpoint]
     notices: list[list[Notice]]
     details: Sequence[Detail | None] = ()
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class _Nominals:
-    """The nominal model that each reading is compared with; NaN while it is being learnt."""
-
-    frequency: Float[np.ndarray, " time"]
-    relative_sd: Float[np.ndarray, " time"]
-    damping: Float[np.ndarray, " time"]
-    damping_relative_sd: Float[np.ndarray, " time"]
 
 
 def estimate(
@@ -103,7 +86,7 @@ def estimate(
     modes = [twin.registration.mode for twin in twins]
     given = columns(features, [modes[place] for place in owners])
     rows_of = _rows_by_owner(owner, len(twins))
-    nominals, checkpoints, learnt = _nominals(twins, given, owner, rows_of)
+    nominals, checkpoints, learnt = nominals_of(twins, features, given, owner, rows_of)
     # What leaves the range of floats is found and named below, not warned of.
     with np.errstate(all="ignore"):
         states = _begin(given, missing_before)
@@ -111,7 +94,7 @@ def estimate(
     notices: list[list[Notice]] = []
     for place, (twin, rows) in enumerate(zip(twins, rows_of, strict=True)):
         checkpoints[place], seen = watch(twin.registration, checkpoints[place], states[rows])
-        seen = learnt[place] + seen
+        seen = sorted(learnt[place] + seen, key=lambda notice: notice.row)
         notices.append([notice._replace(row=int(rows[notice.row])) for notice in seen])
     return Estimated(states, checkpoints, notices)
 
@@ -166,68 +149,6 @@ def _rows_by_owner(owner: Int[np.ndarray, " time"], count: int) -> list[Int[np.n
     return [order[bounds[i] : bounds[i + 1]] for i in range(count)]
 
 
-def _nominals(
-    twins: Sequence[Twin],
-    given: Columns,
-    owner: Int[np.ndarray, " time"],
-    rows_of: Sequence[Int[np.ndarray, " _"]],
-) -> tuple[_Nominals, list[Checkpoint], list[list[Notice]]]:
-    """Find what each reading is compared with; twins without a nominal model learn it here."""
-    table = np.full((len(twins), 4), np.nan)
-    begins = np.zeros(len(given), dtype=bool)
-    checkpoints: list[Checkpoint] = []
-    notices: list[list[Notice]] = []
-    for place, twin in enumerate(twins):
-        checkpoint, rows = twin.checkpoint, rows_of[place]
-        notices.append([])
-        if checkpoint.known is None:
-            epochs = np.column_stack(
-                (
-                    given.frequency_hz[rows],
-                    given.frequency_sd[rows],
-                    given.damping_ratio[rows],
-                    given.damping_sd[rows],
-                )
-            )
-            lesson = learn(
-                checkpoint, [tuple(e) for e in epochs.tolist()], twin.registration.learn_epochs
-            )
-            checkpoint = lesson.checkpoint
-            begins[rows[: lesson.used]] = True
-            if lesson.nominal is not None:
-                notices[-1].append(_learnt(lesson.used - 1, checkpoint))
-        checkpoints.append(checkpoint)
-        if checkpoint.known is not None:
-            known = checkpoint.known
-            table[place] = (
-                known.frequency_hz,
-                known.frequency_relative_sd,
-                known.damping_ratio,
-                known.damping_relative_sd,
-            )
-    each = table[owner]
-    each[begins] = np.nan
-    return _Nominals(*np.ascontiguousarray(each.T)), checkpoints, notices
-
-
-def _learnt(row: int, checkpoint: Checkpoint) -> Notice:
-    known = checkpoint.known
-    assert known is not None
-    return Notice(
-        row,
-        "nominal_learnt",
-        "info",
-        f"The nominal model is learnt: {known.frequency_hz:.6g} Hz "
-        f"(known to {known.frequency_relative_sd:.2g} of itself)"
-        + (
-            f", damping ratio {known.damping_ratio:.3g}."
-            if checkpoint.has_damping
-            else "; no damping ratio was found."
-        ),
-        checkpoint.nominal() or {},
-    )
-
-
 def _begin(given: Columns, missing_before: Sequence[int]) -> States:
     """States that hold what was measured, and no change yet."""
     states = st.blank(len(given))
@@ -254,7 +175,7 @@ def _put(
 def _estimate_all(
     states: States,
     given: Columns,
-    nominals: _Nominals,
+    nominals: Nominals,
     twins: Sequence[Twin],
     owner: Int[np.ndarray, " time"],
 ) -> None:
@@ -265,11 +186,13 @@ def _estimate_all(
     sd = np.where(smoothed, given.smoothed_sd, given.frequency_sd)
     _put(states, "frequency_hz", frequency, sd)
     states["notes"] |= np.where(smoothed, st.USED_SMOOTHED, 0).astype(np.uint32)
-    learning = np.isnan(nominals.frequency)
+    unknown = np.isnan(nominals.frequency)
+    learning = unknown & ~nominals.under_covariates
     states["reasons"] |= np.where(learning, st.LEARNING, 0).astype(np.uint32)
     lost = np.isnan(states["frequency_hz"][:, 0]) & ~np.isnan(frequency)
     states["reasons"] |= np.where(lost, st.NOT_REPRESENTABLE, 0).astype(np.uint32)
-    usable = ~learning & ~np.isnan(frequency)
+    frequency, sd, correlation = _freed(states, nominals, frequency, sd, given.correlation)
+    usable = ~unknown & ~np.isnan(frequency)
     kinds = [_kind(twin.registration) for twin in twins]
     for kind in dict.fromkeys(kinds):
         theirs = np.array([other == kind for other in kinds])[owner]
@@ -281,8 +204,8 @@ def _estimate_all(
         if kind[0] == "both":
             free = _of_each(twins, owner, lambda r: r.damping_coefficient_sd)[rows]
             # The smoothed frequency carries several epochs' errors, not this one's.
-            correlation = np.where(smoothed[rows], 0.0, given.correlation[rows])
-            _both(states, rows, ratio, sd, frequency, given, nominals, kind, free, correlation)
+            shared = np.where(smoothed[rows], 0.0, correlation[rows])
+            _both(states, rows, ratio, sd, frequency, given, nominals, kind, free, shared)
         else:
             ratio_sd = sd[rows] / nominals.frequency[rows]
             one = stiffness_from_frequency if kind[0] == "stiffness" else mass_from_frequency
@@ -290,6 +213,28 @@ def _estimate_all(
                 ratio, ratio_sd, nominal_relative_sd=nominals.relative_sd[rows], level=LEVEL
             )
             _put_change(states, rows, f"{kind[0]}_change", change)
+
+
+def _freed(
+    states: States,
+    nominals: Nominals,
+    frequency: Float[np.ndarray, " time"],
+    sd: Float[np.ndarray, " time"],
+    correlation: Float[np.ndarray, " time"],
+) -> tuple[Float[np.ndarray, " time"], Float[np.ndarray, " time"], Float[np.ndarray, " time"]]:
+    """Frequencies that covariates act on as they would be at the reference, with their sds.
+
+    What is added to their errors has nothing to do with damping.
+    """
+    rows = np.flatnonzero(nominals.under_covariates)
+    if not rows.size:
+        return frequency, sd, correlation
+    before = sd[rows] / frequency[rows]
+    frequency, sd, correlation = frequency.copy(), sd.copy(), correlation.copy()
+    frequency[rows], sd[rows] = nominals.freed_hz[rows], nominals.freed_sd[rows]
+    correlation[rows] *= before / (sd[rows] / frequency[rows])
+    states["reasons"][rows] |= nominals.reasons[rows]
+    return frequency, sd, correlation
 
 
 _Kind = tuple[str, float, float]
@@ -340,7 +285,7 @@ def _both(
     sd: Float[np.ndarray, " time"],
     frequency: Float[np.ndarray, " time"],
     given: Columns,
-    nominals: _Nominals,
+    nominals: Nominals,
     kind: _Kind,
     free: Float[np.ndarray, " some"],
     correlation: Float[np.ndarray, " some"],

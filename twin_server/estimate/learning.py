@@ -37,9 +37,9 @@ def learn(checkpoint: Checkpoint, epochs: Sequence[Epoch], wanted: int) -> Lesso
     """Add epochs to those learnt from, until `wanted` of them with a mode make a model."""
     gathered = list(checkpoint.learning)
     for number, epoch in enumerate(epochs, start=1):
-        if not _is_sane(epoch[0], epoch[1]):
+        if not is_sane(epoch[0], epoch[1]):
             continue
-        damping = epoch[2:] if _is_sane(epoch[2], epoch[3]) else (math.nan, math.nan)
+        damping = epoch[2:] if is_sane(epoch[2], epoch[3]) else (math.nan, math.nan)
         gathered.append((epoch[0], epoch[1], *damping))
         if len(gathered) < wanted:
             continue
@@ -58,7 +58,7 @@ def learn(checkpoint: Checkpoint, epochs: Sequence[Epoch], wanted: int) -> Lesso
     return Lesson(going_on, len(epochs))
 
 
-def _is_sane(value: float, sd: float) -> bool:
+def is_sane(value: float, sd: float) -> bool:
     """Whether squares and weights of these stay within the range of floats."""
     return 1e-9 < value < 1e9 and 0.0 <= sd < 1e3 * value
 

@@ -17,7 +17,8 @@ from twin_server.states import States
 from .checkpoint import Checkpoint
 from .elements import Found, Reading, follow
 from .memory import Suspicion
-from .watching import Estimates, Notice, watch
+from .notices import Notice
+from .watching import Estimates, watch
 
 QUANTILE = 1.959963984540054
 """Half of a 95 % interval, in standard deviations."""
@@ -86,7 +87,7 @@ def _states(
 def _leading(reading: Reading, number: int) -> MessageMode | None:
     """Find the mode of that number in the model; while learning, in the epoch."""
     modes = reading.features.modes
-    if reading.reasons & st.LEARNING:
+    if reading.reasons & st.BEGINNING:
         return modes[reading.seen[number].place] if number < len(reading.seen) else None
     places = [place for place, mode in reading.pairs.items() if mode == number]
     return modes[places[0]] if places else None

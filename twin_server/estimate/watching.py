@@ -6,35 +6,20 @@ when it is as certain that the limit is no longer passed as it once was that it 
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import ndtri
 
 from twin_server.registration import Alarm, Registration
-from twin_server.states import LEARNING, States, sentences
+from twin_server.states import BEGINNING, States, sentences
 
 from .checkpoint import Belief, Checkpoint
+from .notices import Notice
 
 Estimates: TypeAlias = Float[np.ndarray, "time 4"]
 """Value, sd, lo and hi."""
-
-
-class Notice(NamedTuple):
-    """Something worth an event.
-
-    Parameters
-    ----------
-    row
-        Which of the states it belongs to.
-    """
-
-    row: int
-    kind: str
-    severity: Literal["info", "warning", "alarm"]
-    message: str
-    details: dict[str, Any]
 
 
 def watch(
@@ -52,7 +37,7 @@ def watch(
     """
     parameters = parameters or {}
     notices: list[Notice] = []
-    judged = (states["reasons"] & LEARNING) == 0
+    judged = (states["reasons"] & BEGINNING) == 0
     valid = states["reasons"] == 0
     trusted, flips = _follow(
         checkpoint.trusted, valid & judged, ~valid & judged, registration.confirm_readings

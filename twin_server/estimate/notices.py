@@ -1,0 +1,19 @@
+"""What is worth an event, as estimation says it."""
+
+from typing import Any, Literal, NamedTuple
+
+
+class Notice(NamedTuple):
+    """Something worth an event.
+
+    Parameters
+    ----------
+    row
+        Which of the states it belongs to.
+    """
+
+    row: int
+    kind: str
+    severity: Literal["info", "warning", "alarm"]
+    message: str
+    details: dict[str, Any]
