@@ -1,0 +1,262 @@
+"""What a diagnosis says: for people, for machines, and for pictures."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from slowtime.dynamics.description import Description
+from slowtime.dynamics.effects import Effect, Place
+
+from .screen import Finding
+
+Verdict = Literal[
+    "missing_effect",
+    "nothing_missing",
+    "parameters_only",
+    "sensor_fault",
+    "input_fault",
+    "undecided",
+    "unknown_effect",
+]
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Number:
+    """A parameter that was estimated, in its unit."""
+
+    value: float
+    sd: float
+    unit: str
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Rival:
+    """Another effect that might stand in the place of the one that was named."""
+
+    effect: str
+    place: Place
+    probability: float
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Named:
+    """One effect that was found.
+
+    Parameters
+    ----------
+    effect
+        Kind, place, and the values of its parameters.
+    family
+        Confusing two of one family costs less.
+    numbers
+        Parameters with their standard deviations, by name.
+    probability
+        That this effect at this place, and no other, is what was missing.
+    rivals
+        Others, the most probable first.
+    sentence
+        For people.
+    """
+
+    effect: Effect
+    family: str
+    numbers: Mapping[str, Number]
+    probability: float
+    rivals: tuple[Rival, ...]
+    sentence: str
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Suspect:
+    """A place, by how much of the residual a force there explains.
+
+    Parameters
+    ----------
+    score
+        Gain of log likelihood by one unknown force there.
+    p_value
+        Probability of such a gain where nothing is missing.
+    share
+        Of the residual power beyond the noise that it explains.
+    """
+
+    place: Place
+    score: float
+    p_value: float
+    share: float
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class When:
+    """Times, bands [Hz] and range of motion in which the residual stands out, and its manner."""
+
+    times_s: tuple[tuple[float, float], ...]
+    bands_hz: tuple[tuple[float, float], ...]
+    amplitude: str
+    linear: bool | None = None
+    steady: bool | None = None
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Step:
+    """Error of the free run once one more effect had been added."""
+
+    effect: str
+    place: Place
+    nrmse: float
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Gap:
+    """Error of the free run over the scatter of the measurement, averaged over sensors.
+
+    Parameters
+    ----------
+    on
+        What it was judged on: `holdout`, or `tail` of the records where none was given.
+    worst
+        Largest error of the augmented model at one sensor.
+    """
+
+    nominal: float
+    refitted_nominal: float
+    steps: tuple[Step, ...]
+    augmented: float
+    noise_floor: float
+    on: Literal["holdout", "tail"]
+    worst: float
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Experiment:
+    """What to measure next, so that rivals part.
+
+    Parameters
+    ----------
+    sentence
+        For people.
+    level
+        Factor on the excitation; 1 as it was.
+    band_hz
+        Of the excitation; None as it was.
+    excitation
+        Its form; None as it was.
+    add_sensors
+        Nodes whose acceleration should be measured too.
+    add_mass
+        Node and known mass [kg] to attach.
+    separation
+        Expected gain of log evidence between the rivals.
+    """
+
+    sentence: str
+    level: float = 1.0
+    band_hz: tuple[float, float] | None = None
+    excitation: Literal["random", "multisine", "sweep", "sine", "free_decay"] | None = None
+    add_sensors: tuple[str, ...] = ()
+    add_mass: tuple[str, float] | None = None
+    separation: float = 0.0
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Traces:
+    """One record, measured and free-run, for pictures; columns are sensors."""
+
+    times_s: Float[np.ndarray, " time"]
+    measured: Float[np.ndarray, "time sensor"]
+    nominal: Float[np.ndarray, "time sensor"]
+    refitted: Float[np.ndarray, "time sensor"]
+    augmented: Float[np.ndarray, "time sensor"]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Spectra:
+    """Densities [unit^2/Hz] of the residual before and after, and of the noise, by sensor."""
+
+    frequency_hz: Float[np.ndarray, " frequency"]
+    measured: Float[np.ndarray, "frequency sensor"]
+    before: Float[np.ndarray, "frequency sensor"]
+    after: Float[np.ndarray, "frequency sensor"]
+    noise: Float[np.ndarray, "frequency sensor"]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """The force that was missing at one place, as recovered, against the motion there.
+
+    Parameters
+    ----------
+    e, v, force
+        Elongation, its rate, and the latent force, at instants of the records.
+    law
+        Of the effect that was named, at the same instants; None for an unknown effect.
+    """
+
+    place: Place
+    e: Float[np.ndarray, " point"]
+    v: Float[np.ndarray, " point"]
+    force: Float[np.ndarray, " point"]
+    law: Float[np.ndarray, " point"] | None
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Diagnosis:
+    """The answer.
+
+    Parameters
+    ----------
+    verdict
+        One word.
+    sentence
+        For people.
+    effects
+        In the order in which they were found.
+    undecided
+        Effects that the records cannot tell apart; empty where all is decided.
+    experiment
+        What would decide; None where all is decided.
+    nothing_probability
+        That the nominal model, refitted within its tolerances, lacks nothing.
+    moved
+        Constants of the model that left their tolerance, with new values.
+    where
+        Places, the most suspect first.
+    findings
+        Of the screening of channels.
+    chi2_per_datum
+        Mean square of what the augmented model leaves, over the noise; 1 is as good as can be.
+    residual_white, white_p_value
+        Whether what remains looks like the noise that the sensors have anyway.
+    nominal, refitted, augmented
+        Models; `augmented` has the effects in.
+    traces, spectra, surface
+        For pictures, of the records that were judged on.
+    notes
+        What the reader should know of the data.
+    """
+
+    verdict: Verdict
+    sentence: str
+    effects: tuple[Named, ...]
+    undecided: tuple[Rival, ...]
+    experiment: Experiment | None
+    nothing_probability: float
+    moved: Mapping[str, Number]
+    where: tuple[Suspect, ...]
+    when: When
+    findings: tuple[Finding, ...]
+    gap: Gap
+    chi2_per_datum: float
+    residual_white: bool
+    white_p_value: float
+    nominal: Description
+    refitted: Description
+    augmented: Description
+    traces: tuple[Traces, ...]
+    spectra: Spectra
+    surface: Surface | None
+    notes: tuple[str, ...]
+    seconds: float
