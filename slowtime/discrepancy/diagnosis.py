@@ -91,7 +91,7 @@ class Suspect:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class When:
-    """Times, bands [Hz] and range of motion in which the residual stands out, and its manner."""
+    """Times, bands [Hz] and motion in which the residual stands out, and its manner."""
 
     times_s: tuple[tuple[float, float], ...]
     bands_hz: tuple[tuple[float, float], ...]
