@@ -122,13 +122,12 @@ def _train(
 
 def _known(training: Training, condition: Condition) -> Known:
     """Nominal model at the reference; damping is taken as if covariates did nothing to it."""
-    table = training.table()
-    factors = np.array([condition.remove(row[5:]).factor for row in table])
-    _, frequency, sd, damping, damping_sd = (column.copy() for column in table[:, :5].T)
-    nominal = learn_nominal(factors * frequency, factors * sd, damping, damping_sd)
-    law_sd = condition.remove(np.array(condition.reference)).law_sd
+    nominal = learn_nominal(*condition.freed(training).T.copy())
     return Known(
-        condition.frequency_hz, law_sd, nominal.damping_ratio, nominal.damping_relative_sd
+        condition.frequency_hz,
+        condition.law_sd,
+        nominal.damping_ratio,
+        nominal.damping_relative_sd,
     )
 
 

@@ -1,7 +1,10 @@
 """What a twin of elements remembers from one epoch to the next; numbers and text."""
 
 import dataclasses
+import math
 from typing import Any
+
+from .covariates import Condition, Training, condition_of, training_of
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -42,6 +45,8 @@ class Lesson:
     jumped, jumps
         Sum of squared steps from one shape to the next over their variances, and how many
         steps of a component are in it.
+    training
+        Under covariates, what is gathered instead of `epochs`.
     """
 
     epochs: tuple[tuple[float, float, float, float], ...] = ()
@@ -51,6 +56,12 @@ class Lesson:
     last_sd: tuple[float, ...] = ()
     jumped: float = 0.0
     jumps: int = 0
+    training: Training | None = None
+
+    @property
+    def count(self) -> int:
+        """How many epochs have shown the mode."""
+        return len(self.epochs) if self.training is None else self.training.offered
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -70,6 +81,8 @@ class Baseline:
     scatter, shape_scatter
         How many times farther than their standard deviations said the readings stepped from
         one epoch to the next while learning; those to come are taken to do the same.
+    condition
+        Under covariates, what is normal for its frequency; the one above is at the reference.
     """
 
     mode: int
@@ -81,6 +94,7 @@ class Baseline:
     shape_sd: tuple[float, ...] | None = None
     scatter: float = 1.0
     shape_scatter: float = 1.0
+    condition: Condition | None = None
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -102,8 +116,8 @@ class Memory:
         Modes followed; once learnt, one for each of `baselines`, in the same order.
     lessons
         While learning, one for each of `references`; later none.
-    learnt_from
-        Epochs gathered so far.
+    learnt_from, since, until
+        Epochs gathered so far, and the least and greatest of their slow times.
     theta
         Where the structure is in the model: logarithms of the factors on all stiffnesses and
         masses; none while learning.
@@ -119,6 +133,8 @@ class Memory:
     theta: tuple[float, ...] = ()
     baselines: tuple[Baseline, ...] = ()
     suspicions: tuple[Suspicion, ...] = ()
+    since: float = math.inf
+    until: float = -math.inf
 
     @property
     def knows(self) -> bool:
@@ -141,6 +157,7 @@ class Memory:
                     tuple(one["last_sd"]),
                     one["jumped"],
                     one["jumps"],
+                    training_of(one.get("training")),
                 )
                 for one in content["lessons"]
             ),
@@ -152,11 +169,14 @@ class Memory:
                         **b,
                         "shape": _floats(b["shape"]),
                         "shape_sd": _floats(b["shape_sd"]),
+                        "condition": condition_of(b.get("condition")),
                     }
                 )
                 for b in content["baselines"]
             ),
             suspicions=tuple(Suspicion(**s) for s in content["suspicions"]),
+            since=content.get("since", math.inf),
+            until=content.get("until", -math.inf),
         )
 
 

@@ -15,6 +15,7 @@ from twin_server.registration import Registration
 from twin_server.states import States
 
 from .checkpoint import Checkpoint
+from .covariates import words
 from .elements import Found, Reading, follow
 from .memory import Suspicion
 from .notices import Notice
@@ -43,10 +44,17 @@ def tell(
     """Estimate the next states of a twin of elements."""
     model = registration.structure()
     assert checkpoint.elements is not None
-    found = follow(checkpoint.elements, model, features, registration.learn_epochs)
+    found = follow(
+        checkpoint.elements,
+        model,
+        features,
+        registration.learn_epochs,
+        registration.covariates,
+    )
     states = _states(registration, found.readings, missing_before)
     parameters = _by_parameter(model.free, found.readings)
-    notices = [_lesson(found, row, count) for row, count in found.lessons]
+    notices = _of_covariates(registration, found)
+    notices += [_lesson(found, row, count) for row, count in found.lessons]
     suspicions, changed = _suspected(
         found.memory.suspicions, found.readings, registration.confirm_readings
     )
@@ -180,6 +188,22 @@ def _lesson(found: Found, row: int, count: int) -> Notice:
         f"The structure is learnt by {count} of its modes: {said}. The model is moved there.",
         {f"mode_{one.mode + 1}_hz": one.frequency_hz for one in modes},
     )
+
+
+def _of_covariates(registration: Registration, found: Found) -> list[Notice]:
+    """Say what is normal for each mode, once it is learnt, and what is not."""
+    wanted = registration.covariates
+    if wanted is None:
+        return []
+    notices = [
+        words.learnt(row, one.condition, wanted, one.mode)
+        for row, count in found.lessons
+        for one in found.memory.baselines
+        if count and one.condition is not None
+    ]
+    return notices + [
+        words.entered(row, verdict, registration, mode) for row, mode, verdict in found.verdicts
+    ]
 
 
 def _suspected(

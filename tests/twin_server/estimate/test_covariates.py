@@ -314,3 +314,62 @@ def test_the_loss_is_found_within_14_days_over_50_seeds(features):
     assert false / spans <= 1.0
     assert np.mean(inside) >= 0.88
     assert blind >= 45
+
+
+def swaying(made, count, losses, seed):
+    """Epochs of a frame whose stiffness swings by 8 % with the weather; bilinear."""
+    rng = np.random.default_rng(seed)
+    messages = []
+    for i in range(count):
+        warm = 4.0 + 12.0 * np.sin(2 * np.pi * i / 40.0) + rng.normal()
+        softer = -0.005 * warm if warm < 0.0 else -0.002 * warm
+        changes = [(1.0 + softer) * (1.0 + loss) - 1.0 for loss in losses(i)]
+        message = made.epoch(i, changes)
+        messages.append(message.model_copy(update={"covariates": {"temperature_c": warm}}))
+    return messages
+
+
+def test_the_storey_that_weakens_is_named_whatever_the_weather(frame):
+    made = frame(seed=3)
+    losses = lambda i: (0.0, -0.08 if i >= 90 else 0.0, 0.0)  # noqa: E731
+    messages = swaying(made, 102, losses, 3)
+    weather = {"names": ["temperature_c"], "train_span": 79.0, "train_epochs": 70}
+    twin = begin(**made.registration(), covariates=weather)
+    found = estimate([twin], messages, [0] * 102, [0] * 102)
+    told = [json.loads(detail.body) for detail in found.details]
+    assert (found.states["reasons"][:80] & rows.TRAINING > 0).all()
+    assert (found.states["reasons"][80:] == 0).mean() > 0.9
+    assert [b["suspects"] for b in told[80:90]] == [[]] * 10
+    named = [n for n in found.notices[0] if n.kind == "element_changed"]
+    assert [(n.row, n.details["suspect"]) for n in named] == [(92, "storey2")]
+    sizes = np.array([b["elements"]["storey2"]["value"] for b in told[90:]])
+    assert sizes.mean() == pytest.approx(-0.08, abs=0.012)
+    others = np.array([b["elements"]["storey1"]["value"] for b in told[90:]])
+    assert others.mean() == pytest.approx(0.0, abs=0.012)
+    laws = [n.details["law"] for n in found.notices[0] if n.kind == "normal_learnt"]
+    assert len(laws) == 3
+    assert set(laws) <= {"bilinear", "Gaussian process"}
+    entered = [n for n in found.notices[0] if n.kind == "change_entered"]
+    assert {n.row for n in entered} <= {90, 91, 92, 93}
+    assert [n.details["limit"] for n in entered] == [pytest.approx(3 * 790.0)] * len(entered)
+    assert 0 < len(entered) <= 3
+    blind = begin(**made.registration(), learn_epochs=80)
+    found = estimate([blind], messages, [0] * 102, [0] * 102)
+    told = [json.loads(detail.body) for detail in found.details]
+    sizes = np.array([b["elements"]["storey2"]["value"] for b in told[90:]])
+    assert abs(sizes.mean() + 0.08) > 0.012 or sizes.std() > 0.01
+
+
+def test_cutting_the_stream_of_a_frame_in_the_weather_changes_no_bit(frame):
+    made = frame(seed=4)
+    messages = swaying(made, 56, lambda i: (0.0, 0.0, 0.0), 4)
+    messages[52] = messages[52].model_copy(update={"covariates": {}})
+    weather = {"names": ["temperature_c"], "train_epochs": 44}
+    twin = begin(**made.registration(), covariates=weather)
+    whole, last, notices = run(twin, messages)
+    cut, cut_last, cut_notices = run(twin, messages, {13, 43, 44, 50})
+    assert cut.tobytes() == whole.tobytes()
+    assert cut_last.checkpoint.to_json() == last.checkpoint.to_json()
+    assert cut_notices == notices
+    assert whole["reasons"][52] == rows.NO_COVARIATE
+    assert (whole["reasons"] == 0).any()

@@ -96,6 +96,17 @@ class Condition:
     watch: KeptWatch
     raised: bool = False
 
+    @property
+    def law_sd(self) -> float:
+        """Relative standard deviation of `frequency_hz`."""
+        return self.remove(np.array(self.reference)).law_sd
+
+    def freed(self, training: Training) -> Float[np.ndarray, "reading 4"]:
+        """Frequency at the reference, its sd, damping ratio and its sd of each reading."""
+        table = training.table()
+        table[:, 1:3] *= np.array([[self.remove(row[5:]).factor] for row in table])
+        return table[:, 1:5]
+
     def remove(self, covariates: Float[np.ndarray, " covariate"]) -> Removed:
         """Tell what a frequency measured at these covariates is off by."""
         if not np.isfinite(covariates).all():

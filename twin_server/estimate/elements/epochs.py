@@ -9,10 +9,16 @@ with :math:`f^0, \phi^0` as learnt and :math:`f(\theta_0), \phi(\theta_0)` of th
 there, so that what the model cannot explain even then is not taken for a change. The errors of
 what was learnt are added to those of each epoch, which are widened where the readings scattered
 more than they said from epoch to epoch while learning.
+
+Under covariates each frequency is first brought to their reference, by a law of its own. What
+those laws leave is taken to be independent from mode to mode, which a temperature that no
+sensor sees is not: it moves all of them alike, and looks like all elements changing alike.
 """
 
 import dataclasses
+import functools
 import math
+import operator
 from collections.abc import Sequence
 
 import numpy as np
@@ -30,10 +36,12 @@ from slowtime.evolution.structures import (
 from slowtime.evolution.structures.measured import gap
 from slowtime_schemas.messages import Features
 from twin_server import states as st
+from twin_server.estimate.covariates import Removed, Verdict, covariates_of
 from twin_server.estimate.memory import Baseline, Memory
 from twin_server.model import Model
+from twin_server.registration import Covariates
 
-from .learning import conclude, gather
+from .learning import conclude, gather, is_enough
 from .matching import aligned, match, remember
 from .seeing import Seen, seen
 from .suspects import Suspect, suspects_of
@@ -94,27 +102,39 @@ class Found:
     lessons
         Epochs that ended the learning, and how many modes of the model it had found: none
         where it begins anew.
+    verdicts
+        Epochs in which covariates no longer explained a mode of that number, or did again.
     """
 
     memory: Memory
     readings: tuple[Reading, ...]
     lessons: tuple[tuple[int, int], ...]
+    verdicts: tuple[tuple[int, int, Verdict], ...] = ()
 
 
 def follow(
-    memory: Memory, model: Model, features: Sequence[Features], learn_epochs: int
+    memory: Memory,
+    model: Model,
+    features: Sequence[Features],
+    learn_epochs: int,
+    wanted: Covariates | None = None,
 ) -> Found:
-    """Take in the next epochs of one twin."""
-    readings, lessons = [], []
+    """Take in the next epochs of one twin.
+
+    Parameters
+    ----------
+    wanted
+        Covariates to be learnt and taken out; learning lasts as long as they say then.
+    """
+    readings, lessons, verdicts = [], [], []
     nominal = _Nominal.of(memory, model) if memory.knows else None
     for row, message in enumerate(features):
         modes = seen(message, model)
         if nominal is None:
-            memory = gather(memory, modes, message.boot)
-            empty = st.LEARNING | (0 if modes else st.NO_MODE)
-            readings.append(Reading(message, tuple(modes), {}, empty))
-            if memory.learnt_from >= learn_epochs:
-                memory = conclude(memory, model)
+            memory, reasons = _taught(memory, message, modes, wanted)
+            readings.append(Reading(message, tuple(modes), {}, reasons))
+            if is_enough(memory, learn_epochs, wanted):
+                memory = conclude(memory, model, wanted)
                 lessons.append((row, len(memory.baselines)))
                 nominal = _Nominal.of(memory, model) if memory.knows else None
             continue
@@ -124,8 +144,65 @@ def follow(
             for i, one in enumerate(memory.references)
         )
         memory = dataclasses.replace(memory, references=references)
-        readings.append(_read(message, modes, pairs, nominal))
-    return Found(memory, tuple(readings), tuple(lessons))
+        removed = _removed(message, nominal, wanted)
+        readings.append(_read(message, modes, pairs, nominal, removed))
+        if wanted is not None:
+            baselines, judged = _watched(memory, message, modes, pairs, wanted)
+            memory = dataclasses.replace(memory, baselines=baselines)
+            verdicts += [(row, mode, verdict) for mode, verdict in judged]
+    return Found(memory, tuple(readings), tuple(lessons), tuple(verdicts))
+
+
+def _taught(
+    memory: Memory, message: Features, modes: Sequence[Seen], wanted: Covariates | None
+) -> tuple[Memory, int]:
+    """Learn from an epoch; also the bits that stand against it."""
+    nothing = 0 if modes else st.NO_MODE
+    if wanted is None:
+        return gather(memory, modes, message.boot), st.LEARNING | nothing
+    covariates = covariates_of(message, wanted)
+    if not np.isfinite(covariates).all():
+        return memory, st.TRAINING | st.NO_COVARIATE | nothing
+    told = covariates.tolist()
+    memory = gather(memory, modes, message.boot, message.slow_time, told)
+    return memory, st.TRAINING | nothing
+
+
+def _removed(
+    message: Features, nominal: "_Nominal", wanted: Covariates | None
+) -> tuple[Removed, ...]:
+    """For each baseline, what covariates do to its frequency; nothing without any."""
+    if wanted is None:
+        return ()
+    covariates = covariates_of(message, wanted)
+    return tuple(
+        one.condition.remove(covariates)
+        for one in nominal.baselines
+        if one.condition is not None
+    )
+
+
+def _watched(
+    memory: Memory,
+    message: Features,
+    modes: Sequence[Seen],
+    pairs: dict[int, int],
+    wanted: Covariates,
+) -> tuple[tuple[Baseline, ...], list[tuple[int, Verdict]]]:
+    """Judge the frequency of each mode that was found."""
+    baselines, verdicts = list(memory.baselines), []
+    covariates = covariates_of(message, wanted)
+    for i, j in sorted(pairs.items()):
+        condition, mode = baselines[i].condition, modes[j]
+        assert condition is not None
+        sd = mode.relative_sd * mode.frequency_hz
+        condition, verdict = condition.judge(
+            message.slow_time, mode.frequency_hz, sd, covariates, wanted
+        )
+        baselines[i] = dataclasses.replace(baselines[i], condition=condition)
+        if verdict is not None:
+            verdicts.append((baselines[i].mode, verdict))
+    return tuple(baselines), verdicts
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -148,20 +225,27 @@ class _Nominal:
 
 
 def _read(
-    message: Features, modes: Sequence[Seen], pairs: dict[int, int], nominal: _Nominal
+    message: Features,
+    modes: Sequence[Seen],
+    pairs: dict[int, int],
+    nominal: _Nominal,
+    removed: Sequence[Removed],
 ) -> Reading:
     numbers = {modes[j].place: nominal.baselines[i].mode for i, j in sorted(pairs.items())}
     if not pairs:
         reasons = st.NO_MODEL_MODE if modes else st.NO_MODE
         return Reading(message, tuple(modes), numbers, reasons)
+    against = functools.reduce(operator.or_, (one.reasons for one in removed), 0)
+    if against & st.NO_COVARIATE:
+        return Reading(message, tuple(modes), numbers, against)
     matched = [(nominal.baselines[i], i, modes[j]) for i, j in sorted(pairs.items())]
-    measured = _measured(matched, nominal)
+    measured = _measured(matched, nominal, removed)
     posterior = estimate(nominal.structure, measured, nominal.model.prior_sd, starts=STARTS)
     changes = _changes(posterior)
     if changes is None:
         return Reading(message, tuple(modes), numbers, st.NOT_REPRESENTABLE)
-    reasons = st.MODEL_MISFIT if posterior.p_value < MISFIT else 0
-    away = [abs(mode.frequency_hz / one.frequency_hz - 1.0) for one, _, mode in matched]
+    reasons = against | (st.MODEL_MISFIT if posterior.p_value < MISFIT else 0)
+    away = [abs(_freed(mode, i, removed)[0] / o.frequency_hz - 1.0) for o, i, mode in matched]
     if max(away) >= _FAR:
         reasons |= int(Reason.BEYOND_RECOMMENDED)
     return Reading(
@@ -175,15 +259,25 @@ def _read(
     )
 
 
+def _freed(mode: Seen, i: int, removed: Sequence[Removed]) -> tuple[float, float]:
+    """Frequency at the reference of the covariates, and what that adds to its relative sd."""
+    if not removed:
+        return mode.frequency_hz, 0.0
+    one = removed[i]
+    return one.factor * mode.frequency_hz, math.hypot(one.own_sd, one.law_sd)
+
+
 def _measured(
-    matched: Sequence[tuple[Baseline, int, Seen]], nominal: _Nominal
+    matched: Sequence[tuple[Baseline, int, Seen]],
+    nominal: _Nominal,
+    removed: Sequence[Removed],
 ) -> MeasuredModes:
     frequency, relative, shapes, shape_sds = [], [], [], []
     for baseline, i, mode in matched:
-        frequency.append(
-            mode.frequency_hz / baseline.frequency_hz * float(nominal.frequency_hz[i])
-        )
-        relative.append(math.hypot(baseline.scatter * mode.relative_sd, baseline.relative_sd))
+        freed, added = _freed(mode, i, removed)
+        frequency.append(freed / baseline.frequency_hz * float(nominal.frequency_hz[i]))
+        own = baseline.scatter * mode.relative_sd
+        relative.append(math.hypot(own, added if removed else baseline.relative_sd))
         shape, shape_sd = _shape(baseline, mode, nominal.shapes[i])
         shapes.append(shape)
         shape_sds.append(shape_sd)

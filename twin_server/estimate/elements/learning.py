@@ -1,5 +1,6 @@
 """The first epochs teach what the structure is like, and the model is moved there."""
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Sequence
@@ -10,8 +11,11 @@ from jaxtyping import Float
 from slowtime.evolution import learn_nominal
 from slowtime.evolution.structures import MeasuredModes, estimate
 from slowtime.evolution.structures.measured import gap
+from twin_server.estimate.covariates import Condition, NotLearntError, Training
+from twin_server.estimate.covariates import conclude as conclude_training
 from twin_server.estimate.memory import Baseline, Lesson, Memory, Reference
 from twin_server.model import Model
+from twin_server.registration import Covariates
 
 from .matching import aligned, begin, best_pairs, likeness, match, remember
 from .seeing import Seen
@@ -26,7 +30,13 @@ _MOST_UNCERTAIN = 0.1
 _CLEARLY = 1.5
 
 
-def gather(memory: Memory, modes: Sequence[Seen], boot: str) -> Memory:
+def gather(
+    memory: Memory,
+    modes: Sequence[Seen],
+    boot: str,
+    slow_time: float = 0.0,
+    covariates: Sequence[float] | None = None,
+) -> Memory:
     """Add the modes of one epoch to what is learnt from; without any it teaches nothing."""
     if not modes:
         return memory
@@ -37,34 +47,47 @@ def gather(memory: Memory, modes: Sequence[Seen], boot: str) -> Memory:
     ):
         mode = modes[pairs[i]] if i in pairs else None
         references.append(remember(reference, mode, boot))
-        lessons.append(lesson if mode is None else _added(lesson, mode, reference))
+        lessons.append(
+            lesson if mode is None else _added(lesson, mode, reference, slow_time, covariates)
+        )
     fresh = [mode for j, mode in enumerate(modes) if j not in pairs.values()]
     for mode in fresh[: MOST_GROUPS - len(references)]:
         references.append(begin(mode, boot))
-        lessons.append(_added(Lesson(), mode, references[-1]))
+        lessons.append(_added(Lesson(), mode, references[-1], slow_time, covariates))
     return dataclasses.replace(
         memory,
         references=tuple(references),
         lessons=tuple(lessons),
         learnt_from=memory.learnt_from + 1,
+        since=min(memory.since, slow_time),
+        until=max(memory.until, slow_time),
     )
 
 
-def conclude(memory: Memory, model: Model) -> Memory:
+def is_enough(memory: Memory, learn_epochs: int, wanted: Covariates | None) -> bool:
+    """Whether what was gathered is as much as the registration asks for."""
+    if wanted is None:
+        return memory.learnt_from >= learn_epochs
+    span = memory.until - memory.since
+    return memory.learnt_from >= wanted.train_epochs and 0.0 < span >= wanted.train_span
+
+
+def conclude(memory: Memory, model: Model, wanted: Covariates | None = None) -> Memory:
     """Make a baseline of what was gathered; without one, learning begins anew.
 
-    Modes that fewer than half of the epochs have shown are left out, and those that are none
-    of the model's.
+    Modes that fewer than half of the epochs have shown are left out, those that are none of
+    the model's, and those of which no law of covariates can be learnt.
     """
-    groups = [
-        (reference, _baseline(lesson))
-        for reference, lesson in zip(memory.references, memory.lessons, strict=True)
-        if len(lesson.epochs) >= max(2, memory.learnt_from / 2)
-    ]
+    groups = []
+    for reference, lesson in zip(memory.references, memory.lessons, strict=True):
+        if lesson.count < max(2, memory.learnt_from / 2):
+            continue
+        with contextlib.suppress(NotLearntError):
+            groups.append((reference, _baseline(lesson, wanted)))
     groups = [group for group in groups if group[1].relative_sd < _MOST_UNCERTAIN]
     pairs = _partners([baseline for _, baseline in groups], model)
     if not pairs:
-        return dataclasses.replace(memory, references=(), lessons=(), learnt_from=0)
+        return Memory(suspicions=memory.suspicions)
     chosen = [groups[i] for i in pairs]
     theta, modes = _moved(model, [baseline for _, baseline in chosen])
     ranked = sorted(zip(modes, chosen, strict=True), key=lambda one: one[0])
@@ -74,9 +97,19 @@ def conclude(memory: Memory, model: Model) -> Memory:
         lessons=(),
         theta=theta,
         baselines=tuple(
-            dataclasses.replace(baseline, mode=mode) for mode, (_, baseline) in ranked
+            dataclasses.replace(
+                baseline, mode=mode, condition=_shared(baseline.condition, len(ranked))
+            )
+            for mode, (_, baseline) in ranked
         ),
     )
+
+
+def _shared(condition: Condition | None, among: int) -> Condition | None:
+    """Make false alarms of each mode so many times rarer as there are modes."""
+    if condition is None:
+        return None
+    return dataclasses.replace(condition, limit=among * condition.limit)
 
 
 def measured_of(
@@ -105,16 +138,25 @@ def measured_of(
     )
 
 
-def _added(lesson: Lesson, mode: Seen, reference: Reference) -> Lesson:
+def _added(
+    lesson: Lesson,
+    mode: Seen,
+    reference: Reference,
+    slow_time: float,
+    covariates: Sequence[float] | None,
+) -> Lesson:
     epoch = (
         mode.frequency_hz,
         mode.relative_sd * mode.frequency_hz,
         mode.damping_ratio,
         mode.damping_sd,
     )
-    epochs = (*lesson.epochs, epoch)
+    epochs, training = (*lesson.epochs, epoch), None
+    if covariates is not None:
+        row = np.array([slow_time, *epoch, *covariates])
+        epochs, training = (), (lesson.training or Training()).added(row)
     if mode.shape is None or mode.shape_sd is None or reference.shape is None:
-        return dataclasses.replace(lesson, epochs=epochs)
+        return dataclasses.replace(lesson, epochs=epochs, training=training)
     turned, factor = aligned(mode.shape, np.array(reference.shape))
     sd = factor * mode.shape_sd
     precision = sd**-2.0
@@ -130,6 +172,7 @@ def _added(lesson: Lesson, mode: Seen, reference: Reference) -> Lesson:
         tuple(sd.tolist()),
         lesson.jumped + jumped,
         lesson.jumps + jumps,
+        training,
     )
 
 
@@ -149,9 +192,13 @@ def _jump(
     return float(far[both].sum()), max(int(both.sum()) - 1, 0)
 
 
-def _baseline(lesson: Lesson) -> Baseline:
+def _baseline(lesson: Lesson, wanted: Covariates | None) -> Baseline:
     """Average what one mode has taught; its number in the model is not known yet."""
-    frequency, sd, damping, damping_sd = np.array(lesson.epochs).T.copy()
+    condition, epochs = None, np.array(lesson.epochs)
+    if wanted is not None and lesson.training is not None:
+        condition = conclude_training(lesson.training, wanted)
+        epochs = condition.freed(lesson.training)
+    frequency, sd, damping, damping_sd = epochs.T.copy()
     nominal = learn_nominal(frequency, sd, damping, damping_sd)
     weight = np.array(lesson.weight)
     shape = shape_sd = None
@@ -166,14 +213,16 @@ def _baseline(lesson: Lesson) -> Baseline:
         shape_sd = tuple((shape_scatter * np.where(heard, safe**-0.5, np.nan) / norm).tolist())
     return Baseline(
         -1,
-        nominal.frequency,
-        nominal.frequency_relative_sd,
+        nominal.frequency if condition is None else condition.frequency_hz,
+        nominal.frequency_relative_sd if condition is None else condition.law_sd,
         nominal.damping_ratio,
         nominal.damping_relative_sd,
         shape,
         shape_sd,
-        _scatter(_steps(frequency, sd)),
+        # What a law of covariates leaves is known by itself.
+        _scatter(_steps(frequency, sd)) if condition is None else 1.0,
         shape_scatter,
+        condition,
     )
 
 
