@@ -1,0 +1,155 @@
+"""Frames of one band in; its sums of products, and the modes last read out of them, kept."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from slowtime.identification.bands import Band
+from slowtime.identification.correlations import block_products
+from slowtime.identification.modes import Mode
+
+from .cases import Seen
+from .fading import Fading, Raster
+from .frames import Frame
+from .solving import Basis, Models, modes_of
+from .sums import Stretch, Sums
+
+LEARNT = 150
+"""Instants of the slow series after which directions are chosen."""
+
+Slow = Complex[np.ndarray, "instant series"]
+Earlier = Complex[np.ndarray, "_ _"]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class BandState:
+    """What is kept of one band.
+
+    Parameters
+    ----------
+    next_frame
+        Index of the first sample of the next frame.
+    frames
+        Since the last gap.
+    basis
+        Scale and directions of the channels; None until enough has been seen.
+    waiting
+        Stretches of slow series, apart by gaps, seen before there was a basis.
+    recent
+        Last instants of the slow series, for lags that reach into the next frame.
+    sums
+        Of lagged products, over stretches.
+    fading
+        Spectral matrices; None until there is a basis.
+    modes, age
+        As last solved, and frames since.
+    """
+
+    next_frame: int = 0
+    frames: int = 0
+    basis: Basis | None = None
+    waiting: tuple[Earlier, ...] = ()
+    recent: Earlier | None = None
+    sums: Sums = dataclasses.field(default_factory=Sums)
+    fading: Fading | None = None
+    modes: tuple[Mode, ...] = ()
+    age: int = 0
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class BandStep:
+    """How one band takes in its frames."""
+
+    band: Band
+    raster: Raster
+    models: Models
+    memory_s: float | None
+    every: int
+    """Frames after which models are solved anew."""
+
+    @property
+    def frame(self) -> Frame:
+        """How the band is cut out of the stream."""
+        return self.raster.frame
+
+    def step(
+        self, state: BandState, samples: Float[np.ndarray, "time channel"]
+    ) -> tuple[BandState, bool]:
+        """Take in the next frame; whether the band is due to be solved then."""
+        slow = self.frame.moved_to_zero(samples, state.frames)
+        end_s = (state.next_frame + 0.75 * self.frame.length) / self.frame.sampling_hz
+        state = dataclasses.replace(
+            state,
+            next_frame=state.next_frame + self.frame.hop,
+            frames=state.frames + 1,
+            age=state.age + 1,
+        )
+        if state.basis is None:
+            state = self._learning(state, slow, end_s)
+        else:
+            state = self._taken_in(state, slow @ state.basis.into, end_s)
+        due = state.age >= self.every and state.basis is not None
+        return dataclasses.replace(state, age=0 if due else state.age), due
+
+    def after_gap(self, state: BandState, index: int) -> BandState:
+        """Go on at `index`, with nothing that would join what comes to what was."""
+        waiting, fading = state.waiting, state.fading
+        if state.basis is None and state.recent is not None:
+            waiting = (*waiting, state.recent)
+        return dataclasses.replace(
+            state,
+            next_frame=index,
+            frames=0,
+            waiting=waiting,
+            recent=None,
+            fading=None if fading is None else self.raster.after_gap(fading),
+        )
+
+    def solved(self, state: BandState) -> tuple[Mode, ...]:
+        """Modes of the band; none while too little is known."""
+        correlations = state.sums.correlations(
+            rate_hz=self.frame.rate_hz,
+            centre_hz=self.frame.centre_hz,
+            memory_s=self.memory_s,
+        )
+        if correlations is None or state.basis is None or state.fading is None:
+            return ()
+        if state.fading.weight == 0:
+            return ()
+        density, number = self.raster.density(state.fading)
+        seen = Seen(
+            self.raster.frequency_hz, density, number, self.raster.decay, state.basis.back
+        )
+        return modes_of(correlations, seen, self.band, self.models)
+
+    def _learning(self, state: BandState, slow: Slow, end_s: float) -> BandState:
+        recent = slow if state.recent is None else np.concatenate([state.recent, slow])
+        seen = (*state.waiting, recent)
+        if sum(map(len, seen)) < LEARNT:
+            return dataclasses.replace(state, recent=recent)
+        basis = Basis.of(np.concatenate(seen), self.models.most_directions)
+        fading = self.raster.start(basis.into.shape[1])
+        state = dataclasses.replace(state, basis=basis, fading=fading, waiting=())
+        for series in seen:
+            state = dataclasses.replace(
+                state, recent=None, fading=self.raster.after_gap(fading)
+            )
+            hops = np.split(series, len(series) // (self.frame.number // 2))
+            for hop in hops:
+                state = self._taken_in(state, hop @ basis.into, end_s)
+            fading = state.fading or fading
+        return state
+
+    def _taken_in(self, state: BandState, slow: Slow, end_s: float) -> BandState:
+        fading = state.fading
+        if fading is not None:
+            fading = self.raster.step(fading, slow, self.memory_s)
+        series = slow if state.recent is None else np.concatenate([state.recent, slow])
+        state = dataclasses.replace(state, fading=fading, recent=series)
+        ready = len(series) - self.models.lags + 1
+        if ready <= 0:
+            return state
+        made = block_products(series, series, lags=self.models.lags, length=ready)[0]
+        sums = state.sums.added(Stretch(made, float(ready), end_s), self.memory_s)
+        return dataclasses.replace(state, sums=sums, recent=series[ready:])

@@ -1,0 +1,199 @@
+"""Spectral matrices of a band and candidates in; modes at their likeliest, no others, out.
+
+Candidates that are close share a window of the band and one model. One stays only if leaving it
+out costs more log-likelihood than its parameters are worth.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from slowtime.identification.automatic import (
+    ALIKE,
+    CLEAR_PEAK,
+    FLANKS,
+    MOST_DAMPING,
+    MOST_DOUBT,
+    MOVED,
+    PEAK,
+)
+from slowtime.identification.band_likelihood import (
+    BandFit,
+    BandModel,
+    fit,
+    log_likelihood,
+    started,
+)
+from slowtime.identification.identified import Measured
+from slowtime.identification.modes import Mode
+from slowtime.identification.shapes import mac, normalised
+from slowtime.identification.sharpen import WIDEST
+from slowtime.identification.stabilisation import Candidate
+
+from .cases import Case, Seen, Start, case_of, groups
+
+SELECTING = 12.0
+SHARPENING = 50.0
+"""A window reaches so many half-bandwidths beyond its modes while these are chosen, and then
+fitted."""
+
+CLOSE = 12.0
+"""Candidates within so many half-bandwidths of each other share a window."""
+
+WORTH = 1.5
+"""Of the Bayesian penalty, below which a candidate is not needed."""
+
+CLEAR = 3.0
+"""... and above which a rough refit without it settles the matter."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class _Sharp:
+    """One mode at its likeliest.
+
+    `covariance` is that of decay rate and angular frequency, `moved` that of the complex shape
+    in directions.
+    """
+
+    start: Start
+    pole: complex
+    covariance: np.ndarray
+    shape: np.ndarray
+    moved: np.ndarray
+    prominence: float
+
+
+def likeliest(seen: Seen, found: list[Candidate], lines: list[Candidate]) -> tuple[Mode, ...]:
+    """Modes among the candidates, whose shapes are in directions, ascending in frequency.
+
+    Lines are accounted for as modes without damping, which the window makes of them.
+    """
+    starts = [Start(c.pole, c.shape, c, steady=False) for c in found]
+    starts += [Start(c.pole, c.shape, c, steady=True) for c in lines]
+    chosen = _in_windows(seen, starts, SELECTING, CLOSE)
+    sharp = _in_windows(seen, [_again(one) for one in chosen], SHARPENING, np.inf)
+    return tuple(_mode(seen, one) for one in sharp if not one.start.steady)
+
+
+def _in_windows(seen: Seen, starts: list[Start], reach: float, close: float) -> list[_Sharp]:
+    order = sorted(starts, key=lambda start: start.pole.imag)
+    sharp = []
+    for group in groups(order, close):
+        case = case_of(seen, order, group, reach)
+        left, best = _needed(case)
+        sharp += [_sharp(seen, case, best, k, order[group[i]]) for k, i in enumerate(left)]
+    return _distinct([one for one in sharp if one.start.steady or _is_mode(one)])
+
+
+def _needed(case: Case) -> tuple[list[int], BandFit]:
+    """Fit all modes of a window, dropping one after the other what it can do without."""
+    left = list(range(len(case.poles)))
+    best = fit(case.data, started(case.data, case.poles, case.shapes))
+    while left:
+        rests = [_without(case, best, k) for k in range(len(left))]
+        losses = [
+            best.log_likelihood - log_likelihood(case.data, rest.density(case.data.omega))
+            for rest in rests
+        ]
+        worst = int(np.argmin(losses))
+        if losses[worst] >= WORTH * case.price:
+            break
+        left.pop(worst)
+        best = fit(case.data, rests[worst])
+    return left, best
+
+
+def _without(case: Case, whole: BandFit, mode: int) -> BandModel:
+    """Model without a mode, refitted as far as it takes to see whether the mode is needed."""
+    rest = whole.model.without(mode)
+    rest = started(case.data, rest.pole, rest.shape, rest.held)
+    loss = whole.log_likelihood - log_likelihood(case.data, rest.density(case.data.omega))
+    return rest if loss > CLEAR * case.price else fit(case.data, rest).model
+
+
+def _sharp(seen: Seen, case: Case, best: BandFit, k: int, start: Start) -> _Sharp:
+    pole = complex(best.model.pole[k]) * case.unit + 1j * case.middle
+    onto = np.array([-pole.real, case.unit])
+    shape = case.directions @ best.model.shape[:, k]
+    moved = case.directions @ best.shape_covariance(k) @ case.directions.conj().T
+    return _Sharp(
+        start,
+        pole + seen.decay,
+        best.pole_covariance(k) * onto[:, None] * onto,
+        shape,
+        moved,
+        _prominence(best.model, k),
+    )
+
+
+def _again(sharp: _Sharp) -> Start:
+    """Where to begin once more: a line where it was, a mode where it has been found."""
+    if sharp.start.steady:
+        return sharp.start
+    return Start(sharp.pole, sharp.shape, sharp.start.candidate, steady=False)
+
+
+def _is_mode(sharp: _Sharp) -> bool:
+    """Within the band, damped like a mode, standing out, and known at all."""
+    decay = -sharp.pole.real
+    if not 0 < decay < MOST_DAMPING * sharp.pole.imag:
+        return False
+    moved = abs(sharp.pole - sharp.start.pole) / max(decay, -sharp.start.pole.real)
+    plain = moved < MOVED and FLANKS * decay < WIDEST * sharp.pole.imag
+    sd = np.sqrt(np.diag(sharp.covariance))
+    stands_out = sharp.prominence > (PEAK if plain else CLEAR_PEAK)
+    return bool(stands_out and (sd < MOST_DOUBT * decay).all())
+
+
+def _mode(seen: Seen, sharp: _Sharp) -> Mode:
+    """Mode in the units of the world."""
+    decay, omega = -sharp.pole.real, sharp.pole.imag
+    size = float(np.hypot(decay, omega))
+    # Of decay rate and angular frequency, on frequency [Hz] and on the damping ratio.
+    slopes = np.array([[decay, omega], [omega**2 / size, -decay * omega / size]])
+    slopes /= np.array([[2 * np.pi * size], [size**2]])
+    covariance = slopes @ sharp.covariance @ slopes.T
+    sd = np.sqrt(np.diag(covariance))
+    shape = seen.back @ sharp.shape
+    length = float(np.linalg.norm(shape))
+    across = np.eye(len(shape)) - np.outer(shape, shape.conj()) / length**2
+    across = across @ seen.back / length
+    variance = np.real(np.diag(across @ sharp.moved @ across.conj().T))
+    return Mode(
+        frequency_hz=Measured(size / (2 * np.pi), float(sd[0])),
+        damping_ratio=Measured(decay / size, float(sd[1])),
+        correlation=float(covariance[0, 1] / (sd[0] * sd[1])),
+        shape=normalised(shape),
+        shape_sd=np.sqrt(np.maximum(variance, 0.0)),
+        quality=min(sharp.start.candidate.share, 1.0),
+    )
+
+
+def _prominence(model: BandModel, mode: int) -> float:
+    """Largest ratio, over directions, of the mode to everything else at its peak."""
+    at = np.array([model.pole[mode].imag])
+    parts = model.resonances(at)[:, 0]
+    rest = parts.sum(axis=0) - parts[mode] + model.background(at)[0]
+    own = (parts[mode] + parts[mode].conj().T) / 2
+    power, directions = np.linalg.eigh((rest + rest.conj().T) / 2)
+    least = max(1e-9 * float(np.linalg.norm(own)), np.finfo(float).tiny)
+    root = directions / np.sqrt(np.maximum(power, least))
+    return float(np.linalg.eigvalsh(root.conj().T @ own @ root)[-1])
+
+
+def _distinct(sharp: list[_Sharp]) -> list[_Sharp]:
+    """Without those that climbed to where another one is, which stands out more."""
+    kept: list[_Sharp] = []
+    for one in sorted(sharp, key=lambda s: -s.prominence):
+        near = [k for k in kept if abs(k.pole - one.pole) < -min(k.pole.real, one.pole.real)]
+        if all(mac(one.shape, other.shape) < ALIKE for other in near):
+            kept.append(one)
+    return sorted(kept, key=lambda s: s.pole.imag)
+
+
+def is_same(one: Mode, other: Mode) -> bool:
+    """Whether two estimates, of like shape, are no further apart than half their bandwidths."""
+    width = sum(m.frequency_hz.value * m.damping_ratio.value for m in (one, other)) / 2
+    reach = max(width, 3.0 * float(np.hypot(one.frequency_hz.sd, other.frequency_hz.sd)))
+    away = abs(one.frequency_hz.value - other.frequency_hz.value)
+    return away < reach and mac(one.shape, other.shape) > ALIKE

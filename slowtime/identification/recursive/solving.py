@@ -1,0 +1,123 @@
+"""What is kept of one band in; its modes as they are known now out.
+
+Subspace models of many orders, from the correlations, name the candidates; the likelihood of
+the spectral matrices decides which of them are modes, and says how well each is known.
+"""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Complex
+
+from slowtime.identification.bands import Band
+from slowtime.identification.correlations import Correlations
+from slowtime.identification.identified import Measured
+from slowtime.identification.modes import Mode
+from slowtime.identification.shapes import normalised
+from slowtime.identification.ssi import Poles, identify, mixed
+from slowtime.identification.stabilisation import Candidate, candidates
+
+from .cases import Seen
+from .likely import is_same, likeliest
+
+STEADY = 5e-4
+"""A pole whose damping is below this with 95 % probability is a machine's."""
+
+SHARED = 0.05
+"""Share of its edges by which a band looks beyond them: a mode on an edge is seen by both."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Models:
+    """Block rows, highest order and combinations of channels of the subspace models."""
+
+    rows: int
+    order: int
+    most_directions: int
+
+    @property
+    def lags(self) -> int:
+        """Of the correlations that they take."""
+        return 2 * self.rows
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Basis:
+    """Combinations of channels that are looked at, and how these make up the channels."""
+
+    into: Complex[np.ndarray, "channel direction"]
+    back: Complex[np.ndarray, "channel direction"]
+
+    @staticmethod
+    def of(series: Complex[np.ndarray, "instant channel"], most: int) -> "Basis":
+        """Strongest combinations of channels of like power; none of those that are silent."""
+        scale = np.sqrt(np.mean(np.abs(series) ** 2, axis=0))
+        moving = scale > 0
+        inverse = np.where(moving, 1.0 / np.where(moving, scale, 1.0), 0.0)
+        _, strength, turned = np.linalg.svd(series * inverse, full_matrices=False)
+        number = max(1, min(most, int(np.count_nonzero(strength > 1e-6 * strength[0]))))
+        directions = turned[:number].conj().T
+        return Basis(inverse[:, None] * directions, scale[:, None] * directions.conj())
+
+
+def modes_of(
+    correlations: Correlations, seen: Seen, band: Band, models: Models
+) -> tuple[Mode, ...]:
+    """Modes in and about the core of a band, ascending in frequency."""
+    poles = identify(
+        correlations,
+        block_rows=models.rows,
+        orders=range(1, models.order + 1),
+        weighting="both",
+    )
+    low, high = band.low_hz * (1 - SHARED), band.high_hz * (1 + SHARED)
+    found = candidates(
+        poles, low_hz=float(seen.frequency_hz[0]), high_hz=float(seen.frequency_hz[-1])
+    )
+    lines = [candidate for candidate in found if _is_steady(candidate)]
+    modes = likeliest(seen, [c for c in found if not _is_steady(c)], lines)
+    if lines:
+        again = identify(
+            correlations,
+            block_rows=models.rows,
+            orders=[int(poles.order[line.index]) for line in lines],
+            weighting="both",
+            shapes=True,
+        )
+        modes += tuple(_line(mixed(again, seen.back), line) for line in lines)
+    return tuple(mode for mode in modes if low < mode.frequency_hz.value < high)
+
+
+def joined(bands: list[tuple[Band, tuple[Mode, ...]]]) -> tuple[Mode, ...]:
+    """Modes of all bands, ascending; of two that are one, the one that is further inside."""
+    found = [(_inside(band, mode), mode) for band, modes in bands for mode in modes]
+    kept: list[Mode] = []
+    for _, mode in sorted(found, key=lambda pair: -pair[0]):
+        if not any(is_same(mode, other) for other in kept):
+            kept.append(mode)
+    return tuple(sorted(kept, key=lambda mode: mode.frequency_hz.value))
+
+
+def _inside(band: Band, mode: Mode) -> float:
+    """Distance from the nearer edge of the core, as a share of the frequency."""
+    frequency = mode.frequency_hz.value
+    return float(np.log(min(frequency / band.low_hz, band.high_hz / frequency)))
+
+
+def _is_steady(candidate: Candidate) -> bool:
+    return candidate.damping_ratio + 1.64 * candidate.damping_sd < STEADY
+
+
+def _line(poles: Poles, line: Candidate) -> Mode:
+    """Line of a machine, as the subspace models have it: it is narrower than the ordinates."""
+    k = int(np.argmin(np.abs(poles.pole - line.pole)))
+    correlation = poles.standard_deviations()[2][k]
+    return Mode(
+        frequency_hz=Measured(line.frequency_hz, line.frequency_sd_hz),
+        damping_ratio=Measured(line.damping_ratio, line.damping_sd),
+        correlation=float(correlation),
+        shape=normalised(poles.shape[:, k]),
+        shape_sd=poles.shape_sd()[:, k],
+        kind="harmonic",
+        quality=min(line.share, 1.0),
+    )
