@@ -135,6 +135,16 @@ class Checkpoint:
             for one in (() if self.elements is None else self.elements.baselines)
         ]
 
+    def conditions(self) -> list[tuple[int | None, Condition]]:
+        """Give what is normal under covariates, of each mode of a model or of the one mode."""
+        if self.elements is not None:
+            return [
+                (one.mode, one.condition)
+                for one in self.elements.baselines
+                if one.condition is not None
+            ]
+        return [] if self.condition is None else [(None, self.condition)]
+
     @property
     def has_damping(self) -> bool:
         """Whether a nominal damping ratio is known."""

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 from slowtime_schemas.messages import Features
 from twin_server.states import ESTIMATES
 
+_LASTING = "lasting."
 _NAN = math.nan
 _NO_MODE = (_NAN,) * 7
 _NO_TRUTH = (_NAN,) * len(ESTIMATES)
@@ -41,12 +42,20 @@ class Columns:
         return Columns(*parts)
 
 
-def columns(features: Sequence[Features], modes: Sequence[int]) -> Columns:
-    """Read the columns out of `features`, of each the structural mode that `modes` numbers."""
+def columns(
+    features: Sequence[Features], modes: Sequence[int], freed: Sequence[bool] | None = None
+) -> Columns:
+    """Read the columns out of `features`, of each the structural mode that `modes` numbers.
+
+    Parameters
+    ----------
+    freed
+        For which the truth wanted is that without covariates.
+    """
     count = len(features)
     numbers = [
-        (message.slow_time, *_mode(message, mode), *_truth(message))
-        for message, mode in zip(features, modes, strict=True)
+        (message.slow_time, *_mode(message, mode), *_truth(message, free))
+        for message, mode, free in zip(features, modes, freed or [False] * count, strict=True)
     ]
     table = np.array(numbers, dtype=np.float64).reshape(count, 8 + len(ESTIMATES))
     # Each column contiguous: SIMD and scalar loops may differ in the last bit, and states
@@ -89,8 +98,24 @@ def _mode(message: Features, number: int) -> tuple[float, ...]:
     )
 
 
-def _truth(message: Features) -> tuple[float, ...]:
-    truth = message.truth
-    if truth is None:
+def _truth(message: Features, freed: bool) -> tuple[float, ...]:
+    if message.truth is None:
         return _NO_TRUTH
+    truth = without_covariates(message.truth) if freed else message.truth
     return tuple([truth.get(name, _NAN) for name in ESTIMATES])
+
+
+def without_covariates(truth: Mapping[str, float]) -> Mapping[str, float]:
+    """Tell what a simulator knows, without what temperature does where it tells them apart.
+
+    Examples
+    --------
+    >>> without_covariates({"stiffness_change": -0.05, "lasting.stiffness_change": -0.02})
+    {'stiffness_change': -0.02, 'lasting.stiffness_change': -0.02}
+    """
+    lasting = {
+        name.removeprefix(_LASTING): value
+        for name, value in truth.items()
+        if name.startswith(_LASTING)
+    }
+    return {**truth, **lasting}

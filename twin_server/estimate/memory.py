@@ -141,6 +141,16 @@ class Memory:
         """Whether learning is over."""
         return bool(self.baselines)
 
+    @property
+    def common_share(self) -> float:
+        """Share of the variance of an epoch's changes that comes from what was learnt.
+
+        That is the same in all epochs. Learning from n epochs leaves the n-th part of the
+        variance of one; a law of covariates leaves at most this of what it does not explain.
+        """
+        laws = [one.condition.law_share for one in self.baselines if one.condition is not None]
+        return max(laws, default=1.0 / (1.0 + max(self.learnt_from, 1)))
+
     @classmethod
     def from_dict(cls, content: dict[str, Any]) -> "Memory":
         """Read what `dataclasses.asdict` and JSON have made of one."""

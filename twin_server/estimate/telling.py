@@ -15,6 +15,7 @@ from twin_server.registration import Registration
 from twin_server.states import States
 
 from .checkpoint import Checkpoint
+from .columns import without_covariates
 from .covariates import words
 from .elements import Found, Reading, follow
 from .memory import Suspicion
@@ -63,7 +64,10 @@ def tell(
     notices = sorted([*notices, *changed, *watched], key=lambda notice: notice.row)
     return Told(
         states,
-        [_detail(reading, model.free) for reading in found.readings],
+        [
+            _detail(reading, model.free, registration.covariates is not None)
+            for reading in found.readings
+        ],
         dataclasses.replace(checkpoint, elements=memory),
         notices,
     )
@@ -109,7 +113,7 @@ def _by_parameter(names: Sequence[str], readings: Sequence[Reading]) -> Mapping[
     return {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(names)}
 
 
-def _detail(reading: Reading, names: Sequence[str]) -> Detail:
+def _detail(reading: Reading, names: Sequence[str], freed: bool) -> Detail:
     changes = np.full((len(names), 3), np.nan)
     elements, ratios = {}, {}
     if reading.changes is not None and reading.ratio is not None:
@@ -128,18 +132,19 @@ def _detail(reading: Reading, names: Sequence[str]) -> Detail:
             for place, mode in enumerate(reading.features.modes)
             if (told := _mode(mode, reading.pairs.get(place))) is not None
         ],
-        "truth": _truth(reading.features, names),
+        "truth": _truth(reading.features, names, freed),
     }
     return Detail(np.ascontiguousarray(changes).tobytes(), to_json(body))
 
 
-def _truth(features: Features, names: Sequence[str]) -> dict[str, float] | None:
+def _truth(features: Features, names: Sequence[str], freed: bool) -> dict[str, float] | None:
     """Take what a simulator knows of what is estimated, by our names."""
     if features.truth is None:
         return None
     keys = {f"node.{n}" if n.endswith(MASS) else f"element.{n}": n for n in names}
     keys |= {name: name for name in st.ESTIMATES}
-    return {keys[key]: value for key, value in features.truth.items() if key in keys}
+    truth = without_covariates(features.truth) if freed else features.truth
+    return {keys[key]: value for key, value in truth.items() if key in keys}
 
 
 def _mode(mode: MessageMode, number: int | None) -> dict[str, object] | None:

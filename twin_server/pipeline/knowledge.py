@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 
 from slowtime.evolution import extremes
 from slowtime_services.bus import Bus
-from twin_server.estimate import Foresight, foresee
+from twin_server.estimate import Foresight, foresee, normal_of, past_of, past_of_elements
 from twin_server.persist import History, Store
 from twin_server.registration import Registration
 from twin_server.serve import Chapter, Hub, Moment, Outlook
@@ -68,6 +68,13 @@ class TwinKnowledge:
         twin = self._pipeline.twin(twin_id)
         return [] if twin is None else twin.checkpoint.nominal_modes()
 
+    def normal(self, twin_id: str) -> list[dict[str, Any]]:
+        """Give what is normal under covariates, and what has entered that is not."""
+        twin = self._pipeline.twin(twin_id)
+        if twin is None:
+            return []
+        return normal_of(twin.checkpoint.conditions(), twin.registration)
+
     def alive(self, twin_id: str) -> bool:
         """Whether the edge of a twin is there."""
         return self._pipeline.is_alive(twin_id)
@@ -117,9 +124,11 @@ class TwinKnowledge:
                 and learnt.registration == twin.registration
                 and 0 <= key - learnt.key < self._refresh
             )
+            elements = twin.checkpoint.elements
             foresight = foresee(
-                found.states,
-                twin.checkpoint.known,
+                past_of(found.states, twin.checkpoint.known)
+                if elements is None
+                else past_of_elements(found.states, found.bodies, elements),
                 horizon,
                 count,
                 learnt.foresight.outlooks if learnt is not None and fresh else None,

@@ -51,6 +51,7 @@ _EMPTY: dict[str, Any] = dict.fromkeys(_OF_ONE_MODE) | {
     "missing_before": 0,
 }
 
+_OF_THE_WHOLE = ("stiffness_change", "mass_change")
 _MODE: dict[str, Any] = {
     "identity": None,
     "model_mode": None,
@@ -104,6 +105,7 @@ def _twins(knowledge: Knowledge, hub: Hub, settings: ServeSettings) -> APIRouter
             {
                 "alive": knowledge.alive(twin_id),
                 "nominal": knowledge.nominal(twin_id),
+                "normal": knowledge.normal(twin_id),
                 "registration": registration.to_dict(),
             }
         ).decode()
@@ -187,9 +189,7 @@ def _twins(knowledge: Knowledge, hub: Hub, settings: ServeSettings) -> APIRouter
             int, Query(alias="points", ge=1, le=settings.max_forecast_points)
         ] = 40,
     ) -> Response:
-        """Stiffness and mass change expected up to `horizon` after the last reading."""
-        if registration.changes == "elements":
-            return _json(_no_forecast(twin_id, _NONE_OF_ELEMENTS))
+        """Stiffness and mass change, or each element's, up to `horizon` after the last."""
         return _json(_forecast(knowledge, twin_id, horizon, count))
 
     @api.get("/twins/{twin_id}/events", response_model=models.EventList, responses=_PROBLEM)
@@ -317,11 +317,6 @@ def _no_state(twin_id: str, at: Moment | None) -> str:
     return to_json({**_EMPTY, "id": twin_id, "reasons": reasons}).decode()
 
 
-_NONE_OF_ELEMENTS = (
-    "Elements are estimated, not forecast. Look at their changes over slow time in the history."
-)
-
-
 def _no_forecast(twin_id: str, reason: str) -> dict[str, Any]:
     none: dict[str, Any] = {"since": None, "until": None, "points": [], "valid": False}
     return {"id": twin_id, **none, "reasons": [reason]}
@@ -338,19 +333,19 @@ def _forecast(
             "look at the reasons of the latest states.",
         )
     none = [None] * len(outlook.slow_time)
-    of_each = {
-        name: estimate_objects(outlook.bands[name].tolist()) if name in outlook.bands else none
-        for name in ("stiffness_change", "mass_change")
-    }
+    of_each = {name: estimate_objects(band.tolist()) for name, band in outlook.bands.items()}
+    elements = [name for name in of_each if name not in _OF_THE_WHOLE]
     return {
         "id": twin_id,
         "since": outlook.since,
         "until": outlook.until,
         "points": [
-            {"slow_time": time, "stiffness_change": stiffness, "mass_change": mass}
-            for time, stiffness, mass in zip(
-                outlook.slow_time.tolist(), *of_each.values(), strict=True
-            )
+            {
+                "slow_time": time,
+                **{name: of_each.get(name, none)[row] for name in _OF_THE_WHOLE},
+                "elements": {name: of_each[name][row] for name in elements},
+            }
+            for row, time in enumerate(outlook.slow_time.tolist())
         ],
         "valid": not outlook.reasons,
         "reasons": list(outlook.reasons),

@@ -55,6 +55,10 @@ class Knowledge(Protocol):
         """Give the modes of a twin of elements as learnt; empty while they are not."""
         ...
 
+    def normal(self, twin_id: str) -> list[dict[str, Any]]:
+        """Give what is normal under covariates, and what has entered that is not."""
+        ...
+
     def alive(self, twin_id: str) -> bool:
         """Whether the edge of a twin is there."""
         ...

@@ -114,6 +114,53 @@ class State(OfElements):
     missing_before: int = Field(description="Features lost between the last one and this.")
 
 
+_SIZE = {"value": -0.0101, "sd": 0.0021, "lo": -0.0143, "hi": -0.0061}
+NORMAL_EXAMPLE: dict[str, Any] = {
+    "model_mode": None,
+    "law": "bilinear",
+    "bend_c": 0.12,
+    "frequency_hz": 3.012,
+    "reference": {"temperature_c": 7.2},
+    "readings": 712,
+    "unexplained": 0.0021,
+    "time_between_false_alarms": 3650.0,
+    "entered": {
+        "frequency_change": _SIZE,
+        "stiffness_change": {"value": -0.0201, "sd": 0.0042, "lo": -0.0284, "hi": -0.0122},
+        "since": 412.0,
+        "since_interval": [409.0, 415.0],
+    },
+}
+
+
+class Entered(BaseModel):
+    """A lasting change that covariates do not explain: how large, since when."""
+
+    frequency_change: Estimate
+    stiffness_change: Estimate | None = Field(
+        None, description="Where only stiffness may change."
+    )
+    mass_change: Estimate | None = Field(None, description="Where only mass may change.")
+    since: float
+    since_interval: list[float]
+
+
+class NormalModel(BaseModel):
+    """What is normal for one frequency under temperature and load, as learnt in training."""
+
+    model_config = {"json_schema_extra": {"examples": [NORMAL_EXAMPLE]}}
+
+    model_mode: int | None = Field(description="Of a twin of elements; null for the one mode.")
+    law: Literal["constant", "linear", "bilinear", "Gaussian process"]
+    bend_c: float | None = Field(description="Where a bilinear law bends.")
+    frequency_hz: float = Field(description="At `reference`.")
+    reference: dict[str, float]
+    readings: int = Field(description="How many it was learnt from.")
+    unexplained: float = Field(description="Relative sd of what covariates leave.")
+    time_between_false_alarms: float = Field(description="Mean, at least, in slow time.")
+    entered: Entered | None = Field(description="While an alarm is raised.")
+
+
 class TwinModel(OfElements):
     """A twin: its latest state, or that at a moment, and what it is."""
 
@@ -147,6 +194,9 @@ class TwinModel(OfElements):
     reasons: list[str]
     alive: bool = Field(description="Whether the edge agent is there.")
     nominal: dict[str, float] | None = Field(description="None while it is being learnt.")
+    normal: list[NormalModel] = Field(
+        default=[], description="Under covariates; empty while it is being learnt."
+    )
     registration: Registration
 
 
@@ -218,6 +268,9 @@ class ForecastPoint(BaseModel):
     slow_time: float
     stiffness_change: Estimate | None
     mass_change: Estimate | None
+    elements: dict[str, Estimate] = Field(
+        default={}, description="Of a twin of elements, each stiffness and mass by name."
+    )
 
 
 class ForecastModel(BaseModel):

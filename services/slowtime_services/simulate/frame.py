@@ -18,7 +18,7 @@ from slowtime.dynamics.transfer import frequency_response
 
 from .evolutions import Constant, Evolution
 from .fields import Frozen, NotNegative, Positive
-from .listening import Record, Simulated
+from .listening import LASTING, Record, Simulated
 
 Amounts = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=12)]
 
@@ -92,10 +92,15 @@ class SimulatedFrame(Simulated):
         """Tell changes by part, and frequency and damping ratio of each mode.
 
         ``element.storey1`` …, ``node.floor1.mass`` … where it changes, ``mode.1.frequency_hz``,
-        ``mode.1.damping_ratio`` …; of the lowest mode also without its number.
+        ``mode.1.damping_ratio`` …; of the lowest mode also without its number. With a
+        temperature also ``lasting.element.storey1`` …, without what that does.
         """
         stiffness, mass = self._changes(epoch)
         known = {f"element.{name}": change for name, change in stiffness.items()}
+        if self.temperature is not None:
+            known |= {
+                f"{LASTING}element.{name}": self._lasting(name, epoch) for name in stiffness
+            }
         known |= {f"node.{name}.mass": mass[name] for name in self.mass}
         modes = complex_modes(self._structure(epoch))
         pairs = zip(modes.frequency_hz.tolist(), modes.damping_ratio.tolist(), strict=True)
@@ -118,13 +123,17 @@ class SimulatedFrame(Simulated):
         """Relative change of every storey's stiffness and every floor's mass."""
         slow_time = epoch * self.slow_time_step
         parts = assemble_parts(self.description)
-        stays = Constant()
         stiffness = {
-            name: self._warmed(self.stiffness.get(name, stays).at(slow_time), slow_time)
+            name: self._warmed(self._lasting(name, epoch), epoch)
             for name in parts.stiffness_parts
         }
-        mass = {name: self.mass.get(name, stays).at(slow_time) for name in parts.mass_parts}
+        mass = {
+            name: self.mass.get(name, Constant()).at(slow_time) for name in parts.mass_parts
+        }
         return stiffness, mass
+
+    def _lasting(self, storey: str, epoch: int) -> float:
+        return self.stiffness.get(storey, Constant()).at(epoch * self.slow_time_step)
 
     def _structure(self, epoch: int) -> Structure:
         stiffness, mass = self._changes(epoch)

@@ -20,6 +20,9 @@ from .fields import Frozen, NotNegative, Positive
 ORIGIN_NS = 1_767_225_600_000_000_000
 """2026-01-01 UTC: where a simulator's own time begins unless told otherwise."""
 
+LASTING = "lasting."
+"""Before the name of a change in the truth: without what the temperature does."""
+
 Record = Float[np.ndarray, "time channel"]
 
 
@@ -44,8 +47,27 @@ class Temperature(Frozen):
     swing_c: NotNegative = 0.0
     period: Positive = 365.0
     """In slow time."""
+    daily_c: NotNegative = 0.0
+    """Standard deviation of what each epoch has of its own."""
     stiffness_per_c: float = 0.0
     """Relative change of stiffness per kelvin above `mean_c`."""
+    stiffness_per_c_below: float | None = None
+    """Likewise below `freezing_c`, where ice makes it another; None for the same."""
+    freezing_c: float = 0.0
+
+    def softening(self, celsius: float) -> float:
+        """Relative change of stiffness at a temperature.
+
+        Examples
+        --------
+        >>> cold = Temperature(mean_c=10, stiffness_per_c=-0.001, stiffness_per_c_below=-0.005)
+        >>> round(cold.softening(20.0), 6), round(cold.softening(-2.0), 6)
+        (-0.01, 0.02)
+        """
+        below = self.stiffness_per_c_below
+        steeper = 0.0 if below is None else below - self.stiffness_per_c
+        cold = min(celsius - self.freezing_c, 0.0) - min(self.mean_c - self.freezing_c, 0.0)
+        return self.stiffness_per_c * (celsius - self.mean_c) + steeper * cold
 
 
 class Simulated(Frozen, abc.ABC):
@@ -127,7 +149,7 @@ class Simulated(Frozen, abc.ABC):
 
     def epoch(self, number: int) -> tuple[Block, ...]:
         """Make the blocks of one epoch; several where samples are missing or `block_s` cuts."""
-        seeds = np.random.SeedSequence(self.seed, spawn_key=(number,)).spawn(4)
+        seeds = self._seeds(number)[:4]
         shake, noise, spikes, dropouts = (np.random.default_rng(seed) for seed in seeds)
         signal = self._response(number, shake)
         sigma = self.sensor.noise * self.acceleration_rms
@@ -142,20 +164,27 @@ class Simulated(Frozen, abc.ABC):
             yield from self.epoch(number)
             number += 1
 
-    def temperature_at(self, slow_time: float) -> float | None:
-        """Temperature [°C], where the structure has one."""
+    def temperature_at(self, epoch: int) -> float | None:
+        """Temperature of an epoch [°C], where the structure has one."""
         swing = self.temperature
         if swing is None:
             return None
-        return swing.mean_c + swing.swing_c * math.sin(2 * math.pi * slow_time / swing.period)
+        phase = 2 * math.pi * epoch * self.slow_time_step / swing.period
+        celsius = swing.mean_c + swing.swing_c * math.sin(phase)
+        if swing.daily_c:
+            weather = np.random.default_rng(self._seeds(epoch)[4])
+            celsius += swing.daily_c * weather.standard_normal()
+        return celsius
 
-    def _warmed(self, change: float, slow_time: float) -> float:
+    def _warmed(self, change: float, epoch: int) -> float:
         """Change of stiffness together with what the temperature does to it."""
-        celsius = self.temperature_at(slow_time)
+        celsius = self.temperature_at(epoch)
         if celsius is None or self.temperature is None:
             return change
-        warmer = celsius - self.temperature.mean_c
-        return (1 + change) * (1 + self.temperature.stiffness_per_c * warmer) - 1
+        return (1 + change) * (1 + self.temperature.softening(celsius)) - 1
+
+    def _seeds(self, epoch: int) -> list[np.random.SeedSequence]:
+        return np.random.SeedSequence(self.seed, spawn_key=(epoch,)).spawn(5)
 
     def _add_spikes(self, signal: Record, rng: np.random.Generator) -> Record:
         size = self.sensor.spike_size * self.acceleration_rms
@@ -182,7 +211,7 @@ class Simulated(Frozen, abc.ABC):
         edges = np.flatnonzero(np.diff(present.astype(np.int8), prepend=0, append=0))
         longest = self.samples if self.block_s is None else round(self.block_s * self.rate_hz)
         slow_time = epoch * self.slow_time_step
-        celsius = self.temperature_at(slow_time)
+        celsius = self.temperature_at(epoch)
         truth = self.truth(epoch)
         for first, last in edges.reshape(-1, 2).tolist():
             for start in range(first, last, max(longest, 1)):

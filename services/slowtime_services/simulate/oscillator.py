@@ -16,7 +16,7 @@ from slowtime.dynamics.stepping import ambient_acceleration, simulate
 
 from .evolutions import Constant, Evolution
 from .fields import Positive
-from .listening import Record, Simulated
+from .listening import LASTING, Record, Simulated
 
 
 class SimulatedStructure(Simulated):
@@ -56,23 +56,30 @@ class SimulatedStructure(Simulated):
         return Oscillator.from_modal(self.frequency_hz, self.damping_ratio, self.mass_kg)
 
     def truth(self, epoch: int) -> dict[str, float]:
-        """Tell what the simulator knows of an epoch, and a sensor does not."""
+        """Tell what the simulator knows of an epoch, and a sensor does not.
+
+        With a temperature also ``lasting.stiffness_change``, without what that does.
+        """
         dk, dm = self._changes(epoch)
         built = self.nominal
         now = self._oscillator(epoch)
-        return {
+        known = {
             "stiffness_change": dk,
             "mass_change": dm,
             "frequency_hz": now.natural_frequency / (2 * math.pi),
             "damping_ratio": built.damping_ratio / math.sqrt((1 + dk) * (1 + dm)),
         }
+        if self.temperature is not None:
+            lasting = self.stiffness.at(epoch * self.slow_time_step)
+            known[f"{LASTING}stiffness_change"] = lasting
+        return known
 
     def _highest_hz(self) -> float:
         return self.frequency_hz
 
     def _changes(self, epoch: int) -> tuple[float, float]:
         slow_time = epoch * self.slow_time_step
-        dk = self._warmed(self.stiffness.at(slow_time), slow_time)
+        dk = self._warmed(self.stiffness.at(slow_time), epoch)
         return dk, self.mass.at(slow_time)
 
     def _oscillator(self, epoch: int) -> Oscillator:

@@ -164,6 +164,8 @@ def test_temperature_softens_every_storey():
     truth = frame.truth(1)
     assert truth["element.storey1"] == pytest.approx(0.9 * 0.9 - 1)
     assert truth["element.storey3"] == pytest.approx(-0.1)
+    assert truth["lasting.element.storey1"] == pytest.approx(-0.1)
+    assert truth["lasting.element.storey3"] == 0.0
 
 
 def test_settings_say_which_structure_they_mean_and_an_oscillator_where_they_do_not():

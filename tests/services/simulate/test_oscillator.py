@@ -154,6 +154,37 @@ def test_temperature_travels_as_a_covariate_and_moves_the_frequency():
     assert cold.truth["frequency_hz"] > 5.0 > warm.truth["frequency_hz"]
 
 
+def test_below_freezing_a_structure_may_stiffen_faster():
+    frozen = Temperature(
+        mean_c=10.0, swing_c=20.0, period=4.0, stiffness_per_c=-0.001,
+        stiffness_per_c_below=-0.004, freezing_c=-2.0,
+    )  # fmt: skip
+    structure = SimulatedStructure(seconds=5.0, temperature=frozen)
+    assert structure.truth(1)["stiffness_change"] == pytest.approx(-0.02)
+    assert structure.truth(3)["stiffness_change"] == pytest.approx(0.012 + 8 * 0.004)
+
+
+def test_the_truth_tells_what_lasts_from_what_the_weather_does():
+    swing = Temperature(swing_c=20.0, period=4.0, stiffness_per_c=-0.005)
+    loss = {"kind": "constant", "change": -0.1}
+    truth = SimulatedStructure(temperature=swing, stiffness=loss).truth(1)
+    assert truth["lasting.stiffness_change"] == -0.1
+    assert truth["stiffness_change"] == pytest.approx(0.9 * 0.9 - 1)
+    assert "lasting.stiffness_change" not in SimulatedStructure(stiffness=loss).truth(1)
+
+
+def test_each_day_has_weather_of_its_own_and_the_same_one_whenever_it_is_asked_for():
+    weather = Temperature(daily_c=3.0)
+    structure = SimulatedStructure(seconds=5.0, temperature=weather)
+    days = [structure.temperature_at(i) for i in range(300)]
+    assert np.std(np.array(days, dtype=float)) == pytest.approx(3.0, rel=0.15)
+    assert (
+        structure.temperature_at(7)
+        == days[7]
+        == structure.epoch(7)[0].covariates["temperature_c"]
+    )
+
+
 def test_blocks_are_cut_where_asked_and_dated_by_the_simulators_own_clock():
     structure = SimulatedStructure(seconds=10.0, block_s=3.0, interval_s=60.0, start_ns=10**18)
     blocks = structure.epoch(2)

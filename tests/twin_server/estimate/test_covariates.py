@@ -336,7 +336,7 @@ def test_the_storey_that_weakens_is_named_whatever_the_weather(frame):
     weather = {"names": ["temperature_c"], "train_span": 79.0, "train_epochs": 70}
     twin = begin(**made.registration(), covariates=weather)
     found = estimate([twin], messages, [0] * 102, [0] * 102)
-    told = [json.loads(detail.body) for detail in found.details]
+    told = [json.loads(detail.body) for detail in found.details if detail is not None]
     assert (found.states["reasons"][:80] & rows.TRAINING > 0).all()
     assert (found.states["reasons"][80:] == 0).mean() > 0.9
     assert [b["suspects"] for b in told[80:90]] == [[]] * 10
@@ -355,7 +355,7 @@ def test_the_storey_that_weakens_is_named_whatever_the_weather(frame):
     assert 0 < len(entered) <= 3
     blind = begin(**made.registration(), learn_epochs=80)
     found = estimate([blind], messages, [0] * 102, [0] * 102)
-    told = [json.loads(detail.body) for detail in found.details]
+    told = [json.loads(detail.body) for detail in found.details if detail is not None]
     sizes = np.array([b["elements"]["storey2"]["value"] for b in told[90:]])
     assert abs(sizes.mean() + 0.08) > 0.012 or sizes.std() > 0.01
 

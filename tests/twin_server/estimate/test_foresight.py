@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from twin_server.estimate import Checkpoint, Twin, estimate, foresee
+from twin_server.estimate import (
+    Checkpoint,
+    Twin,
+    estimate,
+    foresee,
+    past_of,
+    past_of_elements,
+)
 from twin_server.estimate.checkpoint import Known
 from twin_server.registration import Registration
 
@@ -17,8 +24,8 @@ def history(features, **registration):
     return found.states, found.checkpoints[0].known
 
 
-def ahead_of(*arguments):
-    found = foresee(*arguments)
+def ahead_of(states, known, *arguments):
+    found = foresee(past_of(states, known), *arguments)
     assert found is not None
     return found
 
@@ -47,8 +54,8 @@ def test_only_what_is_estimated_is_forecast(ageing):
 
 def test_too_few_readings_give_no_forecast(ageing):
     states, known = history(ageing(9), nominal=NOMINAL)
-    assert foresee(states, known, 1.0, 2) is None
-    assert foresee(states[:0], known, 1.0, 2) is None
+    assert foresee(past_of(states, known), 1.0, 2) is None
+    assert foresee(past_of(states[:0], known), 1.0, 2) is None
 
 
 def test_a_nominal_in_doubt_is_not_averaged_away(ageing):
@@ -82,4 +89,51 @@ def test_what_was_learnt_once_serves_again(ageing):
 def test_a_twin_that_is_still_learning_has_no_forecast(ageing):
     states, known = history(ageing(12), learn_epochs=50)
     assert known is None
-    assert foresee(states, Known(3.0, 0.0, 0.02, 0.0), 1.0, 2) is None
+    assert foresee(past_of(states, Known(3.0, 0.0, 0.02, 0.0)), 1.0, 2) is None
+
+
+@pytest.fixture(scope="module")
+def weakening(frame):
+    """A frame whose second storey loses 0.2 % of its stiffness an epoch from epoch 20 on."""
+    made = frame(seed=9)
+    loss = [(0.0, -0.002 * max(0, i - 20), 0.0) for i in range(70)]
+    features = [made.epoch(i, changes) for i, changes in enumerate(loss)]
+    twin = Registration(**made.registration())
+    start = Twin(twin, Checkpoint.start(twin))
+    found = estimate([start], features, [0] * 70, [0] * 70)
+    return found, np.array(loss)
+
+
+def test_each_element_is_forecast(weakening):
+    found, loss = weakening
+    bodies = [detail.body for detail in found.details]
+    memory = found.checkpoints[0].elements
+    ahead = foresee(past_of_elements(found.states[:60], bodies[:60], memory), 9.0, 9)
+    assert ahead is not None
+    assert list(ahead.bands) == ["storey1", "storey2", "storey3"]
+    np.testing.assert_allclose(ahead.slow_time, np.arange(60.0, 69.0))
+    for number, band in enumerate(ahead.bands.values()):
+        true = loss[60:69, number]
+        assert ((band[:, 2] <= true) & (true <= band[:, 3])).mean() > 0.85
+        assert (band[:, 1] > 0.0).all()
+    assert ahead.bands["storey2"][-1, 0] < ahead.bands["storey2"][0, 0] - 0.01
+
+
+def test_what_was_learnt_of_elements_is_not_averaged_away(weakening):
+    found, _ = weakening
+    bodies = [detail.body for detail in found.details]
+    memory = found.checkpoints[0].elements
+    assert memory.common_share == pytest.approx(1 / 21)
+    past = past_of_elements(found.states, bodies, memory)["storey1"]
+    ahead = foresee({"storey1": past}, 1.0, 1)
+    assert ahead is not None
+    assert ahead.bands["storey1"][0, 1] >= past.common * 0.99
+    assert past.common == pytest.approx(np.median(past.sd) / np.sqrt(21), rel=0.1)
+
+
+def test_a_twin_of_elements_that_is_still_learning_has_no_forecast(weakening):
+    found, _ = weakening
+    bodies = [detail.body for detail in found.details]
+    memory = found.checkpoints[0].elements
+    assert foresee(past_of_elements(found.states[:20], bodies[:20], memory), 1.0, 2) is None
+    assert past_of_elements(found.states, (), memory) == {}

@@ -346,7 +346,45 @@ def test_what_changed_is_told_once_and_by_name(framed):
     assert by_kind["alarm"]["message"].startswith("storey2 below -0.05 with 97.5% certainty")
 
 
-def test_elements_are_not_forecast_and_it_says_so(framed):
-    forecast = models.ForecastModel.model_validate(framed.get(f"{FRAME}/forecast").json())
-    assert forecast.points == []
-    assert forecast.reasons[0].startswith("Elements are estimated, not forecast")
+def test_each_element_is_forecast(framed):
+    asked = framed.get(f"{FRAME}/forecast", horizon=10, points=5).json()
+    forecast = models.ForecastModel.model_validate(asked)
+    assert forecast.since == 59.0
+    assert [point.slow_time for point in forecast.points] == [61.0, 63.0, 65.0, 67.0, 69.0]
+    for point in forecast.points:
+        assert list(point.elements) == ["storey1", "storey2", "storey3"]
+        assert (point.stiffness_change, point.mass_change) == (None, None)
+        assert point.elements["storey2"].hi < 0.0
+    assert forecast.points[0].elements["storey2"].lo < -0.05
+    again = framed.get(f"{FRAME}/forecast", horizon=10, points=5).json()
+    assert again == asked
+
+
+def test_what_is_normal_is_told_and_what_has_entered(serving, features, eventually):
+    server, rng = serving(), np.random.default_rng(1)
+    weather = {"names": ["temperature_c"], "train_epochs": 60}
+    server.client.put(TWIN, json={"covariates": weather})
+    made = []
+    for i in range(80):
+        warm = 10.0 * np.sin(i / 5.0)
+        lost = 0.97 if i >= 70 else 1.0
+        frequency = 3.0 * lost * np.exp(-0.004 * warm + 0.001 * rng.standard_normal())
+        message = features(i, frequency_hz=float(frequency), sd=0.003)
+        made.append(message.model_copy(update={"covariates": {"temperature_c": warm}}))
+    server.feed(made[:60])
+    assert eventually(lambda: server.count() == 60)
+    before = models.TwinModel.model_validate(server.get(TWIN).json())
+    assert any("still being learnt" in reason for reason in before.reasons)
+    server.feed(made[60:])
+    assert eventually(lambda: server.count() == 80)
+    twin = models.TwinModel.model_validate(server.get(TWIN).json())
+    (normal,) = twin.normal
+    assert normal.law == "linear"
+    assert normal.entered is not None
+    assert normal.entered.stiffness_change is not None
+    assert normal.entered.stiffness_change.lo < 0.97**2 - 1 < normal.entered.stiffness_change.hi
+    assert normal.entered.since == pytest.approx(70.0, abs=2.0)
+    assert twin.stiffness_change is not None
+    assert twin.stiffness_change.lo < 0.97**2 - 1 < twin.stiffness_change.hi
+    told = [e["kind"] for e in server.get(f"{TWIN}/events").json()["events"]]
+    assert told == ["registered", "normal_learnt", "change_entered"]

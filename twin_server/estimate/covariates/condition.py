@@ -101,6 +101,13 @@ class Condition:
         """Relative standard deviation of `frequency_hz`."""
         return self.remove(np.array(self.reference)).law_sd
 
+    @property
+    def law_share(self) -> float:
+        """Share of the variance of an exact reading at the reference that the law has."""
+        removed = self.remove(np.array(self.reference))
+        law, own = removed.law_sd**2, removed.own_sd**2
+        return law / (law + own) if own > 0.0 else 1.0
+
     def freed(self, training: Training) -> Float[np.ndarray, "reading 4"]:
         """Frequency at the reference, its sd, damping ratio and its sd of each reading."""
         table = training.table()

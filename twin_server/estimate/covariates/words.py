@@ -1,5 +1,6 @@
 """What a person is told of covariates: their law, and what they do not explain."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from slowtime.evolution.covariates import Entry
@@ -70,6 +71,21 @@ def entered(row: int, verdict: Verdict, registration: Registration, mode: int | 
         f"this come once in {verdict.limit:.3g} of slow time at most.",
         details,
     )
+
+
+def normal_of(
+    conditions: Sequence[tuple[int | None, Condition]], registration: Registration
+) -> list[dict[str, Any]]:
+    """Tell what is normal for each mode, and what has entered that is not, in numbers."""
+    wanted = registration.covariates
+    if wanted is None:
+        return []
+    told = []
+    for mode, condition in conditions:
+        entry = condition.entered(wanted)
+        said = None if entry is None else entry_of(entry, registration)
+        told.append({"model_mode": mode, **told_of(condition, wanted), "entered": said})
+    return told
 
 
 def told_of(condition: Condition, wanted: Covariates) -> dict[str, Any]:
