@@ -126,7 +126,9 @@ export class Elements {
     await Plotly.react(this["elements-history"], traces, layout, quiet);
     this.describe(elements, accused, known, shown);
     await this.modes.refresh();
-    return { truth: traces.some((trace) => trace.name.endsWith("truth")) };
+    const has = (end) => traces.some((trace) => trace.name.endsWith(end));
+    this["elements-history"].dataset.forecast = has("forecast");
+    return { truth: has("truth"), ahead: has("forecast") };
   }
 
   describe(elements, accused, known, shown) {
@@ -179,6 +181,35 @@ function broken(points, pick) {
   return points.flatMap((point, i) => i && point.missing_before > 0 ? [null, pick(point)] : [pick(point)]);
 }
 
+/** What is expected of an element after the last reading; of an older forecast what is still to come. */
+function ahead({ forecast }, last, name, tint) {
+  const coming = (forecast?.points ?? []).filter((point) => point.elements?.[name] && point.slow_time >= last.slow_time);
+  if (coming.length < 2) return [];
+  const run = coming.map((point) => ({ ...last, ...point })), around = [...run, ...run.slice().reverse()];
+  const band = {
+    name: `${name} forecast band`, x: around.map(placeOf), mode: "lines", fill: "toself", hoverinfo: "skip", line: { width: 0 },
+    y: around.map((point, i) => 100 * point.elements[name][i < run.length ? "lo" : "hi"]), fillcolor: faded(tint, 0.18),
+  };
+  const line = {
+    name: `${name} forecast`, x: run.map(placeOf), y: run.map((point) => 100 * point.elements[name].value), mode: "lines",
+    line: { color: tint, width: 1.6 }, hovertemplate: `${name}, forecast: %{y:.2f} %<extra></extra>`,
+  };
+  return [band, line];
+}
+
+/** What was read decides the axis; a forecast that leaves it is cut off. */
+function reachOf(known, shown, accused) {
+  const sure = accused.length ? accused : shown.slice(0, 1);
+  const values = known.flatMap((point) => shown.filter((name) => name in point.elements).flatMap((name) => {
+    const { value, lo, hi } = point.elements[name], truth = point.truth?.[name];
+    return [value, ...(sure.includes(name) ? [lo, hi] : []), ...(truth === undefined ? [] : [truth])];
+  }));
+  if (!values.length) return undefined;
+  const [low, high] = values.reduce(([a, b], v) => [Math.min(a, v), Math.max(b, v)], [Infinity, -Infinity]);
+  const margin = Math.max(0.08 * (high - low), 0.005);
+  return [100 * (low - margin), 100 * (high + margin)];
+}
+
 function drawnPast(twin, known, elements, accused, base) {
   const shown = [...accused, ...ranked(elements).filter((name) => !accused.includes(name))].slice(0, MOST_LINES);
   const traces = shown.slice().reverse().flatMap((name) => {
@@ -198,7 +229,9 @@ function drawnPast(twin, known, elements, accused, base) {
       name: `${name} truth`, x: told.map(placeOf), y: told.map((point) => 100 * point.truth[name]), mode: "lines",
       line: { color: colour("truth"), width: 1.2, dash: "4px,4px" }, hovertemplate: `${name}, truth: %{y:.2f} %<extra></extra>`,
     };
-    return [...(place < 0 ? [] : [band]), line, ...(told.length ? [truth] : [])];
+    const coming = points.length ? ahead(twin, points.at(-1), name, place < 0 ? tint : colour("ahead")) : [];
+    const expected = place < 0 ? coming.slice(1) : coming;
+    return [...(place < 0 ? [] : [band]), line, ...(told.length ? [truth] : []), ...expected];
   });
   const last = known.at(-1), along = last && !isClock(last) ? `slow time [${unitOf(last)}]` : "slow time";
   const notes = shown.filter((name) => accused.includes(name)).map((name) => ({
@@ -208,7 +241,7 @@ function drawnPast(twin, known, elements, accused, base) {
   const layout = {
     ...base, margin: { l: 54, r: 10, t: 8, b: 42 }, annotations: notes,
     xaxis: { ...axisOf(), zeroline: false, nticks: 7, range: spanOf(twin), title: { text: along, standoff: 6 } },
-    yaxis: { ...axisOf(), nticks: 6, title: { text: "change [%]", standoff: 4 } },
+    yaxis: { ...axisOf(), nticks: 6, range: reachOf(known, shown, accused), title: { text: "change [%]", standoff: 4 } },
   };
   return [traces, layout, shown];
 }

@@ -1,7 +1,7 @@
 // The part of the page that shows one twin; made once, then kept up to date in place.
 import { draw } from "./charts.js";
 import { Elements } from "./elements.js";
-import { QUANTITIES, ago, isClock, make, say, slowTime, spoken, standing, whenOf } from "./words.js";
+import { LEARNING, QUANTITIES, ago, isClock, make, say, slowTime, spoken, standing, whenOf } from "./words.js";
 
 const CHARTS = ["frequency_hz", "stiffness_change", "mass_change"];
 const STANDING = {
@@ -10,6 +10,26 @@ const STANDING = {
   learning: ["waiting", "learning the nominal model"],
   invalid: ["bad", "not valid"],
 };
+/** What is taken out of the frequencies: temperature, load; and what has entered that they do not explain. */
+function weatherOf({ registration: { covariates }, normal = [], reasons }) {
+  if (!covariates) return false;
+  const names = covariates.names.join(" and ");
+  if (!normal.length) return reasons.some((reason) => LEARNING.test(reason)) && `learning what ${names} does`;
+  const laws = [...new Set(normal.map(({ law }) => law))].join(", ");
+  return `${names} taken out (${laws})`;
+}
+
+/** The mode that tells most surely of a change that nothing measured explains. */
+function enteredOf({ normal = [] }) {
+  const sure = ({ entered: { frequency_change: { value, sd } } }) => Math.abs(value) / sd;
+  const [most] = normal.filter(({ entered }) => entered).sort((a, b) => sure(b) - sure(a));
+  if (!most) return null;
+  const { entered } = most, quantity = ["stiffness_change", "mass_change"].find((name) => name in entered);
+  const what = quantity ? QUANTITIES[quantity].title.toLowerCase() : `frequency of mode ${most.model_mode + 1}`;
+  const [size, interval] = spoken(entered[quantity ?? "frequency_change"], quantity ?? "stiffness_change");
+  return `Not explained by temperature or load, since slow time ${+entered.since.toPrecision(6)}: ${what} ${size} (95\u202f%: ${interval})`;
+}
+
 const CHANGES = {
   stiffness: "stiffness may change, mass is assumed constant",
   mass: "mass may change, stiffness is assumed constant",
@@ -92,12 +112,14 @@ export class Panel {
       CHANGES[latest.registration.changes],
       damping && `damping ratio ${damping[0]} (95\u202f%: ${damping[1]})`,
       latest.frequency_used === "smoothed" && "from smoothed frequencies",
+      weatherOf(latest),
     ];
     this.facts.textContent = facts.filter(Boolean).join(" \u00b7 ");
     const taken = begun && new Date(latest.t_ns / 1e6).toLocaleString();
     const reading = begun && `reading ${latest.sequence} at slow time ${slowTime(latest)}, sensor time ${taken}`;
     this.reading.textContent = reading || "";
-    const reasons = [...latest.reasons, ...(twin.problem ? [twin.problem] : [])];
+    const entered = enteredOf(latest);
+    const reasons = [...(entered ? [entered] : []), ...latest.reasons, ...(twin.problem ? [twin.problem] : [])];
     if (this.said !== reasons.join("\n")) this.reasons.replaceChildren(...reasons.map((reason) => make("li", reason)));
     this.said = reasons.join("\n");
     this.become(latest.registration.changes === "elements");

@@ -21,6 +21,7 @@ export class Twin {
       this.dirty = true;
     }
     if (before && (before.alive !== this.latest.alive || before.valid !== this.latest.valid)) this.dirty = true;
+    if (before && JSON.stringify(before.normal) !== JSON.stringify(this.latest.normal)) this.dirty = true;
   }
 
   /** Each opening fetches the history, so that nothing between it and the stream is missed. */
@@ -91,8 +92,6 @@ export class Twin {
   }
 
   async foresee() {
-    // Of many elements nothing is forecast.
-    if (this.latest?.registration?.changes === "elements") return;
     if (!this.points.length || Date.now() - this.forecastAt < FORECAST_MS) return;
     this.forecastAt = Date.now();
     const forecast = await ask(`${this.base}/forecast?points=40`).catch(() => ({ points: [] }));

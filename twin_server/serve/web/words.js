@@ -66,7 +66,7 @@ export function whenOf(event, clock) {
 }
 
 // Reasons that say nothing against the frequency itself.
-const LEARNING = /still being learnt/;
+export const LEARNING = /still being learnt/;
 const INSEPARABLE = /not separately identifiable|^The damping is known|^No (positive )?damping ratio/;
 
 /** What stands against a reading: nothing, that it is too early, that mass and stiffness look alike, or more. */
