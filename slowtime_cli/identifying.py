@@ -106,6 +106,7 @@ def identify(
     samples = np.asarray(record.samples, dtype=float)
     _say_constant(record, samples)
     result: dict[str, Any] = {
+        "slowtime_modes": 1,
         "record": path.name,
         "rate_hz": record.rate_hz,
         "channels": list(record.channels),

@@ -3,6 +3,7 @@
 from typing import Any, ClassVar, Protocol
 
 from .model_file import ModelFile
+from .modes_file import ModesFile
 
 
 class Versioned(Protocol):
@@ -16,5 +17,7 @@ class Versioned(Protocol):
         """Describe itself."""
 
 
-DOCUMENTS: dict[str, type[Versioned]] = {ModelFile.MESSAGE: ModelFile}
+DOCUMENTS: dict[str, type[Versioned]] = {
+    document.MESSAGE: document for document in (ModelFile, ModesFile)
+}
 """Every such file by its name."""
