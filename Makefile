@@ -46,5 +46,5 @@ figures: .venv/dev  ## draw the book's figures into docs/figures
 	@$(PIP_INSTALL) -e '.[dev]' && touch $@
 
 clean:  ## remove what the other words have made
-	rm -rf .venv var build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf .venv .venv-peers var build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
