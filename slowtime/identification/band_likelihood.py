@@ -19,21 +19,30 @@ References
 """
 
 import dataclasses
+import functools
+import math
 
 import numpy as np
 from jaxtyping import Complex, Float
 
 MOST_STEPS = 25
 CONVERGED = 0.03
-"""Steps end once they promise less than so much of log-likelihood."""
+ROUGHLY = 1.0
+"""Steps end once they promise less than so much of log-likelihood; the latter where it only
+matters whether a model is better by dozens."""
+
+FREELY = 0.05
+"""Damping of a step, relative to the information, below which it is a free one."""
 
 GAUGE = 1e-9
 """Directions of less information than this share of the most belong to no parameter."""
 
 DAMPING_SD = 1.0
-"""Of log decay about where it started: a pole narrower than one ordinate explains it alone."""
+FREQUENCY_SD = 2.0
+"""Of log decay, and of frequency in half-bandwidths, about what is expected: a pole narrower
+than one ordinate explains it alone, and one without ties goes where another is missing."""
 
-WARM_UP = 25
+WARM_UP = 8
 """Rounds of expectation-maximisation at fixed poles, from which scoring starts."""
 
 
@@ -61,8 +70,8 @@ class BandModel:
     """Parameters of the density, poles in the unit of `omega`.
 
     The last `held` modes are beyond the band: their poles and shapes are known well enough
-    for the skirts that they send into it, and stay. `expected` is the logarithm of the decay
-    rate about which each pole is thought to lie.
+    for the skirts that they send into it, and stay; where the model is `still`, all poles do.
+    `expected` is about where each pole is thought to lie.
     """
 
     pole: Complex[np.ndarray, " mode"]
@@ -70,15 +79,16 @@ class BandModel:
     force: Complex[np.ndarray, "direction mode"]
     level: Complex[np.ndarray, "direction direction"]
     slope: Complex[np.ndarray, "direction direction"]
-    expected: Float[np.ndarray, " mode"]
+    expected: Complex[np.ndarray, " mode"]
     held: int = 0
+    still: bool = False
 
     def free(self) -> np.ndarray:
         """Which of all real parameters are to be found."""
         directions, modes = self.shape.shape
         free = np.ones(2 * modes + 4 * modes * directions + 2 * directions**2, dtype=bool)
         first = modes - self.held
-        free[2 * first : 2 * modes] = False
+        free[0 if self.still else 2 * first : 2 * modes] = False
         free[2 * modes + 2 * directions * first : 2 * modes * (1 + directions)] = False
         return free
 
@@ -107,16 +117,22 @@ class BandModel:
             expected=self.expected[keep],
         )
 
-    def surprise(self) -> np.ndarray:
-        """Log decay rates less what was expected, in standard deviations of the prior."""
-        return np.asarray((np.log(-self.pole.real) - self.expected) / DAMPING_SD)
+    def ties(self) -> tuple[np.ndarray, np.ndarray]:
+        """Log decay rates and frequencies less what was expected, and prior deviations."""
+        wide = -self.expected.real
+        away = [np.log(-self.pole.real / wide), self.pole.imag - self.expected.imag]
+        return np.stack(away), np.stack([np.full_like(wide, DAMPING_SD), FREQUENCY_SD * wide])
 
-    def with_modes(self, pole: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Poles and shapes with more of them, those that are held last."""
+    def with_modes(self, expected: np.ndarray, shape: np.ndarray) -> "BandModel":
+        """Model with more modes, of no force as yet, before those that are held."""
         at = len(self.pole) - self.held
-        return (
-            np.insert(self.pole, [at] * len(pole), pole),
-            np.insert(self.shape, [at] * len(pole), shape, axis=1),
+        before = [at] * len(expected)
+        return dataclasses.replace(
+            self,
+            pole=np.insert(self.pole, before, expected),
+            shape=np.insert(self.shape, before, shape, axis=1),
+            force=np.insert(self.force, before, 0.0, axis=1),
+            expected=np.insert(self.expected, before, expected),
         )
 
 
@@ -170,11 +186,18 @@ def started(
     shape: Complex[np.ndarray, "direction mode"],
     held: int = 0,
 ) -> BandModel:
-    """Positive model with the given poles and shapes, by expectation-maximisation.
+    """Positive model with the given poles and shapes, by expectation-maximisation."""
+    none = np.zeros((len(shape), len(shape)), dtype=complex)
+    return restarted(data, BandModel(pole, shape, 0 * shape, none, none, pole, held))
+
+
+def restarted(data: BandData, model: BandModel) -> BandModel:
+    """Positive model with the same poles and shapes, by expectation-maximisation.
 
     White forces on the modes and white background are drawn jointly with a covariance W; each
     round replaces W by its mean given data and W, and no round lowers the likelihood.
     """
+    pole, shape = model.pole, model.shape
     modes, directions = len(pole), len(shape)
     gain = 1.0 / (1j * data.omega[:, None] - pole)
     unit = np.broadcast_to(np.eye(directions), (len(gain), directions, directions))
@@ -198,12 +221,32 @@ def started(
     share = -drawn[:modes, :modes] / (pole[:, None] + pole.conj())
     force = (share @ shape.conj().T + drawn[:modes, modes:]).conj().T
     level = drawn[modes:, modes:]
-    expected = np.log(-pole.real)
-    return BandModel(pole, shape, np.asarray(force), level, 0 * level, expected, held)
+    return dataclasses.replace(model, force=force, level=level, slope=0 * level)
 
 
-def fit(data: BandData, model: BandModel) -> BandFit:
-    """Climb from a positive model to the likeliest one near by."""
+def fit(data: BandData, model: BandModel, *, enough: float = CONVERGED) -> BandFit:
+    """Climb from a positive model to the likeliest one near by.
+
+    Poles stay at first; while forces are far off, they would leave for where one is missing.
+    """
+    model, density, converged = _climbed(data, forced(data, model), enough)
+    free = model.free()
+    information, _ = _information(data, model, density)
+    covariance = np.zeros((len(free), len(free)))
+    covariance[np.ix_(free, free)] = _inverse(information)
+    return BandFit(model, log_likelihood(data, density), covariance, converged)
+
+
+def forced(data: BandData, model: BandModel) -> BandModel:
+    """Fit forces, shapes and background, roughly, to poles that stay."""
+    found, *_ = _climbed(data, dataclasses.replace(model, still=True), ROUGHLY)
+    return dataclasses.replace(found, still=model.still)
+
+
+def _climbed(
+    data: BandData, model: BandModel, enough: float
+) -> tuple[BandModel, np.ndarray, bool]:
+    """Fisher scoring, damped where a step would not climb; model, density, and whether done."""
     density = model.density(data.omega)
     best = _posterior(data, model, density)
     damping, converged = 1e-3, False
@@ -229,90 +272,163 @@ def fit(data: BandData, model: BandModel) -> BandFit:
             converged = promised < 1.0
             break
         model, density, best = trial, trial_density, likelihood
-        damping /= 8.0
-        if promised < CONVERGED:
+        # A step kept short by a wall, where no density is left, promises little by itself.
+        if promised < enough and damping < FREELY:
             converged = True
             break
-    information, _ = _information(data, model, density)
-    covariance = np.zeros((len(free), len(free)))
-    covariance[np.ix_(free, free)] = _inverse(information)
-    return BandFit(model, log_likelihood(data, density), covariance, converged)
+        damping /= 8.0
+    return model, density, converged
 
 
 def _posterior(data: BandData, model: BandModel, density: np.ndarray) -> float:
-    return log_likelihood(data, density) - 0.5 * float(np.sum(model.surprise() ** 2))
+    away, wide = model.ties()
+    return log_likelihood(data, density) - 0.5 * float(np.sum((away / wide) ** 2))
 
 
-def promise(
-    data: BandData,
-    model: BandModel,
-    pole: complex,
-    shape: Complex[np.ndarray, " direction"],
-) -> float:
-    """Log-likelihood that one more mode would add, to first order (half a score statistic)."""
-    # With no force as yet, neither pole nor shape of the new mode makes a difference.
-    added = dataclasses.replace(
-        model,
-        pole=np.append(model.pole, pole),
-        shape=np.column_stack([model.shape, shape]),
-        force=np.column_stack([model.force, np.zeros_like(shape)]),
-        expected=np.append(model.expected, np.log(-pole.real)),
-        held=model.held + 1,
-    )
-    information, score = _information(data, added, model.density(data.omega))
-    directions = len(shape)
-    own = len(score) - 2 * directions**2 - 2 * directions + np.arange(2 * directions)
-    rest = np.setdiff1d(np.arange(len(score)), own)
-    known, across = _left_over(information, own, rest)
-    left = score[own] - across @ score[rest]
-    return float(0.5 * left @ _inverse(known) @ left)
+class Prospects:
+    """What one more mode would add to a model, to first order (half a score statistic)."""
+
+    def __init__(self, data: BandData, model: BandModel) -> None:
+        density = model.density(data.omega)
+        self._data, self._density = data, density
+        self._root = _whitener(data, density)
+        self._rows = _slopes(model, data.omega, self._root)
+        self._left = _misfit(data, density, self._root)
+        information, score = _tied(model, self._rows @ self._rows.T, self._rows @ self._left)
+        self._inverse = _inverse(information)
+        self._step = self._inverse @ score
+
+    def gain(
+        self, pole: complex, shape: Complex[np.ndarray, " direction"]
+    ) -> tuple[float, Complex[np.ndarray, " direction"]]:
+        """Log-likelihood gained by a mode at a pole, and with which shape.
+
+        The better of two: the shape given, and that which the data ask for there.
+        """
+        shapes = shape, self._asked_for(pole)
+        gains = [self._gain(pole, each) for each in shapes]
+        return max(gains), shapes[int(np.argmax(gains))]
+
+    def _gain(self, pole: complex, shape: np.ndarray) -> float:
+        # With no force as yet, neither pole nor shape of the new mode makes a difference.
+        gain = 1.0 / (1j * self._data.omega - pole)
+        seen = gain[:, None] * (self._root @ shape)
+        own = _pairs(seen[None], self._root.transpose(2, 0, 1))
+        across = self._rows @ own.T
+        known = own @ own.T - across.T @ self._inverse @ across
+        left = own @ self._left - across.T @ self._step
+        return float(0.5 * left @ _inverse((known + known.T) / 2) @ left)
+
+    def _asked_for(self, pole: complex) -> np.ndarray:
+        """Shape along which a little power at a pole would raise the likelihood most."""
+        weight = self._data.number / np.abs(1j * self._data.omega - pole) ** 2
+        inverse = np.linalg.inv(self._density)
+        slope = inverse @ (self._data.density - self._density) @ inverse
+        size, slope = (np.tensordot(weight, each, axes=1) for each in (inverse, slope))
+        root = np.linalg.inv(np.linalg.cholesky(size))
+        directions = np.linalg.eigh(root @ slope @ root.conj().T)[1]
+        shape = root.conj().T @ directions[:, -1]
+        return np.asarray(shape / np.linalg.norm(shape))
 
 
 def _information(
     data: BandData, model: BandModel, density: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Fisher information and score of all parameters."""
-    slopes = _slopes(model, data.omega)[model.free()]
-    inverse = np.linalg.inv(np.linalg.cholesky(density)) * data.number[:, None, None] ** 0.25
-    turned = inverse.conj().transpose(0, 2, 1)
-    whitened = (inverse @ slopes @ turned).reshape(len(slopes), -1)
-    rest = (inverse @ (data.density - density) @ turned).reshape(-1)
-    columns = np.concatenate([whitened.real, whitened.imag], axis=1)
-    information = columns @ columns.T
-    score = columns @ np.concatenate([rest.real, rest.imag])
-    modes = len(model.pole) - model.held
-    decays = np.arange(0, 2 * modes, 2)
-    information[decays, decays] += DAMPING_SD**-2
-    score[decays] -= model.surprise()[:modes] / DAMPING_SD
+    root = _whitener(data, density)
+    rows = _slopes(model, data.omega, root)
+    return _tied(model, rows @ rows.T, rows @ _misfit(data, density, root))
+
+
+def _tied(
+    model: BandModel, information: np.ndarray, score: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Add what is known beforehand."""
+    modes = 0 if model.still else len(model.pole) - model.held
+    away, wide = (each[:, :modes].T.reshape(-1) for each in model.ties())
+    own = np.arange(2 * modes)
+    information[own, own] += wide**-2
+    score[own] -= away / wide**2
     return information, score
 
 
-def _slopes(model: BandModel, omega: np.ndarray) -> np.ndarray:
-    """Differentiate the density, ["parameter group direction direction"]."""
-    directions, modes = model.shape.shape
-    groups = len(omega)
-    gain = 1.0 / (1j * omega[:, None] - model.pole)
-    half = np.zeros(
-        (2 * modes + 4 * modes * directions, groups, directions, directions), complex
-    )
-    for j in range(modes):
-        bent = np.einsum(
-            "i,k,o->kio", model.shape[:, j], gain[:, j] ** 2, model.force[:, j].conj()
-        )
-        half[2 * j], half[2 * j + 1] = model.pole[j].real * bent, 1j * bent
-        first = 2 * modes + 2 * directions * j
-        second = first + 2 * directions * modes
-        for i in range(directions):
-            seen = gain[:, j, None] * model.force[:, j].conj()
-            half[first + 2 * i, :, i], half[first + 2 * i + 1, :, i] = seen, 1j * seen
-            seen = gain[:, j, None] * model.shape[:, j]
-            half[second + 2 * i, :, :, i] = seen
-            half[second + 2 * i + 1, :, :, i] = -1j * seen
-    whole = half + half.conj().transpose(0, 1, 3, 2)
-    basis = np.broadcast_to(
-        _hermitian_basis(directions)[:, None], (directions**2, groups, directions, directions)
-    )
-    return np.concatenate([whole, basis, basis * omega[:, None, None]])
+def _whitener(data: BandData, density: np.ndarray) -> np.ndarray:
+    """Inverse roots of the density, weighted by the number of ordinates."""
+    weight = data.number[:, None, None] ** 0.25
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(density)) * weight)
+
+
+def _misfit(data: BandData, density: np.ndarray, root: np.ndarray) -> np.ndarray:
+    """Density of the data less that of the model, whitened and packed."""
+    left = root @ (data.density - density) @ root.conj().transpose(0, 2, 1)
+    row, column = _triangle(left.shape[-1])
+    packed = np.empty((len(left), left.shape[-1] ** 2))
+    _pack(left[:, row, column], packed)
+    return packed.reshape(-1)
+
+
+def _slopes(model: BandModel, omega: np.ndarray, root: np.ndarray) -> np.ndarray:
+    """Differentiate the density by free parameters; whitened, packed, one a row.
+
+    All derivatives are outer products, so that vectors are whitened rather than matrices.
+    """
+    directions, free = len(model.shape), len(model.pole) - model.held
+    gain = (1.0 / (1j * omega - model.pole[:, None]))[:, :, None]
+    unit = root.transpose(2, 0, 1)
+    shape = gain * (root @ model.shape).transpose(2, 0, 1)
+    force = (root @ model.force).transpose(2, 0, 1)
+    heard = gain.conj() * force
+    moving = 0 if model.still else free
+    of_poles = _pairs(gain[:moving] * shape[:moving], force[:moving])
+    of_poles[::2] *= model.pole[:moving].real[:, None]
+    of_shapes = _pairs(unit, heard[:free, None])
+    of_forces = _pairs(shape[:, None], unit)
+    of_forces[1::2] *= -1.0
+    level = _hermitian_pairs(unit)
+    slope = level.reshape(directions**2, len(omega), -1) * omega[:, None]
+    return np.concatenate([of_poles, of_shapes, of_forces, level, slope.reshape(level.shape)])
+
+
+def _pairs(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Outer products of vectors plus their adjoints, and the same of i times the first.
+
+    Packed, ["2 * pair", "group * direction ** 2"].
+    """
+    directions = one.shape[-1]
+    row, column = _triangle(directions)
+    forth = one[..., row] * other.conj()[..., column]
+    back = other[..., row] * one.conj()[..., column]
+    packed = np.empty((*forth.shape[:-2], 2, forth.shape[-2], directions**2))
+    _pack(forth + back, packed[..., 0, :, :])
+    _pack(1j * (forth - back), packed[..., 1, :, :])
+    return packed.reshape(-1, forth.shape[-2] * directions**2)
+
+
+def _hermitian_pairs(unit: np.ndarray) -> np.ndarray:
+    """Whitened matrices of the basis of Hermitian ones, packed."""
+    directions = len(unit)
+    low, high = np.tril_indices(directions)
+    both = _pairs(unit[low], unit[high])
+    own = 2 * np.flatnonzero(low == high)
+    both[own] *= 0.5
+    return np.delete(both, own + 1, axis=0)
+
+
+def _pack(upper: np.ndarray, packed: np.ndarray) -> None:
+    """Upper triangles of Hermitian matrices as real vectors with the same inner products."""
+    directions = math.isqrt(packed.shape[-1])
+    packed[..., :directions] = upper.real[..., :directions]
+    size = math.sqrt(2.0)
+    middle = upper.shape[-1]
+    packed[..., directions:middle] = size * upper.real[..., directions:]
+    packed[..., middle:] = size * upper.imag[..., directions:]
+
+
+@functools.cache
+def _triangle(size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of the diagonal, then of what is above it."""
+    own, (row, column) = np.arange(size), np.triu_indices(size, 1)
+    return np.concatenate([own, row]), np.concatenate([own, column])
 
 
 def _hermitian_basis(size: int) -> np.ndarray:
@@ -320,12 +436,12 @@ def _hermitian_basis(size: int) -> np.ndarray:
     basis = np.zeros((size**2, size, size), dtype=complex)
     at = 0
     for i in range(size):
-        basis[at, i, i] = 1.0
-        at += 1
         for j in range(i):
             basis[at, i, j] = basis[at, j, i] = 1.0
             basis[at + 1, i, j], basis[at + 1, j, i] = 1j, -1j
             at += 2
+        basis[at, i, i] = 1.0
+        at += 1
     return basis
 
 
@@ -341,24 +457,14 @@ def _moved(model: BandModel, step: np.ndarray) -> BandModel:
     )
     basis = _hermitian_basis(directions)
     level, slope = np.split(parts[2 * size :], 2)
-    return BandModel(
-        pole,
-        model.shape + shape,
-        model.force + force,
-        model.level + np.tensordot(level, basis, axes=1),
-        model.slope + np.tensordot(slope, basis, axes=1),
-        model.expected,
-        model.held,
+    return dataclasses.replace(
+        model,
+        pole=pole,
+        shape=model.shape + shape,
+        force=model.force + force,
+        level=model.level + np.tensordot(level, basis, axes=1),
+        slope=model.slope + np.tensordot(slope, basis, axes=1),
     )
-
-
-def _left_over(
-    information: np.ndarray, own: np.ndarray, rest: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Information on some parameters with the rest unknown, and their regression on it."""
-    across = information[np.ix_(own, rest)] @ _inverse(information[np.ix_(rest, rest)])
-    known = information[np.ix_(own, own)] - across @ information[np.ix_(rest, own)]
-    return (known + known.T) / 2, across
 
 
 def _inverse(information: np.ndarray) -> np.ndarray:

@@ -11,24 +11,27 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from .band_likelihood import (
+    ROUGHLY,
     BandData,
     BandFit,
     BandModel,
+    Prospects,
     fit,
+    forced,
     log_likelihood,
-    promise,
+    restarted,
     started,
 )
 
 SELECTING = 12.0
-SHARPENING = 50.0
+SHARPENING = 30.0
 """A window reaches so many half-bandwidths either way, while modes are chosen and then
 fitted ..."""
 
 WIDEST = 0.5
 """... but not over more than this share of the frequency ..."""
 
-FEWEST_BINS = 25
+FEWEST_BINS = 40
 """... and never less than so many ordinates."""
 
 MOST_BESIDE = 3
@@ -311,49 +314,37 @@ def _kept(case: _Case) -> tuple[list[int], BandFit]:
 
 
 def _selected(case: _Case) -> tuple[list[int], BandFit]:
-    """Add candidates, those that promise most first, for as long as they keep the promise."""
+    """Add candidates, the one that promises most first, as long as they keep the promise.
+
+    Poles stay where the candidates have them until all have been added: free ones would leave
+    for where another mode is still missing.
+    """
     left: list[int] = []
     waiting = set(range(case.modes))
-    best = fit(case.data, case.start([]))
+    best = forced(case.data, case.start([]))
+    reached = log_likelihood(case.data, best.density(case.data.omega))
     while waiting:
-        gains = {
-            k: promise(case.data, best.model, case.poles[k], case.shapes[:, k]) for k in waiting
-        }
-        waiting = {k for k in waiting if gains[k] >= PROMISE * case.price}
-        order = sorted(waiting, key=lambda k: -gains[k])
-        together = _apart(order, gains, case.poles, case.price)
-        if not together:
+        prospects = Prospects(case.data, best)
+        gains = {k: prospects.gain(case.poles[k], case.shapes[:, k]) for k in waiting}
+        waiting = {k for k in waiting if gains[k][0] >= PROMISE * case.price}
+        if not waiting:
             break
-        waiting -= set(together)
-        poles, shapes = best.model.with_modes(case.poles[together], case.shapes[:, together])
-        trial = fit(case.data, started(case.data, poles, shapes, case.held))
-        gain = trial.log_likelihood - best.log_likelihood
-        if gain >= WORTH * case.price * len(together):
-            best = trial
-            left.extend(together)
-        elif len(together) > 1:
-            waiting |= set(together[1:])
-    return left, best
-
-
-def _apart(
-    order: list[int], gains: dict[int, float], poles: np.ndarray, price: float
-) -> list[int]:
-    """Best candidate, and the others that cannot be the same thing and leave no doubt."""
-    chosen: list[int] = []
-    for k in order:
-        widths = [-poles[k].real - poles[m].real for m in chosen]
-        gaps = [abs(poles[k].imag - poles[m].imag) for m in chosen]
-        clear = all(gap > 2 * width for gap, width in zip(gaps, widths, strict=True))
-        if not chosen or (clear and gains[k] > CLEAR * price):
-            chosen.append(k)
-    return chosen
+        most = max(waiting, key=lambda k: gains[k][0])
+        waiting.remove(most)
+        more = best.with_modes(case.poles[[most]], gains[most][1][:, None])
+        for start in (more, restarted(case.data, more)):
+            trial = forced(case.data, start)
+            likelihood = log_likelihood(case.data, trial.density(case.data.omega))
+            if likelihood - reached >= WORTH * case.price:
+                best, reached = trial, likelihood
+                left.append(most)
+                break
+    return left, fit(case.data, best, enough=ROUGHLY)
 
 
 def _without(case: _Case, whole: BandFit, mode: int) -> BandModel:
     """Model without a mode, refitted as far as it takes to see whether the mode is needed."""
-    rest = whole.model.without(mode)
-    rest = started(case.data, rest.pole, rest.shape, rest.held)
+    rest = restarted(case.data, whole.model.without(mode))
     loss = whole.log_likelihood - log_likelihood(case.data, rest.density(case.data.omega))
     return rest if loss > CLEAR * case.price else fit(case.data, rest).model
 
