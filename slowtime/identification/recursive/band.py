@@ -9,10 +9,9 @@ from slowtime.identification.bands import Band
 from slowtime.identification.correlations import block_products
 from slowtime.identification.modes import Mode
 
-from .cases import Seen
 from .fading import Fading, Raster
 from .frames import Frame
-from .solving import Basis, Models, modes_of
+from .solving import Models, modes_of, strongest
 from .sums import Stretch, Sums
 
 LEARNT = 150
@@ -32,23 +31,23 @@ class BandState:
         Index of the first sample of the next frame.
     frames
         Since the last gap.
-    basis
-        Scale and directions of the channels; None until enough has been seen.
+    into
+        Combinations of the channels that are looked at; None until enough has been seen.
     waiting
-        Stretches of slow series, apart by gaps, seen before there was a basis.
+        Stretches of slow series, apart by gaps, seen before these were chosen.
     recent
         Last instants of the slow series, for lags that reach into the next frame.
     sums
         Of lagged products, over stretches.
     fading
-        Spectral matrices; None until there is a basis.
+        Spectral matrices; None until then.
     modes, age
         As last solved, and frames since.
     """
 
     next_frame: int = 0
     frames: int = 0
-    basis: Basis | None = None
+    into: Complex[np.ndarray, "channel direction"] | None = None
     waiting: tuple[Earlier, ...] = ()
     recent: Earlier | None = None
     sums: Sums = dataclasses.field(default_factory=Sums)
@@ -85,17 +84,17 @@ class BandStep:
             frames=state.frames + 1,
             age=state.age + 1,
         )
-        if state.basis is None:
+        if state.into is None:
             state = self._learning(state, slow, end_s)
         else:
-            state = self._taken_in(state, slow @ state.basis.into, end_s)
-        due = state.age >= self.every and state.basis is not None
+            state = self._taken_in(state, state.into, slow, end_s)
+        due = state.age >= self.every and state.into is not None
         return dataclasses.replace(state, age=0 if due else state.age), due
 
     def after_gap(self, state: BandState, index: int) -> BandState:
         """Go on at `index`, with nothing that would join what comes to what was."""
         waiting, fading = state.waiting, state.fading
-        if state.basis is None and state.recent is not None:
+        if state.into is None and state.recent is not None:
             waiting = (*waiting, state.recent)
         return dataclasses.replace(
             state,
@@ -113,14 +112,11 @@ class BandStep:
             centre_hz=self.frame.centre_hz,
             memory_s=self.memory_s,
         )
-        if correlations is None or state.basis is None or state.fading is None:
+        if correlations is None or state.into is None or state.fading is None:
             return ()
         if state.fading.weight == 0:
             return ()
-        density, number = self.raster.density(state.fading)
-        seen = Seen(
-            self.raster.frequency_hz, density, number, self.raster.decay, state.basis.back
-        )
+        seen = self.raster.seen(state.fading, state.into)
         return modes_of(correlations, seen, self.band, self.models)
 
     def _learning(self, state: BandState, slow: Slow, end_s: float) -> BandState:
@@ -128,23 +124,30 @@ class BandStep:
         seen = (*state.waiting, recent)
         if sum(map(len, seen)) < LEARNT:
             return dataclasses.replace(state, recent=recent)
-        basis = Basis.of(np.concatenate(seen), self.models.most_directions)
-        fading = self.raster.start(basis.into.shape[1])
-        state = dataclasses.replace(state, basis=basis, fading=fading, waiting=())
+        into = strongest(np.concatenate(seen), self.models.most_directions)
+        fading = self.raster.start(*into.shape)
+        state = dataclasses.replace(state, into=into, fading=fading, waiting=())
         for series in seen:
             state = dataclasses.replace(
                 state, recent=None, fading=self.raster.after_gap(fading)
             )
             hops = np.split(series, len(series) // (self.frame.number // 2))
             for hop in hops:
-                state = self._taken_in(state, hop @ basis.into, end_s)
+                state = self._taken_in(state, into, hop, end_s)
             fading = state.fading or fading
         return state
 
-    def _taken_in(self, state: BandState, slow: Slow, end_s: float) -> BandState:
+    def _taken_in(
+        self,
+        state: BandState,
+        into: Complex[np.ndarray, "series direction"],
+        slow: Slow,
+        end_s: float,
+    ) -> BandState:
         fading = state.fading
         if fading is not None:
-            fading = self.raster.step(fading, slow, self.memory_s)
+            fading = self.raster.step(fading, slow, into, self.memory_s)
+        slow = slow @ into
         series = slow if state.recent is None else np.concatenate([state.recent, slow])
         state = dataclasses.replace(state, fading=fading, recent=series)
         ready = len(series) - self.models.lags + 1

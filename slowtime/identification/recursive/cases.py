@@ -3,7 +3,7 @@
 import dataclasses
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Bool, Complex, Float
 
 from slowtime.identification.band_likelihood import BandData
 from slowtime.identification.sharpen import WIDEST
@@ -12,8 +12,13 @@ from slowtime.identification.stabilisation import Candidate
 FEWEST_ORDINATES = 30
 MOST_TOGETHER = 5
 SPARE = 1
-MOST_DIRECTIONS = 5
+MOST_DIRECTIONS = 6
 """Combinations of channels that are kept: so many more than modes, and so many at most."""
+
+LINE_FIT = 3.0
+LINE_CORE = 5.0
+"""Distances from a line, in decay rates of the window, within which it is measured, and within
+which nothing else can be."""
 
 GROUPED = 0.2
 """Ordinates are averaged over this share of the distance to the nearest pole."""
@@ -31,30 +36,57 @@ class Seen:
     frequency_hz
         Of the ordinates, equally spaced [Hz].
     density
-        Up to a factor.
+        Of combinations of the channels, up to a factor.
+    cross
+        Of the channels with the combinations, by the same factor.
+    power
+        Of the channels.
     number
         Independent ordinates of a record that each of them is worth.
     decay
         What the window added to the decay rate of every mode [rad/s].
-    back
-        How combinations of channels make up the channels.
+    spared
+        Ordinates that are not to be used.
     """
 
     frequency_hz: Float[np.ndarray, " ordinate"]
     density: Complex[np.ndarray, "ordinate direction direction"]
+    cross: Complex[np.ndarray, "ordinate channel direction"]
+    power: Float[np.ndarray, "ordinate channel"]
     number: float
     decay: float
-    back: Complex[np.ndarray, "channel direction"]
+    spared: Bool[np.ndarray, " ordinate"]
+
+    def without_line(self, frequency_hz: float) -> "Seen":
+        """Take out a steady line, which the window shows with skirts that are known.
+
+        What is left of its core is spared.
+        """
+        away = 2 * np.pi * (self.frequency_hz - frequency_hz) / self.decay
+        about = np.abs(away) < LINE_FIT
+        if np.count_nonzero(about) < 3:
+            return self
+        shape = 1.0 / (1.0 + away**2)
+        columns = np.stack([shape[about], np.ones(np.count_nonzero(about))], axis=1)
+        amount = np.linalg.pinv(columns)[0]
+        parts = [
+            part
+            - shape.reshape(-1, *[1] * (part.ndim - 1)) * np.tensordot(amount, part[about], 1)
+            for part in (self.density, self.cross, self.power)
+        ]
+        spared = self.spared | (np.abs(away) < LINE_CORE)
+        return dataclasses.replace(
+            self, density=parts[0], cross=parts[1], power=parts[2], spared=spared
+        )
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Start:
-    """Where a mode, or the steady line of a machine, is thought to be, and what began it."""
+    """Where a mode is thought to be, and what began it."""
 
     pole: complex
     shape: Complex[np.ndarray, " direction"]
     candidate: Candidate
-    steady: bool
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -67,6 +99,7 @@ class Case:
     unit: float
     middle: float
     directions: np.ndarray
+    inside: np.ndarray
 
     @property
     def price(self) -> float:
@@ -107,6 +140,7 @@ def case_of(seen: Seen, order: list[Start], members: list[int], wide: float) -> 
         inside &= omega > (order[members[0] - 1].pole.imag + poles[0].imag) / 2
     if members[-1] + 1 < len(order):
         inside &= omega < (order[members[-1] + 1].pole.imag + poles[-1].imag) / 2
+    inside &= ~seen.spared
     density, omega = seen.density[inside], omega[inside]
     shapes = np.stack([order[k].shape for k in members], axis=1)
     directions = _directions(density, shapes)
@@ -116,7 +150,7 @@ def case_of(seen: Seen, order: list[Start], members: list[int], wide: float) -> 
     data = _grouped(turned, (omega - middle) / unit, scaled, seen.number)
     start = directions.conj().T @ shapes
     start = start / np.maximum(np.linalg.norm(start, axis=0), 1e-9)
-    return Case(data, scaled, start, unit, middle, directions)
+    return Case(data, scaled, start, unit, middle, directions, inside)
 
 
 def _directions(density: np.ndarray, shapes: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ import numpy as np
 import scipy.fft as fft
 from jaxtyping import Complex, Float
 
+from .cases import Seen
 from .frames import Frame
 
 RESOLVED = 1e-3
@@ -36,11 +37,13 @@ SEEN = 0.95
 class Fading:
     """What is kept: coefficients, sums of their products, and how much went into these.
 
+    Products are those of each channel with each direction, and with itself (`powers`).
     `weight` and `squares` are sums over frames of the weights and of their squares.
     """
 
-    coefficients: Complex[np.ndarray, "ordinate direction"]
-    products: Complex[np.ndarray, "ordinate direction direction"]
+    coefficients: Complex[np.ndarray, "ordinate channel"]
+    products: Complex[np.ndarray, "ordinate channel direction"]
+    powers: Float[np.ndarray, "ordinate channel"]
     weight: float = 0.0
     squares: float = 0.0
     warm_s: float = 0.0
@@ -68,10 +71,11 @@ class Raster:
         """Of the ordinates, ascending [Hz]."""
         return _table(self).frequency_hz
 
-    def start(self, directions: int) -> Fading:
+    def start(self, channels: int, directions: int) -> Fading:
         """Nothing seen yet."""
-        shape = (len(self.frequency_hz), directions)
-        return Fading(np.zeros(shape, complex), np.zeros((*shape, directions), complex))
+        shape = (len(self.frequency_hz), channels)
+        products = np.zeros((*shape, directions), complex)
+        return Fading(np.zeros(shape, complex), products, np.zeros(shape))
 
     def after_gap(self, fading: Fading) -> Fading:
         """Coefficients begin anew; sums stay."""
@@ -81,10 +85,11 @@ class Raster:
     def step(
         self,
         fading: Fading,
-        slow: Complex[np.ndarray, "instant direction"],
+        slow: Complex[np.ndarray, "instant channel"],
+        into: Complex[np.ndarray, "channel direction"],
         memory_s: float | None,
     ) -> Fading:
-        """Take in the instants of one frame."""
+        """Take in the instants of one frame; `into` makes directions of channels."""
         table, count = _table(self), len(slow)
         passed = count / self.frame.rate_hz
         faded = slow * np.exp(-self.decay / self.frame.rate_hz * np.arange(count)[::-1, None])
@@ -96,24 +101,30 @@ class Raster:
         if warm_s * self.decay < WARM:
             return dataclasses.replace(fading, coefficients=coefficients, warm_s=warm_s)
         kept = 1.0 if memory_s is None else float(np.exp(-passed / memory_s))
-        outer = coefficients[:, :, None] * coefficients[:, None, :].conj()
+        outer = coefficients[:, :, None] * (coefficients @ into).conj()[:, None, :]
         return Fading(
             coefficients,
             kept * fading.products + passed * outer,
+            kept * fading.powers + passed * np.abs(coefficients) ** 2,
             kept * fading.weight + passed,
             kept**2 * fading.squares + passed**2,
             warm_s,
         )
 
-    def density(
-        self, fading: Fading
-    ) -> tuple[Complex[np.ndarray, "ordinate direction direction"], float]:
-        """Mean spectral matrices, up to a factor, and how many ordinates each is worth."""
-        passed = self.frame.hop_s
-        seconds = passed * fading.weight**2 / fading.squares
-        gain = self.frame.band.gain(self.frequency_hz)
-        density = fading.products / (fading.weight * gain[:, None, None] ** 2)
-        return density, seconds * self.spacing_hz
+    def seen(self, fading: Fading, into: Complex[np.ndarray, "channel direction"]) -> Seen:
+        """Mean spectral matrices, up to a factor."""
+        seconds = self.frame.hop_s * fading.weight**2 / fading.squares
+        gain = fading.weight * self.frame.band.gain(self.frequency_hz) ** 2
+        cross = fading.products / gain[:, None, None]
+        return Seen(
+            frequency_hz=self.frequency_hz,
+            density=into.T @ cross,
+            cross=cross,
+            power=fading.powers / gain[:, None],
+            number=seconds * self.spacing_hz,
+            decay=self.decay,
+            spared=np.zeros(len(cross), dtype=bool),
+        )
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

@@ -31,6 +31,7 @@ from slowtime.identification.sharpen import WIDEST
 from slowtime.identification.stabilisation import Candidate
 
 from .cases import Case, Seen, Start, case_of, groups
+from .channels import in_channels
 
 SELECTING = 12.0
 SHARPENING = 50.0
@@ -51,28 +52,24 @@ CLEAR = 3.0
 class _Sharp:
     """One mode at its likeliest.
 
-    `covariance` is that of decay rate and angular frequency, `moved` that of the complex shape
-    in directions.
+    `covariance` is that of decay rate and angular frequency, `shape` is in directions, and
+    `channels` is what the channels show, with standard deviations.
     """
 
     start: Start
     pole: complex
     covariance: np.ndarray
     shape: np.ndarray
-    moved: np.ndarray
+    channels: tuple[np.ndarray, np.ndarray]
     prominence: float
 
 
-def likeliest(seen: Seen, found: list[Candidate], lines: list[Candidate]) -> tuple[Mode, ...]:
-    """Modes among the candidates, whose shapes are in directions, ascending in frequency.
-
-    Lines are accounted for as modes without damping, which the window makes of them.
-    """
-    starts = [Start(c.pole, c.shape, c, steady=False) for c in found]
-    starts += [Start(c.pole, c.shape, c, steady=True) for c in lines]
+def likeliest(seen: Seen, found: list[Candidate]) -> tuple[Mode, ...]:
+    """Modes among the candidates, whose shapes are in directions, ascending in frequency."""
+    starts = [Start(candidate.pole, candidate.shape, candidate) for candidate in found]
     chosen = _in_windows(seen, starts, SELECTING, CLOSE)
-    sharp = _in_windows(seen, [_again(one) for one in chosen], SHARPENING, np.inf)
-    return tuple(_mode(seen, one) for one in sharp if not one.start.steady)
+    again = [Start(sharp.pole, sharp.shape, sharp.start.candidate) for sharp in chosen]
+    return tuple(_mode(sharp) for sharp in _in_windows(seen, again, SHARPENING, np.inf))
 
 
 def _in_windows(seen: Seen, starts: list[Start], reach: float, close: float) -> list[_Sharp]:
@@ -81,8 +78,11 @@ def _in_windows(seen: Seen, starts: list[Start], reach: float, close: float) -> 
     for group in groups(order, close):
         case = case_of(seen, order, group, reach)
         left, best = _needed(case)
-        sharp += [_sharp(seen, case, best, k, order[group[i]]) for k, i in enumerate(left)]
-    return _distinct([one for one in sharp if one.start.steady or _is_mode(one)])
+        shown = in_channels(seen, case, best)
+        sharp += [
+            _sharp(seen, case, best, k, order[group[i]], shown[k]) for k, i in enumerate(left)
+        ]
+    return _distinct([one for one in sharp if _is_mode(one)])
 
 
 def _needed(case: Case) -> tuple[list[int], BandFit]:
@@ -111,26 +111,25 @@ def _without(case: Case, whole: BandFit, mode: int) -> BandModel:
     return rest if loss > CLEAR * case.price else fit(case.data, rest).model
 
 
-def _sharp(seen: Seen, case: Case, best: BandFit, k: int, start: Start) -> _Sharp:
+def _sharp(
+    seen: Seen,
+    case: Case,
+    best: BandFit,
+    k: int,
+    start: Start,
+    channels: tuple[np.ndarray, np.ndarray],
+) -> _Sharp:
     pole = complex(best.model.pole[k]) * case.unit + 1j * case.middle
     onto = np.array([-pole.real, case.unit])
     shape = case.directions @ best.model.shape[:, k]
-    moved = case.directions @ best.shape_covariance(k) @ case.directions.conj().T
     return _Sharp(
         start,
         pole + seen.decay,
         best.pole_covariance(k) * onto[:, None] * onto,
         shape,
-        moved,
+        channels,
         _prominence(best.model, k),
     )
-
-
-def _again(sharp: _Sharp) -> Start:
-    """Where to begin once more: a line where it was, a mode where it has been found."""
-    if sharp.start.steady:
-        return sharp.start
-    return Start(sharp.pole, sharp.shape, sharp.start.candidate, steady=False)
 
 
 def _is_mode(sharp: _Sharp) -> bool:
@@ -145,7 +144,7 @@ def _is_mode(sharp: _Sharp) -> bool:
     return bool(stands_out and (sd < MOST_DOUBT * decay).all())
 
 
-def _mode(seen: Seen, sharp: _Sharp) -> Mode:
+def _mode(sharp: _Sharp) -> Mode:
     """Mode in the units of the world."""
     decay, omega = -sharp.pole.real, sharp.pole.imag
     size = float(np.hypot(decay, omega))
@@ -154,17 +153,13 @@ def _mode(seen: Seen, sharp: _Sharp) -> Mode:
     slopes /= np.array([[2 * np.pi * size], [size**2]])
     covariance = slopes @ sharp.covariance @ slopes.T
     sd = np.sqrt(np.diag(covariance))
-    shape = seen.back @ sharp.shape
-    length = float(np.linalg.norm(shape))
-    across = np.eye(len(shape)) - np.outer(shape, shape.conj()) / length**2
-    across = across @ seen.back / length
-    variance = np.real(np.diag(across @ sharp.moved @ across.conj().T))
+    shape, shape_sd = sharp.channels
     return Mode(
         frequency_hz=Measured(size / (2 * np.pi), float(sd[0])),
         damping_ratio=Measured(decay / size, float(sd[1])),
         correlation=float(covariance[0, 1] / (sd[0] * sd[1])),
         shape=normalised(shape),
-        shape_sd=np.sqrt(np.maximum(variance, 0.0)),
+        shape_sd=shape_sd,
         quality=min(sharp.start.candidate.share, 1.0),
     )
 

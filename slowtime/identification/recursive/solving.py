@@ -14,7 +14,7 @@ from slowtime.identification.correlations import Correlations
 from slowtime.identification.identified import Measured
 from slowtime.identification.modes import Mode
 from slowtime.identification.shapes import normalised
-from slowtime.identification.ssi import Poles, identify, mixed
+from slowtime.identification.ssi import Poles, identify
 from slowtime.identification.stabilisation import Candidate, candidates
 
 from .cases import Seen
@@ -41,23 +41,16 @@ class Models:
         return 2 * self.rows
 
 
-@dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Basis:
-    """Combinations of channels that are looked at, and how these make up the channels."""
-
-    into: Complex[np.ndarray, "channel direction"]
-    back: Complex[np.ndarray, "channel direction"]
-
-    @staticmethod
-    def of(series: Complex[np.ndarray, "instant channel"], most: int) -> "Basis":
-        """Strongest combinations of channels of like power; none of those that are silent."""
-        scale = np.sqrt(np.mean(np.abs(series) ** 2, axis=0))
-        moving = scale > 0
-        inverse = np.where(moving, 1.0 / np.where(moving, scale, 1.0), 0.0)
-        _, strength, turned = np.linalg.svd(series * inverse, full_matrices=False)
-        number = max(1, min(most, int(np.count_nonzero(strength > 1e-6 * strength[0]))))
-        directions = turned[:number].conj().T
-        return Basis(inverse[:, None] * directions, scale[:, None] * directions.conj())
+def strongest(
+    series: Complex[np.ndarray, "instant channel"], most: int
+) -> Complex[np.ndarray, "channel direction"]:
+    """Choose combinations of channels of like power; nothing of those that are silent."""
+    scale = np.sqrt(np.mean(np.abs(series) ** 2, axis=0))
+    moving = scale > 0
+    inverse = np.where(moving, 1.0 / np.where(moving, scale, 1.0), 0.0)
+    _, strength, turned = np.linalg.svd(series * inverse, full_matrices=False)
+    number = max(1, min(most, int(np.count_nonzero(strength > 1e-6 * strength[0]))))
+    return np.asarray(inverse[:, None] * turned[:number].conj().T)
 
 
 def modes_of(
@@ -70,22 +63,32 @@ def modes_of(
         orders=range(1, models.order + 1),
         weighting="both",
     )
+    lines, found = _told_apart(poles, (seen.frequency_hz[0], seen.frequency_hz[-1]))
+    modes = [_line(line, seen) for line in lines]
+    for line in lines:
+        seen = seen.without_line(line.frequency_hz)
+    modes.extend(likeliest(seen, found))
     low, high = band.low_hz * (1 - SHARED), band.high_hz * (1 + SHARED)
-    found = candidates(
-        poles, low_hz=float(seen.frequency_hz[0]), high_hz=float(seen.frequency_hz[-1])
-    )
-    lines = [candidate for candidate in found if _is_steady(candidate)]
-    modes = likeliest(seen, [c for c in found if not _is_steady(c)], lines)
-    if lines:
-        again = identify(
-            correlations,
-            block_rows=models.rows,
-            orders=[int(poles.order[line.index]) for line in lines],
-            weighting="both",
-            shapes=True,
-        )
-        modes += tuple(_line(mixed(again, seen.back), line) for line in lines)
     return tuple(mode for mode in modes if low < mode.frequency_hz.value < high)
+
+
+def _told_apart(
+    poles: Poles, edges_hz: tuple[float, float]
+) -> tuple[list[Candidate], list[Candidate]]:
+    """Lines of machines, and the other candidates.
+
+    A line has no damping: half of its estimates are below zero, where no candidate is looked
+    for. So all poles are looked at with a little more damping than they have.
+    """
+    more = STEADY * np.abs(poles.pole)
+    damped = dataclasses.replace(poles, pole=poles.pole - more)
+    found = [
+        dataclasses.replace(candidate, pole=complex(poles.pole[candidate.index]))
+        for candidate in candidates(damped, low_hz=edges_hz[0], high_hz=edges_hz[1])
+    ]
+    lines = [candidate for candidate in found if _is_steady(candidate)]
+    others = [c for c in found if c.damping_ratio > 0 and not _is_steady(c)]
+    return lines, others
 
 
 def joined(bands: list[tuple[Band, tuple[Mode, ...]]]) -> tuple[Mode, ...]:
@@ -108,16 +111,19 @@ def _is_steady(candidate: Candidate) -> bool:
     return candidate.damping_ratio + 1.64 * candidate.damping_sd < STEADY
 
 
-def _line(poles: Poles, line: Candidate) -> Mode:
+def _line(line: Candidate, seen: Seen) -> Mode:
     """Line of a machine, as the subspace models have it: it is narrower than the ordinates."""
-    k = int(np.argmin(np.abs(poles.pole - line.pole)))
-    correlation = poles.standard_deviations()[2][k]
+    at = int(np.argmin(np.abs(seen.frequency_hz - line.frequency_hz)))
+    shared = seen.cross[at] @ line.shape
+    strength = float((line.shape.conj() @ seen.density[at] @ line.shape).real)
+    size = float(np.linalg.norm(shared))
+    rest = np.maximum(seen.power[at] - np.abs(shared) ** 2 / strength, 0.0)
     return Mode(
         frequency_hz=Measured(line.frequency_hz, line.frequency_sd_hz),
-        damping_ratio=Measured(line.damping_ratio, line.damping_sd),
-        correlation=float(correlation),
-        shape=normalised(poles.shape[:, k]),
-        shape_sd=poles.shape_sd()[:, k],
+        damping_ratio=Measured(max(line.damping_ratio, 0.0), line.damping_sd),
+        correlation=0.0,
+        shape=normalised(shared),
+        shape_sd=np.sqrt(rest * strength / max(seen.number, 1.0)) / size,
         kind="harmonic",
         quality=min(line.share, 1.0),
     )

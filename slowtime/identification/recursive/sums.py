@@ -12,7 +12,7 @@ from jaxtyping import Complex
 
 from slowtime.identification.correlations import BLOCKS_PER_DRAW, Correlations, combine
 
-MOST = 64
+MOST = 32
 FEWEST = 16
 """Stretches below which nothing is said."""
 
