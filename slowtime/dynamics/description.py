@@ -174,21 +174,21 @@ def _contributions(
     description: Description,
 ) -> Iterator[tuple[str, str, Float[np.ndarray, "all all"]]]:
     """Give what every node and element adds; last row and column are of the base moving."""
-    place = _places(description)
+    place = places(description)
     size = len(description.dofs) + 1
     for node in description.nodes:
         names = (node.id, node.id + ROTATION)[: 1 + (node.kind == "beam")]
         own = np.diag([node.mass_kg, node.rotary_inertia_kg_m2][: len(names)])
-        yield "mass", node.id, _spread(own, names, place, size)
+        yield "mass", node.id, spread(own, names, place, size)
     for element in description.elements:
         mass = element.mass()
         if mass is not None:
-            yield "mass", element.id, _spread(mass, element.dofs, place, size)
-        yield "damping", element.id, _spread(element.damping(), element.dofs, place, size)
-        yield "stiffness", element.id, _spread(element.stiffness(), element.dofs, place, size)
+            yield "mass", element.id, spread(mass, element.dofs, place, size)
+        yield "damping", element.id, spread(element.damping(), element.dofs, place, size)
+        yield "stiffness", element.id, spread(element.stiffness(), element.dofs, place, size)
 
 
-def _places(description: Description) -> dict[str, int | None]:
+def places(description: Description) -> dict[str, int | None]:
     """Row of each coordinate: the base's row for those held to it, None where held at zero."""
     base = len(description.dofs)
     place: dict[str, int | None] = {BASE: base, BASE + ROTATION: None}
@@ -197,7 +197,7 @@ def _places(description: Description) -> dict[str, int | None]:
     return place | {name: row for row, name in enumerate(description.dofs)}
 
 
-def _spread(
+def spread(
     matrix: Float[np.ndarray, "own own"],
     names: Iterable[str],
     place: Mapping[str, int | None],

@@ -58,7 +58,7 @@ def _law(laws: Int[np.ndarray, " law"], motion: Motion, v: Series, values: Value
     force = np.empty(len(motion.e))
     columns = (motion.e, v, motion.a, motion.times, values)
     e, v, a, times, p = (np.ascontiguousarray(column, dtype=float) for column in columns)
-    _loop(laws, e, v, a, times, p, force)
+    _loop(laws, e, v, a, times, p, force, np.zeros((4, len(laws))))
     return force
 
 
@@ -72,19 +72,25 @@ def _between(first: float, last: float, leave: float, arrive: float, s: float) -
 
 @compiled
 def _loop(
-    laws: Any, e: Series, v: Series, a: Series, times: Series, p: Values, force: Series
+    laws: Any,
+    e: Series,
+    v: Series,
+    a: Series,
+    times: Series,
+    p: Values,
+    force: Series,
+    room: Any,
 ) -> None:
     """Evaluate laws at the samples; internal states by Runge and Kutta's fourth-order rule."""
     states = len(laws) - 1
-    z, begin = np.zeros(states + 1), np.zeros(states + 1)
-    total, slope = np.zeros(states + 1), np.zeros(states + 1)
+    z, begin, total, slope = room[0], room[1], room[2], room[3]
     for k in range(len(e)):
         force[k] = call_law(laws[0], e[k], v[k], times[k], z.ctypes.data, p.ctypes.data)
         if states == 0 or k + 1 == len(e):
             continue
         h = times[k + 1] - times[k]
-        begin[:] = z
-        total[:] = 0.0
+        for i in range(states):
+            begin[i], total[i] = z[i], 0.0
         for stage in range(4):
             s = (stage + 1) // 2 / 2.0
             place = _between(e[k], e[k + 1], h * v[k], h * v[k + 1], s)

@@ -13,6 +13,7 @@ import numba
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
+from numba.np.arrayobj import populate_array
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -22,18 +23,22 @@ Scalar = Callable[[float, float, float, Any, Any], float]
 number out."""
 
 _REAL = types.float64
+_OPTIONS = {"error_model": "numpy", "_nrt": False}
 _POINTER = types.CPointer(types.float64)
 _SIGNATURE = _REAL(_REAL, _REAL, _REAL, _POINTER, _POINTER)
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile a function when it is first called."""
+    """Compile a function, which makes no arrays, when it is first called.
+
+    Without the bookkeeping that arrays of its own would take, it compiles twice as fast.
+    """
     # Checkers of array shapes wrap functions in Python, which machine code cannot call.
     plain = inspect.unwrap(function)
     try:
-        return cast(Callable[P, R], numba.njit(cache=True, error_model="numpy")(plain))
+        return cast(Callable[P, R], numba.njit(cache=True, **_OPTIONS)(plain))
     except RuntimeError:  # no folder to keep the code in
-        return cast(Callable[P, R], numba.njit(error_model="numpy")(plain))
+        return cast(Callable[P, R], numba.njit(**_OPTIONS)(plain))
 
 
 @functools.cache
@@ -79,3 +84,38 @@ def _call_law(
 
 call_law: Any = intrinsic(inspect.unwrap(_call_law))
 """In compiled code, call the law at an address: (address, e, v, t, z, p), z and p addresses."""
+
+
+def view_of(kind: Any, axes: int) -> Any:
+    """Make the compiled function (table, row) to the array that stands in memory there.
+
+    A row of the table is (address, lengths of the axes); the array is contiguous.
+    """
+
+    def view(typing_context: Any, table: Any, row: Any) -> Any:
+        array = types.Array(kind, axes, "C")
+
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            rows = context.make_array(signature.args[0])(context, builder, arguments[0])
+            width = builder.extract_value(rows.shape, 1)
+            first = builder.mul(context.cast(builder, arguments[1], row, types.int64), width)
+            found = [
+                builder.load(builder.gep(rows.data, [builder.add(first, _constant(k))]))
+                for k in range(1 + axes)
+            ]
+            size = context.get_abi_sizeof(context.get_value_type(kind))
+            strides = [_constant(size)]
+            for length in found[:1:-1]:
+                strides.insert(0, builder.mul(strides[0], length))
+            made = context.make_array(array)(context, builder)
+            data = builder.inttoptr(found[0], made.data.type)
+            populate_array(made, data, found[1:], strides, _constant(size), None)
+            return made._getvalue()
+
+        return array(table, row), generate
+
+    return intrinsic(view)
+
+
+def _constant(number: int) -> Any:
+    return ir.Constant(ir.IntType(64), number)

@@ -1,15 +1,19 @@
 """The plant: a description that can be run at any values of its parameters."""
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
 
 from slowtime.dynamics.description import Description
-from slowtime.dynamics.effects import Effect, Kind, catalogue, read_effects
+from slowtime.dynamics.effects import Effect, Kind, Law, Motion, Place, catalogue, read_effects
 
+from .matrices import Matrices
 from .names import Entry, Name, names_of
+from .running import Run, motions, run
+from .system import Layout, layout_of
 
 Values = Float[np.ndarray, " parameter"]
 Inputs = Float[np.ndarray, "time input"]
@@ -29,6 +33,8 @@ class Plant:
     effects: tuple[Effect, ...]
     kinds: Mapping[str, Kind]
     entries: Mapping[Name, Entry]
+    matrices: Matrices
+    layout: Layout
     hold: str = "band_limited"
 
     @classmethod
@@ -50,11 +56,15 @@ class Plant:
         """
         known = catalogue() if kinds is None else kinds
         effects = read_effects(description, known)
+        matrices = Matrices.of(description, effects, known)
+        own = [known[effect.kind] for effect in effects]
         return cls(
             description=description,
             effects=effects,
             kinds=known,
             entries=names_of(description, effects, known),
+            matrices=matrices,
+            layout=layout_of(description, effects, own, matrices.names),
             hold=hold,
         )
 
@@ -78,6 +88,19 @@ class Plant:
         """Standard deviation of what is claimed: 0 where exact, infinite where nothing is."""
         return np.array([entry.sd for entry in self.entries.values()])
 
+    @property
+    def state_names(self) -> tuple[tuple[str, str], ...]:
+        """Names of the numbers of a state: displacements, velocities, what laws remember."""
+        names = self.matrices.names
+        inner = tuple(
+            ("internal", f"{effect.kind} {i}.{k + 1}")
+            for i, effect in enumerate(self.effects)
+            if isinstance(action := self.kinds[effect.kind].action, Law)
+            for k in range(len(action.rates))
+        )
+        moved = tuple(("displacement", name) for name in names)
+        return (*moved, *(("velocity", name) for name in names), *inner)
+
     def simulate(
         self,
         values: Values,
@@ -86,9 +109,32 @@ class Plant:
         *,
         state0: State | None = None,
         start_s: float = 0.0,
+        base: Float[np.ndarray, " time"] | None = None,
     ) -> Outputs:
-        """Run under inputs; from rest where no `state0` is given."""
-        raise NotImplementedError
+        """Run, and tell what the sensors do.
+
+        Parameters
+        ----------
+        values
+            Of all parameters, in their order.
+        inputs
+            One column for each input of the description, in its unit.
+        rate_hz
+            Samples per second.
+        state0
+            State at the first sample, in the order of `state_names`; rest where not given.
+        start_s
+            Campaign time of the first sample [s].
+        base
+            Acceleration of the base beyond what was measured [m/s^2].
+
+        Returns
+        -------
+        One column for each sensor, in its unit; NaN from where the motion grew beyond bounds.
+        """
+        return self.run(
+            values, inputs, rate_hz, state0=state0, start_s=start_s, base=base
+        ).outputs
 
     def sensitivities(
         self,
@@ -99,6 +145,88 @@ class Plant:
         *,
         state0: State | None = None,
         start_s: float = 0.0,
+        base: Float[np.ndarray, " time"] | None = None,
     ) -> tuple[Outputs, Float[np.ndarray, "time sensor slope"]]:
-        """Run; give outputs, and their slopes to the `free` parameters and then to `state0`."""
-        raise NotImplementedError
+        """Run; give outputs, and their slopes to the `free` parameters and then to `state0`.
+
+        The slopes are those of the motion computed, exact but for the differences that laws
+        are differentiated by: about 1e-7 of them. Parameters as for `simulate`.
+        """
+        found = self.run(
+            values, inputs, rate_hz, free, state0=state0, start_s=start_s, base=base
+        )
+        assert found.slopes is not None
+        return found.outputs, found.slopes
+
+    def states(
+        self,
+        values: Values,
+        inputs: Inputs,
+        rate_hz: float,
+        *,
+        state0: State | None = None,
+        start_s: float = 0.0,
+        base: Float[np.ndarray, " time"] | None = None,
+    ) -> dict[Place, Motion]:
+        """Run, and give the motion of every spring element and every node that moves.
+
+        Elongations of elements; of nodes, displacement and velocity against the base and
+        acceleration in space. Parameters as for `simulate`.
+        """
+        found = self.run(values, inputs, rate_hz, state0=state0, start_s=start_s, base=base)
+        return motions(self.description, self.matrices.names, found)
+
+    def run(
+        self,
+        values: Values,
+        inputs: Inputs,
+        rate_hz: float,
+        free: Sequence[Name] | None = None,
+        *,
+        state0: State | None = None,
+        start_s: float = 0.0,
+        base: Float[np.ndarray, " time"] | None = None,
+    ) -> Run:
+        """Run, and give all of it. Slopes where `free` is given, be it empty."""
+        self._check(values, inputs, rate_hz, free)
+        named = dict(zip(self.entries, values.tolist(), strict=True))
+        return run(
+            self.description,
+            self.effects,
+            [self.kinds[effect.kind] for effect in self.effects],
+            self.matrices,
+            self.layout,
+            named,
+            inputs,
+            rate_hz,
+            free,
+            state0=np.zeros(self.layout.states) if state0 is None else state0,
+            start_s=start_s,
+            base=base,
+            hold=self.hold,
+        )
+
+    def _check(
+        self, values: Values, inputs: Inputs, rate_hz: float, free: Sequence[Name] | None
+    ) -> None:
+        if len(values) != len(self.entries):
+            raise ValueError(
+                f"{len(values)} values were given for {len(self.entries)} parameters. Give "
+                "one for each of `parameters`."
+            )
+        if not 0 < rate_hz < math.inf:
+            raise ValueError(
+                f"{rate_hz=} is no sampling rate. Give samples per second, above 0."
+            )
+        if inputs.shape[1] != len(self.description.inputs):
+            raise ValueError(
+                f"{inputs.shape[1]} columns were given for {len(self.description.inputs)} "
+                "inputs. Give one for each input of the description."
+            )
+        if not np.isfinite(inputs).all():
+            raise ValueError("The inputs hold NaN or infinity. Cut the record at its gaps.")
+        for name in free or ():
+            if name not in self.entries:
+                raise ValueError(f"No parameter is called {name}. See `parameters`.")
+            if not self.entries[name].fitted:
+                raise ValueError(f"{name} is chosen, not estimated: it has no slope.")

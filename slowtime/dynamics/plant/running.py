@@ -1,0 +1,302 @@
+"""One run of a plant, put together: inputs, matrices, compiled steps, sensors."""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from slowtime.dynamics.description import Beam, Description
+from slowtime.dynamics.effects import Effect, Kind, Law, Motion, Place
+
+from .kernel import Now, System, march, places
+from .matrices import Matrices
+from .names import Name
+from .sensing import acting, base_of, ears_of, held, told
+from .system import Layout, Stack, big_matrices, state_matrices
+
+TOLERANCE = 3e-4
+"""By how much the parabola of a force may miss the force at the beginning of a step, over the
+largest so far; what that does to the motion is some hundred times less."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Run:
+    """What a run was.
+
+    Parameters
+    ----------
+    outputs
+        Of the sensors, in their units.
+    slopes
+        Of the outputs: to each free parameter, then to each number of the first state; None
+        where they were not asked for.
+    states, rates
+        Of the structure in SI; and how fast they change.
+    forces
+        Of laws, and rates of what they remember.
+    base
+        Acceleration of the base [m/s^2].
+    times
+        Campaign time [s].
+    steps
+        How many were taken, those tried in vain too; negative where the motion grew beyond
+        bounds.
+    """
+
+    outputs: Float[np.ndarray, "time sensor"]
+    slopes: Float[np.ndarray, "time sensor slope"] | None
+    states: Float[np.ndarray, "time state"]
+    rates: Float[np.ndarray, "time state"]
+    forces: Float[np.ndarray, "time channel"]
+    base: Float[np.ndarray, " time"]
+    times: Float[np.ndarray, " time"]
+    steps: int
+
+
+def run(
+    description: Description,
+    effects: Sequence[Effect],
+    kinds: Sequence[Kind],
+    matrices: Matrices,
+    layout: Layout,
+    values: Mapping[Name, float],
+    inputs: Float[np.ndarray, "time input"],
+    rate_hz: float,
+    free: Sequence[Name] | None,
+    *,
+    state0: Float[np.ndarray, " state"],
+    start_s: float,
+    base: Float[np.ndarray, " time"] | None,
+    hold: str,
+) -> Run:
+    """Run a plant: see `Plant.run`."""
+    samples, interval = len(inputs), 1 / rate_hz
+    times = start_s + np.arange(samples) / rate_hz
+    # Not-a-number stands for the end of the record.
+    values = {name: times[-1] if math.isnan(v) else v for name, v in values.items()}
+    asked = tuple(free or ())
+    acts, driven = acting(description, effects, kinds, values, inputs, times, asked)
+    if base is not None:
+        acts = np.concatenate([acts, base[:, None]], axis=1)
+    columns = np.concatenate([acts, *(series[:, None] for _, _, series in driven)], axis=1)
+    coefficients = held(columns, hold) if columns.shape[1] else np.zeros((samples, 0, 1))
+    linear = [name for name in asked if _is_linear(name, matrices)]
+    laws = [name for name in asked if name in layout.law_names]
+    order = (*linear, *laws, *(name for name, _, _ in driven))
+    triples = [matrices.at(values, list(kinds))]
+    triples += [matrices.slope(name, values, list(kinds)) for name in linear]
+    stacks = state_matrices(layout, matrices.names, triples, unmeasured=base is not None)
+    system = _system(layout, stacks, values, kinds, order, interval, coefficients, driven)
+    slopes = len(order) + layout.states if free is not None else 0
+    now = _now(system, state0, len(order), slopes, coefficients.shape[1])
+    states = np.full((samples, layout.states), np.nan)
+    forces = np.full((samples, len(layout.laws)), np.nan)
+    slope_states = np.full((samples, layout.states, slopes), np.nan)
+    slope_forces = np.full((samples, len(layout.laws), slopes), np.nan)
+    eventful = True if len(system.jumps) or system.table[:, 0].any() else None
+    steps = march(
+        places(system, now),
+        eventful,
+        coefficients,
+        start_s,
+        interval,
+        TOLERANCE,
+        states,
+        forces,
+        slope_states,
+        slope_forces,
+    )
+    a, b_u, b_y = stacks
+    count = b_u.shape[2]
+    pushed = coefficients[:, :, 0]
+    rates = states @ a[0].T + pushed[:, :count] @ b_u[0].T + forces @ b_y[0].T
+    slope_rates = a[0] @ slope_states + b_y[0] @ slope_forces
+    for j in range(len(linear)):
+        changed = states @ a[1 + j].T + pushed[:, :count] @ b_u[1 + j].T
+        slope_rates[:, :, j] += changed + forces @ b_y[1 + j].T
+    for i, (name, column, _) in enumerate(driven):
+        j = order.index(name)
+        slope_rates[:, :, j] += np.outer(pushed[:, count + i], b_u[0][:, column])
+    shaken = _base(description, coefficients, driven, order, slopes, base is not None)
+    ground = base_of(shaken, interval).motion
+    free_count = len(matrices.names)
+    ears = ears_of(description, matrices.names)
+    outputs = np.zeros((samples, len(ears)))
+    heard = np.zeros((samples, len(ears), slopes))
+    for k, ear in enumerate(ears):
+        if ear.coordinate is not None:
+            row = ear.coordinate + (free_count if ear.order == 1 else 0)
+            whole, part = (states, slope_states) if ear.order < 2 else (rates, slope_rates)
+            row += free_count if ear.order == 2 else 0
+            outputs[:, k] = whole[:, row]
+            heard[:, k] = part[:, row]
+        if ear.absolute:
+            outputs[:, k] += ground[ear.order][:, 0]
+            heard[:, k] += ground[ear.order][:, 1:]
+    factors = np.array([ear.factor for ear in ears])
+    outputs *= factors
+    heard *= factors[:, None]
+    wanted = np.zeros((samples, len(ears), len(asked) + layout.states if slopes else 0))
+    if slopes:
+        for j, name in enumerate(order):
+            wanted[:, :, asked.index(name)] += heard[:, :, j]
+        wanted[:, :, len(asked) :] = heard[:, :, len(order) :]
+    at = {name: j for j, name in enumerate(asked)}
+    told(description, effects, kinds, values, outputs, times, wanted, at)
+    return Run(
+        outputs=outputs,
+        slopes=wanted if free is not None else None,
+        states=states,
+        rates=rates,
+        forces=forces,
+        base=ground[2][:, 0],
+        times=times,
+        steps=int(steps),
+    )
+
+
+def motions(description: Description, names: Sequence[str], found: Run) -> dict[Place, Motion]:
+    """Motion of every spring element, and of every node that moves: see `Plant.states`."""
+    free = len(names)
+    place = {name: row for row, name in enumerate(names)}
+    q, v, a = found.states[:, :free], found.states[:, free : 2 * free], found.rates
+    a = a[:, free : 2 * free]
+    seen = {}
+    for part in description.elements:
+        if isinstance(part, Beam):
+            continue
+        row = np.zeros(free)
+        for name, sign in zip(part.between, (-1.0, 1.0), strict=True):
+            if name in place:
+                row[place[name]] += sign
+        seen["element", part.id] = Motion(e=q @ row, v=v @ row, a=a @ row, times=found.times)
+    for node in description.nodes:
+        if node.id in place:
+            k = place[node.id]
+            seen["node", node.id] = Motion(
+                e=q[:, k], v=v[:, k], a=a[:, k] + found.base, times=found.times
+            )
+    return {Place(kind, name): motion for (kind, name), motion in seen.items()}  # type: ignore[arg-type]
+
+
+def _is_linear(name: Name, matrices: Matrices) -> bool:
+    return name[0] in ("stiffness", "damping", "mass") or (
+        name[0] == "effect" and name[1] in matrices.hidden
+    )
+
+
+def _system(
+    layout: Layout,
+    stacks: tuple[Stack, Stack, Stack],
+    values: Mapping[Name, float],
+    kinds: Sequence[Kind],
+    order: Sequence[Name],
+    interval: float,
+    coefficients: Float[np.ndarray, "time input power"],
+    driven: Sequence[tuple[Name, int, Float[np.ndarray, " time"]]],
+) -> System:
+    a, b_u, b_y = stacks
+    whole = np.concatenate(stacks, axis=2)
+    big, slope_big = big_matrices(layout, a, b_u, b_y, interval, coefficients.shape[2])
+    jumps = [
+        ("effect", i, name)
+        for i, kind in enumerate(kinds)
+        if isinstance(kind.action, Law)
+        for name in kind.action.switches
+    ]
+
+    def columns(names: Sequence[Name]) -> Int[np.ndarray, " name"]:
+        found = [order.index(name) if name in order else -1 for name in names]
+        return np.array(found, dtype=np.int64)
+
+    through = [(order.index(name), column) for name, column, _ in driven]
+    return System(
+        table=layout.table,
+        laws=layout.laws,
+        p=np.array([values[name] for name in layout.law_names]),
+        column=columns(layout.law_names),
+        jumps=np.array([values[name] for name in jumps]),
+        jump_columns=columns(jumps),
+        driven=np.array(through, dtype=np.int64).reshape(-1, 2),
+        seeing=layout.seeing,
+        matrix=np.ascontiguousarray(whole[0]),
+        slope_matrix=np.ascontiguousarray(np.moveaxis(whole[1:], 0, 2)),
+        big=big,
+        slope_big=slope_big,
+    )
+
+
+def _now(
+    system: System,
+    state0: Float[np.ndarray, " state"],
+    before: int,
+    slopes: int,
+    inputs: int,
+) -> Now:
+    size, channels, seen = len(state0), len(system.laws), len(system.seeing)
+    rows, columns = system.big.shape[1], system.big.shape[2]
+    powers = (columns - size - 3 * channels) // max(system.matrix.shape[1] - size - channels, 1)
+    slope = np.zeros((size, slopes))
+    if slopes:
+        slope[:, before:] = np.eye(size)
+    speeds = system.seeing @ state0
+    modes = [np.sign(speeds[row[2] + 1]) if row[0] else 0.0 for row in system.table]
+    widest = int(max([2, *(max(2 + row[3], row[5]) for row in system.table)]))
+    frictions = int(system.table[:, 0].sum())
+    return Now(
+        x=np.array(state0, dtype=float),
+        s=slope,
+        modes=np.array(modes, dtype=float),
+        largest_y=np.zeros(channels),
+        largest_w=np.zeros(seen),
+        v=np.zeros((system.matrix.shape[1], 1)),
+        slope_v=np.zeros((system.matrix.shape[1], slopes)),
+        rate=np.zeros((size, 1)),
+        slope_rate=np.zeros((size, slopes)),
+        w=np.zeros(seen),
+        slope_w=np.zeros((seen, slopes)),
+        limit=np.zeros((channels, 1)),
+        by_seen=np.zeros((3, channels, widest)),
+        by_parameter=np.zeros((channels, widest)),
+        g=np.zeros(columns),
+        slope_g=np.zeros((columns, slopes)),
+        room=np.zeros(rows),
+        slope_room=np.zeros((rows, slopes)),
+        y=np.zeros(3 * channels),
+        points=np.zeros((3, seen)),
+        newton=np.zeros((3 * channels, 3 * channels)),
+        right=np.zeros((3 * channels, 1)),
+        slope_right=np.zeros((3 * channels, slopes)),
+        part=np.zeros((inputs, powers)),
+        stuck=np.zeros((frictions, frictions)),
+        stuck_right=np.zeros((frictions, 1)),
+        stuck_slope=np.zeros((frictions, slopes)),
+        x_0=np.zeros(size),
+        s_0=np.zeros((size, slopes)),
+        x_1=np.zeros(size),
+        s_1=np.zeros((size, slopes)),
+        before=np.zeros(size),
+        moved=np.zeros(slopes),
+    )
+
+
+def _base(
+    description: Description,
+    coefficients: Float[np.ndarray, "time input power"],
+    driven: Sequence[tuple[Name, int, Float[np.ndarray, " time"]]],
+    order: Sequence[Name],
+    slopes: int,
+    unmeasured: bool,
+) -> Float[np.ndarray, "time power slope"]:
+    """Polynomials of the base's acceleration, then of its slopes."""
+    found = np.zeros((len(coefficients), coefficients.shape[2], 1 + slopes))
+    shaking = [k for k, entry in enumerate(description.inputs) if entry.kind != "force"]
+    count = len(description.inputs) + unmeasured
+    for k in (*shaking, *((count - 1,) if unmeasured else ())):
+        found[:, :, 0] += coefficients[:, k]
+    for i, (name, column, _) in enumerate(driven):
+        if column in shaking:
+            found[:, :, 1 + order.index(name)] += coefficients[:, count + i]
+    return found

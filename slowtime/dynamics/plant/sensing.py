@@ -1,0 +1,156 @@
+"""States in, what sensors tell out; and inputs as recorded in, as they act out."""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from slowtime.dynamics.description import BASE, Description
+from slowtime.dynamics.effects import Effect, InputChange, Kind, SensorChange
+from slowtime.dynamics.transfer import QUANTITIES
+from slowtime.dynamics.units import unit_factor
+from slowtime.signals.interpolation import polynomials
+
+from .names import Name
+
+Series = Float[np.ndarray, " time"]
+Values = Float[np.ndarray, " parameter"]
+Act = Callable[[Series, Series, Values], Series]
+Polynomials = Float[np.ndarray, "time input power"]
+NUDGE = 1e-6
+"""Relative step of central differences of what inputs and sensors do."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Base:
+    """Motion of the base: displacement, velocity, acceleration, each over time and slope."""
+
+    motion: tuple[Float[np.ndarray, "time slope"], ...]
+
+
+def acting(
+    description: Description,
+    effects: Sequence[Effect],
+    kinds: Sequence[Kind],
+    values: Mapping[Name, float],
+    inputs: Float[np.ndarray, "time input"],
+    times: Series,
+    free: Sequence[Name],
+) -> tuple[Float[np.ndarray, "time input"], list[tuple[Name, int, Series]]]:
+    """Turn inputs into what acts, in SI; and tell how that changes with free parameters."""
+    acts, slopes = np.empty_like(inputs, dtype=float), []
+    for column, entry in enumerate(description.inputs):
+        quantity: Literal["force", "acceleration"]
+        quantity = "force" if entry.kind == "force" else "acceleration"
+        factor = unit_factor(entry.unit, quantity, description.unit_of_coordinate)
+        series = factor * np.asarray(inputs[:, column], dtype=float)
+        directions: list[tuple[Name, Series]] = []
+        for i, effect in enumerate(effects):
+            action = kinds[i].action
+            if not isinstance(action, InputChange) or effect.place.id != entry.channel:
+                continue
+            p = np.array([values["effect", i, name] for name in kinds[i].names])
+            directions = [(name, action.act(s, times, p)) for name, s in directions]
+            for k, name in enumerate(kinds[i].names):
+                if ("effect", i, name) in free:
+                    slope = _by_parameter(action.act, series, times, p, k)
+                    directions.append((("effect", i, name), slope))
+            series = action.act(series, times, p)
+        acts[:, column] = series
+        slopes += [(name, column, direction) for name, direction in directions]
+    return acts, slopes
+
+
+def held(columns: Float[np.ndarray, "time input"], hold: str) -> Polynomials:
+    """Find the polynomials between samples of every input, with the powers that are used."""
+    powers = {"zero": 1, "first": 2}.get(hold, 6)
+    found = [polynomials(column, hold)[:, :powers] for column in columns.T]
+    return np.ascontiguousarray(np.stack(found, axis=1))
+
+
+def base_of(along: Float[np.ndarray, "time power slope"], interval: float) -> Base:
+    """Integrate a base acceleration that is polynomial between samples, from rest."""
+    powers = np.arange(along.shape[1])[:, None]
+    gained = interval * np.sum(along / (powers + 1), axis=1)
+    velocity = np.cumsum(gained, axis=0) - gained
+    moved = interval**2 * np.sum(along / ((powers + 1) * (powers + 2)), axis=1)
+    moved = moved + interval * velocity
+    return Base((np.cumsum(moved, axis=0) - moved, velocity, along[:, 0]))
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Ear:
+    """How one sensor hears: coordinate, order of the derivative, frame, unit."""
+
+    coordinate: int | None
+    order: int
+    absolute: bool
+    factor: float
+
+
+def ears_of(description: Description, names: Sequence[str]) -> tuple[Ear, ...]:
+    """Give one for each sensor of a description."""
+    return tuple(
+        Ear(
+            coordinate=(
+                names.index(sensor.node)
+                if sensor.node != BASE and sensor.node in names
+                else None  # held, as at a pin: it does not move against the base
+            ),
+            order=QUANTITIES.index(sensor.quantity),
+            absolute=sensor.frame == "absolute",
+            factor=1
+            / unit_factor(sensor.unit, sensor.quantity, description.unit_of_coordinate),
+        )
+        for sensor in description.sensors
+    )
+
+
+def told(
+    description: Description,
+    effects: Sequence[Effect],
+    kinds: Sequence[Kind],
+    values: Mapping[Name, float],
+    heard: Float[np.ndarray, "time sensor"],
+    times: Series,
+    slopes: Float[np.ndarray, "time sensor slope"],
+    columns: Mapping[Name, int],
+) -> None:
+    """Put in place of what is there what sensors tell of it, slopes too."""
+    for i, effect in enumerate(effects):
+        action = kinds[i].action
+        if not isinstance(action, SensorChange):
+            continue
+        k = [sensor.channel for sensor in description.sensors].index(effect.place.id)
+        p = np.array([values["effect", i, name] for name in kinds[i].names])
+        series = heard[:, k].copy()
+        heard[:, k] = action.act(series, times, p)
+        for j in range(slopes.shape[2]):
+            if slopes[:, k, j].any():
+                slopes[:, k, j] = _along(action, series, slopes[:, k, j], times, p)
+        for which, name in enumerate(kinds[i].names):
+            if ("effect", i, name) in columns:
+                slopes[:, k, columns["effect", i, name]] += _by_parameter(
+                    action.act, series, times, p, which
+                )
+
+
+def _along(
+    action: SensorChange, series: Series, direction: Series, times: Series, p: Values
+) -> Series:
+    if action.affine:
+        still = action.act(0 * direction, times, p)
+        return np.asarray(action.act(direction, times, p) - still)
+    size = np.abs(direction).max()
+    step = NUDGE * max(float(np.abs(series).max()), 1e-30) / size
+    above = action.act(series + step * direction, times, p)
+    return np.asarray((above - action.act(series - step * direction, times, p)) / (2 * step))
+
+
+def _by_parameter(act: Act, series: Series, times: Series, p: Values, which: int) -> Series:
+    step = np.zeros(len(p))
+    step[which] = NUDGE * abs(p[which]) or NUDGE * float(np.median(np.diff(times)))
+    above, below = act(series, times, p + step), act(series, times, p - step)
+    return np.asarray((above - below) / (2 * step[which]))

@@ -1,0 +1,207 @@
+r"""Matrices and laws in; what the compiled steps need, out.
+
+State :math:`x = (q, \dot q, z)`, internal states of laws last;
+:math:`\dot x = A x + B_u u + B_y y` with one column of :math:`B_u` for each input and of
+:math:`B_y` for each force of a law and each rate of an internal state.
+"""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from slowtime.dynamics.description import Description, places
+from slowtime.dynamics.effects import Effect, Friction, Kind, Law
+from slowtime.dynamics.effects.compiled import law_address
+from slowtime.dynamics.parts import ROTATION
+
+from .kernel import RADAU
+from .levels import levels_of, product
+from .matrices import Triple, along
+from .names import Name
+
+Stack = Float[np.ndarray, "slope state any"]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Layout:
+    """What of a plant does not hang on values: places of laws, inputs, and states.
+
+    Parameters
+    ----------
+    table, laws
+        As the compiled steps want them, see `kernel`.
+    law_names
+        Names of the parameters of laws, in the order of `p`.
+    seeing
+        Rows that take from the state what laws see.
+    directions
+        By effect with a law, the row of coordinates it works along, with the sign with which
+        its force works there.
+    forced
+        By input, the row of coordinates that a force acts on; None for a base acceleration.
+    """
+
+    table: Int[np.ndarray, "effect 6"]
+    laws: Int[np.ndarray, " channel"]
+    law_names: tuple[Name, ...]
+    seeing: Float[np.ndarray, "seen state"]
+    directions: tuple[Float[np.ndarray, " coordinate"], ...]
+    forced: tuple[Float[np.ndarray, " coordinate"] | None, ...]
+
+    @property
+    def states(self) -> int:
+        """How many states there are."""
+        return int(self.seeing.shape[1])
+
+
+def layout_of(
+    description: Description,
+    effects: Sequence[Effect],
+    kinds: Sequence[Kind],
+    names: Sequence[str],
+) -> Layout:
+    """Place the laws of effects among the states."""
+    free = len(names)
+    place = places(description)
+    base = len(description.dofs)
+    place = {name: free if row == base else row for name, row in place.items()}
+    acting = [i for i, kind in enumerate(kinds) if isinstance(kind.action, Law | Friction)]
+    states = 2 * free + sum(_internal(kinds[i]) for i in acting)
+    table, directions = [], []
+    laws: list[int] = []
+    law_names: list[Name] = []
+    seeing: list[Float[np.ndarray, " state"]] = []
+    next_state = 2 * free
+    for i in acting:
+        action, inner = kinds[i].action, _internal(kinds[i])
+        row = along(description, effects[i], place, free + 1)[:free]
+        table.append(
+            [
+                isinstance(action, Friction),
+                len(laws),
+                len(seeing),
+                inner,
+                len(law_names),
+                len(kinds[i].names),
+            ]
+        )
+        if isinstance(action, Friction):
+            laws.append(law_address(action.limit))
+        elif isinstance(action, Law):
+            laws += [law_address(law) for law in (action.force, *action.rates)]
+        law_names += [("effect", i, name) for name in kinds[i].names]
+        still = np.zeros(states - free)
+        seeing.append(np.concatenate([row, still]))
+        seeing.append(np.concatenate([np.zeros(free), row, np.zeros(states - 2 * free)]))
+        for _ in range(inner):
+            seeing.append(np.eye(states)[next_state])
+            next_state += 1
+        directions.append(row if effects[i].place.kind == "node" else -row)
+    forced = tuple(
+        None if entry.node is None else _pushed(entry.node, place, free)
+        for entry in description.inputs
+    )
+    return Layout(
+        table=np.array(table, dtype=np.int64).reshape(-1, 6),
+        laws=np.array(laws, dtype=np.int64),
+        law_names=tuple(law_names),
+        seeing=np.array(seeing).reshape(-1, states),
+        directions=tuple(directions),
+        forced=forced,
+    )
+
+
+def state_matrices(
+    layout: Layout, names: Sequence[str], triples: Sequence[Triple], *, unmeasured: bool
+) -> tuple[Stack, Stack, Stack]:
+    """Make A, B of inputs and B of forces, each with its slopes behind it.
+
+    Parameters
+    ----------
+    triples
+        Mass, damping and stiffness, then their slopes.
+    unmeasured
+        Whether one more input stands for a motion of the base.
+    """
+    free = len(names)
+    whole = np.array(triples)
+    mass, damping, stiffness = (whole[:, k, :free, :free] for k in range(3))
+    inverse = np.linalg.inv(mass[:1])
+    inverted = np.concatenate([inverse, -inverse @ mass[1:] @ inverse])
+    carried = np.array([not name.endswith(ROTATION) for name in names], dtype=float)
+    base = -(mass @ carried + whole[:, 0, :free, free])
+    fixed = np.zeros((len(whole), free))
+    columns = []
+    for row in (*layout.forced, *((None,) if unmeasured else ())):
+        fixed[0] = 0.0 if row is None else row
+        columns.append(base if row is None else fixed.copy())
+    pushed = product(inverted, np.stack(columns, axis=2)) if columns else whole[:, 0, :free, :0]
+    states = layout.states
+    a, b_u = (
+        np.zeros((len(whole), states, states)),
+        np.zeros((len(whole), states, len(columns))),
+    )
+    a[0, :free, free : 2 * free] = np.eye(free)
+    a[:, free : 2 * free, :free] = -product(inverted, stiffness)
+    a[:, free : 2 * free, free : 2 * free] = -product(inverted, damping)
+    b_u[:, free : 2 * free] = pushed
+    b_y = np.zeros((len(whole), states, len(layout.laws)))
+    for row, direction in zip(layout.table, layout.directions, strict=True):
+        b_y[:, free : 2 * free, row[1]] = inverted @ direction
+        for k in range(row[3]):
+            b_y[0, :, row[1] + 1 + k] = layout.seeing[row[2] + 2 + k]
+    return a, b_u, b_y
+
+
+def big_matrices(
+    layout: Layout, a: Stack, b_u: Stack, b_y: Stack, interval: float, powers: int
+) -> tuple[Float[np.ndarray, "level row column"], Float[np.ndarray, "level row column slope"]]:
+    """Lay out steps of every level as the compiled code wants them: see `kernel.System`."""
+    deep = len(layout.laws) > 0
+    inputs, channels = b_u.shape[2], b_y.shape[2]
+    levels = levels_of(
+        a,
+        np.concatenate([b_u, b_y], axis=2),
+        interval,
+        max(powers, 3 if deep else 1),
+        deep=deep,
+    )
+    states, seen = a.shape[1], layout.seeing
+    rows, columns = states + 3 * len(seen), states + inputs * powers + 3 * channels
+    big = np.zeros((len(levels), len(a), rows, columns))
+    parabolas = np.linalg.inv(np.array(RADAU)[:, None] ** np.arange(3))
+    for level, steps in enumerate(levels):
+        for point, fraction in enumerate(RADAU):
+            own = np.zeros((len(a), states, columns))
+            own[:, :, :states] = steps.kept[point]
+            scaled = np.array(
+                [fraction**j * steps.pushed[j, point] for j in range(len(steps.pushed))]
+            )
+            for i in range(inputs):
+                at = states + i * powers
+                own[:, :, at : at + powers] = np.moveaxis(scaled[:powers, :, :, i], 0, 2)
+            if channels:
+                forces = np.einsum("jpsc,jq->psqc", scaled[:3, :, :, inputs:], parabolas)
+                own[:, :, states + inputs * powers :] = forces.reshape(len(a), states, -1)
+            at = states + point * len(seen)
+            big[level, :, at : at + len(seen)] = seen @ own
+            if point == 2:
+                big[level, :, :states] = own
+    slopes = np.ascontiguousarray(np.moveaxis(big[:, 1:], 1, 3))
+    return np.ascontiguousarray(big[:, 0]), slopes
+
+
+def _internal(kind: Kind) -> int:
+    return len(kind.action.rates) if isinstance(kind.action, Law) else 0
+
+
+def _pushed(
+    node: str, place: Mapping[str, int | None], free: int
+) -> Float[np.ndarray, " coordinate"]:
+    found, row = np.zeros(free), place[node]
+    # A node that is held takes a force without moving.
+    if row is not None and row < free:
+        found[row] = 1.0
+    return found
