@@ -1,6 +1,7 @@
-"""Where the measurements and reference tables are, on a machine that has them."""
+"""Measurements, reference tables and a browser, on a machine that has them."""
 
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,8 @@ settings.register_profile("seeded", derandomize=True)
 settings.load_profile("seeded")
 
 ROOT = Path(__file__).parents[1]
+CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+PATIENCE_MS = 8000
 
 
 def _folder() -> Path:
@@ -32,3 +35,44 @@ def tables() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no reference tables in {folder}; set SLOWTIME_DATA to its neighbour")
     return folder
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """A Chromium, of this machine or of playwright's own."""
+    # Most tests need none, and it takes a while to import.
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        own = Path(playwright.chromium.executable_path)
+        found = next(filter(None, map(shutil.which, CHROMIUM)), own if own.exists() else None)
+        if found is None:
+            pytest.skip(
+                f"no Chromium: none of {', '.join(CHROMIUM)} is on the PATH, and playwright "
+                "has none of its own; install one, or run `playwright install chromium`"
+            )
+        launched = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
+        yield launched
+        launched.close()
+
+
+@pytest.fixture
+def visit(browser):
+    """Open pages, each in a fresh profile, that keep what was requested and complained of."""
+    contexts = []
+
+    def go(server, fragment="", **profile):
+        context = browser.new_context(**{"viewport": {"width": 1200, "height": 900}, **profile})
+        contexts.append(context)
+        page = context.new_page()
+        page.set_default_timeout(PATIENCE_MS)
+        page.requested, page.complaints = [], []
+        page.on("request", lambda request: page.requested.append(request.url))
+        page.on("console", lambda message: page.complaints.append(message.text))
+        page.on("pageerror", lambda error: page.complaints.append(str(error)))
+        page.goto(server.url + "/" + fragment)
+        return page
+
+    yield go
+    for context in contexts:
+        context.close()

@@ -1,22 +1,16 @@
 """A running server on loopback, with a bus to feed it."""
 
 import dataclasses
-import shutil
 import threading
-from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
-from playwright.sync_api import sync_playwright
 
 from slowtime_schemas.codec import encode
 from slowtime_schemas.streams import FEATURES
 from slowtime_services.bus import MemoryBus
 from twin_server.__main__ import run
-
-NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-PATIENCE_MS = 8000
 
 
 @dataclasses.dataclass
@@ -86,41 +80,3 @@ def server(serving, ageing, eventually):
     started.feed(ageing(300))
     assert eventually(lambda: started.count() == 300)
     return started
-
-
-@pytest.fixture(scope="module")
-def browser():
-    """A Chromium, of this machine or of playwright's own."""
-    with sync_playwright() as playwright:
-        own = Path(playwright.chromium.executable_path)
-        found = next(filter(None, map(shutil.which, NAMES)), own if own.exists() else None)
-        if found is None:
-            pytest.skip(
-                f"no Chromium: none of {', '.join(NAMES)} is on the PATH, and playwright has "
-                "none of its own; install one, or run `playwright install chromium`"
-            )
-        launched = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
-        yield launched
-        launched.close()
-
-
-@pytest.fixture
-def visit(browser):
-    """Open pages, each in a fresh profile, that keep what was requested and complained of."""
-    contexts = []
-
-    def go(server, fragment="", **profile):
-        context = browser.new_context(**{"viewport": {"width": 1200, "height": 900}, **profile})
-        contexts.append(context)
-        page = context.new_page()
-        page.set_default_timeout(PATIENCE_MS)
-        page.requested, page.complaints = [], []
-        page.on("request", lambda request: page.requested.append(request.url))
-        page.on("console", lambda message: page.complaints.append(message.text))
-        page.on("pageerror", lambda error: page.complaints.append(str(error)))
-        page.goto(server.url + "/" + fragment)
-        return page
-
-    yield go
-    for context in contexts:
-        context.close()
