@@ -35,6 +35,12 @@ FRAME = """\
 """
 
 
+BRIDGE = """\
+    demo.bridge  in the weather: for a year of 365 epochs its twin learns what temperature
+                 does, and takes it out; on day 400 it cracks, and loses 3 % of its stiffness
+"""
+
+
 @click.command(
     epilog="""\b
 Examples:
@@ -42,6 +48,7 @@ Examples:
   slowtime demo --port 8080 --duration 90
   slowtime demo --record house.mcap --duration 60
   slowtime demo --frame                  which storey of a frame weakens
+  slowtime demo --bridge                 a crack under a swing of temperature
 """
 )
 @click.option(
@@ -81,6 +88,12 @@ Examples:
     "busy.",
 )
 @click.option(
+    "--bridge",
+    "with_bridge",
+    is_flag=True,
+    help="Also a bridge whose frequency swings with the temperature.",
+)
+@click.option(
     "--data",
     "folder",
     type=click.Path(file_okay=False, path_type=Path),
@@ -92,6 +105,7 @@ def demo(
     recording: Path | None,
     epochs_per_s: float,
     with_frame: bool,
+    with_bridge: bool,
     folder: Path | None,
 ) -> int:
     """Run router, edge agents, twin server and page on this machine.
@@ -113,7 +127,8 @@ def demo(
         until_signalled() as stop,
         children((folder or Path(temporary)) / "logs") as family,
     ):
-        names = [name for name in STRUCTURES if with_frame or name != "frame"]
+        asked = {"frame": with_frame, "bridge": with_bridge}
+        names = [name for name in STRUCTURES if asked.get(name, True)]
         home = folder or Path(temporary)
         _run(family, home, names, port, duration_s, recording, epochs_per_s, stop)
     return INTERRUPTED if duration_s and stop.interrupted else 0
@@ -182,6 +197,7 @@ def _run(
 
 def _look_at(url: str, names: Sequence[str], epochs_per_s: float) -> str:
     more = FRAME.format(frame=_pace("frame", epochs_per_s)) if "frame" in names else ""
+    more += BRIDGE if "bridge" in names else ""
     return LOOK_AT.format(url=url, rate=epochs_per_s, more=more)
 
 

@@ -2,7 +2,7 @@
 
 Slow time runs in periods of the structure, T0, as in chapter 5 of the book; an epoch of half a
 minute or more of vibration is heard after every period, so that a life of a thousand periods
-passes in a few minutes.
+passes in a few minutes. The bridge is heard once a day instead, since it stands in the weather.
 """
 
 import hashlib
@@ -13,6 +13,15 @@ AMBIENT = {"excitation": "ambient", "seconds": 60.0, "rate_hz": 50.0}
 HAMMER = {"excitation": "hammer", "seconds": 20.0, "rate_hz": 50.0}
 FATIGUE = {"kind": "fatigue", "renewed_after": 1000.0}
 FILLING = {"kind": "filling"}
+WEATHER = {
+    "mean_c": 8.0,
+    "swing_c": 14.0,
+    "daily_c": 4.0,
+    "period": 365.0,
+    "stiffness_per_c": -0.002,
+    "stiffness_per_c_below": -0.008,
+}
+CRACKING = {"kind": "step", "at_slow_time": 400.0, "change": -0.03}
 WEAKENING = {"kind": "linear", "rate": -2e-3, "limit": -0.25, "begins": 30.0}
 
 STRUCTURES: Mapping[str, Mapping[str, Any]] = {
@@ -51,15 +60,40 @@ STRUCTURES: Mapping[str, Mapping[str, Any]] = {
         "stiffness": {"storey2": WEAKENING},
         "sensor": {"noise": 0.1},
     },
+    "bridge": {
+        **AMBIENT,
+        "seconds": 300.0,
+        "rate_hz": 20.0,
+        "frequency_hz": 3.0,
+        "damping_ratio": 0.01,
+        "mass_kg": 40000.0,
+        "stiffness": CRACKING,
+        "temperature": WEATHER,
+        "slow_time_unit": "d",
+        "interval_s": 86400.0,
+        "sensor": {"noise": 0.1},
+    },
 }
 """Name → what a structure of `slowtime_services.simulate` is given."""
 
-CHANGES = {"tower": "stiffness", "tank": "mass", "wing": "both", "frame": "elements"}
+CHANGES = {
+    "tower": "stiffness",
+    "tank": "mass",
+    "wing": "both",
+    "frame": "elements",
+    "bridge": "stiffness",
+}
 
-METHODS = {"tower": "ambient", "tank": "ambient", "wing": "free_decay", "frame": "modes"}
+METHODS = {
+    "tower": "ambient",
+    "tank": "ambient",
+    "wing": "free_decay",
+    "frame": "modes",
+    "bridge": "ambient",
+}
 """How each is identified at the edge."""
 
-EPOCHS_PER_S = {"tower": 5.0, "tank": 5.0, "wing": 5.0, "frame": 1.0}
+EPOCHS_PER_S = {"tower": 5.0, "tank": 5.0, "wing": 5.0, "frame": 1.0, "bridge": 5.0}
 """How fast each grows old; all modes of three channels take most of a second to identify."""
 
 
@@ -73,11 +107,18 @@ def registration(name: str) -> dict[str, Any]:
     """Tell what a demo structure's twin knows beforehand: how it was built, what may change.
 
     The damping coefficient of the simulated wing never changes, and its twin is told so. On a
-    real structure it does, and mass and stiffness are known no better than it is.
+    real structure it does, and mass and stiffness are known no better than it is. The bridge's
+    twin is told nothing but to learn for a year what the temperature does.
     """
     built = STRUCTURES[name]
     if name == "frame":
         return {"changes": CHANGES[name], "model": _model(structure(name))}
+    if name == "bridge":
+        a_year = {"train_span": WEATHER["period"] - 1.0, "train_epochs": 300}
+        return {
+            "changes": CHANGES[name],
+            "covariates": {"names": ["temperature_c"], **a_year},
+        }
     body: dict[str, Any] = {
         "changes": CHANGES[name],
         "nominal": {

@@ -197,15 +197,22 @@ function ahead({ forecast }, last, name, tint) {
   return [band, line];
 }
 
-/** What was read decides the axis; a forecast that leaves it is cut off. */
-function reachOf(known, shown, accused) {
+/** What was read decides the axis, which a forecast may widen by half; what leaves it is cut off. */
+function reachOf(known, shown, accused, forecast) {
   const sure = accused.length ? accused : shown.slice(0, 1);
   const values = known.flatMap((point) => shown.filter((name) => name in point.elements).flatMap((name) => {
     const { value, lo, hi } = point.elements[name], truth = point.truth?.[name];
     return [value, ...(sure.includes(name) ? [lo, hi] : []), ...(truth === undefined ? [] : [truth])];
   }));
   if (!values.length) return undefined;
-  const [low, high] = values.reduce(([a, b], v) => [Math.min(a, v), Math.max(b, v)], [Infinity, -Infinity]);
+  let [low, high] = values.reduce(([a, b], v) => [Math.min(a, v), Math.max(b, v)], [Infinity, -Infinity]);
+  const room = 0.5 * (high - low), [least, most] = [low - room, high + room];
+  for (const { elements = {} } of forecast?.points ?? []) {
+    for (const name of sure.filter((each) => each in elements)) {
+      low = Math.max(least, Math.min(low, elements[name].lo));
+      high = Math.min(most, Math.max(high, elements[name].hi));
+    }
+  }
   const margin = Math.max(0.08 * (high - low), 0.005);
   return [100 * (low - margin), 100 * (high + margin)];
 }
@@ -241,7 +248,7 @@ function drawnPast(twin, known, elements, accused, base) {
   const layout = {
     ...base, margin: { l: 54, r: 10, t: 8, b: 42 }, annotations: notes,
     xaxis: { ...axisOf(), zeroline: false, nticks: 7, range: spanOf(twin), title: { text: along, standoff: 6 } },
-    yaxis: { ...axisOf(), nticks: 6, range: reachOf(known, shown, accused), title: { text: "change [%]", standoff: 4 } },
+    yaxis: { ...axisOf(), nticks: 6, range: reachOf(known, shown, accused, twin.forecast), title: { text: "change [%]", standoff: 4 } },
   };
   return [traces, layout, shown];
 }
