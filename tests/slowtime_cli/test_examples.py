@@ -66,7 +66,7 @@ def test_an_example_with_a_wrong_flag_does_not_parse(tmp_path, monkeypatch):
     with pytest.raises(click.NoSuchOption):
         parse(["identify", "record.csv", "--rate", "200"])
     with pytest.raises(click.BadParameter):
-        parse(["simulate", "--structure", "bridge", "--out", "a.mcap"])
+        parse(["simulate", "--structure", "cathedral", "--out", "a.mcap"])
     with pytest.raises(click.UsageError, match="unexpected extra argument"):
         parse(["identify", "record.csv", "other.csv"])
 
