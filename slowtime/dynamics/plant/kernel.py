@@ -33,7 +33,7 @@ FRICTION, CHANNEL, SEEN, STATES, FIRST, COUNT = 0, 1, 2, 3, 4, 5
 """Columns of the table of effects: friction or not, its first channel and observation, how many
 internal states, its first parameter and how many."""
 
-NEWTON = 1e-9
+CONVERGED = 1e-9
 """Change of a force, over the largest so far, at which Newton's method has converged."""
 NUDGE = 1e-5
 """Step of differences, over the largest value so far."""
@@ -655,9 +655,9 @@ def collocate(store: Whole, level: int, t: float, h: float, tolerance: float) ->
             largest = max(largest_y[r % channels], abs(y[r]))
             if change != 0.0:
                 most = max(most, abs(change) / largest if largest > 0.0 else np.inf)
-        if most <= NEWTON or not most < np.inf:
+        if most <= CONVERGED or not most < np.inf:
             break
-    if not most <= NEWTON:
+    if not most <= CONVERGED:
         return np.inf
     miss = 0.0
     for i in range(len(table)):

@@ -207,16 +207,18 @@ def _system(
         for name in kind.action.switches
     ]
 
-    def columns(names: Sequence[Name]) -> Int[np.ndarray, " name"]:
+    def columns(names: Sequence[Name | None]) -> Int[np.ndarray, " name"]:
         found = [order.index(name) if name in order else -1 for name in names]
         return np.array(found, dtype=np.int64)
 
+    # Differences would step across an instant at which a law jumps.
+    smooth = columns([None if name in jumps else name for name in layout.law_names])
     through = [(order.index(name), column) for name, column, _ in driven]
     return System(
         table=layout.table,
         laws=layout.laws,
         p=np.array([values[name] for name in layout.law_names]),
-        column=columns(layout.law_names),
+        column=smooth,
         jumps=np.array([values[name] for name in jumps]),
         jump_columns=columns(jumps),
         driven=np.array(through, dtype=np.int64).reshape(-1, 2),
