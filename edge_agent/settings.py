@@ -131,6 +131,9 @@ class ExtractSettings(Frozen):
 
     channels: tuple[str, ...] | None = None
     """Those to identify from; None for all accelerations, by name or unit, else for all."""
+    covariates: dict[str, str] = Field(default_factory=dict)
+    """Temperature, load: name of a covariate, with its unit, such as `temperature_c`, and the
+    channel whose mean over a window it is. Nothing is identified from these channels."""
     method: Literal["auto", "ambient", "free_decay", "peak", "modes"] = "auto"
     """One way to identify the first mode, or `auto` for what the record calls for; or `modes`
     for all of them, with shapes and identities, by stochastic subspaces."""
@@ -233,6 +236,15 @@ class EdgeSettings(ProcessSettings):
     extract: ExtractSettings = ExtractSettings()
     spool: SpoolSettings = SpoolSettings()
     publish: PublishSettings = PublishSettings()
+
+    @model_validator(mode="after")
+    def _keeps_the_mean_of_covariates(self) -> "EdgeSettings":
+        if self.extract.covariates and self.condition.highpass_hz is not None:
+            raise ValueError(
+                "condition.highpass_hz takes the mean off every channel, and the mean is what "
+                "extract.covariates are. Leave highpass_hz out: identification needs none."
+            )
+        return self
 
     @property
     def processing(self) -> Processing:

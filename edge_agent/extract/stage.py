@@ -5,6 +5,7 @@ Where nothing could be identified a message has no modes and a flag that says wh
 
 import dataclasses
 import logging
+import math
 
 from edge_agent.settings import ExtractSettings, Origin
 from slowtime.signals.block import Block
@@ -105,6 +106,9 @@ class Extract:
         rows, marks = window.joined()
         missing = int(marks[:, 0].sum()) + lost
         memory, reading = self._identify(state.memory, rows, block, window.start_ns, missing)
+        covariates = self._covariates(rows, block)
+        if self.settings.covariates.keys() - covariates:
+            flags += ("no_covariate",)
         last_ns = window.start_ns + round((count - 1) * 1e9 / rate)
         slow_time = block.slow_time
         if slow_time is None:
@@ -124,7 +128,7 @@ class Extract:
                 outliers=int(marks[:, 1].sum()),
                 flags=flags + reading.why,
             ),
-            covariates=dict(block.covariates),
+            covariates={**block.covariates, **covariates},
             truth=dict(block.truth) or None,
         )
         after = dataclasses.replace(state, sequence=state.sequence + 1, memory=memory)
@@ -139,7 +143,7 @@ class Extract:
             return memory, Reading(why=("too_short",))
         if missing > given.max_missing * (len(rows) + missing):
             return memory, Reading(why=("too_much_missing",))
-        chosen = given.channels or accelerations(block.channels, block.units)
+        chosen = given.channels or self._vibrating(block)
         columns = [find_column(name, block.channels) for name in chosen]
         window = Window(
             rows=rows[:, columns],
@@ -155,6 +159,26 @@ class Extract:
         except Exception:
             logger.exception("Identification failed on a window from %d ns.", block.start_ns)
             return memory, Reading(why=("failed",))
+
+    def _vibrating(self, block: Block) -> tuple[str, ...]:
+        """Channels to identify from, where the settings do not say."""
+        taken = self.settings.covariates.values()
+        rest = [
+            (name, unit)
+            for name, unit in zip(block.channels, block.units, strict=True)
+            if name not in taken
+        ]
+        names, units = zip(*rest, strict=True) if rest else ((), ())
+        return accelerations(names, units)
+
+    def _covariates(self, rows: Rows, block: Block) -> dict[str, float]:
+        """Means of the channels that tell of temperature or load, as far as they are there."""
+        found: dict[str, float] = {}
+        for name, channel in self.settings.covariates.items():
+            if channel in block.channels and len(rows):
+                mean = float(rows[:, block.channels.index(channel)].mean())
+                found |= {name: mean} if math.isfinite(mean) else {}
+        return found
 
     @property
     def _reader(self) -> Reader:

@@ -7,7 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 from edge_agent.extract import Extract
-from edge_agent.settings import ExtractSettings, Origin
+from edge_agent.settings import EdgeSettings, ExtractSettings, Origin
 from slowtime.identification.windows import Tracker
 from slowtime.signals.block import Block
 from slowtime_schemas.messages import Features
@@ -203,3 +203,40 @@ def test_a_block_of_integers_is_read_as_it_is():
     real = dataclasses.replace(block, samples=np.round(block.samples * 1e4).astype("<f8"))
     assert isinstance(whole, Block)
     assert run([whole]) == run([real])
+
+
+def heated(block, degrees):
+    """The same, with a thermometer beside the accelerometer."""
+    warm = degrees + 0.1 * np.sin(np.arange(len(block.samples)))
+    return dataclasses.replace(
+        block,
+        samples=np.column_stack([block.samples.astype(float), warm]),
+        channels=(*block.channels, "T deck"),
+        units=("", ""),
+        covariates={"load_kg": 7.0},
+    )
+
+
+def test_a_channel_may_tell_the_temperature_and_is_not_taken_for_a_vibration():
+    (block,) = STRUCTURE.epoch(4)
+    (plain,) = run([block])
+    (message,) = run([heated(block, 21.5)], covariates={"temperature_c": "T deck"})
+    assert message.covariates["temperature_c"] == pytest.approx(21.5, abs=0.01)
+    assert message.covariates["load_kg"] == 7.0
+    assert message.modes == plain.modes
+    assert "no_covariate" not in message.quality.flags
+
+
+def test_a_covariate_whose_channel_is_not_there_is_left_out_and_said_so():
+    (block,) = STRUCTURE.epoch(4)
+    (message,) = run([block], covariates={"temperature_c": "T deck"})
+    assert message.covariates == {}
+    assert message.quality.flags == ("no_covariate",)
+    assert message.modes
+
+
+def test_a_filter_that_takes_the_mean_off_is_refused_with_covariates():
+    with pytest.raises(ValidationError, match="Leave highpass_hz out"):
+        EdgeSettings(
+            extract={"covariates": {"temperature_c": "T"}}, condition={"highpass_hz": 0.5}
+        )

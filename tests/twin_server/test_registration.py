@@ -8,6 +8,7 @@ from pydantic import ValidationError
 from twin_server.registration import (
     MODEL_EXAMPLE,
     Alarm,
+    Covariates,
     Nominal,
     Registration,
     WrongRegistrationsError,
@@ -154,3 +155,38 @@ def test_a_model_that_contradicts_itself_is_refused_by_name():
     model = {**MODEL_EXAMPLE["model"], "nodes": MODEL_EXAMPLE["model"]["nodes"][:1]}
     with pytest.raises(ValidationError, match=r"No node is called 'floor2'"):
         Registration(**of_elements(model=model))
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"names": []}, "at least 1"),
+        ({"names": ["t", "t"]}, "name one twice"),
+        ({"names": ["t"], "temperature": "x"}, r"x is none of the covariates.*: t\."),
+        ({"names": ["t"], "reference": {"load": 1.0}}, "load is none of the covariates"),
+        ({"names": ["t"], "train_epochs": 20}, "greater than or equal to 30"),
+        ({"names": ["t"], "time_between_false_alarms": 0.0}, "greater than 0"),
+        ({"names": ["t"], "colour": "red"}, "Extra inputs"),
+    ],
+)
+def test_covariates_that_make_no_sense_are_refused(given, says):
+    with pytest.raises(ValidationError, match=says):
+        Registration(covariates=given)
+
+
+def test_the_temperature_is_known_by_its_name_or_by_being_told():
+    assert Covariates(names=["load_kg", "temperature_c"]).hinge == 1
+    assert Covariates(names=["load_kg", "deck"]).hinge is None
+    assert Covariates(names=["load_kg", "deck"], temperature="deck").hinge == 1
+
+
+def test_covariates_do_not_go_with_what_is_smoothed_or_holds_at_no_temperature():
+    weather = {"names": ["temperature_c"]}
+    with pytest.raises(ValidationError, match="frequency_source='measured'"):
+        Registration(covariates=weather, frequency_source="smoothed")
+    nominal = {"frequency_hz": 3.0, "damping_ratio": 0.02}
+    with pytest.raises(ValidationError, match=r"Give covariates\.reference for temperature_c"):
+        Registration(covariates=weather, nominal=nominal)
+    at = {**weather, "reference": {"temperature_c": 10.0}}
+    made = Registration(covariates=at, nominal=nominal)
+    assert Registration.from_json(made.to_json()) == made

@@ -85,9 +85,8 @@ def estimate(
     owner = np.asarray(owners, dtype=np.intp)
     modes = [twin.registration.mode for twin in twins]
     freed = [twin.registration.covariates is not None for twin in twins]
-    given = columns(
-        features, [modes[place] for place in owners], [freed[place] for place in owners]
-    )
+    each = [freed[place] for place in owners] if any(freed) else None
+    given = columns(features, [modes[place] for place in owners], each)
     rows_of = _rows_by_owner(owner, len(twins))
     nominals, checkpoints, learnt = nominals_of(twins, features, given, owner, rows_of)
     # What leaves the range of floats is found and named below, not warned of.

@@ -1,9 +1,12 @@
 """The pipeline: whatever happens on the way, the history of an undisturbed run."""
 
+import contextlib
+import itertools
 import json
 import threading
 import time
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -200,6 +203,35 @@ def test_registering_anew_gives_the_history_of_having_known_before(
     kinds = [json.loads(e.body)["kind"] for e in store.events()]
     assert kinds.count("registered") == 2
     assert kinds.count("nominal_learnt") == (0 if "nominal" in later else 1)
+
+
+def test_a_twin_in_the_weather_has_one_history_however_it_came_by_it(
+    features, sample, tmp_path, tmp_path_factory
+):
+    rng, messages = np.random.default_rng(3), []
+    for i in range(70):
+        warm = 10.0 * np.sin(i / 4.0)
+        lost = 0.97 if i >= 55 else 1.0
+        frequency = 3.0 * lost * np.exp(-0.004 * warm + 0.001 * rng.standard_normal())
+        message = features(i, frequency_hz=float(frequency), sd=0.003)
+        messages.append(message.model_copy(update={"covariates": {"temperature_c": warm}}))
+    weather = {"names": ["temperature_c"], "train_epochs": 40}
+    registration = Registration(covariates=weather)
+    expected = undisturbed(tmp_path, messages, sample, registration)
+    path = tmp_path_factory.mktemp("killed") / "x.sqlite"
+    with contextlib.closing(SqliteStore(path)) as store:
+        Pipeline(TwinSettings(), store).register("lab.beam", registration)
+        for first, last in itertools.pairwise((0, 13, 39, 40, 56, 70)):
+            killed = Pipeline(TwinSettings(), store)  # each begins from what is durable
+            killed.ingest(map(sample, messages[first:last]))
+        assert store.digest("lab.beam") == expected
+        kinds = [json.loads(e.body)["kind"] for e in store.events("lab.beam")]
+        assert kinds == ["registered", "normal_learnt", "change_entered"]
+    with contextlib.closing(SqliteStore(tmp_path / "anew.sqlite")) as store:
+        pipeline = Pipeline(TwinSettings(), store)
+        pipeline.ingest(map(sample, messages))
+        pipeline.register("lab.beam", registration)
+        assert store.digest("lab.beam") == expected
 
 
 def test_registering_the_same_again_changes_nothing(open_twin, heard):
