@@ -295,7 +295,7 @@ def test_a_twin_whose_mass_may_change_is_told_of_mass(features):
 
 
 @pytest.mark.slow
-def test_the_loss_is_found_within_14_days_over_50_seeds(features):
+def test_the_loss_is_found_within_14_days_over_50_seeds(features, capsys):
     delays, false, spans, inside, blind = [], 0, 0.0, [], 0
     for seed in range(50):
         years = TwoYears(features, seed, per_day=2)
@@ -310,6 +310,12 @@ def test_the_loss_is_found_within_14_days_over_50_seeds(features):
         low, high = entry.stiffness_interval if entry is not None else (0.0, 0.0)
         inside.append(low < LOSS < high)
         blind += blind_to_the_loss(years, begin(learn_epochs=600)) < 0.5
+    with capsys.disabled():
+        print(
+            f"\n50 seeds: found after {np.median(delays):.1f} days, {max(delays):.1f} at worst; "
+            f"{false} false alarms in {spans:.1f} years; size inside the interval in "
+            f"{np.mean(inside):.0%}; without covariates blind in {blind} of 50"
+        )
     assert max(delays) <= 14.0
     assert false / spans <= 1.0
     assert np.mean(inside) >= 0.88
