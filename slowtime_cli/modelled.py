@@ -1,5 +1,6 @@
 """`simulate --model`: what a model's sensors would have measured under a record's inputs."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -7,7 +8,9 @@ import click
 import numpy as np
 
 from slowtime.dynamics.description import Description, Input
+from slowtime.dynamics.effects import Kind
 from slowtime.dynamics.units import UNITS
+from slowtime_services.effects import known
 from slowtime_services.files import MAX_BYTES, Record
 from slowtime_services.models import ambient_model, read_description, run_model
 
@@ -28,11 +31,13 @@ def simulate_model(
     force_psd: float,
     hold: str,
     noise: bool,
+    effects: Sequence[Path],
 ) -> None:
     """Run a model file and write ``t`` and one array a sensor."""
     if out.suffix.lower() != ".npz":
         raise click.UsageError(f"{out.name!r} does not end in .npz. Give one that does.")
-    description = read_description(model)
+    kinds = known(effects)
+    description = read_description(model, kinds)
     if not description.sensors:
         raise click.UsageError(
             f"{model.name} lists no sensors. Say under `sensors` what to hear."
@@ -43,11 +48,14 @@ def simulate_model(
         if record_path is None:
             wanted = ", ".join(entry.channel for entry in description.inputs)
             raise click.UsageError(f"{model.name} has inputs: {wanted}. Give --input RECORD.")
-        times, arrays = _under(description, read_any(record_path, rate_hz), hold)
+        record = read_any(record_path, rate_hz)
+        times, arrays = _under(description, record, hold, kinds, seed)
     else:
         if record_path is not None:
             note("--input was not used: the model lists no inputs.")
-        times, arrays = _ambient(description, model, rate_hz, duration_s, seed, force_psd)
+        times, arrays = _ambient(
+            description, model, rate_hz, duration_s, seed, force_psd, kinds
+        )
     if noise:
         rng = np.random.default_rng([0 if seed is None else seed, 1])
         for sensor in description.sensors:
@@ -62,7 +70,11 @@ def simulate_model(
 
 
 def _under(
-    description: Description, record: Record, hold: str
+    description: Description,
+    record: Record,
+    hold: str,
+    kinds: Mapping[str, Kind],
+    seed: int | None,
 ) -> tuple[Series, dict[str, Series]]:
     for text in record.notes:
         note(text)
@@ -81,7 +93,16 @@ def _under(
     seconds = np.arange(len(record.samples)) / record.rate_hz
     if clock is not None and np.shape(clock) == seconds.shape:
         seconds = seconds + float(clock[0])
-    return seconds, run_model(description, inputs, record.rate_hz, hold=hold)
+    arrays = run_model(
+        description,
+        inputs,
+        record.rate_hz,
+        hold=hold,
+        kinds=kinds,
+        start_s=float(seconds[0]),
+        rng=None if seed is None else np.random.default_rng([seed, 2]),
+    )
+    return seconds, arrays
 
 
 def _between(entry: Input, unit: str, description: Description) -> float:
@@ -106,6 +127,7 @@ def _ambient(
     duration_s: float | None,
     seed: int | None,
     force_psd: float,
+    kinds: Mapping[str, Kind],
 ) -> tuple[Series, dict[str, Series]]:
     if rate_hz is None or duration_s is None or seed is None:
         raise click.UsageError(
@@ -118,5 +140,7 @@ def _ambient(
             f"--duration {duration_s:g} s at --rate-hz {rate_hz:g} makes {samples} samples. "
             f"Give 2 or more, and less than {MAX_BYTES / 2**20:.0f} MiB of them."
         )
-    arrays = ambient_model(description, samples, rate_hz, seed, force_psd=force_psd)
+    arrays = ambient_model(
+        description, samples, rate_hz, seed, force_psd=force_psd, kinds=kinds
+    )
     return np.arange(samples) / rate_hz, arrays

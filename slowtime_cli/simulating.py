@@ -75,8 +75,16 @@ Examples:
     "--hold",
     default="first",
     show_default=True,
-    type=click.Choice(["first", "zero"]),
-    help="What inputs do between samples: go straight to the next, or stay.",
+    type=click.Choice(["first", "zero", "band_limited"]),
+    help="What inputs do between samples: go straight to the next, stay, or be the signal "
+    "without anything above half the sampling rate.",
+)
+@click.option(
+    "--effects",
+    multiple=True,
+    type=IN,
+    metavar="FILE",
+    help="With --model: Python file that holds effects of your own; may be repeated.",
 )
 @click.option("--noise", is_flag=True, help="Add each sensor's noise_sd; needs --seed.")
 @click.option(
@@ -96,6 +104,7 @@ def simulate(
     force_psd: float,
     hold: str,
     noise: bool,
+    effects: tuple[Path, ...],
     out: Path,
 ) -> None:
     """Write the vibration of a structure that ages, or of a model file.
@@ -103,8 +112,9 @@ def simulate(
     With --structure, epoch by epoch: MCAP holds raw blocks with the simulator's truth beside
     them; .npz the samples (epoch, time), their slow times and the truth.
 
-    With --model: from rest under the inputs found in RECORD, or stationary under ambient
-    forces where the model lists none. OUT (.npz) holds t [s] and one array a sensor.
+    With --model, its effects included: from rest under the inputs found in RECORD, or
+    stationary under ambient forces where the model lists none. OUT (.npz) holds t [s] and one
+    array a sensor.
     """
     together((("--structure", name), ("--model", model)))
     if model is not None:
@@ -118,6 +128,7 @@ def simulate(
             force_psd=force_psd,
             hold=hold,
             noise=noise,
+            effects=effects,
         )
         return
     if name is None:

@@ -7,7 +7,7 @@ to 0.43 of the sampling rate. Beyond its ends a record goes on turned about its 
 """
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 Series = Float[np.ndarray, " time"]
 Instants = Float[np.ndarray, " instant"]
@@ -34,11 +34,15 @@ _BLEND = np.array(
 )
 
 
-def at_instants(series: Series, positions: Instants) -> Instants:
-    """Values of a band-limited signal between its samples.
+def at_instants(
+    series: Float[np.ndarray, "*any time"], positions: Instants
+) -> Float[np.ndarray, "*any instant"]:
+    """Values of band-limited signals between their samples.
 
     Parameters
     ----------
+    series
+        One signal, or several; the last axis is time.
     positions
         In samples, counted from the first; held to `REACH` beyond the ends.
 
@@ -48,17 +52,30 @@ def at_instants(series: Series, positions: Instants) -> Instants:
     >>> bool(abs(at_instants(wave, np.array([100.3]))[0] - np.sin(0.9 * 100.3)) < 1e-4)
     True
     """
-    longer = _extended(series, 2 * REACH)
-    place = np.clip(positions, -REACH, len(series) - 1 + REACH) + 2 * REACH
-    whole = np.floor(place).astype(int)
-    offsets = np.arange(1 - REACH, REACH + 1)
-    found = np.empty(len(place))
+    length = series.shape[-1]
+    longer = [_extended(row, 2 * REACH) for row in series.reshape(-1, length)]
+    place = np.clip(positions, -REACH, length - 1 + REACH) + 2 * REACH
+    found = np.empty((len(longer), len(place)))
     for first in range(0, len(place), 8192):
         part = slice(first, first + 8192)
-        x = (place[part] - whole[part])[:, None] - offsets
-        near = longer[whole[part][:, None] + offsets]
-        found[part] = np.sum(near * np.sinc(x) * _window(x), axis=1)
-    return found
+        weights, nearest = _weights(place[part])
+        for row, signal in zip(found, longer, strict=True):
+            row[part] = np.einsum("ij,ij->i", signal[nearest], weights)
+    return found.reshape(*series.shape[:-1], len(place))
+
+
+def _weights(
+    place: Instants,
+) -> tuple[Float[np.ndarray, "instant tap"], Int[np.ndarray, "instant tap"]]:
+    """Tell what each sample around an instant counts, and which they are."""
+    whole = np.floor(place).astype(int)
+    offsets = np.arange(1 - REACH, REACH + 1)
+    x = (place - whole)[:, None] - offsets
+    # All sines of one instant are those of its fraction, but for the sign.
+    sine = np.sin(np.pi * (place - whole))[:, None] * np.where(offsets % 2, -1.0, 1.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        kernel = np.where(x == 0, 1.0, sine / (np.pi * x))
+    return kernel * _window(x), whole[:, None] + offsets
 
 
 def polynomials(series: Series, hold: str) -> Float[np.ndarray, "time power"]:
@@ -106,9 +123,10 @@ def _derivatives(series: Series) -> tuple[Series, Series]:
 
 
 def _window(x: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
-    inside = np.clip(np.abs(x), 0.0, REACH)
-    terms = [share * np.cos(np.pi * i / REACH * inside) for i, share in enumerate(_WINDOW)]
-    return np.asarray(sum(terms))
+    turn = np.cos(np.pi / REACH * np.clip(x, -REACH, REACH))
+    a, b, c, d = _WINDOW
+    # Cosines of twice and thrice the angle, from that of the angle.
+    return np.asarray(a - c + turn * (b - 3 * d + turn * (2 * c + 4 * d * turn)))
 
 
 def _extended(series: Series, reach: int) -> Float[np.ndarray, " longer"]:

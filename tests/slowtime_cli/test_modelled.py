@@ -118,7 +118,7 @@ def test_without_inputs_a_model_is_under_ambient_forces(run, tmp_path, text):
         (
             ("inputs:", "effects: [{effect: coulomb, element: j1}]\ninputs:"),
             ("--input", "in.npz"),
-            "cannot run: coulomb",
+            "rig.yaml, line 9: coulomb needs `friction_n`. It is the friction of sliding [N].",
         ),
         (("sensors:", "sensors: []\nx:"), ("--input", "in.npz"), "unknown key `x`"),
     ],

@@ -10,6 +10,7 @@ from pydantic_core import ErrorDetails
 
 from slowtime.dynamics import description as described
 from slowtime.dynamics.description import Description, DescriptionError
+from slowtime.dynamics.effects import Kind, read_effects
 from slowtime_schemas import model_file as schema
 from slowtime_schemas.model_file import ModelFile
 
@@ -24,8 +25,13 @@ class ModelFileError(ValueError):
     """A model file that cannot be used; the text names line and cure."""
 
 
-def read_model(path: str | pathlib.Path) -> ModelFile:
+def read_model(path: str | pathlib.Path, kinds: Mapping[str, Kind] | None = None) -> ModelFile:
     """Read a model file (YAML or JSON), and check it whole.
+
+    Parameters
+    ----------
+    kinds
+        Of effect, by name; the catalogue where not given.
 
     Raises
     ------
@@ -44,15 +50,17 @@ def read_model(path: str | pathlib.Path) -> ModelFile:
         raise ModelFileError(
             f"{path.name} is not text (byte {error.start}). Give a model file, in UTF-8."
         ) from None
-    return parse_model(text, path.name)
+    return parse_model(text, path.name, kinds)
 
 
-def read_description(path: str | pathlib.Path) -> Description:
+def read_description(
+    path: str | pathlib.Path, kinds: Mapping[str, Kind] | None = None
+) -> Description:
     """Read a model file as the description it holds."""
-    return description_of(read_model(path))
+    return description_of(read_model(path, kinds))
 
 
-def parse_model(text: str, name: str) -> ModelFile:
+def parse_model(text: str, name: str, kinds: Mapping[str, Kind] | None = None) -> ModelFile:
     """Check the text of a model file; `name` is what errors call it."""
     try:
         values, lines = read_with_lines(text)
@@ -70,7 +78,7 @@ def parse_model(text: str, name: str) -> ModelFile:
             shown.append(f"... and {len(faults) - SHOWN} more.")
         raise ModelFileError("\n".join(shown)) from None
     try:
-        description_of(model)
+        read_effects(description_of(model), kinds)
     except DescriptionError as error:
         line = lines[_known(error.where, lines)]
         raise ModelFileError(f"{name}, line {line}: {error}") from None

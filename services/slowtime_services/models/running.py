@@ -1,12 +1,18 @@
 """A model set in motion: inputs in, what its sensors would have measured out."""
 
+import dataclasses
+import math
 from collections.abc import Mapping
 
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.dynamics.description import BASE, Description, Sensor, assemble
+from slowtime.dynamics.description import BASE, Description, Input, Sensor, assemble
+from slowtime.dynamics.effects import Kind, Unmeasured
+from slowtime.dynamics.plant import Plant
 from slowtime.dynamics.simulation import ambient_structure, simulate_structure
+from slowtime.dynamics.stepping import FORGOTTEN
+from slowtime.dynamics.structure import state_matrix
 from slowtime.dynamics.transfer import QUANTITIES
 from slowtime.dynamics.units import unit_factor
 
@@ -20,8 +26,11 @@ def run_model(
     rate_hz: float,
     *,
     hold: str = "first",
+    kinds: Mapping[str, Kind] | None = None,
+    start_s: float = 0.0,
+    rng: np.random.Generator | None = None,
 ) -> dict[str, Series]:
-    """Run a model from rest under measured inputs.
+    """Run a model, its effects included, from rest under measured inputs.
 
     Parameters
     ----------
@@ -30,13 +39,19 @@ def run_model(
     rate_hz
         Samples per second of all of them.
     hold
-        What inputs do between samples: ``"first"``, go straight to the next; ``"zero"``, stay.
+        What inputs do between samples: ``"first"``, go straight to the next; ``"zero"``, stay;
+        ``"band_limited"``, be the signal without anything above half the sampling rate.
+    kinds
+        Of effect, by name; the catalogue where not given.
+    start_s
+        Campaign time of the first sample [s].
+    rng
+        Where motion of the base that nobody measured comes from.
 
     Returns
     -------
     By channel, what each sensor measures in its unit, without noise.
     """
-    _refuse_effects(description)
     if not description.inputs:
         raise ValueError(
             "The model lists no inputs: it is under ambient forces that nobody measured. Use "
@@ -48,6 +63,10 @@ def run_model(
             f"The record has no channel called {', '.join(missing)}; it has "
             f"{', '.join(inputs)}. Name its channels as the model's inputs."
         )
+    if description.effects or hold == "band_limited":
+        plant = Plant.of(description, kinds=kinds, hold=hold)
+        columns = [np.asarray(inputs[entry.channel], float) for entry in description.inputs]
+        return run_plant(plant, np.stack(columns, axis=1), rate_hz, start_s=start_s, rng=rng)
     structure = assemble(description)
     coordinate = description.unit_of_coordinate
     length = len(inputs[description.inputs[0].channel])
@@ -76,8 +95,11 @@ def ambient_model(
     seed: int,
     *,
     force_psd: float = 1.0,
+    kinds: Mapping[str, Kind] | None = None,
 ) -> dict[str, Series]:
     """Run a model, stationary from the start, under white forces on all its nodes.
+
+    With effects it is run in, for as long as the slowest of its linear modes takes to forget.
 
     Parameters
     ----------
@@ -87,8 +109,11 @@ def ambient_model(
         Decides every random number.
     force_psd
         One-sided, of the force on each node [N^2/Hz], in the model's own unit of force.
+    kinds
+        Of effect, by name; the catalogue where not given.
     """
-    _refuse_effects(description)
+    if description.effects:
+        return _ambient_plant(description, samples, rate_hz, seed, force_psd, kinds)
     structure = assemble(description)
     still = np.zeros(samples)
     # The same seed for each quantity: one set of forces, heard in several ways.
@@ -144,10 +169,82 @@ def _measured(
     return np.asarray(motion / factor)
 
 
-def _refuse_effects(description: Description) -> None:
-    if description.effects:
-        names = ", ".join(str(effect.get("effect")) for effect in description.effects)
+def run_plant(
+    plant: Plant,
+    inputs: Float[np.ndarray, "time input"],
+    rate_hz: float,
+    *,
+    start_s: float,
+    rng: np.random.Generator | None,
+) -> dict[str, Series]:
+    """Run a plant as its description has it; motion of the base that nobody measured is drawn.
+
+    Raises
+    ------
+    ValueError
+        Where the motion grows beyond bounds, and where something random lacks its `rng`.
+    """
+    sizes = [
+        effect.parameters["rms_m_per_s2"]
+        for effect in plant.effects
+        if isinstance(plant.kinds[effect.kind].action, Unmeasured)
+    ]
+    base = None
+    if sizes:
+        if rng is None:
+            raise ValueError(
+                "The model has a motion of the base that nobody measured, which is random. "
+                "Give a seed."
+            )
+        base = np.hypot.reduce(sizes) * rng.standard_normal(len(inputs))
+    found = plant.run(plant.values, inputs, rate_hz, start_s=start_s, base=base)
+    if found.steps < 0:
         raise ValueError(
-            f"The model has effects that this version cannot run: {names}. Linear nodes and "
-            "elements only; take `effects` out to run the linear part."
+            f"The motion grows beyond bounds after {-found.steps / rate_hz:g} s: the model is "
+            "unstable there. Check the sign and size of its effects."
         )
+    sensors = plant.description.sensors
+    return {
+        sensor.channel: column for sensor, column in zip(sensors, found.outputs.T, strict=True)
+    }
+
+
+def _ambient_plant(
+    description: Description,
+    samples: int,
+    rate_hz: float,
+    seed: int,
+    force_psd: float,
+    kinds: Mapping[str, Kind] | None,
+) -> dict[str, Series]:
+    structure = assemble(description)
+    slowest = -float(np.linalg.eigvals(state_matrix(structure)).real.max())
+    if slowest <= 0:
+        raise ValueError(
+            "A motion that does not die away never becomes stationary under ambient force. "
+            "Give every element damping."
+        )
+    pushed = [node for node in description.nodes if node.id in structure.names]
+    forces = tuple(
+        Input(
+            channel=node.id,
+            kind="force",
+            node=node.id,
+            unit="N m" if description.unit_of_coordinate == "rad" else "N",
+        )
+        for node in pushed
+    )
+    rng = np.random.default_rng(seed)
+    before = math.ceil(FORGOTTEN / slowest * rate_hz)
+    white = rng.standard_normal((before + samples, len(forces)))
+    plant = Plant.of(
+        dataclasses.replace(description, inputs=forces), kinds=kinds, hold="band_limited"
+    )
+    run = run_plant(
+        plant,
+        math.sqrt(force_psd * rate_hz / 2) * white,
+        rate_hz,
+        start_s=-before / rate_hz,
+        rng=rng,
+    )
+    return {channel: series[before:] for channel, series in run.items()}

@@ -4,15 +4,15 @@ import numpy as np
 
 from slowtime.signals.interpolation import at_instants
 
-from .kind import InputChange, Kind, Parameter, Series, Values
+from .kind import InputChange, Kind, Parameter, Series, Several, Values
 
 
-def gained(series: Series, times: Series, p: Values) -> Series:
+def gained(series: Several, times: Series, p: Values) -> Several:
     """Multiply the recorded series."""
     return np.asarray(p[0] * series)
 
 
-def delayed(series: Series, times: Series, p: Values) -> Series:
+def delayed(series: Several, times: Series, p: Values) -> Several:
     """Give the recorded series as it was a while ago."""
     rate_hz = (len(times) - 1) / (times[-1] - times[0])
     return at_instants(series, (times - times[0] - p[0]) * rate_hz)

@@ -12,6 +12,7 @@ from .compiled import Scalar
 
 Where = Literal["element", "node", "base", "input", "sensor"]
 Series = Float[np.ndarray, " time"]
+Several = Float[np.ndarray, "*any time"]
 Shape = Mapping[str, float]
 Values = Float[np.ndarray, " parameter"]
 Square = Float[np.ndarray, "own own"]
@@ -148,11 +149,11 @@ class InputChange:
     Parameters
     ----------
     act
-        (recorded series, campaign times, parameters) to the series that acts, of equal length;
-        linear in the series.
+        (recorded series, campaign times, parameters) to the series that acts; linear in the
+        series, of which there may be several: the last axis is time.
     """
 
-    act: Callable[[Series, Series, Values], Series]
+    act: Callable[[Several, Series, Values], Several]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,12 +163,13 @@ class SensorChange:
     Parameters
     ----------
     act
-        (true series, campaign times, parameters) to the series that is told, of equal length.
+        (true series, campaign times, parameters) to the series that is told. There may be
+        several: the last axis is time.
     affine
         Whether it is linear in the series, but for a constant.
     """
 
-    act: Callable[[Series, Series, Values], Series]
+    act: Callable[[Several, Series, Values], Several]
     affine: bool = True
 
 

@@ -6,39 +6,40 @@ import numpy as np
 
 from slowtime.signals.interpolation import at_instants
 
-from .kind import Kind, Parameter, SensorChange, Series, Values
+from .kind import Kind, Parameter, SensorChange, Series, Several, Values
 
 
-def biased(series: Series, times: Series, p: Values) -> Series:
+def biased(series: Several, times: Series, p: Values) -> Several:
     """Series with a constant added."""
     return np.asarray(series + p[0])
 
 
-def drifting(series: Series, times: Series, p: Values) -> Series:
+def drifting(series: Several, times: Series, p: Values) -> Several:
     """Series with a line added, from the campaign's begin."""
     return np.asarray(series + p[0] * times / p[1])
 
 
-def gained(series: Series, times: Series, p: Values) -> Series:
+def gained(series: Several, times: Series, p: Values) -> Several:
     """Series times a factor."""
     return np.asarray(p[0] * series)
 
 
-def clipped(series: Series, times: Series, p: Values) -> Series:
+def clipped(series: Several, times: Series, p: Values) -> Several:
     """Series that nowhere exceeds what the sensor can tell."""
     return np.asarray(np.clip(series, -p[0], p[0]))
 
 
-def dropped(series: Series, times: Series, p: Values) -> Series:
+def dropped(series: Several, times: Series, p: Values) -> Several:
     """Series that stays at zero, or where it was, for a while."""
     told = series.copy()
     out = (times >= p[0]) & (times < p[0] + p[1])
     before = int(np.argmax(out)) - 1
-    told[out] = series[before] if p[2] and out.any() and before >= 0 else 0.0
+    kept = p[2] and out.any() and before >= 0
+    told[..., out] = series[..., before : before + 1] if kept else 0.0
     return told
 
 
-def timed(series: Series, times: Series, p: Values) -> Series:
+def timed(series: Several, times: Series, p: Values) -> Several:
     """Series sampled by a clock that runs fast or slow from the first sample of a record on."""
     if len(times) < 2:
         return series

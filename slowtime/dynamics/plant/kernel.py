@@ -45,6 +45,10 @@ GIVE_UP = 2000
 """Steps a sample, over the whole of a run, at which it is given up."""
 
 
+BOUND = 1e60
+"""Motion beyond which a run is given up, in any unit."""
+
+
 class System(NamedTuple):
     """What a run does not change: laws, matrices, and their slopes to linear parameters.
 
@@ -823,7 +827,7 @@ def march(
                 shift(coefficients[sample], s, width, part)
                 miss = collocate(store, level, at, h, tolerance)
             steps += 1
-            if steps > GIVE_UP * samples or not abs(x[0]) < np.inf:
+            if steps > GIVE_UP * samples or not abs(x[0]) < BOUND:
                 return -sample - 1
             if miss > 1.0 and level < deepest:
                 level += 1

@@ -28,7 +28,7 @@ REACH = 0.25
 TERMS = 14
 """Of Taylor's series: what is left out is below 1e-16 there."""
 
-Stack = Float[np.ndarray, "slope state any"]
+Stack = Float[np.ndarray, "slope _ _"]
 """A matrix first, then its slope to each linear parameter."""
 
 
@@ -67,7 +67,9 @@ def levels_of(a: Stack, b: Stack, interval: float, powers: int, *, deep: bool) -
     return found[::-1] if deep else found[-1:]
 
 
-def product(first: Stack, second: Stack) -> Stack:
+def product(
+    first: Float[np.ndarray, "*_a slope _ _"], second: Float[np.ndarray, "*_b slope _ _"]
+) -> Float[np.ndarray, "*_c slope _ _"]:
     """Multiply two matrices, and their slopes by the product rule; leading axes alike."""
     found = first[..., :1, :, :] @ second
     found[..., 1:, :, :] += first[..., 1:, :, :] @ second[..., :1, :, :]

@@ -17,7 +17,8 @@ from .names import Name
 
 Series = Float[np.ndarray, " time"]
 Values = Float[np.ndarray, " parameter"]
-Act = Callable[[Series, Series, Values], Series]
+Several = Float[np.ndarray, "*any time"]
+Act = Callable[[Several, Series, Values], Several]
 Polynomials = Float[np.ndarray, "time input power"]
 NUDGE = 1e-6
 """Relative step of central differences of what inputs and sensors do."""
@@ -127,9 +128,8 @@ def told(
         p = np.array([values["effect", i, name] for name in kinds[i].names])
         series = heard[:, k].copy()
         heard[:, k] = action.act(series, times, p)
-        for j in range(slopes.shape[2]):
-            if slopes[:, k, j].any():
-                slopes[:, k, j] = _along(action, series, slopes[:, k, j], times, p)
+        if slopes.size:
+            slopes[:, k] = _along(action, series, slopes[:, k].T, times, p).T
         for which, name in enumerate(kinds[i].names):
             if ("effect", i, name) in columns:
                 slopes[:, k, columns["effect", i, name]] += _by_parameter(
@@ -138,15 +138,17 @@ def told(
 
 
 def _along(
-    action: SensorChange, series: Series, direction: Series, times: Series, p: Values
-) -> Series:
+    action: SensorChange, series: Series, directions: Several, times: Series, p: Values
+) -> Several:
+    """Differentiate what a sensor does along directions, one a row."""
     if action.affine:
-        still = action.act(0 * direction, times, p)
-        return np.asarray(action.act(direction, times, p) - still)
-    size = np.abs(direction).max()
-    step = NUDGE * max(float(np.abs(series).max()), 1e-30) / size
-    above = action.act(series + step * direction, times, p)
-    return np.asarray((above - action.act(series - step * direction, times, p)) / (2 * step))
+        still = action.act(0 * series, times, p)
+        return np.asarray(action.act(directions, times, p) - still)
+    size = np.abs(directions).max(axis=1, keepdims=True)
+    step = NUDGE * max(float(np.abs(series).max()), 1e-30) / np.where(size > 0, size, 1.0)
+    above = action.act(series + step * directions, times, p)
+    below = action.act(series - step * directions, times, p)
+    return np.asarray((above - below) / (2 * step))
 
 
 def _by_parameter(act: Act, series: Series, times: Series, p: Values, which: int) -> Series:

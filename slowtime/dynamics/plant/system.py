@@ -21,7 +21,7 @@ from .levels import levels_of, product
 from .matrices import Triple, along
 from .names import Name
 
-Stack = Float[np.ndarray, "slope state any"]
+Stack = Float[np.ndarray, "slope _ _"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -157,7 +157,7 @@ def state_matrices(
 
 def big_matrices(
     layout: Layout, a: Stack, b_u: Stack, b_y: Stack, interval: float, powers: int
-) -> tuple[Float[np.ndarray, "level row column"], Float[np.ndarray, "level row column slope"]]:
+) -> tuple[Float[np.ndarray, "level row column"], Float[np.ndarray, "level row column linear"]]:
     """Lay out steps of every level as the compiled code wants them: see `kernel.System`."""
     deep = len(layout.laws) > 0
     inputs, channels = b_u.shape[2], b_y.shape[2]

@@ -130,6 +130,39 @@ def test_what_cannot_be_run_is_refused():
         run_model(SHAKEN, {"u": PUSH}, RATE)
     with pytest.raises(ValueError, match="under ambient forces"):
         run_model(dataclasses.replace(SHAKEN, inputs=()), {"ab": PUSH}, RATE)
-    rubbing = dataclasses.replace(SHAKEN, effects=({"effect": "coulomb", "element": "k1"},))
-    with pytest.raises(ValueError, match=r"cannot run: coulomb"):
-        run_model(rubbing, {"ab": PUSH}, RATE)
+    shaking = dataclasses.replace(
+        SHAKEN, effects=({"effect": "base_motion", "rms_m_per_s2": 0.1},)
+    )
+    with pytest.raises(ValueError, match=r"nobody measured, which is random\. Give a seed"):
+        run_model(shaking, {"ab": PUSH}, RATE)
+    singing = {"effect": "viscous_damping", "element": "k1", "dc_n_s_per_m": -900.0}
+    with pytest.raises(ValueError, match=r"grows beyond bounds after .* s: the model is"):
+        run_model(dataclasses.replace(SHAKEN, effects=(singing,)), {"ab": PUSH}, RATE)
+
+
+def test_motion_of_the_base_that_nobody_measured_has_its_size_and_its_seed():
+    shaking = dataclasses.replace(
+        SHAKEN, effects=({"effect": "base_motion", "rms_m_per_s2": 0.1 * 9.80665},)
+    )
+    still = {"ab": np.zeros(4000)}
+    once, again, other = (
+        run_model(shaking, still, RATE, rng=np.random.default_rng(seed))["ground"]
+        for seed in (1, 1, 2)
+    )
+    assert np.std(once) == pytest.approx(0.980665, rel=0.05)
+    np.testing.assert_array_equal(once, again)
+    assert not np.array_equal(once, other)
+
+
+def test_an_ambient_model_with_an_effect_is_stationary_and_that_of_its_linear_twin():
+    """Stiffness lost as an effect, run in time; and taken from the element, made of lines."""
+    heard = listening(PAIR, (), x2=("displacement", "m2", "absolute", "m"))
+    lost = {"effect": "stiffness_loss", "element": "k2", "dk_n_per_m": 50.0}
+    effected = dataclasses.replace(heard, effects=(lost,))
+    found = ambient_model(effected, 20_000, 40.0, seed=3, force_psd=4.0)["x2"]
+    softer = chain([2.0, 1.0], [300.0, 150.0], dampings_n_s_per_m=[3.0, 0.5])
+    truth = response_covariance(assemble(softer), 4.0).displacement[1, 1]
+    assert np.var(found) == pytest.approx(truth, rel=0.15)
+    assert np.var(found[:10_000]) == pytest.approx(truth, rel=0.3)
+    again = ambient_model(effected, 20_000, 40.0, seed=3, force_psd=4.0)["x2"]
+    np.testing.assert_array_equal(found, again)
