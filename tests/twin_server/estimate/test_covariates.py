@@ -312,7 +312,7 @@ def test_the_loss_is_found_within_14_days_over_50_seeds(features, capsys):
         blind += blind_to_the_loss(years, begin(learn_epochs=600)) < 0.5
     with capsys.disabled():
         print(
-            f"\n50 seeds: found after {np.median(delays):.1f} days, {max(delays):.1f} at worst; "
+            f"\n50 seeds: found after {np.median(delays):.1f} days, {max(delays):.1f} at most; "
             f"{false} false alarms in {spans:.1f} years; size inside the interval in "
             f"{np.mean(inside):.0%}; without covariates blind in {blind} of 50"
         )
