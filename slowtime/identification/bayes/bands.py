@@ -10,16 +10,17 @@ from slowtime.identification.identified import Measured
 from .guess import Guess, Record
 from .model import Band, Modes, band_from, cross_periodograms
 
-REACH = 12.0
+REACH = 16.0
 """The band of a mode: so many half-bandwidths on either side, where no neighbour is nearer."""
 
-TOGETHER = 6.0
+TOGETHER = 14.0
 """Modes closer than this times the mean of their half-bandwidths are fitted together."""
 
 FEWEST_BINS = 16
 """... on either side of a mode, if nothing is in the way."""
 
-MOST_TOGETHER = 5
+MOST_TOGETHER = 8
+"""More are parted where the gap between two is widest."""
 
 MOST_GUESTS = 6
 """Modes outside whose tails are loudest are guests; of the others only the power is known."""
@@ -52,31 +53,47 @@ class Part:
     start: Modes
 
 
-def parts_of(record: Record, picture: Picture, lines: tuple[Measured, ...]) -> list[Part]:
-    """Bands of all groups, ascending."""
+def parts_of(
+    record: Record, picture: Picture, lines: tuple[Measured, ...], *, coherent: bool
+) -> list[Part]:
+    """Bands of all groups, ascending; guests only where modes may have forces in common."""
     return [
-        _part(record, picture, group, lines)
-        for group in groups(picture.guesses, record.duration_s)
+        part_of(record, picture, group, lines, coherent=coherent)
+        for group in groups(picture.guesses, record.duration_s, coherent=coherent)
     ]
 
 
-def groups(found: tuple[Guess, ...], duration_s: float) -> list[tuple[int, ...]]:
-    """Which guesses, ascending in frequency, are fitted together."""
-    together = [[0]] if found else []
-    for i in range(1, len(found)):
-        one, other = found[i - 1], found[i]
-        widths = one.half_width_hz(duration_s) + other.half_width_hz(duration_s)
-        near = other.frequency_hz - one.frequency_hz < TOGETHER * widths / 2
-        if near and len(together[-1]) < MOST_TOGETHER:
-            together[-1].append(i)
-        else:
-            together.append([i])
-    return [tuple(group) for group in together]
+def groups(
+    found: tuple[Guess, ...], duration_s: float, *, coherent: bool = False
+) -> list[tuple[int, ...]]:
+    """Which guesses, ascending in frequency, are fitted together.
+
+    Where modes have forces in common that is as many as can be, however far apart.
+    """
+    widths = np.array([guess.half_width_hz(duration_s) for guess in found])
+    places = np.array([guess.frequency_hz for guess in found])
+    gaps = np.diff(places) / (0.5 * (widths[1:] + widths[:-1]))
+    reach = np.inf if coherent else TOGETHER
+    chains = np.split(np.arange(len(found)), 1 + np.flatnonzero(gaps >= reach))
+    return [group for chain in chains for group in _parted(chain, gaps)]
 
 
-def _part(
-    record: Record, picture: Picture, group: tuple[int, ...], lines: tuple[Measured, ...]
+def _parted(chain: np.ndarray, gaps: np.ndarray) -> list[tuple[int, ...]]:
+    if len(chain) <= MOST_TOGETHER:
+        return [tuple(chain.tolist())] if len(chain) else []
+    cut = 1 + int(np.argmax(gaps[chain[0] : chain[-1]]))
+    return _parted(chain[:cut], gaps) + _parted(chain[cut:], gaps)
+
+
+def part_of(
+    record: Record,
+    picture: Picture,
+    group: tuple[int, ...],
+    lines: tuple[Measured, ...],
+    *,
+    coherent: bool,
 ) -> Part:
+    """Band of one group, and where to start in it."""
     found = picture.guesses
     use = _use(record, found, group, lines)
     centres = np.array([guess.frequency_hz for guess in found])
@@ -87,10 +104,11 @@ def _part(
         record.derivatives,
         centres,
     )
-    guests = _guests(band, found, group)
+    guests = _guests(band, found, group) if coherent else ()
     others = [guess for i, guess in enumerate(found) if i not in group + guests]
     band = dataclasses.replace(band, background=_tails(band, others))
-    return Part(group, guests, band, _start(band, picture, group, guests))
+    start = _start(band, picture, group, guests)
+    return Part(group, guests, band, dataclasses.replace(start, coherent=coherent))
 
 
 def _use(

@@ -7,8 +7,11 @@ uncertainty laws (`ambient_law`). The posterior is Gaussian about its maximum fo
 shortest records.
 
 What differs from the literature: the predicted matrices hold the leakage of the finite record
-(the debiased Whittle likelihood), the noise is each channel's own, and close modes are found by
-Fisher scoring with worked-out derivatives in place of expectation-maximisation.
+(the debiased Whittle likelihood), the noise is each channel's own, the tails of modes outside a
+band are known from their own bands, and the top is found by Fisher scoring with worked-out
+derivatives in place of expectation-maximisation. Whether the modal forces have anything in
+common is first asked of the whole record, by a score test, for what is known of one mode from
+the tails of others is lost where their coherence has to be found too.
 
 References
 ----------
@@ -26,6 +29,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Complex, Float
+from scipy.stats import chi2
 
 from slowtime.identification import checks
 from slowtime.identification.identified import Measured
@@ -34,16 +38,20 @@ from slowtime.identification.shapes import normalised
 from slowtime.identification.tones import without_lines
 from slowtime.signals.spectra import detrended, transform
 
-from .bands import Part, Picture, groups, parts_of
+from .bands import Part, Picture, groups, part_of, parts_of
 from .fit import BandFit, fit_band, rough_fit
 from .guess import Guess, Record, guesses
-from .model import Modes
+from .likelihood import coherence_score
+from .model import Modes, knowing
 
 ROUNDS = 3
 """Bands are laid out anew with the damping found, until they keep their place."""
 
 SETTLED = 0.2
 """Change of a half-bandwidth, relative, or of a coherence, that asks for no new round."""
+
+FALSE_ALARM = 0.05
+"""Modes have forces of their own unless they would look as coherent less often than this."""
 
 FAINTEST_SNR = 4.0
 """Peak density over noise, channels together, below which a mode is flagged."""
@@ -76,7 +84,9 @@ def bayesian_modes(
     Returns
     -------
     One mode a candidate, ascending in frequency. Flags: `not_converged`, `faint` (hardly above
-    the noise), `at_band_edge` (there may be no mode here at all).
+    the noise), `at_band_edge` (there may be no mode here at all), `common_forces` (the forces
+    of the modes have something in common, as those of a single shaker; errors, which then hang
+    on the exact interference of many tails, are told too small by up to a half).
 
     Examples
     --------
@@ -111,15 +121,42 @@ def fit_record(
 ) -> list[BandFit]:
     """Fits of all bands, ascending; bands, groups and tails follow what was found before."""
     found = guesses(record, candidates_hz)
-    picture = Picture(found, np.eye(len(found), dtype=complex))
+    first = Picture(found, np.eye(len(found), dtype=complex))
+    picture = _seen(record, first, lines, coherent=False)
+    coherent = common_forces(record, picture, lines) < FALSE_ALARM
+    if coherent:
+        picture = _seen(record, first, lines, coherent=True)
+    parts = parts_of(record, picture, lines, coherent=coherent)
+    return [fit_band(part.band, part.start) for part in parts]
+
+
+def common_forces(record: Record, picture: Picture, lines: tuple[Measured, ...]) -> float:
+    """Probability that modes with forces of their own look as coherent as these, all bands."""
+    alone = Picture(picture.guesses, np.eye(len(picture.guesses), dtype=complex))
+    together = groups(alone.guesses, record.duration_s)
+    parts, asked = (
+        [part_of(record, alone, group, lines, coherent=coherent) for group in together]
+        for coherent in (False, True)
+    )
+    statistic, freedom = 0.0, 0
+    for part, with_guests in zip(parts, asked, strict=True):
+        start = knowing(with_guests.start, rough_fit(part.band, part.start))
+        score, known = coherence_score(with_guests.band, start)
+        statistic, freedom = statistic + score, freedom + known
+    return float(chi2.sf(statistic, freedom)) if freedom else 1.0
+
+
+def _seen(
+    record: Record, picture: Picture, lines: tuple[Measured, ...], *, coherent: bool
+) -> Picture:
+    """All modes once their bands keep their place."""
     for _ in range(ROUNDS):
         before = picture
-        parts = parts_of(record, picture, lines)
-        fits = [rough_fit(part.band, part.start) for part in parts]
-        picture = _pictured(parts, fits)
+        parts = parts_of(record, picture, lines, coherent=coherent)
+        picture = _pictured(parts, [rough_fit(part.band, part.start) for part in parts])
         if _settled(before, picture, record.duration_s):
             break
-    return [fit_band(part.band, part.start) for part in parts_of(record, picture, lines)]
+    return picture
 
 
 def _pictured(parts: list[Part], fits: list[Modes]) -> Picture:
@@ -248,6 +285,8 @@ def _unit(
 def _flags(fit: BandFit, i: int, frequency_hz: float, duration_s: float) -> tuple[str, ...]:
     modes = fit.modes
     flags = [] if fit.converged else ["not_converged"]
+    if modes.coherent and len(modes.log_frequency) > 1:
+        flags.append("common_forces")
     power = modes.shapes[:, i] ** 2 * modes.coherence[i, i].real
     if np.sum(power / np.exp(modes.log_noise)) < FAINTEST_SNR:
         flags.append("faint")

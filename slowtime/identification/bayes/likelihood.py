@@ -32,10 +32,9 @@ from .model import (
 NOISE_PRIOR_SD = 3.0
 """Of ln noise about where it started: keeps a noise that nothing shows from running away."""
 
-OWN_FORCES = 4.0
-r"""Exponent :math:`\eta` of the prior :math:`\det(G)^\eta` of coherences, which gives a complex
-one about the standard deviation :math:`1 / \sqrt{\eta}`. Modes have forces of their own unless
-the record says otherwise; without it forces that are nearly one make a singular top."""
+OWN_FORCES = 0.5
+r"""Exponent :math:`\eta` of the prior :math:`\det(G)^\eta` of coherences: little, but enough
+that forces which are nearly one do not make a singular top."""
 
 
 def log_posterior(band: Band, vector: Float[np.ndarray, " parameter"], start: Modes) -> float:
@@ -79,11 +78,32 @@ def log_prior(modes: Modes, start: Modes) -> float:
     return float(coherent.sum() - 0.5 * np.sum((length - 1) ** 2) - 0.5 * np.sum(noise**2))
 
 
+def coherence_score(band: Band, start: Modes) -> tuple[float, int]:
+    r"""Rao's score statistic of coherences that are 0 in `start`, and its degrees of freedom.
+
+    :math:`s^T I^{-1} s`, s and I what is left of slope and information when the other
+    parameters are free to give way; over the directions in which the record would know a
+    coherence to better than 1.
+    """
+    parts = _worked_out(band, vector_of(start), start)
+    uphill, information = _slope(band, parts), _information(band, parts)
+    places = [k for k, (row, column, _) in enumerate(start.free_mixing) if row > column]
+    asked = np.zeros(len(uphill), dtype=bool)
+    asked[2 * start.number + np.array(places, dtype=int)] = True
+    told = ~asked & (np.diag(information) > 0)
+    among, across = information[np.ix_(told, told)], information[np.ix_(told, asked)]
+    gain = np.linalg.lstsq(among, across)[0]
+    values, vectors = np.linalg.eigh(information[np.ix_(asked, asked)] - across.T @ gain)
+    scores = vectors.T @ (uphill[asked] - gain.T @ uphill[told])
+    known = values > 1.0
+    return float(np.sum(scores[known] ** 2 / values[known])), int(known.sum())
+
+
 def _prior(modes: Modes, start: Modes) -> tuple[np.ndarray, np.ndarray]:
     """Gradient of the log-prior and, as information, what of its curvature is positive."""
     vector, free = vector_of(modes), modes.free_mixing
     uphill, information = np.zeros_like(vector), np.zeros((len(vector), len(vector)))
-    for row in range(max(modes.guests, 1), len(modes.log_frequency)):
+    for row in sorted({row for row, _, _ in free}):
         places = 2 * modes.number + np.array([k for k, f in enumerate(free) if f[0] == row])
         itself = 2 * modes.number + free.index((row, row, 1.0))
         part, length = vector[places], np.linalg.norm(modes.mixing[row])

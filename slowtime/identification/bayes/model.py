@@ -83,6 +83,7 @@ class Modes:
     mixing: Complex[np.ndarray, "mode mode"]
     log_noise: Float[np.ndarray, " channel"]
     guests: int = 0
+    coherent: bool = True
 
     @property
     def number(self) -> int:
@@ -101,7 +102,9 @@ class Modes:
 
     @property
     def free_mixing(self) -> list[tuple[int, int, complex]]:
-        """Row, column and unit of the parts of L that are looked for."""
+        """Row, column and unit of the parts of L that are looked for, if any are."""
+        if not self.coherent:
+            return []
         below = [
             (row, column)
             for row in range(max(self.guests, 1), len(self.log_frequency))
@@ -135,8 +138,7 @@ def modes_of(vector: Float[np.ndarray, " parameter"], like: Modes) -> Modes:
     frequency, damping = like.log_frequency.copy(), like.log_damping.copy()
     frequency[like.guests :], damping[like.guests :] = f, z
     mixing, all_shapes = like.mixing.copy(), like.shapes.copy()
-    mixing[like.guests :] = 0.0
-    mixing[0, 0] = like.mixing[0, 0]
+    mixing[sorted({row for row, _, _ in free})] = 0.0
     for (row, column, unit), part in zip(free, parts, strict=True):
         mixing[row, column] += unit * part
     all_shapes[:, like.guests :] = shapes.reshape(number, channels).T
@@ -147,6 +149,19 @@ def modes_of(vector: Float[np.ndarray, " parameter"], like: Modes) -> Modes:
         shapes=all_shapes,
         mixing=mixing,
         log_noise=noise,
+    )
+
+
+def knowing(start: Modes, found: Modes) -> Modes:
+    """Start with guests, its forces without anything in common, at a fit without them."""
+    before = start.guests
+    return dataclasses.replace(
+        start,
+        log_frequency=np.concatenate([start.log_frequency[:before], found.log_frequency]),
+        log_damping=np.concatenate([start.log_damping[:before], found.log_damping]),
+        shapes=np.concatenate([start.shapes[:, :before], found.shapes], axis=1),
+        mixing=np.eye(len(start.mixing), dtype=complex),
+        log_noise=found.log_noise,
     )
 
 
