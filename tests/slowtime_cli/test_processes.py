@@ -17,7 +17,7 @@ import pytest
             "--simulate and --file exclude each other",
         ),
         (("--simulate", "tower", "--rate-hz", "1"), "--rate-hz goes with --file; other inputs"),
-        (("--simulate", "bridge"), "not one of 'frame', 'tank', 'tower', 'wing'"),
+        (("--simulate", "cathedral"), "not one of 'bridge', 'frame', 'tank', 'tower', 'wing'"),
         (("--simulate", "tower", "--site", "A B"), "'A B' is no name. Allowed: at most 63"),
         (("--simulate", "tower", "--window-s", "-1"), "-1.0 is not in the range x>0"),
         (("--simulate", "tower", "--hop-s", "nan"), "nan is not a finite number"),
