@@ -1,7 +1,7 @@
 """The effects that can be hidden in a rig, written from the contract's table and nowhere else.
 
 A law is text: an expression in e [m] and v [m/s] (elongation of an element and its rate), T
-(time of the campaign [s]) and its parameters. `equations` makes equations of motion out of them.
+(time of the campaign [s]) and its parameters. `equations` makes equations of motion of them.
 """
 
 import dataclasses
