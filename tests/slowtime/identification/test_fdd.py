@@ -160,6 +160,7 @@ def test_of_an_expected_bell_the_pole_is_exact(reach, floor):
         bins, natural_hz=hz, damping_ratio=damping, rate_hz=RATE, count=count
     )
     found = ring_down(bins, bell + floor, centre_hz=hz, rate_hz=RATE, count=count)
+    assert found is not None
     assert found.frequency_hz.value == pytest.approx(hz, rel=1e-5)
     assert found.damping_ratio.value == pytest.approx(damping, rel=5e-3)
 
