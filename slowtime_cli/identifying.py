@@ -11,6 +11,7 @@ import numpy as np
 from slowtime.identification.automatic import ModalResult, identify_modes
 from slowtime.identification.first import all_modes
 from slowtime.identification.identified import Identified
+from slowtime.identification.methods import by_method
 from slowtime.identification.windows import Epoch, identify_windows
 from slowtime_services.files import Record, accelerations
 from slowtime_services.models import read_description
@@ -21,6 +22,9 @@ from .reading import record_flags
 from .terminal import counting, note, plural, show, write_json
 
 Samples = np.ndarray[Any, Any]
+ALL_CHANNELS = ("modes", "bayes", "efdd", "fdd")
+"""Methods that find the modes of all channels together, with shapes."""
+
 COLUMNS = ("frequency [Hz]", "damping [%]", "SNR [dB]", "method", "mistrust")
 
 
@@ -56,9 +60,10 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     "--method",
     default="auto",
     show_default=True,
-    type=click.Choice(["auto", "modes", "ambient", "free_decay", "peak"]),
+    type=click.Choice(["auto", *ALL_CHANNELS, "ambient", "free_decay", "peak"]),
     help="How to fit; auto finds out what the record is. modes: every mode of all channels "
-    "together, with shapes; lines of machines are told apart.",
+    "together, with shapes; lines of machines are told apart. bayes: these modes by the "
+    "fast Bayesian FFT. efdd, fdd: frequency domain decomposition, with and without damping.",
 )
 @click.option(
     "--model",
@@ -92,15 +97,17 @@ def identify(
     """
     if hop_s is not None and window_s is None:
         raise click.UsageError("--hop-s goes with --window-s.")
-    if window_s is not None and (method == "modes" or model or report):
+    if window_s is not None and (method in ALL_CHANNELS or model or report):
         raise click.UsageError(
-            "--window-s follows the first mode. Leave it out for --method modes, --model and "
-            "--report."
+            f"--window-s follows the first mode. Leave it out for --method "
+            f"{', '.join(ALL_CHANNELS)}, --model and --report."
         )
     if model or report:
         method = "modes" if method == "auto" else method
-        if method != "modes":
-            raise click.UsageError("--model and --report go with --method modes.")
+        if method not in ALL_CHANNELS:
+            raise click.UsageError(
+                f"--model and --report go with --method {', '.join(ALL_CHANNELS)}."
+            )
     description = read_description(model) if model else None
     record = _accelerations_of(record)
     samples = np.asarray(record.samples, dtype=float)
@@ -127,9 +134,12 @@ def identify(
             channels = record.channels
             models = modal.model_modes(description, channels) if description else []
             span = 0.0, len(part) / record.rate_hz
-            result["modes"] = [modal.as_json(mode, models, span) for mode in whole.modes]
+            method = "modes" if method == "auto" else method
+            result["modes"] = [
+                modal.as_json(mode, models, span, method=method) for mode in whole.modes
+            ]
             if not silent:
-                modal.show_modes(whole, models, path.name)
+                modal.show_modes(whole, models, path.name, method=method)
             if report is not None:
                 modal.write_report(report, path.name, channels, whole, models)
     else:
@@ -149,8 +159,8 @@ def _identify(
     Left to itself, a record of many channels that is not explained by decays is taken for the
     response to an unknown steady force.
     """
-    if method == "modes":
-        return (), identify_modes(part, rate_hz, band_hz=band_hz)
+    if method in ALL_CHANNELS:
+        return (), by_method(part, rate_hz, method=method, band_hz=band_hz)
     modes = all_modes(part, rate_hz, band_hz=band_hz, method=method)
     decays = bool(modes) and all(mode.method == "free_decay" for mode in modes)
     if method != "auto" or part.shape[1] == 1 or decays:

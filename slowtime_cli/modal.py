@@ -10,6 +10,7 @@ from jaxtyping import Complex
 from slowtime.dynamics.description import Description, assemble
 from slowtime.dynamics.modes import undamped_modes
 from slowtime.identification.automatic import ModalResult
+from slowtime.identification.identified import Measured
 from slowtime.identification.modes import Mode
 from slowtime.identification.shapes import mac, mpc
 from slowtime_services.reports import Chart, Section, Table, write_page
@@ -57,13 +58,14 @@ def nearest(mode: Mode, models: Sequence[ModelMode]) -> tuple[int, float | None]
 
 
 def as_json(
-    mode: Mode, models: Sequence[ModelMode], span_s: tuple[float, float]
+    mode: Mode, models: Sequence[ModelMode], span_s: tuple[float, float], *, method: str
 ) -> dict[str, Any]:
-    """One mode of `modes.json`; numbers that are not known are null."""
+    """One mode of `modes.json`; a damping that was not sought is 0 and flagged `no_damping`."""
+    z = mode.damping_ratio if _damped(mode) else Measured(0.0, 0.0)
     body = {
         "frequency_hz": {"value": mode.frequency_hz.value, "sd": mode.frequency_hz.sd},
-        "damping_ratio": {"value": mode.damping_ratio.value, "sd": mode.damping_ratio.sd},
-        "correlation": mode.correlation,
+        "damping_ratio": {"value": z.value, "sd": z.sd},
+        "correlation": mode.correlation if _damped(mode) else 0.0,
         "shape": {
             "re": mode.shape.real.tolist(),
             "im": mode.shape.imag.tolist(),
@@ -72,7 +74,7 @@ def as_json(
         "kind": mode.kind,
         "quality": mode.quality,
         "snr_db": None,
-        "method": "modes",
+        "method": method,
         "span_s": list(span_s),
         "flags": list(mode.flags),
     }
@@ -89,9 +91,13 @@ def as_json(
     return body
 
 
+def _damped(mode: Mode) -> bool:
+    return bool(np.isfinite(mode.damping_ratio.value))
+
+
 def _cells(mode: Mode) -> tuple[str, ...]:
     f, z = mode.frequency_hz, mode.damping_ratio
-    damped = mode.kind == "structural"
+    damped = mode.kind == "structural" and _damped(mode)
     return (
         f"{f.value:.4f} ± {f.sd:.4f}",
         f"{100 * z.value:.3f} ± {100 * z.sd:.3f}" if damped else "",
@@ -126,7 +132,9 @@ def _table(result: ModalResult, models: Sequence[ModelMode]) -> Table:
     return Table(headings, rows)
 
 
-def show_modes(result: ModalResult, models: Sequence[ModelMode], title: str) -> None:
+def show_modes(
+    result: ModalResult, models: Sequence[ModelMode], title: str, *, method: str
+) -> None:
     """Print a table for a person, lines of fields for a program."""
     if not result.modes:
         return
@@ -138,10 +146,10 @@ def show_modes(result: ModalResult, models: Sequence[ModelMode], title: str) -> 
             {
                 "frequency_hz": f.value,
                 "frequency_sd": f.sd,
-                "damping_ratio": z.value,
-                "damping_sd": z.sd,
+                "damping_ratio": z.value if _damped(mode) else None,
+                "damping_sd": z.sd if _damped(mode) else None,
                 "snr_db": None,
-                "method": "modes",
+                "method": method,
                 "kind": mode.kind,
                 "quality": mode.quality,
                 "flags": ",".join(mode.flags),
@@ -168,8 +176,9 @@ def write_report(
     sections = [
         Section("Modes", (), [_table(result, models)]),
         Section("Spectra", (), [_spectra(result)]),
-        Section("Stabilisation", (), [_stabilisation(result)]),
     ]
+    if len(result.stabilisation.order):
+        sections.append(Section("Stabilisation", (), [_stabilisation(result)]))
     if len(channels) > 1 and structural:
         sections.append(Section("Shapes", (), [_shapes(result, channels)]))
     write_page(path, f"Modes of {name}", lead, sections)

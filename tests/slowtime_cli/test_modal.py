@@ -92,3 +92,23 @@ def test_what_does_not_go_together_is_said(refused, vibration):
         "identify", vibration, "--rate-hz", "40", "--method", "peak", "--report", "a.html"
     )
     assert "go with --method modes" in said
+
+
+@pytest.mark.parametrize("method", ["bayes", "efdd", "fdd"])
+def test_other_methods_find_the_same_modes(run, vibration, tmp_path, method):
+    flags = ("--rate-hz", "40", "--method", method, "--out", "found.json")
+    done = run("identify", vibration, *flags, "--report", "out.html")
+    assert done.status == 0
+    found = json.loads((tmp_path / "found.json").read_text(encoding="utf-8"))
+    structural = [mode for mode in found["modes"] if mode["kind"] == "structural"]
+    assert [mode["method"] for mode in structural] == [method] * 3
+    true = undamped_modes(assemble(FRAME)).frequency_hz
+    for mode, hz in zip(structural, true, strict=True):
+        frequency, damping = mode["frequency_hz"], mode["damping_ratio"]
+        assert abs(frequency["value"] - hz) < 4 * frequency["sd"] < 0.2
+        assert (damping["value"] == damping["sd"] == 0) == ("no_damping" in mode["flags"])
+        assert ("no_damping" in mode["flags"]) == (method == "fdd")
+    page = (tmp_path / "out.html").read_text(encoding="utf-8")
+    assert page.count(">structural</td>") == 3
+    assert ("Stabilisation" in page) == (method == "bayes")
+    assert "nan" not in page.casefold().split("plotly")[0]

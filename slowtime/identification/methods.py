@@ -1,0 +1,107 @@
+"""Record and the name of a method in; all modes and lines of machines by that method out."""
+
+import dataclasses
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from .automatic import ModalResult, identify_modes
+from .bayes import bayesian_modes
+from .decomposition import decompose, ordinates
+from .fdd import efdd, fdd
+from .harmonics import Verdict, find_harmonics
+from .identified import Measured
+from .modes import Mode
+from .stabilisation import Stabilisation
+
+Method = Literal["modes", "bayes", "fdd", "efdd"]
+
+
+def by_method(
+    samples: Float[np.ndarray, "time channel"] | Float[np.ndarray, " time"],
+    rate_hz: float,
+    *,
+    method: Method,
+    band_hz: tuple[float, float] | None = None,
+) -> ModalResult:
+    """Modes of all channels together by one of several methods.
+
+    Parameters
+    ----------
+    method
+        `modes`: subspaces and likelihood, `identify_modes`. `bayes`: the candidates of these by
+        the fast Bayesian FFT. `fdd`, `efdd`: peaks of the first singular value, plain or
+        enhanced; no stabilisation.
+    """
+    if method == "modes":
+        return identify_modes(samples, rate_hz, band_hz=band_hz)
+    if method == "bayes":
+        return _bayesian(samples, rate_hz, identify_modes(samples, rate_hz, band_hz=band_hz))
+    found, _ = find_harmonics(samples, rate_hz, band_hz=band_hz)
+    lines = tuple(verdict.frequency_hz for verdict in found)
+    modes = (efdd if method == "efdd" else fdd)(samples, rate_hz, band_hz=band_hz, lines=lines)
+    spectra = decompose(ordinates(samples, rate_hz, lines), band_hz=band_hz)
+    return ModalResult(
+        modes=_ascending([*modes, *(_line(verdict) for verdict in found)]),
+        stabilisation=_empty(),
+        spectrum_hz=spectra.frequency_hz,
+        singular_values=spectra.values,
+    )
+
+
+def _bayesian(samples: np.ndarray, rate_hz: float, result: ModalResult) -> ModalResult:
+    """Structural modes found anew, pole by pole; the lines stay."""
+    if not result.structural:
+        return result
+    lines = tuple(mode for mode in result.modes if mode.kind == "harmonic")
+    modes = [
+        dataclasses.replace(mode, quality=before.quality)
+        for mode, before in zip(
+            bayesian_modes(
+                samples,
+                rate_hz,
+                np.array([mode.frequency_hz.value for mode in result.structural]),
+                lines=tuple(line.frequency_hz for line in lines),
+            ),
+            result.structural,
+            strict=True,
+        )
+    ]
+    whole = _ascending([*modes, *lines])
+    now = dict(zip([*result.structural, *lines], [*modes, *lines], strict=True))
+    places = [next(k for k, m in enumerate(whole) if m is now[old]) for old in result.modes]
+    before = result.stabilisation.mode
+    moved = np.where(before >= 0, np.array(places)[before], -1)
+    stabilisation = dataclasses.replace(result.stabilisation, mode=moved)
+    return dataclasses.replace(result, modes=whole, stabilisation=stabilisation)
+
+
+def _line(verdict: Verdict) -> Mode:
+    """Line of a machine as a mode without damping."""
+    error = np.sqrt(1.0 / max(10.0 ** (verdict.snr_db / 10.0), 1e-12))
+    return Mode(
+        frequency_hz=verdict.frequency_hz,
+        damping_ratio=Measured(0.0, 0.0),
+        correlation=0.0,
+        shape=verdict.shape,
+        shape_sd=np.where(verdict.shape != 0, min(float(error), 1.0), 0.0),
+        kind="harmonic",
+        quality=1.0 - verdict.p_structural,
+    )
+
+
+def _ascending(modes: list[Mode]) -> tuple[Mode, ...]:
+    return tuple(sorted(modes, key=lambda mode: mode.frequency_hz.value))
+
+
+def _empty() -> Stabilisation:
+    nothing = np.zeros(0)
+    return Stabilisation(
+        order=np.zeros(0, dtype=int),
+        frequency_hz=nothing,
+        frequency_sd_hz=nothing,
+        damping_ratio=nothing,
+        damping_sd=nothing,
+        mode=np.zeros(0, dtype=int),
+    )
