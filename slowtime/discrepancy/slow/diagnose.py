@@ -4,20 +4,20 @@ from collections.abc import Callable, Sequence
 from typing import Literal, TypeAlias
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from slowtime.identification.identified import Measured
 
 from . import model, modes, pictures, words
-from .history import Covariate, Filled, Series, history, scaled
+from .history import Covariate, Filled, Scaled, Series, history, scaled
 from .kinds import kinds
 from .law import Readings, solve
 from .model import SlowModel
-from .outliers import agreeing
+from .outliers import agreeing, left_over
 from .parameters import Parameter, Units, parameters
 from .report import Alternative, SlowEffect, SlowReport, Verdict
 from .search import Contest, Found, search
-from .swapped import swapped
+from .swapped import Swap, swapped
 
 Quantity = Literal["stiffness_change", "frequency_ratio", "frequency_hz"]
 
@@ -96,8 +96,7 @@ def diagnose_history(
         value, sd = modes.together(value, sd)
     past = history(slow_time, value.reshape(len(value)), sd.reshape(len(sd)), tuple(covariates))
     inner = scaled(past)
-    none = np.empty((len(inner.time), 0))
-    readings = Readings(inner, agreeing(inner, none), inner.sd**2)
+    readings, swap = _judged(inner)
     tried = kinds(inner, time_unit)
     found = search(readings, tried, max_effects, tell)
     nominal = model.learn(past, found.readings, (), found.nominal.wander)
@@ -112,7 +111,18 @@ def diagnose_history(
             model.rivals(found.contests),
         )
     tell("done", 1.0)
-    return _report(found, nominal, augmented, quantity, time_unit, gone)
+    return _report(found, nominal, augmented, quantity, time_unit, swap, gone)
+
+
+def _judged(past: Scaled) -> tuple[Readings, Swap | None]:
+    """Sort out which readings are none of this mode, or outliers."""
+    nothing, barred = np.empty((len(past.time), 0)), np.zeros(len(past.time), dtype=bool)
+    mask = agreeing(past, nothing, barred)
+    swap = swapped(left_over(past, mask))
+    if swap is not None:
+        barred = swap.which
+        mask = agreeing(past, nothing, barred)
+    return Readings(past, mask, past.sd**2, barred), swap
 
 
 def adopt(report: SlowReport, effects: Sequence[int] | None = None) -> SlowModel:
@@ -151,17 +161,17 @@ def _report(
     augmented: SlowModel,
     quantity: Quantity,
     time_unit: str,
+    swap: Swap | None,
     gone: modes.Departure | None,
 ) -> SlowReport:
     subject, unit, factor = _SUBJECT[quantity]
     units = Units(unit, factor, time_unit)
     past, mask = augmented.readings.past, augmented.readings.mask
-    odd = swapped(augmented)
     laws = tuple(
         _effect(found.contests[i], augmented, i, subject, units)
         for i in range(len(augmented.names))
     )
-    effects = (*laws, *_of_sensors(augmented, odd, gone, units))
+    effects = (*laws, *_of_sensors(augmented, swap, gone, units))
     undecided = _undecided(found, len(laws))
     verdict = _verdict(effects, undecided)
     best = augmented.members[0]
@@ -186,7 +196,7 @@ def _report(
         wander_length=past.span * best.wander.length if best.wander.sd > 0.0 else 0.0,
         noise_factor=spread,
         outliers=tuple(augmented.past.time[~mask].tolist()),
-        swapped=tuple(augmented.past.time[odd].tolist()),
+        swapped=() if swap is None else tuple(augmented.past.time[swap.which].tolist()),
         ignored=tuple(
             c.name
             for c in augmented.past.covariates
@@ -227,16 +237,16 @@ def _effect(
 
 def _of_sensors(
     augmented: SlowModel,
-    odd: Bool[np.ndarray, " time"],
+    swap: Swap | None,
     gone: modes.Departure | None,
     units: Units,
 ) -> list[SlowEffect]:
     """Tell what is no law of the structure: another mode read for it, a mode gone astray."""
     found = []
-    if odd.any():
-        offsets = augmented.past.value[odd] - np.median(augmented.past.value[~odd])
-        offset = Measured(units.factor * float(np.median(offsets)), 0.0)
-        share = Measured(100.0 * float(odd.mean()), 0.0)
+    if swap is not None:
+        size = units.factor * augmented.readings.past.scale
+        offset = Measured(size * swap.offset, size * swap.sd)
+        share = Measured(100.0 * float(swap.which.mean()), 0.0)
         numbers = (Parameter("offset", offset, units.value), Parameter("share", share, "%"))
         told = (
             f"{words.number(share, '%')} of the readings lie together at "

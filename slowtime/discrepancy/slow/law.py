@@ -46,11 +46,14 @@ class Readings:
         Which readings are used.
     variance
         Of the noise of each, as stated, and of what gaps of covariates add.
+    barred
+        Readings that are known to be wrong and are never used again.
     """
 
     past: Scaled
     mask: Bool[np.ndarray, " time"]
     variance: Series
+    barred: Bool[np.ndarray, " time"]
 
     @property
     def count(self) -> int:

@@ -78,7 +78,9 @@ def _step(slow_time: Series, value: Series, sd: Series) -> tuple[float, float, f
     """Time, size and probability of a step, if there is one."""
     past: History = history(slow_time, value, sd)
     inner = scaled(past)
-    readings = Readings(inner, agreeing(inner, np.empty((len(inner.time), 0))), inner.sd**2)
+    none = np.zeros(len(inner.time), dtype=bool)
+    mask = agreeing(inner, np.empty((len(inner.time), 0)), none)
+    readings = Readings(inner, mask, inner.sd**2, none)
     alone = tuple(kind for kind in kinds(inner, "") if kind.family in ("step", "drift"))
     best = contest(readings, alone, ()).by_name()[0]
     name, _, probability, option = best

@@ -17,7 +17,9 @@ _DEAF = 1e8  # variance with which a reading is foretold but teaches nothing
 
 
 def agreeing(
-    past: Scaled, known: Float[np.ndarray, "time column"]
+    past: Scaled,
+    known: Float[np.ndarray, "time column"],
+    barred: Bool[np.ndarray, " time"],
 ) -> Bool[np.ndarray, " time"]:
     """Which readings are in line with those before them or with those after.
 
@@ -27,6 +29,8 @@ def agreeing(
         The history.
     known
         Columns of what it is known to follow.
+    barred
+        Readings that are known to be wrong.
 
     Notes
     -----
@@ -35,17 +39,25 @@ def agreeing(
     side to agree with, so that steps stay.
     """
     columns = np.column_stack([np.ones(len(past.time)), *_anything(past), known])
-    mask = np.ones(len(past.time), dtype=bool)
+    mask = ~barred
     for _ in range(_PASSES):
         score = _scores(past, columns, mask)
         # By the scatter of the middle half: outliers have widened what the fit calls noise.
         # And by that nearby, for a sensor that has become noisy reads no outliers.
         unit = 1.4826 * np.maximum(float(np.median(score)), _nearby(score))
         kept = score <= np.maximum(_OUTLIER * unit, float(np.quantile(score, 1.0 - _MOST)))
+        kept &= ~barred
         if (kept == mask).all():
             break
         mask = kept
     return mask
+
+
+def left_over(past: Scaled, mask: Bool[np.ndarray, " time"]) -> Series:
+    """Take from the readings whatever may follow the covariates."""
+    columns = np.column_stack([np.ones(len(past.time)), *_anything(past)])
+    residual: Series = past.value - columns @ _best(past, columns, mask)[0].mean
+    return residual
 
 
 def _nearby(score: Series) -> Series:
@@ -68,10 +80,10 @@ def _anything(past: Scaled) -> list[Float[np.ndarray, "time column"]]:
     return columns
 
 
-def _scores(
+def _best(
     past: Scaled, columns: Float[np.ndarray, "time column"], mask: Bool[np.ndarray, " time"]
-) -> Float[np.ndarray, " time"]:
-    """Least standardised residual of each reading, from before and from after."""
+) -> tuple[evidence.Posterior, Wander]:
+    """Fit columns with the most probable wandering part of a few."""
     together = np.column_stack([past.value, columns])
     variance = np.where(mask, past.sd**2, np.inf)
     prior = prior_variance(columns, mask)
@@ -83,7 +95,14 @@ def _scores(
         if best is None or found.log_evidence > best[0].log_evidence:
             best = found, wander
     assert best is not None
-    found, wander = best
+    return best
+
+
+def _scores(
+    past: Scaled, columns: Float[np.ndarray, "time column"], mask: Bool[np.ndarray, " time"]
+) -> Float[np.ndarray, " time"]:
+    """Least standardised residual of each reading, from before and from after."""
+    found, wander = _best(past, columns, mask)
     together = np.column_stack([past.value - columns @ found.mean, columns])
     forward = _foretold(wander, past.time, together, past.sd, mask, found)
     backward = _foretold(

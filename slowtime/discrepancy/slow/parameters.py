@@ -104,6 +104,23 @@ def _numbers(
         )
     if kind.family == "drift":
         return _drift(term, first, past, units)
+    if kind.variant == "irregular":
+        lengths = past.span * np.diff(np.sort(shape))
+        period = float(np.mean(lengths))
+        return {
+            "height": (
+                first[0] * period / past.span,
+                first[1] * (period / past.span) ** 2,
+                units.value,
+            ),
+            "rate": (
+                first[0] / past.span,
+                first[1] / past.span**2,
+                f"{units.value}/{units.time}",
+            ),
+            "period": (period, float(np.var(lengths)), units.time),
+            "last_reset_time": _instant(past, max(shape), units),
+        }
     if kind.name == "sawtooth":
         reset = past.start + past.span * (0.5 + (1.0 - shape[1]) / shape[0])
         return {

@@ -20,11 +20,13 @@ from .law import (
     together,
 )
 from .outliers import agreeing
+from .resets import with_irregular
 from .scan import Promise, Scan, scan
 from .whitening import Filtered
 
 _NOTHING = 0.5  # prior probability that there is nothing more to find
-_RARE = {"crack": 0.2, "sensor": 0.5}  # weight of a family beside the others
+# Weight of a family beside the others: everything ages, cracks are rare.
+_WEIGHT = {"drift": 3.0, "crack": 0.2, "sensor": 0.5}
 _WORTH = 9.0  # of log-evidence behind the most promising, beyond which none is looked at
 _HOPELESS = 7.0
 _FEW = 3  # readings on which no discovery may hang
@@ -129,7 +131,7 @@ def search(
 
 def contest(readings: Readings, kinds: tuple[Kind, ...], before: tuple[Term, ...]) -> Contest:
     """Let every law compete for being the next term, and nothing more with them."""
-    looked = scan(readings, kinds, before)
+    looked = with_irregular(readings, before, scan(readings, kinds, before))
     nothing = refine(readings, before, [((), w) for w in smoothnesses(looked.wander)])
     fits: list[tuple[Kind | None, Fit]] = [(None, nothing)]
     for promise, first in _worth(readings, before, looked):
@@ -160,7 +162,7 @@ def _sound(
         still = climb(without, before, winner.fit.terms[-1:], winner.fit.wander)
         if still.log_evidence - quiet.log_evidence > _STILL:
             break
-        readings = without
+        readings = dataclasses.replace(without, barred=readings.barred | loud)
         found = contest(readings, kinds, before)
     return readings, found
 
@@ -185,7 +187,7 @@ def settle(readings: Readings, terms: tuple[Term, ...], fit: Fit) -> Readings:
     """Judge anew which readings are outliers, and what gaps of covariates add to the noise."""
     past = readings.past
     columns = design(terms, past.time, past.covariates)
-    mask = agreeing(past, columns[:, 1:])
+    mask = agreeing(past, columns[:, 1:], readings.barred)
     mean = solve(readings, terms, fit.wander)[0].mean
     variance = past.sd**2
     for index, covariate in enumerate(past.covariates):
@@ -195,7 +197,7 @@ def settle(readings: Readings, terms: tuple[Term, ...], fit: Fit) -> Readings:
         nudged[index] = dataclasses.replace(covariate, values=covariate.values + covariate.sd)
         moved = design(terms, past.time, tuple(nudged)) - columns
         variance = variance + (moved @ mean) ** 2
-    return Readings(past, mask, variance)
+    return Readings(past, mask, variance, readings.barred)
 
 
 def _reconsider(
@@ -260,7 +262,7 @@ def _log_prior(kind: Kind | None, kinds: tuple[Kind, ...]) -> float:
     if kind is None:
         return float(np.log(_NOTHING))
     families = {k.family for k in kinds}
-    total = sum(_RARE.get(family, 1.0) for family in families)
-    share = _RARE.get(kind.family, 1.0) / total
+    total = sum(_WEIGHT.get(family, 1.0) for family in families)
+    share = _WEIGHT.get(kind.family, 1.0) / total
     members = sum(k.family == kind.family for k in kinds)
     return float(np.log((1.0 - _NOTHING) * share / members))

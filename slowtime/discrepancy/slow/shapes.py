@@ -99,6 +99,14 @@ def sawtooth(time: Series, cycles: float, phase: float) -> Columns:
 
 
 @no_type_check
+def since(time: Series, falls: list[float]) -> Columns:
+    """Time since the last of the falls; before the first, since an instant not known."""
+    last = np.concatenate([[0.0], np.sort(falls)])
+    tooth = np.searchsorted(last[1:], time, side="right")
+    return np.column_stack([time - last[tooth], (tooth == 0).astype(float)])
+
+
+@no_type_check
 def wave(time: Series, cycles: float) -> Columns:
     """Cosine and sine."""
     angle = 2.0 * np.pi * cycles * (time - 0.5)

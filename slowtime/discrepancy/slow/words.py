@@ -81,6 +81,11 @@ def _of_time(name: str, told: dict[str, str], followed: str) -> str:
             )
         case "drift_power":
             return f"drifts as time to the power {told['exponent']}, {told['change']} so far"
+        case "sawtooth" if "last_reset_time" in told:
+            return (
+                f"goes on by {told['rate']} and falls back every {told['period']}, last at "
+                f"{told['last_reset_time']}"
+            )
         case "sawtooth":
             return (
                 f"rises and falls back like a sawtooth: {told['height']} in each period of "

@@ -143,9 +143,11 @@ def main() -> None:
         default=100,
         help="with one effect; and 1.5 times as many with none",
     )
+    parser.add_argument("--groups", nargs="*", default=list(GROUPS), choices=list(GROUPS))
     arguments = parser.parse_args()
     sizes = {"single": 1.0, "none": 1.5, "sensor": 0.2, "pair": 0.4}
-    for group, size in sizes.items():
+    for group in arguments.groups:
+        size = sizes[group]
         chosen = cases(group, max(1, round(size * arguments.cases)), arguments.seed)
         print(table(group, [judge(case) for case in chosen]), flush=True)
 

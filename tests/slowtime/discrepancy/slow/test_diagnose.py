@@ -30,7 +30,9 @@ def parameter(report, name, place=0):
     return next(p for p in report.effects[place].parameters if p.name == name)
 
 
-@pytest.mark.parametrize("truth", ["temperature_bilinear", "sawtooth"])
+@pytest.mark.parametrize(
+    "truth", ["temperature_bilinear", pytest.param("sawtooth", marks=pytest.mark.slow)]
+)
 def test_a_hidden_effect_is_named_and_its_band_is_narrower_and_holds(truth):
     case = hidden((truth,), np.random.default_rng([SAMPLE, 0]), epochs=160)
     score = battery.judge(case)
@@ -73,6 +75,17 @@ def test_a_bend_at_freezing_is_found_there_with_both_slopes():
     assert abs(parameter(report, "kink").measured.value) < 1.0
 
 
+@pytest.mark.slow
+def test_a_sawtooth_that_falls_back_when_it_likes_is_one_effect():
+    falls = np.array([-12.0, 21.0, 60.0, 85.0, 128.0])
+    tooth = DAY - falls[np.searchsorted(falls, DAY, side="right") - 1]
+    report = diagnose(-0.0004 * tooth + noise())
+    assert [e.effect for e in report.effects] == ["sawtooth"]
+    rate = parameter(report, "rate").measured
+    assert abs(rate.value + 0.04) < 3.0 * rate.sd
+    assert parameter(report, "last_reset_time").measured.value == pytest.approx(128.0, abs=2.0)
+
+
 def test_covariates_that_move_together_are_undecided_until_they_part():
     warmth = weather()
     value = -0.0011 * warmth + noise()
@@ -82,8 +95,14 @@ def test_covariates_that_move_together_are_undecided_until_they_part():
     assert report.verdict == "undecided"
     assert {"temperature_linear", "load_linear"} <= set(report.undecided)
     assert "load and temperature do not move together" in report.experiment
-    load = load + np.random.default_rng(9).normal(0.0, 1.0, len(DAY))
-    report = diagnose(value, both[0], slow.Covariate("load", load, "t"))
+
+
+@pytest.mark.slow
+def test_of_covariates_that_move_apart_the_right_one_is_named():
+    warmth = weather()
+    load = 3.0 + 0.4 * warmth + np.random.default_rng(9).normal(0.0, 1.0, len(DAY))
+    both = slow.Covariate("temperature", warmth, "°C"), slow.Covariate("load", load, "t")
+    report = diagnose(-0.0011 * warmth + noise(), *both)
     assert [e.effect for e in report.effects] == ["temperature_linear"]
 
 

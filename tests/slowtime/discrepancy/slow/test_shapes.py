@@ -43,6 +43,12 @@ def test_an_exponential_grows_from_0_to_1_over_the_history():
         )
 
 
+def test_time_since_a_fall_starts_anew_at_each_and_the_first_tooth_has_a_level_of_its_own():
+    since = shapes.since(np.array([0.0, 0.2, 0.3, 0.6, 0.9, 1.4]), [0.8, 0.25])
+    np.testing.assert_allclose(since[:, 0], [0.0, 0.2, 0.05, 0.35, 0.1, 0.6])
+    np.testing.assert_array_equal(since[:, 1], [1, 1, 0, 0, 0, 0])
+
+
 def test_a_sawtooth_falls_back_as_often_as_it_has_cycles():
     time = np.linspace(0.0, 1.0, 2001)
     teeth = shapes.sawtooth(time, 4.0, 0.3)[:, 0]
