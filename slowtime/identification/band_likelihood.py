@@ -26,6 +26,9 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 MOST_STEPS = 25
+FEW_STEPS = 8
+"""With poles that stay, or where more modes are to come, more steps are of no use."""
+
 CONVERGED = 0.03
 ROUGHLY = 1.0
 """Steps end once they promise less than so much of log-likelihood; the latter where it only
@@ -239,12 +242,13 @@ def fit(data: BandData, model: BandModel, *, enough: float = CONVERGED) -> BandF
 
 def forced(data: BandData, model: BandModel) -> BandModel:
     """Fit forces, shapes and background, roughly, to poles that stay."""
-    found, *_ = _climbed(data, dataclasses.replace(model, still=True), ROUGHLY)
+    still = dataclasses.replace(model, still=True)
+    found, *_ = _climbed(data, still, ROUGHLY, most=FEW_STEPS)
     return dataclasses.replace(found, still=model.still)
 
 
 def _climbed(
-    data: BandData, model: BandModel, enough: float
+    data: BandData, model: BandModel, enough: float, most: int = MOST_STEPS
 ) -> tuple[BandModel, np.ndarray, bool]:
     """Fisher scoring, damped where a step would not climb; model, density, and whether done."""
     density = model.density(data.omega)
@@ -252,7 +256,7 @@ def _climbed(
     damping, converged = 1e-3, False
     free = model.free()
     whole = np.zeros(len(free))
-    for _ in range(MOST_STEPS):
+    for _ in range(most):
         information, score = _information(data, model, density)
         scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
         scaled, slope = information / scale[:, None] / scale, score / scale

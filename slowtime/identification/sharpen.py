@@ -24,7 +24,7 @@ from .band_likelihood import (
 )
 
 SELECTING = 12.0
-SHARPENING = 30.0
+SHARPENING = 50.0
 """A window reaches so many half-bandwidths either way, while modes are chosen and then
 fitted ..."""
 
@@ -42,6 +42,9 @@ CLOSE = 6.0
 
 MOST_TOGETHER = 8
 """Modes in one window."""
+
+JOINT = 1.1
+"""Groups share a window where it is no wider than their widest one by more than this."""
 
 SPARE = 1
 MOST_DIRECTIONS = 5
@@ -151,8 +154,11 @@ def _in_windows(
     poles = np.array([starts[k].pole for k in order])
     poles = np.minimum(poles.real, -least) + 1j * poles.imag
     found: list[tuple[int, Sharp]] = []
-    for group in _groups(poles):
-        window = _Window.about(spectrum, poles, group, edges, wide, beside)
+
+    def about(group: list[int]) -> _Window:
+        return _Window.about(spectrum, poles, group, edges, wide, beside)
+
+    for group, window in _shared(_groups(poles), about):
         modes = window.modes + window.beside
         shapes = np.stack([starts[order[k]].shape for k in modes], axis=1)
         for k, sharp in _fitted(spectrum, window, poles[modes], shapes, choose):
@@ -172,6 +178,25 @@ def _groups(poles: np.ndarray) -> list[list[int]]:
                 continue
         groups.append([k])
     return [part for group in groups for part in _split(group, poles)]
+
+
+def _shared(
+    groups: list[list[int]], about: Callable[[list[int]], "_Window"]
+) -> list[tuple[list[int], "_Window"]]:
+    """Windows of the groups, one for neighbours whose windows are nearly the same."""
+    shared: list[tuple[list[int], _Window]] = []
+    for group in groups:
+        window = about(group)
+        if shared:
+            both = about(shared[-1][0] + group)
+            parts = (shared[-1][1], window)
+            needed = {mode for part in parts for mode in part.modes}
+            widest = max(part.last - part.first for part in parts)
+            if both.last - both.first <= JOINT * widest and needed <= set(both.modes):
+                shared[-1] = (shared[-1][0] + group, both)
+                continue
+        shared.append((group, window))
+    return shared
 
 
 def _split(group: list[int], poles: np.ndarray) -> list[list[int]]:
@@ -364,11 +389,16 @@ def _frame(
     seen = shapes[:, :modes] / scale[:, None]
     basis, strength, _ = np.linalg.svd(seen / np.linalg.norm(seen, axis=0))
     basis = basis[:, : min(number, int(np.count_nonzero(strength > 0.05 * strength[0])))]
-    rest = scaled - (scaled @ basis.conj()) @ basis.T
+    seen = scaled @ basis.conj()
+    rest = scaled - seen @ basis.T
     more = np.linalg.svd(rest.T, full_matrices=False)[0][:, : number - basis.shape[1]]
+    # Channels that say the same, but for rounding, have directions in which nothing is left.
+    parts = np.concatenate([seen, rest @ more.conj()], axis=1)
+    power = np.median(np.abs(parts) ** 2, axis=0)
+    directions = np.concatenate([basis, more], axis=1)[:, power >= QUIET * power.max()]
     unit = float(-poles[:modes].real.max())
     middle = float(np.median(poles[:modes].imag))
-    return _Frame(unit, middle, scale, np.concatenate([basis, more], axis=1))
+    return _Frame(unit, middle, scale, directions)
 
 
 def _grouped(projected: np.ndarray, omega: np.ndarray, poles: np.ndarray) -> BandData:
