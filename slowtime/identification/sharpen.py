@@ -357,7 +357,7 @@ def _selected(case: _Case) -> tuple[list[int], BandFit]:
         most = max(waiting, key=lambda k: gains[k][0])
         waiting.remove(most)
         more = best.with_modes(case.poles[[most]], gains[most][1][:, None])
-        for start in (more, restarted(case.data, more)):
+        for start in (restarted(case.data, more), more):
             trial = forced(case.data, start)
             likelihood = log_likelihood(case.data, trial.density(case.data.omega))
             if likelihood - reached >= WORTH * case.price:
