@@ -61,11 +61,16 @@ class BandData:
         Mean of :math:`Y Y^H` over the group.
     number
         How many ordinates are in it.
+    length, turn
+        Of the record, in the inverse of the unit of `omega`, and the phase in which it leaves
+        what turns at the frequency that was moved to zero. Without them leakage is neglected.
     """
 
     omega: Float[np.ndarray, " group"]
     density: Complex[np.ndarray, "group direction direction"]
     number: Float[np.ndarray, " group"]
+    length: float = np.inf
+    turn: complex = 1.0
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -85,6 +90,8 @@ class BandModel:
     expected: Complex[np.ndarray, " mode"]
     held: int = 0
     still: bool = False
+    length: float = np.inf
+    turn: complex = 1.0
 
     def free(self) -> np.ndarray:
         """Which of all real parameters are to be found."""
@@ -95,10 +102,25 @@ class BandModel:
         free[2 * modes + 2 * directions * first : 2 * modes * (1 + directions)] = False
         return free
 
+    def gain(self, omega: Float[np.ndarray, " group"]) -> tuple[np.ndarray, np.ndarray]:
+        r"""Mean response of each mode in a periodogram, and its slope, ["mode group"].
+
+        .. math:: \int_0^T (1 - \tau / T) \, e^{(s - i \omega) \tau} \, d\tau
+                  = \frac{1}{i \omega - s} - \frac{1 - e^{s T}}{(i \omega - s)^2 T}
+
+        at the frequencies of a transform over T, with all the leakage of a finite record.
+        """
+        plain = 1.0 / (1j * omega - self.pole[:, None])
+        if np.isinf(self.length):
+            return plain, plain**2
+        left = (self.turn * np.exp(self.pole * self.length))[:, None]
+        leak = (1.0 - left) * plain**2 / self.length
+        return plain - leak, plain**2 * (1.0 + left) - 2.0 * plain * leak
+
     def resonances(self, omega: Float[np.ndarray, " group"]) -> np.ndarray:
         """Part of each mode in the density, ["mode group direction direction"]."""
-        gain = 1.0 / (1j * omega[:, None] - self.pole)
-        half = np.einsum("im,km,jm->mkij", self.shape, gain, self.force.conj())
+        gain, _ = self.gain(omega)
+        half = np.einsum("im,mk,jm->mkij", self.shape, gain, self.force.conj())
         return np.asarray(half + half.conj().transpose(0, 1, 3, 2))
 
     def background(self, omega: Float[np.ndarray, " group"]) -> np.ndarray:
@@ -191,7 +213,8 @@ def started(
 ) -> BandModel:
     """Positive model with the given poles and shapes, by expectation-maximisation."""
     none = np.zeros((len(shape), len(shape)), dtype=complex)
-    return restarted(data, BandModel(pole, shape, 0 * shape, none, none, pole, held))
+    model = BandModel(pole, shape, 0 * shape, none, none, pole, held)
+    return restarted(data, dataclasses.replace(model, length=data.length, turn=data.turn))
 
 
 def restarted(data: BandData, model: BandModel) -> BandModel:
@@ -377,13 +400,14 @@ def _slopes(model: BandModel, omega: np.ndarray, root: np.ndarray) -> np.ndarray
     All derivatives are outer products, so that vectors are whitened rather than matrices.
     """
     directions, free = len(model.shape), len(model.pole) - model.held
-    gain = (1.0 / (1j * omega - model.pole[:, None]))[:, :, None]
+    gain, bent = (each[:, :, None] for each in model.gain(omega))
     unit = root.transpose(2, 0, 1)
-    shape = gain * (root @ model.shape).transpose(2, 0, 1)
+    plain = (root @ model.shape).transpose(2, 0, 1)
+    shape = gain * plain
     force = (root @ model.force).transpose(2, 0, 1)
     heard = gain.conj() * force
     moving = 0 if model.still else free
-    of_poles = _pairs(gain[:moving] * shape[:moving], force[:moving])
+    of_poles = _pairs(bent[:moving] * plain[:moving], force[:moving])
     of_poles[::2] *= model.pole[:moving].real[:, None]
     of_shapes = _pairs(unit, heard[:free, None])
     of_forces = _pairs(shape[:, None], unit)

@@ -312,6 +312,9 @@ def _fitted(
     projected = (coefficients / frame.scale) @ frame.directions.conj()
     guess = frame.pole(poles)
     data = _grouped(projected, (omega - frame.middle) / frame.unit, guess)
+    seconds = 1.0 / spectrum.spacing_hz
+    turn = complex(np.exp(1j * frame.middle * seconds))
+    data = dataclasses.replace(data, length=frame.unit * seconds, turn=turn)
     start = frame.directions.conj().T @ (shapes / frame.scale[:, None])
     start = start / np.maximum(np.linalg.norm(start, axis=0), 1e-9)
     case = _Case(data, guess, start, len(window.beside))
@@ -402,19 +405,26 @@ def _frame(
 
 
 def _grouped(projected: np.ndarray, omega: np.ndarray, poles: np.ndarray) -> BandData:
-    """Average neighbouring ordinates where the density cannot change between them."""
-    distance = np.sqrt((omega[:, None] - poles.imag) ** 2 + poles.real**2).min(axis=1)
+    """Average neighbouring ordinates where the density hardly changes between them."""
+    square = (omega[:, None] - poles.imag) ** 2 + poles.real**2
+    nearest = square.argmin(axis=1)
+    square = square[np.arange(len(omega)), nearest]
     spacing = float(omega[1] - omega[0])
-    size = np.maximum(GROUPED * distance / spacing, 1.0)
+    size = np.maximum(GROUPED * np.sqrt(square) / spacing, 1.0)
     group = np.floor(np.cumsum(1.0 / size)).astype(int)
     _, starts = np.unique(group, return_index=True)
     number = np.diff([*starts, len(omega)]).astype(float)
     outer = projected[:, :, None] * projected[:, None, :].conj()
     density = np.add.reduceat(outer, starts, axis=0) / number[:, None, None]
-    middle = np.add.reduceat(omega, starts) / number
     power = np.trace(density, axis1=1, axis2=2).real / density.shape[1]
     density = density + QUIET * np.median(power) * np.eye(density.shape[1])
-    return BandData(middle, density, number)
+    middle = np.add.reduceat(omega, starts) / number
+    # Where the nearest resonance has its mean over the group, which curves towards it.
+    own = poles[nearest[starts]]
+    mean = np.add.reduceat(1.0 / square, starts) / number
+    reach = np.sqrt(np.maximum(1.0 / mean - own.real**2, 0.0))
+    there = own.imag + np.copysign(reach, middle - own.imag)
+    return BandData(np.where(number > 1, there, middle), density, number)
 
 
 def _sharp(frame: _Frame, found: BandFit, mode: int, evidence: float) -> Sharp:
