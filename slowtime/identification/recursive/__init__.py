@@ -9,6 +9,10 @@ when it is due. Neither memory nor work per second depends on how long the strea
 What was lost on the way costs the frames that it falls into, no more: a stretch after a gap
 adds its products to those of the stretches before.
 
+Modes flagged `crowded` have more close neighbours than are fitted together: over many hours
+their errors outgrow their standard deviations. A machine whose speed wanders is told as a mode
+of little damping; one that keeps its speed, as what it is.
+
 Examples
 --------
 Two sensors that hear one mode of 2 Hz, taken in by the second:

@@ -91,7 +91,10 @@ class Start:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Case:
-    """One window made ready: scaled data and where poles and shapes are thought to be."""
+    """One window made ready: scaled data and where poles and shapes are thought to be.
+
+    The last `held` modes are beside the window, and stay where they are.
+    """
 
     data: BandData
     poles: np.ndarray
@@ -100,6 +103,7 @@ class Case:
     middle: float
     directions: np.ndarray
     inside: np.ndarray
+    held: int
 
     @property
     def price(self) -> float:
@@ -128,7 +132,9 @@ def _split(group: list[int], poles: list[complex]) -> list[list[int]]:
     return _split(group[:at], poles) + _split(group[at:], poles)
 
 
-def case_of(seen: Seen, order: list[Start], members: list[int], wide: float) -> Case:
+def case_of(
+    seen: Seen, order: list[Start], members: list[int], held: list[Start], wide: float
+) -> Case:
     """Window that reaches `wide` half-bandwidths beyond its members, in few directions."""
     omega = 2 * np.pi * seen.frequency_hz
     poles = np.array([order[k].pole for k in members]) - seen.decay
@@ -145,12 +151,14 @@ def case_of(seen: Seen, order: list[Start], members: list[int], wide: float) -> 
     shapes = np.stack([order[k].shape for k in members], axis=1)
     directions = _directions(density, shapes)
     unit, middle = float(-poles.real.max()), float(np.median(poles.imag))
-    scaled = (poles - 1j * middle) / unit
+    beside = np.array([start.pole for start in held], dtype=complex) - seen.decay
+    scaled = (np.append(poles, beside) - 1j * middle) / unit
     turned = directions.conj().T @ density @ directions
     data = _grouped(turned, (omega - middle) / unit, scaled, seen.number)
+    shapes = np.column_stack([shapes, *(start.shape for start in held)])
     start = directions.conj().T @ shapes
     start = start / np.maximum(np.linalg.norm(start, axis=0), 1e-9)
-    return Case(data, scaled, start, unit, middle, directions, inside)
+    return Case(data, scaled, start, unit, middle, directions, inside, len(held))
 
 
 def _directions(density: np.ndarray, shapes: np.ndarray) -> np.ndarray:

@@ -35,7 +35,7 @@ def in_channels(seen: Seen, case: Case, best: BandFit) -> list[Shown]:
     white = _inverse_root(model.density(omega))
     columns = (_columns(model, omega) @ white).transpose(0, 2, 1)
     shown = []
-    for k, pole in enumerate(model.pole):
+    for k, pole in enumerate(model.pole[: len(model.pole) - model.held]):
         away = np.abs(1j * omega - pole)
         # Far away the skirts of others, which the model does not hold, tell more than its own.
         about = away < max(REACH * -pole.real, np.sort(away)[FEWEST_ORDINATES - 1])

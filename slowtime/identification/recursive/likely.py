@@ -31,7 +31,7 @@ from slowtime.identification.sharpen import WIDEST
 from slowtime.identification.stabilisation import Candidate
 
 from .cases import Case, Seen, Start, case_of, groups
-from .channels import in_channels
+from .channels import Shown, in_channels
 
 SELECTING = 12.0
 SHARPENING = 50.0
@@ -40,6 +40,9 @@ fitted."""
 
 CLOSE = 12.0
 """Candidates within so many half-bandwidths of each other share a window."""
+
+SHOWN = 4.0
+"""Ordinates within so many half-bandwidths show whether a model fits a mode."""
 
 WORTH = 1.5
 """Of the Bayesian penalty, below which a candidate is not needed."""
@@ -60,35 +63,54 @@ class _Sharp:
     pole: complex
     covariance: np.ndarray
     shape: np.ndarray
-    channels: tuple[np.ndarray, np.ndarray]
+    channels: Shown
     prominence: float
+    crowded: bool
 
 
-def likeliest(seen: Seen, found: list[Candidate]) -> tuple[Mode, ...]:
-    """Modes among the candidates, whose shapes are in directions, ascending in frequency."""
+def likeliest(seen: Seen, found: list[Candidate], beside: list[Candidate]) -> tuple[Mode, ...]:
+    """Modes among the candidates, whose shapes are in directions, ascending in frequency.
+
+    Those beside the ordinates are held where they are: they send their skirts in.
+    """
     starts = [Start(candidate.pole, candidate.shape, candidate) for candidate in found]
-    chosen = _in_windows(seen, starts, SELECTING, CLOSE)
+    chosen = _in_windows(seen, starts, [], SELECTING, CLOSE)
     again = [Start(sharp.pole, sharp.shape, sharp.start.candidate) for sharp in chosen]
-    return tuple(_mode(sharp) for sharp in _in_windows(seen, again, SHARPENING, np.inf))
+    held = [Start(candidate.pole, candidate.shape, candidate) for candidate in beside]
+    return tuple(_mode(sharp) for sharp in _in_windows(seen, again, held, SHARPENING, np.inf))
 
 
-def _in_windows(seen: Seen, starts: list[Start], reach: float, close: float) -> list[_Sharp]:
+def _in_windows(
+    seen: Seen, starts: list[Start], held: list[Start], reach: float, close: float
+) -> list[_Sharp]:
     order = sorted(starts, key=lambda start: start.pole.imag)
     sharp = []
     for group in groups(order, close):
-        case = case_of(seen, order, group, reach)
+        case = case_of(seen, order, group, held, reach)
         left, best = _needed(case)
         shown = in_channels(seen, case, best)
+        crowded = _is_crowded(order, group)
         sharp += [
-            _sharp(seen, case, best, k, order[group[i]], shown[k]) for k, i in enumerate(left)
+            _sharp(seen, case, best, shown[k], k, order[group[i]], crowded)
+            for k, i in enumerate(left)
         ]
     return _distinct([one for one in sharp if _is_mode(one)])
 
 
+def _is_crowded(order: list[Start], group: list[int]) -> bool:
+    """Whether a neighbour too close to be left out is in another window."""
+    for inner, outer in ((group[0], group[0] - 1), (group[-1], group[-1] + 1)):
+        if 0 <= outer < len(order):
+            one, other = order[inner].pole, order[outer].pole
+            if abs(one.imag - other.imag) < -0.5 * CLOSE * (one.real + other.real):
+                return True
+    return False
+
+
 def _needed(case: Case) -> tuple[list[int], BandFit]:
     """Fit all modes of a window, dropping one after the other what it can do without."""
-    left = list(range(len(case.poles)))
-    best = fit(case.data, started(case.data, case.poles, case.shapes))
+    left = list(range(len(case.poles) - case.held))
+    best = fit(case.data, started(case.data, case.poles, case.shapes, case.held))
     while left:
         rests = [_without(case, best, k) for k in range(len(left))]
         losses = [
@@ -111,24 +133,50 @@ def _without(case: Case, whole: BandFit, mode: int) -> BandModel:
     return rest if loss > CLEAR * case.price else fit(case.data, rest).model
 
 
+def _misfit(case: Case, model: BandModel, k: int) -> float:
+    r"""How much further than it should the data is from a model near a mode, at least 1 [1].
+
+    Root of the mean, over the ordinates that show the mode, each of which is worth n, of
+
+    .. math:: n \, \left( \frac{u^H P u}{u^H S u} - 1 \right)^2 , \qquad u = S^{-1} \phi
+
+    which is 1 where n independent ordinates of the density S have been averaged to P. Standard
+    deviations are enlarged by it: a model that does not fit knows less than it believes.
+    """
+    pole, omega = model.pole[k], case.data.omega
+    near = np.abs(1j * omega - pole) < SHOWN * -pole.real
+    if not near.any():
+        return 1.0
+    density = model.density(omega[near])
+    u = np.linalg.solve(
+        density, np.broadcast_to(model.shape[:, k, None], (*density.shape[:2], 1))
+    )
+    turned = u.conj().transpose(0, 2, 1)
+    ratio = (turned @ case.data.density[near] @ u).real / (turned @ density @ u).real
+    off = case.data.number[near] * (ratio[:, 0, 0] - 1.0) ** 2
+    return float(np.sqrt(max(off.mean(), 1.0)))
+
+
 def _sharp(
     seen: Seen,
     case: Case,
     best: BandFit,
+    shown: Shown,
     k: int,
     start: Start,
-    channels: tuple[np.ndarray, np.ndarray],
+    crowded: bool,
 ) -> _Sharp:
+    wider = _misfit(case, best.model, k)
     pole = complex(best.model.pole[k]) * case.unit + 1j * case.middle
-    onto = np.array([-pole.real, case.unit])
-    shape = case.directions @ best.model.shape[:, k]
+    onto = wider * np.array([-pole.real, case.unit])
     return _Sharp(
         start,
         pole + seen.decay,
         best.pole_covariance(k) * onto[:, None] * onto,
-        shape,
-        channels,
+        case.directions @ best.model.shape[:, k],
+        (shown[0], wider * shown[1]),
         _prominence(best.model, k),
+        crowded,
     )
 
 
@@ -161,6 +209,7 @@ def _mode(sharp: _Sharp) -> Mode:
         shape=normalised(shape),
         shape_sd=shape_sd,
         quality=min(sharp.start.candidate.share, 1.0),
+        flags=("crowded",) if sharp.crowded else (),
     )
 
 

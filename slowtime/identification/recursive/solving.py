@@ -23,6 +23,9 @@ from .likely import is_same, likeliest
 STEADY = 5e-4
 """A pole whose damping is below this with 95 % probability is a machine's."""
 
+BIASED = 0.05
+"""Half-bandwidths that poles of two orders may differ by, however sure, and be one."""
+
 SHARED = 0.05
 """Share of its edges by which a band looks beyond them: a mode on an edge is seen by both."""
 
@@ -63,11 +66,16 @@ def modes_of(
         orders=range(1, models.order + 1),
         weighting="both",
     )
-    lines, found = _told_apart(poles, (seen.frequency_hz[0], seen.frequency_hz[-1]))
+    first, last = seen.frequency_hz[[0, -1]]
+    lines, found = _told_apart(poles, (0.5 * first, 2.0 * last))
+    lines = [line for line in lines if first < line.frequency_hz < last]
     modes = [_line(line, seen) for line in lines]
     for line in lines:
         seen = seen.without_line(line.frequency_hz)
-    modes.extend(likeliest(seen, found))
+    inside = [candidate for candidate in found if first < candidate.frequency_hz < last]
+    below = [candidate for candidate in found if candidate.frequency_hz <= first]
+    above = [candidate for candidate in found if candidate.frequency_hz >= last]
+    modes.extend(likeliest(seen, inside, [*below[-1:], *above[:1]]))
     low, high = band.low_hz * (1 - SHARED), band.high_hz * (1 + SHARED)
     return tuple(mode for mode in modes if low < mode.frequency_hz.value < high)
 
@@ -78,13 +86,23 @@ def _told_apart(
     """Lines of machines, and the other candidates.
 
     A line has no damping: half of its estimates are below zero, where no candidate is looked
-    for. So all poles are looked at with a little more damping than they have.
+    for. So all poles are looked at with a little more damping than they have. And poles of
+    different orders are never so much alike as the errors of an endless stream would have it:
+    models that are too small are biased.
     """
+    sd_f, sd_z, _ = poles.standard_deviations()
     more = STEADY * np.abs(poles.pole)
-    damped = dataclasses.replace(poles, pole=poles.pole - more)
+    half_hz = (more - poles.pole.real) / (2 * np.pi)
+    wider = np.maximum(BIASED * half_hz / np.maximum(sd_f, np.finfo(float).tiny), 1.0)
+    looked_at = dataclasses.replace(poles, pole=poles.pole - more, draws=poles.draws * wider)
     found = [
-        dataclasses.replace(candidate, pole=complex(poles.pole[candidate.index]))
-        for candidate in candidates(damped, low_hz=edges_hz[0], high_hz=edges_hz[1])
+        dataclasses.replace(
+            candidate,
+            pole=complex(poles.pole[candidate.index]),
+            frequency_sd_hz=float(sd_f[candidate.index]),
+            damping_sd=float(sd_z[candidate.index]),
+        )
+        for candidate in candidates(looked_at, low_hz=edges_hz[0], high_hz=edges_hz[1])
     ]
     lines = [candidate for candidate in found if _is_steady(candidate)]
     others = [c for c in found if c.damping_ratio > 0 and not _is_steady(c)]
