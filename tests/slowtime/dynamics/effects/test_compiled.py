@@ -1,0 +1,80 @@
+"""Machine code is kept where it can be, does without where not, and survives a fork."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+
+import slowtime
+from slowtime.dynamics.effects import Motion, catalogue, force_along
+from slowtime.dynamics.effects.compiled import compiled, law_address
+
+TRY = """
+import numpy as np
+from slowtime.dynamics.effects import Motion, catalogue, force_along
+still = np.zeros(3)
+seen = Motion(e=np.arange(3.0), v=still, a=still, times=np.arange(3.0))
+print(force_along(catalogue()["cubic_hardening"], {"k3_n_per_m3": 5.0}, seen)[2])
+"""
+ROOT = Path(slowtime.__file__).parents[1]
+
+
+def tried(path, **environment):
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", TRY],
+        env=os.environ | {"PYTHONPATH": str(path)} | environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return float(done.stdout)
+
+
+def test_code_is_kept_in_a_folder_of_ones_own_choice(tmp_path):
+    assert tried(ROOT, NUMBA_CACHE_DIR=str(tmp_path)) == 40.0
+    kept = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nbc")}
+    assert kept
+    assert tried(ROOT, NUMBA_CACHE_DIR=str(tmp_path)) == 40.0
+    assert kept == {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nbc")}
+
+
+def test_where_nothing_can_be_kept_code_is_compiled_anew(monkeypatch):
+    """As numba does where no folder can be written: it raises RuntimeError."""
+    asked = []
+
+    def refusing(really):
+        def compile_it(*arguments, cache=False, **options):
+            asked.append(cache)
+            if cache:
+                raise RuntimeError("cannot cache function: no locator available")
+            return really(*arguments, **options)
+
+        return compile_it
+
+    monkeypatch.setattr(numba, "njit", refusing(numba.njit))
+    monkeypatch.setattr(numba, "cfunc", refusing(numba.cfunc))
+    assert compiled(lambda number: number + 1)(2) == 3
+    assert law_address(lambda e, v, t, z, p: e) != 0
+    assert asked == [True, False, True, False]
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
+def test_code_runs_in_a_forked_process():
+    still = np.zeros(3)
+    seen = Motion(e=np.arange(3.0), v=still, a=still, times=np.arange(3.0))
+    kind = catalogue()["cubic_hardening"]
+    read, write = os.pipe()
+    child = os.fork()
+    if child == 0:
+        force = force_along(kind, {"k3_n_per_m3": 5.0}, seen)
+        os.write(write, str(float(force[2])).encode())
+        os._exit(0)
+    assert os.waitpid(child, 0)[1] == 0
+    assert float(os.read(read, 100)) == 40.0
+    for end in (read, write):
+        os.close(end)
