@@ -8,7 +8,7 @@ BIN := .venv/bin
 export OPENBLAS_NUM_THREADS ?= 1
 PIP_INSTALL := $(BIN)/python -m pip --disable-pip-version-check --quiet install -c constraints.txt
 
-.PHONY: demo test test-slow blind-slow check bench figures docs clean help
+.PHONY: demo test test-slow blind blind-pairs blind-slow peers check bench figures docs clean help
 
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
@@ -21,6 +21,15 @@ test: .venv/dev  ## the default suite, under five minutes
 
 test-slow: .venv/dev  ## what takes longer: statistics over hundreds of runs
 	$(BIN)/python -m pytest -q -m slow --hypothesis-profile=default
+
+blind: .venv/dev  ## hidden effects by the hundred, diagnosed and scored; N=300 SEED=1 JOBS=1, PEER=pysindy-weak
+	$(BIN)/python -m tests.blind run --cases $(or $(N),300) --seed $(or $(SEED),1) --jobs $(or $(JOBS),1) \
+		--out var/blind/$(or $(SEED),1) $(if $(PEER),--peer $(PEER))
+
+blind-pairs: .venv/dev  ## what cannot be decided, the experiment proposed, and what is decided then
+	$(BIN)/python -m tests.blind pairs --cases $(or $(N),28) --seed $(or $(SEED),1) --out var/blind/pairs-$(or $(SEED),1)
+
+peers: .venv-peers/ready  ## other tools to compare with, in an environment of their own
 
 blind-slow: .venv/dev  ## hidden histories by the hundred: what is named, what is made up; SEED=1 CASES=100
 	$(BIN)/python -m tests.slowtime.discrepancy.slow.battery --seed $(or $(SEED),1) --cases $(or $(CASES),100)
@@ -47,6 +56,11 @@ figures: .venv/dev  ## draw the book's figures into docs/figures
 .venv/dev: .venv/run
 	@echo "Installing the development tools ..."
 	@$(PIP_INSTALL) -e '.[dev]' && touch $@
+
+.venv-peers/ready: .venv/run
+	@echo "Setting up .venv-peers ..."
+	@$(BIN)/python -m venv .venv-peers
+	@.venv-peers/bin/python -m pip --disable-pip-version-check --quiet install -c constraints.txt -e '.[peers]' && touch $@
 
 clean:  ## remove what the other words have made
 	rm -rf .venv .venv-peers var build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -69,7 +69,7 @@ def _build(name: str, design: Design, rng: np.random.Generator) -> Case:
     alone: list[float] = []
     for kind in design.kinds:
         place = draw_place(kind, world, rng)
-        here = _surroundings(world, plans, held, place, elongations, speeds, outputs)
+        here = surroundings(world, plans, held, place, elongations, speeds, outputs)
         sketch = draft(kind, rng, here)
         effect, ratio = _strong_enough(kind, place, sketch, world, plans, design, rng)
         placed.append(effect)
@@ -82,11 +82,11 @@ def _build(name: str, design: Design, rng: np.random.Generator) -> Case:
     )
     if design.kinds and not 5 <= ratio <= 42:
         raise Unfit(f"{ratio:.0f} dB")
-    truth = _truth(name, design, world, plans, held, ratio, alone, factors.tolist())
+    truth = truth_of(name, design, world, plans, held, ratio, alone, factors.tolist())
     return Case(name, world, plans, held, taken, truth)
 
 
-def _surroundings(
+def surroundings(
     world: World,
     plans: list[Plan],
     held: int,
@@ -196,7 +196,7 @@ def equivalents(design: Design, world: World) -> list[str]:
     return sorted(set(same))
 
 
-def _truth(
+def truth_of(
     name: str,
     design: Design,
     world: World,

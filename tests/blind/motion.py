@@ -129,7 +129,9 @@ class _Slider:
         self.tolerances = (10 * tolerance * sizes).tolist()
         self.slow = SLIPS * float(sizes[system.rig.size])
         self.size = system.rig.size
-        self.step_s = float("inf")
+        # Short enough that no slip begins and ends unseen within a step.
+        self.longest_s = 1.0 / (25.0 * float(system.rig.frequencies_hz()[-1]))
+        self.step_s = self.longest_s
         speed, hold, most = system.grip(0.0, *first)
         self.mode = 0
         if abs(speed) > self.slow:
@@ -142,7 +144,7 @@ class _Slider:
         """Go on to `until` [s], through as many events as there are."""
         while self.t < until:
             left = until - self.t
-            h = min(self.step_s, left)
+            h = min(self.step_s, left, self.longest_s)
             state, rates, error = self.system.step(
                 self.t, h, self.mode, self.rates, *self.state
             )
@@ -152,7 +154,7 @@ class _Slider:
             if worst > 1:
                 self.step_s = h * max(0.2, 0.9 * worst**-0.2)
                 continue
-            if h < left or worst > 1e-3:
+            if h == self.step_s or worst > 1e-3:
                 self.step_s = h * min(4.0, 0.9 * max(worst, 1e-4) ** -0.2)
             if self._over(self.t + h, state):
                 self._event(h)

@@ -231,14 +231,14 @@ def text_of(tables: dict[str, Any], title: str = "blind cases") -> str:
         lines.append(f"   {name:24}{said}")
     lines += ["", "2. Nothing missing, outside the list, two at once"]
     for part in ("nothing", "outside", "two"):
-        lines += _leaves(tables[part], 3)
+        lines += leaves(tables[part], 3)
     lines += ["", "3. The gap on the held-out record, against the clean truth"]
-    lines += [*_leaves(tables["gap"], 3), "", "4. Numbers", *_leaves(tables["numbers"], 3)]
+    lines += [*leaves(tables["gap"], 3), "", "4. Numbers", *leaves(tables["numbers"], 3)]
     lines.append("   probability stated: right")
     for one in tables["calibration"]:
         mean = "" if one["stated"] is None else f" (mean {one['stated']:.3f})"
         lines.append(f"   {one['from']:.2f} to {one['to']:.2f}{mean}: {_said(one)}")
-    return "\n".join([*lines, "", "5. Cost", *_leaves(tables["cost"], 3)]) + "\n"
+    return "\n".join([*lines, "", "5. Cost", *leaves(tables["cost"], 3)]) + "\n"
 
 
 def _naming_line(name: str, part: dict[str, Any]) -> str:
@@ -247,14 +247,15 @@ def _naming_line(name: str, part: dict[str, Any]) -> str:
     return f"{name:28}{cells}{few}"
 
 
-def _leaves(part: dict[str, Any], indent: int) -> list[str]:
+def leaves(part: dict[str, Any], indent: int) -> list[str]:
+    """Write a tree of figures, one line each."""
     lines = []
     for name, value in part.items():
         label = " " * indent + name.replace("_", " ")
         if isinstance(value, dict) and "of" in value:
             lines.append(f"{label}: {_said(value)}")
         elif isinstance(value, dict):
-            lines += [f"{label}:", *_leaves(value, indent + 2)]
+            lines += [f"{label}:", *leaves(value, indent + 2)]
         else:
             lines.append(f"{label}: {'-' if value is None else f'{value:.4g}'}")
     return lines

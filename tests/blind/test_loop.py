@@ -1,0 +1,147 @@
+"""Equivalent pairs, the experiment that decides, and the judge of what cannot be decided."""
+
+import dataclasses
+import json
+import sys
+
+import pytest
+
+from slowtime_services.files import read_record
+from slowtime_services.models import read_description
+from tests.blind.adjudicate import SHAPES, least_excess, training_plans
+from tests.blind.experiment import Request, perform, planned
+from tests.blind.files import write_case
+from tests.blind.laws import LAWS, Placed
+from tests.blind.loop import close_loop, tabulate_pairs
+from tests.blind.pairs import PAIRS, build_pair
+from tests.blind.running import Trial
+from tests.blind.world import from_json
+
+MASS = next(pair for pair in PAIRS if pair.name == "stiffness_loss|added_mass")
+SWING = next(pair for pair in PAIRS if pair.name == "pendulum_sine|cubic_softening")
+
+# Undecided on three files of records, sure of the truth on four.
+ANSWERS = """
+import json, pathlib, sys
+a = sys.argv
+records = a.index('--holdout') - 2
+out = pathlib.Path(a[a.index('--out') + 1])
+where = {'kind': 'element', 'id': 'j0'}
+effect = {'effect': 'stiffness_loss', 'where': where, 'probability': 0.9}
+report = {'verdict': 'undecided', 'effects': [], 'undecided': ['stiffness_loss', 'added_mass'],
+          'experiment_request': %s}
+if records == 3:
+    report = {'verdict': 'missing_effect', 'effects': [effect]}
+(out / 'report.json').write_text(json.dumps(report))
+"""
+
+
+@pytest.fixture(scope="module")
+def pair_case(tmp_path_factory):
+    out = tmp_path_factory.mktemp("pairs")
+    write_case(build_pair(MASS, "000000aa", 3), out)
+    return out
+
+
+def answering(request):
+    return Trial("fake", (sys.executable, "-c", ANSWERS % repr(request)), 60.0)
+
+
+def test_there_are_twenty_kinds_of_pairs_and_more():
+    names = {pair.name for pair in PAIRS}
+    assert len(names) == len(PAIRS) >= 20
+    assert all({pair.truth, pair.rival} <= set(LAWS) for pair in PAIRS)
+
+
+def test_the_loop_is_closed_by_the_proposed_experiment(pair_case):
+    row = close_loop(pair_case, "000000aa", answering(MASS.deciding))
+    assert row["undecided"]
+    assert row["proposed"]
+    assert row["decided"]
+    tables = tabulate_pairs([row])
+    assert tables["decided_of_all"]["share"] == 1
+
+
+def test_a_known_force_separates_mass_from_stiffness(pair_case):
+    folder = perform(pair_case, "000000aa", Request.from_report(MASS.deciding), "000000bb")
+    listing = json.loads((folder / "case.json").read_text())
+    description = read_description(folder / "model.yaml")
+    assert [entry.channel for entry in description.inputs] == ["ab", "f1"]
+    new = read_record(folder / listing["records"][-1])
+    assert not new.channel("ab").any()
+    assert new.channel("f1").std() > 0
+    for old in [*listing["records"][:-1], listing["holdout"]]:
+        record = read_record(folder / old)
+        assert not record.channel("f1").any()
+        assert record.channel("ab").std() > 0
+
+
+def test_sensors_and_masses_that_are_asked_for_are_there(pair_case):
+    request = Request.from_report(
+        {
+            "add_sensors": [{"channel": "x1", "quantity": "displacement", "node": "m1"}],
+            "add_mass": {"node": "m1", "mass_kg": 0.5},
+            "level_factor": 3.0,
+            "band_hz": [0.5, 9.0],
+        }
+    )
+    folder = perform(pair_case, "000000aa", request, "000000cc")
+    listing = json.loads((folder / "case.json").read_text())
+    new = read_record(folder / listing["records"][-1])
+    assert float(new.aux["added_mass_kg.m1"]) == 0.5
+    truth = json.loads((pair_case / "sealed" / "000000aa" / "truth.json").read_text())
+    before = max(training_plans(truth), key=lambda plan: plan.level)
+    # Louder, and in another band: root mean squares compare as the levels do.
+    drive = truth["world"]["drive"]
+    assert new.channel("ab").std() == pytest.approx(3 * before.level * drive, rel=0.05)
+    assert "x1" in {s.channel for s in read_description(folder / "model.yaml").sensors}
+    assert new.channel("x1").std() > 0
+
+
+def test_a_request_that_nobody_knows_is_refused():
+    with pytest.raises(ValueError, match=r"Unknown in a request: lever.*Allowed: add_inputs"):
+        Request.from_report({"lever": 2})
+
+
+@pytest.mark.slow
+def test_a_small_swing_hides_the_sine_and_a_large_one_shows_it(tmp_path):
+    case = build_pair(SWING, "000000dd", 5)
+    plans = [plan for i, plan in enumerate(case.plans) if i != case.held]
+    quiet = least_excess(case.world, plans[:1], "cubic_softening", evaluations=8)
+    loud = dataclasses.replace(plans[0], level=4 * plans[0].level, seconds=10.0)
+    assert quiet < 9
+    assert least_excess(case.world, [loud], "cubic_softening", evaluations=8) > 100
+
+
+def test_only_what_says_the_same_is_called_equivalent(pair_case):
+    truth = json.loads((pair_case / "sealed" / "000000aa" / "truth.json").read_text())
+    plans = [dataclasses.replace(training_plans(truth)[0], seconds=4.0)]
+    world = from_json(truth["world"])
+    element = world.rig.elements[0]
+    for more, same in ((1.0, True), (30.0, False)):
+        drag = {"c2_n_s2_per_m2": element.damping / world.scale[1] * more}
+        dragged = world.with_effects(Placed(LAWS["quadratic_damping"], "j0", drag))
+        noise = dragged.take(plans[0], noiseless=True).clean.std(axis=0) * (
+            0.5 if same else 0.02
+        )
+        dragged = dataclasses.replace(dragged, noise=tuple(noise.tolist()))
+        assert (least_excess(dragged, plans, "viscous_damping", evaluations=6) < 9) == same
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(len(PAIRS)))
+def test_every_pair_is_undecidable_before_and_decidable_after(number, tmp_path):
+    pair = PAIRS[number]
+    case = build_pair(pair, f"{number:08x}", 700 + number)
+    write_case(case, tmp_path)
+    perform(tmp_path, case.name, Request.from_report(pair.deciding), "ffffffff")
+    truth = json.loads((tmp_path / "sealed" / "ffffffff" / "truth.json").read_text())
+    assert truth["effects"][0]["effect"] == pair.truth
+    if pair.places[0] or pair.truth not in SHAPES or pair.rival not in SHAPES:
+        return
+    plans = [plan for i, plan in enumerate(case.plans) if i != case.held]
+    assert least_excess(case.world, plans, pair.rival, evaluations=12, enough=3) < 9
+    after = from_json(truth["world"])
+    both = [*plans, planned(Request.from_report(pair.deciding), plans, case.world)]
+    excess = least_excess(after, both, pair.rival, evaluations=12)
+    assert excess > 30, f"{pair.name}: {excess:.1f} after the experiment"
