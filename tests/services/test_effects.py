@@ -32,8 +32,8 @@ KIND = Kind(
     family="viscoelasticity",
     where="element",
     parameters=(
-        Parameter(name="k_n_per_m", unit="N/m", meaning="stiffness of the branch", low=0.0),
-        Parameter(name="c_n_s_per_m", unit="N s/m", meaning="its damping", low=0.0, nonzero=True),
+        Parameter(name="k_n_per_m", unit="N/m", meaning="its stiffness", low=0.0),
+        Parameter(name="c_n_s_per_m", unit="N s/m", meaning="its damping", low=1e-9),
     ),
     equation="z, dz/dt = k (v - z/c)",
     source="Maxwell 1867",
