@@ -121,9 +121,13 @@ def identify_modes(
     columns = detrended(columns)
     scale = columns.std(axis=0)
     columns = columns / scale
-    lines, _ = find_harmonics(columns, rate_hz, band_hz=edges)
-    tones = tuple(line.frequency_hz for line in lines)
-    cleaned = without_lines(columns, rate_hz, tones) if lines else columns
+    # A line leaks everywhere: those beyond the band are taken out, too.
+    everywhere, _ = find_harmonics(
+        columns, rate_hz, band_hz=_widest(edges, rate_hz, len(columns))
+    )
+    tones = tuple(line.frequency_hz for line in everywhere)
+    lines = [line for line in everywhere if edges[0] <= line.frequency_hz.value <= edges[1]]
+    cleaned = without_lines(columns, rate_hz, tones) if tones else columns
     transform = fft.rfft(cleaned, axis=0)
     poles, found, members = _candidates(transform, len(columns), rate_hz, edges, order)
     spectrum = _spectrum(transform, len(columns), rate_hz, tones)
@@ -178,6 +182,12 @@ def _band(
             "half the rate. Give a longer record."
         )
     return low, high
+
+
+def _widest(edges: tuple[float, float], rate_hz: float, count: int) -> tuple[float, float]:
+    """Widest band in which lines can be told, and no less than `edges`."""
+    low, high = checks.band(None, rate_hz, count)
+    return min(low, edges[0]), max(high, edges[1])
 
 
 def _candidates(
