@@ -154,7 +154,7 @@ def _seen(
         before = picture
         parts = parts_of(record, picture, lines, coherent=coherent)
         picture = _pictured(parts, [rough_fit(part.band, part.start) for part in parts])
-        if _settled(before, picture, record.duration_s):
+        if _settled(before, picture, record.duration_s) or (coherent and len(parts) == 1):
             break
     return picture
 

@@ -42,8 +42,25 @@ def fit_band(band: Band, start: Modes) -> BandFit:
     """Maximum of the posterior, by Fisher scoring and Newton's steps, and its curvature.
 
     The covariance is the inverse of the Hessian of the negative log-posterior; where that is
-    not positive (short records), of the Fisher information.
+    not positive (short records) or there are many parameters (coherences among them), of the
+    Fisher information.
     """
+    if start.coherent:
+        vector, converged = _climb(band, vector_of(start), start, NEAR)
+        hessian = slope_and_information(band, vector, start)[1]
+    else:
+        vector, hessian, converged = _by_newton(band, start)
+    return BandFit(
+        modes=modes_of(vector, start),
+        covariance=np.linalg.inv(hessian),
+        log_posterior=log_posterior(band, vector, start),
+        converged=converged,
+        band_hz=(float(band.frequency_hz[0]), float(band.frequency_hz[-1])),
+    )
+
+
+def _by_newton(band: Band, start: Modes) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Top, Hessian there, and whether it is the top."""
     vector, _ = _climb(band, vector_of(start), start, NEAR)
     for _ in range(ROUNDS):
         hessian = _hessian(band, vector, start)
@@ -52,13 +69,7 @@ def fit_band(band: Band, start: Modes) -> BandFit:
         moved = vector - before
         if converged and moved @ hessian @ moved < MOVED**2:
             break
-    return BandFit(
-        modes=modes_of(vector, start),
-        covariance=np.linalg.inv(hessian),
-        log_posterior=log_posterior(band, vector, start),
-        converged=converged,
-        band_hz=(float(band.frequency_hz[0]), float(band.frequency_hz[-1])),
-    )
+    return vector, hessian, converged
 
 
 def rough_fit(band: Band, start: Modes) -> Modes:
