@@ -147,22 +147,31 @@ def _numbers(truth: Truth, row: dict[str, Any], report: Report) -> dict[str, Any
         return {}
     effect = truth["effects"][0]
     name = effect["leading"]
-    if not name or (
-        effect["effect"] == "sensor_drift" and truth["world"]["wander"]["kind"] == "walk"
-    ):
+    if not name or _wanders(truth, effect):
         return {}
     told = next(e for e in report["effects"] if e["effect"] == effect["effect"])
     if not _same_place(told.get("where") or {}, effect["where"]):
         return {}
-    estimate = (told.get("parameters") or {}).get(name)
+    parameters = told.get("parameters") or {}
+    estimate = parameters.get(name)
     if not estimate:
         return {"leading_missing": name}
-    true, value, sd = effect["parameters"][name], estimate["value"], estimate.get("sd") or 0.0
+    # A change that is told for another span than the campaign is carried over to it.
+    span = (parameters.get("span_s") or {}).get("value")
+    factor = truth["world"]["campaign_s"] / span if span else 1.0
+    true, value = effect["parameters"][name], estimate["value"] * factor
+    sd = (estimate.get("sd") or 0.0) * abs(factor)
     return {
         "leading": name,
         "leading_error": abs(value - true) / abs(true),
         "leading_z": abs(value - true) / sd if sd > 0 else float("inf"),
     }
+
+
+def _wanders(truth: Truth, effect: dict[str, Any]) -> bool:
+    """Whether a sensor drifts in a way that one number for the campaign does not tell."""
+    kind = truth["world"]["wander"]["kind"]
+    return bool(effect["effect"] == "sensor_drift" and kind != "campaign")
 
 
 def _gap(truth: Truth, report: Report, sealed: Path, result: Path) -> dict[str, Any]:

@@ -37,7 +37,7 @@ def truth_of(kinds, group, **more):
     return {
         "case": "c", "group": group, "effects": effects, "equivalents": [], "design": design,
         "predictable": group != "two", "effect_to_noise_db": 20.0,
-        "world": {"wander": {"kind": "record"}},
+        "world": {"wander": {"kind": "record"}, "campaign_s": 100.0},
     } | more  # fmt: skip
 
 
@@ -141,6 +141,17 @@ def test_a_right_name_at_the_wrong_place_or_with_another_beside_it_is_noticed(se
     row = judge(truth, report, sealed, sealed)
     assert not row["exact"]
     assert row["spurious"]
+
+
+def test_a_drift_told_for_another_span_is_carried_over_to_the_campaign(sealed):
+    truth = truth_of(("stiffness_drift",), "listed")
+    report = report_of(truth)
+    report["effects"][0]["parameters"] = {
+        "dk_n_per_m": {"value": 1.01, "sd": 0.01}, "span_s": {"value": 50.0, "sd": 0.0}
+    }  # fmt: skip
+    row = judge(truth, report, sealed, sealed)
+    assert row["leading_error"] == pytest.approx(0.01)
+    assert row["leading_z"] == pytest.approx(1.0)
 
 
 def test_the_run_on_the_held_out_record_counts_before_what_the_report_says(sealed):
