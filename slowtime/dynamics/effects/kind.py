@@ -253,6 +253,12 @@ class Kind:
                 f"{self.where!r}. Allowed: {', '.join(fits)}."
             )
 
+        if isinstance(self.action, Hidden) and self.action.coordinates and self.where != "node":
+            raise ValueError(
+                f"Kind {self.name!r}: hidden coordinates ride on nodes. For memory within an "
+                "element, use a Law with rates."
+            )
+
     @property
     def names(self) -> tuple[str, ...]:
         """Of the parameters, in order."""
