@@ -41,7 +41,7 @@ check: .venv/dev  ## format, lint, strict types, import contracts, docs tests
 	$(BIN)/lint-imports
 	$(BIN)/python -m pytest -q tests/docs
 
-bench: .venv/dev  ## every figure of speed, memory and accuracy, as ratios
+bench: .venv/dev .venv-peers/ready  ## every figure of speed, memory and accuracy, as ratios, also to peers
 	$(BIN)/python -m benchmarks
 
 figures: .venv/dev  ## draw the book's figures into docs/figures
