@@ -184,4 +184,5 @@ def _grouped(
     mean = (mean + mean.conj().transpose(0, 2, 1)) / 2
     power = np.trace(mean, axis1=1, axis2=2).real / mean.shape[1]
     mean = mean + QUIET * np.median(power) * np.eye(mean.shape[1])
-    return BandData(np.add.reduceat(omega, starts) / number, mean, number * worth)
+    middle = np.add.reduceat(omega, starts) / number
+    return BandData(middle, mean, number * worth, turn=1.0 + 0.0j)
