@@ -1,4 +1,4 @@
-"""The law of a sensor's noise: flat, with a part that falls or rises once, and never a peak.
+"""The law of a sensor's noise: flat, with a part that falls, rises, or has one broad hump.
 
 A structure answers in peaks. Noise that may not have any cannot pass for a structure, nor a
 structure for it.
@@ -7,11 +7,13 @@ structure for it.
 import dataclasses
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-Frequencies = Float[np.ndarray, " frequency"]
+# Not by axis: checked where it comes from, and asked for ten thousand times.
+Frequencies = np.ndarray[Any, np.dtype[np.float64]]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,9 +21,12 @@ class Colour:
     r"""Density of the noise of one sensor.
 
     .. math:: N(f) = n_0 + n_1 \, (1 + (f / f_c)^2)^{-\beta / 2}
+              \, |1 - 2 r \cos \varphi \, z^{-1} + r^2 z^{-2}|^{-2},
+              \qquad z = e^{2 \pi i f / f_s}
 
     White for :math:`n_1 = 0`, first-order low-pass for :math:`\beta = 2`, flicker for
-    :math:`\beta = 1` and a small :math:`f_c`, differentiated for :math:`\beta = -2`.
+    :math:`\beta = 1` and a small :math:`f_c`, differentiated for :math:`\beta = -2`; the last
+    factor is the hump that a pair of poles makes.
 
     Parameters
     ----------
@@ -33,12 +38,19 @@ class Colour:
         :math:`f_c` [Hz].
     slope
         :math:`\beta` [1].
+    radius, angle
+        :math:`r` [1], :math:`\varphi` [rad] of the poles; no hump for 0.
+    rate_hz
+        Sampling rate :math:`f_s` that the poles belong to.
     """
 
     white: float
     low: float = 0.0
     corner_hz: float = 1.0
     slope: float = 0.0
+    radius: float = 0.0
+    angle: float = 0.0
+    rate_hz: float = 1.0
 
     def density(self, frequency_hz: Frequencies) -> Frequencies:
         """One-sided density at `frequency_hz`.
@@ -49,11 +61,21 @@ class Colour:
         array([9., 5.])
         """
         ratio = np.log1p((frequency_hz / self.corner_hz) ** 2)
-        return np.asarray(self.white + self.low * np.exp(-self.slope / 2 * ratio))
+        part = self.low * np.exp(-self.slope / 2 * ratio)
+        if self.radius > 0:
+            part = part * hump(frequency_hz / self.rate_hz, self.radius, self.angle)
+        return np.asarray(self.white + part)
 
     def scaled(self, factor: float) -> "Colour":
         """Give the same colour, `factor` times as strong in power."""
         return dataclasses.replace(self, white=self.white * factor, low=self.low * factor)
+
+
+def hump(turns: Frequencies, radius: float, angle: float) -> Frequencies:
+    """Power of a pair of poles along the unit circle, at parts of a turn."""
+    pole = radius * np.exp(1j * angle)
+    back = np.exp(-2j * np.pi * turns)
+    return np.asarray(1 / np.abs((1 - pole * back) * (1 - np.conj(pole) * back)) ** 2)
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,10 +88,13 @@ class Noise:
         By trial, then by sensor.
     relative_sd
         How well the density is known, relative; by trial, then by sensor.
+    alone
+        By sensor, whether all that was seen passes for noise.
     """
 
     colours: tuple[tuple[Colour, ...], ...]
     relative_sd: tuple[tuple[float, ...], ...]
+    alone: tuple[bool, ...] = ()
 
     def density(
         self, trial: int, frequency_hz: Frequencies

@@ -1,9 +1,13 @@
 """Residuals of all trials in, the noise of every sensor out, whatever else is in them."""
 
 import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import scipy.optimize
+import scipy.stats
 from jaxtyping import Float
 
 from slowtime.discrepancy.records import Trial
@@ -23,17 +27,36 @@ FEWEST_LINES, MOST_LINES = 8, 200
 WIDTH = 1.1
 """Ends of a block of lines, last over first, unless that makes it too short or too long."""
 
-SUSPECT, TRUSTED = 0.5, 1e-5
+SUSPECT, TRUSTED = 0.99, 1e-5
 """Probability that a block of lines holds more than noise, before it is looked at."""
 INNOCENT = 1e-200
 
-BOUNDS = ((-14.0, 6.0), (-14.0, 14.0), (-4.0, 4.0))
-"""Of the logarithms of both strengths, and of the slope."""
+NO_NOISE = 1e-3
+"""Chance at which a residual that is noise alone is still suspected of more."""
+
+STRENGTHS, SLOPES = ((-14.0, 6.0), (-14.0, 14.0)), (-4.0, 4.0)
+"""Bounds of the logarithms of both strengths, and of the slope."""
+
+WIDEST = 0.95
+"""Radius of the poles of the sharpest hump that may still pass for noise."""
 
 GRID = np.linspace(-4.0, 4.0, 41)
 """Of the logarithm of a strength, about a first guess."""
 
-Blocks = Float[np.ndarray, " block"]
+SPARKS = 0.15
+"""Share of the blocks of a silent band that may hold tones."""
+
+LEAST = 0.05
+"""Share of samples below which a channel counts as if it had so many."""
+
+# Shapes are checked at the door, not in what is called ten thousand times.
+Blocks = np.ndarray[Any, np.dtype[np.float64]]
+At = np.ndarray[Any, np.dtype[np.float64]]
+Power = tuple[
+    Float[np.ndarray, " frequency"],
+    Float[np.ndarray, "frequency sensor"],
+    Float[np.ndarray, " sensor"],
+]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -74,9 +97,10 @@ def noise_of_residual(
     .. math:: \log p = \log \left[ (1 - \pi) e^{-n (\log N + m / N)}
               + \pi e^{-n (\log \max(N, m) + m / \max(N, m))} \right] .
 
-    With :math:`\pi = 1/2` where the structure answers, a residual may be as strong as it likes
-    there without lifting the floor, but the floor cannot lie above it. The colour is common
-    to all trials; its strength is each trial's own.
+    With :math:`\pi \approx 1` where the structure answers, a residual may be as strong as it
+    likes there without lifting the floor, but the floor cannot lie above it. The colour is of
+    all trials; its strength is each trial's own. Where one law of noise fits the whole
+    residual of a sensor to within its scatter, nothing is suspected, and the noise is that law.
 
     Parameters
     ----------
@@ -85,22 +109,43 @@ def noise_of_residual(
     silent_above_hz
         Frequency above which the structure hardly answers; 0 to trust the residual throughout.
     """
-    powers = [
-        incoherent_power(residual, trial.inputs, trial.rate_hz)
-        for trial, residual in zip(trials, residuals, strict=True)
-    ]
-    found = []
-    for sensor in range(trials[0].outputs.shape[1]):
-        kept = [max(float(trial.used[:, sensor].mean()), 0.05) for trial in trials]
+    powers = []
+    for trial, residual in zip(trials, residuals, strict=True):
+        frequency, power, spare = incoherent_power(residual, trial.inputs, trial.rate_hz)
+        share = np.maximum(trial.used.mean(axis=0), LEAST)
+        powers.append((frequency, power / share, share * spare))
+    return noise_of_power(powers, rate_hz=trials[0].rate_hz, silent_above_hz=silent_above_hz)
+
+
+def noise_of_power(powers: Sequence[Power], *, rate_hz: float, silent_above_hz: float) -> Noise:
+    """Estimate noise from spectra that may hold more than noise: see `noise_of_residual`.
+
+    Parameters
+    ----------
+    powers
+        By trial: frequencies, density of each sensor, and which share of the lines of each
+        sensor is independent of the others.
+    rate_hz
+        Sampling rate, for colours with a hump.
+    """
+    found, believed = [], []
+    for sensor in range(powers[0][1].shape[1]):
         means = [
-            block_means(frequency, power[:, sensor] / share, silent_above_hz).known(share)
-            for (frequency, power), share in zip(powers, kept, strict=True)
+            block_means(frequency, power[:, sensor], silent_above_hz).known(share[sensor])
+            for frequency, power, share in powers
         ]
-        found.append(fit_colours(means))
+        plain = [
+            dataclasses.replace(m, suspect=np.full_like(m.suspect, TRUSTED)) for m in means
+        ]
+        trusted = fit_colours(plain, rate_hz)
+        believed.append(passes_for_noise(plain, [colour for colour, _ in trusted]))
+        doubtless = believed[-1] or silent_above_hz == 0
+        found.append(trusted if doubtless else fit_colours(means, rate_hz))
     by_trial = tuple(zip(*found, strict=True))
     return Noise(
         colours=tuple(tuple(colour for colour, _ in row) for row in by_trial),
         relative_sd=tuple(tuple(error for _, error in row) for row in by_trial),
+        alone=tuple(believed),
     )
 
 
@@ -131,23 +176,41 @@ def block_means(
     )
 
 
-def fit_colours(means: list[Means]) -> list[tuple[Colour, float]]:
+def passes_for_noise(means: Sequence[Means], colours: Sequence[Colour]) -> bool:
+    """Whether blocks that are not suspect scatter about the colours as noise does.
+
+    Twice the deficit of log likelihood is close to chi squared with a degree for each block.
+    Where some blocks are suspect, a few of the others may be so too: of tones.
+    """
+    deficit, blocks = 0.0, 0
+    for one, colour in zip(means, colours, strict=True):
+        seen = one.suspect < SUSPECT
+        clean = _mixed(one, colour.density(one.frequency_hz))[1] > 0.5
+        if not seen.all() and np.mean(clean[seen]) > 1 - SPARKS:
+            seen = seen & clean
+        relative = np.maximum(one.power / colour.density(one.frequency_hz), 1e-300)[seen]
+        deficit += float(2 * one.lines[seen] @ (relative - 1 - np.log(relative)))
+        blocks += len(relative)
+    return bool(scipy.stats.chi2.sf(deficit, blocks) > NO_NOISE)
+
+
+def fit_colours(means: Sequence[Means], rate_hz: float) -> list[tuple[Colour, float]]:
     """Colour of all trials together, at the strength of each, with its relative sd."""
     white = Colour(white=1.0)
-    levels = [_strength(one, white)[0] for one in means]
-    scaled = [one.over(level) for one, level in zip(means, levels, strict=True)]
+    plain = [_strength(one, white) for one in means]
+    found = [(white.scaled(level), error) for level, error in plain]
+    if passes_for_noise(means, [colour for colour, _ in found]):
+        return found
+    scaled = [one.over(level) for one, (level, _) in zip(means, plain, strict=True)]
     whole = Means(
         *(
             np.concatenate([getattr(one, field.name) for one in scaled])
             for field in dataclasses.fields(Means)
         )
     )
-    colour = _colour(whole)
-    found = []
-    for one in means:
-        level, error = _strength(one, colour)
-        found.append((colour.scaled(level), error))
-    return found
+    colour = _colour(whole, rate_hz)
+    strengths = [_strength(one, colour) for one in means]
+    return [(colour.scaled(level), error) for level, error in strengths]
 
 
 def _strength(means: Means, colour: Colour) -> tuple[float, float]:
@@ -164,7 +227,7 @@ def _strength(means: Means, colour: Colour) -> tuple[float, float]:
         return -float(_mixed(relative, np.exp(log_level) * one)[0].sum())
 
     grid = centre + GRID
-    nearest = grid[int(np.argmin([cost(level) for level in grid]))]
+    nearest = float(grid[int(np.argmin([cost(float(level)) for level in grid]))])
     step = float(GRID[1] - GRID[0])
     found = scipy.optimize.minimize_scalar(
         cost,
@@ -174,48 +237,82 @@ def _strength(means: Means, colour: Colour) -> tuple[float, float]:
     )
     level = float(np.exp(found.x))
     clean = _mixed(relative, level * one)[1]
-    return level, float(1 / np.sqrt(max(clean @ relative.lines, 1.0)))
+    known = float(clean @ relative.lines)
+    return level, 1 / math.sqrt(known if known > 1 else 1.0)
 
 
-def _colour(means: Means) -> Colour:
-    """White unless a colour is much better."""
+def _colour(means: Means, rate_hz: float) -> Colour:
+    """White unless a colour is much better; the first that passes for noise is taken."""
     best = Colour(white=1.0)
     least = _score(means, best) + PAINT
-    for slope, corner in ((2.0, 0.1), (1.0, 0.01), (4.0, 0.2), (-2.0, 0.5)):
-        colour = _painted(means, slope, corner * float(means.frequency_hz[-1]))
+    top = float(means.frequency_hz[-1])
+    falling = [
+        (_Falling(), [-1.0, 0.0, np.log(corner * top), slope])
+        for slope, corner in ((2.0, 0.1), (-2.0, 0.5), (1.0, 0.01))
+    ]
+    humped = [(_Humped(rate_hz), [-1.0, 0.0, 2.0, turn * np.pi]) for turn in (0.1, 0.3, 0.6)]
+    for law, at in falling + humped:
+        colour = _painted(means, law, np.array(at))
         score = _score(means, colour)
         if score > least:
             best, least = colour, score
+            if passes_for_noise([means], [colour]):
+                break
     return best
 
 
-def _painted(means: Means, slope: float, corner_hz: float) -> Colour:
+@dataclasses.dataclass(frozen=True, slots=True)
+class _Falling:
+    """Colours without a hump, by the logarithms of strengths and corner, and the slope."""
+
+    def bounds(self, means: Means) -> list[tuple[float, float]]:
+        low, top = float(means.frequency_hz[0]), float(means.frequency_hz[-1])
+        return [*STRENGTHS, (np.log(low / 2), np.log(4 * top)), SLOPES]
+
+    def colour(self, at: At) -> Colour:
+        white, low, corner = np.exp(at[:3]).tolist()
+        return Colour(white=white, low=low, corner_hz=corner, slope=float(at[3]))
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class _Humped:
+    """Colours with a hump, by the logarithms of strengths and odds of the radius, the angle."""
+
+    rate_hz: float
+
+    def bounds(self, means: Means) -> list[tuple[float, float]]:
+        return [*STRENGTHS, (-1.0, 6.0), (0.01, 3.13)]
+
+    def colour(self, at: At) -> Colour:
+        radius = WIDEST / (1 + np.exp(-at[2]))
+        return Colour(
+            white=float(np.exp(at[0])),
+            low=float(np.exp(at[1])),
+            radius=float(radius),
+            angle=float(at[3]),
+            rate_hz=self.rate_hz,
+        )
+
+
+def _painted(means: Means, law: _Falling | _Humped, at: At) -> Colour:
     """Climb to the colour of greatest likelihood."""
-    span = (np.log(means.frequency_hz[0] / 2), np.log(4 * means.frequency_hz[-1]))
-    at = np.array([-1.0, 0.0, np.log(corner_hz), slope])
     # First without suspicion of the silent band: a block dismissed there pulls no more.
     innocent = np.where(means.suspect < SUSPECT, INNOCENT, means.suspect)
     for seen in (dataclasses.replace(means, suspect=innocent), means):
         found = scipy.optimize.minimize(
-            _misfit,
+            _minus_score,
             at,
-            (seen,),
-            jac=True,
+            (seen, law),
             method="L-BFGS-B",
-            bounds=[BOUNDS[0], BOUNDS[1], span, BOUNDS[2]],
-            options={"maxiter": 200},
+            bounds=law.bounds(means),
+            options={"maxiter": 40, "ftol": 1e-7},
         )
         at = found.x
-    return _of(at)
+    return law.colour(at)
 
 
-def _of(at: Float[np.ndarray, "4"]) -> Colour:
-    return Colour(
-        white=float(np.exp(at[0])),
-        low=float(np.exp(at[1])),
-        corner_hz=float(np.exp(at[2])),
-        slope=float(at[3]),
-    )
+def _minus_score(at: At, means: Means, law: _Falling | _Humped) -> float:
+    return -_score(means, law.colour(at))
 
 
 def _score(means: Means, colour: Colour) -> float:
@@ -230,24 +327,3 @@ def _mixed(means: Means, density: Blocks) -> tuple[Blocks, Blocks]:
     one, other = np.log1p(-means.suspect) + noise, np.log(means.suspect) + above
     total = np.logaddexp(one, other)
     return total, np.exp(one - total)
-
-
-def _misfit(at: Float[np.ndarray, "4"], means: Means) -> tuple[float, Float[np.ndarray, "4"]]:
-    """Minus the log likelihood, and its gradient."""
-    white, low, corner, slope = np.exp(at[0]), np.exp(at[1]), np.exp(at[2]), at[3]
-    squared = (means.frequency_hz / corner) ** 2
-    ratio = np.log1p(squared)
-    part = low * np.exp(-slope / 2 * ratio)
-    density = white + part
-    value, clean = _mixed(means, density)
-    held = np.where(means.power > density, clean, 1.0)
-    pull = held * means.lines * (1 - means.power / density) / density
-    gradient = np.array(
-        [
-            white * pull.sum(),
-            pull @ part,
-            pull @ (part * slope * squared / (1 + squared)),
-            -pull @ (part * ratio) / 2,
-        ]
-    )
-    return -float(value.sum()), gradient

@@ -13,7 +13,7 @@ def incoherent_power(
     residual: Float[np.ndarray, "time sensor"],
     inputs: Float[np.ndarray, "time input"],
     rate_hz: float,
-) -> tuple[Float[np.ndarray, " frequency"], Float[np.ndarray, "frequency sensor"]]:
+) -> tuple[Float[np.ndarray, " frequency"], Float[np.ndarray, "frequency sensor"], float]:
     r"""Density of a residual less its local linear regression on the inputs.
 
     In every block of lines, :math:`R_k = (a + b k) U_k + c + d k + N_k` by least squares: the
@@ -23,7 +23,8 @@ def incoherent_power(
 
     Returns
     -------
-    Frequencies [Hz], without the first line; density [unit²/Hz].
+    Frequencies [Hz], without the first line; density [unit²/Hz]; share of the lines that are
+    still independent.
 
     References
     ----------
@@ -42,6 +43,6 @@ def incoherent_power(
     basis, _ = np.linalg.qr(np.concatenate([smooth, pushed, ramp * pushed], axis=2))
     lines = spectrum[kept].reshape(blocks, BLOCK, -1)
     left = lines - basis @ (basis.conj().swapaxes(1, 2) @ lines)
-    spare = BLOCK / (BLOCK - basis.shape[2])
-    power = (np.abs(left) ** 2 * spare).reshape(blocks * BLOCK, -1)
-    return frequency[kept], power
+    spare = 1 - basis.shape[2] / BLOCK
+    power = (np.abs(left) ** 2 / spare).reshape(blocks * BLOCK, -1)
+    return frequency[kept], power, spare

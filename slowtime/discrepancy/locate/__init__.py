@@ -1,0 +1,17 @@
+"""What a refit leaves, in; where one unknown force would explain it, and what it does, out."""
+
+from .character import Character, character
+from .linear import Linear, Source
+from .located import Group, Latent, Located
+from .search import locate
+
+__all__ = [
+    "Character",
+    "Group",
+    "Latent",
+    "Linear",
+    "Located",
+    "Source",
+    "character",
+    "locate",
+]

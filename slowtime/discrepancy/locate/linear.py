@@ -1,0 +1,255 @@
+r"""How a force at any place shows at the sensors, line by line of a spectrum.
+
+.. math:: q(\omega) = (-\omega^2 M + i \omega C + K)^{-1} \, (l_p w - (M \iota + m_b) a_b) ,
+
+a sensor being :math:`(i \omega)^n` times a coordinate, and the base's own motion on top where
+it measures in space.
+"""
+
+import dataclasses
+
+import numpy as np
+import scipy.linalg
+from jaxtyping import Complex, Float, Num
+
+from slowtime.dynamics.description import (
+    BASE,
+    Description,
+    Spring,
+    assemble,
+    assemble_parts,
+)
+from slowtime.dynamics.effects import Place
+from slowtime.dynamics.structure import Structure, state_matrix
+from slowtime.dynamics.transfer import derivative_order
+from slowtime.dynamics.units import unit_factor
+
+Frequencies = Float[np.ndarray, " frequency"]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Source:
+    """A place where something unknown may act.
+
+    Parameters
+    ----------
+    force
+        On each degree of freedom, per unit of what acts [N], or [m/s^2] of the base.
+    base
+        1 for a motion of the base, which sensors in space feel by themselves; else 0.
+    sensor
+        Number of the sensor that it is added to instead; else None.
+    """
+
+    place: Place
+    force: Float[np.ndarray, " dof"]
+    base: float = 0.0
+    sensor: int | None = None
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Linear:
+    """The linear part of a description, ready to be asked for responses.
+
+    Parameters
+    ----------
+    rows
+        Coordinate that each sensor reads, relative to the base.
+    orders
+        How often the coordinate is differentiated.
+    absolute
+        1 for sensors in space, 0 for those relative to the base.
+    scale
+        From SI to the sensor's unit.
+    """
+
+    description: Description
+    structure: Structure
+    rows: Float[np.ndarray, "sensor dof"]
+    orders: tuple[int, ...]
+    absolute: Float[np.ndarray, " sensor"]
+    scale: Float[np.ndarray, " sensor"]
+
+    @classmethod
+    def of(cls, description: Description) -> "Linear":
+        """Take the linear part of a description; its effects are left out."""
+        structure = assemble(description)
+        rows = np.zeros((len(description.sensors), structure.dofs))
+        for i, sensor in enumerate(description.sensors):
+            if sensor.node in structure.names:
+                rows[i, structure.dof(sensor.node)] = 1.0
+        factors = [
+            unit_factor(sensor.unit, sensor.quantity, description.unit_of_coordinate)
+            for sensor in description.sensors
+        ]
+        return cls(
+            description=description,
+            structure=structure,
+            rows=rows,
+            orders=tuple(derivative_order(s.quantity) for s in description.sensors),
+            absolute=np.array([float(s.frame == "absolute") for s in description.sensors]),
+            scale=1.0 / np.array(factors),
+        )
+
+    def compliance(self, frequency_hz: Frequencies) -> Complex[np.ndarray, "frequency dof dof"]:
+        """Displacement per force; zero where a structure that floats has none."""
+        s = 2j * np.pi * frequency_hz[:, None, None]
+        structure = self.structure
+        stiffness = s**2 * structure.mass + s * structure.damping + structure.stiffness
+        floats = np.linalg.matrix_rank(structure.stiffness) < structure.dofs
+        held = np.where(frequency_hz > 0, 1.0, 0.0 if floats else 1.0)[:, None, None]
+        safe = np.where(held > 0, stiffness, np.eye(structure.dofs))
+        return np.asarray(held * np.linalg.inv(safe))
+
+    def sensed(
+        self,
+        frequency_hz: Frequencies,
+        displacement: Complex[np.ndarray, "frequency dof *more"],
+    ) -> Complex[np.ndarray, "frequency sensor *more"]:
+        """Give what the sensors tell of a motion relative to the base that has no beginning."""
+        s = 2j * np.pi * frequency_hz
+        gain = self.scale * s[:, None] ** np.array(self.orders)
+        read = np.einsum("sd,fd...->fs...", self.rows, displacement)
+        return np.asarray(gain.reshape(gain.shape + (1,) * (read.ndim - 2)) * read)
+
+    def carried(self, frequency_hz: Frequencies) -> Complex[np.ndarray, "frequency sensor"]:
+        """Give what the sensors tell of being carried along by the base, per m/s^2."""
+        s = 2j * np.pi * np.where(frequency_hz > 0, frequency_hz, 1.0)[:, None]
+        order = np.array(self.orders) - 2
+        moving = (frequency_hz[:, None] > 0) | (order == 0)
+        return np.asarray(np.where(moving, self.absolute * self.scale * s**order, 0.0))
+
+    def free(
+        self, samples: int, rate_hz: float
+    ) -> tuple[
+        Float[np.ndarray, "time sensor state"], Float[np.ndarray, "order time dof state"]
+    ]:
+        """Motion from each unit of initial displacement and velocity: as sensed, and itself."""
+        step = scipy.linalg.expm(state_matrix(self.structure) / rate_hz)
+        return self._told(_powers(step, samples))
+
+    def free_spectra(
+        self, frequency_hz: Frequencies, samples: int, rate_hz: float
+    ) -> tuple[
+        Complex[np.ndarray, "frequency sensor state"],
+        Complex[np.ndarray, "order frequency dof state"],
+    ]:
+        r"""Transform `free` without making it: :math:`(I - E^N)(I - E z^{-1})^{-1}`."""
+        step = scipy.linalg.expm(state_matrix(self.structure) / rate_hz)
+        rest = np.eye(len(step))
+        ended = rest - np.linalg.matrix_power(step, samples)
+        back = np.exp(-2j * np.pi * frequency_hz / rate_hz)[:, None, None]
+        # A motion that does not die has its pole on a line; one part in 1e9 moves it away.
+        states = np.linalg.solve((1 + 1e-9) * rest - step * back, ended[None])
+        scale = np.full(len(frequency_hz), np.sqrt(2.0 / (rate_hz * samples)))
+        scale[frequency_hz == 0] /= np.sqrt(2.0)
+        scale[np.isclose(frequency_hz, rate_hz / 2)] /= np.sqrt(2.0)
+        return self._told(states * scale[:, None, None])
+
+    def _told(
+        self, states: Num[np.ndarray, "line state state"]
+    ) -> tuple[Num[np.ndarray, "line sensor state"], Num[np.ndarray, "order line dof state"]]:
+        dofs = self.structure.dofs
+        q, v = states[:, :dofs], states[:, dofs:]
+        inner = np.hstack([self.structure.stiffness, self.structure.damping])
+        a = -np.linalg.solve(self.structure.mass, inner) @ states
+        motion = np.stack([q, v, a])
+        sensed = [self.rows[i] @ motion[order] for i, order in enumerate(self.orders)]
+        return np.stack(sensed, axis=1) * self.scale[:, None], motion
+
+    def tuned(
+        self,
+        stiffness: Float[np.ndarray, "dof dof"],
+        damping: Float[np.ndarray, "dof dof"],
+        mass: Float[np.ndarray, "dof dof"],
+    ) -> "Linear":
+        """Add to the matrices."""
+        structure = self.structure
+        changed = dataclasses.replace(
+            structure,
+            stiffness=structure.stiffness + stiffness,
+            damping=structure.damping + damping,
+            mass=structure.mass + mass,
+        )
+        return dataclasses.replace(self, structure=changed)
+
+    def sources(self) -> tuple[Source, ...]:
+        """All places: elements, nodes, base, inputs, sensors."""
+        return (
+            *self._elements(),
+            *self._nodes(),
+            *self._base(),
+            *self._inputs(),
+            *self._sensors(),
+        )
+
+    def elongation(self, place: Place) -> Float[np.ndarray, " dof"]:
+        """Coordinate along a place: second node minus first, or the node's own."""
+        names = [place.id]
+        signs = [1.0]
+        if place.kind == "element":
+            element = next(e for e in self.description.elements if e.id == place.id)
+            names, signs = list(element.between), [-1.0, 1.0]
+        along = np.zeros(self.structure.dofs)
+        for name, sign in zip(names, signs, strict=True):
+            if name in self.structure.names:
+                along[self.structure.dof(name)] += sign
+        return along
+
+    def _elements(self) -> list[Source]:
+        places = [
+            Place("element", e.id) for e in self.description.elements if isinstance(e, Spring)
+        ]
+        return [Source(place=p, force=-self.elongation(p)) for p in places]
+
+    def _nodes(self) -> list[Source]:
+        names = [n.id for n in self.description.nodes if n.id in self.structure.names]
+        places = [Place("node", name) for name in names]
+        return [Source(place=p, force=self.elongation(p)) for p in places]
+
+    def _base(self) -> list[Source]:
+        return [Source(place=Place("base", BASE), force=self.base_pull(), base=1.0)]
+
+    def base_pull(self) -> Float[np.ndarray, " dof"]:
+        """Force on each coordinate per m/s^2 of the base."""
+        return np.asarray(self.structure.base_force(np.ones(1))[0])
+
+    def _inputs(self) -> list[Source]:
+        found = []
+        for entry in self.description.inputs:
+            place = Place("input", entry.channel)
+            if entry.node is None:
+                found.append(Source(place=place, force=self.base_pull(), base=1.0))
+            else:
+                force = self.elongation(Place("node", entry.node))
+                found.append(Source(place=place, force=force))
+        return found
+
+    def _sensors(self) -> list[Source]:
+        rest = np.zeros(self.structure.dofs)
+        return [
+            Source(place=Place("sensor", sensor.channel), force=rest, sensor=i)
+            for i, sensor in enumerate(self.description.sensors)
+        ]
+
+
+def _powers(
+    step: Float[np.ndarray, "state state"], samples: int
+) -> Float[np.ndarray, "time state state"]:
+    """Powers of a matrix from the zeroth on, doubling how many are known."""
+    known = np.eye(len(step))[None]
+    ahead = step
+    while len(known) < samples:
+        known = np.concatenate([known, known @ ahead])
+        ahead = ahead @ ahead
+    return known[:samples]
+
+
+def parameter_matrices(
+    description: Description,
+) -> dict[tuple[str, str], Float[np.ndarray, "dof dof"]]:
+    """Matrix of each constant, by its name in a plant."""
+    parts = assemble_parts(description)
+    found = {("stiffness", name): part for name, part in parts.stiffness_parts.items()}
+    found |= {("damping", name): part for name, part in parts.damping_parts.items()}
+    return found | {("mass", name): part for name, part in parts.mass_parts.items()}

@@ -1,0 +1,82 @@
+"""What is known of a plant's constants before the records: values, and how well they are."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from slowtime.dynamics.plant import Name, Plant
+
+UNCLAIMED = {"stiffness": 0.2, "damping": 1.0, "mass": 0.0}
+"""Relative standard deviations where a model states no tolerance: masses are weighed."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Prior:
+    """Normal priors, and bounds, of the constants that may move.
+
+    Parameters
+    ----------
+    names
+        Of those that may.
+    index
+        Where they stand among all values of the plant.
+    mean, sd
+        Infinite where nothing is known.
+    low, high
+        Ends of what is allowed.
+    scale
+        A change of each that is neither tiny nor huge.
+    """
+
+    names: tuple[Name, ...]
+    index: tuple[int, ...]
+    mean: Float[np.ndarray, " free"]
+    sd: Float[np.ndarray, " free"]
+    low: Float[np.ndarray, " free"]
+    high: Float[np.ndarray, " free"]
+    scale: Float[np.ndarray, " free"]
+
+    def cost(self, values: Float[np.ndarray, " free"]) -> float:
+        """Sum of squared deviations, in units of their standard deviation."""
+        return float(np.sum(((values - self.mean) / self.sd) ** 2))
+
+
+def prior_of(plant: Plant, free: Sequence[Name] | None = None) -> Prior:
+    """Read the priors of a plant from the tolerance of its description.
+
+    Parameters
+    ----------
+    free
+        Names of the constants that may move; where not given, all that are claimed with a
+        tolerance above zero, and all fitted parameters of effects. What the model claims
+        nothing about moves by `UNCLAIMED`.
+    """
+    names, index, sds = [], [], []
+    for i, (name, entry) in enumerate(plant.entries.items()):
+        sd = entry.sd
+        if np.isinf(sd) and name[0] != "effect":
+            sd = UNCLAIMED[str(name[0])] * abs(entry.value)
+        wanted = entry.fitted and sd > 0 if free is None else name in free
+        if wanted:
+            names.append(name)
+            index.append(i)
+            sds.append(sd if sd > 0 else np.inf)
+    unknown = set(free or ()) - set(plant.entries)
+    if unknown:
+        raise ValueError(
+            f"There is no {sorted(map(str, unknown))[0]} in the plant. There are: "
+            f"{', '.join(map(str, plant.entries))}."
+        )
+    entries = [plant.entries[name] for name in names]
+    mean, spread = np.array([e.value for e in entries]), np.array(sds)
+    return Prior(
+        names=tuple(names),
+        index=tuple(index),
+        mean=mean,
+        sd=spread,
+        low=np.array([e.low for e in entries]),
+        high=np.array([e.high for e in entries]),
+        scale=np.where(mean != 0, np.abs(mean), np.where(np.isfinite(spread), spread, 1.0)),
+    )

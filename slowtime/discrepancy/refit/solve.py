@@ -1,0 +1,193 @@
+"""Least squares on the error of the free run, by Levenberg's and Marquardt's method."""
+
+import dataclasses
+
+import numpy as np
+import scipy.linalg
+from jaxtyping import Float
+
+from slowtime.discrepancy.records import Trial
+from slowtime.dynamics.plant import Plant
+
+from .prior import Prior
+from .weights import Weights
+
+MOST_STEPS = 20
+FINE = 0.02
+"""Expected gain in chi squared below which a step is not worth taking."""
+COARSE = 2e-5
+"""The same, relative to chi squared."""
+BROAD = 3.0
+"""Initial states may, a priori, explain so many times what was measured."""
+
+State = Float[np.ndarray, " state"]
+Slopes = Float[np.ndarray, "time sensor slope"]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Problem:
+    """Records, their weights and the plant that is to explain them.
+
+    Parameters
+    ----------
+    samples
+        How many of each trial count.
+    """
+
+    plant: Plant
+    prior: Prior
+    trials: tuple[Trial, ...]
+    weights: tuple[Weights, ...]
+    samples: tuple[int, ...]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Point:
+    """Values of the plant, initial state of each trial (empty for rest), and their cost."""
+
+    values: Float[np.ndarray, " parameter"]
+    states: tuple[State, ...]
+    cost: float = np.inf
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Normal:
+    """Normal equations at a point: free constants first, then the states of each trial."""
+
+    matrix: Float[np.ndarray, "unknown unknown"]
+    gradient: Float[np.ndarray, " unknown"]
+    states: int
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "unknown unknown"]:
+        """Of all unknowns."""
+        scale = 1 / np.sqrt(np.maximum(np.diag(self.matrix), np.finfo(float).tiny))
+        inner = self.matrix * np.outer(scale, scale)
+        return np.asarray(scipy.linalg.pinvh(inner) * np.outer(scale, scale))
+
+
+def outputs_at(problem: Problem, number: int, point: Point) -> Float[np.ndarray, "time sensor"]:
+    """Run one trial."""
+    trial, count = problem.trials[number], problem.samples[number]
+    return problem.plant.simulate(
+        point.values,
+        trial.inputs[:count],
+        trial.rate_hz,
+        state0=point.states[number] if point.states[number].size else None,
+        start_s=trial.start_s,
+    )
+
+
+def costed(problem: Problem, point: Point, spread: tuple[State, ...]) -> Point:
+    """Give a point its cost: chi squared of the residuals and of the priors."""
+    free = point.values[list(problem.prior.index)]
+    cost = problem.prior.cost(free)
+    with np.errstate(all="ignore"):
+        for number, (trial, weights) in enumerate(
+            zip(problem.trials, problem.weights, strict=True)
+        ):
+            outputs = outputs_at(problem, number, point)
+            residual = trial.measured[: len(outputs)] - outputs
+            cost += float(np.sum(weights.whitened(residual) ** 2))
+            if point.states[number].size:
+                cost += float(np.sum((point.states[number] / spread[number]) ** 2))
+    return dataclasses.replace(point, cost=cost if np.isfinite(cost) else np.inf)
+
+
+def normal_at(
+    problem: Problem, point: Point, spread: tuple[State, ...] = ()
+) -> tuple[Normal, tuple[State, ...]]:
+    """Linearise at a point; `spread` of the initial states is made where not given."""
+    prior, rows, made = problem.prior, [], []
+    free = len(prior.names)
+    for number, (trial, weights) in enumerate(
+        zip(problem.trials, problem.weights, strict=True)
+    ):
+        outputs, slopes = problem.plant.sensitivities(
+            point.values,
+            trial.inputs[: problem.samples[number]],
+            trial.rate_hz,
+            prior.names,
+            state0=point.states[number] if point.states[number].size else None,
+            start_s=trial.start_s,
+        )
+        left = weights.whitened(trial.measured[: len(outputs)] - outputs)
+        turned = weights.whitened(slopes)
+        rows.append((turned, left))
+        made.append(spread[number] if spread else _spread(turned[:, free:], weights, trial))
+    states = rows[0][0].shape[1] - free
+    size = free + states * len(rows)
+    matrix, gradient = np.zeros((size, size)), np.zeros(size)
+    for number, (turned, left) in enumerate(rows):
+        first = free + number * states
+        where = np.r_[0:free, first : first + states]
+        matrix[np.ix_(where, where)] += turned.T @ turned
+        gradient[where] += turned.T @ left
+        own = np.arange(first, first + states)
+        matrix[own, own] += 1 / made[number] ** 2
+        if point.states[number].size:
+            gradient[own] -= point.states[number] / made[number] ** 2
+    known = np.arange(free)
+    matrix[known, known] += 1 / prior.sd**2
+    gradient[known] += (prior.mean - point.values[list(prior.index)]) / prior.sd**2
+    return Normal(matrix=matrix, gradient=gradient, states=states), tuple(made)
+
+
+def descend(problem: Problem, start: Point) -> tuple[Point, Normal, tuple[State, ...]]:
+    """Go down from a start until nothing is gained; never end above it."""
+    normal, spread = normal_at(problem, start)
+    full = tuple(state if state.size else np.zeros(normal.states) for state in start.states)
+    point = costed(problem, dataclasses.replace(start, states=full), spread)
+    damping = 1e-6
+    for _ in range(MOST_STEPS):
+        enough = FINE + COARSE * point.cost
+        while True:
+            step = _step(normal, damping)
+            gain = float(normal.gradient @ step)
+            tried = costed(problem, _moved(problem, point, step, normal.states), spread)
+            if tried.cost <= point.cost or gain < enough or damping > 1e8:
+                break
+            damping = max(damping * 10, 1e-4)
+        if not tried.cost < point.cost:
+            break
+        won, point = point.cost - tried.cost, tried
+        damping = damping / 10 if won > 0.25 * gain else damping * 4
+        normal, _ = normal_at(problem, point, spread)
+        if won < enough:
+            break
+    return point, normal, spread
+
+
+def _step(normal: Normal, damping: float) -> Float[np.ndarray, " unknown"]:
+    diagonal = np.maximum(np.diag(normal.matrix), np.finfo(float).tiny)
+    scale = 1 / np.sqrt(diagonal)
+    inner = normal.matrix * np.outer(scale, scale)
+    inner[np.diag_indices_from(inner)] += damping + 1e-12
+    return np.asarray(
+        scale * scipy.linalg.solve(inner, scale * normal.gradient, assume_a="pos")
+    )
+
+
+def _moved(
+    problem: Problem, point: Point, step: Float[np.ndarray, " unknown"], states: int
+) -> Point:
+    """Step, but no further than half way to a bound, nor by more than half of a scale."""
+    prior = problem.prior
+    values = point.values.copy()
+    here = values[list(prior.index)]
+    move = np.clip(step[: len(here)], -prior.scale / 2, prior.scale / 2)
+    there = np.clip(here + move, (here + prior.low) / 2, (here + prior.high) / 2)
+    values[list(prior.index)] = there
+    parts = (
+        step[len(here) :].reshape(-1, states) if states else [np.zeros(0)] * len(point.states)
+    )
+    moved = tuple(old + new for old, new in zip(point.states, parts, strict=True))
+    return Point(values=values, states=moved)
+
+
+def _spread(turned: Float[np.ndarray, "number state"], weights: Weights, trial: Trial) -> State:
+    """Let each initial state, by one standard deviation, explain the record several times."""
+    measured = weights.whitened(trial.measured[: len(weights.use)])
+    size = np.sqrt(np.sum(turned**2, axis=0))
+    whole = BROAD * float(np.sqrt(np.sum(measured**2)))
+    return np.asarray(whole / np.maximum(size, 1e-12 * size.max(initial=0.0) + 1e-300))

@@ -1,0 +1,239 @@
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.stats
+
+from slowtime.discrepancy.floor.colour import white_noise
+from slowtime.discrepancy.locate import Linear, character, locate
+from slowtime.discrepancy.locate.lines import lines_of
+from slowtime.discrepancy.locate.rarity import gain_probability
+from slowtime.discrepancy.locate.tuned import Known, Tuned
+from slowtime.discrepancy.refit import refit
+from slowtime.dynamics.effects import Place
+from slowtime.dynamics.plant import Plant
+from slowtime.signals.spectra import transform
+
+
+def cubic(e, v, t):
+    return 4e5 * e**3
+
+
+def friction(e, v, t):
+    return 0.15 * np.tanh(v / 2e-3)
+
+
+def gap(e, v, t):
+    return 2000 * np.sign(e) * max(abs(e) - 2e-3, 0.0)
+
+
+def loosened(e, v, t):
+    return -60.0 * e * (t > 32.0)
+
+
+def gained(reading):
+    return 1.1 * reading
+
+
+def located(campaign, seed, wrong, **more):
+    rig, trials = campaign(seed, wrong, **more)
+    fit = refit(Plant.of(rig.description), trials)
+    return rig, trials, locate(fit, trials)
+
+
+STATES: dict[str, Any] = {"mode": "states", "masses": 2}
+ACCELERATIONS: dict[str, Any] = {"mode": "accelerations", "drive": "base", "stiffness_sd": 0.03}
+PARTIAL: dict[str, Any] = {"mode": "partial", "kick": 1.0}
+CASES: dict[str, tuple[Place, dict[str, Any], dict[str, Any]]] = {
+    "cubic": (Place("element", "j1"), {"element": 1, "force": cubic}, STATES),
+    "friction": (Place("element", "j2"), {"element": 2, "force": friction}, ACCELERATIONS),
+    "base": (Place("base", "base"), {"base_rms": 0.2}, {"mode": "accelerations", "pole": 0.9}),
+    "jump": (Place("element", "j1"), {"element": 1, "force": loosened}, PARTIAL),
+}
+MORE: dict[str, tuple[Place, dict[str, Any], dict[str, Any]]] = {
+    "gap": (Place("element", "j1"), {"element": 1, "force": gap}, PARTIAL),
+    "sensor": (Place("sensor", "v2"), {"sensor": 4, "fault": gained}, {"mode": "states"}),
+    "cubic": (Place("element", "j0"), {"element": 0, "force": cubic}, ACCELERATIONS),
+    "friction": (Place("element", "j1"), {"element": 1, "force": friction}, PARTIAL),
+}
+
+
+@pytest.fixture(scope="module")
+def found(campaign, wrong):
+    """Every case of the list above, located."""
+    return {
+        name: (place, located(campaign, 3, wrong(**lacking), **more))
+        for name, (place, lacking, more) in CASES.items()
+    }
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_place_is_found_from_whatever_is_measured(found, name):
+    place, (_, _, result) = found[name]
+    best = result.groups[0]
+    assert place in best.places or place in best.twins
+    assert result.p_value < 1e-12
+    assert best.share > 0.9
+    assert best.left == pytest.approx(1.0, abs=0.3)
+    others = [g for g in result.groups if place not in (*g.places, *g.twins)]
+    assert others[0].score < 0.99 * best.score
+
+
+def test_places_that_the_sensors_cannot_tell_apart_are_named_together(found):
+    _, (_, _, result) = found["base"]
+    assert Place("node", "m1") in result.group(Place("element", "j0")).places
+    assert Place("base", "base") in result.group(Place("element", "j0")).twins
+    _, (_, _, whole) = found["cubic"]
+    assert whole.group(Place("element", "j0")).twins == ()
+
+
+def test_the_force_is_recovered_with_an_honest_error(found):
+    rig, trials, result = found["cubic"][1]
+    names = [s.channel for s in rig.description.sensors]
+    for number, trial in enumerate(trials):
+        latent = result.latent(Place("element", "j1"), number)
+        x1, x2 = (trial.outputs[:, names.index(n)] for n in ("x1", "x2"))
+        assert np.std(latent.motion.e - (x2 - x1)) < 3 * np.std(x2) * 10**-1.5
+        basis = np.stack([latent.motion.e, latent.motion.v], axis=1)
+        missing = cubic(latent.motion.e, 0, 0)
+        # A straight line is the stiffness's own business, within its tolerance.
+        line = np.linalg.lstsq(basis, latent.force - missing, rcond=None)[0]
+        error = latent.force - missing - basis @ line
+        assert np.std(error) < 2 * latent.sd
+        assert np.std(error) < 0.25 * np.std(missing)
+
+
+def test_character_tells_what_kind_of_force_it_is(found):
+    told = {name: character(result, place) for name, (place, (_, _, result)) in found.items()}
+    assert told["cubic"].exponent == pytest.approx(3.0, abs=0.6)
+    assert told["cubic"].static_share > 0.97
+    assert told["cubic"].odd > 0.99
+    assert told["cubic"].steady is True
+    assert "rms" in told["cubic"].amplitude
+    assert told["friction"].exponent < 0.5
+    assert told["friction"].odd > 0.9
+    assert told["base"].static_share < 0.1
+    assert not any(one.linear for one in told.values())
+
+
+def test_a_change_is_dated(found):
+    place, (_, _, result) = found["jump"]
+    told = character(result, place)
+    assert told.times_s
+    assert told.times_s[0][0] == pytest.approx(32.0, abs=1.5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MORE)
+def test_the_place_is_found_in_other_cases_too(campaign, wrong, name):
+    place, lacking, more = MORE[name]
+    _, _, result = located(campaign, 5, wrong(**lacking), **more)
+    assert place in (*result.groups[0].places, *result.groups[0].twins)
+    told = character(result, place)
+    assert told.linear == (name == "sensor")
+    if name == "gap":
+        assert 5e-4 < told.onset < 5e-3
+
+
+def test_nothing_is_found_where_nothing_is_missing(campaign, wrong):
+    cases: list[tuple[int, dict[str, Any]]] = [
+        (0, {"mode": "accelerations", "pole": 0.9, "kick": 1.0, "stiffness_sd": 0.05}),
+        (1, {"masses": 1, "mode": "accelerations", "drive": "base"}),
+    ]
+    for seed, more in cases:
+        _, _, result = located(campaign, seed, wrong(), **more)
+        assert result.p_value > 1e-3
+
+
+def test_gaps_in_a_channel_do_not_hide_the_place(campaign, wrong):
+    rig, trials = campaign(3, wrong(element=1, force=cubic), mode="accelerations", seconds=10.0)
+    use = np.ones(trials[0].outputs.shape, dtype=bool)
+    use[300:420, 1] = use[700:705, 0] = False
+    holed = [dataclasses.replace(trial, use=use) for trial in trials]
+    result = locate(refit(Plant.of(rig.description), holed), holed)
+    assert result.best == Place("element", "j1")
+    assert result.groups[0].left < 1.5
+    with pytest.raises(ValueError, match="was not looked at"):
+        result.group(Place("element", "none"))
+
+
+def test_free_decays_have_the_spectrum_of_what_is_run(campaign):
+    rig, _ = campaign(0, masses=2, seconds=1.0, levels=(1.0,))
+    linear = Linear.of(rig.description)
+    sensed, motion = linear.free(300, 50.0)
+    frequency, plain = transform(sensed.reshape(300, -1), 50.0)
+    told, moved = linear.free_spectra(frequency, 300, 50.0)
+    assert told.reshape(plain.shape) == pytest.approx(plain, rel=1e-6, abs=1e-9)
+    _, q = transform(motion[0].reshape(300, -1), 50.0)
+    assert moved[0].reshape(q.shape) == pytest.approx(q, rel=1e-6, abs=1e-9)
+
+
+def test_changed_constants_change_the_residual_as_the_plant_does(campaign):
+    rig, trials = campaign(1, masses=2, seconds=20.0, levels=(1.0,), drive="base")
+    plant, trial = Plant.of(rig.description), trials[0]
+    linear = Linear.of(rig.description)
+    names = tuple((name[0], str(name[1])) for name in plant.parameters)
+    known = Known.of(linear, names, np.zeros(6), np.ones(6))
+    change = np.array([0.05, -0.04, 0.3, -0.2, 0.02, -0.03])
+    residuals, runs = [], []
+    for values in (plant.values, plant.values * (1 + change)):
+        run = plant.run(values, trial.inputs, trial.rate_hz)
+        residuals.append(trial.outputs - run.outputs)
+        runs.append(np.stack([run.states[:, :2], run.states[:, 2:4], run.rates[:, 2:4]]))
+    noise = white_noise([[1.0] * 6])
+    lines = [
+        lines_of(linear, trial, r, q, noise, 0, 20.0)
+        for r, q in zip(residuals, runs, strict=True)
+    ]
+    tuned = Tuned.of(linear, lines[0], known, change)
+    both = np.concatenate([tuned.decays.real, tuned.decays.imag]).reshape(-1, 4)
+    for got, wanted in ((tuned.residual, lines[1].residual),):
+        miss = np.concatenate([(got - wanted).real, (got - wanted).imag]).reshape(-1)
+        # Initial states are free in what follows, and so they are here.
+        rest = miss - both @ np.linalg.lstsq(both, miss, rcond=None)[0]
+        effect = np.linalg.norm(lines[1].residual - lines[0].residual)
+        assert np.linalg.norm(rest) < 0.01 * effect
+
+
+def test_columns_are_the_slopes_of_the_residual(campaign):
+    rig, trials = campaign(1, masses=2, seconds=10.0, levels=(1.0,), drive="base")
+    plant, trial = Plant.of(rig.description), trials[0]
+    linear = Linear.of(rig.description)
+    names = tuple((name[0], str(name[1])) for name in plant.parameters)
+    known = Known.of(linear, names, np.zeros(6), np.ones(6))
+    run = plant.run(plant.values, trial.inputs, trial.rate_hz)
+    motion = np.stack([run.states[:, :2], run.states[:, 2:4], run.rates[:, 2:4]])
+    noise = white_noise([[1.0] * 6])
+    lines = lines_of(linear, trial, trial.outputs - run.outputs, motion, noise, 0, 20.0)
+    still = Tuned.of(linear, lines, known, np.zeros(6))
+    columns = still.columns(known, lines.motion, lines.base)
+    for i in range(6):
+        step = 1e-6 * np.eye(6)[i]
+        slope = (lines.residual - Tuned.of(linear, lines, known, step).residual) / 1e-6
+        assert columns[:, :, i] == pytest.approx(
+            slope, rel=1e-3, abs=1e-4 * np.abs(slope).max()
+        )
+
+
+def test_gains_by_chance_are_as_rare_as_is_said():
+    rng = np.random.default_rng(0)
+    power = rng.exponential(size=(4000, 12, 40))
+    # Of one band of equal lines the likeliest variance is the mean, less the noise.
+    mean = np.maximum(power.mean(axis=2), 1.0)
+    gain = (40 * (power.mean(axis=2) * (1 - 1 / mean) - np.log(mean))).sum(axis=1)
+    chances = np.array([gain_probability(g, 12) for g in gain])
+    for level in (0.3, 0.1, 0.01):
+        expected = scipy.stats.binom.interval(0.9999, 4000, level)
+        assert expected[0] * 0.8 < np.sum(chances < level) < expected[1] * 1.2
+    assert gain_probability(10.0, 12, 5) == pytest.approx(5 * gain_probability(10.0, 12))
+
+
+def test_a_trial_of_noise_alone_has_series_and_spectrum_of_one_scale(campaign):
+    rig, trials = campaign(2, masses=1, seconds=5.0, levels=(1.0,))
+    linear = Linear.of(rig.description)
+    rest = np.zeros((3, len(trials[0].outputs), 1))
+    lines = lines_of(
+        linear, trials[0], trials[0].outputs, rest, white_noise([[1.0] * 3]), 0, 50.0
+    )
+    assert lines.series(lines.residual) == pytest.approx(trials[0].outputs)

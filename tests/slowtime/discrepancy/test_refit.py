@@ -1,0 +1,123 @@
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+from slowtime.discrepancy.floor.colour import white_noise
+from slowtime.discrepancy.refit import prior_of, refit
+from slowtime.discrepancy.values import with_values
+from slowtime.dynamics.description import Tolerance
+from slowtime.dynamics.plant import Plant
+
+
+def truth(rig):
+    return np.concatenate([rig.stiffnesses, rig.dampings])
+
+
+def plant_of(rig):
+    return Plant.of(rig.description)
+
+
+@pytest.fixture(scope="module")
+def clean(campaign):
+    """Three fits where nothing is missing: white noise, coloured noise, another start."""
+    found = []
+    cases: list[dict[str, Any]] = [
+        {"mode": "states", "masses": 2},
+        {"mode": "accelerations", "pole": 0.9, "kick": 1.0, "stiffness_sd": 0.05},
+        {"mode": "partial", "drive": "base", "kick": 1.0, "stiffness_sd": 0.03},
+    ]
+    for seed, more in enumerate(cases):
+        rig, trials = campaign(seed, **more)
+        found.append((rig, trials, refit(plant_of(rig), trials)))
+    return found
+
+
+def test_constants_come_out_within_their_errors(clean):
+    scores = np.concatenate([(fit.free - truth(rig)) / fit.sd for rig, _, fit in clean])
+    assert np.abs(scores).max() < 3.5
+    assert np.std(scores) == pytest.approx(1.0, abs=0.45)
+
+
+def test_what_is_left_is_the_noise_whatever_its_colour(clean):
+    for _, _, fit in clean:
+        assert abs(fit.chi2_per_datum - 1) < 3.5 * fit.chi2_sd
+        assert abs(fit.chi2_in_band - 1) < 3.5 * fit.in_band_sd
+    assert [fit.noise.white[0] for _, _, fit in clean] == [True, False, True]
+
+
+def test_records_that_do_not_start_from_rest_are_followed_from_the_first_sample(clean):
+    _, trials, fit = clean[1]
+    early = np.std(trials[0].outputs[:50], axis=0)
+    noise = np.std(fit.residual[0], axis=0)
+    assert np.std(fit.residual[0][:50], axis=0) == pytest.approx(noise, rel=0.6)
+    assert np.all(early > 4 * noise)
+    assert np.abs(fit.states[0][:3]).max() > 1e-3
+
+
+def test_pulls_are_in_units_of_what_the_model_claims(clean):
+    rig, _, fit = clean[1]
+    claimed = rig.description.elements[0].stiffness_n_per_m
+    moved = fit.values[fit.plant.parameters.index(("stiffness", "j0"))] / claimed - 1
+    assert fit.pulls["stiffness", "j0"] == pytest.approx(moved / 0.05)
+
+
+def test_a_refit_never_ends_above_its_start(campaign, wrong):
+    gap = wrong(element=0, force=lambda e, v, t: 2e4 * np.sign(e) * max(abs(e) - 5e-3, 0))
+    rig, trials = campaign(4, gap, masses=1, levels=(2.0,), seconds=8.0)
+    noise = white_noise([[1e-6, 1e-4, 1e-1]])
+    start = refit(plant_of(rig), trials, noise=noise, free=())
+    for horizons in ((0.15, 0.4, 1.0), (1.0,)):
+        fit = refit(plant_of(rig), trials, noise=noise, horizons=horizons)
+        assert fit.cost <= start.cost
+        assert fit.cost < 0.9 * start.cost
+
+
+def test_an_effect_with_its_law_is_fitted_to_the_noise(campaign, wrong):
+    cubic = wrong(element=0, force=lambda e, v, t: 4e5 * e**3)
+    rig, trials = campaign(5, cubic, masses=1, mode="accelerations", seconds=8.0)
+    entry = {"effect": "cubic_hardening", "element": "j0", "k3_n_per_m3": 1e5}
+    more = dataclasses.replace(rig.description, effects=(entry,))
+    fit = refit(Plant.of(more), trials)
+    i = fit.prior.names.index(("effect", 0, "k3_n_per_m3"))
+    assert abs(fit.free[i] - 4e5) < 3.5 * fit.sd[i]
+    assert fit.sd[i] < 0.05 * 4e5
+    assert fit.chi2_in_band == pytest.approx(1.0, abs=4 * fit.in_band_sd)
+    assert refit(plant_of(rig), trials).chi2_in_band > 3
+
+
+def test_masked_samples_do_not_matter(campaign):
+    rig, trials = campaign(6, masses=1, seconds=8.0)
+    spoilt = []
+    for trial in trials:
+        outputs, use = trial.outputs.copy(), np.ones(trial.outputs.shape, dtype=bool)
+        outputs[200:300, 0], use[200:300, 0] = 1e3, False
+        outputs[400:410, 1] = np.nan
+        spoilt.append(dataclasses.replace(trial, outputs=outputs, use=use))
+    fit = refit(plant_of(rig), spoilt)
+    assert np.abs((fit.free - truth(rig)) / fit.sd).max() < 3.5
+    assert fit.chi2_per_datum == pytest.approx(1.0, abs=4 * fit.chi2_sd)
+    assert fit.data == 2 * (3 * 512 - 110)
+
+
+def test_only_what_is_claimed_with_a_tolerance_moves(campaign):
+    rig, _ = campaign(7, masses=1, seconds=1.0, levels=(1.0,))
+    assert prior_of(plant_of(rig)).names == (("stiffness", "j0"), ("damping", "j0"))
+    silent = dataclasses.replace(rig.description, tolerance=None)
+    assert prior_of(Plant.of(silent)).sd[0] == pytest.approx(
+        0.2 * rig.description.elements[0].stiffness_n_per_m
+    )
+    stiff = dataclasses.replace(rig.description, tolerance=Tolerance(damping=0.1))
+    assert prior_of(Plant.of(stiff)).names == (("damping", "j0"),)
+    with pytest.raises(ValueError, match=r"There is no .*j9.* in the plant"):
+        prior_of(plant_of(rig), [("stiffness", "j9")])
+
+
+def test_values_find_their_way_into_the_description(campaign):
+    rig, _ = campaign(7, masses=2, seconds=1.0, levels=(1.0,))
+    entry = {"effect": "coulomb", "element": "j1", "friction_n": 1.0}
+    plant = Plant.of(dataclasses.replace(rig.description, effects=(entry,)))
+    changed = plant.values * np.linspace(1.1, 1.7, len(plant.values))
+    named = dict(zip(plant.parameters, changed.tolist(), strict=True))
+    assert Plant.of(with_values(plant.description, named)).values == pytest.approx(changed)
