@@ -32,7 +32,9 @@ def test_every_version_that_was_frozen_has_its_golden_bytes(name):
 
 
 @pytest.mark.parametrize(
-    "path", sorted(GOLDEN.glob("*/*.json")), ids=lambda p: f"{p.parent.name}-{p.stem}"
+    "path",
+    [path for path in sorted(GOLDEN.glob("*/*.json")) if path.parent.name in MESSAGES],
+    ids=lambda p: f"{p.parent.name}-{p.stem}",
 )
 def test_golden_bytes_decode_for_ever(path):
     payload = path.read_bytes()

@@ -1,5 +1,7 @@
 """The file of modes: what is said of it holds, and what is not one is refused."""
 
+from pathlib import Path
+
 import pytest
 from pydantic import ValidationError
 
@@ -26,6 +28,13 @@ HEAD = {
     "duration_s": 60.0,
 }
 EPOCH = {"start_s": 0.0, "end_s": 10.0, "modes": [MODE]}
+
+
+def test_what_was_written_first_is_read_for_ever():
+    golden = Path(__file__).parents[2] / "schemas/golden/modes_file/v1.json"
+    found = ModesFile.model_validate_json(golden.read_bytes())
+    assert found.channels == ("floor1", "floor2")
+    assert [mode.kind for mode in found.modes or ()] == ["structural", "harmonic", "structural"]
 
 
 def test_it_is_a_registered_document():
