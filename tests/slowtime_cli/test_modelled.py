@@ -157,3 +157,61 @@ def test_a_record_with_gaps_is_refused(refused, tmp_path, model):
     assert "lacks 50 samples" in refused(
         "simulate", "--model", model, "--input", "in.npz", "--out", "out.npz"
     )
+
+
+OWN = """\
+from slowtime.dynamics.effects import Kind, Law, Parameter
+
+def force(e, v, t, z, p):
+    return p[0] * e
+
+KIND = Kind(
+    name="stiffer", family="own", where="element",
+    parameters=(Parameter(name="k", unit="N/m", meaning="stiffness added"),),
+    equation="k e", source="", sentence="It is stiffer.", action=Law(force=force),
+)
+"""
+
+
+def effected(entry):
+    return RIG.replace("inputs:", f"effects:\n  - {entry}\ninputs:").splitlines()
+
+
+def test_effects_run_those_of_ones_own_too(run, tmp_path, text, record):
+    entries = {
+        "listed": "{effect: stiffness_loss, element: j1, dk_n_per_m: -200}",
+        "own": "{effect: stiffer, element: j1, k: 200}",
+    }
+    own = text(OWN.splitlines(), "own.py")
+    flags = ("--input", record, "--hold", "band_limited", "--effects", own)
+    for name, entry in entries.items():
+        model = text(effected(entry), f"{name}.yaml")
+        done = run("simulate", "--model", model, *flags, "--out", f"{name}.npz")
+        assert (done.status, done.err) == (0, "")
+    listed, found = (written(tmp_path, f"{name}.npz") for name in entries)
+    np.testing.assert_allclose(found["x2"], listed["x2"], atol=1e-6 * np.ptp(listed["x2"]))
+    plain = text(RIG.splitlines(), "rig.yaml")
+    run("simulate", "--model", plain, *flags, "--out", "plain.npz")
+    assert np.std(written(tmp_path, "plain.npz")["x2"] - listed["x2"]) > 0.01
+
+
+def test_effects_live_in_campaign_time(run, tmp_path, text, record):
+    """The record begins at 3 s: what jumped at 2 s has been so throughout."""
+    jump = "{{effect: stiffness_jump, element: j1, dk_n_per_m: 500, t_jump_s: {}}}"
+    loss = "{effect: stiffness_loss, element: j1, dk_n_per_m: 500}"
+    entries = {"before": jump.format(2.0), "after": jump.format(9.0), "lost": loss}
+    for name, entry in entries.items():
+        model = text(effected(entry), f"{name}.yaml")
+        run("simulate", "--model", model, "--input", record, "--out", f"{name}.npz")
+    found = {name: written(tmp_path, f"{name}.npz")["x2"] for name in entries}
+    np.testing.assert_allclose(found["before"], found["lost"], atol=1e-5)
+    plain = text(RIG.splitlines(), "plain.yaml")
+    run("simulate", "--model", plain, "--input", record, "--out", "plain.npz")
+    np.testing.assert_allclose(found["after"], written(tmp_path, "plain.npz")["x2"], atol=1e-5)
+
+
+def test_motion_of_the_base_that_nobody_measured_wants_a_seed(run, refused, text, record):
+    model = text(effected("{effect: base_motion, rms_m_per_s2: 0.1}"), "rig.yaml")
+    flags = ("simulate", "--model", model, "--input", record, "--out", "out.npz")
+    assert "random. Give a seed" in refused(*flags)
+    assert run(*flags, "--seed", 3).status == 0
