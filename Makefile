@@ -17,7 +17,7 @@ demo: .venv/run  ## router, edges, twin and page on http://127.0.0.1:$(PORT); DU
 	@$(BIN)/slowtime demo --port $(PORT) --duration $(DURATION)
 
 test: .venv/dev  ## the default suite, under five minutes
-	$(BIN)/python -m pytest -q -n 2 --dist loadfile -m "not slow"
+	$(BIN)/python -m pytest -q -n 3 --dist loadfile --no-loadscope-reorder -m "not slow"
 
 test-slow: .venv/dev  ## what takes longer: statistics over hundreds of runs
 	$(BIN)/python -m pytest -q -m slow --hypothesis-profile=default

@@ -175,7 +175,7 @@ def test_one_who_does_not_answer_costs_no_more_than_the_timeout(pair, eventually
     answers = pair.one.ask(key, {"wait": "1"}, timeout_s=0.3)
     release.set()
     assert answers == []
-    assert answers.errors == ("Timeout",)
+    assert set(answers.errors) == {"Timeout"}  # once by each road to the one who is asked
     assert 0.25 < time.monotonic() - started < 5.0
 
 
