@@ -51,7 +51,9 @@ def rows(path, window_s, hop_s=None, offset=0):
 
 
 @pytest.mark.data
-@pytest.mark.parametrize(("window_s", "offset"), [(1.0, 0), (0.5, 301)])
+@pytest.mark.parametrize(
+    ("window_s", "offset"), [(1.0, 0), pytest.param(0.5, 301, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("trial", TRIALS)
 def test_the_first_frequency_is_right_on_every_dwell_however_windows_fall(
     data, trial, window_s, offset
