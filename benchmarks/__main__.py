@@ -4,7 +4,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-from . import flow, identification, transport
+from . import flow, identification, modal_truth, plant, transport
+
+TRUTH_RUNS = 8
+"""Of each structure of known modes: three minutes; 300 take two hours."""
 
 PEERS = Path(__file__).parents[1] / ".venv-peers/bin/python"
 
@@ -13,11 +16,15 @@ def main() -> int:
     """Print every figure; 1 where one lies outside what it is held to."""
     print("# Identification at the limit\n")
     status = identification.main([])
+    print("\n# Modes of simulated structures\n")
+    status |= modal_truth.main(["--runs", str(TRUTH_RUNS)])
     print("\n# Modes of many channels, beside pyOMA-2 and without end\n")
     sys.stdout.flush()
     # Peers have an environment of their own, which `make bench` sets up.
     python = str(PEERS) if PEERS.exists() else sys.executable
     status |= subprocess.run([python, "-m", "benchmarks.modal"], check=False).returncode
+    print("\n# Models with effects\n")
+    status = plant.main() or status
     print("\n# Transport and recordings\n")
     transport.main()
     print("\n# The whole flow\n")

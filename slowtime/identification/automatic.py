@@ -14,15 +14,26 @@ from jaxtyping import Complex, Float
 from slowtime.signals.spectra import detrended
 
 from . import checks
+from .acceptance import ALIKE as ALIKE
+from .acceptance import CLEAR_PEAK as CLEAR_PEAK
+from .acceptance import FLANKS as FLANKS
+from .acceptance import MOST_DAMPING as MOST_DAMPING
+from .acceptance import MOST_DOUBT as MOST_DOUBT
+from .acceptance import MOVED as MOVED
+from .acceptance import PEAK as PEAK
+from .acceptance import distinct, is_mode
 from .bands import EDGE, Band, moved_to_zero, plan
 from .correlations import correlate
 from .harmonics import Verdict, find_harmonics, judge
 from .identified import Measured
+from .modal_result import ModalResult as ModalResult
+from .modal_result import diagram, singular_values
 from .modes import Mode
-from .shapes import mac, normalised
-from .sharpen import WIDEST, Sharp, Spectrum, Start, select, sharpen
-from .ssi import Poles, identify, mixed
-from .stabilisation import Candidate, Stabilisation, candidates
+from .poles import Poles, mixed
+from .shapes import normalised
+from .sharpen import Sharp, Spectrum, Start, select, sharpen
+from .ssi import identify
+from .stabilisation import Candidate, candidates
 from .tones import without_lines
 
 FEWEST_CYCLES = 20
@@ -35,58 +46,6 @@ MOST_DIRECTIONS = 8
 
 SAMPLES_PER_UNKNOWN = 6
 """A short band gets smaller models: so many instants for each row of the Hankel matrix."""
-
-MOST_DAMPING = 0.12
-"""Beyond it what is found is the colour of the force rather than a mode."""
-
-MOST_DOUBT = 0.8
-"""Standard deviation of log damping, and of frequency in half-bandwidths, at most."""
-
-PEAK = 1.0
-"""A mode stands out of what surrounds it by this ratio of densities at least ..."""
-
-MOVED = 2.0
-FLANKS = 6.0
-CLEAR_PEAK = 10.0
-"""... and by this one if it climbed further than so many half-bandwidths from its candidate, or
-is so wide that less than so many of them could be seen on either side."""
-
-ALIKE = 0.8
-"""MAC of two estimates, less than a half-bandwidth apart, of one mode."""
-
-SKIRT = 12.0
-FAINT = 0.1
-SAME_SHAPE = 0.95
-FEWEST_TO_TELL = 3
-"""A bump within so many half-bandwidths of a mode so much stronger, of so much the same shape
-where so many channels tell, is a part of it."""
-
-SPECTRUM_POINTS = 2000
-
-
-@dataclasses.dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ModalResult:
-    """All that identification says of a record.
-
-    Parameters
-    ----------
-    modes
-        Ascending in frequency, lines of machines among them.
-    stabilisation
-        Poles of all bands and orders, for a diagram.
-    spectrum_hz, singular_values
-        Singular values of the averaged spectral matrices of channels of unit variance.
-    """
-
-    modes: tuple[Mode, ...]
-    stabilisation: Stabilisation
-    spectrum_hz: Float[np.ndarray, " frequency"]
-    singular_values: Float[np.ndarray, "frequency value"]
-
-    @property
-    def structural(self) -> tuple[Mode, ...]:
-        """Modes that are no machine's."""
-        return tuple(mode for mode in self.modes if mode.kind == "structural")
 
 
 def identify_modes(
@@ -141,10 +100,10 @@ def identify_modes(
     whole = sorted([*modes, *(_line(v, units) for v in lines)], key=_frequency)
     members = [members[k] for k, _ in sharp]
     places = [next(i for i, m in enumerate(whole) if m is mode) for mode in modes]
-    frequency, values = _singular_values(transform, len(columns), rate_hz)
+    frequency, values = singular_values(transform, len(columns), rate_hz)
     return ModalResult(
         modes=tuple(whole),
-        stabilisation=_diagram(poles, members, places),
+        stabilisation=diagram(poles, members, places),
         spectrum_hz=frequency,
         singular_values=values,
     )
@@ -254,50 +213,11 @@ def _sharp(
     """Choose modes among candidates, then let the spectra say where they are."""
     low, starts = edges[0], [Start(c.pole, c.shape) for c in found]
     chosen = select(spectrum, starts, low_hz=low, high_hz=highest_hz)
-    chosen = _distinct([(k, s) for k, s in chosen if _is_mode(found[k], s, edges)])
+    chosen = distinct([(k, s) for k, s in chosen if is_mode(found[k], s, edges)])
     again = [Start(s.pole, s.shape) for _, s in chosen]
     final = sharpen(spectrum, again, low_hz=low, high_hz=highest_hz)
     sharp = [(chosen[k][0], s) for k, s in final]
-    return _distinct([(k, s) for k, s in sharp if _is_mode(found[k], s, edges)])
-
-
-def _is_mode(start: Candidate, sharp: Sharp, edges: tuple[float, float]) -> bool:
-    """Within the band, damped like a mode, standing out, and known at all."""
-    frequency = abs(sharp.pole) / (2 * np.pi)
-    damping = -sharp.pole.real / abs(sharp.pole)
-    sd_of_log_decay, sd_of_omega = np.sqrt(np.diag(sharp.covariance))
-    moved = abs(sharp.pole - start.pole) / max(-sharp.pole.real, -start.pole.real)
-    plain = moved < MOVED and damping * FLANKS < WIDEST
-    return bool(
-        edges[0] <= frequency <= edges[1]
-        and damping < MOST_DAMPING
-        and sharp.prominence > (PEAK if plain else CLEAR_PEAK)
-        and sd_of_log_decay < MOST_DOUBT
-        and sd_of_omega < MOST_DOUBT * -sharp.pole.real
-    )
-
-
-def _distinct(sharp: list[tuple[int, Sharp]]) -> list[tuple[int, Sharp]]:
-    """Without those that climbed to where a likelier one already was, and without satellites.
-
-    A force that is not white leaves bumps on the skirt of a strong mode. They have its shape:
-    what moves is that mode.
-    """
-    kept: list[tuple[int, Sharp]] = []
-    for k, one in sorted(sharp, key=lambda pair: -pair[1].strength):
-        if not any(_is_same(one, other) for _, other in kept):
-            kept.append((k, one))
-    return sorted(kept, key=lambda pair: abs(pair[1].pole))
-
-
-def _is_same(weak: Sharp, strong: Sharp) -> bool:
-    width = max(-weak.pole.real, -strong.pole.real)
-    away = abs(weak.pole - strong.pole) / width
-    alike = mac(weak.shape, strong.shape)
-    if away < 1.0:
-        return alike > ALIKE
-    told_apart = len(weak.shape) >= FEWEST_TO_TELL and alike < SAME_SHAPE
-    return away < SKIRT and weak.strength < FAINT * strong.strength and not told_apart
+    return distinct([(k, s) for k, s in sharp if is_mode(found[k], s, edges)])
 
 
 def _mode(candidate: Candidate, sharp: Sharp, units: _Units) -> Mode:
@@ -350,33 +270,3 @@ def _line(verdict: Verdict, units: _Units) -> Mode:
         kind="harmonic",
         quality=1.0 - verdict.p_structural,
     )
-
-
-def _diagram(poles: list[Poles], members: list[np.ndarray], places: list[int]) -> Stabilisation:
-    """All bands side by side."""
-    sd = [p.standard_deviations() for p in poles]
-    count = sum(len(p.order) for p in poles)
-    mode = np.full(count, -1)
-    for which, place in zip(members, places, strict=True):
-        mode[which] = place
-    empty = np.zeros(0)
-    return Stabilisation(
-        order=np.concatenate([np.zeros(0, dtype=int), *(p.order for p in poles)]),
-        frequency_hz=np.concatenate([empty, *(p.frequency_hz for p in poles)]),
-        frequency_sd_hz=np.concatenate([empty, *(s[0] for s in sd)]),
-        damping_ratio=np.concatenate([empty, *(p.damping_ratio for p in poles)]),
-        damping_sd=np.concatenate([empty, *(s[1] for s in sd)]),
-        mode=mode,
-    )
-
-
-def _singular_values(
-    transform: np.ndarray, count: int, rate_hz: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Of spectral matrices averaged over neighbouring ordinates, descending."""
-    group = max(transform.shape[1], len(transform) // SPECTRUM_POINTS)
-    groups = (len(transform) - 1) // group
-    parts = transform[1 : 1 + groups * group].reshape(groups, group, -1)
-    density = parts.transpose(0, 2, 1) @ parts.conj() / group * (2.0 / (rate_hz * count))
-    frequency = (np.arange(groups) * group + (group + 1) / 2) * rate_hz / count
-    return frequency, np.linalg.eigvalsh(density)[:, ::-1]

@@ -10,8 +10,8 @@ import dataclasses
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
+from .poles import Poles
 from .shapes import mac_matrix
-from .ssi import Poles
 
 MOST_DAMPING = 0.25
 MOST_SD = 3.0

@@ -7,8 +7,10 @@ from jaxtyping import Complex
 
 from slowtime.identification.identified import Measured
 
+from .band import Band, band_from
 from .guess import Guess, Record
-from .model import Band, Modes, band_from, cross_periodograms
+from .model import Modes
+from .resonances import cross_periodograms
 
 REACH = 16.0
 """The band of a mode: so many half-bandwidths on either side, where no neighbour is nearer."""

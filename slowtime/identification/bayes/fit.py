@@ -5,8 +5,9 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
+from .band import Band
 from .likelihood import log_posterior, slope, slope_and_information
-from .model import Band, Modes, modes_of, vector_of
+from .model import Modes, modes_of, vector_of
 
 STEPS = 60
 NEAR = 0.1

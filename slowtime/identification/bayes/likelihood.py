@@ -19,15 +19,9 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from .model import (
-    Band,
-    Modes,
-    cross_periodograms,
-    modes_of,
-    slope_order,
-    spectral_slopes,
-    vector_of,
-)
+from .band import Band
+from .model import Modes, modes_of, slope_order, spectral_slopes, vector_of
+from .resonances import cross_periodograms
 
 NOISE_PRIOR_SD = 3.0
 """Of ln noise about where it started: keeps a noise that nothing shows from running away."""

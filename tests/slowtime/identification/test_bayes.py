@@ -9,8 +9,10 @@ import scipy.linalg
 from slowtime.dynamics.simulation import ambient_structure
 from slowtime.dynamics.structure import Structure
 from slowtime.identification.bayes import bayesian_modes
+from slowtime.identification.bayes.band import Band
 from slowtime.identification.bayes.likelihood import coherence_score
-from slowtime.identification.bayes.model import Band, Modes, cross_periodograms
+from slowtime.identification.bayes.model import Modes
+from slowtime.identification.bayes.resonances import cross_periodograms
 from slowtime.identification.bounds import ambient_law
 from slowtime.identification.harmonics import find_harmonics
 from slowtime.identification.shapes import mac

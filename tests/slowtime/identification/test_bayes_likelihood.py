@@ -6,18 +6,14 @@ import numpy as np
 import pytest
 
 from slowtime.identification.bayes import likelihood
+from slowtime.identification.bayes.band import Band
 from slowtime.identification.bayes.likelihood import (
     log_posterior,
     slope,
     slope_and_information,
 )
-from slowtime.identification.bayes.model import (
-    Band,
-    Modes,
-    cross_periodograms,
-    modes_of,
-    vector_of,
-)
+from slowtime.identification.bayes.model import Modes, modes_of, vector_of
+from slowtime.identification.bayes.resonances import cross_periodograms
 
 
 def start(*, own=2, guests=1, channels=3, seed=1):
