@@ -236,6 +236,8 @@ class Diagnosis:
         For pictures, of the records that were judged on.
     notes
         What the reader should know of the data.
+    seconds
+        Of computing; filled in by what ran it, for there is no clock here.
     """
 
     verdict: Verdict
@@ -259,4 +261,4 @@ class Diagnosis:
     spectra: Spectra
     surface: Surface | None
     notes: tuple[str, ...]
-    seconds: float
+    seconds: float = 0.0

@@ -70,16 +70,25 @@ class Pair:
         return "|".join(ends)
 
 
-def _both(one: str, other: str, sizes: tuple[dict[str, float], ...], **more: Any) -> list[Pair]:
+def _both(
+    one: str,
+    other: str,
+    sizes: tuple[dict[str, float], ...],
+    deciding: dict[str, Any],
+    deciding_other: dict[str, Any] | None = None,
+    **more: Any,
+) -> list[Pair]:
     return [
-        Pair(one, other, sizes=sizes[0], **more),
-        Pair(other, one, sizes=sizes[1], **more),
+        Pair(one, other, deciding, sizes=sizes[0], **more),
+        Pair(other, one, deciding_other or deciding, sizes=sizes[1], **more),
     ]
 
 
+# A softening spring gives way where a pendulum or a saturating spring only softens.
+_CAREFUL = {"level_factor": 2.5, "duration_s": 60.0}
 _LOUDER, _LOUD = {"level_factor": 6.0}, {"level_factor": 4.0}
 _FAINTER = {"level_factor": 0.15, "duration_s": 60.0}
-_TONE = {"tone": True}
+_TONE: dict[str, Any] = {"tone": True}
 _FORCE = {"add_inputs": [{"channel": "f1", "kind": "force", "node": "m1", "unit": "N"}]}
 
 
@@ -102,10 +111,10 @@ PAIRS = (
            deciding=_FORCE),
     *_both("input_gain", "sensor_gain", ({"gain": 1.2}, {"gain": 1.2}), deciding=_SENSOR),
     *_both("pendulum_sine", "cubic_softening", ({"k": 1.0}, {"k3_n_per_m3": 1 / 6}), level=0.5,
-           mode="states", deciding=_LOUDER),
+           mode="states", deciding=_LOUDER, deciding_other=_CAREFUL),
     *_both("saturating_stiffness", "cubic_softening",
            ({"ks_n_per_m": 0.5, "es_m": 6.0}, {"k3_n_per_m3": 0.004}), mode="states",
-           deciding=_LOUDER),
+           deciding=_LOUDER, deciding_other=_CAREFUL),
     *_both("coulomb", "quadratic_damping", ({"friction_n": 0.01}, {"c2_n_s2_per_m2": 0.5}),
            deciding=_LOUD, **_TONE),
     *_both("coulomb", "viscous_damping", ({"friction_n": 0.01}, {"dc_n_s_per_m": 0.8}),

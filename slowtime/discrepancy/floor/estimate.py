@@ -13,6 +13,7 @@ from jaxtyping import Float
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.description import Description, assemble
 from slowtime.dynamics.modes import undamped_modes
+from slowtime.signals.spectra import detrended, periodogram
 
 from .colour import Colour, Noise
 from .incoherent import incoherent_power
@@ -42,6 +43,11 @@ WIDEST = 0.95
 
 GRID = np.linspace(-4.0, 4.0, 41)
 """Of the logarithm of a strength, about a first guess."""
+
+FEWEST_PERIODS = 4.0
+"""Periods of a mode in a record below which it is no vibration."""
+
+MOST_POWER = 0.98
 
 SPARKS = 0.15
 """Share of the blocks of a silent band that may hold tones."""
@@ -77,10 +83,26 @@ class Means:
         return dataclasses.replace(self, lines=self.lines * share)
 
 
-def silent_above(description: Description) -> float:
-    """Frequency [Hz] above which a structure is taken to be silent."""
-    modes = undamped_modes(assemble(description))
-    return ABOVE * float(modes.frequency_hz[-1])
+def silent_above(description: Description, trials: Sequence[Trial] = ()) -> float:
+    """Frequency [Hz] above which a structure is taken to be silent.
+
+    That of its modes; of a structure that floats, and has none, that of what drives it in the
+    `trials`.
+    """
+    highest = float(undamped_modes(assemble(description)).frequency_hz[-1])
+    for trial in trials:
+        if highest * trial.duration_s < FEWEST_PERIODS:
+            highest = max(highest, _driven_to(trial))
+    return ABOVE * highest
+
+
+def _driven_to(trial: Trial) -> float:
+    """Frequency below which nearly all power of the inputs lies, or of the outputs without."""
+    series = trial.inputs if trial.inputs.shape[1] else trial.measured
+    spectrum = periodogram(detrended(series), trial.rate_hz)
+    power = spectrum.density / np.maximum(spectrum.density.sum(axis=0), 1e-300)
+    below = np.cumsum(power.sum(axis=1)) / max(float(power.sum()), 1e-300)
+    return float(spectrum.frequency_hz[int(np.searchsorted(below, MOST_POWER))])
 
 
 def noise_of_residual(

@@ -67,6 +67,8 @@ class Character:
         Of the force's power, what one surface over elongation and rate gives.
     odd, even
         Parts of the surface that change, and do not change, sign with the motion; together 1.
+    offset
+        Part of the force that is the same whatever the motion; none of what follows has it in.
     exponent, exponent_sd
         Of force against motion, from window to window: 1 linear, 3 cubic, 0 friction.
     steady
@@ -87,6 +89,7 @@ class Character:
     static_share: float
     odd: float
     even: float
+    offset: float
     exponent: float
     exponent_sd: float
     steady: bool | None
@@ -114,20 +117,22 @@ def character(located: Located, place: Place) -> Character:
     acting = _acting(latents, windows)
     share, linear = _linear(located, place, latents)
     surface = _Surface.of(latents)
-    exponent = _exponent(latents, windows)
+    centred = [dataclasses.replace(m, force=m.force - surface.offset) for m in latents]
+    exponent = _exponent(centred, windows)
     models = [located.seen(place, i, surface.at(m)) for i, m in enumerate(latents)]
-    steady, heights, heights_s = _steadiness(latents, models, surface.share, lowest)
+    steady, heights, heights_s = _steadiness(centred, models, surface.share, lowest)
     return Character(
         times_s=_times(latents, acting, located),
         bands_hz=_bands(located, place),
         elongation=_range([m.motion.e[a] for m, a in zip(latents, acting, strict=True)]),
         rate=_range([m.motion.v[a] for m, a in zip(latents, acting, strict=True)]),
-        onset=_onset(latents),
+        onset=_onset(centred),
         linear_share=share,
         linear=linear and not abs(exponent[0] - 1) > max(3 * exponent[1], BENT),
         static_share=surface.share,
         odd=surface.odd,
         even=1.0 - surface.odd,
+        offset=surface.offset,
         exponent=exponent[0],
         exponent_sd=exponent[1],
         steady=steady,
@@ -283,6 +288,7 @@ class _Surface:
     weights: Float[np.ndarray, " function"]
     share: float
     odd: float
+    offset: float
 
     @classmethod
     def of(cls, latents: Sequence[Latent]) -> "_Surface":
@@ -295,17 +301,19 @@ class _Surface:
         odd, even = basis[:, :ODD] @ weights[:ODD], basis[:, ODD:] @ weights[ODD:]
         total = float(np.sum(force**2))
         left = float(np.sum((force - odd - even) ** 2))
+        even = even - weights[ODD]
         parts = float(np.sum(odd**2)), float(np.sum(even**2))
         return cls(
             scales=scales,
             weights=weights,
             share=max(0.0, 1 - left / total) if total > 0 else 0.0,
             odd=parts[0] / sum(parts) if sum(parts) > 0 else 1.0,
+            offset=float(weights[ODD]),
         )
 
     def at(self, latent: Latent) -> Series:
         e, v = latent.motion.e / self.scales[0], latent.motion.v / self.scales[1]
-        return np.asarray(_functions(e, v) @ self.weights)
+        return np.asarray(_functions(e, v) @ self.weights - self.offset)
 
 
 ODD = 10

@@ -12,6 +12,7 @@ import numpy as np
 import scipy.linalg
 from jaxtyping import Complex, Float, Num
 
+from slowtime.discrepancy.values import with_values
 from slowtime.dynamics.description import (
     BASE,
     Description,
@@ -20,6 +21,8 @@ from slowtime.dynamics.description import (
     assemble_parts,
 )
 from slowtime.dynamics.effects import Place
+from slowtime.dynamics.parts import ROTATION
+from slowtime.dynamics.plant import Plant
 from slowtime.dynamics.structure import Structure, state_matrix
 from slowtime.dynamics.transfer import derivative_order
 from slowtime.dynamics.units import unit_factor
@@ -73,7 +76,32 @@ class Linear:
     @classmethod
     def of(cls, description: Description) -> "Linear":
         """Take the linear part of a description; its effects are left out."""
-        structure = assemble(description)
+        return cls._over(description, assemble(description))
+
+    @classmethod
+    def of_plant(cls, plant: Plant, values: Float[np.ndarray, " parameter"]) -> "Linear":
+        """Take the linear part of a plant, with what its effects add to it.
+
+        Hidden coordinates of effects come after those of the description.
+        """
+        named = dict(zip(plant.parameters, values.tolist(), strict=True))
+        kinds = [plant.kinds[effect.kind] for effect in plant.effects]
+        whole = plant.matrices.at(named, kinds)
+        names = plant.matrices.names
+        free = len(names)
+        linear = {name: value for name, value in named.items() if name[0] != "effect"}
+        structure = Structure(
+            mass=whole[0, :free, :free],
+            damping=whole[1, :free, :free],
+            stiffness=whole[2, :free, :free],
+            names=names,
+            influence=np.array([not name.endswith(ROTATION) for name in names], float),
+            base_mass=whole[0, :free, free],
+        )
+        return cls._over(with_values(plant.description, linear), structure)
+
+    @classmethod
+    def _over(cls, description: Description, structure: Structure) -> "Linear":
         rows = np.zeros((len(description.sensors), structure.dofs))
         for i, sensor in enumerate(description.sensors):
             if sensor.node in structure.names:

@@ -7,7 +7,6 @@ from jaxtyping import Float
 
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refit import Fit
-from slowtime.discrepancy.values import with_values
 from slowtime.dynamics.effects import Place
 
 from .latent import ROUNDS, Explained, Solver
@@ -43,13 +42,12 @@ def locate(fit: Fit, trials: Sequence[Trial]) -> Located:
     Parameters
     ----------
     fit
-        Of the reference: a linear model, or one augmented already, whose effects stay as they
-        are.
+        Of the reference: a linear model, or one augmented already. Effects that are linear take
+        part in the responses; others stay as they were in the reference's run.
     trials
         That it was fitted to.
     """
-    values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
-    linear = Linear.of(with_values(fit.plant.description, values))
+    linear = Linear.of_plant(fit.plant, fit.values)
     records = tuple(trials)
     runs = tuple(_motion(fit, trial, i) for i, trial in enumerate(records))
     lines = tuple(

@@ -46,11 +46,14 @@ class Known:
         sd: Constants,
     ) -> "Known":
         """Constants by their names in a plant; matrices are those of the reference."""
-        matrices = parameter_matrices(linear.description)
+        own = parameter_matrices(linear.description)
         order = {"stiffness": 0, "damping": 1, "mass": 2}
-        dofs = linear.structure.dofs
+        dofs, seen = linear.structure.dofs, len(linear.description.dofs)
+        matrices = np.zeros((len(names), dofs, dofs))
+        for i, name in enumerate(names):
+            matrices[i, :seen, :seen] = own[name]
         return cls(
-            matrices=np.array([matrices[name] for name in names]).reshape(-1, dofs, dofs),
+            matrices=matrices,
             orders=tuple(order[name[0]] for name in names),
             ahead=ahead,
             sd=sd,

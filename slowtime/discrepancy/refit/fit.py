@@ -115,7 +115,7 @@ def refit(
     """
     records = tuple(trials)
     prior = prior_of(plant, free)
-    silent = silent_above(plant.description)
+    silent = silent_above(plant.description, records)
     rest = tuple(np.zeros(0) for _ in records)
     point = Point(
         values=(plant.values if values is None else values).copy(),

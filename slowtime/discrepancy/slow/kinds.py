@@ -65,6 +65,8 @@ class Kind:
     jagged
         Whether the evidence has so many narrow peaks over the shapes that the neighbourhood
         of the best on the grid needs grids of its own.
+    grain
+        What is too fine to matter of each shape parameter, where that is not always the same.
     allowed
         Whether readings can tell of a shape at all; None where they always can.
     """
@@ -78,6 +80,7 @@ class Kind:
     width: int = 1
     loudness: Callable[[Series, Shape], Series] | None = None
     jagged: bool = False
+    grain: Callable[[Shape], tuple[float, ...]] | None = None
     allowed: Callable[[Series, Filled | None, Shape], bool] | None = None
 
     @property
@@ -192,6 +195,8 @@ def _sawtooth(past: Scaled) -> Kind:
         ),
         lambda t, c, p: shapes.sawtooth(t, p[0], p[1]),
         jagged=True,
+        # Teeth at the ends, or all of them, may move by a step from epoch to epoch.
+        grain=lambda p: (past.gap * p[0], 0.5 * past.gap * p[0]),
     )  # fmt: skip
 
 

@@ -235,13 +235,19 @@ def space(
     """Coordinates of free terms and of the wandering part."""
     axes = [axis for term in free for axis in term.kind.axes]
     box = np.array([[axis.low, axis.high] for axis in axes]).reshape(-1, 2)
-    finest = [axis.finest for axis in axes]
+    finest = [x for term in free for x in _grain(term)]
     # Half the spacing of the first grid: no farther than the next start.
     steps = [0.5 * float(np.median(np.diff(a.grid))) if len(a.grid) > 1 else 1e-5 for a in axes]
     if wander.sd > 0.0:
         box = np.concatenate([box, ranges(readings.past)])
         finest, steps = [*finest, 0.0, 0.0], [*steps, 0.7, 0.7]
     return Space(before, free, wander, box, np.array(finest), np.array(steps))
+
+
+def _grain(term: Term) -> tuple[float, ...]:
+    if term.kind.grain is not None:
+        return term.kind.grain(term.shape)
+    return tuple(axis.finest for axis in term.kind.axes)
 
 
 def climb(

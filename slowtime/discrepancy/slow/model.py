@@ -6,7 +6,7 @@ the mixture is the band. Taking the terms away again gives back what was before.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -32,8 +32,10 @@ from .law import (
 from .search import Contest
 from .whitening import Filtered, Wander, carry_on, whiten
 
-_DRAWS = 24
-_WIDER = 1.2
+_DRAWS = 32
+_NEAR, _WIDE = 1.0, 2.0  # of the Laplace width: half the draws each
+_TAILS = np.tile([_NEAR, _WIDE], _DRAWS // 2)
+_LEAST = 0.05  # curvature along any direction, over that along a coordinate
 _NEGLIGIBLE = 2e-3
 _KEPT = 16
 _WILD = 5.0  # standard deviations beyond which a later reading teaches nothing
@@ -114,14 +116,12 @@ def members(readings: Readings, fits: list[Fit]) -> tuple[Member, ...]:
         if not len(room.start):
             drawn.append((fit.peak + share, fit.terms, fit.wander))
             continue
-        width = _WIDER * np.array(fit.spreads)
-        normal = hyperparameters.spread(_DRAWS, len(width))
-        normal[0] = 0.0
-        for z in normal:
-            point = room.start + width * z
-            proposal = -0.5 * z @ z - np.log(np.sqrt(2.0 * np.pi) * width).sum()
+        factor = _widths(score_at, room.start, np.array(fit.spreads), room.box)
+        for z, wider in zip(_normal(len(factor)), _TAILS, strict=True):
+            point = room.start + wider * (factor @ z)
             score = score_at(point)
             if np.isfinite(score):
+                proposal = _log_proposal(wider * z) - np.linalg.slogdet(factor)[1]
                 weight = score + share - float(proposal) - np.log(_DRAWS)
                 drawn.append((weight, *room.build(point)))
     weights = np.array([one[0] for one in drawn])
@@ -130,6 +130,51 @@ def members(readings: Readings, fits: list[Fit]) -> tuple[Member, ...]:
     best = [i for i in np.argsort(-shares)[:_KEPT] if shares[i] > _NEGLIGIBLE]
     total = float(shares[best].sum())
     return tuple(Member(drawn[i][1], drawn[i][2], float(shares[i]) / total) for i in best)
+
+
+def _normal(dimensions: int) -> Float[np.ndarray, "draw coordinate"]:
+    """Spread standard normal points evenly, the first of them at the origin."""
+    points = hyperparameters.spread(_DRAWS, dimensions)
+    points[0] = 0.0
+    return points
+
+
+def _log_proposal(z: Float[np.ndarray, " coordinate"]) -> float:
+    """Density of near and wide draws together."""
+    parts = [
+        -0.5 * float(z @ z) / w**2 - len(z) * np.log(np.sqrt(2.0 * np.pi) * w)
+        for w in (_NEAR, _WIDE)
+    ]
+    return float(np.logaddexp(*parts) - np.log(2.0))
+
+
+def _widths(
+    score: Callable[[np.ndarray], float],
+    peak: Float[np.ndarray, " coordinate"],
+    spreads: Float[np.ndarray, " coordinate"],
+    box: Float[np.ndarray, "coordinate 2"],
+) -> Float[np.ndarray, "coordinate coordinate"]:
+    """Factor of the covariance about a peak, by differences as wide as the peak itself.
+
+    A lag and the length of the wandering part give way to each other: along the ridge the
+    peak is wider than along either coordinate.
+    """
+    count = len(peak)
+    curvature = np.eye(count)
+    for i in range(count):
+        for j in range(i):
+            corners = []
+            for first, second in ((1, 1), (-1, -1), (1, -1), (-1, 1)):
+                point = peak.copy()
+                point[[i, j]] += np.array([first, second]) * spreads[[i, j]]
+                corners.append(score(np.clip(point, box[:, 0], box[:, 1])))
+            mixed = -0.25 * (corners[0] + corners[1] - corners[2] - corners[3])
+            if np.isfinite(mixed):
+                curvature[i, j] = curvature[j, i] = np.clip(mixed, -0.95, 0.95)
+    values, vectors = np.linalg.eigh(curvature)
+    root = vectors / np.sqrt(np.maximum(values, _LEAST))
+    factor: Float[np.ndarray, "coordinate coordinate"] = spreads[:, None] * root
+    return factor
 
 
 def learn(

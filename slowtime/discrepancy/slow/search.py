@@ -34,7 +34,7 @@ _STILL = 3.0  # of log-evidence that must be left without them
 _PATIENCE = 2
 _LEAST = 3
 _MOST = 9
-_CLAIM = 0.95  # probability of anything at all, from which on a discovery is claimed
+_CLAIM = 0.9  # probability of anything at all, from which on a discovery is claimed
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

@@ -11,6 +11,7 @@ from slowtime.discrepancy.locate.lines import lines_of
 from slowtime.discrepancy.locate.rarity import gain_probability
 from slowtime.discrepancy.locate.tuned import Known, Tuned
 from slowtime.discrepancy.refit import refit
+from slowtime.dynamics.description import Input
 from slowtime.dynamics.effects import Place
 from slowtime.dynamics.plant import Plant
 from slowtime.signals.spectra import transform
@@ -237,3 +238,37 @@ def test_a_trial_of_noise_alone_has_series_and_spectrum_of_one_scale(campaign):
         linear, trials[0], trials[0].outputs, rest, white_noise([[1.0] * 3]), 0, 50.0
     )
     assert lines.series(lines.residual) == pytest.approx(trials[0].outputs)
+
+
+def test_transfers_have_the_hidden_coordinates_of_the_reference_in_them(campaign):
+    rig, trials = campaign(4, masses=2, seconds=20.0, levels=(1.0,), mode="accelerations")
+    hidden = {
+        "effect": "extra_dof",
+        "node": "m1",
+        "mass_kg": 0.2,
+        "frequency_hz": 5.0,
+        "damping_n_s_per_m": 0.4,
+    }
+    pushed = Input(channel="w", kind="force", node="m1", unit="N")
+    description = dataclasses.replace(
+        rig.description, effects=(hidden,), inputs=(*rig.description.inputs, pushed)
+    )
+    plant, drive = Plant.of(description), trials[0].inputs
+    still = np.concatenate([drive, 0 * drive], axis=1)
+    both = np.concatenate([drive, drive], axis=1)
+    trial = dataclasses.replace(trials[0], inputs=still)
+    runs = [plant.run(plant.values, inputs, 64.0) for inputs in (still, both)]
+    linear = Linear.of_plant(plant, plant.values)
+    known = Known.of(linear, (("stiffness", "j0"),), np.zeros(1), np.ones(1))
+    motion = np.stack([runs[0].states[:, :3], runs[0].states[:, 3:6], runs[0].rates[:, 3:6]])
+    more = runs[1].outputs - runs[0].outputs
+    noise = white_noise([[1.0] * 2])
+    lines = lines_of(linear, trial, more, motion, noise, 0, 14.0)
+    tuned = Tuned.of(linear, lines, known, np.zeros(1))
+    source = next(s for s in linear.sources() if s.place == Place("node", "m1"))
+    force = transform(drive, 64.0)[1][: len(lines.frequency_hz)]
+    miss = lines.residual - tuned.transfer(source) * force
+    decays = np.concatenate([tuned.decays.real, tuned.decays.imag]).reshape(-1, 6)
+    left = np.concatenate([miss.real, miss.imag]).reshape(-1)
+    left = left - decays @ np.linalg.lstsq(decays, left, rcond=None)[0]
+    assert np.linalg.norm(left) < 0.01 * np.linalg.norm(lines.residual)

@@ -1,0 +1,413 @@
+r"""Where a force was found, in; which laws would make it, by how much they explain, out.
+
+Each kind is tried at each place that it can sit on, along the motion recovered there, and is
+compared where the noise is known: at the sensors. With whitened lines of the residual
+:math:`r`, of the constants' and initial states' columns :math:`B`, and of the force's own
+:math:`c`,
+
+.. math:: \min_{\theta, \beta} \; |r - c \, \theta - B \beta|^2
+          + |(\beta - \beta_0) / \sigma|^2 .
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterable, Mapping
+
+import numpy as np
+import scipy.linalg
+from jaxtyping import Complex, Float
+
+from slowtime.dynamics.effects import (
+    Effect,
+    Friction,
+    Hidden,
+    InputChange,
+    Kind,
+    Law,
+    Motion,
+    Place,
+    SensorChange,
+    force_along,
+)
+from slowtime.dynamics.units import unit_factor
+from slowtime.signals.spectra import transform
+
+from .locate import Located
+from .locate.tuned import Known, Tuned
+from .refit import Fit
+
+RIDGE = 1e-9
+MOST_STEPS = 100
+"""Frequencies that are tried on either side of one that was found."""
+STEP = 1e-4
+"""Of a parameter of a sensor or an input, to see what it does."""
+
+Shape = Mapping[str, float]
+Forces = Complex[np.ndarray, "frequency column"]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """A law at a place, with the parameters that explain most.
+
+    Parameters
+    ----------
+    cost
+        Chi squared that it leaves, with what the constants' tolerance takes.
+    score
+        Half of what it gains on the reference, less half a log of the data a parameter.
+    """
+
+    effect: Effect
+    cost: float
+    score: float
+
+
+class Space:
+    """Sensors' lines at one place, with constants and initial states taken out."""
+
+    def __init__(self, fit: Fit, located: Located, place: Place) -> None:
+        found = located.group(place).explained
+        self.located, self.place = located, place
+        self.source = next(s for s in located.linear.sources() if s.place == place)
+        known = _known(fit, located)
+        tuned = [Tuned.of(located.linear, t, known, found.constants) for t in located.lines]
+        self.latents = [located.latent(place, i) for i in range(len(located.trials))]
+        constants = len(known.sd)
+        states = tuned[0].decays.shape[2]
+        size = constants + states * len(tuned)
+        matrix, right = np.zeros((size, size)), np.zeros(size)
+        self.along: list[Forces] = []
+        self.signal: list[Float[np.ndarray, " frequency"]] = []
+        self.where: list[np.ndarray] = []
+        self.square = 0.0
+        for i, one in enumerate(tuned):
+            lines, force = located.lines[i], found.forces[i]
+            motion = lines.motion + found.shifts[i] + one.moved @ force.state
+            base = lines.base + self.source.base * force.mean
+            explained = force.linear + force.transfer * force.mean[:, None]
+            residual = one.residual + lines.filling(explained + one.decays @ force.state)
+            scale = np.sqrt(lines.noise)[:, :, None]
+            whole = np.concatenate(
+                [
+                    one.columns(known, motion, base),
+                    one.decays / scale,
+                    residual[:, :, None] / scale,
+                ],
+                axis=2,
+            )
+            flat = (np.sqrt(2.0) * whole).reshape(-1, whole.shape[2])
+            inner = (flat.conj().T @ flat).real
+            at = np.r_[0:constants, constants + i * states : constants + (i + 1) * states]
+            matrix[np.ix_(at, at)] += inner[:-1, :-1]
+            right[at] += inner[:-1, -1]
+            self.square += float(inner[-1, -1])
+            unit = one.transfer(self.source) / np.sqrt(lines.noise)
+            self.along.append(2 * np.einsum("fs,fsb->fb", unit.conj(), whole))
+            self.signal.append(2 * np.sum(np.abs(unit) ** 2, axis=1))
+            self.where.append(at)
+        off = (known.ahead + found.constants) / known.sd
+        own = np.arange(constants)
+        matrix[own, own] += 1 / known.sd**2
+        right[own] -= off / known.sd
+        self.square += float(off @ off)
+        self.scale = 1 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
+        inner = matrix * np.outer(self.scale, self.scale) + RIDGE * np.eye(size)
+        self.factor = scipy.linalg.cho_factor(inner)
+        self.right = right * self.scale
+        self.solved = scipy.linalg.cho_solve(self.factor, self.right)
+        self.bare = self.square - float(self.right @ self.solved)
+        """What is left without any force."""
+
+    def lines_of(self, series: Iterable[Float[np.ndarray, "time column"]]) -> list[Forces]:
+        """Spectra of forces, trial by trial; of one that grew beyond bounds, nothing."""
+        whole = list(series)
+        fine = np.all([np.isfinite(one).all(axis=0) for one in whole], axis=0)
+        return [
+            transform(np.where(fine, one, 0.0), lines.rate_hz)[1][: len(lines.frequency_hz)]
+            for one, lines in zip(whole, self.located.lines, strict=True)
+        ]
+
+    def normal(
+        self, forces: list[Forces]
+    ) -> tuple[Float[np.ndarray, "column column"], Float[np.ndarray, " column"]]:
+        """Products of forces with each other and with the residual, all else taken out."""
+        count = forces[0].shape[1]
+        cross, inner = np.zeros((len(self.right), count)), np.zeros((count, count))
+        seen = np.zeros(count)
+        for force, along, signal, at in zip(
+            forces, self.along, self.signal, self.where, strict=True
+        ):
+            both = (force.conj().T @ along).real
+            cross[at] += both[:, :-1].T
+            seen += both[:, -1]
+            inner += (force.conj().T @ (signal[:, None] * force)).real
+        cross *= self.scale[:, None]
+        taken = scipy.linalg.cho_solve(self.factor, cross)
+        return inner - cross.T @ taken, seen - cross.T @ self.solved
+
+    def one(
+        self, forces: list[Forces]
+    ) -> tuple[Float[np.ndarray, " column"], Float[np.ndarray, " column"]]:
+        """Give the strength of each force by itself, and what it gains."""
+        count = forces[0].shape[1]
+        cross, power, seen = (
+            np.zeros((len(self.right), count)),
+            np.zeros(count),
+            np.zeros(count),
+        )
+        for force, along, signal, at in zip(
+            forces, self.along, self.signal, self.where, strict=True
+        ):
+            both = (force.conj().T @ along).real
+            cross[at] += both[:, :-1].T
+            seen += both[:, -1]
+            power += signal @ np.abs(force) ** 2
+        cross *= self.scale[:, None]
+        whole = power.copy()
+        power -= np.sum(cross * scipy.linalg.cho_solve(self.factor, cross), axis=0)
+        seen -= cross.T @ self.solved
+        heard = power > 1e-7 * np.maximum(whole, np.finfo(float).tiny)
+        strength = np.where(heard, seen / np.where(heard, power, 1.0), 0.0)
+        return strength, strength * np.where(heard, seen, 0.0)
+
+
+def candidates(fit: Fit, located: Located, kinds: Mapping[str, Kind]) -> list[Candidate]:
+    """Try every kind at every place, each with its own best shape; the best first."""
+    data = sum(2 * t.residual.size for t in located.lines)
+    found = []
+    fits = [kind for kind in kinds.values() if _fits(kind, located)]
+    for group in located.groups:
+        for place in group.places:
+            own = [kind for kind in fits if kind.where == place.kind]
+            if not own:
+                continue
+            space = Space(fit, located, place)
+            for kind in own:
+                best = best_of(kind, space)
+                if best is None:
+                    continue
+                effect, gain = best
+                cost = space.bare - gain
+                numbers = sum(p.fitted for p in kind.parameters)
+                found.append(Candidate(effect, cost, -cost / 2 - numbers / 2 * math.log(data)))
+    return sorted(found, key=lambda c: -c.score)
+
+
+def _fits(kind: Kind, located: Located) -> bool:
+    """Whether a kind can be at all: what is per radian acts on angles."""
+    angular = any("/rad" in parameter.unit for parameter in kind.parameters)
+    return not angular or located.linear.description.unit_of_coordinate == "rad"
+
+
+def best_of(kind: Kind, space: Space) -> tuple[Effect, float] | None:
+    """Give the parameters of a kind that explain most at a place, and what they gain."""
+    if isinstance(kind.action, Law | Friction | Hidden):
+        return _best_force(kind, space)
+    if isinstance(kind.action, SensorChange | InputChange):
+        return _best_change(kind, kind.action, space)
+    return None
+
+
+def _best_force(kind: Kind, space: Space) -> tuple[Effect, float] | None:
+    motions = [latent.motion for latent in space.latents]
+    shapes = _shapes(kind, space, motions)
+    if not shapes:
+        return None
+    if kind.quadrature is not None:
+        found = _best_quadrature(kind, space, motions, shapes)
+        if "frequency_hz" not in kind.names:
+            return found
+        finer = _beside(kind, found[0], motions)
+        return max(found, _best_quadrature(kind, space, motions, finer), key=_gained)
+    best = _best_shape(kind, space, motions, shapes)
+    switches = kind.action.switches if isinstance(kind.action, Law) else ()
+    if best is None or len(switches) != 1:
+        return best
+    finer = _between(switches[0], best[0], shapes)
+    return max(best, _best_shape(kind, space, motions, finer) or best, key=_gained)
+
+
+def _gained(found: tuple[Effect, float]) -> float:
+    return found[1]
+
+
+def _shapes(kind: Kind, space: Space, motions: list[Motion]) -> list[Shape]:
+    """Shapes that make sense: frequencies of one record at a time, all else of the campaign."""
+    if not any(parameter.unit == "Hz" for parameter in kind.parameters):
+        return kind.shapes(_joined(motions))
+    longest = max(range(len(motions)), key=lambda i: len(motions[i].times))
+    shapes = kind.shapes(motions[longest])
+    if kind.where == "node" and kind.quadrature is not None:
+        # A tone from outside is a line of the force, be it none of the motion.
+        force, times = space.latents[longest].force, motions[longest].times
+        shapes = shapes + kind.shapes(Motion(e=force, v=force, a=force, times=times))
+    return shapes
+
+
+def _beside(kind: Kind, found: Effect, motions: list[Motion]) -> list[Shape]:
+    """Frequencies about one that was found, close enough for phases to hold all along."""
+    first = min(float(m.times[0]) for m in motions)
+    last = max(float(m.times[-1]) for m in motions)
+    width = 1.0 / min(float(m.times[-1] - m.times[0]) for m in motions)
+    steps = min(int(np.ceil(4 * width * (last - first))), MOST_STEPS)
+    about = found.parameters["frequency_hz"] + width * np.linspace(-1, 1, 2 * steps + 1)
+    kept = {
+        name: value
+        for name, value in found.parameters.items()
+        if name not in (kind.strength, kind.quadrature)
+    }
+    return [kept | {"frequency_hz": float(f)} for f in about if f > 0]
+
+
+def _between(name: str, found: Effect, shapes: list[Shape]) -> list[Shape]:
+    """Values of one shape parameter between the neighbours of the one that was best."""
+    values = sorted({shape[name] for shape in shapes})
+    at = values.index(found.parameters[name])
+    low, high = values[max(at - 1, 0)], values[min(at + 1, len(values) - 1)]
+    others = next(shape for shape in shapes if shape[name] == values[at])
+    return [dict(others) | {name: float(v)} for v in np.linspace(low, high, 25)]
+
+
+def _best_shape(
+    kind: Kind, space: Space, motions: list[Motion], shapes: list[Shape]
+) -> tuple[Effect, float] | None:
+    best: tuple[Effect, float] | None = None
+    unit = 1.0 if kind.strength is None else _unit(kind)
+    whole = [dict(shape) | _scaled(kind, shape, unit) for shape in shapes]
+    forces = space.lines_of(
+        np.stack([force_along(kind, p, motion) for p in whole], axis=1) for motion in motions
+    )
+    strengths, gains = space.one(forces)
+    for parameters, strength, gain in zip(whole, strengths, gains, strict=True):
+        found = dict(parameters)
+        for name in (kind.strength, *kind.scales):
+            if name is not None:
+                found[name] = parameters[name] * float(strength)
+        refused = any(kind.parameter(n).refuses(v) for n, v in found.items())
+        if not refused and gain > 0 and (best is None or gain > best[1]):
+            best = Effect(kind.name, space.place, found), float(gain)
+    return best
+
+
+def _best_quadrature(
+    kind: Kind, space: Space, motions: list[Motion], shapes: list[Shape]
+) -> tuple[Effect, float]:
+    """Of a phase, by its two quadratures; `shapes` must not be empty."""
+    assert kind.quadrature is not None
+    assert kind.strength is not None
+    best: tuple[Effect, float] | None = None
+    for shape in shapes:
+        pair = [
+            dict(shape) | {kind.quadrature: turn, kind.strength: 1.0}
+            for turn in (0.0, math.pi / 2)
+        ]
+        forces = space.lines_of(
+            np.stack([force_along(kind, p, motion) for p in pair], axis=1) for motion in motions
+        )
+        inner, seen = space.normal(forces)
+        strength = np.linalg.lstsq(inner, seen, rcond=1e-9)[0]
+        gain = float(strength @ seen)
+        if best is None or gain > best[1]:
+            found = dict(shape) | {
+                kind.strength: float(np.hypot(*strength)),
+                kind.quadrature: float(np.arctan2(strength[1], strength[0])),
+            }
+            best = Effect(kind.name, space.place, found), gain
+    assert best is not None
+    return best
+
+
+def _best_change(
+    kind: Kind, action: SensorChange | InputChange, space: Space
+) -> tuple[Effect, float] | None:
+    """Of a sensor or an input: a parameter that can do nothing does a little."""
+    fitted = [p for p in kind.parameters if p.fitted]
+    if len(fitted) != 1:
+        return None
+    fixed = {p.name: _end(p.default, space) for p in kind.parameters if not p.fitted}
+    name, factor = fitted[0].name, _factor(space)
+    series = [(latent.motion.e, latent.motion.times) for latent in space.latents]
+
+    def acted(value: float) -> list[Float[np.ndarray, "time column"]]:
+        values = kind.values(fixed | {name: value})
+        return [
+            factor * (action.act(one, times, values) - one)[:, None] for one, times in series
+        ]
+
+    for idle in (0.0, 1.0):
+        if fitted[0].refuses(idle) is None and not any(one.any() for one in acted(idle)):
+            step = STEP if fitted[0].unit in ("", "s") else 1.0
+            moved = [one / step for one in acted(idle + step)]
+            strength, gain = space.one(space.lines_of(moved))
+            value = idle + float(strength[0])
+            if fitted[0].refuses(value) is not None or gain[0] <= 0:
+                return None
+            return Effect(kind.name, space.place, fixed | {name: value}), float(gain[0])
+    return _best_bend(kind, space, acted, fixed, name)
+
+
+def _best_bend(
+    kind: Kind,
+    space: Space,
+    acted: Callable[[float], list[Float[np.ndarray, "time column"]]],
+    fixed: dict[str, float],
+    name: str,
+) -> tuple[Effect, float] | None:
+    """Of a sensor that can only be straight by an endless parameter: a scan."""
+    top = max(float(np.abs(latent.motion.e).max()) for latent in space.latents)
+    best: tuple[Effect, float] | None = None
+    for share in np.geomspace(0.25, 0.97, 14):
+        forces = space.lines_of(acted(share * top))
+        inner, seen = space.normal(forces)
+        gain = float(2 * seen[0] - inner[0, 0])
+        if gain > 0 and (best is None or gain > best[1]):
+            best = Effect(kind.name, space.place, fixed | {name: float(share * top)}), gain
+    return best
+
+
+def _end(default: float | None, space: Space) -> float:
+    last = max(float(latent.motion.times[-1]) for latent in space.latents)
+    return last if default is None or math.isnan(default) else default
+
+
+def _factor(space: Space) -> float:
+    """From the unit of an input to SI; sensors keep theirs."""
+    description = space.located.linear.description
+    if space.place.kind != "input":
+        return 1.0
+    entry = next(i for i in description.inputs if i.channel == space.place.id)
+    coordinate = description.unit_of_coordinate
+    if entry.node is None:
+        return unit_factor(entry.unit, "acceleration", coordinate)
+    return unit_factor(entry.unit, "force", coordinate)
+
+
+def _unit(kind: Kind) -> float:
+    assert kind.strength is not None
+    parameter = kind.parameter(kind.strength)
+    return -1.0 if parameter.high <= 0 else 1.0
+
+
+def _scaled(kind: Kind, shape: Shape, unit: float) -> dict[str, float]:
+    return (
+        {} if kind.strength is None else {kind.strength: unit * shape.get(kind.strength, 1.0)}
+    )
+
+
+def _joined(motions: list[Motion]) -> Motion:
+    """One motion after the other as the campaign went, for what shapes make sense."""
+    motions = sorted(motions, key=lambda motion: float(motion.times[0]))
+    return Motion(
+        e=np.concatenate([m.e for m in motions]),
+        v=np.concatenate([m.v for m in motions]),
+        a=np.concatenate([m.a for m in motions]),
+        times=np.concatenate([m.times for m in motions]),
+    )
+
+
+def _known(fit: Fit, located: Located) -> Known:
+    index = [i for i, name in enumerate(fit.prior.names) if name[0] != "effect"]
+    names = tuple((fit.prior.names[i][0], str(fit.prior.names[i][1])) for i in index)
+    now, mean, sd = fit.free[index], fit.prior.mean[index], fit.prior.sd[index]
+    return Known.of(located.linear, names, (now - mean) / now, sd / np.abs(now))

@@ -1,0 +1,166 @@
+"""Models and records in; how far free runs are from what was measured, out."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.stats
+from jaxtyping import Float
+
+from slowtime.dynamics.description import Description
+from slowtime.signals.spectra import transform
+
+from .diagnosis import Spectra, Traces
+from .floor import Noise, noise_of_residual
+from .records import Trial
+from .refit import Fit, refit
+
+START = 0.2
+"""Share of a record from which its initial state is taken."""
+POINTS = 400
+"""Of spectra, for pictures."""
+MOST = 4000
+"""Samples of a trace, for pictures."""
+
+Series = Float[np.ndarray, "time sensor"]
+
+
+def judged(trials: tuple[Trial, ...], holdout: tuple[Trial, ...]) -> tuple[Trial, ...]:
+    """Give the records to judge by: those held out, or the last third of each."""
+    return holdout or tuple(tail_of(trial) for trial in trials)
+
+
+def tail_of(trial: Trial) -> Trial:
+    """Last third of a record."""
+    return part_of(trial, len(trial.outputs) * 2 // 3, len(trial.outputs))
+
+
+def part_of(trial: Trial, first: int, last: int) -> Trial:
+    """Cut a record."""
+    return Trial(
+        inputs=trial.inputs[first:last],
+        outputs=trial.outputs[first:last],
+        rate_hz=trial.rate_hz,
+        start_s=trial.start_s + first / trial.rate_hz,
+        use=trial.used[first:last],
+    )
+
+
+def free_runs(fit: Fit, trials: Sequence[Trial]) -> list[Series]:
+    """Run the model of a fit; initial states are those that the first samples say."""
+    runs = []
+    for trial in trials:
+        count = max(int(START * len(trial.outputs)), 64)
+        noise = Noise(colours=(fit.noise.colours[0],), relative_sd=(fit.noise.relative_sd[0],))
+        start = refit(
+            fit.plant,
+            (part_of(trial, 0, count),),
+            free=[],
+            noise=noise,
+            values=fit.values,
+            horizons=(1.0,),
+        )
+        runs.append(
+            fit.plant.simulate(
+                fit.values,
+                trial.inputs,
+                trial.rate_hz,
+                state0=start.states[0],
+                start_s=trial.start_s,
+            )
+        )
+    return runs
+
+
+def errors(trials: Sequence[Trial], runs: Sequence[Series]) -> Float[np.ndarray, " sensor"]:
+    """Error of free runs over the scatter of the measurement, by sensor."""
+    found = []
+    for sensor in range(trials[0].outputs.shape[1]):
+        left, all_of = [], []
+        for trial, run in zip(trials, runs, strict=True):
+            use = trial.used[:, sensor]
+            left.append((trial.outputs - run)[use, sensor])
+            all_of.append(trial.outputs[use, sensor])
+        scatter = float(np.std(np.concatenate(all_of))) if all_of else 0.0
+        error = float(np.sqrt(np.mean(np.concatenate(left) ** 2))) if scatter > 0 else 0.0
+        found.append(error / scatter if scatter > 0 else 0.0)
+    return np.array([e if math.isfinite(e) else 1e6 for e in found])
+
+
+def noise_on(fit: Fit, trials: tuple[Trial, ...], runs: Sequence[Series]) -> Noise:
+    """Hear the noise of records that were not fitted, from what free runs leave of them."""
+    left = tuple(
+        np.where(trial.used & np.isfinite(run), trial.measured - run, 0.0)
+        for trial, run in zip(trials, runs, strict=True)
+    )
+    return noise_of_residual(trials, left, silent_above_hz=fit.silent_above_hz)
+
+
+def floor_of(trials: Sequence[Trial], noise: Noise) -> float:
+    """Error that the sensors' noise alone would make; `noise` is that of these trials."""
+    power = np.mean([noise.sd(i, t.rate_hz) ** 2 for i, t in enumerate(trials)], axis=0)
+    found = []
+    for sensor, size in enumerate(np.sqrt(power)):
+        told = np.concatenate([t.outputs[t.used[:, sensor], sensor] for t in trials])
+        scatter = float(np.std(told)) if told.size else 0.0
+        found.append(size / scatter if scatter > 0 else 0.0)
+    return float(np.mean(found))
+
+
+def traces_of(
+    trials: Sequence[Trial], nominal: list[Series], refits: list[Series], last: list[Series]
+) -> tuple[Traces, ...]:
+    """Beginnings of the records, measured and run."""
+    return tuple(
+        Traces(t.times_s[:MOST], t.outputs[:MOST], a[:MOST], b[:MOST], c[:MOST])
+        for t, a, b, c in zip(trials, nominal, refits, last, strict=True)
+    )
+
+
+def spectra_of(
+    trials: Sequence[Trial], before: list[Series], after: list[Series], noise: Noise
+) -> Spectra:
+    """Densities, the mean over records, on one grid."""
+    top = trials[0].rate_hz / 2
+    edges = np.linspace(0.0, top, POINTS + 1)
+    middle = (edges[:-1] + edges[1:]) / 2
+
+    def mean(series: Sequence[Series]) -> Float[np.ndarray, "frequency sensor"]:
+        total = np.zeros((POINTS, series[0].shape[1]))
+        for one, trial in zip(series, trials, strict=True):
+            frequency, spectrum = transform(np.nan_to_num(one), trial.rate_hz)
+            own = np.clip(np.searchsorted(edges, frequency, side="right") - 1, 0, POINTS - 1)
+            count = np.maximum(np.bincount(own, minlength=POINTS), 1)
+            for sensor in range(one.shape[1]):
+                power = np.abs(spectrum[:, sensor]) ** 2
+                total[:, sensor] += np.bincount(own, power, minlength=POINTS) / count
+        return total / len(series)
+
+    measured = [trial.measured for trial in trials]
+    left = [
+        np.where(t.used, m - b, 0) for t, m, b in zip(trials, measured, before, strict=True)
+    ]
+    rest = [np.where(t.used, m - a, 0) for t, m, a in zip(trials, measured, after, strict=True)]
+    return Spectra(middle, mean(measured), mean(left), mean(rest), noise.density(0, middle))
+
+
+def whiteness(fit: Fit) -> float:
+    """Chance of so large a chi squared within the band, were all that is left noise."""
+    deviation = (fit.chi2_in_band - 1) / fit.in_band_sd
+    return float(scipy.stats.norm.sf(deviation))
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Judged:
+    """Free runs of one model, with the errors that they make."""
+
+    description: Description
+    runs: list[Series]
+    error: Float[np.ndarray, " sensor"]
+
+
+def judge(description: Description, fit: Fit, trials: Sequence[Trial]) -> Judged:
+    """Run a fitted model on the records to judge by."""
+    runs = free_runs(fit, trials)
+    return Judged(description, runs, errors(trials, runs))

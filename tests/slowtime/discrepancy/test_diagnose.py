@@ -1,0 +1,90 @@
+"""From records to an answer, on rigs that another integrator has moved."""
+
+import dataclasses
+import threading
+
+import numpy as np
+import pytest
+
+from slowtime.discrepancy.diagnose import Cancelled, diagnose
+from slowtime.discrepancy.records import Campaign
+from slowtime.dynamics.effects import Place
+
+
+def cubic(e, v, t):
+    return 4e6 * e**3
+
+
+def answered(rig, trials, **more):
+    return diagnose(
+        Campaign(description=rig.description, trials=trials[:-1], holdout=trials[-1:]), **more
+    )
+
+
+@pytest.fixture(scope="module")
+def hardened(campaign, wrong):
+    rig, trials = campaign(
+        11, wrong(element=1, force=cubic), masses=2, levels=(1.0, 2.0, 1.5), seconds=10.0
+    )
+    stages = []
+    found = answered(rig, trials, progress=lambda stage, share: stages.append((stage, share)))
+    return found, stages
+
+
+def test_a_hardening_spring_is_named_where_it_is(hardened):
+    found, _ = hardened
+    assert found.verdict == "missing_effect"
+    assert [named.effect.kind for named in found.effects] == ["cubic_hardening"]
+    assert found.effects[0].effect.place == Place("element", "j1")
+    number = found.effects[0].numbers["k3_n_per_m3"]
+    assert abs(number.value - 4e6) < max(4 * number.sd, 0.02 * 4e6)
+
+
+def test_the_gap_on_the_record_held_out_falls_to_the_floor(hardened):
+    found, _ = hardened
+    assert found.gap.on == "holdout"
+    assert found.gap.augmented < 1.1 * found.gap.noise_floor
+    assert found.gap.augmented < 0.5 * found.gap.refitted_nominal
+
+
+def test_progress_only_grows_and_is_in_words(hardened):
+    _, stages = hardened
+    shares = [share for _, share in stages]
+    assert shares == sorted(shares)
+    assert 0 <= shares[0] <= shares[-1] <= 1
+    assert any("cubic_hardening" in stage for stage, _ in stages)
+
+
+def test_where_nothing_is_missing_nothing_is_named(campaign):
+    rig, trials = campaign(12, masses=2, levels=(1.0, 2.0, 1.5), seconds=10.0)
+    found = answered(rig, trials, quick=True)
+    assert found.verdict == "nothing_missing"
+    assert not found.effects
+    assert found.gap.augmented <= 1.02 * found.gap.nominal
+
+
+def test_a_sensor_that_fell_silent_is_the_verdict(campaign):
+    rig, trials = campaign(13, masses=1, levels=(1.0, 2.0, 1.5), seconds=10.0)
+    outputs = trials[0].outputs.copy()
+    outputs[300:420, 1] = 0.0
+    silent = dataclasses.replace(trials[0], outputs=outputs, use=None)
+    found = answered(rig, (silent, *trials[1:]), quick=True)
+    assert found.verdict == "sensor_fault"
+    assert found.effects[0].effect.kind == "sensor_dropout"
+    assert found.effects[0].effect.place == Place("sensor", rig.description.sensors[1].channel)
+
+
+def test_a_diagnosis_stops_when_it_is_told_to(campaign):
+    rig, trials = campaign(12, masses=2, levels=(1.0, 2.0, 1.5), seconds=10.0)
+    stop = threading.Event()
+    stop.set()
+    with pytest.raises(Cancelled, match="was stopped"):
+        answered(rig, trials, stop=stop)
+
+
+def test_records_are_not_touched(campaign):
+    rig, trials = campaign(14, masses=1, levels=(1.0, 1.5), seconds=6.0)
+    before = [trial.outputs.copy() for trial in trials]
+    answered(rig, trials, quick=True)
+    for trial, outputs in zip(trials, before, strict=True):
+        np.testing.assert_array_equal(trial.outputs, outputs)
