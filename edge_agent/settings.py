@@ -201,6 +201,7 @@ class PublishSettings(Frozen):
 
     raw: Literal["off", "on"] = "off"
     ring_s: Positive = 60.0
+    """Seconds of raw samples kept for those who ask; a diagnosis wants thirty or more."""
     ring_bytes: Annotated[int, Field(ge=1_024)] = 64 * 2**20
     health_every_s: Positive = 1.0
     about_every_s: Positive = 30.0

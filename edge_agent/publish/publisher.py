@@ -113,7 +113,7 @@ class Publisher:
         header, body = raw_message(block, self.origin, self._sequences[RAW.name])
         self._sequences[RAW.name] += 1
         payload = encode_raw(header, body)
-        self._ring.put(block.end_ns, payload)
+        self._ring.put(block.start_ns, block.end_ns, payload)
         if self._settings.raw == "on":
             self._send(RAW, payload)
 

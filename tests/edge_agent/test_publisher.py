@@ -216,17 +216,27 @@ def test_raw_samples_are_sent_unasked_only_where_settings_say_so(bus, tmp_path):
 def test_the_ring_is_bounded_in_time_and_in_bytes_and_survives_a_clock_set_back():
     ring = Ring(seconds=5.0, max_bytes=1000)
     for second in range(1, 30):
-        ring.put(second * 10**9, b"x" * 10)
+        ring.put((second - 1) * 10**9, second * 10**9, b"x" * 10)
     assert ring.size == 50
     assert len(ring.last(100.0)) == 5
     assert len(ring.last(2.0)) == 2
     for second in range(30, 34):
-        ring.put(second * 10**9, b"y" * 400)
+        ring.put((second - 1) * 10**9, second * 10**9, b"y" * 400)
     assert ring.size <= 1000
-    ring.put(10**9, b"z")
+    ring.put(0, 10**9, b"z")
     assert ring.last(100.0) == [b"z"]
-    ring.put(2 * 10**9, b"w" * 5000)
+    ring.put(10**9, 2 * 10**9, b"w" * 5000)
     assert ring.last(100.0) == [b"w" * 5000]
+
+
+def test_the_ring_counts_seconds_of_samples_whatever_lies_between_records():
+    ring = Ring(seconds=30.0, max_bytes=1000)
+    for day in range(5):
+        start_ns = day * 86_400 * 10**9
+        ring.put(start_ns, start_ns + 10 * 10**9, bytes([day]))
+    assert ring.last(1e12) == [b"\x02", b"\x03", b"\x04"]
+    assert ring.last(10.0) == [b"\x04"]
+    assert ring.last(10.5) == [b"\x03", b"\x04"]
 
 
 def test_a_bus_that_fails_and_a_full_disk_stop_nothing(bus, tmp_path, monkeypatch):
