@@ -17,6 +17,7 @@ from .listening import ORIGIN_NS as ORIGIN_NS
 from .listening import Sensor as Sensor
 from .listening import Simulated as Simulated
 from .listening import Temperature as Temperature
+from .modelled import SimulatedModel as SimulatedModel
 from .oscillator import SimulatedStructure as SimulatedStructure
 
 
@@ -26,7 +27,9 @@ def _kind(given: Any) -> Any:
 
 
 AnyStructure = Annotated[
-    Annotated[SimulatedStructure, Tag("oscillator")] | Annotated[SimulatedFrame, Tag("frame")],
+    Annotated[SimulatedStructure, Tag("oscillator")]
+    | Annotated[SimulatedFrame, Tag("frame")]
+    | Annotated[SimulatedModel, Tag("model")],
     Discriminator(_kind),
 ]
 """Whatever can be simulated, by its `kind`; an oscillator where none is given."""
@@ -40,5 +43,7 @@ def simulated_structure(fields: Mapping[str, Any]) -> Simulated:
     >>> simulated_structure({"kind": "frame", "sensors": ("floor3",)}).channels
     ('a_floor3',)
     """
-    adapter: TypeAdapter[SimulatedStructure | SimulatedFrame] = TypeAdapter(AnyStructure)
+    adapter: TypeAdapter[SimulatedStructure | SimulatedFrame | SimulatedModel] = TypeAdapter(
+        AnyStructure
+    )
     return adapter.validate_python(dict(fields))

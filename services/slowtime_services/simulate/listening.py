@@ -110,6 +110,11 @@ class Simulated(Frozen, abc.ABC):
     def channels(self) -> tuple[str, ...]:
         """Names of the accelerations that are measured."""
 
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Of each channel."""
+        return ("m/s^2",) * len(self.channels)
+
     @abc.abstractmethod
     def truth(self, epoch: int) -> dict[str, float]:
         """Tell what the simulator knows of an epoch, and a sensor does not."""
@@ -143,6 +148,11 @@ class Simulated(Frozen, abc.ABC):
         return self
 
     @property
+    def _noise_sd(self) -> float | Float[np.ndarray, " channel"]:
+        """Standard deviation of the noise of all channels, or of each."""
+        return self.sensor.noise * self.acceleration_rms
+
+    @property
     def samples(self) -> int:
         """Samples of one epoch."""
         return round(self.seconds * self.rate_hz)
@@ -152,8 +162,7 @@ class Simulated(Frozen, abc.ABC):
         seeds = self._seeds(number)[:4]
         shake, noise, spikes, dropouts = (np.random.default_rng(seed) for seed in seeds)
         signal = self._response(number, shake)
-        sigma = self.sensor.noise * self.acceleration_rms
-        signal = signal + sigma * noise.standard_normal(signal.shape)
+        signal = signal + self._noise_sd * noise.standard_normal(signal.shape)
         signal = self._add_spikes(signal, spikes).astype(self.sensor.dtype)
         return tuple(self._cut(number, signal, self._present(dropouts)))
 
@@ -222,7 +231,7 @@ class Simulated(Frozen, abc.ABC):
                     first_index=epoch * self.samples + start,
                     start_ns=self.start_ns + round(begins_s * 1e9),
                     channels=self.channels,
-                    units=("m/s^2",) * len(self.channels),
+                    units=self.units,
                     epoch=epoch,
                     slow_time=slow_time,
                     covariates={} if celsius is None else {"temperature_c": celsius},
