@@ -54,6 +54,10 @@ VERBS = {
         "simulating:simulate",
         "Write the vibration of a structure that ages, or of a model file.",
     ),
+    "diagnose": Verb(
+        "diagnosing:diagnose",
+        "Find what a model lacks, where and how much, from records of it.",
+    ),
     "evolve": Verb(
         "evolving:evolve", "Tell how stiffness and mass have changed, from frequencies."
     ),

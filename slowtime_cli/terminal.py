@@ -62,7 +62,7 @@ def until_signalled(duration_s: float = 0.0) -> Iterator[Stop]:
 @contextlib.contextmanager
 def counting(title: str) -> Iterator[Callable[[str], None]]:
     """Show a line that changes while work of unknown length goes on; nothing off a terminal."""
-    if not _shows_progress():
+    if not shows_progress():
         yield lambda _text: None
         return
     with ERR.status(f"{title} ...") as status:
@@ -74,7 +74,7 @@ def bar(title: str, total: float) -> Iterator[Callable[[float], None]]:
     """Show a progress bar; the function given sets how far it is. Nothing off a terminal."""
     columns = (TextColumn(title), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     with Progress(
-        *columns, console=ERR, transient=True, disable=not _shows_progress()
+        *columns, console=ERR, transient=True, disable=not shows_progress()
     ) as progress:
         task = progress.add_task(title, total=total)
         yield lambda done: progress.update(task, completed=done)
@@ -162,5 +162,6 @@ def _is_quiet() -> bool:
     return context is not None and bool(context.find_root().params.get("quiet"))
 
 
-def _shows_progress() -> bool:
+def shows_progress() -> bool:
+    """Whether progress is seen by a person who wants to."""
     return ERR.is_terminal and not _is_quiet()

@@ -2,6 +2,7 @@
 
 from typing import Any, ClassVar, Protocol
 
+from .diagnosis_file import DiagnosisFile
 from .model_file import ModelFile
 from .modes_file import ModesFile
 
@@ -18,6 +19,6 @@ class Versioned(Protocol):
 
 
 DOCUMENTS: dict[str, type[Versioned]] = {
-    document.MESSAGE: document for document in (ModelFile, ModesFile)
+    document.MESSAGE: document for document in (DiagnosisFile, ModelFile, ModesFile)
 }
 """Every such file by its name."""

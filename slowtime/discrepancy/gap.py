@@ -20,8 +20,6 @@ START = 0.2
 """Share of a record from which its initial state is taken."""
 POINTS = 400
 """Of spectra, for pictures."""
-MOST = 4000
-"""Samples of a trace, for pictures."""
 
 Series = Float[np.ndarray, "time sensor"]
 
@@ -111,9 +109,9 @@ def floor_of(trials: Sequence[Trial], noise: Noise) -> float:
 def traces_of(
     trials: Sequence[Trial], nominal: list[Series], refits: list[Series], last: list[Series]
 ) -> tuple[Traces, ...]:
-    """Beginnings of the records, measured and run."""
+    """Give records, measured and run."""
     return tuple(
-        Traces(t.times_s[:MOST], t.outputs[:MOST], a[:MOST], b[:MOST], c[:MOST])
+        Traces(t.times_s, t.outputs, a, b, c)
         for t, a, b, c in zip(trials, nominal, refits, last, strict=True)
     )
 

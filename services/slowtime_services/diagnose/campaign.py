@@ -1,0 +1,250 @@
+"""Records of any file in; the trials of a campaign, in the model's channels and units, out."""
+
+import dataclasses
+import itertools
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from slowtime.discrepancy.records import FEWEST, Campaign, Trial
+from slowtime.dynamics.description import Description, Input, Sensor
+from slowtime.dynamics.units import UNITS, Quantity
+from slowtime_services.files import Record, RecordError, read_record
+from slowtime_services.files.timeaxis import unit_scale
+from slowtime_services.replay import record_of
+
+from .roles import Roles, evaluate
+
+ABSOLUTE_S = 1e8
+"""Times beyond this are counted from 1970, not from the beginning of a campaign."""
+
+Series = Float[np.ndarray, " time"]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Source:
+    """One record, and the name by which people know it."""
+
+    name: str
+    record: Record
+
+
+def read_any(path: Path, rate_hz: float | None = None) -> Source:
+    """Read a record of any kind, a recording among them; what is no number is kept as NaN."""
+    if path.suffix.lower() == ".mcap":
+        record = record_of(path)
+        if rate_hz is not None:
+            record = dataclasses.replace(record, rate_hz=rate_hz)
+        return Source(path.name, record)
+    return Source(path.name, read_record(path, rate_hz=rate_hz, keep_missing=True))
+
+
+def campaign_of(
+    description: Description,
+    records: Sequence[Source],
+    holdout: Sequence[Source] = (),
+    roles: Roles | None = None,
+) -> tuple[Campaign, tuple[str, ...]]:
+    """Bring records into the channels and units of a model.
+
+    A record with missing samples, or in which an input is not finite for a while, becomes
+    several trials, none of which spans such a hole.
+
+    Parameters
+    ----------
+    roles
+        What to read for a channel of the model that the records call otherwise.
+
+    Returns
+    -------
+    The campaign, and what a person should know of how it was read.
+    """
+    roles = {} if roles is None else roles
+    _refuse_unknown(roles, description)
+    notes: list[str] = []
+    starts = _starts([*records, *holdout], notes)
+    taken = [
+        tuple(_trials(description, source, start, roles, notes))
+        for source, start in zip([*records, *holdout], starts, strict=True)
+    ]
+    learnt = tuple(itertools.chain.from_iterable(taken[: len(records)]))
+    _refuse_unheard(description, learnt, [source.record for source in records])
+    judged = tuple(itertools.chain.from_iterable(taken[len(records) :]))
+    campaign = Campaign(description=description, trials=learnt, holdout=judged)
+    return campaign, tuple(notes)
+
+
+def _refuse_unknown(roles: Roles, description: Description) -> None:
+    known = [entry.channel for entry in description.inputs]
+    known += [entry.channel for entry in description.sensors]
+    for channel in roles:
+        if channel not in known:
+            raise RecordError(
+                f"A role is given to {channel!r}, which is no channel of the model. It has: "
+                f"{', '.join(known)}."
+            )
+
+
+def _starts(sources: Sequence[Source], notes: list[str]) -> list[float]:
+    """Campaign time at which each record begins [s]; 0 where none says."""
+    told = [_start(source.record) for source in sources]
+    absolute = [start for start in told if start is not None and start > ABSOLUTE_S]
+    origin = min(absolute, default=0.0)
+    if absolute:
+        notes.append("Campaign time is counted from the beginning of the first record.")
+    undated = [s.name for s, start in zip(sources, told, strict=True) if start is None]
+    if undated and len(undated) < len(sources):
+        notes.append(
+            f"{', '.join(undated)} do not say when they begin: taken to begin at time 0."
+        )
+    return [0.0 if start is None else start - origin * (start > ABSOLUTE_S) for start in told]
+
+
+def _start(record: Record) -> float | None:
+    if record.start_ns is not None:
+        return record.start_ns * 1e-9
+    for name, clock in record.aux.items():
+        if np.shape(clock) == (len(record.samples),) and np.ndim(clock) == 1:
+            return float(clock[0]) * unit_scale(name, "", clock)[0]
+    return None
+
+
+def _trials(
+    description: Description, source: Source, start_s: float, roles: Roles, notes: list[str]
+) -> Iterator[Trial]:
+    """Cut one record at its holes."""
+    record = source.record
+    notes.extend(f"{source.name}: {text}" for text in record.notes)
+    count = len(record.samples)
+    driven = [_column(description, entry, source, roles, notes) for entry in description.inputs]
+    heard = [_heard(description, entry, source, roles, notes) for entry in description.sensors]
+    if not any(np.isfinite(column).any() for column, _ in heard):
+        raise _no_channel(source, description.sensors[0].channel, "sensors")
+    inputs = np.stack(driven, axis=1) if driven else np.zeros((count, 0))
+    outputs = np.stack([column for column, _ in heard], axis=1)
+    use = np.stack([np.full(count, there) for _, there in heard], axis=1)
+    known = np.asarray(np.isfinite(inputs).all(axis=1))
+    if not known.any():
+        name = next(
+            e.channel for e, c in zip(description.inputs, driven, strict=True)
+            if not np.isfinite(c).any()
+        )  # fmt: skip
+        raise RecordError(
+            f"{source.name}: input {name!r} is nowhere finite. What shakes the structure must "
+            "be measured; if it was not, take it out of the model's inputs."
+        )
+    pieces = list(_pieces(record, known))
+    kept = [piece for piece in pieces if piece[1] - piece[0] >= FEWEST]
+    if not kept:
+        longest = max(last - first for first, last, _ in pieces)
+        raise RecordError(
+            f"{source.name} has no {FEWEST} samples in a row: {longest} at most. Fewer tell "
+            "nothing of a structure; give a longer record, or one without holes."
+        )
+    if len(pieces) > 1:
+        lost = count - sum(last - first for first, last, _ in kept)
+        dropped = f"; {lost} samples between are left out" if lost else ""
+        notes.append(
+            f"{source.name} has holes in its clock or inputs: read as {len(kept)} records, "
+            f"each with a start of its own{dropped}."
+        )
+    for first, last, late in kept:
+        yield Trial(
+            inputs=inputs[first:last],
+            outputs=outputs[first:last],
+            rate_hz=record.rate_hz,
+            start_s=start_s + (first + late) / record.rate_hz,
+            use=use[first:last],
+        )
+
+
+def _pieces(record: Record, known: Bool[np.ndarray, " time"]) -> Iterator[tuple[int, int, int]]:
+    """First row, row after the last, and samples missing before, of parts without a hole."""
+    cuts = {gap.row: gap.missing for gap in record.gaps}
+    edges = np.flatnonzero(np.diff(known.astype(int))) + 1
+    rows = sorted({0, len(known), *cuts, *edges.tolist()})
+    for first, last in itertools.pairwise(rows):
+        late = sum(missing for row, missing in cuts.items() if row <= first)
+        if known[first]:
+            yield first, last, late
+
+
+def _heard(
+    description: Description, sensor: Sensor, source: Source, roles: Roles, notes: list[str]
+) -> tuple[Series, bool]:
+    """Read a sensor, and whether the record has it at all."""
+    if sensor.channel in roles or _find(sensor.channel, source.record) is not None:
+        return _column(description, sensor, source, roles, notes), True
+    notes.append(f"{source.name} has no channel {sensor.channel!r}; it is judged by the rest.")
+    return np.zeros(len(source.record.samples)), False
+
+
+def _column(
+    description: Description,
+    entry: Input | Sensor,
+    source: Source,
+    roles: Roles,
+    notes: list[str],
+) -> Series:
+    """Read a channel, in the model's unit."""
+    record = source.record
+    if entry.channel in roles:
+        return evaluate(roles[entry.channel], record, source.name)
+    column = _find(entry.channel, record)
+    if column is None:
+        raise _no_channel(source, entry.channel, "inputs")
+    samples = np.asarray(record.samples[:, column], dtype=float)
+    return samples * _between(description, entry, record.units[column], source.name, notes)
+
+
+def _find(channel: str, record: Record) -> int | None:
+    if channel in record.channels:
+        return record.channels.index(channel)
+    folded = [name.casefold() for name in record.channels]
+    alike = folded.count(channel.casefold()) == 1
+    return folded.index(channel.casefold()) if alike else None
+
+
+def _no_channel(source: Source, channel: str, kind: str) -> RecordError:
+    return RecordError(
+        f"{source.name} has no channel called {channel!r}, which is among the model's {kind}. "
+        f"It has: {', '.join(source.record.channels)}. Say which it is with "
+        f"--channel {channel}=NAME; if it was not measured, take it out of the model's {kind}."
+    )
+
+
+def _between(
+    description: Description, entry: Input | Sensor, unit: str, file: str, notes: list[str]
+) -> float:
+    """From the unit that a record gives a channel, where it does, to the model's."""
+    quantity: Quantity
+    if isinstance(entry, Sensor):
+        quantity = entry.quantity
+    else:
+        quantity = "force" if entry.kind == "force" else "acceleration"
+    if not unit or unit == entry.unit:
+        return 1.0
+    known = UNITS[description.unit_of_coordinate, quantity]
+    if unit not in known:
+        raise RecordError(
+            f"{file} has {entry.channel} in {unit}, the model in {entry.unit}: no such change "
+            f"is known. Allowed: {', '.join(known)}. Mend the one that is wrong, or give the "
+            f"role with --channel."
+        )
+    notes.append(f"{file}: {entry.channel} turned from {unit} into the model's {entry.unit}.")
+    return known[unit] / known[entry.unit]
+
+
+def _refuse_unheard(
+    description: Description, trials: Sequence[Trial], records: Sequence[Record]
+) -> None:
+    for i, sensor in enumerate(description.sensors):
+        if not any(trial.used[:, i].any() for trial in trials):
+            found = sorted({name for record in records for name in record.channels})
+            raise RecordError(
+                f"No record to learn from has finite samples of {sensor.channel!r}, which is "
+                f"among the model's sensors. There are: {', '.join(found)}. Say which it is "
+                f"with --channel {sensor.channel}=NAME; if it was not measured, take it out."
+            )

@@ -1,0 +1,173 @@
+"""A diagnosis in; the file that others script against out."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from slowtime.discrepancy.diagnosis import (
+    Diagnosis,
+    Experiment,
+    Gap,
+    Named,
+    Number,
+    Rival,
+    When,
+)
+from slowtime.dynamics.description import Description
+from slowtime.dynamics.effects import Place
+from slowtime_schemas import diagnosis_file as file
+from slowtime_schemas.diagnosis_file import DiagnosisFile
+
+HUGE = 1e300
+
+
+def document_of(
+    diagnosis: Diagnosis,
+    *,
+    records: Sequence[str] = (),
+    holdout: Sequence[str] = (),
+    notes: Sequence[str] = (),
+) -> DiagnosisFile:
+    """Write a diagnosis as the file that stands for it.
+
+    Parameters
+    ----------
+    records, holdout
+        Names of what was learnt from and judged by.
+    notes
+        What to add to the diagnosis' own.
+    """
+    experiment = diagnosis.experiment
+    return DiagnosisFile(
+        verdict=diagnosis.verdict,
+        sentence=diagnosis.sentence,
+        effects=tuple(_effect(named) for named in diagnosis.effects),
+        undecided=tuple(_rival(rival) for rival in diagnosis.undecided),
+        where=tuple(
+            file.SuspectPlace(
+                kind=s.place.kind, id=s.place.id, score=_finite(s.score),
+                p_value=_share(s.p_value), share=_finite(s.share),
+            )
+            for s in diagnosis.where
+        ),
+        when=_when(diagnosis.when),
+        gap=_gap(diagnosis.gap),
+        residual_white=bool(diagnosis.residual_white),
+        white_p_value=_share(diagnosis.white_p_value),
+        chi2_per_datum=_finite(diagnosis.chi2_per_datum),
+        nothing_probability=_share(diagnosis.nothing_probability),
+        experiment=experiment.sentence if experiment else None,
+        experiment_request=_request(experiment, diagnosis.nominal) if experiment else None,
+        moved=tuple(
+            file.MovedConstant(name=name, **_number(n).model_dump())
+            for name, n in diagnosis.moved.items()
+        ),
+        findings=tuple(
+            file.ChannelFinding(
+                fault=f.fault, channel=f.channel, share=_share(f.share), spans_s=f.spans_s,
+                sentence=f.sentence,
+            )
+            for f in diagnosis.findings
+        ),
+        notes=(*notes, *diagnosis.notes),
+        model=diagnosis.nominal.name,
+        records=tuple(records),
+        holdout=tuple(holdout),
+        seconds=diagnosis.seconds,
+    )  # fmt: skip
+
+
+def _effect(named: Named) -> file.FoundEffect:
+    return file.FoundEffect(
+        effect=named.effect.kind,
+        family=named.family,
+        where=_place(named.effect.place),
+        parameters=_parameters(named.effect.parameters, named.numbers),
+        probability=_share(named.probability),
+        alternatives=tuple(_rival(rival) for rival in named.rivals),
+        sentence=named.sentence,
+    )
+
+
+def _parameters(
+    chosen: Mapping[str, float], numbers: Mapping[str, Number]
+) -> dict[str, file.Estimated]:
+    """Give what was estimated; and what was chosen, as a side or a span is, with sd 0."""
+    plain = {
+        name: file.Estimated(value=value, sd=0.0)
+        for name, value in chosen.items()
+        if math.isfinite(value)
+    }
+    return plain | {name: _number(n) for name, n in numbers.items() if math.isfinite(n.value)}
+
+
+def _number(number: Number) -> file.Estimated:
+    return file.Estimated(value=number.value, sd=_finite(abs(number.sd)), unit=number.unit)
+
+
+def _rival(rival: Rival) -> file.Rival:
+    return file.Rival(
+        effect=rival.effect, where=_place(rival.place), probability=_share(rival.probability)
+    )
+
+
+def _place(place: Place) -> file.Where:
+    return file.Where(kind=place.kind, id=place.id)
+
+
+def _when(when: When) -> file.WhenSeen:
+    return file.WhenSeen(
+        times_s=when.times_s,
+        bands_hz=when.bands_hz,
+        amplitude=when.amplitude,
+        linear=when.linear,
+        steady=when.steady,
+    )
+
+
+def _gap(gap: Gap) -> file.GapShown:
+    return file.GapShown(
+        nominal=_finite(gap.nominal),
+        refitted_nominal=_finite(gap.refitted_nominal),
+        steps=tuple(
+            file.GapStep(effect=s.effect, where=_place(s.place), nrmse=_finite(s.nrmse))
+            for s in gap.steps
+        ),
+        augmented=_finite(gap.augmented),
+        noise_floor=_finite(gap.noise_floor),
+        worst_sensor=_finite(gap.worst),
+        on=gap.on,
+    )
+
+
+def _request(experiment: Experiment, model: Description) -> dict[str, Any]:
+    """Say an experiment for machines; what stays as it was is left out."""
+    request: dict[str, Any] = {}
+    if experiment.level != 1.0:
+        request["level_factor"] = experiment.level
+    if experiment.band_hz is not None:
+        request["band_hz"] = list(experiment.band_hz)
+    if experiment.excitation is not None:
+        request["excitation"] = experiment.excitation
+    if experiment.add_sensors:
+        unit = "m/s^2" if model.unit_of_coordinate == "m" else "rad/s^2"
+        request["add_sensors"] = [
+            {
+                "channel": f"a_{node}", "quantity": "acceleration", "node": node,
+                "frame": "absolute", "unit": unit,
+            }
+            for node in experiment.add_sensors
+        ]  # fmt: skip
+    if experiment.add_mass is not None:
+        node, mass = experiment.add_mass
+        request["add_mass"] = {"node": node, "mass_kg": mass}
+    return request
+
+
+def _finite(value: float) -> float:
+    """JSON has no infinity; what is not finite is beyond all bounds."""
+    return float(value) if math.isfinite(value) else HUGE
+
+
+def _share(value: float) -> float:
+    return min(max(float(value), 0.0), 1.0) if math.isfinite(value) else 0.0

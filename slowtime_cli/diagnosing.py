@@ -1,0 +1,174 @@
+"""The verb `diagnose`: a model and records in; what the model lacks, where and how much."""
+
+import contextlib
+import dataclasses
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import click
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+from slowtime.discrepancy.diagnose import diagnose as diagnosed
+from slowtime.discrepancy.diagnosis import Diagnosis
+from slowtime_schemas.diagnosis_file import DiagnosisFile, Where
+from slowtime_services.diagnose import (
+    campaign_of,
+    document_of,
+    read_any,
+    roles_of,
+    write_results,
+)
+from slowtime_services.effects import known
+from slowtime_services.models import read_description
+
+from .options import POSITIVE
+from .terminal import ERR, note, show, shows_progress
+
+IN = click.Path(exists=True, dir_okay=False, path_type=Path)
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  slowtime diagnose rig.yaml low.csv high.csv --holdout other.csv --out found
+  slowtime diagnose drive.yaml DATA_EMPS.mat --channel "force=gtau*vir" --channel x=qm
+"""
+)
+@click.argument("model", type=IN)
+@click.argument("records", nargs=-1, required=True, type=IN, metavar="RECORD...")
+@click.option(
+    "--holdout",
+    multiple=True,
+    type=IN,
+    metavar="RECORD",
+    help="Judge by this record, and learn nothing from it; may be repeated.  "
+    "[default: the last third of the others]",
+)
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, writable=True, path_type=Path),
+    default=Path("diagnosis"),
+    show_default=True,
+    help="Folder for report.html, report.json and augmented.yaml.",
+)
+@click.option("--quick", is_flag=True, help="Look for one effect, among fewer rivals.")
+@click.option(
+    "--effects",
+    multiple=True,
+    type=IN,
+    metavar="FILE",
+    help="Python file that holds effects of your own; may be repeated.",
+)
+@click.option(
+    "--channel",
+    "channels",
+    multiple=True,
+    metavar="NAME=WHAT",
+    help="What the records call a channel of the model, or how to make it of their columns and "
+    "single numbers with + - * /: force=gtau*vir; may be repeated.",
+)
+@click.option(
+    "--rate-hz", type=POSITIVE, help="Samples per second, where the files do not say."
+)
+def diagnose(
+    model: Path,
+    records: tuple[Path, ...],
+    holdout: tuple[Path, ...],
+    out: Path,
+    quick: bool,
+    effects: tuple[Path, ...],
+    channels: tuple[str, ...],
+    rate_hz: float | None,
+) -> None:
+    """Find what a model lacks, where and how much, from records of it.
+
+    The model's constants are refitted first, so that plain retuning is never called a
+    discovery. Records carry the channels of the model by name, in one clock; each may be
+    MCAP, text with a header, .npz with t or rate_hz, or MATLAB.
+    """
+    kinds = known(effects)
+    description = read_description(model, kinds)
+    if not description.sensors:
+        raise click.UsageError(
+            f"{model.name} lists no sensors. Say under `sensors` which channel hears what."
+        )
+    campaign, notes = campaign_of(
+        description,
+        [read_any(path, rate_hz) for path in records],
+        [read_any(path, rate_hz) for path in holdout],
+        roles_of(channels),
+    )
+    for text in notes:
+        note(text)
+    begun = time.monotonic()
+    with _stages() as progress:
+        found = diagnosed(campaign, kinds=kinds, quick=quick, progress=progress)
+    found = dataclasses.replace(found, seconds=time.monotonic() - begun)
+    document = document_of(
+        found,
+        records=[path.name for path in records],
+        holdout=[path.name for path in holdout],
+        notes=notes,
+    )
+    write_results(out, found, document)
+    _tell(found, document, out)
+
+
+@contextlib.contextmanager
+def _stages() -> Iterator[Callable[[str, float], None]]:
+    """Show a bar with the stage in words; nothing off a terminal."""
+    words = TextColumn("{task.description}")
+    columns = (words, BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    with Progress(
+        *columns, console=ERR, transient=True, disable=not shows_progress()
+    ) as progress:
+        task = progress.add_task("reading", total=1.0)
+        yield lambda stage, share: progress.update(task, description=stage, completed=share)
+
+
+def _tell(found: Diagnosis, document: DiagnosisFile, out: Path) -> None:
+    """Say it: the sentence, the effects with their numbers, the gap, where the files are."""
+    click.echo(f"{document.verdict.replace('_', ' ')}: {document.sentence}")
+    rows, plain = [], []
+    for effect in document.effects:
+        numbers = {
+            name: f"{n.value:.4g} ± {n.sd:.2g} {n.unit}".rstrip()
+            for name, n in effect.parameters.items()
+            if n.sd > 0
+        }
+        told = ", ".join(f"{name} {text}" for name, text in numbers.items())
+        rows.append((effect.effect, _at(effect.where), told, f"{effect.probability:.3f}"))
+        plain.append(
+            {
+                "effect": effect.effect,
+                "where": _at(effect.where),
+                "parameters": told,
+                "probability": effect.probability,
+            }
+        )
+    if rows:
+        show("", ("effect", "where", "parameters", "probability"), rows, plain=plain)
+    steps = _steps(document)
+    judged = "what was held out" if document.gap.on == "holdout" else "the last third"
+    show(
+        f"Error of the free run on {judged}",
+        ("model", "error [%]"),
+        [(name, f"{100 * value:.2f}") for name, value in steps],
+        plain=[{"model": name, "nrmse": value} for name, value in steps],
+    )
+    click.echo(f"{out}: {found.seconds:.1f} s")
+
+
+def _steps(document: DiagnosisFile) -> list[tuple[str, float]]:
+    gap = document.gap
+    return [
+        ("as given", gap.nominal),
+        ("refitted", gap.refitted_nominal),
+        *((f"with {s.effect} at {_at(s.where)}", s.nrmse) for s in gap.steps),
+        ("noise floor", gap.noise_floor),
+    ]
+
+
+def _at(where: Where) -> str:
+    return "base" if where.kind == "base" else f"{where.kind} {where.id}"
