@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -62,6 +62,7 @@ MOST = 3
 Progress = Callable[[str, float], None]
 
 
+@runtime_checkable
 class Stop(Protocol):
     """What tells that somebody wants it to end, such as `threading.Event`."""
 
