@@ -9,13 +9,16 @@ from slowtime.discrepancy.diagnosis import Diagnosis
 from slowtime_schemas.diagnosis_file import DiagnosisFile
 from slowtime_services.models import model_text
 
+from .page import write_report
+
 REPORT, AUGMENTED, HOLDOUT = "report.json", "augmented.yaml", "holdout.npz"
+PAGE = "report.html"
 
 
 def write_results(out: Path, diagnosis: Diagnosis, document: DiagnosisFile) -> None:
-    """Write ``report.json``, ``augmented.yaml`` and ``holdout.npz``; what is there is replaced.
+    """Write ``report.html``, ``report.json``, ``augmented.yaml`` and ``holdout.npz``.
 
-    The last is there only where a record was held out.
+    What is there is replaced. The last is written only where a record was held out.
     """
     out.mkdir(parents=True, exist_ok=True)
     text = json.dumps(document.plain(), indent=1, allow_nan=False, ensure_ascii=False)
@@ -24,6 +27,7 @@ def write_results(out: Path, diagnosis: Diagnosis, document: DiagnosisFile) -> N
     (out / AUGMENTED).write_text(
         f"# {document.verdict}\n{words}\n{model_text(diagnosis.augmented)}", encoding="utf-8"
     )
+    write_report(out / PAGE, diagnosis, document)
     if diagnosis.gap.on == "holdout":
         write_runs(out / HOLDOUT, diagnosis)
     else:

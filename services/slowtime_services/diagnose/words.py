@@ -1,0 +1,56 @@
+"""Words that report, page and terminal share."""
+
+from slowtime_schemas.diagnosis_file import Estimated
+
+VERDICTS = {
+    "missing_effect": "The model lacks an effect",
+    "nothing_missing": "Nothing is missing",
+    "parameters_only": "Only constants are off",
+    "sensor_fault": "A sensor is at fault",
+    "input_fault": "An input is at fault",
+    "undecided": "These records cannot decide",
+    "unknown_effect": "Something is missing that is not known here",
+}
+
+
+def named(effect: str) -> str:
+    """Name an effect as a person reads it.
+
+    Examples
+    --------
+    >>> named("gap_one_sided")
+    'gap one sided'
+    """
+    return effect.replace("_", " ")
+
+
+def placed(kind: str, name: str) -> str:
+    """Name a place.
+
+    Examples
+    --------
+    >>> placed("element", "j1"), placed("base", "base")
+    ('element j1', 'the base')
+    """
+    return "the base" if kind == "base" else f"{kind} {name}"
+
+
+def number(estimated: Estimated) -> str:
+    """Write a number with its standard deviation, to the digits that this leaves.
+
+    Examples
+    --------
+    >>> number(Estimated(value=20.388, sd=0.14, unit="N"))
+    '20.39 ± 0.14 N'
+    >>> number(Estimated(value=1.0, sd=0.0))
+    '1'
+    """
+    if estimated.sd == 0:
+        return f"{estimated.value:.6g} {estimated.unit}".rstrip()
+    digits = f"{estimated.sd:.1e}"
+    places = 1 - int(digits.partition("e")[2])
+    if abs(estimated.value) < 1e5 and 0 <= places <= 6:
+        text = f"{estimated.value:.{places}f} ± {estimated.sd:.{places}f}"
+    else:
+        text = f"{estimated.value:.5g} ± {estimated.sd:.2g}"
+    return f"{text} {estimated.unit}".rstrip()
