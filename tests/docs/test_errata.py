@@ -74,7 +74,7 @@ def test_e01_only_the_bracketed_cost_has_the_optimal_estimator_as_its_minimum():
 
     right = minimize(cost, mean, args=(0.5,)).x
     printed = minimize(cost, mean, args=(1.0,)).x
-    estimate = kalman.update(kalman.Gaussian(mean, p), z, h, r)[0].mean
+    estimate = kalman.update(kalman.Gaussian.of(mean, p), z, h, r).mean
     np.testing.assert_allclose(estimate, right, atol=1e-5)
     assert np.abs(estimate - printed).max() > 0.1
 
@@ -85,7 +85,7 @@ def test_e02_the_covariance_needs_the_identity_matrix_not_the_number_one():
     p = np.diag([1.0, 2.0, 0.5])
     batch = np.linalg.inv(np.linalg.inv(p) + h.T @ np.linalg.solve(r, h))
     gain = p @ h.T @ np.linalg.inv(h @ p @ h.T + r)
-    updated = kalman.update(kalman.Gaussian(np.zeros(3), p), np.zeros(2), h, r)[0]
+    updated = kalman.update(kalman.Gaussian.of(np.zeros(3), p), np.zeros(2), h, r)
     np.testing.assert_allclose(updated.covariance, batch, atol=1e-14)
     assert np.abs((1 - gain @ h) @ p - batch).max() > 0.1
 
