@@ -12,9 +12,9 @@ right eigenvectors :math:`\chi, \psi` of A and the observability matrix :math:`\
           y = V S^{-1} \psi, \quad
           x^H = \chi^H \Gamma_\uparrow^+ (S_\downarrow - \mu S_\uparrow) (I - U U^H)
 
-is the error of a pole, and since H is a Hankel matrix, :math:`x^H \delta H y` is a sum over
-lags of the errors of the correlations, with weights that are the convolution of x and y. Each
-draw of :class:`Correlations` then costs one inner product per pole.
+is the error of a pole. :math:`\delta H V S^{-1}` is computed once for each draw of
+:class:`Correlations`; every order takes its leading columns, and a pole or a component of its
+shape then costs one inner product per draw.
 
 Everything holds for real series and for complex ones (a band moved to zero frequency) alike.
 """
@@ -143,9 +143,13 @@ def identify(
     u, s, vh = scipy.linalg.svd(future.left @ hankel @ past.left, full_matrices=False)
     largest = min(largest, int(np.count_nonzero(s > 1e-13 * s[0])))
     gamma = future.inverse @ u[:, :largest]
-    subspace = _Subspace(u, s, vh, gamma, future, past, channels, correlations.rate_hz)
+    reached = past.left @ (vh[:largest].conj().T / s[:largest])
+    errors = np.stack([future.left @ (_hankel(draw, block_rows) @ reached) for draw in draws])
+    subspace = _Subspace(
+        u[:, :largest], gamma, errors, future.inverse, channels, correlations.rate_hz
+    )
     parts = [
-        _of_order(subspace, n, draws, correlations.centre_hz, shapes)
+        _of_order(subspace, n, correlations.centre_hz, shapes)
         for n in sorted({n for n in orders if n <= largest})
     ]
     return _joined(parts, correlations.duration_s)
@@ -159,14 +163,20 @@ class _Whitening:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class _Subspace:
-    """Singular triplets of the weighted Hankel matrix and the observability matrix."""
+    """Left singular vectors of the weighted Hankel matrix, and what its draws move them by.
+
+    Parameters
+    ----------
+    errors
+        Each draw of the weighted matrix times right singular vectors over singular values.
+    unweighted
+        From the weighted future to the future.
+    """
 
     u: np.ndarray
-    s: np.ndarray
-    vh: np.ndarray
     gamma: np.ndarray
-    future: _Whitening
-    past: _Whitening
+    errors: np.ndarray
+    unweighted: np.ndarray
     channels: int
     rate_hz: float
 
@@ -228,9 +238,7 @@ def _root(covariance: np.ndarray | None, size: int, dtype: np.dtype) -> _Whiteni
 _Part = tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]
 
 
-def _of_order(
-    subspace: _Subspace, n: int, draws: np.ndarray, centre_hz: float, shapes: bool
-) -> _Part:
+def _of_order(subspace: _Subspace, n: int, centre_hz: float, shapes: bool) -> _Part:
     """Poles of positive frequency of one order, with what the draws move them by."""
     channels, rate = subspace.channels, subspace.rate_hz
     gamma = subspace.gamma[:, :n]
@@ -243,42 +251,61 @@ def _of_order(
     pole += 2j * np.pi * centre_hz
     keep &= pole.imag > 0
     at = np.flatnonzero(keep)
-    reached = subspace.past.left @ (subspace.vh[:n].conj().T / subspace.s[:n]) @ right[:, at]
     # Row functionals on the error of the observability matrix, one for each eigenvector m.
     down, up = np.zeros((2, len(observed), len(gamma)), dtype=complex)
     down[:, channels:], up[:, :-channels] = observed, observed
     own = down[at] - eigenvalue[at, None] * up[at]
-    moved = _functionals(subspace, n, own, reached, draws)
     shape = gamma[:channels] @ right
-    size = np.linalg.norm(shape[:, at], axis=0)
-    moves = None
+    rows = own[:, None]
     if shapes:
-        moves = np.empty((len(draws), channels, len(at)), dtype=complex)
-        for k, m in enumerate(at):
-            gap = eigenvalue[m] - eigenvalue
-            share = np.where(np.arange(len(gap)) == m, 0.0, 1.0 / np.where(gap == 0, 1.0, gap))
-            rows = np.eye(channels, len(gamma), dtype=complex)
-            rows += (shape * share) @ (down - eigenvalue[m] * up)
-            y = np.repeat(reached[:, k : k + 1], channels, axis=1)
-            moves[:, :, k] = _functionals(subspace, n, rows, y, draws) / size[k]
+        gap = eigenvalue[at, None] - eigenvalue
+        share = np.where(gap == 0, 0.0, 1.0 / np.where(gap == 0, 1.0, gap))
+        mixed = shape * share[:, None]
+        others = _times(mixed, down) - eigenvalue[at, None, None] * _times(mixed, up)
+        rows = np.concatenate([rows, others + np.eye(channels, len(gamma))], axis=1)
+    moved = _functionals(subspace, n, rows, right[:, at])
+    size = np.linalg.norm(shape[:, at], axis=0)
     derivative = rate / eigenvalue[at]
-    return n, pole[at], shape[:, at] / size, moved * derivative, moves
+    moves = moved[:, 1:] / size if shapes else None
+    return n, pole[at], shape[:, at] / size, moved[:, 0] * derivative, moves
 
 
 def _functionals(
-    subspace: _Subspace, n: int, rows: np.ndarray, y: np.ndarray, draws: np.ndarray
+    subspace: _Subspace, n: int, rows: np.ndarray, right: np.ndarray
 ) -> np.ndarray:
-    """Rows times the error of the observability matrix times its eigenvector, per draw."""
+    """Rows times the error of the observability matrix times an eigenvector.
+
+    Parameters
+    ----------
+    rows
+        Of each eigenvector, ["eigenvector row time_and_channel"].
+    right
+        Eigenvectors as columns.
+
+    Returns
+    -------
+    np.ndarray
+        ["draw row eigenvector"].
+    """
     u = subspace.u[:, :n]
-    x = rows @ subspace.future.inverse
-    x = (x - (x @ u) @ u.conj().T) @ subspace.future.left
-    channels, references = draws.shape[2:]
-    x = x.reshape(len(x), -1, channels)
-    y = y.T.reshape(len(x), -1, references)
-    weights = np.zeros((len(x), draws.shape[1], channels, references), dtype=complex)
-    for i in range(x.shape[1]):
-        weights[:, i : i + y.shape[1]] += x[:, i, None, :, None] * y[:, :, None, :]
-    return draws.reshape(len(draws), -1) @ weights.reshape(len(x), -1).T
+    x = _times(rows, subspace.unweighted)
+    x = x - _times(_times(x, u), u.conj().T)
+    moved = _times(subspace.errors[:, :, :n], right)
+    moves = x @ np.ascontiguousarray(moved.transpose(2, 1, 0))
+    return np.asarray(moves.transpose(2, 1, 0))
+
+
+def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Product of a stack of matrices and a matrix, a real one of them left real."""
+    flat = np.ascontiguousarray(a).reshape(-1, a.shape[-1])
+    if np.iscomplexobj(b) and not np.iscomplexobj(a):
+        made = (flat @ np.ascontiguousarray(b).view(float)).view(complex)
+    elif np.iscomplexobj(a) and not np.iscomplexobj(b):
+        parts = np.concatenate([flat.real, flat.imag]) @ b
+        made = parts[: len(flat)] + 1j * parts[len(flat) :]
+    else:
+        made = flat @ b
+    return np.asarray(made.reshape(*a.shape[:-1], b.shape[-1]))
 
 
 def _joined(parts: list[_Part], duration_s: float) -> Poles:
