@@ -10,6 +10,7 @@ result has the shape of those parameters in front, and a whole family is filtere
 """
 
 import dataclasses
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -18,6 +19,20 @@ from . import kernels
 
 Parameter = float | Float[np.ndarray, " family"]
 PerMember = Float[np.ndarray, "*family"] | np.float64
+
+
+@runtime_checkable
+class Moving(Protocol):
+    """What a process must be able to do to be foretold."""
+
+    @property
+    def observation(self) -> np.ndarray:
+        """What of the state is the process."""
+        ...
+
+    def advance(self, step: Float[np.ndarray, " time"]) -> tuple[np.ndarray, np.ndarray]:
+        """Transition and process noise over each of the time steps, first axis."""
+        ...
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -253,7 +268,7 @@ def log_likelihood(
 
 
 def predict(
-    process: SlowProcess, belief: Belief, times: Float[np.ndarray, " later"]
+    process: Moving, belief: Belief, times: Float[np.ndarray, " later"]
 ) -> tuple[Float[np.ndarray, "*family later"], Float[np.ndarray, "*family later"]]:
     """Mean and standard deviation of the process at future times, without noise of readings."""
     move, noise = process.advance(times - belief.time)

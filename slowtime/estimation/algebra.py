@@ -1,0 +1,288 @@
+r"""Gaussian processes over time as small linear systems: an algebra of kernels, exact.
+
+A stationary process of covariance :math:`k(\tau)` is seen through a state that moves by
+:math:`A(\tau)` and keeps the covariance S, :math:`k(\tau) = h A(|\tau|) S h^T` (Hartikainen and
+Särkkä, 2010). Sums of processes are states side by side, products are Kronecker products
+(Solin and Särkkä, 2014). Every process also gives the slopes of A and S to the logarithms of
+its parameters. Parameters may be arrays, one entry per member of a family.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+Slopes = list[np.ndarray]
+"""Of a matrix, to the logarithm of each free parameter."""
+
+
+class Process:
+    """What all processes do. `p + q` and `p * q` are sum and product.
+
+    Examples
+    --------
+    >>> from .processes import Matern, Periodic
+    >>> wave = Periodic(period=7.0, length=0.8, sd=0.3, harmonics=3)
+    >>> weather = Matern(length=20.0, sd=1.0) + wave * Matern(length=50.0, sd=1.0)
+    >>> weather.size, weather.free
+    (16, ('length', 'sd', 'period', 'length', 'sd', 'length', 'sd'))
+    """
+
+    stationary = True
+
+    @property
+    def size(self) -> int:
+        """How many numbers the state has."""
+        return len(self.observation)
+
+    @property
+    def observation(self) -> Float[np.ndarray, " state"]:
+        """What of the state is the process."""
+        raise NotImplementedError
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Names of the parameters that may be learnt, in order."""
+        raise NotImplementedError
+
+    @property
+    def logs(self) -> Float[np.ndarray, "*family parameter"]:
+        """Their logarithms."""
+        raise NotImplementedError
+
+    def at(self, logs: Float[np.ndarray, "*family parameter"]) -> "Process":
+        """Give the same kind of process with other parameters."""
+        raise NotImplementedError
+
+    def spread(self) -> tuple[np.ndarray, Slopes]:
+        """Covariance of the state before any reading, and its slopes."""
+        raise NotImplementedError
+
+    def moves(self, step: Float[np.ndarray, " time"]) -> tuple[np.ndarray, Slopes]:
+        """Transitions over time steps, first axis, and their slopes."""
+        raise NotImplementedError
+
+    def noises(
+        self, step: Float[np.ndarray, " time"], move: np.ndarray, slopes: Slopes
+    ) -> tuple[np.ndarray, Slopes]:
+        """Process noise over the same steps, and its slopes."""
+        own, own_slopes = self.spread()
+        turned = np.swapaxes(move, -1, -2)
+        noise = own - move @ own @ turned
+        found = []
+        for of_own, of_move in zip(own_slopes, slopes, strict=True):
+            half = of_move @ own @ turned
+            found.append(of_own - move @ of_own @ turned - half - np.swapaxes(half, -1, -2))
+        return noise, found
+
+    def advance(self, step: Float[np.ndarray, " time"]) -> tuple[np.ndarray, np.ndarray]:
+        """Transition and process noise over each of the time steps, first axis."""
+        _check_ascending(step)
+        move, slopes = self.moves(step)
+        return move, self.noises(step, move, slopes)[0]
+
+    def covariance(self, apart: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
+        """Covariance of a stationary process with itself so far apart in time; one member."""
+        if not self.stationary:
+            raise ValueError("A trend has no covariance that hangs on the distance alone.")
+        seen = self.observation
+        move = self.moves(np.abs(apart).ravel())[0]
+        return np.asarray((seen @ move @ self.spread()[0] @ seen).reshape(apart.shape))
+
+    def __add__(self, other: "Process") -> "Sum":
+        return Sum((*_terms(self), *_terms(other)))
+
+    def __mul__(self, other: "Process") -> "Product":
+        return Product(self, other)
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Leaf(Process):
+    """A process with parameters of its own; those in `fixed` are not learnt."""
+
+    fixed: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in self._names:
+            value = np.asarray(getattr(self, name))
+            if not (np.all(value > 0.0) and np.all(np.isfinite(value))):
+                raise ValueError(
+                    f"{type(self).__name__}: {name}={getattr(self, name)} is not positive. "
+                    "Give a finite number above 0; leave the process out of the sum if it "
+                    "plays no part."
+                )
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        raise NotImplementedError
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """See `Process`."""
+        return tuple(name for name in self._names if name not in self.fixed)
+
+    @property
+    def logs(self) -> np.ndarray:
+        """See `Process`."""
+        values = [np.log(np.asarray(getattr(self, name))) for name in self.free]
+        return np.stack(np.broadcast_arrays(*values), -1) if values else np.zeros(0)
+
+    def at(self, logs: np.ndarray) -> "Process":
+        """See `Process`."""
+        values = np.exp(np.moveaxis(logs, -1, 0))
+        return dataclasses.replace(self, **dict(zip(self.free, values, strict=True)))
+
+    def _chosen(self, slopes: dict[str, np.ndarray], like: np.ndarray) -> Slopes:
+        return [slopes.get(name, np.zeros_like(like)) for name in self.free]
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Sum(Process):
+    """Processes added up, independent of each other."""
+
+    terms: tuple[Process, ...]
+
+    @property
+    def stationary(self) -> bool:  # type: ignore[override]
+        """See `Process`."""
+        return all(term.stationary for term in self.terms)
+
+    @property
+    def observation(self) -> np.ndarray:
+        """See `Process`."""
+        return np.concatenate([term.observation for term in self.terms])
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """See `Process`."""
+        return tuple(name for term in self.terms for name in term.free)
+
+    @property
+    def logs(self) -> np.ndarray:
+        """See `Process`."""
+        return _joined([term.logs for term in self.terms])
+
+    def at(self, logs: np.ndarray) -> "Process":
+        """See `Process`."""
+        return dataclasses.replace(self, terms=_split(self.terms, logs))
+
+    def part(self, number: int) -> Float[np.ndarray, " state"]:
+        """Tell what of the state is the term of this number alone."""
+        seen = [term.observation * (i == number) for i, term in enumerate(self.terms)]
+        return np.concatenate(seen)
+
+    def spread(self) -> tuple[np.ndarray, Slopes]:
+        """See `Process`."""
+        return _blocks([term.spread() for term in self.terms])
+
+    def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
+        """See `Process`."""
+        return _blocks([term.moves(step) for term in self.terms])
+
+    def noises(
+        self, step: np.ndarray, move: np.ndarray, slopes: Slopes
+    ) -> tuple[np.ndarray, Slopes]:
+        """See `Process`."""
+        return _blocks([term.noises(step, *term.moves(step)) for term in self.terms])
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Product(Process):
+    """Two stationary processes multiplied: a wave that forgets, a memory that sways.
+
+    Of the two standard deviations only the product is seen: fix one of them to learn the other.
+    """
+
+    first: Process
+    second: Process
+
+    def __post_init__(self) -> None:
+        if not (self.first.stationary and self.second.stationary):
+            raise ValueError(
+                "A product with a trend is no process of this kind. Multiply stationary "
+                "processes, and add the trend."
+            )
+
+    @property
+    def observation(self) -> np.ndarray:
+        """See `Process`."""
+        return np.kron(self.first.observation, self.second.observation)
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """See `Process`."""
+        return (*self.first.free, *self.second.free)
+
+    @property
+    def logs(self) -> np.ndarray:
+        """See `Process`."""
+        return _joined([self.first.logs, self.second.logs])
+
+    def at(self, logs: np.ndarray) -> "Process":
+        """See `Process`."""
+        first, second = _split((self.first, self.second), logs)
+        return dataclasses.replace(self, first=first, second=second)
+
+    def spread(self) -> tuple[np.ndarray, Slopes]:
+        """See `Process`."""
+        return _kron(self.first.spread(), self.second.spread())
+
+    def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
+        """See `Process`."""
+        return _kron(self.first.moves(step), self.second.moves(step))
+
+
+def _terms(process: Process) -> tuple[Process, ...]:
+    return process.terms if isinstance(process, Sum) else (process,)
+
+
+def _check_ascending(step: np.ndarray) -> None:
+    if step.size and not step.min() >= 0.0:
+        raise ValueError(
+            f"The time goes back by {-step.min():g}. Give readings in ascending order of "
+            "time; equal times are allowed."
+        )
+
+
+def _joined(logs: Sequence[np.ndarray]) -> np.ndarray:
+    family = np.broadcast_shapes(*(each.shape[:-1] for each in logs))
+    return np.concatenate([np.broadcast_to(e, (*family, e.shape[-1])) for e in logs], -1)
+
+
+def _split(terms: Sequence[Process], logs: np.ndarray) -> tuple[Process, ...]:
+    ends = np.cumsum([len(term.free) for term in terms])
+    parts = np.split(logs, ends[:-1], axis=-1)
+    return tuple(
+        term.at(part) if term.free else term for term, part in zip(terms, parts, strict=True)
+    )
+
+
+def _blocks(parts: Sequence[tuple[np.ndarray, Slopes]]) -> tuple[np.ndarray, Slopes]:
+    batch = np.broadcast_shapes(*(matrix.shape[:-2] for matrix, _ in parts))
+    size = sum(matrix.shape[-1] for matrix, _ in parts)
+    whole, slopes, at = np.zeros((*batch, size, size)), [], 0
+    for matrix, own in parts:
+        place = np.s_[..., at : at + matrix.shape[-1], at : at + matrix.shape[-1]]
+        whole[place] = matrix
+        for each in own:
+            slope = np.zeros_like(whole)
+            slope[place] = each
+            slopes.append(slope)
+        at += matrix.shape[-1]
+    return whole, slopes
+
+
+def _kron(
+    first: tuple[np.ndarray, Slopes], second: tuple[np.ndarray, Slopes]
+) -> tuple[np.ndarray, Slopes]:
+    slopes = [_times(each, second[0]) for each in first[1]]
+    slopes += [_times(first[0], each) for each in second[1]]
+    return _times(first[0], second[0]), slopes
+
+
+def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Kronecker product of the last two axes."""
+    both = a[..., :, None, :, None] * b[..., None, :, None, :]
+    size = a.shape[-1] * b.shape[-1]
+    return np.asarray(both.reshape(*both.shape[:-4], size, size))

@@ -1,0 +1,282 @@
+r"""Members of the algebra of processes: Matérn, level, trend, wave, repeating function."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import ive
+
+from . import kernels
+from .algebra import Leaf, Process, Product, Slopes, Sum
+
+__all__ = [
+    "Constant",
+    "Cosine",
+    "Matern",
+    "Periodic",
+    "Process",
+    "Product",
+    "Sum",
+    "Trend",
+    "quasi_periodic",
+]
+
+Parameter = float | Float[np.ndarray, "*family"]
+
+_LEFT_OUT = 1e-12
+"""Share of the variance of a periodic process in the harmonics that are left out."""
+
+_GENERATORS = {
+    0.5: np.array([[-1.0]]),
+    1.5: np.array([[0.0, 1.0], [-1.0, -2.0]]),
+    2.5: np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, -3.0, -3.0]]),
+}
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Matern(Leaf):
+    """Matérn process of `smoothness` 0.5, 1.5 or 2.5, length scale and standard deviation."""
+
+    smoothness: float = 1.5
+    length: Parameter
+    sd: Parameter
+
+    def __post_init__(self) -> None:
+        if self.smoothness not in kernels.SMOOTHNESSES:
+            raise ValueError(
+                f"smoothness={self.smoothness} is none of 0.5, 1.5, 2.5. Give 1.5 when unsure."
+            )
+        Leaf.__post_init__(self)
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return ("length", "sd")
+
+    @property
+    def observation(self) -> np.ndarray:
+        """See `Process`."""
+        return np.asarray(np.eye(len(_GENERATORS[self.smoothness]))[0])
+
+    def spread(self) -> tuple[np.ndarray, Slopes]:
+        """See `Process`."""
+        own = _each(self.sd) ** 2 * kernels.stationary(self.smoothness)
+        return own, self._chosen({"sd": 2.0 * own}, own)
+
+    def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
+        """See `Process`."""
+        scaled = _apart(step, self.length, self.sd) * kernels.rate(self.smoothness, self.length)
+        move = kernels.matern_transition(self.smoothness, scaled)
+        slope = -scaled[..., None, None] * (_GENERATORS[self.smoothness] @ move)
+        return move, self._chosen({"length": slope}, move)
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Constant(Leaf):
+    """A level that stays, known to a standard deviation."""
+
+    sd: Parameter
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return ("sd",)
+
+    @property
+    def observation(self) -> np.ndarray:
+        """See `Process`."""
+        return np.ones(1)
+
+    def spread(self) -> tuple[np.ndarray, Slopes]:
+        """See `Process`."""
+        own = _each(self.sd) ** 2 * np.ones((1, 1))
+        return own, self._chosen({"sd": 2.0 * own}, own)
+
+    def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
+        """See `Process`."""
+        move = np.ones((*_apart(step, self.sd).shape, 1, 1))
+        return move, self._chosen({}, move)
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Trend(Leaf):
+    """A level and a slope, both unknown at the first reading; the slope may wander.
+
+    Parameters
+    ----------
+    level_sd, slope_sd
+        At the first reading; not learnt.
+    drift
+        Standard deviation of the change of the slope over one unit of time; 0 for straight.
+    """
+
+    level_sd: Parameter
+    slope_sd: Parameter
+    drift: Parameter = 0.0
+
+    stationary = False
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return ("drift",) if np.any(np.asarray(self.drift) != 0.0) else ()
+
+    @property
+    def observation(self) -> np.ndarray:
+        """See `Process`."""
+        return np.array([1.0, 0.0])
+
+    def spread(self) -> tuple[np.ndarray, Slopes]:
+        """See `Process`."""
+        level, slope, drift = np.broadcast_arrays(self.level_sd, self.slope_sd, self.drift)
+        own = np.zeros((*drift.shape, 2, 2))
+        own[..., 0, 0], own[..., 1, 1] = level**2, slope**2
+        return own, self._chosen({}, own)
+
+    def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
+        """See `Process`."""
+        apart = _apart(step, self.drift)
+        apart = np.broadcast_to(apart, (len(step), *np.shape(self.drift)))
+        move = np.zeros((*apart.shape, 2, 2))
+        move[..., 0, 0] = move[..., 1, 1] = 1.0
+        move[..., 0, 1] = apart
+        return move, self._chosen({}, move)
+
+    def noises(
+        self, step: np.ndarray, move: np.ndarray, slopes: Slopes
+    ) -> tuple[np.ndarray, Slopes]:
+        """See `Process`."""
+        noise = _each(self.drift) ** 2 * kernels.trend_noise(move[..., 0, 1])
+        return noise, self._chosen({"drift": 2.0 * noise}, noise)
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Cosine(Leaf):
+    r"""A wave of unknown phase and size, :math:`\sigma^2 \cos(2 \pi \tau / p)`."""
+
+    period: Parameter
+    sd: Parameter
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return ("period", "sd")
+
+    @property
+    def observation(self) -> np.ndarray:
+        """See `Process`."""
+        return np.array([1.0, 0.0])
+
+    def spread(self) -> tuple[np.ndarray, Slopes]:
+        """See `Process`."""
+        own = _each(self.sd) ** 2 * np.eye(2)
+        return own, self._chosen({"sd": 2.0 * own}, own)
+
+    def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
+        """See `Process`."""
+        angle = 2.0 * np.pi * _apart(step, self.period, self.sd) / self.period
+        move, slope = _turn(angle)
+        return move, self._chosen({"period": slope}, move)
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Periodic(Leaf):
+    r"""A function that repeats itself, :math:`\sigma^2 \exp(-2 \sin^2(\pi \tau / p) / \ell^2)`.
+
+    Its Fourier series has the weights :math:`2 I_j(\ell^{-2}) e^{-\ell^{-2}}`; as many
+    harmonics are kept as hold all but 1e-12 of the variance, or as many as are asked for.
+
+    Parameters
+    ----------
+    length
+        How rough within a period [1]: below 0.5 many harmonics, above 2 hardly one.
+    harmonics
+        How many; None for as many as it takes.
+    """
+
+    period: Parameter
+    length: Parameter
+    sd: Parameter
+    harmonics: int | None = None
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return ("period", "length", "sd")
+
+    @property
+    def count(self) -> int:
+        """How many harmonics there are."""
+        if self.harmonics is not None:
+            return self.harmonics
+        sharpest = float(np.max(np.asarray(self.length) ** -2.0))
+        order = np.arange(1, 2000)
+        left = 1.0 - ive(0, sharpest) - 2.0 * np.cumsum(ive(order, sharpest))
+        enough = np.flatnonzero(left < _LEFT_OUT)
+        if not len(enough):
+            raise ValueError(
+                f"length={self.length} is so short that 2,000 harmonics do not hold the "
+                "process. Give one above 0.001."
+            )
+        return int(order[enough[0]])
+
+    @property
+    def observation(self) -> np.ndarray:
+        """See `Process`."""
+        return np.concatenate([[1.0], np.tile([1.0, 0.0], self.count)])
+
+    def spread(self) -> tuple[np.ndarray, Slopes]:
+        """See `Process`."""
+        x = np.asarray(self.length)[..., None] ** -2.0
+        order = np.arange(self.count + 1)
+        twice = np.where(order > 0, 2.0, 1.0)
+        weight = twice * ive(order, x)
+        bessel = 0.5 * (ive(np.abs(order - 1), x) + ive(order + 1, x)) - ive(order, x)
+        slope = twice * bessel * (-2.0 * x)
+        places = np.concatenate([[0], np.repeat(np.arange(1, self.count + 1), 2)])
+        variance = np.asarray(self.sd)[..., None] ** 2
+        own, of_length = (
+            (variance * each[..., places])[..., None] * np.eye(len(places))
+            for each in (weight, slope)
+        )
+        return own, self._chosen({"length": of_length, "sd": 2.0 * own}, own)
+
+    def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
+        """See `Process`."""
+        angle = 2.0 * np.pi * _apart(step, self.period, self.length, self.sd) / self.period
+        size = 1 + 2 * self.count
+        move = np.zeros((*angle.shape, size, size))
+        slope = np.zeros_like(move)
+        move[..., 0, 0] = 1.0
+        for j in range(1, self.count + 1):
+            block = np.s_[..., 2 * j - 1 : 2 * j + 1, 2 * j - 1 : 2 * j + 1]
+            move[block], slope[block] = _turn(j * angle)
+        return move, self._chosen({"period": slope}, move)
+
+
+def quasi_periodic(
+    *,
+    period: Parameter,
+    sd: Parameter,
+    memory: Parameter,
+    length: Parameter = 1.0,
+    smoothness: float = 0.5,
+    harmonics: int | None = None,
+) -> Product:
+    """Make a wave of any form that changes slowly: periodic times Matérn of length `memory`."""
+    wave = Periodic(period=period, length=length, sd=sd, harmonics=harmonics)
+    fading = Matern(smoothness=smoothness, length=memory, sd=1.0, fixed=("sd",))
+    return Product(wave, fading)
+
+
+def _each(parameter: Parameter) -> np.ndarray:
+    return np.asarray(parameter)[..., None, None]
+
+
+def _apart(step: np.ndarray, *parameters: Parameter) -> np.ndarray:
+    """Time steps with an axis for the family behind, if there is one."""
+    family = np.broadcast_shapes(*(np.shape(parameter) for parameter in parameters))
+    return np.broadcast_to(step.reshape(-1, *([1] * len(family))), (len(step), *family))
+
+
+def _turn(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation, and its slope to the logarithm of the period."""
+    c, s = np.cos(angle), np.sin(angle)
+    move = np.stack([np.stack([c, s], -1), np.stack([-s, c], -1)], -2)
+    slope = np.stack([np.stack([-s, c], -1), np.stack([-c, -s], -1)], -2)
+    return move, -angle[..., None, None] * slope

@@ -1,0 +1,345 @@
+r"""A Gaussian process as a stream: one step for each new reading, however many there have been.
+
+.. math:: y_i = f(t_i) + \varepsilon_i, \qquad f \sim GP(0, k), \quad
+          \varepsilon_i \sim N(0, s_i^2)
+
+with the standard deviation of each reading known and times at any distance: the same numbers
+as the dense process of n by n matrices gives, at a cost per reading that does not hang on n.
+Takes the processes of `processes`, and those of `matern`.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from scipy import optimize
+
+from .gaussian import root_of
+from .hyperparameters import spread as even
+from .matern import Belief, Moving, Reading, predict
+from .processes import Process
+
+__all__ = [
+    "Belief",
+    "Fitted",
+    "Reading",
+    "Stream",
+    "fit",
+    "likelihood_and_slopes",
+    "log_likelihood",
+    "predict",
+    "run",
+    "sample",
+    "smooth",
+]
+
+Series = Float[np.ndarray, " time"]
+_NET, _WIDEST = 63, 40
+"""Members of the net from which a search begins, and the largest state of such a net."""
+
+_PRIOR_SD = 1.4
+"""Of the logarithm of a parameter about where the search starts: a factor of four."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Stream:
+    """A process with readings coming in.
+
+    Hyperparameters may be learnt anew from kept readings by `fit` while the stream goes on;
+    ``Stream(fitted.process).resume(...)`` then takes over.
+
+    Examples
+    --------
+    >>> from .processes import Matern
+    >>> stream = Stream(Matern(length=5.0, sd=1.0))
+    >>> belief = stream.start(0.0)
+    >>> for t in range(20):
+    ...     belief, reading = stream.step(belief, float(t), float(np.sin(t / 5)), 0.1)
+    >>> mean, sd = predict(stream.process, belief, np.array([20.0]))
+    >>> bool(abs(mean[0] - np.sin(4.0)) < 2 * sd[0])
+    True
+    """
+
+    process: Process
+
+    def start(self, time: float) -> Belief:
+        """Belief before any reading, at `time`, no later than the first."""
+        own, _ = self.process.spread()
+        return Belief(float(time), np.zeros(own.shape[:-1]), own)
+
+    def step(
+        self, belief: Belief, time: float, value: float, sd: float
+    ) -> tuple[Belief, Reading]:
+        """Take in one reading, in constant time; a `value` of NaN only moves on in time."""
+        move, noise = self.process.advance(np.array([time - belief.time]))
+        return _step(self.process.observation, belief, time, value, sd, move[0], noise[0])
+
+    def resume(self, time: Series, value: Series, sd: Series) -> Belief:
+        """Belief after a series of readings, `time` ascending."""
+        return run(self.process, time, value, sd)[0]
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Smoothed:
+    """The process at each time given all readings, without the noise of readings.
+
+    Parameters
+    ----------
+    mean, sd
+        Of the process, or of the part of it that was asked for.
+    """
+
+    mean: Series
+    sd: Series
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Fitted:
+    """A process fitted to readings.
+
+    Parameters
+    ----------
+    log_likelihood
+        Of the readings under it.
+    log_posterior
+        With the prior density of the parameters, up to a constant.
+    evaluations
+        How often the likelihood was asked for.
+    """
+
+    process: Process
+    log_likelihood: float
+    log_posterior: float
+    evaluations: int
+
+
+def run(
+    process: Process,
+    time: Series,
+    value: Series,
+    sd: Series,
+    *,
+    jumps: Sequence[tuple[float, Float[np.ndarray, "state state"]]] = (),
+) -> tuple[Belief, list[Reading]]:
+    """Filter a whole series; `time` ascending, NaN values missing.
+
+    Parameters
+    ----------
+    jumps
+        Times after which something has happened, and what it adds to the covariance of the
+        state: it acts on the first reading later than its time.
+    """
+    steps, which = np.unique(np.diff(time, prepend=time[:1]), return_inverse=True)
+    moves, noises = process.advance(steps)
+    seen, waiting = process.observation, sorted(jumps, key=lambda jump: jump[0])
+    belief, readings = Stream(process).start(float(time[0])), []
+    for t, y, s, k in zip(time.tolist(), value.tolist(), sd.tolist(), which, strict=True):
+        noise = noises[k]
+        while waiting and waiting[0][0] < t:
+            noise = noise + waiting.pop(0)[1]
+        belief, reading = _step(seen, belief, t, y, s, moves[k], noise)
+        readings.append(reading)
+    return belief, readings
+
+
+def log_likelihood(
+    process: Process, time: Series, value: Series, sd: Series
+) -> Float[np.ndarray, "*family"]:
+    """Log-likelihood of the series, one entry per member of a family of processes."""
+    each = [reading.log_likelihood for reading in run(process, time, value, sd)[1]]
+    return np.asarray(np.sum(each, axis=0))
+
+
+def likelihood_and_slopes(
+    process: Process, time: Series, value: Series, sd: Series
+) -> tuple[float, Float[np.ndarray, " parameter"]]:
+    """Log-likelihood, and its slopes to the logarithms of the free parameters, exact.
+
+    The sensitivities of mean and covariance are carried along with them.
+    """
+    steps, which = np.unique(np.diff(time, prepend=time[:1]), return_inverse=True)
+    moves, of_moves = process.moves(steps)
+    noises, of_noises = process.noises(steps, moves, of_moves)
+    count, size, seen = len(of_moves), process.size, process.observation
+    d_moves = np.array(of_moves).reshape(count, len(steps), size, size)
+    d_noises = np.array(of_noises).reshape(count, len(steps), size, size)
+    p, of_spread = process.spread()
+    d_p = np.array(of_spread).reshape(count, size, size)
+    m, d_m = np.zeros(size), np.zeros((count, size))
+    total, slope = 0.0, np.zeros(count)
+    for y, s, k in zip(value.tolist(), sd.tolist(), which.tolist(), strict=True):
+        a, d_a = moves[k], d_moves[:, k]
+        half = d_a @ p @ a.T
+        d_m = d_a @ m + d_m @ a.T
+        d_p = half + np.swapaxes(half, 1, 2) + a @ d_p @ a.T + d_noises[:, k]
+        m, p = a @ m, a @ p @ a.T + noises[k]
+        if y != y or s != s:
+            continue
+        reach, d_reach = p @ seen, d_p @ seen
+        spread, d_spread = float(seen @ reach) + s * s, d_reach @ seen
+        residual, d_residual = y - float(seen @ m), -(d_m @ seen)
+        pull = residual / spread
+        total -= 0.5 * (residual * pull + np.log(2.0 * np.pi * spread))
+        slope -= pull * d_residual + 0.5 * d_spread * (1.0 / spread - pull * pull)
+        gain = reach / spread
+        d_gain = (d_reach - gain * d_spread[:, None]) / spread
+        m = m + gain * residual
+        d_m = d_m + d_gain * residual + gain * d_residual[:, None]
+        p = p - gain[:, None] * reach
+        d_p = d_p - d_gain[:, :, None] * reach - gain[:, None] * d_reach[:, None, :]
+    return total, slope
+
+
+def smooth(
+    process: Process,
+    time: Series,
+    value: Series,
+    sd: Series,
+    *,
+    part: Float[np.ndarray, " state"] | None = None,
+    jumps: Sequence[tuple[float, Float[np.ndarray, "state state"]]] = (),
+) -> Smoothed:
+    """Estimate the process, or a part of it, at every time of the series given all of it.
+
+    Ask for times without a reading, past or future, by putting them in with a value of NaN.
+    The way back carries scores instead of inverting predicted covariances (de Jong, 1989), so
+    that readings close together in time do no harm.
+
+    Parameters
+    ----------
+    part
+        What of the state is asked for, as `processes.Sum.part` tells; all of it if not given.
+    jumps
+        As for `run`.
+    """
+    readings = run(process, time, value, sd, jumps=jumps)[1]
+    seen = process.observation
+    asked = seen if part is None else part
+    size = len(seen)
+    score, information = np.zeros(size), np.zeros((size, size))
+    found = np.zeros((2, len(time)))
+    for i in range(len(time) - 1, -1, -1):
+        now = readings[i]
+        keep = np.eye(size) - np.outer(now.seen / now.spread, seen)
+        score = seen * (now.residual / now.spread) + keep.T @ score
+        information = np.outer(seen, seen) / now.spread + keep.T @ information @ keep
+        reach = now.covariance @ asked
+        found[0, i] = asked @ now.mean + reach @ score
+        found[1, i] = asked @ reach - reach @ information @ reach
+        score, information = now.move.T @ score, now.move.T @ information @ now.move
+    return Smoothed(found[0], np.sqrt(np.maximum(found[1], 0.0)))
+
+
+def fit(
+    process: Process,
+    time: Series,
+    value: Series,
+    sd: Series,
+    *,
+    prior_sd: float | Float[np.ndarray, " parameter"] = _PRIOR_SD,
+    starts: int = 4,
+) -> Fitted:
+    """Learn the free parameters: likelihood times a weak prior about those of `process`.
+
+    Parameters
+    ----------
+    process
+        Kind of process, and where the search and the prior are centred.
+    prior_sd
+        Standard deviations of the prior on the logarithms. Give a narrow one for a period: the
+        likelihood has a peak for each count of waves.
+    starts
+        From how many points the search begins: the likeliest of a net over the prior.
+    """
+    if np.isfinite(value).sum() < 3:
+        raise ValueError(
+            f"{int(np.isfinite(value).sum())} readings are too few to learn a process from. "
+            "Give at least 3 at different times."
+        )
+    centre, asked = process.logs, 0
+    prior_sd = np.broadcast_to(np.asarray(prior_sd, dtype=float), centre.shape)
+    least = 1e-6 * max(float(np.nanstd(value)), 1e-300)
+    sd = np.maximum(sd, least)
+
+    def downhill(logs: np.ndarray) -> tuple[float, np.ndarray]:
+        nonlocal asked
+        asked += 1
+        away = (logs - centre) / prior_sd
+        total, slope = likelihood_and_slopes(process.at(logs), time, value, sd)
+        return 0.5 * float(away @ away) - total, away / prior_sd - slope
+
+    bounds = list(zip(centre - 5.0 * prior_sd, centre + 5.0 * prior_sd, strict=True))
+    net = np.vstack([centre, centre + prior_sd * even(_NET, len(centre))])
+    if process.at(net).size > _WIDEST:
+        begin = net[:starts]
+    else:
+        away = (net - centre) / prior_sd
+        score = log_likelihood(process.at(net), time, value, sd) - 0.5 * np.sum(away**2, -1)
+        begin = net[np.argsort(-score)[:starts]]
+    best = min(
+        (
+            optimize.minimize(downhill, point, jac=True, method="L-BFGS-B", bounds=bounds)
+            for point in begin
+        ),
+        key=lambda found: float(found.fun),
+    )
+    away = (best.x - centre) / prior_sd
+    found = process.at(best.x)
+    posterior = -float(best.fun)
+    return Fitted(found, posterior + 0.5 * float(away @ away), posterior, asked)
+
+
+def sample(
+    process: Moving,
+    belief: Belief,
+    times: Float[np.ndarray, " later"],
+    paths: int,
+    rng: np.random.Generator,
+) -> Float[np.ndarray, "path later"]:
+    """Draw futures of the process, each a whole path, from a belief; `times` ascending."""
+    moves, noises = process.advance(np.diff(times, prepend=belief.time))
+    roots = root_of(noises)
+    state = (
+        belief.mean
+        + rng.standard_normal((paths, len(belief.mean))) @ root_of(belief.covariance).T
+    )
+    seen, found = process.observation, np.zeros((paths, len(times)))
+    for k, (move, root) in enumerate(zip(moves, roots, strict=True)):
+        state = state @ move.T + rng.standard_normal(state.shape) @ root.T
+        found[:, k] = state @ seen
+    return found
+
+
+def _step(
+    seen: np.ndarray,
+    belief: Belief,
+    time: float,
+    value: float,
+    sd: float,
+    move: np.ndarray,
+    noise: np.ndarray,
+) -> tuple[Belief, Reading]:
+    mean = (move @ belief.mean[..., None])[..., 0]
+    covariance = move @ belief.covariance @ np.swapaxes(move, -1, -2) + noise
+    reach = covariance @ seen
+    expected, own = mean @ seen, reach @ seen
+    if value != value or sd != sd:
+        none = np.zeros_like(own)
+        return Belief(time, mean, covariance), Reading(
+            expected, own, none, mean, covariance, reach, none, np.full_like(own, np.inf), move
+        )
+    spread = own + sd * sd
+    residual = value - expected
+    gain = reach / spread[..., None]
+    likelihood = -0.5 * (residual * residual / spread + np.log(2.0 * np.pi * spread))
+    left = covariance - gain[..., :, None] * reach[..., None, :]
+    # Joseph's form, in rank-one pieces: rounding cannot make it negative.
+    left = left - (left @ seen)[..., :, None] * gain[..., None, :]
+    left = left + (sd * sd) * gain[..., :, None] * gain[..., None, :]
+    updated = Belief(
+        time, mean + gain * residual[..., None], 0.5 * (left + np.swapaxes(left, -1, -2))
+    )
+    return updated, Reading(
+        expected, own, likelihood, mean, covariance, reach, residual, spread, move
+    )

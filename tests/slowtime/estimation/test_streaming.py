@@ -1,0 +1,259 @@
+import pickle
+
+import numpy as np
+import pytest
+from scipy import linalg
+
+from slowtime.estimation import matern, streaming
+from slowtime.estimation.matern import SlowProcess
+from slowtime.estimation.processes import (
+    Constant,
+    Cosine,
+    Matern,
+    Periodic,
+    Trend,
+    quasi_periodic,
+)
+
+PROCESSES = {
+    "Matern 1/2": Matern(smoothness=0.5, length=4.0, sd=0.8),
+    "Matern 3/2": Matern(smoothness=1.5, length=4.0, sd=0.8),
+    "Matern 5/2": Matern(smoothness=2.5, length=4.0, sd=0.8),
+    "cosine": Cosine(period=9.0, sd=0.6),
+    "periodic": Periodic(period=9.0, length=0.9, sd=0.7),
+    "quasi-periodic": quasi_periodic(
+        period=9.0, length=1.1, sd=0.7, memory=30.0, smoothness=1.5
+    ),
+    "sum": Matern(length=12.0, sd=1.0) + Matern(smoothness=0.5, length=2.0, sd=0.4),
+    "sum with a level": Constant(sd=2.0) + Matern(smoothness=2.5, length=6.0, sd=0.5),
+    "product": Matern(length=12.0, sd=1.0) * Cosine(period=6.0, sd=0.9),
+    "sum of products": Constant(sd=1.0)
+    + Matern(length=9.0, sd=0.5)
+    + quasi_periodic(period=5.0, length=1.5, sd=0.7, memory=20.0),
+}
+EVERY = pytest.mark.parametrize("name", PROCESSES)
+
+
+def series(seed, count):
+    rng = np.random.default_rng(seed)
+    time = np.sort(rng.uniform(5.0, 5.0 + 0.5 * count, count))
+    sd = rng.uniform(0.05, 0.3, count)
+    return time, np.sin(time / 5) + 0.3 * rng.standard_normal(count), sd
+
+
+def dense(process, time, value, sd, at):
+    def k(a, b):
+        return process.covariance(a[:, None] - b)
+
+    factor = linalg.cho_factor(k(time, time) + np.diag(sd**2), lower=True)
+    cross = k(at, time)
+    mean = cross @ linalg.cho_solve(factor, value)
+    variance = np.diag(k(at, at) - cross @ linalg.cho_solve(factor, cross.T))
+    volume = 2 * np.log(np.diag(factor[0])).sum() + len(time) * np.log(2 * np.pi)
+    return mean, variance, -0.5 * (value @ linalg.cho_solve(factor, value) + volume)
+
+
+@EVERY
+def test_filtered_smoothed_and_foretold_it_is_the_dense_process(name):
+    process = PROCESSES[name]
+    time, value, sd = series(21, 60)
+    at = np.array([6.0, 14.5, 30.2])
+    merged = np.concatenate([time, at])
+    order = np.argsort(merged)
+    padded = np.append(value, np.full(3, np.nan))[order]
+    found = streaming.smooth(process, merged[order], padded, np.append(sd, np.ones(3))[order])
+    asked = np.isnan(padded)
+    mean, variance, likelihood = dense(process, time, value, sd, np.sort(at))
+    np.testing.assert_allclose(found.mean[asked], mean, atol=1e-8)
+    np.testing.assert_allclose(found.sd[asked] ** 2, variance, atol=1e-8)
+    assert streaming.log_likelihood(process, time, value, sd) == pytest.approx(
+        likelihood, abs=1e-8
+    )
+    later = time[-1] + np.array([0.0, 0.7, 12.0, 90.0])
+    belief, _ = streaming.run(process, time, value, sd)
+    mean, spread = streaming.predict(process, belief, later)
+    expected, variance, _ = dense(process, time, value, sd, later)
+    np.testing.assert_allclose(mean, expected, atol=1e-8)
+    np.testing.assert_allclose(spread**2, variance, atol=1e-8)
+
+
+def peers():
+    kernels = pytest.importorskip("sklearn.gaussian_process.kernels")
+    c = kernels.ConstantKernel
+    return {
+        "Matern 1/2": c(0.64) * kernels.Matern(4.0, nu=0.5),
+        "Matern 3/2": c(0.64) * kernels.Matern(4.0, nu=1.5),
+        "Matern 5/2": c(0.64) * kernels.Matern(4.0, nu=2.5),
+        "quasi-periodic": c(0.49)
+        * kernels.ExpSineSquared(1.1, 9.0)
+        * kernels.Matern(30.0, nu=1.5),
+        "sum with a level": c(4.0) + c(0.25) * kernels.Matern(6.0, nu=2.5),
+        "sum of products": c(1.0)
+        + c(0.25) * kernels.Matern(9.0, nu=1.5)
+        + c(0.49) * kernels.ExpSineSquared(1.5, 5.0) * kernels.Matern(20.0, nu=0.5),
+    }
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "Matern 1/2",
+        "Matern 3/2",
+        "Matern 5/2",
+        "quasi-periodic",
+        "sum with a level",
+        "sum of products",
+    ],
+)
+def test_at_five_hundred_readings_it_is_scikit_learn_s_process_to_eight_digits(name):
+    kernel = peers()[name]
+    from sklearn.gaussian_process import GaussianProcessRegressor
+
+    process = PROCESSES[name]
+    time, value, sd = series(22, 500)
+    peer = GaussianProcessRegressor(kernel, alpha=sd**2, optimizer=None)
+    peer.fit(time[:, None], value)
+    later = time[-1] + np.linspace(0.1, 40.0, 20)
+    mean, spread = peer.predict(np.append(time, later)[:, None], return_std=True)
+    smoothed = streaming.smooth(
+        process,
+        np.append(time, later),
+        np.append(value, np.full(20, np.nan)),
+        np.append(sd, np.ones(20)),
+    )
+    np.testing.assert_allclose(smoothed.mean, mean, atol=1e-8)
+    np.testing.assert_allclose(smoothed.sd**2, spread**2, atol=1e-8)
+    likelihood = streaming.log_likelihood(process, time, value, sd)
+    assert likelihood == pytest.approx(peer.log_marginal_likelihood_value_, abs=1e-8)
+
+
+@EVERY
+def test_slopes_of_the_likelihood_are_its_differences(name):
+    process = PROCESSES[name]
+    time, value, sd = series(23, 25)
+    value[4] = np.nan
+    total, slopes = streaming.likelihood_and_slopes(process, time, value, sd)
+    assert total == pytest.approx(
+        float(streaming.log_likelihood(process, time, value, sd)), abs=1e-9
+    )
+    logs = process.logs
+    for i in range(len(logs)):
+        step = 1e-5 * np.eye(len(logs))[i]
+        above, below = (
+            streaming.log_likelihood(process.at(logs + sign * step), time, value, sd)
+            for sign in (1, -1)
+        )
+        assert slopes[i] == pytest.approx((above - below) / 2e-5, rel=1e-4, abs=1e-6)
+
+
+def test_a_trend_that_wanders_is_that_of_the_slow_process():
+    process = Trend(level_sd=3.0, slope_sd=0.5, drift=0.05) + Matern(length=4.0, sd=0.8)
+    slow = SlowProcess(length=4.0, sd=0.8, level_sd=3.0, slope_sd=0.5, slope_drift=0.05)
+    time, value, sd = series(24, 40)
+    both = streaming.smooth(process, time, value, sd, part=process.part(0))
+    theirs = matern.smooth(slow, time, value, sd)
+    np.testing.assert_allclose(both.mean, theirs.trend, atol=1e-9)
+    np.testing.assert_allclose(both.sd, theirs.trend_sd, atol=1e-9)
+    assert streaming.log_likelihood(process, time, value, sd) == pytest.approx(
+        matern.log_likelihood(slow, time, value, sd), abs=1e-9
+    )
+    logs, found = process.logs, streaming.likelihood_and_slopes(process, time, value, sd)[1]
+    step = np.array([1e-5, 0.0, 0.0])
+    above, below = (
+        streaming.log_likelihood(process.at(logs + sign * step), time, value, sd)
+        for sign in (1, -1)
+    )
+    assert found[0] == pytest.approx((above - below) / 2e-5, rel=1e-4)
+
+
+@EVERY
+def test_a_family_is_each_of_its_members(name):
+    process = PROCESSES[name]
+    logs = process.logs + np.array([[0.0], [0.1], [-0.2]])
+    time, value, sd = series(25, 12)
+    if "periodic" in name or "products" in name:
+        pytest.skip("members would have unlike numbers of harmonics")
+    together = streaming.log_likelihood(process.at(logs), time, value, sd)
+    for own, member in zip(together, logs, strict=True):
+        assert own == pytest.approx(
+            float(streaming.log_likelihood(process.at(member), time, value, sd))
+        )
+
+
+@EVERY
+def test_a_stream_kept_on_disk_and_cut_anywhere_goes_on_the_same(name):
+    stream = streaming.Stream(PROCESSES[name])
+    time, value, sd = series(26, 30)
+    value[3] = np.nan
+    whole = stream.resume(time, value, sd)
+    belief = stream.resume(time[:17], value[:17], sd[:17])
+    belief = pickle.loads(pickle.dumps(belief))
+    for t, y, s in zip(time[17:], value[17:], sd[17:], strict=True):
+        belief, reading = stream.step(belief, float(t), float(y), float(s))
+        assert reading.variance > 0
+    np.testing.assert_allclose(belief.mean, whole.mean, atol=1e-12)
+    np.testing.assert_allclose(belief.covariance, whole.covariance, atol=1e-12)
+    assert np.linalg.eigvalsh(belief.covariance).min() > -1e-12
+
+
+def test_what_was_learnt_is_likelier_than_what_it_came_from_and_near_the_truth():
+    rng = np.random.default_rng(27)
+    truth = Matern(length=6.0, sd=0.8) + Cosine(period=11.0, sd=1.0)
+    time = np.sort(rng.uniform(0, 150, 150))
+    root = np.linalg.cholesky(truth.covariance(time[:, None] - time) + 1e-9 * np.eye(len(time)))
+    sd = np.full(150, 0.1)
+    value = root @ rng.standard_normal(150) + 0.1 * rng.standard_normal(150)
+    guess = Matern(length=15.0, sd=0.5) + Cosine(period=10.6, sd=0.5)
+    narrow = np.array([1.4, 1.4, 0.1, 1.4])
+    found = streaming.fit(guess, time, value, sd, prior_sd=narrow, starts=2)
+    assert found.log_likelihood > streaming.log_likelihood(guess, time, value, sd)
+    assert found.log_likelihood >= streaming.log_likelihood(truth, time, value, sd) - 1.0
+    assert np.exp(found.process.logs)[2] == pytest.approx(11.0, rel=0.03)
+    slope = streaming.likelihood_and_slopes(found.process, time, value, sd)[1]
+    pull = (found.process.logs - guess.logs) / narrow**2
+    np.testing.assert_allclose(slope, pull, atol=0.05)
+
+
+def test_futures_drawn_have_the_moments_foretold():
+    process = PROCESSES["sum"]
+    time, value, sd = series(28, 20)
+    belief, _ = streaming.run(process, time, value, sd)
+    later = time[-1] + np.array([1.0, 4.0, 9.0])
+    mean, spread = streaming.predict(process, belief, later)
+    paths = streaming.sample(process, belief, later, 20_000, np.random.default_rng(29))
+    np.testing.assert_allclose(paths.mean(axis=0), mean, atol=0.03)
+    np.testing.assert_allclose(paths.std(axis=0), spread, rtol=0.03)
+
+
+def test_a_jump_lets_the_level_go_elsewhere():
+    process = Constant(sd=10.0) + Matern(length=5.0, sd=0.1)
+    time = np.arange(40.0)
+    value = np.where(time > 19, 3.0, 0.0)
+    sd = np.full(40, 0.05)
+    wide = np.zeros((3, 3))
+    wide[0, 0] = 100.0
+    told = streaming.smooth(process, time, value, sd, jumps=[(19.0, wide)])
+    assert told.mean[19] == pytest.approx(0.0, abs=0.06)
+    assert told.mean[20] == pytest.approx(3.0, abs=0.06)
+    untold = streaming.smooth(process, time, value, sd)
+    assert abs(untold.mean[20] - 3.0) > 0.3
+
+
+@pytest.mark.parametrize(
+    ("make", "cure"),
+    [
+        (lambda: Matern(length=-1.0, sd=1.0), "finite number above 0"),
+        (lambda: Matern(smoothness=1.0, length=1.0, sd=1.0), "Give 1.5 when unsure"),
+        (lambda: Matern(length=1.0, sd=1.0) * Trend(level_sd=1.0, slope_sd=1.0), "add the tre"),
+        (lambda: Periodic(period=1.0, length=1e-5, sd=1.0).count, "above 0.001"),
+    ],
+)
+def test_what_is_no_process_is_refused_with_the_cure(make, cure):
+    with pytest.raises(ValueError, match=cure):
+        make()
+
+
+def test_time_going_back_is_refused():
+    stream = streaming.Stream(PROCESSES["sum"])
+    with pytest.raises(ValueError, match="ascending order"):
+        stream.step(stream.start(3.0), 2.0, 0.0, 0.1)
