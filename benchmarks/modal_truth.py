@@ -1,7 +1,6 @@
 """Simulated structures of known modes: what identification finds, and whether its errors hold.
 
-Run `python -m benchmarks.modal_truth [--runs 300]`. Each case is a structure under white
-forces, damped by 1 % in every mode, heard for 2,000 cycles of its first mode through noise
+Run `python -m benchmarks.modal_truth [--runs 300]`. Each case is a structure under white forces, damped by 1 % in every mode, heard for 2,000 cycles of its first mode through noise
 20 dB below each channel's motion, with the line of a machine between two modes. Every figure
 is of all modes of a case together; errors are divided by the uncertainty law (`ambient_law`:
 no noise, no neighbours, the whole spectrum), which two modes as close as their bandwidth
@@ -12,13 +11,17 @@ order, of many, whose errors turn out least, which nobody could know from one re
 fast Bayesian FFT from the frequencies that `identify_modes` found. Seeds are the numbers of the
 runs. Sensors of the long chain stand where no two neighbouring modes look alike (MAC below
 0.2); evenly spaced ones would see modes 8 and 9 in one and the same shape.
+
+`--out FILE` writes what each run found as a line of JSON, and makes no run that is there anew.
 """
 
 import argparse
 import dataclasses
+import json
 import sys
 import time
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -56,7 +59,11 @@ ROWS = 24
 ORDERS_BEYOND = range(2, 26, 4)
 """Block rows of the plain subspaces, and states of their models beyond those of the modes."""
 
+AUTOMATIC, SUBSPACES, BAYES = "identify_modes", "subspaces alone", "Bayesian FFT"
+
 Found = list[tuple[Measured, Measured]]
+Run = dict[str, tuple[Found, float]]
+"""Of each method, frequency and damping of what it found, and the seconds it took."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -205,42 +212,82 @@ def _of_order(poles: Poles, order: int) -> Found:
     ]
 
 
-def score(case: Case, *, runs: int, first_seed: int) -> tuple[dict[str, Tally], int]:
+def run(case: Case, seed: int) -> Run:
+    """Read one record by each method."""
+    record = case.record(seed)
+    found: Run = {}
+    begun = time.process_time()
+    result = identify_modes(record, case.rate_hz)
+    found[AUTOMATIC] = _structural(result.modes), time.process_time() - begun
+    begun = time.process_time()
+    orders = _orders(case)
+    poles = ssi_covariance(record, case.rate_hz, block_rows=ROWS, orders=orders, shapes=False)
+    spent = time.process_time() - begun
+    found |= {f"{SUBSPACES} {order}": (_of_order(poles, order), spent) for order in orders}
+    begun = time.process_time()
+    modes = bayesian_modes(
+        record,
+        case.rate_hz,
+        np.array([mode.frequency_hz.value for mode in result.structural]),
+        lines=tuple(m.frequency_hz for m in result.modes if m.kind == "harmonic"),
+    )
+    found[BAYES] = _structural(modes), time.process_time() - begun
+    return found
+
+
+def _orders(case: Case) -> list[int]:
+    return [2 * len(case.frequencies_hz) + beyond for beyond in ORDERS_BEYOND]
+
+
+class Kept:
+    """Runs in a file, a line each."""
+
+    def __init__(self, path: Path | None) -> None:
+        self.path = path
+        self.runs: dict[tuple[str, int], Run] = {}
+        if path is None or not path.exists():
+            return
+        for line in path.read_text(encoding="utf-8").splitlines():
+            entry = json.loads(line)
+            self.runs[entry["case"], entry["seed"]] = {
+                name: ([(Measured(*f), Measured(*z)) for f, z in found], seconds)
+                for name, (found, seconds) in entry["found"].items()
+            }
+
+    def of(self, case: Case, seed: int) -> Run:
+        """One run, from the file where it is there, otherwise made and written."""
+        if (case.name, seed) in self.runs:
+            return self.runs[case.name, seed]
+        made = run(case, seed)
+        if self.path is not None:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            found = {
+                name: ([(dataclasses.astuple(f), dataclasses.astuple(z)) for f, z in found], s)
+                for name, (found, s) in made.items()
+            }
+            with self.path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps({"case": case.name, "seed": seed, "found": found}) + "\n")
+        return made
+
+
+def score(case: Case, seeds: range, kept: Kept) -> tuple[dict[str, Tally], int]:
     """Tallies of every method over the same records, and the best order of the subspaces."""
-    orders = [2 * len(case.frequencies_hz) + beyond for beyond in ORDERS_BEYOND]
-    plain = {order: Tally() for order in orders}
-    automatic, bayes = Tally(), Tally()
-    for seed in range(first_seed, first_seed + runs):
-        record = case.record(seed)
-        begun = time.perf_counter()
-        result = identify_modes(record, case.rate_hz)
-        after = time.perf_counter()
-        automatic.add(case, _structural(result.modes), after - begun)
-        poles = ssi_covariance(
-            record, case.rate_hz, block_rows=ROWS, orders=orders, shapes=False
-        )
-        spent = time.perf_counter() - after
-        for order, tally in plain.items():
-            tally.add(case, _of_order(poles, order), spent)
-        begun = time.perf_counter()
-        modes = bayesian_modes(
-            record,
-            case.rate_hz,
-            np.array([mode.frequency_hz.value for mode in result.structural]),
-            lines=tuple(m.frequency_hz for m in result.modes if m.kind == "harmonic"),
-        )
-        bayes.add(case, _structural(modes), time.perf_counter() - begun)
-    best = min(orders, key=lambda order: (plain[order].missed() > 0.01, plain[order].ratio()))
+    tallies: dict[str, Tally] = {}
+    for seed in seeds:
+        for name, (found, seconds) in kept.of(case, seed).items():
+            tallies.setdefault(name, Tally()).add(case, found, seconds)
+    plain = {order: tallies[f"{SUBSPACES} {order}"] for order in _orders(case)}
+    best = min(plain, key=lambda order: (plain[order].missed() > 0.01, plain[order].ratio()))
     return {
-        "identify_modes": automatic,
-        "subspaces alone": plain[best],
-        "Bayesian FFT": bayes,
+        AUTOMATIC: tallies[AUTOMATIC],
+        SUBSPACES: plain[best],
+        BAYES: tallies[BAYES],
     }, best
 
 
 def _row_of(name: str, tally: Tally) -> str:
     of_frequency, of_damping = tally.coverage()
-    strangers = "   -" if name == "subspaces alone" else f"{100 * tally.false():4.1f}"
+    strangers = "   -" if name == SUBSPACES else f"{100 * tally.false():4.1f}"
     return (
         f"  {name:<16} {tally.ratio():6.3f} {tally.worst():6.3f}   {100 * of_frequency:5.1f} "
         f"{100 * of_damping:5.1f}   {strangers}  {100 * tally.missed():5.2f}   "
@@ -250,7 +297,7 @@ def _row_of(name: str, tally: Tally) -> str:
 
 def _within(name: str, tally: Tally) -> bool:
     of_frequency, of_damping = tally.coverage()
-    limit = BAYES_LIMIT if name == "Bayesian FFT" else SSI_LIMIT
+    limit = BAYES_LIMIT if name == BAYES else SSI_LIMIT
     return (
         tally.ratio() <= limit
         and FREQUENCY_COVERAGE[0] <= of_frequency <= FREQUENCY_COVERAGE[1]
@@ -267,7 +314,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--case", type=int, choices=range(1, 5), help="one case; all by default"
     )
+    parser.add_argument("--out", type=Path, help="file of the runs made so far")
     given = parser.parse_args(arguments)
+    kept, seeds = Kept(given.out), range(given.first_seed, given.first_seed + given.runs)
     print(
         f"{given.runs} runs a case. Aims: RMSE of frequency over the law <= {SSI_LIMIT}, Bayes "
         f"{BAYES_LIMIT};\n95 % intervals cover 92-97 % (frequency), 90-98 % (damping); at most "
@@ -281,10 +330,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     passed = True
     chosen = cases() if given.case is None else cases()[given.case - 1 : given.case]
     for case in chosen:
-        tallies, order = score(case, runs=given.runs, first_seed=given.first_seed)
+        tallies, order = score(case, seeds, kept)
         print(f"{case.name}{'' if case.judged else ' (reported only)'}; best order {order}")
         for name, tally in tallies.items():
-            held = judging and case.judged and name != "subspaces alone"
+            held = judging and case.judged and name != SUBSPACES
             fine = not held or _within(name, tally)
             print(_row_of(name, tally), "" if fine else "  MISSED", flush=True)
             passed &= fine
