@@ -1,24 +1,17 @@
 """The verb `diagnose`: a model and records in; what the model lacks, where and how much."""
 
 import contextlib
-import dataclasses
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import click
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
-from slowtime.discrepancy.diagnose import diagnose as diagnosed
 from slowtime.discrepancy.diagnosis import Diagnosis
 from slowtime_schemas.diagnosis_file import DiagnosisFile, Where
-from slowtime_services.diagnose import (
-    campaign_of,
-    document_of,
-    read_any,
-    roles_of,
-    write_results,
-)
+from slowtime_services.diagnose import diagnose_records, read_any, roles_of, write_results
+from slowtime_services.diagnose.sources import split
+from slowtime_services.diagnose.words import number
 from slowtime_services.effects import known
 from slowtime_services.models import read_description
 
@@ -26,6 +19,25 @@ from .options import POSITIVE
 from .terminal import ERR, note, show, shows_progress
 
 IN = click.Path(exists=True, dir_okay=False, path_type=Path)
+
+
+class RecordName(click.ParamType):  # type: ignore[type-arg]  # generic only in the newest click
+    """A file that is there, or the seconds FROM:TO of it."""
+
+    name = "record"
+
+    def convert(
+        self, value: str, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str:
+        """Refuse a file that is not there before any other is read."""
+        try:
+            IN.convert(str(split(value)[0]), param, ctx)
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
+        return value
+
+
+RECORD = RecordName()
 
 
 @click.command(
@@ -36,11 +48,11 @@ Examples:
 """
 )
 @click.argument("model", type=IN)
-@click.argument("records", nargs=-1, required=True, type=IN, metavar="RECORD...")
+@click.argument("records", nargs=-1, required=True, type=RECORD, metavar="RECORD...")
 @click.option(
     "--holdout",
     multiple=True,
-    type=IN,
+    type=RECORD,
     metavar="RECORD",
     help="Judge by this record, and learn nothing from it; may be repeated.  "
     "[default: the last third of the others]",
@@ -71,21 +83,28 @@ Examples:
 @click.option(
     "--rate-hz", type=POSITIVE, help="Samples per second, where the files do not say."
 )
+@click.option(
+    "--unchecked",
+    is_flag=True,
+    help="Take records as they are, even where sizes point to a wrong unit or wire.",
+)
 def diagnose(
     model: Path,
-    records: tuple[Path, ...],
-    holdout: tuple[Path, ...],
+    records: tuple[str, ...],
+    holdout: tuple[str, ...],
     out: Path,
     quick: bool,
     effects: tuple[Path, ...],
     channels: tuple[str, ...],
     rate_hz: float | None,
+    unchecked: bool,
 ) -> None:
     """Find what a model lacks, where and how much, from records of it.
 
     The model's constants are refitted first, so that plain retuning is never called a
     discovery. Records carry the channels of the model by name, in one clock; each may be
-    MCAP, text with a header, .npz with t or rate_hz, or MATLAB.
+    MCAP, text with a header, .npz with t or rate_hz, or MATLAB. FILE@FROM:TO is a part of
+    one, in seconds from its beginning.
     """
     kinds = known(effects)
     description = read_description(model, kinds)
@@ -93,24 +112,16 @@ def diagnose(
         raise click.UsageError(
             f"{model.name} lists no sensors. Say under `sensors` which channel hears what."
         )
-    campaign, notes = campaign_of(
-        description,
-        [read_any(path, rate_hz) for path in records],
-        [read_any(path, rate_hz) for path in holdout],
-        roles_of(channels),
-    )
-    for text in notes:
-        note(text)
-    begun = time.monotonic()
+    learnt = [read_any(text, rate_hz) for text in records]
+    judged = [read_any(text, rate_hz) for text in holdout]
+    roles = roles_of(channels)
     with _stages() as progress:
-        found = diagnosed(campaign, kinds=kinds, quick=quick, progress=progress)
-    found = dataclasses.replace(found, seconds=time.monotonic() - begun)
-    document = document_of(
-        found,
-        records=[path.name for path in records],
-        holdout=[path.name for path in holdout],
-        notes=notes,
-    )
+        found, document = diagnose_records(
+            description, learnt, judged, roles=roles, kinds=kinds, quick=quick,
+            unchecked=unchecked, progress=progress,
+        )  # fmt: skip
+    for text in document.notes:
+        note(text)
     write_results(out, found, document)
     _tell(found, document, out)
 
@@ -132,11 +143,7 @@ def _tell(found: Diagnosis, document: DiagnosisFile, out: Path) -> None:
     click.echo(f"{document.verdict.replace('_', ' ')}: {document.sentence}")
     rows, plain = [], []
     for effect in document.effects:
-        numbers = {
-            name: f"{n.value:.4g} ± {n.sd:.2g} {n.unit}".rstrip()
-            for name, n in effect.parameters.items()
-            if n.sd > 0
-        }
+        numbers = {name: number(n) for name, n in effect.parameters.items() if n.sd > 0}
         told = ", ".join(f"{name} {text}" for name, text in numbers.items())
         rows.append((effect.effect, _at(effect.where), told, f"{effect.probability:.3f}"))
         plain.append(

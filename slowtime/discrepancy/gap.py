@@ -80,7 +80,8 @@ def errors(trials: Sequence[Trial], runs: Sequence[Series]) -> Float[np.ndarray,
             use = trial.used[:, sensor]
             left.append((trial.outputs - run)[use, sensor])
             all_of.append(trial.outputs[use, sensor])
-        scatter = float(np.std(np.concatenate(all_of))) if all_of else 0.0
+        told = np.concatenate(all_of)
+        scatter = float(np.std(told)) if told.size else 0.0
         error = float(np.sqrt(np.mean(np.concatenate(left) ** 2))) if scatter > 0 else 0.0
         found.append(error / scatter if scatter > 0 else 0.0)
     return np.array([e if math.isfinite(e) else 1e6 for e in found])

@@ -92,6 +92,8 @@ def screen(trial: Trial, channels: Sequence[str] = ()) -> Screened:
     findings: list[Finding] = []
     still = _still(trial)
     for i, (name, samples) in enumerate(zip(names, trial.outputs.T, strict=True)):
+        if not use[:, i].any() and np.isfinite(samples).all():
+            continue  # not measured in this record: no fault of the channel
         for fault, bad in _faults(samples, still):
             findings.append(_finding(trial, fault, name, bad))
             use[:, i] &= ~bad

@@ -3,7 +3,6 @@
 import dataclasses
 import itertools
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -11,11 +10,11 @@ from jaxtyping import Bool, Float
 from slowtime.discrepancy.records import FEWEST, Campaign, Trial
 from slowtime.dynamics.description import Description, Input, Sensor
 from slowtime.dynamics.units import UNITS, Quantity
-from slowtime_services.files import Record, RecordError, read_record
+from slowtime_services.files import Record, RecordError
 from slowtime_services.files.timeaxis import unit_scale
-from slowtime_services.replay import record_of
 
 from .roles import Roles, evaluate
+from .sources import Source
 
 ABSOLUTE_S = 1e8
 """Times beyond this are counted from 1970, not from the beginning of a campaign."""
@@ -24,21 +23,12 @@ Series = Float[np.ndarray, " time"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Source:
-    """One record, and the name by which people know it."""
+class Gathered:
+    """A campaign, the record that each trial to learn from comes from, and notes."""
 
-    name: str
-    record: Record
-
-
-def read_any(path: Path, rate_hz: float | None = None) -> Source:
-    """Read a record of any kind, a recording among them; what is no number is kept as NaN."""
-    if path.suffix.lower() == ".mcap":
-        record = record_of(path)
-        if rate_hz is not None:
-            record = dataclasses.replace(record, rate_hz=rate_hz)
-        return Source(path.name, record)
-    return Source(path.name, read_record(path, rate_hz=rate_hz, keep_missing=True))
+    campaign: Campaign
+    origins: tuple[str, ...]
+    notes: tuple[str, ...]
 
 
 def campaign_of(
@@ -61,6 +51,17 @@ def campaign_of(
     -------
     The campaign, and what a person should know of how it was read.
     """
+    gathered = gather(description, records, holdout, roles)
+    return gathered.campaign, gathered.notes
+
+
+def gather(
+    description: Description,
+    records: Sequence[Source],
+    holdout: Sequence[Source] = (),
+    roles: Roles | None = None,
+) -> Gathered:
+    """Do what `campaign_of` does, and tell which trial comes from which record."""
     roles = {} if roles is None else roles
     _refuse_unknown(roles, description)
     notes: list[str] = []
@@ -70,10 +71,23 @@ def campaign_of(
         for source, start in zip([*records, *holdout], starts, strict=True)
     ]
     learnt = tuple(itertools.chain.from_iterable(taken[: len(records)]))
-    _refuse_unheard(description, learnt, [source.record for source in records])
+    _refuse_unheard(description, learnt, records, roles)
     judged = tuple(itertools.chain.from_iterable(taken[len(records) :]))
+    origins = [s.name for s, trials in zip(records, taken, strict=False) for _ in trials]
+    if not judged:
+        _refuse_short(learnt, origins)
     campaign = Campaign(description=description, trials=learnt, holdout=judged)
-    return campaign, tuple(notes)
+    return Gathered(campaign, tuple(origins), tuple(notes))
+
+
+def _refuse_short(trials: Sequence[Trial], origins: Sequence[str]) -> None:
+    for trial, name in zip(trials, origins, strict=True):
+        if len(trial.outputs) < 3 * FEWEST:
+            raise RecordError(
+                f"{name} has {len(trial.outputs)} samples in a row. Without --holdout the last "
+                f"third is kept to judge by, which takes {3 * FEWEST} at least. Give a longer "
+                "record, or one to judge by with --holdout."
+            )
 
 
 def _refuse_unknown(roles: Roles, description: Description) -> None:
@@ -120,8 +134,6 @@ def _trials(
     count = len(record.samples)
     driven = [_column(description, entry, source, roles, notes) for entry in description.inputs]
     heard = [_heard(description, entry, source, roles, notes) for entry in description.sensors]
-    if not any(np.isfinite(column).any() for column, _ in heard):
-        raise _no_channel(source, description.sensors[0].channel, "sensors")
     inputs = np.stack(driven, axis=1) if driven else np.zeros((count, 0))
     outputs = np.stack([column for column, _ in heard], axis=1)
     use = np.stack([np.full(count, there) for _, there in heard], axis=1)
@@ -238,13 +250,21 @@ def _between(
 
 
 def _refuse_unheard(
-    description: Description, trials: Sequence[Trial], records: Sequence[Record]
+    description: Description, trials: Sequence[Trial], sources: Sequence[Source], roles: Roles
 ) -> None:
     for i, sensor in enumerate(description.sensors):
-        if not any(trial.used[:, i].any() for trial in trials):
-            found = sorted({name for record in records for name in record.channels})
+        channel = sensor.channel
+        if any(trial.used[:, i].any() for trial in trials):
+            continue
+        if channel in roles or any(_find(channel, s.record) is not None for s in sources):
             raise RecordError(
-                f"No record to learn from has finite samples of {sensor.channel!r}, which is "
-                f"among the model's sensors. There are: {', '.join(found)}. Say which it is "
-                f"with --channel {sensor.channel}=NAME; if it was not measured, take it out."
+                f"{channel!r} has no finite sample in any record to learn from. Give a record "
+                "in which it has some, or take it out of the model's sensors."
             )
+        found = sorted({name for source in sources for name in source.record.channels})
+        read = " ".join(text for source in sources for text in source.record.notes)
+        raise RecordError(
+            f"No record to learn from has a channel called {channel!r}, which is among the "
+            f"model's sensors. There are: {', '.join(found)}. {read} Say which it is with "
+            f"--channel {channel}=NAME; if it was not measured, take it out.".replace("  ", " ")
+        )

@@ -49,7 +49,8 @@ def number(estimated: Estimated) -> str:
         return f"{estimated.value:.6g} {estimated.unit}".rstrip()
     digits = f"{estimated.sd:.1e}"
     places = 1 - int(digits.partition("e")[2])
-    if abs(estimated.value) < 1e5 and 0 <= places <= 6:
+    if abs(estimated.value) < 1e7 and places <= 6:
+        places = max(places, 0)
         text = f"{estimated.value:.{places}f} ± {estimated.sd:.{places}f}"
     else:
         text = f"{estimated.value:.5g} ± {estimated.sd:.2g}"

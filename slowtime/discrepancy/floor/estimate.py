@@ -54,6 +54,8 @@ SPARKS = 0.15
 
 LEAST = 0.05
 """Share of samples below which a channel counts as if it had so many."""
+UNHEARD = 1e-6
+"""That a channel without any sample counts by."""
 
 # Shapes are checked at the door, not in what is called ten thousand times.
 Blocks = np.ndarray[Any, np.dtype[np.float64]]
@@ -135,7 +137,10 @@ def noise_of_residual(
     for trial, residual in zip(trials, residuals, strict=True):
         frequency, power, spare = incoherent_power(residual, trial.inputs, trial.rate_hz)
         share = np.maximum(trial.used.mean(axis=0), LEAST)
-        powers.append((frequency, power / share, share * spare))
+        # A sensor that says nothing in a trial has any noise there, and counts for nothing.
+        heard = trial.used.any(axis=0)
+        known = np.where(heard, share * spare, UNHEARD)
+        powers.append((frequency, np.where(heard, power / share, 1.0), known))
     return noise_of_power(powers, rate_hz=trials[0].rate_hz, silent_above_hz=silent_above_hz)
 
 

@@ -1,0 +1,66 @@
+"""Model, records and roles in; the diagnosis and its document out: what every caller runs."""
+
+import dataclasses
+import time
+from collections.abc import Mapping, Sequence
+
+from slowtime.discrepancy.diagnose import Progress, Stop, diagnose
+from slowtime.discrepancy.diagnosis import Diagnosis
+from slowtime.dynamics.description import Description
+from slowtime.dynamics.effects import Kind
+from slowtime_schemas.diagnosis_file import DiagnosisFile
+
+from .campaign import gather
+from .document import document_of
+from .roles import Roles
+from .sense import refuse_nonsense
+from .sources import Source
+
+
+def diagnose_records(
+    description: Description,
+    records: Sequence[Source],
+    holdout: Sequence[Source] = (),
+    *,
+    roles: Roles | None = None,
+    kinds: Mapping[str, Kind] | None = None,
+    quick: bool = False,
+    unchecked: bool = False,
+    progress: Progress | None = None,
+    stop: Stop | None = None,
+) -> tuple[Diagnosis, DiagnosisFile]:
+    """Say what a model lacks to explain records.
+
+    Parameters
+    ----------
+    roles
+        What to read for a channel of the model that the records call otherwise.
+    kinds
+        Effects that may be named; the catalogue where not given.
+    quick
+        Fewer rivals are refitted, and one effect is looked for.
+    unchecked
+        Records are taken as they are, even where their sizes make no sense.
+    progress
+        Told the stage in words and the share done.
+    stop
+        Once set, `slowtime.discrepancy.diagnose.Cancelled` is raised.
+
+    Raises
+    ------
+    RecordError
+        (a ValueError) where records do not fit the model.
+    """
+    begun = time.monotonic()
+    given = gather(description, records, holdout, roles)
+    if not unchecked:
+        refuse_nonsense(given.campaign, given.origins, kinds)
+    found = diagnose(given.campaign, kinds=kinds, quick=quick, progress=progress, stop=stop)
+    found = dataclasses.replace(found, seconds=time.monotonic() - begun)
+    document = document_of(
+        found,
+        records=[source.name for source in records],
+        holdout=[source.name for source in holdout],
+        notes=given.notes,
+    )
+    return found, document

@@ -1,0 +1,111 @@
+"""Names of files in, whole or in part; records of any kind out."""
+
+import dataclasses
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from slowtime_services.files import Gap, Record, RecordError, read_record
+from slowtime_services.replay import record_of
+
+SPAN = re.compile(r"(?P<path>.+)@(?P<first>[0-9.]*):(?P<last>[0-9.]*)")
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Source:
+    """One record, and the name by which people know it."""
+
+    name: str
+    record: Record
+
+
+def split(text: str) -> tuple[Path, tuple[float, float] | None]:
+    """Split the name of a file from the seconds of it that are meant.
+
+    Examples
+    --------
+    >>> split("run.csv@10:22.5")
+    (PosixPath('run.csv'), (10.0, 22.5))
+    >>> split("run.csv@60:"), split("run.csv")
+    ((PosixPath('run.csv'), (60.0, inf)), (PosixPath('run.csv'), None))
+    """
+    match = SPAN.fullmatch(text)
+    if match is None or Path(text).exists():
+        return Path(text), None
+    try:
+        span = float(match["first"] or 0), float(match["last"] or "inf")
+    except ValueError:
+        span = 1.0, 0.0
+    if not span[0] < span[1]:
+        raise RecordError(
+            f"{text!r} asks for no part of {match['path']}. Write FILE@FROM:TO in seconds from "
+            "its beginning, such as run.csv@10:22.5 or run.csv@60:."
+        )
+    return Path(match["path"]), span
+
+
+def read_any(text: str | Path, rate_hz: float | None = None) -> Source:
+    """Read a record of any kind, a recording among them; what is no number is kept as NaN.
+
+    Parameters
+    ----------
+    text
+        Path of a file; ``path@FROM:TO`` for those seconds of it, counted from its beginning.
+    """
+    path, span = split(str(text))
+    try:
+        if path.suffix.lower() == ".mcap":
+            record = record_of(path)
+            if rate_hz is not None:
+                record = dataclasses.replace(record, rate_hz=rate_hz)
+        else:
+            record = read_record(path, rate_hz=rate_hz, keep_missing=True)
+    except RecordError as error:
+        said = str(error)
+        raise RecordError(said if path.name in said else f"{path.name}: {said}") from None
+    if span is None:
+        return Source(path.name, record)
+    return Source(Path(text).name, part_of(record, *span, name=path.name))
+
+
+def part_of(record: Record, first_s: float, last_s: float, *, name: str) -> Record:
+    """Cut the seconds from `first_s` to `last_s` out of a record, its clock with them."""
+    late = np.zeros(len(record.samples), dtype=int)
+    for gap in record.gaps:
+        late[gap.row :] += gap.missing
+    seconds = (np.arange(len(late)) + late) / record.rate_hz
+    first, last = (int(n) for n in np.searchsorted(seconds, (first_s, last_s)))
+    if last - first < 2:
+        raise RecordError(
+            f"{name} has {seconds[-1]:.6g} s; {first_s:g}:{last_s:g} is no part of it. Give "
+            "seconds from its beginning, FROM:TO."
+        )
+    start_ns = record.start_ns
+    begins = None if start_ns is None else start_ns + round(float(seconds[first]) * 1e9)
+    return dataclasses.replace(
+        record,
+        samples=record.samples[first:last],
+        start_ns=begins,
+        gaps=tuple(_within(record, first, last)),
+        aux={
+            key: value[first:last] if np.shape(value)[:1] == (len(late),) else value
+            for key, value in record.aux.items()
+        }
+        | ({} if _clocked(record) else {"t": seconds[first:last]}),
+    )
+
+
+def _within(record: Record, first: int, last: int) -> Iterator[Gap]:
+    for gap in record.gaps:
+        if first < gap.row < last:
+            yield Gap(gap.row - first, gap.missing)
+
+
+def _clocked(record: Record) -> bool:
+    """Whether the record says by itself when each sample was."""
+    count = (len(record.samples),)
+    return record.start_ns is not None or any(
+        np.shape(value) == count for value in record.aux.values()
+    )
