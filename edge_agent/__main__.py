@@ -11,6 +11,7 @@ from collections.abc import Iterator
 
 from slowtime_services.bus import Bus, ZenohBus
 from slowtime_services.clock import Clock, SystemClock
+from slowtime_services.credentials import options_for
 from slowtime_services.ending import ended_by_signals
 
 from .acquire import Pacer, Source, open_source
@@ -90,7 +91,10 @@ def run(
 
 def _connected(settings: EdgeSettings, clock: Clock, stop: threading.Event) -> ZenohBus:
     """Open the bus and give the router a moment; without it the agent begins all the same."""
-    bus = ZenohBus("peer", settings.connect, options=settings.zenoh, clock=clock)
+    options = options_for(
+        settings.credentials, settings.connect, settings.zenoh, at_any_time=True
+    )
+    bus = ZenohBus("peer", settings.connect, options=options, clock=clock)
     patience = Pacer(SystemClock(), stop)
     waited = 0.0
     while not bus.connected and waited < settings.connect_wait_s:

@@ -229,8 +229,10 @@ class EdgeSettings(ProcessSettings):
     connect_wait_s: NotNegative = 3.0
     """How long to wait for the router before listening begins. Features are not lost without
     it, since they are asked for again; raw blocks would be."""
-    zenoh: dict[str, Any] = Field(default_factory=dict)
-    """Further settings of Zenoh, key to value, such as those of TLS."""
+    credentials: Path | None = None
+    """Folder that `slowtime keys` made for this edge; None to speak in the clear."""
+    zenoh: dict[str, Any] = Field(default_factory=dict, repr=False)
+    """Further settings of Zenoh, key to value."""
     input: Input = SimulatedInput()
     admission: AdmissionSettings = AdmissionSettings()
     condition: ConditionSettings = ConditionSettings()

@@ -34,6 +34,10 @@ VERBS = {
     "router": Verb(
         "processes:router", "Run a Zenoh router: what edges, twin and recorder connect to."
     ),
+    "keys": Verb(
+        "keying:keys",
+        "Make, renew and withdraw certificates of a site's bus.",
+    ),
     "status": Verb(
         "processes:status", "Tell whether the router answers and which edge agents live."
     ),

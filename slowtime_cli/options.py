@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 ROUTER = "tcp/127.0.0.1:7447"
+ENCRYPTED_ROUTER = "tls/127.0.0.1:7447"
 NAME = r"[a-z0-9][a-z0-9_-]{0,62}"
 STDOUT = Path("-")
 
@@ -159,3 +160,21 @@ connect_option = click.option(
     show_default=True,
     help="Endpoint of the router; may be given several times.",
 )
+
+credentials_option = click.option(
+    "--credentials",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder made by `slowtime keys`: speak over TLS, as whom it names.",
+)
+
+
+def endpoints(given: Sequence[str], credentials: Path | None) -> tuple[str, ...]:
+    """Endpoints given, or the usual one, which is encrypted where there are credentials.
+
+    Examples
+    --------
+    >>> endpoints((ROUTER,), None), endpoints((ROUTER,), Path("keys/server"))
+    (('tcp/127.0.0.1:7447',), ('tls/127.0.0.1:7447',))
+    """
+    unsaid = tuple(given) == (ROUTER,)
+    return (ENCRYPTED_ROUTER,) if credentials is not None and unsaid else tuple(given)

@@ -15,6 +15,7 @@ from edge_agent.settings import EdgeSettings
 from slowtime_schemas.streams import alive_key
 from slowtime_services import router as router_process
 from slowtime_services.bus import Bus, BusUnreachableError, ZenohBus
+from slowtime_services.credentials import options_for
 
 from .options import (
     POSITIVE,
@@ -23,6 +24,8 @@ from .options import (
     Name,
     Number,
     connect_option,
+    credentials_option,
+    endpoints,
     names,
     together,
 )
@@ -98,6 +101,7 @@ underscores); flags overrule the environment, which overrules the file.
     help="Folder where features wait for the twin.  [default: var/spool]",
 )
 @connect_option
+@credentials_option
 def edge(
     config: Path | None,
     site: str | None,
@@ -116,6 +120,7 @@ def edge(
     raw: bool | None,
     spool: Path | None,
     connect: tuple[str, ...],
+    credentials: Path | None,
 ) -> int:
     """Run an edge agent: samples in, features with uncertainty out.
 
@@ -155,7 +160,8 @@ def edge(
                 config=config,
                 site=site,
                 asset=asset or simulate,
-                connect=_endpoints(connect, config),
+                connect=_endpoints(connect, config, credentials),
+                credentials=credentials,
                 input=source or None,
                 extract=extract or None,
                 publish={"raw": "on" if raw else "off"} if raw is not None else None,
@@ -194,6 +200,7 @@ underscores); flags overrule the environment, which overrules the file.
     help="TOML or JSON file: twin id → registration, for twins not yet registered.",
 )
 @connect_option
+@credentials_option
 def twin(
     config: Path | None,
     host: str | None,
@@ -201,6 +208,7 @@ def twin(
     database: Path | None,
     registrations: Path | None,
     connect: tuple[str, ...],
+    credentials: Path | None,
 ) -> int:
     """Run the twin server: features in; knowledge, REST and page out.
 
@@ -218,7 +226,8 @@ def twin(
                 port=port,
                 database=database,
                 registrations=registrations,
-                connect=_endpoints(connect, config),
+                connect=_endpoints(connect, config, credentials),
+                credentials=credentials,
             )
         )
     read_registrations(settings.registrations)  # refused before a router is waited for
@@ -229,7 +238,7 @@ def twin(
     epilog="""\b
 Examples:
   slowtime router
-  slowtime router --listen tcp/0.0.0.0:7447
+  slowtime router --credentials keys/router --listen tls/0.0.0.0:7447
   slowtime router --listen tcp/127.0.0.1:7448 --connect tcp/10.0.0.2:7447
 """
 )
@@ -242,10 +251,29 @@ Examples:
     help="Endpoint to listen on; may be given several times.",
 )
 @click.option("--connect", multiple=True, type=Endpoint(), help="Another router to join.")
-def router(listen: tuple[str, ...], connect: tuple[str, ...]) -> None:
-    """Run a Zenoh router: what edges, twin and recorder connect to."""
+@credentials_option
+@click.option(
+    "--insecure",
+    is_flag=True,
+    help="Let anybody who reaches the endpoint read and write everything.",
+)
+def router(
+    listen: tuple[str, ...],
+    connect: tuple[str, ...],
+    credentials: Path | None,
+    insecure: bool,
+) -> None:
+    """Run a Zenoh router: what edges, twin and recorder connect to.
+
+    With credentials it lets in who holds a certificate of its site, and lets each do what its
+    certificate is for. Without, it listens to this machine only.
+    """
     router_process.run(
-        listen, connect, ready=lambda where: click.echo(f"Router on {', '.join(where)}")
+        endpoints(listen, credentials),
+        connect,
+        credentials=credentials,
+        insecure=insecure,
+        ready=lambda where: click.echo(f"Router on {', '.join(where)}"),
     )
 
 
@@ -257,6 +285,7 @@ Examples:
 """
 )
 @connect_option
+@credentials_option
 @click.option("--asset", type=Name(parts=2), help="SITE.ASSET that must be alive.")
 @click.option(
     "--timeout-s",
@@ -265,15 +294,19 @@ Examples:
     type=Number(min=0.1),
     help="How long to wait.",
 )
-def status(connect: tuple[str, ...], asset: str | None, timeout_s: float) -> int:
+def status(
+    connect: tuple[str, ...], credentials: Path | None, asset: str | None, timeout_s: float
+) -> int:
     """Tell whether the router answers and which edge agents live.
 
     Leaves with 0 if all that was asked for is there, else with 1; made for health checks.
     """
     logging.getLogger("slowtime_services").setLevel(logging.CRITICAL)
     site, _, name = (asset or "*.*").partition(".")
+    connect = endpoints(connect, credentials)
+    options = options_for(credentials, connect)
     try:
-        with ZenohBus("client", connect, open_timeout_s=timeout_s) as bus:
+        with ZenohBus("client", connect, open_timeout_s=timeout_s, options=options) as bus:
             alive = _alive(bus, alive_key(site, name), timeout_s if asset else 0.5)
     except BusUnreachableError as error:
         click.echo(str(error), err=True)
@@ -317,6 +350,9 @@ def _naming(config: Path | None) -> Iterator[None]:
         raise click.UsageError(f"--config {config} is not {kind}: {error}.") from error
 
 
-def _endpoints(connect: tuple[str, ...], config: Path | None) -> tuple[str, ...] | None:
+def _endpoints(
+    connect: tuple[str, ...], config: Path | None, credentials: Path | None
+) -> tuple[str, ...] | None:
     """Leave the endpoint to the file, where there is one and the flag was not used."""
-    return None if config is not None and connect == (ROUTER,) else connect
+    left = config is not None and connect == (ROUTER,)
+    return None if left else endpoints(connect, credentials)

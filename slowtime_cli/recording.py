@@ -29,7 +29,16 @@ from slowtime_services.replay import replay as replay_file
 
 from .connecting import connected
 from .offline import offline_twin
-from .options import POSITIVE, Name, Number, OutFile, connect_option, names, together
+from .options import (
+    POSITIVE,
+    Name,
+    Number,
+    OutFile,
+    connect_option,
+    credentials_option,
+    names,
+    together,
+)
 from .terminal import INTERRUPTED, bar, counting, removed_unless_finished, until_signalled
 
 RECORDING = click.Path(exists=True, dir_okay=False, path_type=Path)
@@ -50,6 +59,7 @@ Examples:
     help="MCAP file to write; it must not exist yet.",
 )
 @connect_option
+@credentials_option
 @click.option(
     "--asset",
     default="*.*",
@@ -70,6 +80,7 @@ Examples:
 def record(
     out: Path,
     connect: tuple[str, ...],
+    credentials: Path | None,
     asset: str,
     streams: str | None,
     duration_s: float,
@@ -89,7 +100,7 @@ def record(
             f"{path} exists and may be the only copy of a recording. Give another name, or "
             "--number to have one put after it."
         )
-    with until_signalled(duration_s) as stop, connected(connect, stop) as bus:
+    with until_signalled(duration_s) as stop, connected(connect, stop, credentials) as bus:
         with Recorder(bus, path, streams=wanted, site=site, asset=name) as recorder:
             with counting("Recording") as tell:
                 recorder.run(stop, lambda now: tell(_describe(now)))
@@ -125,6 +136,7 @@ Examples:
 )
 @click.argument("recording", type=RECORDING)
 @connect_option
+@credentials_option
 @click.option(
     "--speed",
     default=1.0,
@@ -148,6 +160,7 @@ Examples:
 def replay(
     recording: Path,
     connect: tuple[str, ...],
+    credentials: Path | None,
     speed: float,
     fast: bool,
     server: str | None,
@@ -164,15 +177,20 @@ def replay(
     if database is not None:
         return _into(recording, database)
     contents(recording)  # refused before a router is waited for
-    return _onto_the_bus(recording, connect, math.inf if fast else speed, server)
+    pace = math.inf if fast else speed
+    return _onto_the_bus(recording, connect, credentials, pace, server)
 
 
 def _onto_the_bus(
-    recording: Path, connect: tuple[str, ...], speed: float, server: str | None
+    recording: Path,
+    connect: tuple[str, ...],
+    credentials: Path | None,
+    speed: float,
+    server: str | None,
 ) -> int:
     with (
         until_signalled() as stop,
-        connected(connect, stop) as bus,
+        connected(connect, stop, credentials) as bus,
         bar("Replaying", 1) as tell,
     ):
         played = replay_file(recording, bus, speed=speed, stop=stop, progress=_share(tell))

@@ -14,6 +14,7 @@ from fastapi import FastAPI
 
 from slowtime_services.bus import Bus, BusUnreachableError, ZenohBus
 from slowtime_services.clock import Clock
+from slowtime_services.credentials import CredentialsError, options_for
 from slowtime_services.ending import ended_by_signals
 from twin_server.persist import SqliteStore, WrongStoreError
 from twin_server.pipeline import Herald, Pipeline, TwinKnowledge
@@ -64,6 +65,7 @@ def run(
             _serve(settings, listening, store, bus, clock, stop, ready)
     except (
         BusUnreachableError,
+        CredentialsError,
         WrongStoreError,
         WrongRegistrationsError,
         _AddressError,
@@ -157,6 +159,7 @@ def _config(app: FastAPI, settings: TwinSettings) -> uvicorn.Config:
 
 def _open_bus(settings: TwinSettings, clock: Clock | None, stop: threading.Event) -> ZenohBus:
     """Wait for the router a little at a time: nobody hears a signal while Zenoh opens."""
+    options = options_for(settings.credentials, settings.connect, settings.zenoh)
     deadline = time.monotonic() + settings.connect_timeout_s
     while True:
         try:
@@ -164,7 +167,7 @@ def _open_bus(settings: TwinSettings, clock: Clock | None, stop: threading.Event
                 "client",
                 connect=settings.connect,
                 open_timeout_s=min(ATTEMPT_S, settings.connect_timeout_s),
-                options=settings.zenoh,
+                options=options,
                 clock=clock,
             )
         except BusUnreachableError:

@@ -105,8 +105,10 @@ class TwinSettings(ProcessSettings):
     connect: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
     """Where the router is."""
     connect_timeout_s: Positive = 30.0
-    zenoh: dict[str, Any] = Field(default_factory=dict)
-    """Further settings of Zenoh, key to value, such as those of TLS."""
+    credentials: Path | None = None
+    """Folder that `slowtime keys` made for the server; None to speak in the clear."""
+    zenoh: dict[str, Any] = Field(default_factory=dict, repr=False)
+    """Further settings of Zenoh, key to value."""
     registrations: Path | None = None
     """TOML or JSON file: twin id → registration, for twins that are not yet registered."""
     auto_register: bool = True

@@ -3,13 +3,16 @@
 import logging
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 
 from slowtime_services.bus import BusUnreachableError, ZenohBus
+from slowtime_services.credentials import Credentials, CredentialsError
+from slowtime_services.credentials.folder import check_encrypted, reachable_from_elsewhere
 from slowtime_services.ending import ended_by_signals
 
 logger = logging.getLogger(__name__)
 
-DEFAULT_LISTEN = ("tcp/0.0.0.0:7447",)
+DEFAULT_LISTEN = ("tcp/127.0.0.1:7447",)
 
 
 def run(
@@ -17,6 +20,8 @@ def run(
     connect: Sequence[str] = (),
     *,
     stop: threading.Event | None = None,
+    credentials: Path | None = None,
+    insecure: bool = False,
     options: Mapping[str, object] | None = None,
     ready: Callable[[Sequence[str]], None] | None = None,
 ) -> None:
@@ -30,8 +35,12 @@ def run(
         Other routers to join.
     stop
         Set from outside to end.
+    credentials
+        Folder that `slowtime keys` made for the router: who may connect, and do what.
+    insecure
+        Whether to listen to other machines without.
     options
-        Further Zenoh settings, such as those of TLS or access control.
+        Further Zenoh settings.
     ready
         Told the endpoints once they listen.
 
@@ -39,16 +48,31 @@ def run(
     ------
     BusUnreachableError
         If an endpoint is taken or misspelt.
+    CredentialsError
+        If the credentials are of no use, or are needed and not there.
     """
-    with (
-        ended_by_signals(stop) as end,
-        ZenohBus("router", connect, listen, options=options),
-    ):
+    own = _secured(listen, connect, credentials, insecure) | dict(options or {})
+    with ended_by_signals(stop) as end, ZenohBus("router", connect, listen, options=own):
         logger.info("Router listens on %s.", ", ".join(listen))
         if ready is not None:
             ready(listen)
         end.wait()
     logger.info("Router has ended.")
+
+
+def _secured(
+    listen: Sequence[str], connect: Sequence[str], credentials: Path | None, insecure: bool
+) -> dict[str, object]:
+    if credentials is not None:
+        check_encrypted([*listen, *connect])
+        return Credentials.read(credentials).router_options()
+    if (open_to_all := reachable_from_elsewhere(listen)) and not insecure:
+        raise CredentialsError(
+            f"At {', '.join(open_to_all)} whoever reaches this machine could read and write "
+            "everything. Make certificates with `slowtime keys` and give --credentials "
+            "keys/router, or listen at tcp/127.0.0.1:7447, or say --insecure."
+        )
+    return {}
 
 
 def check(endpoint: str, *, timeout_s: float = 2.0) -> bool:

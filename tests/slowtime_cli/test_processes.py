@@ -58,7 +58,7 @@ def test_a_twin_that_cannot_run_says_why_before_a_router_is_waited_for(refused, 
 def test_a_router_that_cannot_listen_says_why(refused):
     assert "'nonsense' is no endpoint" in refused("router", "--listen", "nonsense")
     assert "an endpoint is misspelt; they look like tcp/0.0.0.0:7447" in refused(
-        "router", "--listen", "tcp/999.1.1.1:1"
+        "router", "--insecure", "--listen", "tcp/999.1.1.1:1"
     )
 
 

@@ -1,0 +1,90 @@
+"""Rights of all who hold a certificate → the access control of a Zenoh router.
+
+Zenoh allows a message where the key expression of a rule includes the message's own, so that
+a question about `*` is refused to who may only ask about one asset. What no rule allows is
+denied, and so is who holds a certificate of the site that is not on the list.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import Any, Protocol
+
+from .roles import Role, rights
+
+
+class Holder(Protocol):
+    """Whom a certificate names."""
+
+    @property
+    def role(self) -> str:
+        """A word of `ROLES`."""
+        ...
+
+    @property
+    def site(self) -> str:
+        """The site."""
+        ...
+
+    @property
+    def asset(self) -> str | None:
+        """The asset, of an edge."""
+        ...
+
+    @property
+    def name(self) -> str:
+        """Common name of the certificate."""
+        ...
+
+
+def access_control(holders: Iterable[Holder]) -> dict[str, Any]:
+    """Value of Zenoh's `access_control` for a router that serves `holders` and nobody else."""
+    grouped: dict[tuple[str, str, str | None], list[str]] = {}
+    for holder in holders:
+        if holder.role != "router":
+            who = (holder.role, holder.site, holder.asset)
+            grouped.setdefault(who, []).append(holder.name)
+    rules: list[dict[str, Any]] = []
+    subjects: list[dict[str, Any]] = []
+    policies: list[dict[str, Any]] = []
+    for (role, site, asset), names in sorted(grouped.items(), key=str):
+        label = ":".join(part for part in (role, site, asset) if part)
+        own = _rules(label, rights(role, site, asset))
+        rules += own
+        subjects.append({"id": label, "cert_common_names": sorted(names)})
+        policies.append({"rules": [rule["id"] for rule in own], "subjects": [label]})
+    if not subjects:  # Zenoh wants all three lists, or none
+        return {"enabled": True, "default_permission": "deny"}
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": subjects,
+        "policies": policies,
+    }
+
+
+def _rules(label: str, role: Role) -> list[dict[str, Any]]:
+    """Rules of one role, seen from the router: ingress is what its holder sends."""
+    told: list[tuple[str, str, str, Sequence[str]]] = [
+        ("writes", "ingress", "put", role.writes),
+        ("hears", "egress", "put", role.hears),
+        ("subscribes", "ingress", "declare_subscriber", role.subscribes),
+        ("answers", "ingress", "declare_queryable", role.answers),
+        ("asked", "egress", "query", role.answers),
+        ("replies", "ingress", "reply", role.replies),
+        ("asks", "ingress", "query", role.asks),
+        ("answered", "egress", "reply", role.hears if role.asks else ()),
+        ("announces", "ingress", "liveliness_token", role.announces),
+        ("watches", "ingress", "declare_liveliness_subscriber", role.watches),
+        ("sees", "egress", "liveliness_token", role.watches),
+    ]
+    return [
+        {
+            "id": f"{label} {what}",
+            "permission": "allow",
+            "flows": [flow],
+            "messages": [message],
+            "key_exprs": list(keys),
+        }
+        for what, flow, message, keys in told
+        if keys
+    ]

@@ -1,0 +1,189 @@
+"""A credential's folder → settings of Zenoh, refused where it would not hold what it says."""
+
+import dataclasses
+import datetime
+import ipaddress
+import json
+import logging
+import stat
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Self
+
+from .authority import ACCESS, CERTIFICATE, KEY, TRUSTED
+
+logger = logging.getLogger(__name__)
+
+TLS = "transport/link/tls"
+SOON = datetime.timedelta(days=30)
+ENCRYPTED = ("tls/", "quic/")
+OF_ONE_MACHINE = ("unixsock-stream/", "unixpipe/", "vsock/", "serial/")
+
+
+class CredentialsError(ValueError):
+    """A credential that is not there, not whole, expired, or readable by others."""
+
+
+class NotNowError(CredentialsError):
+    """A certificate that is expired, or not yet valid."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Credentials:
+    """A folder made by `slowtime keys`, of one process."""
+
+    folder: Path
+    name: str
+    expires: datetime.datetime
+
+    @classmethod
+    def read(cls, folder: Path, *, at_any_time: bool = False) -> Self:
+        """Look at a folder; `at_any_time` only says in the log that it is not valid now.
+
+        Raises
+        ------
+        CredentialsError
+            If a file is missing or not what it should be, others may read the key, or the
+            certificate is not valid now.
+        """
+        from cryptography import x509
+        from cryptography.x509.oid import NameOID
+
+        missing = [n for n in (TRUSTED, CERTIFICATE, KEY) if not (folder / n).is_file()]
+        if missing:
+            raise CredentialsError(
+                f"{folder} has no {', '.join(missing)}. Give a folder that `slowtime keys` "
+                "made, such as keys/server."
+            )
+        mode = stat.S_IMODE((folder / KEY).stat().st_mode)
+        if mode & 0o077:
+            raise CredentialsError(
+                f"Others may read {folder / KEY} (mode {mode:04o}). Allowed: 0600. Say chmod "
+                f"600 {folder / KEY}, and have it issued anew if somebody may have read it."
+            )
+        try:
+            certificate = x509.load_pem_x509_certificate((folder / CERTIFICATE).read_bytes())
+        except ValueError as error:
+            raise CredentialsError(
+                f"{folder / CERTIFICATE} is no certificate: {error}. Have it issued anew."
+            ) from error
+        names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+        found = cls(
+            folder, str(names[0].value) if names else "", certificate.not_valid_after_utc
+        )
+        try:
+            found._check_time(certificate.not_valid_before_utc)
+        except NotNowError as error:
+            if not at_any_time:
+                raise
+            logger.error("%s", error)
+        return found
+
+    def _check_time(self, begins: datetime.datetime) -> None:
+        now = datetime.datetime.now(datetime.UTC)
+        if now >= self.expires:
+            raise NotNowError(
+                f"The certificate in {self.folder} expired on {self.expires:%Y-%m-%d %H:%M} "
+                "UTC. Renew it with `slowtime keys renew`, and copy the folder here again."
+            )
+        if now < begins:
+            raise NotNowError(
+                f"The certificate in {self.folder} is valid from {begins:%Y-%m-%d %H:%M} UTC, "
+                f"and it is {now:%Y-%m-%d %H:%M} here. Set this machine's clock."
+            )
+        if self.expires - now < SOON:
+            logger.warning(
+                "The certificate in %s expires in %d days. Renew it: slowtime keys renew.",
+                self.folder,
+                (self.expires - now).days,
+            )
+
+    def client_options(self) -> dict[str, Any]:
+        """Give settings of Zenoh for a process that connects."""
+        return {
+            f"{TLS}/root_ca_certificate": str(self.folder / TRUSTED),
+            f"{TLS}/enable_mtls": True,
+            f"{TLS}/connect_private_key": str(self.folder / KEY),
+            f"{TLS}/connect_certificate": str(self.folder / CERTIFICATE),
+            f"{TLS}/verify_name_on_connect": True,
+            f"{TLS}/close_link_on_expiration": True,
+        }
+
+    def router_options(self) -> dict[str, Any]:
+        """Give settings of Zenoh for a router: who may connect, and what each may do.
+
+        Raises
+        ------
+        CredentialsError
+            If the folder is not a router's.
+        """
+        path = self.folder / ACCESS
+        if not path.is_file():
+            raise CredentialsError(
+                f"{self.folder} has no {ACCESS}, which says who may do what. Give a router's "
+                "folder, such as keys/router."
+            )
+        return self.client_options() | {
+            f"{TLS}/listen_private_key": str(self.folder / KEY),
+            f"{TLS}/listen_certificate": str(self.folder / CERTIFICATE),
+            "access_control": json.loads(path.read_text()),
+        }
+
+
+def options_for(
+    credentials: Path | None,
+    endpoints: Sequence[str],
+    more: Mapping[str, Any] | None = None,
+    *,
+    at_any_time: bool = False,
+) -> dict[str, Any]:
+    """Give settings of Zenoh for a process that connects, with credentials or without.
+
+    An edge goes on listening and keeps its features `at_any_time`: its clock may be wrong, and
+    an expired certificate is no reason to lose what it was put there to hear.
+
+    Raises
+    ------
+    CredentialsError
+        If there are credentials and an endpoint that does not ask for them.
+    """
+    if credentials is None:
+        return dict(more or {})
+    check_encrypted(endpoints)
+    found = Credentials.read(credentials, at_any_time=at_any_time)
+    return found.client_options() | dict(more or {})
+
+
+def check_encrypted(endpoints: Sequence[str]) -> None:
+    """Refuse endpoints at which credentials would be of no use."""
+    bare = [e for e in endpoints if not e.startswith(ENCRYPTED)]
+    if bare:
+        raise CredentialsError(
+            f"Credentials were given, and {', '.join(bare)} is not encrypted. Give an endpoint "
+            "such as tls/127.0.0.1:7447, and the router its own credentials."
+        )
+
+
+def reachable_from_elsewhere(endpoints: Sequence[str]) -> list[str]:
+    """Those at which other machines may connect, in the clear.
+
+    Examples
+    --------
+    >>> reachable_from_elsewhere(["tcp/127.0.0.1:7447", "tcp/[::1]:1", "tls/0.0.0.0:7447"])
+    []
+    >>> reachable_from_elsewhere(["tcp/0.0.0.0:7447", "udp/[::]:7447"])
+    ['tcp/0.0.0.0:7447', 'udp/[::]:7447']
+    """
+    return [
+        e
+        for e in endpoints
+        if not e.startswith((*ENCRYPTED, *OF_ONE_MACHINE)) and not _loopback(e)
+    ]
+
+
+def _loopback(endpoint: str) -> bool:
+    host = endpoint.partition("/")[2].rpartition(":")[0].strip("[]")
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
