@@ -1,6 +1,7 @@
 """A Python file of a user's own in, the kinds of effect that it holds out."""
 
 import importlib.util
+import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
@@ -27,6 +28,8 @@ def load(path: str | Path) -> tuple[Kind, ...]:
     if spec is None or spec.loader is None:
         raise EffectFileError(f"{path.name} is no Python file. Give one that ends in .py.")
     module = importlib.util.module_from_spec(spec)
+    # Compiled laws are kept on disk, and ask for their module by its name when they come back.
+    sys.modules[spec.name] = module
     try:
         spec.loader.exec_module(module)
     except OSError:

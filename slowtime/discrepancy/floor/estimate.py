@@ -54,6 +54,8 @@ SPARKS = 0.15
 
 LEAST = 0.05
 """Share of samples below which a channel counts as if it had so many."""
+BEST = 1e-5
+"""Noise of the best sensor there is over the scatter of what it measures: 100 dB."""
 UNHEARD = 1e-6
 """That a channel without any sample counts by."""
 
@@ -141,7 +143,22 @@ def noise_of_residual(
         heard = trial.used.any(axis=0)
         known = np.where(heard, share * spare, UNHEARD)
         powers.append((frequency, np.where(heard, power / share, 1.0), known))
-    return noise_of_power(powers, rate_hz=trials[0].rate_hz, silent_above_hz=silent_above_hz)
+    heard = noise_of_power(powers, rate_hz=trials[0].rate_hz, silent_above_hz=silent_above_hz)
+    return no_better(heard, trials)
+
+
+def no_better(noise: Noise, trials: Sequence[Trial]) -> Noise:
+    """Add the noise of the best sensor there is: what was smoothed afterwards seems quieter."""
+    colours = []
+    for row, trial in zip(noise.colours, trials, strict=True):
+        least = (BEST * trial.measured.std(axis=0)) ** 2 / (trial.rate_hz / 2)
+        colours.append(
+            tuple(
+                dataclasses.replace(colour, white=colour.white + float(more))
+                for colour, more in zip(row, least, strict=True)
+            )
+        )
+    return dataclasses.replace(noise, colours=tuple(colours))
 
 
 def noise_of_power(powers: Sequence[Power], *, rate_hz: float, silent_above_hz: float) -> Noise:

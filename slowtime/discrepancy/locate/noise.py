@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from slowtime.discrepancy.floor.estimate import UNHEARD, noise_of_power
+from slowtime.discrepancy.floor.estimate import UNHEARD, no_better, noise_of_power
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refit import Fit
 from slowtime.signals.spectra import transform
@@ -36,6 +36,7 @@ def heard_again(
     noise = noise_of_power(
         powers, rate_hz=records[0].rate_hz, silent_above_hz=fit.silent_above_hz
     )
+    noise = no_better(noise, records)
     return tuple(
         dataclasses.replace(
             trial,
