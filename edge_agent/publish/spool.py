@@ -6,9 +6,13 @@ A folder of segment files, each of one boot: eight bytes of mark, then records o
 
 little-endian. A write that a kill or a power cut tears leaves a tail whose checksum does not
 hold; it is cut off when the folder is next opened, and everything before it stands.
+
+Of a boot that has been dropped whole because the spool was full, the last sequence stays in
+`dropped.json` until the twin acknowledges it: so that it can report what it never had.
 """
 
 import dataclasses
+import json
 import logging
 import os
 import struct
@@ -23,6 +27,9 @@ logger = logging.getLogger(__name__)
 MARK = b"STSPOOL1"
 RECORD = struct.Struct("<IIQ")
 SUFFIX = ".spool"
+DROPPED = "dropped.json"
+MOST_DROPPED = 1_000
+"""Boots dropped whole that are remembered; a device that reboots forever forgets the first."""
 _NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND
 
 
@@ -31,7 +38,7 @@ class SpoolError(OSError):
 
 
 class Held(NamedTuple):
-    """What the spool holds of one boot."""
+    """What the spool holds of one boot; `first` is one past `last` where all was dropped."""
 
     boot: str
     first: int
@@ -62,9 +69,10 @@ class Spool:
     segment_bytes
         At which a new segment begins.
     fsync
-        ``"always"``: each record is on the disk before `append` returns; ``"segment"``: each
-        segment is when it is full, or closed; ``"never"``: when the system likes. What was
-        appended survives the death of the process in any case.
+        ``"always"``: each record, and the name of its file, is on the disk before `append`
+        returns, so that a power cut loses nothing; ``"segment"``: each segment is when it is
+        full, or closed; ``"never"``: when the system likes. What was appended survives the
+        death of the process in any case.
     """
 
     def __init__(
@@ -85,6 +93,7 @@ class Spool:
         self._last = -1
         folder.mkdir(parents=True, exist_ok=True)
         self._guard = _lock_folder(folder)
+        self._gone = _read_dropped(folder / DROPPED)
         self._segments = [s for p in sorted(folder.glob(f"*{SUFFIX}")) if (s := _open(p))]
         self._size = sum(segment.size for segment in self._segments)
         if any(segment.boot == boot for segment in self._segments):
@@ -112,7 +121,7 @@ class Spool:
     def held(self) -> tuple[Held, ...]:
         """List what is held of each boot, oldest boot first."""
         with self._lock:
-            found: dict[str, Held] = {}
+            found = {boot: Held(boot, last + 1, last) for boot, last in self._gone.items()}
             for segment in self._segments:
                 before = found.get(segment.boot)
                 first = before.first if before else segment.first
@@ -177,6 +186,9 @@ class Spool:
             done = [s for s in self._segments if s.boot == boot and s.last <= sequence]
             for segment in done:
                 self._remove(segment)
+            if self._gone.get(boot, sequence + 1) <= sequence:
+                del self._gone[boot]
+                self._write_dropped()
             return sum(segment.count for segment in done)
 
     def close(self) -> None:
@@ -195,11 +207,10 @@ class Spool:
         current = self._segments[-1] if self._file is not None else None
         if current is not None and current.size < self._segment_bytes:
             return current
-        self._finish_segment()
         path = self.folder / f"{self.boot}.{sequence:020d}{SUFFIX}"
         try:
-            self._file = os.open(path, _NEW, 0o644)
-            _write_all(self._file, MARK)
+            self._finish_segment()
+            self._file = self._begin(path)
         except OSError as error:
             raise SpoolError(
                 f"The spool cannot write {path}: {error}. Make room on the disk, or point "
@@ -210,19 +221,35 @@ class Spool:
         self._size += segment.size
         return segment
 
-    def _finish_segment(self) -> None:
+    def _begin(self, path: Path) -> int:
+        """Make a segment file; where the disk does not even take its mark, none is left."""
+        file = os.open(path, _NEW, 0o644)
+        try:
+            _write_all(file, MARK)
+            if self._fsync == "always":
+                _sync_folder(self.folder)
+        except OSError:
+            os.close(file)
+            path.unlink(missing_ok=True)
+            raise
+        return file
+
+    def _finish_segment(self, *, keep: bool = True) -> None:
         if self._file is not None:
-            if self._fsync != "never":
-                os.fsync(self._file)
-            os.close(self._file)
-            self._file = None
+            file, self._file = self._file, None
+            try:
+                if keep and self._fsync != "never":
+                    os.fsync(file)
+                    _sync_folder(self.folder)
+            finally:
+                os.close(file)
 
     def _cut_back(self, segment: _Segment) -> None:
         """Take a torn record off again, so that the next one can be read after it."""
         try:
             os.ftruncate(self._descriptor(), segment.size)
         except OSError:
-            self._finish_segment()
+            self._finish_segment(keep=False)
         if segment.count == 0:
             self._remove(segment)
 
@@ -238,10 +265,24 @@ class Spool:
                 oldest.boot,
             )
             self._remove(oldest)
+            if not any(segment.boot == oldest.boot for segment in self._segments):
+                self._gone[oldest.boot] = oldest.last
+                for boot in list(self._gone)[:-MOST_DROPPED]:
+                    del self._gone[boot]
+                self._write_dropped()
+
+    def _write_dropped(self) -> None:
+        """Remember across a restart what was dropped whole; a full disk may prevent it."""
+        path = self.folder / DROPPED
+        try:
+            path.with_suffix(".new").write_text(json.dumps(self._gone))
+            path.with_suffix(".new").replace(path)
+        except OSError:
+            logger.exception("%s cannot be written; it is remembered until the end.", path)
 
     def _remove(self, segment: _Segment) -> None:
         if self._file is not None and segment is self._segments[-1]:
-            self._finish_segment()
+            self._finish_segment(keep=False)
         self._segments.remove(segment)
         self._size -= segment.size
         segment.path.unlink(missing_ok=True)
@@ -288,6 +329,16 @@ def _open(path: Path) -> _Segment | None:
     return _Segment(path, boot, found[0][0], found[-1][0], len(found), end)
 
 
+def _read_dropped(path: Path) -> dict[str, int]:
+    try:
+        return {str(boot): int(last) for boot, last in json.loads(path.read_text()).items()}
+    except FileNotFoundError:
+        return {}
+    except (ValueError, TypeError, AttributeError) as error:
+        logger.warning("%s cannot be read and is begun anew: %r", path, error)
+        return {}
+
+
 def _write_all(file: int, data: bytes) -> None:
     view = memoryview(data)
     while view:
@@ -316,10 +367,21 @@ def _unlock(file: int | None) -> None:
 if os.name == "posix":
     import fcntl
 
+    def _sync_folder(folder: Path) -> None:
+        """Bring names of files to the disk: a new file without its name is lost."""
+        file = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(file)
+        finally:
+            os.close(file)
+
     def _try_lock(file: int) -> None:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 else:  # pragma: no cover
+
+    def _sync_folder(folder: Path) -> None:
+        """No such thing here: the system keeps names as it likes."""
 
     def _try_lock(file: int) -> None:
         """No such lock here: two agents in one folder are not noticed."""

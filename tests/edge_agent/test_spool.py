@@ -175,3 +175,57 @@ def test_the_policy_decides_how_often_the_disk_is_waited_for(
     fill(tmp_path, "b1", range(10), fsync=policy).close()
     assert len(calls) >= least
     assert (policy == "never") == (not calls)
+
+
+def test_a_disk_that_is_full_where_a_segment_begins_is_told_and_recovered_from(
+    tmp_path, monkeypatch
+):
+    spool = fill(tmp_path, "b1", range(3))
+    spool.acknowledge("b1", 2)
+    real = os.write
+
+    def full(file, data):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "write", full)
+    for number in (3, 4):
+        with pytest.raises(SpoolError, match=r"cannot write.*Make room on the disk"):
+            spool.append(number, payload(number))
+    assert not list(tmp_path.glob("*.spool"))
+    monkeypatch.setattr(os, "write", real)
+    spool.append(5, payload(5))
+    assert list(spool.read("b1")) == [payload(5)]
+    spool.close()
+
+
+def test_a_boot_dropped_whole_is_told_of_until_the_twin_has_heard(tmp_path):
+    limits = {"segment_bytes": 4096, "max_bytes": 65_536}
+    fill(tmp_path, "b1", range(100), **limits).close()
+    fill(tmp_path, "b2", range(2000), **limits).close()
+    spool = Spool(tmp_path, "b3", **limits)
+    gone, held = spool.held()
+    assert gone == ("b1", 100, 99)
+    assert (held.boot, held.last) == ("b2", 1999)
+    assert spool.acknowledge("b1", 98) == 0
+    assert spool.held() == (gone, held)
+    spool.acknowledge("b1", 99)
+    assert spool.held() == (held,)
+    spool.close()
+    (tmp_path / "dropped.json").write_text("[")
+    spool = Spool(tmp_path, "b4", **limits)
+    assert spool.held() == (held,)
+    spool.close()
+
+
+def test_with_the_strictest_policy_a_file_s_name_is_on_the_disk_with_its_first_record(
+    tmp_path, monkeypatch
+):
+    synced: list[str] = []
+    real = os.fsync
+    monkeypatch.setattr(
+        os, "fsync", lambda f: (synced.append(os.readlink(f"/proc/self/fd/{f}")), real(f))
+    )
+    spool = Spool(tmp_path, "b1", fsync="always")
+    spool.append(0, payload(0))
+    assert synced == [str(tmp_path), str(next(tmp_path.glob("*.spool")))]
+    spool.close()

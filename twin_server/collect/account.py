@@ -15,6 +15,8 @@ from twin_server.settings import HealingSettings
 
 from .runs import SEQUENCES, Arrival, Change, Holding, Line, Lost, Ordered, Run, Want
 
+BACKWARDS = "its sensor time runs back"
+
 
 class Account:
     """What has been had of every asset, and what is missing.
@@ -168,9 +170,10 @@ class Account:
         for line in self._lines.values():
             self._admit(line, (), 0.0, change)
             for run in line.runs:
+                self._flow(run, change)
                 while (hole := run.missing()) is not None:
                     self._lose(run, hole[0], hole[1], "it cannot be asked for", change)
-                self._flow(run, change)
+                    self._flow(run, change)
             self._close_finished(line, change)
 
     @property
@@ -221,6 +224,7 @@ class Account:
         run.next = features.sequence + 1
         change.touched[run] = None
         if features.t_ns <= run.last_t_ns:
+            self._lose_one(run, features.sequence, change)
             change.refused.append(
                 (
                     "clock_not_increasing",
@@ -316,9 +320,13 @@ class Account:
         line.ease()
         for holding in listing:
             known = self._runs.get((line.site, line.asset, holding.boot))
-            if known is not None and known.number and holding.last > known.told:
+            if known is None or not known.number:
+                continue
+            if holding.last > known.told:
                 known.told = holding.last
                 self._worry(known, now_s)
+            if holding.last < known.next:
+                change.touched[known] = None  # it keeps what is durable: it is told again
         self._admit(line, listing, now_s, change)
 
     def _admit(
@@ -328,7 +336,7 @@ class Account:
         new = [
             (holding.boot, holding)
             for holding in listing
-            if holding.last >= holding.first
+            if (holding.last >= holding.first or holding.last + 1 == holding.first > 0)
             and not self._is_admitted(line.site, line.asset, holding.boot)
         ]
         listed = {boot for boot, _ in new}
@@ -429,6 +437,18 @@ class Account:
         change.lost.append(Lost(run, first, last, why))
         change.touched[run] = None
 
+    def _lose_one(self, run: Run, sequence: int, change: Change) -> None:
+        """Report one that has come and cannot be kept; neighbours in one range."""
+        if run.lost and run.lost[-1][1] == sequence - 1:
+            run.lost[-1] = (run.lost[-1][0], sequence)
+        else:
+            run.lost.append((sequence, sequence))
+        before = change.lost[-1] if change.lost else None
+        if before is not None and before.run is run and before.last == sequence - 1:
+            change.lost[-1] = before._replace(last=sequence)
+        else:
+            change.lost.append(Lost(run, sequence, sequence, BACKWARDS))
+
     def _close_finished(self, line: Line, change: Change) -> None:
         """Close each boot that is whole and has a successor; let the successor flow."""
         for run in line.runs:
@@ -442,6 +462,8 @@ class Account:
                     self._flow(run, change)
             if not run.followed or run.missing() is not None:
                 return
+            if run.told >= run.next:
+                self._lose(run, run.next, run.told, "the edge did not give it", change)
             run.closed, run.flows = True, False
             run.calm()
             change.touched[run] = None

@@ -323,3 +323,78 @@ def test_what_is_forgotten_may_come_again(world):
     world.account.forget("lab", "beam")
     world.heal()
     assert world.order == [("b1", 0), ("b1", 1)] * 2
+
+
+def test_a_boot_that_the_edge_has_dropped_whole_is_reported_lost_from_first_to_last(world):
+    world.alive()
+    world.spool = {"b2": {0, 1, 2}}
+    world.listing = lambda: [Holding("b1", 7, 6), Holding("b2", 0, 2)]
+    world.arrive(("b2", 0))
+    world.heal()
+    assert world.lost == [("b1", 0, 6)]
+    assert world.order == [("b2", 0), ("b2", 1), ("b2", 2)]
+    told = {run.boot: run.next - 1 for run in world.changes.touched}
+    assert told["b1"] == 6
+
+
+def test_what_is_left_of_a_known_boot_and_was_dropped_is_reported(world):
+    world.alive()
+    world.spool = {"b1": {0, 1, 2}}
+    world.arrive(("b1", 0))
+    world.heal()
+    world.spool = {"b2": {0}}
+    world.listing = lambda: [Holding("b1", 9, 8), Holding("b2", 0, 0)]
+    world.arrive(("b2", 0))
+    world.heal()
+    assert world.lost == [("b1", 3, 8)]
+    assert world.order[-1] == ("b2", 0)
+
+
+def test_a_tail_that_was_promised_in_vain_is_reported_once_another_boot_has_begun(world):
+    world.alive()
+    world.spool = {"b1": {0, 1}}
+    world.arrive(("b1", 0), ("b1", 1))
+    world.health("b1", 5)
+    world.heal()
+    assert world.lost == []
+    world.spool = {"b2": {0}}
+    world.arrive(("b2", 0))
+    world.heal()
+    assert world.lost == [("b1", 2, 5)]
+
+
+def test_what_an_edge_keeps_although_it_is_durable_is_acknowledged_again(world):
+    world.alive()
+    world.spool = {"b1": {0, 1}}
+    world.arrive(("b1", 0), ("b1", 1))
+    world.heal()
+    world.changes.touched.clear()
+    world.alive(False)
+    world.alive()
+    world.heal()
+    assert [(run.boot, run.next) for run in world.changes.touched] == [("b1", 2)]
+
+
+def test_sensor_time_that_runs_back_is_reported_as_one_range(world):
+    world.alive()
+    world.spool = {"b1": set(range(6))}
+    now = world.make(0).t_ns
+    arrivals = [world.arrival("b1", 0)]
+    arrivals += [world.arrival("b1", s, t_ns=now - 10**12 + s) for s in (1, 2, 3)]
+    arrivals += [world.arrival("b1", s) for s in (4, 5)]
+    change = Change()
+    world.account.take(arrivals, 0.0, change)
+    world.note(change)
+    world.heal()
+    assert world.lost == [("b1", 1, 3)]
+    assert world.order == [("b1", s) for s in (0, 4, 5)]
+
+
+def test_every_hole_is_given_up_where_nobody_can_be_asked(features):
+    world = World(features, alone=True)
+    world.arrive(*(("b1", s) for s in (0, 3, 4, 7, 9)), ("b2", 0))
+    change = Change()
+    world.account.give_up(change)
+    world.note(change)
+    assert world.order == [("b1", s) for s in (0, 3, 4, 7, 9)] + [("b2", 0)]
+    assert world.lost == [("b1", 1, 2), ("b1", 5, 6), ("b1", 8, 8)]
