@@ -143,8 +143,8 @@ def noise_of_residual(
         heard = trial.used.any(axis=0)
         known = np.where(heard, share * spare, UNHEARD)
         powers.append((frequency, np.where(heard, power / share, 1.0), known))
-    heard = noise_of_power(powers, rate_hz=trials[0].rate_hz, silent_above_hz=silent_above_hz)
-    return no_better(heard, trials)
+    noise = noise_of_power(powers, rate_hz=trials[0].rate_hz, silent_above_hz=silent_above_hz)
+    return no_better(noise, trials)
 
 
 def no_better(noise: Noise, trials: Sequence[Trial]) -> Noise:
