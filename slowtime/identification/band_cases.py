@@ -111,11 +111,9 @@ def _frame(
 
 def _grouped(projected: np.ndarray, omega: np.ndarray, poles: np.ndarray) -> BandData:
     """Average neighbouring ordinates where the density hardly changes between them."""
-    square = (omega[:, None] - poles.imag) ** 2 + poles.real**2
-    nearest = square.argmin(axis=1)
-    square = square[np.arange(len(omega)), nearest]
+    distance = np.abs(1j * omega[:, None] - poles).min(axis=1)
     spacing = float(omega[1] - omega[0])
-    size = np.maximum(GROUPED * np.sqrt(square) / spacing, 1.0)
+    size = np.maximum(GROUPED * distance / spacing, 1.0)
     group = np.floor(np.cumsum(1.0 / size)).astype(int)
     _, starts = np.unique(group, return_index=True)
     number = np.diff([*starts, len(omega)]).astype(float)
@@ -123,10 +121,6 @@ def _grouped(projected: np.ndarray, omega: np.ndarray, poles: np.ndarray) -> Ban
     density = np.add.reduceat(outer, starts, axis=0) / number[:, None, None]
     power = np.trace(density, axis1=1, axis2=2).real / density.shape[1]
     density = density + QUIET * np.median(power) * np.eye(density.shape[1])
-    middle = np.add.reduceat(omega, starts) / number
-    # Where the nearest resonance has its mean over the group, which curves towards it.
-    own = poles[nearest[starts]]
-    mean = np.add.reduceat(1.0 / square, starts) / number
-    reach = np.sqrt(np.maximum(1.0 / mean - own.real**2, 0.0))
-    there = own.imag + np.copysign(reach, middle - own.imag)
-    return BandData(np.where(number > 1, there, middle), density, number)
+    first, last = omega[starts], omega[np.append(starts[1:], len(omega)) - 1]
+    width = np.where(number > 1, last - first + spacing, 0.0)
+    return BandData((first + last) / 2, density, number, width=width)

@@ -160,7 +160,7 @@ def _climbed(
     data: BandData, model: BandModel, enough: float, most: int
 ) -> tuple[BandModel, np.ndarray, bool]:
     """Fisher scoring, damped where a step would not climb; model, density, and whether done."""
-    density = model.density(data.omega)
+    density = model.predicted(data)
     best = _posterior(data, model, density)
     damping, converged = 1e-3, False
     free = model.free()
@@ -175,7 +175,7 @@ def _climbed(
             promised = float(slope @ step)
             whole[free] = step / scale
             trial = moved(model, whole)
-            trial_density = trial.density(data.omega)
+            trial_density = trial.predicted(data)
             likelihood = _posterior(data, trial, trial_density)
             if likelihood >= best - 1e-10 * abs(best):
                 accepted = True

@@ -17,14 +17,17 @@ FREQUENCY_SD = 2.0
 than one ordinate explains it alone, and one without ties goes where another is missing."""
 
 
+Width = Float[np.ndarray, " group"] | float
+
+
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class BandData:
     """Mean spectral matrices of groups of neighbouring ordinates.
 
     Parameters
     ----------
-    omega
-        Scaled angular frequency of each group [1].
+    omega, width
+        Middle and width of each group, scaled angular frequency [1]; 0 for a single ordinate.
     density
         Mean of :math:`Y Y^H` over the group.
     number
@@ -39,6 +42,7 @@ class BandData:
     number: Float[np.ndarray, " group"]
     length: float = np.inf
     turn: complex = 1.0 + 0.0j
+    width: Width = 0.0
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -70,24 +74,27 @@ class BandModel:
         free[2 * modes + 2 * directions * first : 2 * modes * (1 + directions)] = False
         return free
 
-    def gain(self, omega: Float[np.ndarray, " group"]) -> tuple[np.ndarray, np.ndarray]:
+    def gain(
+        self, omega: Float[np.ndarray, " group"], width: Width = 0.0
+    ) -> tuple[np.ndarray, np.ndarray]:
         r"""Mean response of each mode in a periodogram, and its slope, ["mode group"].
 
         .. math:: \int_0^T (1 - \tau / T) \, e^{(s - i \omega) \tau} \, d\tau
                   = \frac{1}{i \omega - s} - \frac{1 - e^{s T}}{(i \omega - s)^2 T}
 
-        at the frequencies of a transform over T, with all the leakage of a finite record.
+        at the frequencies of a transform over T, with all the leakage of a finite record, and
+        averaged over the width of each group.
         """
-        plain = 1.0 / (1j * omega - self.pole[:, None])
+        plain, square, cube = _averaged(1j * omega - self.pole[:, None], width)
         if np.isinf(self.length):
-            return plain, plain**2
+            return plain, square
         left = (self.turn * np.exp(self.pole * self.length))[:, None]
-        leak = (1.0 - left) * plain**2 / self.length
-        return plain - leak, plain**2 * (1.0 + left) - 2.0 * plain * leak
+        leak = (1.0 - left) / self.length
+        return plain - leak * square, (1.0 + left) * square - 2.0 * leak * cube
 
-    def resonances(self, omega: Float[np.ndarray, " group"]) -> np.ndarray:
+    def resonances(self, omega: Float[np.ndarray, " group"], width: Width = 0.0) -> np.ndarray:
         """Part of each mode in the density, ["mode group direction direction"]."""
-        gain, _ = self.gain(omega)
+        gain, _ = self.gain(omega, width)
         half = np.einsum("im,mk,jm->mkij", self.shape, gain, self.force.conj())
         return np.asarray(half + half.conj().transpose(0, 1, 3, 2))
 
@@ -95,9 +102,13 @@ class BandModel:
         """Part of the density that is no resonance of the band."""
         return np.asarray(self.level + self.slope * omega[:, None, None])
 
-    def density(self, omega: Float[np.ndarray, " group"]) -> np.ndarray:
+    def density(self, omega: Float[np.ndarray, " group"], width: Width = 0.0) -> np.ndarray:
         """Model of the spectral matrices."""
-        return np.asarray(self.resonances(omega).sum(axis=0) + self.background(omega))
+        return np.asarray(self.resonances(omega, width).sum(axis=0) + self.background(omega))
+
+    def predicted(self, data: BandData) -> np.ndarray:
+        """Model of the spectral matrices of data."""
+        return self.density(data.omega, data.width)
 
     def without(self, mode: int) -> "BandModel":
         """Model with one mode less."""
@@ -127,6 +138,14 @@ class BandModel:
             force=np.insert(self.force, before, 0.0, axis=1),
             expected=np.insert(self.expected, before, expected),
         )
+
+
+def _averaged(a: np.ndarray, width: Width) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Means of 1 / a, of its square and of its cube, over a width along the imaginary axis."""
+    square = 1.0 / (a**2 + 0.25 * np.square(width))
+    wide = np.where(width == 0, 1.0, width)
+    logarithm = np.log((a + 0.5j * wide) / (a - 0.5j * wide)) / (1j * wide)
+    return np.where(width == 0, 1.0 / a, logarithm), square, a * square**2
 
 
 def moved(model: BandModel, step: Float[np.ndarray, " parameter"]) -> BandModel:

@@ -11,10 +11,10 @@ class Prospects:
     """What one more mode would add to a model, to first order (half a score statistic)."""
 
     def __init__(self, data: BandData, model: BandModel) -> None:
-        density = model.density(data.omega)
+        density = model.predicted(data)
         self._data, self._density = data, density
         self._root = whitener(data, density)
-        self._rows = slopes(model, data.omega, self._root)
+        self._rows = slopes(model, data, self._root)
         self._left = misfit(data, density, self._root)
         information, score = tied(model, self._rows @ self._rows.T, self._rows @ self._left)
         self._inverse = inverse_of(information)

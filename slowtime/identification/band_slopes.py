@@ -20,7 +20,7 @@ def information_of(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Fisher information and score of all parameters."""
     root = whitener(data, density)
-    rows = slopes(model, data.omega, root)
+    rows = slopes(model, data, root)
     return tied(model, rows @ rows.T, rows @ misfit(data, density, root))
 
 
@@ -51,13 +51,13 @@ def misfit(data: BandData, density: np.ndarray, root: np.ndarray) -> np.ndarray:
     return packed.reshape(-1)
 
 
-def slopes(model: BandModel, omega: np.ndarray, root: np.ndarray) -> np.ndarray:
+def slopes(model: BandModel, data: BandData, root: np.ndarray) -> np.ndarray:
     """Differentiate the density by free parameters; whitened, packed, one a row.
 
     All derivatives are outer products, so that vectors are whitened rather than matrices.
     """
-    directions, free = len(model.shape), len(model.pole) - model.held
-    gain, bent = (each[:, :, None] for each in model.gain(omega))
+    directions, free, omega = len(model.shape), len(model.pole) - model.held, data.omega
+    gain, bent = (each[:, :, None] for each in model.gain(omega, data.width))
     unit = root.transpose(2, 0, 1)
     plain = (root @ model.shape).transpose(2, 0, 1)
     shape = gain * plain

@@ -140,9 +140,7 @@ def _fitted(
     left, best = choose(case)
     while left:
         rests = [_without(case, best, k) for k in range(len(left))]
-        losses = [
-            best.log_likelihood - log_likelihood(data, r.density(data.omega)) for r in rests
-        ]
+        losses = [best.log_likelihood - log_likelihood(data, r.predicted(data)) for r in rests]
         worst = int(np.argmin(losses))
         if losses[worst] >= WORTH * case.price:
             return [
@@ -169,7 +167,7 @@ def _selected(case: Case) -> tuple[list[int], BandFit]:
     left: list[int] = []
     waiting = set(range(case.modes))
     best = forced(case.data, case.start([]))
-    reached = log_likelihood(case.data, best.density(case.data.omega))
+    reached = log_likelihood(case.data, best.predicted(case.data))
     while waiting:
         prospects = Prospects(case.data, best)
         gains = {k: prospects.gain(case.poles[k], case.shapes[:, k]) for k in waiting}
@@ -181,7 +179,7 @@ def _selected(case: Case) -> tuple[list[int], BandFit]:
         more = best.with_modes(case.poles[[most]], gains[most][1][:, None])
         for start in (restarted(case.data, more), more):
             trial = forced(case.data, start)
-            likelihood = log_likelihood(case.data, trial.density(case.data.omega))
+            likelihood = log_likelihood(case.data, trial.predicted(case.data))
             if likelihood - reached >= WORTH * case.price:
                 best, reached = trial, likelihood
                 left.append(most)
@@ -192,7 +190,7 @@ def _selected(case: Case) -> tuple[list[int], BandFit]:
 def _without(case: Case, whole: BandFit, mode: int) -> BandModel:
     """Model without a mode, refitted as far as it takes to see whether the mode is needed."""
     rest = restarted(case.data, whole.model.without(mode))
-    loss = whole.log_likelihood - log_likelihood(case.data, rest.density(case.data.omega))
+    loss = whole.log_likelihood - log_likelihood(case.data, rest.predicted(case.data))
     return rest if loss > CLEAR * case.price else fit(case.data, rest).model
 
 

@@ -184,5 +184,6 @@ def _grouped(
     mean = (mean + mean.conj().transpose(0, 2, 1)) / 2
     power = np.trace(mean, axis1=1, axis2=2).real / mean.shape[1]
     mean = mean + QUIET * np.median(power) * np.eye(mean.shape[1])
-    middle = np.add.reduceat(omega, starts) / number
-    return BandData(middle, mean, number * worth, turn=1.0 + 0.0j)
+    first, last = omega[starts], omega[np.append(starts[1:], len(omega)) - 1]
+    width = np.where(number > 1, last - first + omega[1] - omega[0], 0.0)
+    return BandData((first + last) / 2, mean, number * worth, width=width)

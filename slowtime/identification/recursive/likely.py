@@ -114,7 +114,7 @@ def _needed(case: Case) -> tuple[list[int], BandFit]:
     while left:
         rests = [_without(case, best, k) for k in range(len(left))]
         losses = [
-            best.log_likelihood - log_likelihood(case.data, rest.density(case.data.omega))
+            best.log_likelihood - log_likelihood(case.data, rest.predicted(case.data))
             for rest in rests
         ]
         worst = int(np.argmin(losses))
@@ -129,7 +129,7 @@ def _without(case: Case, whole: BandFit, mode: int) -> BandModel:
     """Model without a mode, refitted as far as it takes to see whether the mode is needed."""
     rest = whole.model.without(mode)
     rest = started(case.data, rest.pole, rest.shape, rest.held)
-    loss = whole.log_likelihood - log_likelihood(case.data, rest.density(case.data.omega))
+    loss = whole.log_likelihood - log_likelihood(case.data, rest.predicted(case.data))
     return rest if loss > CLEAR * case.price else fit(case.data, rest).model
 
 
@@ -147,7 +147,7 @@ def _misfit(case: Case, model: BandModel, k: int) -> float:
     near = np.abs(1j * omega - pole) < SHOWN * -pole.real
     if not near.any():
         return 1.0
-    density = model.density(omega[near])
+    density = model.predicted(case.data)[near]
     u = np.linalg.solve(
         density, np.broadcast_to(model.shape[:, k, None], (*density.shape[:2], 1))
     )

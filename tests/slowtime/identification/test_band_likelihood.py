@@ -134,3 +134,29 @@ def test_poles_that_are_held_stay_and_the_others_move():
     found = fit(data, started(data, POLES + 0.2j, truth.shape, held=1))
     assert found.model.pole[1] == POLES[1] + 0.2j
     assert abs(found.model.pole[0] - POLES[0]) < abs(0.2j)
+
+
+@pytest.mark.parametrize("length", [np.inf, 5.0])
+def test_a_group_is_predicted_as_the_mean_over_its_width(length):
+    truth, width = model(length=length), 1.7
+    fine = (np.arange(2000) + 0.5) / 2000 - 0.5
+    omega = np.array([-4.3, 0.0, 5.0, 30.0])
+    across = truth.density((omega[:, None] + width * fine).reshape(-1))
+    mean = across.reshape(len(omega), len(fine), 2, 2).mean(axis=1)
+    np.testing.assert_allclose(truth.density(omega, np.full(4, width)), mean, rtol=1e-5)
+    np.testing.assert_allclose(truth.density(omega, np.zeros(4)), truth.density(omega))
+    gain, bent = truth.gain(omega, np.full(4, width))
+    moved = dataclasses.replace(truth, pole=truth.pole + 1e-6)
+    slope = (moved.gain(omega, np.full(4, width))[0] - gain) / 1e-6
+    np.testing.assert_allclose(bent, slope, rtol=1e-4, atol=1e-9)
+
+
+def test_wide_groups_move_no_pole():
+    truth, size = model(), 30
+    omega = np.linspace(-60.0, 60.0, 3600)
+    density = truth.density(omega).reshape(-1, size, 2, 2).mean(axis=1)
+    middle = omega.reshape(-1, size).mean(axis=1)
+    number = np.full(len(middle), float(size))
+    data = BandData(middle, density, number, width=number * (omega[1] - omega[0]))
+    found = fit(data, started(data, POLES + 0.1, truth.shape))
+    np.testing.assert_allclose(found.model.pole, POLES, atol=2e-3)
