@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Iterator
 
+from slowtime.signals.block import Block
 from slowtime_services.bus import Bus, ZenohBus
 from slowtime_services.clock import Clock, SystemClock
 from slowtime_services.credentials import options_for
@@ -51,13 +52,34 @@ def run(
             stop = stack.enter_context(ended_by_signals())
         clock = clock or SystemClock()
         source = source or open_source(settings.input, clock, stop)
-        origin = Origin(
-            site=settings.site,
-            asset=settings.asset,
-            boot=settings.boot or new_boot(clock),
-            time_base=source.time_base,
-            slow_time_unit=source.slow_time_unit,
-        )
+        if bus is None:
+            bus = stack.enter_context(_connected(settings, clock, stop))
+        boot = settings.boot or new_boot(clock)
+        blocks = iter(source)
+        while (rest := _run_boot(settings, boot, source, blocks, bus, clock, stop)) is not None:
+            boot, blocks = new_boot(clock), rest
+            logger.warning("The sensor's time has run back; what follows is another boot.")
+    return 0
+
+
+def _run_boot(
+    settings: EdgeSettings,
+    boot: str,
+    source: Source,
+    blocks: Iterator[Block | None],
+    bus: Bus,
+    clock: Clock,
+    stop: threading.Event,
+) -> Iterator[Block | None] | None:
+    """Listen under one boot; give the blocks from where sensor time runs back, if it does."""
+    origin = Origin(
+        site=settings.site,
+        asset=settings.asset,
+        boot=boot,
+        time_base=source.time_base,
+        slow_time_unit=source.slow_time_unit,
+    )
+    with contextlib.ExitStack() as stack:
         spool = Spool(
             settings.spool.folder / f"{origin.site}.{origin.asset}",
             origin.boot,
@@ -66,8 +88,6 @@ def run(
             fsync=settings.spool.fsync,
         )
         stack.callback(spool.close)
-        if bus is None:
-            bus = stack.enter_context(_connected(settings, clock, stop))
         publisher = Publisher(
             origin,
             spool,
@@ -82,11 +102,11 @@ def run(
         logger.info("Edge %s.%s, boot %s.", origin.site, origin.asset, origin.boot)
         with _heartbeat(publisher, settings):
             edge = Edge.of(settings.processing, origin)
-            listen(source, edge, settings.admission, publisher, clock, stop)
+            rest = listen(blocks, edge, settings.admission, publisher, clock, stop)
             publisher.health()
-            if not stop.is_set():
+            if rest is None and not stop.is_set():
                 publisher.wait_acknowledged(settings.publish.linger_s, stop)
-    return 0
+            return rest
 
 
 def _connected(settings: EdgeSettings, clock: Clock, stop: threading.Event) -> ZenohBus:

@@ -7,6 +7,7 @@ of recorded raw blocks the very bytes that the edge once made of them.
 
 import contextlib
 import dataclasses
+import itertools
 import logging
 import threading
 from collections.abc import Iterable, Iterator, Sequence
@@ -17,7 +18,7 @@ from slowtime_schemas.messages import Features
 from slowtime_schemas.raw import RawHeader
 from slowtime_services.clock import Clock
 
-from .acquire import Admission, Refusal, Source
+from .acquire import Admission, Refusal
 from .condition import Condition, Marked, Segment
 from .extract import Extract, ExtractState
 from .publish import Publisher
@@ -133,6 +134,8 @@ class Listening:
         self._publisher, self._clock = publisher, clock
         self._state, self._admitted = edge.start(), admission.start()
         self._effort = Effort(publisher, clock)
+        self.rewound: Block | None = None
+        """First block of a stream whose time has run back; it has not been worked."""
 
     def take(self, block: Block | None) -> None:
         """Take what the source gave; None says that an epoch is complete."""
@@ -158,12 +161,15 @@ class Listening:
 
     def _admit(self, block: Block) -> bool:
         self._publisher.count("blocks")
+        before = self._admitted.last
         self._admitted, refusal = self._admission.step(
             self._admitted, block, self._clock.now_ns()
         )
         if refusal is not None:
             self._refuse(block, refusal)
-        return refusal is None
+        elif before is not None and block.end_ns <= before.end_ns:
+            self.rewound = block
+        return refusal is None and self.rewound is None
 
     def _refuse(self, block: Block, refusal: Refusal) -> None:
         word = f"refused_{refusal.word}"
@@ -190,25 +196,34 @@ class Listening:
 
 
 def listen(
-    source: Source,
+    blocks: Iterator[Block | None],
     edge: Edge,
     admission: AdmissionSettings,
     publisher: Publisher,
     clock: Clock,
     stop: threading.Event,
-) -> None:
-    """Work everything that `source` gives, until it ends or `stop` is set.
+) -> Iterator[Block | None] | None:
+    """Work all `blocks`, until they end or `stop` is set.
 
     The window begun when it ends is closed and told as well.
+
+    Returns
+    -------
+    None; or, where sensor time runs back, the blocks from there on: within a boot it
+    increases, so that they belong to another.
     """
-    listening = Listening(edge, Admission(admission, source.time_base), publisher, clock)
+    admit = Admission(admission, edge.extract.origin.time_base)
+    listening = Listening(edge, admit, publisher, clock)
     try:
-        for block in source:
+        for block in blocks:
             listening.take(block)
+            if listening.rewound is not None:
+                return itertools.chain([listening.rewound], blocks)
             if stop.is_set():
                 break
     finally:
         listening.take(None)
+    return None
 
 
 def rerun(blocks: Iterable[tuple[RawHeader, Block]], processing: Processing) -> Iterator[bytes]:

@@ -1,6 +1,8 @@
 """Features on disk until the twin has them for good: appended, checked, bounded.
 
-A folder of segment files, each of one boot: eight bytes of mark, then records of
+A folder of segment files, each of one boot. A file is named by the boot's place among all, which
+no clock that was set back changes, by its name and by its first sequence. It holds eight bytes
+of mark, then records of
 
     length of payload (u32) · CRC-32 of sequence and payload (u32) · sequence (u64) · payload
 
@@ -94,7 +96,9 @@ class Spool:
         folder.mkdir(parents=True, exist_ok=True)
         self._guard = _lock_folder(folder)
         self._gone = _read_dropped(folder / DROPPED)
-        self._segments = [s for p in sorted(folder.glob(f"*{SUFFIX}")) if (s := _open(p))]
+        paths = sorted(folder.glob(f"*{SUFFIX}"), key=lambda path: (_place(path), path.name))
+        self._place = 1 + max(map(_place, paths), default=0)
+        self._segments = [segment for path in paths if (segment := _open(path))]
         self._size = sum(segment.size for segment in self._segments)
         if any(segment.boot == boot for segment in self._segments):
             _unlock(self._guard)
@@ -207,7 +211,7 @@ class Spool:
         current = self._segments[-1] if self._file is not None else None
         if current is not None and current.size < self._segment_bytes:
             return current
-        path = self.folder / f"{self.boot}.{sequence:020d}{SUFFIX}"
+        path = self.folder / f"{self._place:08d}.{self.boot}.{sequence:020d}{SUFFIX}"
         try:
             self._finish_segment()
             self._file = self._begin(path)
@@ -308,6 +312,12 @@ def _records(data: bytes) -> Iterator[tuple[int, bytes, int]]:
         yield sequence, payload, at
 
 
+def _place(path: Path) -> int:
+    """Place of a segment's boot among all; 0 of software that did not name it."""
+    place = path.name.partition(".")[0]
+    return int(place) if len(place) == 8 and place.isdigit() else 0
+
+
 def _open(path: Path) -> _Segment | None:
     """Look through a segment of an earlier run, and cut a torn tail off."""
     data = path.read_bytes()
@@ -326,6 +336,8 @@ def _open(path: Path) -> _Segment | None:
     if end < len(data):
         os.truncate(path, end)
     boot = path.name.removesuffix(SUFFIX).rpartition(".")[0]
+    if _place(path):
+        boot = boot.partition(".")[2]
     return _Segment(path, boot, found[0][0], found[-1][0], len(found), end)
 
 

@@ -1,20 +1,25 @@
 """The agent as a process: settings alone make it run, on simulated and on real samples."""
 
+import dataclasses
+import itertools
 import os
 import signal
 import subprocess
 import sys
 import threading
+import time
 
 import pytest
 
 from edge_agent.__main__ import run
+from edge_agent.publish import Spool
 from edge_agent.settings import EdgeSettings
 from slowtime_schemas.messages import About, Features
 from slowtime_schemas.streams import ABOUT, FEATURES
 from slowtime_services.bus import MemoryBus
 from slowtime_services.ending import ended_by_signals
 from slowtime_services.files import RecordError
+from slowtime_services.simulate import SimulatedStructure
 
 TABLE_HZ = (26.27, 28.23, 30.82, 33.87, 37.55, 41.96)
 
@@ -46,6 +51,48 @@ def test_a_file_that_cannot_be_read_ends_the_agent_with_the_reason(tmp_path):
     (tmp_path / "a.csv").write_text("a,b\n1,2\n3,4\n")
     with pytest.raises(RecordError, match="Give --rate-hz"):
         features_of(tmp_path, input={"kind": "file", "path": tmp_path / "a.csv"})
+
+
+class SetBack:
+    """A live sensor whose clock jumps by some hours after so many epochs."""
+
+    time_base, slow_time_unit = "live", "d"
+
+    def __init__(self, jumps_s, each=20):
+        self.jumps_s, self.each = jumps_s, each
+
+    def __iter__(self):
+        structure = SimulatedStructure(seconds=2.0, interval_s=2.0, rate_hz=128.0)
+        begin_ns = time.time_ns() - 10**13
+        for number in range(self.each * len(self.jumps_s)):
+            jump_s = self.jumps_s[number // self.each]
+            for block in structure.epoch(number):
+                off_ns = begin_ns + round(jump_s * 1e9) - structure.start_ns
+                yield dataclasses.replace(block, start_ns=block.start_ns + off_ns)
+            yield None
+
+
+@pytest.mark.parametrize("jump_s", [-7200.0, 7200.0])
+def test_a_clock_that_jumps_by_hours_costs_a_few_epochs_and_never_the_order(tmp_path, jump_s):
+    bus = MemoryBus()
+    heard: list[bytes] = []
+    bus.subscribe(FEATURES.everywhere, lambda sample: heard.append(sample.payload))
+    settings = EdgeSettings(
+        spool={"folder": tmp_path}, publish={"linger_s": 0.0}, extract={"method": "peak"}
+    )
+    source = SetBack([0.0, jump_s, 0.0])
+    assert run(settings, bus=bus, source=source, stop=threading.Event()) == 0
+    messages = [Features.model_validate_json(payload) for payload in heard]
+    boots = list(dict.fromkeys(m.boot for m in messages))
+    assert len(boots) == 2
+    for boot in boots:
+        theirs = [m for m in messages if m.boot == boot]
+        assert [m.sequence for m in theirs] == list(range(len(theirs)))
+        assert all(a.t_ns < b.t_ns for a, b in itertools.pairwise(theirs))
+    assert len(messages) >= 60 - 2 * 10
+    spool = Spool(tmp_path / "demo.tower", "reader")
+    assert [held.boot for held in spool.held()] == boots
+    spool.close()
 
 
 def test_about_tells_the_software_and_no_address(tmp_path):

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -199,7 +200,7 @@ def test_a_disk_that_is_full_where_a_segment_begins_is_told_and_recovered_from(
 
 
 def test_a_boot_dropped_whole_is_told_of_until_the_twin_has_heard(tmp_path):
-    limits = {"segment_bytes": 4096, "max_bytes": 65_536}
+    limits: dict[str, Any] = {"segment_bytes": 4096, "max_bytes": 65_536}
     fill(tmp_path, "b1", range(100), **limits).close()
     fill(tmp_path, "b2", range(2000), **limits).close()
     spool = Spool(tmp_path, "b3", **limits)
@@ -222,10 +223,24 @@ def test_with_the_strictest_policy_a_file_s_name_is_on_the_disk_with_its_first_r
 ):
     synced: list[str] = []
     real = os.fsync
-    monkeypatch.setattr(
-        os, "fsync", lambda f: (synced.append(os.readlink(f"/proc/self/fd/{f}")), real(f))
-    )
+
+    def noted(file):
+        synced.append(os.readlink(f"/proc/self/fd/{file}"))
+        real(file)
+
+    monkeypatch.setattr(os, "fsync", noted)
     spool = Spool(tmp_path, "b1", fsync="always")
     spool.append(0, payload(0))
     assert synced == [str(tmp_path), str(next(tmp_path.glob("*.spool")))]
+    spool.close()
+
+
+def test_boots_are_in_the_order_they_ran_in_whatever_the_clock_says(tmp_path):
+    for boot in ("2026", "1970", "2025"):
+        fill(tmp_path, boot, range(2)).close()
+    before = tmp_path / "1999.00000000000000000000.spool"
+    (path,) = tmp_path.glob("*.2026.*")
+    before.write_bytes(path.read_bytes())
+    spool = Spool(tmp_path, "2027")
+    assert [held.boot for held in spool.held()] == ["1999", "2026", "1970", "2025"]
     spool.close()
