@@ -1,0 +1,193 @@
+"""How each kind of fault is begun and ended."""
+
+import contextlib
+import json
+import random
+import signal
+import socket
+import sqlite3
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from urllib.parse import urlparse
+
+from slowtime_schemas.streams import FEATURES, HEALTH, ROOT
+from slowtime_services.bus import BusUnreachableError, ZenohBus
+
+from .house import House
+from .schedule import RATE_HZ, Fault
+
+Undo = Callable[[], None]
+
+POISON = (
+    b"",
+    b"\xff\xfe\x00",
+    b"{",
+    b"null",
+    b"[" * 20_000,
+    b'{"version": 999}',
+    b'{"version": 2, "site": "lab", "asset": "nobody"}',
+    b"9" * 5_000,
+    b"x" * (2**20 + 1),
+)
+
+
+def inflict(fault: Fault, house: House) -> Undo:
+    """Begin a fault; what is given back ends it."""
+    return _KINDS[fault.kind](fault, house)
+
+
+def _nothing() -> None:
+    pass
+
+
+def _kill(fault: Fault, house: House) -> Undo:
+    house.down(fault.who, signal.SIGKILL)
+    return lambda: house.up(fault.who)
+
+
+def _end(fault: Fault, house: House) -> Undo:
+    house.down(fault.who, signal.SIGTERM)
+    return lambda: house.up(fault.who)
+
+
+def _freeze(fault: Fault, house: House) -> Undo:
+    house.freeze(fault.who, True)
+    return lambda: house.freeze(fault.who, False)
+
+
+def _cut(fault: Fault, house: House) -> Undo:
+    gate = house.gates[fault.who]
+    gate.set(cut=True, stalled=False)
+    return lambda: gate.set(cut=False, stalled=False)
+
+
+def _stall(fault: Fault, house: House) -> Undo:
+    gate = house.gates[fault.who]
+    gate.set(cut=False, stalled=True)
+    return lambda: gate.set(cut=False, stalled=False)
+
+
+def _burst(fault: Fault, house: House) -> Undo:
+    rate = house.rates[fault.who]
+    rate.value = 10 * RATE_HZ
+
+    def over() -> None:
+        rate.value = min(rate.value, RATE_HZ)  # it may have been silenced meanwhile
+
+    return over
+
+
+def _clock(fault: Fault, house: House) -> Undo:
+    clock = house.clocks[fault.who]
+    clock.value = fault.amount
+
+    def over() -> None:
+        clock.value = 0.0
+
+    return over
+
+
+def _disk(fault: Fault, house: House) -> Undo:
+    house.fill_disk(fault.who, 1)
+    return lambda: house.fill_disk(fault.who, -1)
+
+
+def _lock(fault: Fault, house: House) -> Undo:
+    """Hold the database as an impolite backup or a curious person would."""
+    if "://" in house.database or not Path(house.database).exists():
+        return _nothing
+    holder = sqlite3.connect(
+        house.database, isolation_level=None, check_same_thread=False, timeout=2.0
+    )
+    try:
+        holder.execute("begin immediate")
+    except sqlite3.OperationalError:
+        holder.close()
+        return _nothing
+
+    def over() -> None:
+        with contextlib.suppress(sqlite3.Error):
+            holder.execute("rollback")
+        holder.close()
+
+    return over
+
+
+def _poison(fault: Fault, house: House) -> Undo:
+    rng = random.Random(fault.at_s)
+    made, _ = house.ledger.snapshot()
+    ours = [payload for (asset, _, _), payload in made.items() if asset == fault.who]
+    payloads = list(POISON)
+    for payload in rng.sample(ours, min(10, len(ours))):
+        broken = bytearray(payload)
+        for _ in range(3):
+            broken[rng.randrange(len(broken))] = rng.randrange(256)
+        # Whatever it has become, no account can know it for another than itself.
+        payloads += [payload[: rng.randrange(len(payload))], _foreign(bytes(broken))]
+    keys = [FEATURES.key("lab", fault.who), HEALTH.key("lab", fault.who), f"{ROOT}/x"]
+    _send(house, [(rng.choice(keys), payload) for payload in payloads])
+    return _nothing
+
+
+def _foreign(payload: bytes) -> bytes:
+    """Leave a payload that still reads as features of this asset unsaid."""
+    try:
+        content = json.loads(payload)
+        return b"{}" if isinstance(content, dict) and "sequence" in content else payload
+    except ValueError:
+        return payload
+
+
+def _echo(fault: Fault, house: House) -> Undo:
+    """Send what was sent before again, shuffled, some of it twice."""
+    rng = random.Random(fault.at_s)
+    made, kept = house.ledger.snapshot()
+    ours = [payload for key, payload in made.items() if key[0] == fault.who and key in kept]
+    again = rng.choices(ours, k=60) if ours else []
+    _send(house, [(FEATURES.key("lab", fault.who), payload) for payload in again])
+    return _nothing
+
+
+def _slow(fault: Fault, house: House) -> Undo:
+    return _slow_subscriber(house) if fault.who == "bus" else _slow_client(house)
+
+
+def _slow_subscriber(house: House) -> Undo:
+    try:
+        bus = ZenohBus("client", [house.endpoint], open_timeout_s=1.0)
+    except BusUnreachableError:
+        return _nothing
+    bus.subscribe(f"{ROOT}/**", lambda _: time.sleep(0.5))
+    return lambda: threading.Thread(target=bus.close, daemon=True).start()
+
+
+def _slow_client(house: House) -> Undo:
+    """Ask for the live stream and never read it."""
+    where = urlparse(house.url())
+    client = socket.socket()
+    client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+    try:
+        client.settimeout(2.0)
+        client.connect((where.hostname, where.port or 0))
+        client.sendall(b"GET /api/v1/twins/lab.beam/live HTTP/1.1\r\nHost: x\r\n\r\n")
+    except (OSError, TypeError):
+        client.close()
+        return _nothing
+    return client.close
+
+
+def _send(house: House, messages: list[tuple[str, bytes]]) -> None:
+    with contextlib.suppress(BusUnreachableError):
+        with ZenohBus("client", [house.endpoint], open_timeout_s=1.0) as bus:
+            for key, payload in messages:
+                bus.publish(key, payload, encoding="application/json")
+            time.sleep(0.3)
+
+
+_KINDS: dict[str, Callable[[Fault, House], Undo]] = {
+    "kill": _kill, "end": _end, "freeze": _freeze, "cut": _cut, "stall": _stall,
+    "burst": _burst, "poison": _poison, "echo": _echo, "clock": _clock, "disk": _disk,
+    "lock": _lock, "slow": _slow,
+}  # fmt: skip
