@@ -32,7 +32,7 @@ from slowtime.dynamics.effects import (
 from slowtime.dynamics.units import unit_factor
 from slowtime.signals.spectra import transform
 
-from .locate import Located
+from .locate import Group, Located
 from .locate.tuned import Known, Tuned
 from .refit import Fit
 
@@ -41,6 +41,14 @@ MOST_STEPS = 100
 """Frequencies that are tried on either side of one that was found."""
 STEP = 1e-4
 """Of a parameter of a sensor or an input, to see what it does."""
+HOPELESS = 5.0
+"""Times the chi squared of the best law that a place must leave, to be passed over."""
+IDLE = 1e-9
+"""Share of a series below which a change of it is none."""
+MOST_CLOSER = 4
+"""How often one looks closer at an instant, and at what."""
+FINEST_S = 0.02
+"""Spacing of instants at which looking closer ends."""
 
 Shape = Mapping[str, float]
 Forces = Complex[np.ndarray, "frequency column"]
@@ -55,12 +63,15 @@ class Candidate:
     cost
         Chi squared that it leaves, with what the constants' tolerance takes.
     score
-        Half of what it gains on the reference, less half a log of the data a parameter.
+        Half of that, and half a log of the data for each parameter, below zero.
+    bare
+        Chi squared without it.
     """
 
     effect: Effect
     cost: float
     score: float
+    bare: float
 
 
 class Space:
@@ -118,6 +129,14 @@ class Space:
         self.solved = scipy.linalg.cho_solve(self.factor, self.right)
         self.bare = self.square - float(self.right @ self.solved)
         """What is left without any force."""
+        deviation = known.ahead + found.constants + (self.solved * self.scale)[:constants]
+        self.moves = {
+            name: (float(one * value), float(one / sd))
+            for name, one, value, sd in zip(
+                _constants(fit), deviation, _values(fit), known.sd, strict=True
+            )
+        }
+        """Constants' moves from what is claimed, in their units and in tolerances."""
 
     def lines_of(self, series: Iterable[Float[np.ndarray, "time column"]]) -> list[Forces]:
         """Spectra of forces, trial by trial; of one that grew beyond bounds, nothing."""
@@ -175,23 +194,66 @@ class Space:
 def candidates(fit: Fit, located: Located, kinds: Mapping[str, Kind]) -> list[Candidate]:
     """Try every kind at every place, each with its own best shape; the best first."""
     data = sum(2 * t.residual.size for t in located.lines)
-    found = []
+    found: list[Candidate] = []
+    least = math.inf
     fits = [kind for kind in kinds.values() if _fits(kind, located)]
     for group in located.groups:
+        if elsewhere(located, group) > HOPELESS * least:
+            continue
         for place in group.places:
             own = [kind for kind in fits if kind.where == place.kind]
             if not own:
                 continue
             space = Space(fit, located, place)
             for kind in own:
-                best = best_of(kind, space)
-                if best is None:
+                both = (best_of(kind, space), retuned(kind, space))
+                if both == (None, None):
                     continue
-                effect, gain = best
+                effect, gain = max((one for one in both if one is not None), key=_gained)
+                least = min(least, space.bare - gain)
                 cost = space.bare - gain
                 numbers = sum(p.fitted for p in kind.parameters)
-                found.append(Candidate(effect, cost, -cost / 2 - numbers / 2 * math.log(data)))
+                score = -cost / 2 - numbers / 2 * math.log(data)
+                found.append(Candidate(effect, cost, score, space.bare))
     return sorted(found, key=lambda c: -c.score)
+
+
+def elsewhere(located: Located, group: Group) -> float:
+    """Chi squared that no force at a place can take away, whatever its course."""
+    total = 0.0
+    for lines, force in zip(located.lines, group.explained.forces, strict=True):
+        left = float(np.sum(np.abs(force.left) ** 2 / lines.noise))
+        along = np.sum(force.transfer.conj() * force.left / lines.noise, axis=1)
+        heard = force.signal > 0
+        taken = np.abs(along[heard]) ** 2 / force.signal[heard]
+        total += 2 * (left - float(taken.sum()))
+    return total
+
+
+def retuned(kind: Kind, space: Space) -> tuple[Effect, float] | None:
+    """Of an effect that does what a constant of its element does: the constant's own move.
+
+    To the sensors both are one; but the constant has a tolerance, the effect has none.
+    """
+    if (
+        not isinstance(kind.action, Hidden)
+        or kind.action.coordinates
+        or kind.where != "element"
+    ):
+        return None
+    if set(kind.names) != {kind.strength}:
+        return None
+    own = [float(matrix.sum()) for matrix in kind.action.matrices(np.ones(1))]
+    acts = [i for i, one in enumerate(own) if one != 0]
+    what = ("mass", "damping", "stiffness")[acts[0]]
+    if len(acts) != 1 or (what, space.place.id) not in space.moves:
+        return None
+    moved, pull = space.moves[what, space.place.id]
+    assert kind.strength is not None
+    value = moved / own[acts[0]]
+    if kind.parameter(kind.strength).refuses(value) is not None:
+        return None
+    return Effect(kind.name, space.place, {kind.strength: value}), pull**2
 
 
 def _fits(kind: Kind, located: Located) -> bool:
@@ -224,8 +286,14 @@ def _best_force(kind: Kind, space: Space) -> tuple[Effect, float] | None:
     switches = kind.action.switches if isinstance(kind.action, Law) else ()
     if best is None or len(switches) != 1:
         return best
-    finer = _between(switches[0], best[0], shapes)
-    return max(best, _best_shape(kind, space, motions, finer) or best, key=_gained)
+    finer = shapes
+    for _ in range(MOST_CLOSER):
+        finer = _between(switches[0], best[0], finer)
+        best = max(best, _best_shape(kind, space, motions, finer) or best, key=_gained)
+        instants = sorted(shape[switches[0]] for shape in finer)
+        if instants[1] - instants[0] < FINEST_S:
+            break
+    return best
 
 
 def _gained(found: tuple[Effect, float]) -> float:
@@ -263,10 +331,10 @@ def _beside(kind: Kind, found: Effect, motions: list[Motion]) -> list[Shape]:
 def _between(name: str, found: Effect, shapes: list[Shape]) -> list[Shape]:
     """Values of one shape parameter between the neighbours of the one that was best."""
     values = sorted({shape[name] for shape in shapes})
-    at = values.index(found.parameters[name])
+    at = int(np.argmin(np.abs(np.array(values) - found.parameters[name])))
     low, high = values[max(at - 1, 0)], values[min(at + 1, len(values) - 1)]
     others = next(shape for shape in shapes if shape[name] == values[at])
-    return [dict(others) | {name: float(v)} for v in np.linspace(low, high, 25)]
+    return [dict(others) | {name: float(v)} for v in np.linspace(low, high, 21)]
 
 
 def _best_shape(
@@ -335,8 +403,16 @@ def _best_change(
             factor * (action.act(one, times, values) - one)[:, None] for one, times in series
         ]
 
+    sizes = [float(np.abs(factor * one).max(initial=0.0)) for one, _ in series]
+
+    def idles(value: float) -> bool:
+        return all(
+            float(np.abs(one).max(initial=0.0)) <= IDLE * size
+            for one, size in zip(acted(value), sizes, strict=True)
+        )
+
     for idle in (0.0, 1.0):
-        if fitted[0].refuses(idle) is None and not any(one.any() for one in acted(idle)):
+        if fitted[0].refuses(idle) is None and idles(idle):
             step = STEP if fitted[0].unit in ("", "s") else 1.0
             moved = [one / step for one in acted(idle + step)]
             strength, gain = space.one(space.lines_of(moved))
@@ -406,8 +482,15 @@ def _joined(motions: list[Motion]) -> Motion:
     )
 
 
+def _constants(fit: Fit) -> tuple[tuple[str, str], ...]:
+    return tuple((name[0], str(name[1])) for name in fit.prior.names if name[0] != "effect")
+
+
+def _values(fit: Fit) -> Float[np.ndarray, " constant"]:
+    return fit.free[[i for i, name in enumerate(fit.prior.names) if name[0] != "effect"]]
+
+
 def _known(fit: Fit, located: Located) -> Known:
     index = [i for i, name in enumerate(fit.prior.names) if name[0] != "effect"]
-    names = tuple((fit.prior.names[i][0], str(fit.prior.names[i][1])) for i in index)
     now, mean, sd = fit.free[index], fit.prior.mean[index], fit.prior.sd[index]
-    return Known.of(located.linear, names, (now - mean) / now, sd / np.abs(now))
+    return Known.of(located.linear, _constants(fit), (now - mean) / now, sd / np.abs(now))

@@ -54,6 +54,8 @@ from .verdict import (
 
 UNWHITE = 1e-6
 """Chance of so large a chi squared below which a residual is not called noise."""
+SILENT = 0.01
+"""The same, above which nothing more is looked for once something was named."""
 LEFT = 0.01
 """Share of the first gain that is still to be had once an effect was wrongly named."""
 MOST = 3
@@ -153,6 +155,8 @@ def _next(
     """Look for one more effect; False where there is none."""
     share = 0.1 + 0.27 * number
     before = found.fits[-1]
+    if found.answers and whiteness(before) > SILENT:
+        return False
     tell("locating what is left", share)
     located = locate(before, trials)
     found.located, found.left = found.located or located, located

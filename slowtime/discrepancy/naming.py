@@ -7,19 +7,30 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from slowtime.dynamics.description import Description
-from slowtime.dynamics.effects import Effect, Kind, Place, Unmeasured
+from slowtime.dynamics.effects import Effect, Kind, Law, Place, Unmeasured
 from slowtime.dynamics.plant import Plant
 
 from .candidates import Candidate
 from .floor import Noise
+from .gap import whiteness
 from .records import Trial
-from .refit import Fit, refit
+from .refit import Fit, refit, weights_of
 from .values import with_values
 
 KEPT = 6
 """How many labels are refitted."""
 A_PLACE, A_KIND = 4, 2
 """How many of them sit at one place, and are of one kind."""
+
+WIDE_S = 2.4
+"""How far about an instant that was found a better one is looked for."""
+WHITE = 1e-3
+"""Chance of so large a chi squared from which a label leaves nothing."""
+BEHIND, LITTLE = 5.0, 0.01
+"""Times its chi squared along the force, and share of that without any, from which others are
+then given up."""
+LOUDER = 4.0
+"""Standard deviations of chi squared about 1 from which the noise is listened to again."""
 
 FAR, HALF_WAY = 40.0, 0.3
 """Log evidence behind the best, also relative to the worst, from which a label is given up."""
@@ -81,8 +92,12 @@ def refitted(
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
     noise: Noise | None,
+    beat: float | None = None,
 ) -> Named | None:
-    """Add one effect to the model of a fit, and fit all of it to the free run again."""
+    """Add one effect to the model of a fit, and fit all of it to the free run again.
+
+    Not to the end where that will not come near a cost to `beat`.
+    """
     # Priors stay those of the nominal constants; what was found so far is where to start.
     description = with_effect(before.plant.description, effect)
     plant = Plant.of(description, kinds=kinds)
@@ -96,12 +111,64 @@ def refitted(
             values=values,
             states=_states(before, plant),
             horizons=(0.4, 1.0) if plant.layout.states else (1.0,),
+            beat=beat,
         )
+        fit = _switched(fit, trials, kinds, beat)
     except (np.linalg.LinAlgError, FloatingPointError):
         return None
     if not math.isfinite(fit.cost):
         return None
     return Named(effect, description, fit, evidence(fit, kinds))
+
+
+def _switched(
+    fit: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind], beat: float | None
+) -> Fit:
+    """Look for a better instant of a switch about one that leaves something.
+
+    The misfit has a minimum for every period by which the instant may be wrong.
+    """
+    which = len(fit.plant.effects) - 1
+    action = kinds[fit.plant.effects[which].kind].action
+    if not isinstance(action, Law) or len(action.switches) != 1 or whiteness(fit) > WHITE:
+        return fit
+    at = fit.plant.parameters.index(("effect", which, action.switches[0]))
+
+    def misfit(instant: float) -> float:
+        values = fit.values.copy()
+        values[at] = instant
+        total = 0.0
+        for number, trial in enumerate(trials):
+            end = trial.start_s + trial.duration_s
+            if not trial.start_s - WIDE_S <= fit.values[at] <= end + WIDE_S:
+                continue
+            outputs = fit.plant.simulate(
+                values,
+                trial.inputs,
+                trial.rate_hz,
+                state0=fit.states[number],
+                start_s=trial.start_s,
+            )
+            weights = weights_of(trial, fit.noise, number)
+            total += float(np.sum(weights.whitened(trial.measured - outputs) ** 2))
+        return total if math.isfinite(total) else math.inf
+
+    tried = fit.values[at] + np.linspace(-WIDE_S, WIDE_S, 61)
+    best = float(min(tried, key=misfit))
+    if abs(best - fit.values[at]) < WIDE_S / 60:
+        return fit
+    values = fit.values.copy()
+    values[at] = best
+    again = refit(
+        fit.plant,
+        trials,
+        noise=fit.noise,
+        values=values,
+        states=fit.states,
+        horizons=(1.0,),
+        beat=beat,
+    )
+    return again if again.cost < fit.cost else fit
 
 
 def carrying(before: Fit, effect: Effect, kinds: Mapping[str, Kind]) -> Fit:
@@ -134,20 +201,73 @@ def refit_all(
     kinds: Mapping[str, Kind],
     tick: Callable[[Effect, int], None],
 ) -> list[Named]:
-    """Refit each label; all are judged by the noise that the best of them leaves."""
+    """Refit each label; all are judged by the noise that the best of them leaves.
+
+    Once one leaves nothing, others are given up that were far behind it along the force.
+    """
     noise: Noise | None = None
     found: list[Named] = []
+    enough = math.inf
     for number, label in enumerate(labels):
-        tick(label.effect, number)
-        if isinstance(kinds[label.effect.kind].action, Unmeasured):
+        if isinstance(kinds[label.effect.kind].action, Unmeasured) or label.cost > enough:
             continue
-        named = refitted(before, label.effect, trials, kinds, noise)
+        tick(label.effect, number)
+        beat = min((n.fit.cost for n in found), default=None)
+        named = refitted(before, label.effect, trials, kinds, noise, beat)
         if named is None:
             continue
         if noise is None:
             noise = named.fit.noise
         found.append(named)
-    return sorted(found, key=lambda n: -n.score)
+        if whiteness(named.fit) > WHITE:
+            enough = min(enough, max(BEHIND * label.cost, LITTLE * label.bare) + FAR)
+    return _heard_again(sorted(found, key=lambda n: -n.score), trials, kinds)
+
+
+def _heard_again(
+    found: list[Named], trials: Sequence[Trial], kinds: Mapping[str, Kind]
+) -> list[Named]:
+    """Judge all by the noise that the best leaves, where they were fitted to another."""
+    if not found or abs(found[0].fit.chi2_in_band - 1) < LOUDER * found[0].fit.in_band_sd:
+        return found
+    best = found[0]
+    try:
+        fit = refit(
+            best.fit.plant,
+            trials,
+            values=best.fit.values,
+            states=best.fit.states,
+            horizons=(1.0,),
+        )
+    except FloatingPointError:
+        return found
+    again = [dataclasses.replace(best, fit=fit, score=evidence(fit, kinds))]
+    again += [_rescored(one, fit, trials, kinds) for one in found[1:]]
+    return sorted(again, key=lambda n: -n.score)
+
+
+def _rescored(
+    named: Named, best: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind]
+) -> Named:
+    """Give the same fit its cost under the noise of another."""
+
+    def misfit(fit: Fit, noise: Noise) -> float:
+        return sum(
+            float(np.sum(weights_of(trial, noise, i).whitened(left) ** 2))
+            for i, (trial, left) in enumerate(zip(trials, fit.residual, strict=True))
+        )
+
+    fit = named.fit
+    before, after = misfit(fit, fit.noise), misfit(fit, best.noise)
+    share = after / max(before, 1e-300)
+    again = dataclasses.replace(
+        fit,
+        noise=best.noise,
+        cost=fit.cost - before + after,
+        chi2_per_datum=fit.chi2_per_datum * share,
+        chi2_in_band=fit.chi2_in_band * share,
+    )
+    return dataclasses.replace(named, fit=again, score=evidence(again, kinds))
 
 
 def settled(named: Named) -> Effect:

@@ -25,6 +25,8 @@ MOVED = 3.5
 """Tolerances by which a constant must have moved to be told."""
 SIZE_SD = 0.05
 """Relative standard deviation of the size of a random motion, as recovered in band."""
+BY_LAWS = 0.6
+"""Share of a gain that some law may explain of what nobody within the structure makes."""
 TEMPER = 0.5
 """Power to which evidence is taken: models are never quite as right as it supposes."""
 
@@ -63,21 +65,26 @@ def base_answer(
 ) -> Answer | None:
     """Name a motion of the base that nobody measured, where it beats all else.
 
-    It must be likelier than an unknown force anywhere else, and than any law: time series
-    alone cannot tell it from a force, where it enters can.
+    It must be likelier than an unknown force anywhere else, and than any law; where it enters
+    tells it from a force. Where sensors are too few for that, no law may explain much:
+    a force within the structure is made by the motion, one from outside is not.
     """
     unmeasured = [k for k in kinds.values() if isinstance(k.action, Unmeasured)]
     first = located.groups[0]
     place = next((p for p in first.places if p.kind == "base"), None)
     if not unmeasured or place is None or unmeasured[0].strength is None:
         return None
-    if any(p.kind in ("element", "node") for p in (*first.places, *first.twins)):
+    if any(p.kind in ("element", "node") for p in first.places):
         return None
     likelihood = first.explained.likelihood
-    rivals = [g.explained.likelihood for g in located.groups[1:]]
+    apart = [g for g in located.groups[1:] if not set(g.places) & set(first.twins)]
+    rivals = [g.explained.likelihood for g in apart]
     rivals += [-c.cost / 2 for c in tried]
     lead = likelihood - max(rivals, default=-math.inf)
     if lead < LEAST_GAIN or located.p_value > FALSE_ALARM:
+        return None
+    made = max((-c.cost / 2 for c in tried), default=-math.inf)
+    if first.twins and made > likelihood - (1 - BY_LAWS) * first.score:
         return None
     kind = unmeasured[0]
     assert kind.strength is not None

@@ -91,6 +91,7 @@ def refit(
     values: Float[np.ndarray, " parameter"] | None = None,
     states: Sequence[Float[np.ndarray, " state"]] | None = None,
     horizons: Sequence[float] = HORIZONS,
+    beat: float | None = None,
 ) -> Fit:
     """Fit constants and initial states to the error of the free run.
 
@@ -107,6 +108,8 @@ def refit(
         To start from: the plant's own, at rest, where not given.
     horizons
         Growing shares of each record, the last of them 1.
+    beat
+        Cost of another model: what will not come near it is given up.
 
     Returns
     -------
@@ -141,10 +144,10 @@ def refit(
         point = descend(problem_of(whole, heard), point)[0]
         heard = _heard(plant, records, point, silent)
     problem = problem_of(whole, heard)
-    best, normal, spread = descend(problem, point)
+    best, normal, spread = descend(problem, point, beat)
     # Growing horizons may have led astray; from the start itself there is only down.
     if costed(problem, _full(start, normal), spread).cost < best.cost:
-        best, normal, _ = descend(problem, start)
+        best, normal, _ = descend(problem, start, beat)
     return _account(problem, best, normal, heard, silent)
 
 

@@ -17,6 +17,8 @@ FINE = 0.02
 """Expected gain in chi squared below which a step is not worth taking."""
 COARSE = 2e-5
 """The same, relative to chi squared."""
+PATIENCE, LEAPS = 3, 10.0
+"""Steps before a fit may be called hopeless; how many more like the last it may hope for."""
 BROAD = 3.0
 """Initial states may, a priori, explain so many times what was measured."""
 
@@ -130,16 +132,27 @@ def normal_at(
     known = np.arange(free)
     matrix[known, known] += 1 / prior.sd**2
     gradient[known] += (prior.mean - point.values[list(prior.index)]) / prior.sd**2
+    if not (np.isfinite(matrix).all() and np.isfinite(gradient).all()):
+        raise FloatingPointError("The free run, or a slope of it, grew beyond bounds.")
     return Normal(matrix=matrix, gradient=gradient, states=states), tuple(made)
 
 
-def descend(problem: Problem, start: Point) -> tuple[Point, Normal, tuple[State, ...]]:
-    """Go down from a start until nothing is gained; never end above it."""
+def descend(
+    problem: Problem, start: Point, beat: float | None = None
+) -> tuple[Point, Normal, tuple[State, ...]]:
+    """Go down from a start until nothing is gained; never end above it.
+
+    Parameters
+    ----------
+    beat
+        Cost that is to be reached: where steps have become so small that it will not, that
+        is the end.
+    """
     normal, spread = normal_at(problem, start)
     full = tuple(state if state.size else np.zeros(normal.states) for state in start.states)
     point = costed(problem, dataclasses.replace(start, states=full), spread)
     damping = 1e-6
-    for _ in range(MOST_STEPS):
+    for number in range(MOST_STEPS):
         enough = FINE + COARSE * point.cost
         while True:
             step = _step(normal, damping)
@@ -150,10 +163,14 @@ def descend(problem: Problem, start: Point) -> tuple[Point, Normal, tuple[State,
             damping = max(damping * 10, 1e-4)
         if not tried.cost < point.cost:
             break
+        try:
+            normal, _ = normal_at(problem, tried, spread)
+        except FloatingPointError:
+            break
         won, point = point.cost - tried.cost, tried
         damping = damping / 10 if won > 0.25 * gain else damping * 4
-        normal, _ = normal_at(problem, point, spread)
-        if won < enough:
+        hopeless = beat is not None and number >= PATIENCE and point.cost - LEAPS * won > beat
+        if won < enough or hopeless:
             break
     return point, normal, spread
 
