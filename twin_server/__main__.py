@@ -17,12 +17,15 @@ from slowtime_services.clock import Clock
 from slowtime_services.credentials import CredentialsError, options_for
 from slowtime_services.ending import ended_by_signals
 from twin_server.persist import SqliteStore, WrongStoreError
-from twin_server.pipeline import Herald, Pipeline, TwinKnowledge
+from twin_server.pipeline import Herald, Orders, Pipeline, TwinKnowledge
 from twin_server.registration import WrongRegistrationsError, registrations
 from twin_server.serve import Hub, create_app
 from twin_server.settings import TwinSettings
 
 logger = logging.getLogger(__name__)
+
+DIAGNOSIS = (sys.executable, "-m", "twin_server.diagnose")
+"""Command of the process that makes one diagnosis."""
 
 ATTEMPT_S = 2.0
 """For how long Zenoh is asked to find the router at once."""
@@ -107,7 +110,11 @@ def _serve(
     knowledge = TwinKnowledge(
         pipeline, store, bus=bus, refresh=settings.serve.forecast_refresh_readings
     )
-    server = _Server(_config(create_app(knowledge, hub, settings.serve), settings), hub)
+    orders = Orders(
+        pipeline, store, settings.diagnose, settings.gap, DIAGNOSIS, bus=bus, clock=clock
+    )
+    app = create_app(knowledge, hub, settings.serve, orders)
+    server = _Server(_config(app, settings), hub)
     # Off the main thread, where uvicorn leaves the signals alone.
     door = threading.Thread(
         target=server.run, kwargs={"sockets": [listening]}, name="http", daemon=True
@@ -116,6 +123,7 @@ def _serve(
     for twin_id, registration in registrations(settings.registrations).items():
         if pipeline.twin(twin_id) is None:
             pipeline.register(twin_id, registration)
+    orders.start()
     door.start()
     collect_less_often()
     try:
@@ -131,6 +139,7 @@ def _serve(
     finally:
         server.should_exit = True
         door.join(settings.shutdown_s + 1.0)
+        orders.stop()
         pipeline.stop()
 
 

@@ -14,6 +14,7 @@ from slowtime_schemas.model_file import ModelFile
 from slowtime_services.models import description_of
 
 from .model import Model, model_of
+from .orders import Adopted
 
 Positive = Annotated[float, Field(gt=0, lt=1e300, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, lt=1e300, allow_inf_nan=False)]
@@ -242,7 +243,8 @@ class Registration(Frozen):
     changes: Literal["stiffness", "mass", "both", "elements"] = "stiffness"
     """What may change; the rest is assumed to stay, and said so in every state."""
     model: ModelFile | None = None
-    """Of a twin of elements: nodes, elements, and sensors with the edge's channel names."""
+    """Nodes, elements, inputs, and sensors with the edge's channel names: what a twin of
+    elements is estimated with, and what a diagnosis of any twin compares with samples."""
     parameters: (
         Annotated[
             dict[str, Annotated[float, Field(gt=1e-9, le=10)]],
@@ -266,6 +268,8 @@ class Registration(Frozen):
     covariates: Covariates | None = None
     """What of temperature and load is learnt at first, and taken out from then on; learning
     lasts as long as their training then, not `learn_epochs`."""
+    adopted: Annotated[tuple[Adopted, ...], Field(max_length=16)] = ()
+    """What diagnoses have added to `model`, or to `covariates`, the latest last."""
     alarms: Annotated[tuple[Alarm, ...], Field(max_length=16)] = ()
     confirm_readings: Annotated[int, Field(ge=1, le=100)] = 3
     """Readings in a row until an alarm, or a change of validity, is believed."""
@@ -300,11 +304,12 @@ class Registration(Frozen):
     @model_validator(mode="after")
     def _has_a_model_if_of_elements(self) -> Self:
         of_elements = self.changes == "elements"
-        if (self.model is not None) != of_elements or (self.parameters and not of_elements):
+        if (self.model is None and of_elements) or (self.parameters and not of_elements):
             raise ValueError(
-                f"changes={self.changes!r} was given {'without a' if of_elements else 'with'} "
-                "model or parameters. Give a model, and changes='elements', to estimate many "
-                "elements; leave both out for a twin of one mode."
+                f"changes={self.changes!r} was given "
+                f"{'without a model' if of_elements else 'with parameters'}. Give a model, and "
+                "changes='elements', to estimate many elements; leave `parameters` out for a "
+                "twin of one mode."
             )
         if not of_elements:
             return self._with_alarms_on(_OF_ONE_MODE)
@@ -336,6 +341,12 @@ class Registration(Frozen):
         assert self.model is not None
         of_each = None if self.parameters is None else tuple(self.parameters.items())
         return _structure(self.model.model_dump_json(), of_each, self.prior_stiffness_sd)
+
+    @property
+    def nominal_model(self) -> ModelFile | None:
+        """The model before anything was adopted."""
+        given = (one.model_before for one in self.adopted if one.clock == "fast")
+        return next(given, self.model)
 
     def watched(self) -> tuple[tuple[str, Alarm], ...]:
         """Each alarm with the quantity it watches; one on `elements` watches each of them."""

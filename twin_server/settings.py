@@ -83,6 +83,45 @@ class ServeSettings(Frozen):
     max_forecast_points: Annotated[int, Field(ge=2)] = 200
 
 
+class DiagnoseSettings(Frozen):
+    """What diagnoses may cost, and from what they may be made."""
+
+    recordings: Path | None = None
+    """Folder of recordings (MCAP) that diagnoses may be made from; None for none."""
+    max_raw_s: Positive = 600.0
+    """Most seconds of raw samples that the edge is asked for, or that are read."""
+    max_samples: Count = 20_000_000
+    """Most numbers of one diagnosis, all channels together."""
+    max_queued: Count = 4
+    """Diagnoses that wait while one runs."""
+    max_kept: Count = 50
+    """Diagnoses kept of each twin."""
+    max_s: Positive = 900.0
+    """How long one may take until it is ended."""
+    max_memory_bytes: Annotated[int, Field(ge=2**28)] = 2 * 2**30
+    """Beyond what it has loaded of libraries and their code."""
+    max_history: Annotated[int, Field(ge=100)] = 4_000
+    """Epochs that a diagnosis in slow time looks back."""
+    ask_timeout_s: Positive = 5.0
+    """How long to wait for the edge's raw samples."""
+
+
+class GapSettings(Frozen):
+    """How a model with inputs is held against what arrives, while nobody asks."""
+
+    every_s: NotNegative = 30.0
+    """Between two comparisons; 0 for none."""
+    seconds: Positive = 20.0
+    """Of raw samples asked from the edge for each."""
+    learn: Annotated[int, Field(ge=4, le=1_000)] = 12
+    """Comparisons from which it is learnt how far model and structure are apart anyway."""
+    tune: Annotated[int, Field(ge=1, le=20)] = 3
+    """Of these, the first, to which the model's constants are fitted within its tolerance."""
+    readings_between_false_alarms: Annotated[float, Field(ge=100)] = 1e5
+    kept: Annotated[int, Field(ge=10)] = 500
+    """Comparisons of a twin kept for the page."""
+
+
 class TwinSettings(ProcessSettings):
     """All settings of a twin server.
 
@@ -121,3 +160,5 @@ class TwinSettings(ProcessSettings):
     healing: HealingSettings = HealingSettings()
     pipeline: PipelineSettings = PipelineSettings()
     serve: ServeSettings = ServeSettings()
+    diagnose: DiagnoseSettings = DiagnoseSettings()
+    gap: GapSettings = GapSettings()

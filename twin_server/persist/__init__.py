@@ -1,5 +1,6 @@
 """Third stage of the twin: what was accepted and estimated goes to disk, and is read there."""
 
+from .diagnosing import DiagnosisRow
 from .sqlite import SqliteStore
 from .store import (
     Cut,
@@ -18,6 +19,7 @@ from .store import (
 __all__ = [
     "Cut",
     "DetailRow",
+    "DiagnosisRow",
     "EventRow",
     "FeatureRow",
     "History",

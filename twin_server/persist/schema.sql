@@ -1,5 +1,6 @@
--- Version 2. A feature's id is number << 40 | sequence: boots are numbered in the order in
--- which they were let in, so that ascending ids are a twin's history in order.
+-- Version 3, together with the table of diagnoses. A feature's id is number << 40 | sequence:
+-- boots are numbered in the order in which they were let in, so that ascending ids are a
+-- twin's history in order.
 create table twins (
   id text primary key,
   place integer not null,

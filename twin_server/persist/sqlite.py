@@ -16,7 +16,9 @@ from typing import Any, Literal
 
 from twin_server.states import LAYOUT, from_bytes
 
+from . import diagnosing
 from .detailing import changes, column, delete_details, has_details, insert_details
+from .diagnosing import DiagnosisRow
 from .searching import SHIFT, Span, spans_by_slow_time, spans_by_time, whole
 from .store import (
     Cut,
@@ -33,16 +35,14 @@ from .store import (
 )
 
 APPLICATION = 0x536C6F77
-VERSION = 256 * LAYOUT + 2
+VERSION = 256 * LAYOUT + 3
 """Layout of the states, and of the tables around them."""
 
-_ADDED = {
-    256 * LAYOUT + 1: (
-        "create table details "
-        "(id integer primary key, changes blob not null, body blob not null);"
-    )
-}
-"""What an older version lacks; it is added where such a database is opened."""
+_DETAILS = (
+    "create table details (id integer primary key, changes blob not null, body blob not null);"
+)
+_ADDED = {256 * LAYOUT + 1: _DETAILS + diagnosing.TABLE, 256 * LAYOUT + 2: diagnosing.TABLE}
+"""What older versions lack; it is added where such a database is opened."""
 
 _TWIN = "site, asset, registration, checkpoint"
 _RUN = "number, site, asset, boot, slow_time_unit, next, last, last_t_ns, told, closed, lost"
@@ -194,7 +194,7 @@ class SqliteStore:
                     "delete from features where id between ? and ?", (span.first, span.last)
                 )
                 writer.execute("delete from held where number = ?", (span.number,))
-            for table in ("runs", "events"):
+            for table in ("runs", "events", "diagnoses"):
                 writer.execute(f"delete from {table} where twin = ?", (twin_id,))
             writer.execute("insert or replace into numbers values ('run', ?)", (following,))
             return writer.execute("delete from twins where id = ?", (twin_id,)).rowcount > 0
@@ -275,6 +275,35 @@ class SqliteStore:
         found = [EventRow(*row)._replace(derived=bool(row[5])) for row in rows]
         return found[::-1] if newest else found
 
+    def add_diagnosis(self, row: DiagnosisRow, kept: int) -> int:
+        """Keep a diagnosis that was asked for, and the last `kept` of its twin; its number."""
+        with self._writing() as writer:
+            number = diagnosing.insert(writer, row)
+            diagnosing.forget(writer, row.twin, kept)
+            return number
+
+    def end_diagnosis(self, row: DiagnosisRow, page: bytes = b"", model: str = "") -> None:
+        """Keep what has become of a diagnosis."""
+        with self._writing() as writer:
+            diagnosing.update(writer, row, page, model)
+
+    def diagnoses(
+        self, twin_id: str | None = None, number: int | None = None
+    ) -> list[DiagnosisRow]:
+        """Read diagnoses in order: of a twin, or of all, or the one of a number."""
+        with self._reading() as reader:
+            return diagnosing.select(reader, twin_id, number)
+
+    def diagnosis_page(self, number: int) -> bytes | None:
+        """Read the page of a diagnosis; None where it has none."""
+        with self._reading() as reader:
+            return diagnosing.page_of(reader, number)
+
+    def diagnosis_model(self, number: int) -> str | None:
+        """Read the augmented model of a diagnosis; None where it has none."""
+        with self._reading() as reader:
+            return diagnosing.model_of(reader, number)
+
     def check(self) -> None:
         """Raise where nothing can be written or read any more."""
         with self._writing() as writer:
@@ -315,7 +344,7 @@ class SqliteStore:
             )
         schema = importlib.resources.files(__package__).joinpath("schema.sql").read_text()
         self._writer.executescript(
-            f"begin;{schema}pragma application_id={APPLICATION};"
+            f"begin;{schema}{diagnosing.TABLE}pragma application_id={APPLICATION};"
             f"pragma user_version={VERSION};commit;"
         )
 

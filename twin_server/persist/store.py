@@ -14,6 +14,8 @@ from jaxtyping import Float, Int
 from twin_server.details import Bodies, Detail
 from twin_server.states import States
 
+from .diagnosing import DiagnosisRow
+
 
 class WrongStoreError(RuntimeError):
     """The file is no store of ours, or of another version; the text says what to do."""
@@ -214,6 +216,28 @@ class Store(Protocol):
         newest: bool = False,
     ) -> list[EventRow]:
         """Events in order, of one twin or of all."""
+        ...
+
+    def add_diagnosis(self, row: DiagnosisRow, kept: int) -> int:
+        """Keep a diagnosis that was asked for, and the last `kept` of its twin; its number."""
+        ...
+
+    def end_diagnosis(self, row: DiagnosisRow, page: bytes = b"", model: str = "") -> None:
+        """Keep what has become of a diagnosis: its row, and where it has them, its files."""
+        ...
+
+    def diagnoses(
+        self, twin_id: str | None = None, number: int | None = None
+    ) -> list[DiagnosisRow]:
+        """Diagnoses in order: of a twin, or of all, or the one of a number."""
+        ...
+
+    def diagnosis_page(self, number: int) -> bytes | None:
+        """HTML of a diagnosis; None where it has none."""
+        ...
+
+    def diagnosis_model(self, number: int) -> str | None:
+        """Augmented model file of a diagnosis; None where it has none."""
         ...
 
     def check(self) -> None:

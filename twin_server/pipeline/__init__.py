@@ -3,5 +3,6 @@
 from .core import Pipeline
 from .knowledge import Herald, TwinKnowledge
 from .news import Listener, News
+from .ordering import Orders
 
-__all__ = ["Herald", "Listener", "News", "Pipeline", "TwinKnowledge"]
+__all__ = ["Herald", "Listener", "News", "Orders", "Pipeline", "TwinKnowledge"]

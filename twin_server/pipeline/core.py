@@ -11,8 +11,8 @@ import json
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import TypeVar
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, Literal, TypeVar
 
 from slowtime_schemas.messages import Features
 from slowtime_schemas.streams import FEATURES, HEALTH, REGISTRATION, alive_key, request_key
@@ -33,7 +33,7 @@ from twin_server.persist import Cut, Store, StoreError
 from twin_server.registration import Registration
 from twin_server.settings import TwinSettings
 
-from .estimating import begun, estimate_anew, estimate_next, registered
+from .estimating import NOTHING, begun, estimate_anew, estimate_next, noted, registered
 from .news import Listener
 from .records import (
     address,
@@ -141,12 +141,36 @@ class Pipeline:
         """Wait for nothing that is missing any more."""
         self.call(lambda: self._durably(self._account.give_up))
 
-    def register(self, twin_id: str, registration: Registration) -> bool:
+    def register(
+        self,
+        twin_id: str,
+        registration: Registration,
+        kind: str = "registered",
+        message: str = "",
+        details: Mapping[str, Any] | None = None,
+    ) -> bool:
         """Register a twin, new or anew; True where it is new.
 
         One that has a history is estimated anew from its features, from the first on.
+
+        Parameters
+        ----------
+        kind, message, details
+            Of the event that says so; left out, that of any registration.
         """
-        return self.call(lambda: self._register(twin_id, registration))
+        because = (kind, message, details) if message else None
+        return self.call(lambda: self._register(twin_id, registration, because=because))
+
+    def note(
+        self,
+        twin_id: str,
+        kind: str,
+        severity: Literal["info", "warning", "alarm"],
+        message: str,
+        details: Mapping[str, Any],
+    ) -> None:
+        """Keep and tell an event that does not follow from features."""
+        self.call(lambda: self._note(twin_id, kind, severity, message, details))
 
     def delete(self, twin_id: str) -> bool:
         """Forget a twin, its history and its account; False where there is none."""
@@ -378,14 +402,40 @@ class Pipeline:
             )
         )
 
+    def _note(
+        self,
+        twin_id: str,
+        kind: str,
+        severity: Literal["info", "warning", "alarm"],
+        message: str,
+        details: Mapping[str, Any],
+    ) -> None:
+        key = address(twin_id)
+        if key not in self._twins:
+            return
+        event = noted(*key, kind, severity, message, details, self._clock.now_ns())
+        numbers = self.store.write(Cut(events=[event]))
+        self.counts[f"event_{kind}"] += 1
+        self._voice.tell((), NOTHING, self._units, [event], numbers)
+
     def _register(
-        self, twin_id: str, registration: Registration, how: str = "by request"
+        self,
+        twin_id: str,
+        registration: Registration,
+        how: str = "by request",
+        *,
+        because: tuple[str, str, Mapping[str, Any] | None] | None = None,
     ) -> bool:
         key = address(twin_id)
         before = self._twins.get(key)
         if before is not None and before.registration == registration:
             return False
-        event = registered(*key, registration, how, self._clock.now_ns())
+        now_ns = self._clock.now_ns()
+        if because is None:
+            event = registered(*key, registration, how, now_ns)
+        else:
+            kind, message, details = because
+            event = noted(*key, kind, "info", message, details or {}, now_ns)
         if before is None:
             twin = begun(registration)
             self.store.write(Cut(twins=[twin_row(key, twin)], events=[event]))

@@ -1,13 +1,14 @@
 """From features in order to what is written: states, checkpoints, details and events."""
 
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Literal, NamedTuple
 
 from slowtime_schemas.messages import Event
 from twin_server.collect import Ordered
 from twin_server.estimate import Checkpoint, Estimated, Twin, estimate
 from twin_server.persist import Cut, DetailRow, EventRow, FeatureRow, StateRow, Store
 from twin_server.registration import Registration
+from twin_server.states import blank
 
 from .records import cut_up, decoded, derived_event, event_row, twin_row
 
@@ -33,6 +34,10 @@ class Fresh(NamedTuple):
     found: Estimated
     owners: Sequence[int]
     keys: Sequence[tuple[str, str]]
+
+
+NOTHING = Fresh(Estimated(blank(0), [], []), (), ())
+"""What no features tell."""
 
 
 def begun(registration: Registration) -> Twin:
@@ -109,6 +114,20 @@ def registered(
     site: str, asset: str, registration: Registration, how: str, now_ns: int
 ) -> EventRow:
     """Make the event that a twin was registered."""
+    message = f"Registered {how}: what may change is {registration.changes}."
+    return noted(site, asset, "registered", "info", message, registration.to_dict(), now_ns)
+
+
+def noted(
+    site: str,
+    asset: str,
+    kind: str,
+    severity: Literal["info", "warning", "alarm"],
+    message: str,
+    details: Mapping[str, Any],
+    now_ns: int,
+) -> EventRow:
+    """Make an event that does not follow from features."""
     return event_row(
         Event(
             site=site,
@@ -116,10 +135,10 @@ def registered(
             boot=NO_BOOT,
             sequence=0,
             t_ns=now_ns,
-            kind="registered",
-            severity="info",
-            message=f"Registered {how}: what may change is {registration.changes}.",
-            details=registration.to_dict(),
+            kind=kind,
+            severity=severity,
+            message=message,
+            details=dict(details),
         ),
         derived=False,
     )

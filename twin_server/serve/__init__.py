@@ -1,8 +1,19 @@
 """Last stage of the twin: what is known goes out by HTTP, as JSON, as events, as a page."""
 
 from .api import create_app
+from .diagnoses import Ordering
 from .knowledge import Chapter, Knowledge, Outlook
 from .live import Hub
 from .moments import Moment
+from .problems import ProblemError
 
-__all__ = ["Chapter", "Hub", "Knowledge", "Moment", "Outlook", "create_app"]
+__all__ = [
+    "Chapter",
+    "Hub",
+    "Knowledge",
+    "Moment",
+    "Ordering",
+    "Outlook",
+    "ProblemError",
+    "create_app",
+]

@@ -1,5 +1,6 @@
 """REST under /api/v1, health and metrics, and the page; errors are problem documents."""
 
+import functools
 import importlib.metadata
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,7 +16,8 @@ from twin_server.registration import ID, Registration
 from twin_server.rendering import estimate_objects, event_object, points, state_objects
 from twin_server.settings import ServeSettings
 
-from . import models, problems
+from . import diagnoses, models, problems
+from .diagnoses import Ordering
 from .knowledge import Chapter, Knowledge
 from .limits import BodyLimit
 from .live import Hub, LiveResponse
@@ -60,8 +62,13 @@ _MODE: dict[str, Any] = {
 }
 
 
-def create_app(knowledge: Knowledge, hub: Hub, settings: ServeSettings) -> FastAPI:
-    """Make the ASGI application."""
+def create_app(
+    knowledge: Knowledge,
+    hub: Hub,
+    settings: ServeSettings,
+    ordering: Ordering | None = None,
+) -> FastAPI:
+    """Make the ASGI application; without `ordering`, one that diagnoses nothing."""
     app = FastAPI(
         title="slowtime twin server",
         version=importlib.metadata.version("slowtime"),
@@ -73,6 +80,10 @@ def create_app(knowledge: Knowledge, hub: Hub, settings: ServeSettings) -> FastA
     problems.install(app)
     app.add_middleware(BodyLimit, max_bytes=settings.max_body_bytes)
     app.include_router(_twins(knowledge, hub, settings), prefix="/api/v1")
+    if ordering is not None:
+        app.include_router(
+            diagnoses.routes(ordering, functools.partial(_known, knowledge)), prefix="/api/v1"
+        )
     app.include_router(_operations(knowledge, hub))
     app.include_router(_page())
     return app
@@ -82,16 +93,7 @@ def _twins(knowledge: Knowledge, hub: Hub, settings: ServeSettings) -> APIRouter
     api = APIRouter(tags=["twins"])
 
     def known(twin_id: TwinId) -> Registration:
-        registration = knowledge.registration(twin_id)
-        if registration is None:
-            some = ", ".join(knowledge.ids()[:20]) or "none yet"
-            raise ProblemError(
-                404,
-                "no-such-twin",
-                f"No twin is called {twin_id}. Registered: {some}. Register it with PUT "
-                f"/api/v1/twins/{twin_id}.",
-            )
-        return registration
+        return _known(knowledge, twin_id)
 
     Known = Annotated[Registration, Depends(known)]
 
@@ -232,6 +234,19 @@ def _twins(knowledge: Knowledge, hub: Hub, settings: ServeSettings) -> APIRouter
         return LiveResponse(hub, client, knowledge, last_event_id)
 
     return api
+
+
+def _known(knowledge: Knowledge, twin_id: str) -> Registration:
+    registration = knowledge.registration(twin_id)
+    if registration is None:
+        some = ", ".join(knowledge.ids()[:20]) or "none yet"
+        raise ProblemError(
+            404,
+            "no-such-twin",
+            f"No twin is called {twin_id}. Registered: {some}. Register it with PUT "
+            f"/api/v1/twins/{twin_id}.",
+        )
+    return registration
 
 
 def _operations(knowledge: Knowledge, hub: Hub) -> APIRouter:

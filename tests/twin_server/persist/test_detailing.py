@@ -115,7 +115,7 @@ def test_a_database_from_before_there_were_details_is_brought_up_to_date(tmp_pat
     before = store.digest("lab.beam")
     store.close()
     connection = sqlite3.connect(path, isolation_level=None)
-    connection.execute("drop table details")
+    connection.executescript("drop table details; drop table diagnoses;")
     connection.execute(f"pragma user_version = {256 * LAYOUT + 1}")
     connection.close()
     again = SqliteStore(path)

@@ -182,12 +182,19 @@ def test_every_route_is_described_with_an_example(server):
         "/api/v1/twins", "/api/v1/twins/{twin_id}", "/api/v1/twins/{twin_id}/history",
         "/api/v1/twins/{twin_id}/history/hash", "/api/v1/twins/{twin_id}/forecast",
         "/api/v1/twins/{twin_id}/events", "/api/v1/twins/{twin_id}/live",
-        "/api/v1/twins/{twin_id}/modes", "/healthz", "/readyz", "/metrics",
+        "/api/v1/twins/{twin_id}/modes", "/api/v1/twins/{twin_id}/gap",
+        "/api/v1/twins/{twin_id}/diagnoses", "/api/v1/twins/{twin_id}/diagnoses/{number}",
+        "/api/v1/twins/{twin_id}/diagnoses/{number}/{name}",
+        "/api/v1/twins/{twin_id}/diagnoses/{number}/adopt",
+        "/api/v1/twins/{twin_id}/diagnoses/{number}/undo", "/healthz", "/readyz", "/metrics",
     }  # fmt: skip
     for path, methods in document["paths"].items():
         for method, operation in methods.items():
             assert operation["description"], (method, path)
-    for name in ("State", "TwinModel", "Registration", "ModesModel"):
+    for name in (
+        "State", "TwinModel", "Registration", "ModesModel", "DiagnosisOrder", "DiagnosisModel",
+        "GapModel",
+    ):  # fmt: skip
         assert document["components"]["schemas"][name]["examples"]
 
 

@@ -1,0 +1,163 @@
+"""Friction enters unannounced, is noticed, named, adopted and undone: the whole house."""
+
+import json
+import urllib.error
+import urllib.request
+
+import pytest
+
+pytestmark = [pytest.mark.system, pytest.mark.slow]
+
+SECONDS, ENTERS = 10.0, 45
+MODEL = {
+    "slowtime_model": 1,
+    "name": "rig",
+    "nodes": [
+        {"id": f"m{i}", "mass_kg": mass} for i, mass in ((1, 1.9), (2, 2.1), (3, 1.5))
+    ],
+    "elements": [
+        {
+            "id": f"j{i}", "between": between,
+            "stiffness_n_per_m": stiffness, "damping_n_s_per_m": damping,
+        }
+        for i, between, stiffness, damping in (
+            (1, ["base", "m1"], 4100.0, 2.3),
+            (2, ["m1", "m2"], 3900.0, 2.2),
+            (3, ["m2", "m3"], 3500.0, 2.0),
+        )
+    ],
+    "inputs": [{"channel": "u", "kind": "force", "node": "m1", "unit": "N"}],
+    "sensors": [
+        {"channel": f"a{i}", "quantity": "acceleration", "node": f"m{i}", "unit": "m/s^2"}
+        for i in (1, 2, 3)
+    ],
+    "tolerance": {"stiffness": 0.02, "damping": 0.15},
+}  # fmt: skip
+# The rig is not quite as its file claims, within tolerance.
+REAL = MODEL | {
+    "elements": [
+        element | {"stiffness_n_per_m": element["stiffness_n_per_m"] * factor}
+        for element, factor in zip(MODEL["elements"], (1.01, 0.985, 1.015), strict=True)
+    ]
+}
+FRICTION = {"effect": "coulomb", "element": "j2", "friction_n": 1.5}
+EDGE = {
+    "site": "lab",
+    "asset": "rig",
+    "extract": {"method": "peak", "channels": ["a3"], "window_s": SECONDS},
+    "publish": {"linger_s": 1.0},
+    "input": {
+        "kind": "simulated",
+        "every_s": 0.4,
+        "structure": {
+            "kind": "model",
+            "model": REAL,
+            "effects": [FRICTION],
+            "enters": ENTERS,
+            "seconds": SECONDS,
+            "rate_hz": 100.0,
+            "interval_s": SECONDS,
+            "input_rms": 5.0,
+            "band_hz": [0.5, 15.0],
+            "sensor": {"noise": 0.02},
+            "seed": 5,
+        },
+    },
+}
+TWIN = "/api/v1/twins/lab.rig"
+GAP = {"every_s": 0.2, "seconds": SECONDS, "learn": 8}
+
+
+def send(house, method, path, body=None):
+    """Answer and status of a request, whatever it says."""
+    data = None if body is None else json.dumps(body).encode()
+    request = urllib.request.Request(
+        house.url + path, data, {"Content-Type": "application/json"}, method=method
+    )
+    try:
+        with urllib.request.urlopen(request, timeout=20) as answer:
+            return answer.status, json.loads(answer.read())
+    except urllib.error.HTTPError as error:
+        return error.code, json.loads(error.read())
+
+
+def kinds(house):
+    return [event["kind"] for event in house.get(f"{TWIN}/events?limit=1000")["events"]]
+
+
+def last_gaps(house, count=3):
+    return [reading["in_use"] for reading in house.get(f"{TWIN}/gap")["readings"][-count:]]
+
+
+def settled(house, holds):
+    """Whether the last gaps, all of them after now, are so."""
+    seen = len(house.get(f"{TWIN}/gap")["readings"])
+    house.until(lambda: len(house.get(f"{TWIN}/gap")["readings"]) >= seen + 4, "more gaps")
+    return all(holds(value) for value in last_gaps(house))
+
+
+def test_an_effect_that_enters_unannounced_is_noticed_named_adopted_and_undone(house):
+    house.router()
+    config = house.home / "twin.json"
+    config.write_text(json.dumps({"gap": GAP}))
+    house.twin("--config", str(config))
+    house.put(TWIN, {"changes": "stiffness", "model": MODEL})
+    assert send(house, "POST", f"{TWIN}/diagnoses", {"raw": {}})[0] == 409
+    house.edge(EDGE)
+
+    house.until(lambda: "gap_learnt" in kinds(house), "the gap to be learnt")
+    learnt = house.get(f"{TWIN}/gap")
+    assert learnt["expected"] < 0.05
+    house.until(lambda: "disagreement" in kinds(house), "the disagreement")
+    assert house.get(f"{TWIN}/gap")["state"] == "disagreeing"
+    (event,) = [
+        e
+        for e in house.get(f"{TWIN}/events?limit=1000")["events"]
+        if e["kind"] == "disagreement"
+    ]
+    assert event["details"]["gap"] > 3 * learnt["expected"]
+    epochs = len(house.history("lab.rig"))
+    assert epochs > ENTERS
+    house.until(lambda: len(house.history("lab.rig")) >= ENTERS + 5, "records with friction")
+
+    body = event["details"]["suggests"] | {"quick": True}
+    body["raw"]["duration_s"] = 40.0
+    status, job = send(house, "POST", f"{TWIN}/diagnoses", body | {"holdout_s": SECONDS})
+    assert (status, job["state"]) in ((202, "queued"), (202, "running"))
+    one = f"{TWIN}/diagnoses/{job['number']}"
+    stages = set()
+
+    def ended():
+        now = house.get(one)
+        stages.add(now["stage"])
+        return now["ended_ns"] is not None
+
+    house.until(ended, "the diagnosis")
+    found = house.get(one)
+    assert found["state"] == "done", found["error"]
+    assert len(stages) >= 3
+    (effect,) = found["report"]["effects"]
+    assert (effect["effect"], effect["where"]["id"]) == ("coulomb", "j2")
+    friction = effect["parameters"]["friction_n"]
+    assert abs(friction["value"] - 1.5) < 0.05
+    gap = found["report"]["gap"]
+    assert gap["augmented"] < 1.3 * gap["noise_floor"] < 0.3 * gap["refitted_nominal"]
+
+    assert send(house, "POST", f"{one}/undo")[0] == 409
+    assert settled(house, lambda value: value > learnt["limit"])
+    assert send(house, "POST", f"{one}/adopt")[0] == 200
+    assert settled(house, lambda value: value < learnt["limit"])
+    shown = house.get(f"{TWIN}/gap")
+    assert shown["state"] == "watching"
+    assert all(r["nominal"] > learnt["limit"] for r in shown["readings"][-3:])
+    model = house.get(TWIN)["registration"]["model"]
+    assert [one["effect"] for one in model["effects"]] == ["coulomb"]
+    assert send(house, "POST", f"{one}/undo")[0] == 200
+    assert settled(house, lambda value: value > learnt["limit"])
+    assert house.get(TWIN)["registration"]["model"]["effects"] == []
+    said = kinds(house)
+    order = ["gap_learnt", "disagreement", "diagnosed", "adopted", "agreement", "undone"]
+    places = [said.index(kind) for kind in order]
+    assert places == sorted(places)
+    assert said.count("disagreement") == 2
+    assert house.end("twin") == 0

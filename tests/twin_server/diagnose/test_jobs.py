@@ -1,0 +1,138 @@
+"""Diagnoses as processes: one at a time, told of, ended when asked to."""
+
+import re
+import sys
+import threading
+import time
+
+import pytest
+
+from twin_server.diagnose import Jobs, QueueFullError
+from twin_server.settings import DiagnoseSettings
+
+TELL = "import json, pathlib, sys, time, os\nhere = pathlib.Path(sys.argv[1])\n"
+DONE = TELL + (
+    "for name in ('report.json', 'report.html', 'augmented.yaml'):\n"
+    "    (here / name).write_text(here.name + ' ' + name)\n"
+)
+SLEEPS = TELL + (
+    "print(json.dumps({'stage': 'sleeping', 'share': 0.4}), flush=True)\n"
+    "(here.parent / 'began').touch()\n"
+    "sys.stdin.read()\n"
+)
+DEAF = TELL + 'print(\'{"stage": "deaf", "share": 0}\', flush=True)\ntime.sleep(60)\n'
+REFUSES = TELL + "print(json.dumps({'error': 'There is no channel u.'}))\nsys.exit(1)\n"
+DIES = "import os\nos.abort()\n"
+RAMBLES = "print('not json')\n" + DONE
+
+
+@pytest.fixture
+def jobs(tmp_path, eventually):
+    """Make queues whose processes run a script; `ended` collects what they tell."""
+    made = []
+
+    def start(script, **settings):
+        path = tmp_path / "work.py"
+        path.write_text(script)
+        queue = Jobs(
+            [sys.executable, str(path)],
+            DiagnoseSettings(**settings),
+            lambda number, ended: queue.told.update({number: ended}),
+        )
+        queue.told = {}
+
+        def submit(number):
+            folder = tmp_path / f"job-{number}"
+            folder.mkdir()
+            queue.submit(number, folder)
+            return folder
+
+        queue.give = submit
+        queue.start()
+        made.append(queue)
+        return queue
+
+    yield start
+    for queue in made:
+        queue.stop()
+
+
+def test_what_a_process_leaves_is_its_outcome_and_its_folder_goes(jobs, eventually):
+    queue = jobs(DONE)
+    folders = [queue.give(number) for number in (7, 8)]
+    assert eventually(lambda: len(queue.told) == 2)
+    for number in (7, 8):
+        assert queue.told[number].state == "done"
+        assert queue.told[number].outcome.report == f"job-{number} report.json"
+        assert queue.told[number].outcome.page == f"job-{number} report.html".encode()
+    assert eventually(lambda: not any(folder.exists() for folder in folders))
+    assert queue.progress(7) is None
+
+
+def test_one_runs_and_tells_how_far_it_has_come_while_others_wait(jobs, eventually, tmp_path):
+    queue = jobs(SLEEPS, max_queued=2)
+    for number in (1, 2, 3):
+        queue.give(number)
+        assert eventually(lambda: (tmp_path / "began").exists())
+    assert eventually(lambda: queue.progress(1).stage == "sleeping")
+    running = queue.progress(1)
+    assert (running.state, running.share) == ("running", 0.4)
+    assert running.seconds > 0.0
+    assert queue.progress(2)[:2] == ("queued", "waiting, 1 ahead of it")
+    assert queue.progress(3)[:2] == ("queued", "waiting, 2 ahead of it")
+    with pytest.raises(QueueFullError, match=r"2 diagnoses wait already.*max_queued"):
+        queue.check_room()
+    assert queue.cancel(2)
+    assert queue.told[2].state == "cancelled"
+    queue.check_room()
+    assert not queue.cancel(99)
+
+
+@pytest.mark.parametrize(("script", "patience_s"), [(SLEEPS, 2.0), (DEAF, 6.0)])
+def test_one_that_is_cancelled_ends_whether_or_not_it_listens(
+    jobs, eventually, script, patience_s
+):
+    queue = jobs(script)
+    queue.give(1)
+    assert eventually(lambda: queue.progress(1).stage in ("sleeping", "deaf"))
+    began = time.monotonic()
+    assert queue.cancel(1)
+    assert eventually(lambda: 1 in queue.told)
+    assert queue.told[1].state == "cancelled"
+    assert time.monotonic() - began < patience_s
+
+
+@pytest.mark.parametrize(
+    ("script", "settings", "says"),
+    [
+        (REFUSES, {}, "There is no channel u."),
+        (DIES, {}, "ended with status -6, without a word.*max_memory_bytes"),
+        (SLEEPS, {"max_s": 0.3}, "took longer than 0.3 s.*diagnose.max_s"),
+        ("pass\n", {}, "without a report"),
+    ],
+)
+def test_one_that_fails_says_why_and_the_next_one_runs(
+    jobs, eventually, tmp_path, script, settings, says
+):
+    queue = jobs(script, **settings)
+    queue.give(1)
+    assert eventually(lambda: 1 in queue.told)
+    assert queue.told[1].state == "failed"
+    assert re.search(says, queue.told[1].error)
+    (tmp_path / "work.py").write_text(RAMBLES)
+    queue.give(2)
+    assert eventually(lambda: 2 in queue.told)
+    assert queue.told[2].state == "done"
+
+
+def test_a_server_that_ends_ends_its_processes_and_says_nothing_of_them(
+    jobs, eventually, tmp_path
+):
+    queue = jobs(SLEEPS)
+    folder, waiting = queue.give(1), queue.give(2)
+    assert eventually(lambda: (tmp_path / "began").exists())
+    queue.stop()
+    assert queue.told == {}
+    assert not folder.exists()
+    assert not waiting.exists()
+    assert "diagnose" not in {thread.name for thread in threading.enumerate()}

@@ -1,0 +1,27 @@
+"""Beside the stages of the twin: samples and a model in, what the model lacks out, as jobs.
+
+Each diagnosis is a process of its own (`python -m twin_server.diagnose FOLDER`), whose folder
+holds what it needs, and where it leaves what it found.
+"""
+
+from .jobs import Ended, Jobs, Progress, QueueFullError
+from .samples import NoSamplesError, Piece, part, pieces_of, within
+from .task import HISTORY, RAW, Outcome, Task, read_outcome, write_task
+
+__all__ = [
+    "HISTORY",
+    "RAW",
+    "Ended",
+    "Jobs",
+    "NoSamplesError",
+    "Outcome",
+    "Piece",
+    "Progress",
+    "QueueFullError",
+    "Task",
+    "part",
+    "pieces_of",
+    "read_outcome",
+    "within",
+    "write_task",
+]

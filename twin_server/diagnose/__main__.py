@@ -1,0 +1,101 @@
+"""One diagnosis: a folder with a task in it, and what was found left beside the task.
+
+How far it has come goes to standard output, a line of JSON at a time; so does why there is
+nothing to find, with exit status 1. The end of standard input means to stop.
+"""
+
+import contextlib
+import json
+import os
+import resource
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from slowtime.discrepancy.diagnose import Cancelled
+
+from .fast import diagnose_samples
+from .slow import diagnose_history
+from .task import TASK, Task
+
+GRACE_S = 1.0
+"""For a stage to end once it is told to stop."""
+
+_TOLD_EVERY_S = 0.1
+
+
+class _Voice:
+    """Says how far it has come, a few times a second at most."""
+
+    def __init__(self) -> None:
+        self._told_s = 0.0
+
+    def progress(self, stage: str, share: float) -> None:
+        if time.monotonic() - self._told_s >= _TOLD_EVERY_S:
+            self._told_s = time.monotonic()
+            _say({"stage": stage, "share": round(share, 4)})
+
+
+def _say(content: dict[str, Any]) -> None:
+    # Nobody may be listening any more.
+    with contextlib.suppress(OSError):
+        sys.stdout.write(json.dumps(content) + "\n")
+        sys.stdout.flush()
+
+
+def _watch_input(stop: threading.Event) -> None:
+    """Wait for the end of standard input; then stop, gently and soon after for good."""
+    while os.read(sys.stdin.fileno(), 4096):
+        pass
+    stop.set()
+    time.sleep(GRACE_S)
+    os._exit(3)
+
+
+def _bound_memory(more: int) -> None:
+    """Allow data of `more` bytes beside what is there already."""
+    limit = more
+    with contextlib.suppress(OSError, StopIteration, ValueError):
+        status = Path("/proc/self/status").read_text()
+        line = next(row for row in status.splitlines() if row.startswith("VmData"))
+        limit += int(line.split()[1]) * 1024
+    with contextlib.suppress(OSError, ValueError):
+        resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
+
+
+def main(folder: Path) -> int:
+    """Do it; the exit status: 0 done, 1 for want of something, 3 stopped."""
+    os.nice(10)
+    task = Task.model_validate_json((folder / TASK).read_bytes())
+    stop = threading.Event()
+    threading.Thread(target=_watch_input, args=(stop,), daemon=True).start()
+    _bound_memory(task.max_memory_bytes)
+    work: Callable[..., None] = (
+        diagnose_history if task.order.clock == "slow" else diagnose_samples
+    )
+    try:
+        work(task, folder, _Voice().progress, stop)
+    except Cancelled:
+        return 3
+    except MemoryError:
+        _say(
+            {
+                "error": f"{task.max_memory_bytes:,} bytes of memory did not suffice. Give "
+                "fewer samples, or raise diagnose.max_memory_bytes."
+            }
+        )
+        return 1
+    except (ValueError, OSError) as error:
+        _say({"error": str(error)})
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    status = main(Path(sys.argv[1]))
+    sys.stdout.flush()
+    # The thread that reads standard input would be waited for.
+    os._exit(status)

@@ -1,0 +1,106 @@
+"""A diagnosis in fast time: recorded raw blocks and a model, compared by free run."""
+
+import dataclasses
+import itertools
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from slowtime.discrepancy.diagnose import diagnose
+from slowtime.discrepancy.records import FEWEST
+from slowtime.signals.block import Block
+from slowtime_services.diagnose import Source, campaign_of, document_of, write_results
+from slowtime_services.models import description_of
+from slowtime_services.replay import raw_blocks
+
+from .samples import NoSamplesError, Piece, bounded, held_back, pieces_of, within
+from .task import Task
+
+
+def diagnose_samples(
+    task: Task,
+    folder: Path,
+    progress: Callable[[str, float], None],
+    stop: threading.Event,
+) -> None:
+    """Do it, and write the files.
+
+    Raises
+    ------
+    ValueError
+        Where model and samples do not go together; the text says what to do.
+    """
+    began = time.monotonic()
+    assert task.model is not None
+    progress("reading samples", 0.0)
+    learnt, judged = _pieces(task)
+    campaign, notes = campaign_of(
+        description_of(task.model), _sources(learnt), _sources(judged)
+    )
+    found = diagnose(campaign, quick=task.order.quick, progress=progress, stop=stop)
+    found = dataclasses.replace(found, seconds=time.monotonic() - began)
+    document = document_of(
+        found,
+        records=[source.name for source in _sources(learnt)],
+        holdout=[source.name for source in _sources(judged)],
+        notes=notes,
+    )
+    progress("writing the report", 0.99)
+    write_results(folder, found, document)
+
+
+def _pieces(task: Task) -> tuple[list[Piece], list[Piece]]:
+    order = task.order
+    span = (None, None) if order.recordings is None else order.recordings.span_ns
+    learnt = _read(task, task.recordings, span)
+    if order.holdout_s is not None:
+        learnt, judged = held_back(learnt, order.holdout_s)
+    elif order.holdout is not None:
+        judged = _read(task, task.holdout, order.holdout.span_ns)
+    else:
+        judged = []
+    return _long_enough(learnt), _long_enough(judged) if judged else []
+
+
+def _read(
+    task: Task, paths: Sequence[Path], span: tuple[int | None, int | None]
+) -> list[Piece]:
+    blocks = itertools.chain.from_iterable(_blocks(task, path, span) for path in paths)
+    pieces = pieces_of(bounded(blocks, task.max_samples, task.max_seconds))
+    found = within(pieces, *span)
+    if not found:
+        raise NoSamplesError(
+            f"There are no raw samples of {task.site}.{task.asset} in that span of "
+            f"{', '.join(path.name for path in paths)}. Give another span, or other "
+            "recordings; raw samples are recorded where the edge has publish.raw=on."
+        )
+    return found
+
+
+def _blocks(task: Task, path: Path, span: tuple[int | None, int | None]) -> Iterator[Block]:
+    start, end = span
+    for _, block in raw_blocks(path, site=task.site, asset=task.asset):
+        if (start is None or block.end_ns > start) and (end is None or block.start_ns < end):
+            yield block
+
+
+def _long_enough(pieces: list[Piece]) -> list[Piece]:
+    kept = [piece for piece in pieces if len(piece.record.samples) >= FEWEST]
+    if not kept:
+        longest = max(len(piece.record.samples) for piece in pieces)
+        raise NoSamplesError(
+            f"No {FEWEST} samples follow each other without a hole; {longest} at most. Ask "
+            "for a longer span."
+        )
+    return kept
+
+
+def _sources(pieces: Sequence[Piece]) -> list[Source]:
+    return [
+        Source(
+            f"record {number}" if piece.epoch is None else f"epoch {piece.epoch}",
+            piece.record,
+        )
+        for number, piece in enumerate(pieces, start=1)
+    ]

@@ -1,0 +1,159 @@
+r"""How far a model's free run is from what arrived, and whether that is further than ever.
+
+The gap of a record is the error of the free run over the scatter of the measurement, averaged
+over sensors; the initial state is that which the first fifth of the record says. Its logarithm
+:math:`g` is taken to be normal as long as nothing changes, with mean and spread learnt from
+:math:`n` records. Two in a row beyond :math:`\bar g + c\,s` are a disagreement, with :math:`c`
+such that
+
+.. math:: E\left[\,\Phi(-(\bar g - \mu + c\,s)/\sigma)^2\,\right] = 1 / N
+
+over all that :math:`\bar g` and :math:`s` of :math:`n` records may be: by chance that happens
+once in :math:`N` records. The model's constants are first fitted, within the tolerance that it
+states, so that plain retuning is never called a disagreement.
+"""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.stats import chi2, norm
+
+from slowtime.discrepancy.gap import errors, part_of
+from slowtime.discrepancy.records import FEWEST, Trial
+from slowtime.discrepancy.refit import refit
+from slowtime.discrepancy.values import with_values
+from slowtime.dynamics.plant import Plant
+from slowtime_schemas.model_file import ModelFile
+from slowtime_services.diagnose import Source, campaign_of
+from slowtime_services.files import Record
+from slowtime_services.models import description_of, model_file_of
+
+IN_A_ROW = 2
+"""Records beyond the limit, or within it again, that are believed."""
+START = 0.2
+"""Share of a record from which its initial state is taken."""
+WEAK = 0.5
+"""Below so much of the weakest learnt record's motion, noise says more than the model."""
+
+_WORST = 1e3
+_SPREADS, _MEANS = 4_000, 40
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Reading:
+    """The gap of one record.
+
+    Parameters
+    ----------
+    gaps
+        Of each model that was asked for.
+    level
+        Root mean square of the measurement, over sensors, each in its unit.
+    """
+
+    gaps: tuple[float, ...]
+    level: float
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Usual:
+    """What was learnt: the gap as it is while nothing changes.
+
+    Parameters
+    ----------
+    expected, limit
+        Median gap, and the one beyond which two in a row are a disagreement.
+    level
+        Of the weakest record that it was learnt from.
+    """
+
+    expected: float
+    limit: float
+    level: float
+    readings: int
+
+
+def measure(models: Sequence[str], record: Record) -> Reading:
+    """Find the gap of each model on one record.
+
+    Parameters
+    ----------
+    models
+        Model files as JSON.
+
+    Raises
+    ------
+    ValueError
+        Where record and model do not go together.
+    """
+    found = []
+    for text in models:
+        plant = _plant(text)
+        trial = _trial(plant, record)
+        found.append(_gap(plant, trial))
+    return Reading(tuple(found), float(np.sqrt(np.mean(trial.measured**2))))
+
+
+def tune(model: str, records: Sequence[Record]) -> str:
+    """Fit a model's constants to records, within the tolerance that it states."""
+    plant = _plant(model)
+    fit = refit(plant, tuple(_trial(plant, record) for record in records))
+    values = dict(zip(plant.parameters, fit.values.tolist(), strict=True))
+    return model_file_of(with_values(plant.description, values)).model_dump_json()
+
+
+def learn(readings: Sequence[tuple[float, float]], between_false_alarms: float) -> Usual:
+    """Learn what is usual from gap and level of records."""
+    logs = np.log([max(gap, 1e-12) for gap, _ in readings])
+    mean, spread = float(logs.mean()), max(float(logs.std(ddof=1)), 0.02)
+    factor = limit_factor(len(logs), between_false_alarms)
+    limit = math.exp(min(mean + factor * spread, math.log(_WORST)))
+    return Usual(math.exp(mean), limit, min(level for _, level in readings), len(logs))
+
+
+@functools.lru_cache(maxsize=32)
+def limit_factor(count: int, between: float) -> float:
+    """How many spreads, learnt from `count` readings, the limit is above their mean.
+
+    Examples
+    --------
+    >>> limit_factor(1_000, 1e4) < limit_factor(10, 1e4) < limit_factor(10, 1e6)
+    True
+    """
+    # Small spreads are rare and matter most: the grid is as fine there as it need be.
+    share = (np.arange(_SPREADS) + 0.5) / _SPREADS
+    edges = share**3
+    weights = np.diff(np.concatenate([[0.0], 0.5 * (edges[1:] + edges[:-1]), [1.0]]))
+    spread = np.sqrt(chi2.ppf(edges, count - 1) / (count - 1))
+    mean = norm.ppf((np.arange(_MEANS) + 0.5) / _MEANS) / math.sqrt(count)
+
+    def excess(factor: float) -> float:
+        beyond = norm.sf(mean[:, None] + factor * spread[None, :]) ** IN_A_ROW
+        return math.log(float(beyond.mean(axis=0) @ weights) * between + 1e-300)
+
+    return float(brentq(excess, 0.0, 1e3))
+
+
+def _gap(plant: Plant, trial: Trial) -> float:
+    count = max(round(START * len(trial.outputs)), FEWEST)
+    first = refit(plant, (part_of(trial, 0, count),), free=[], horizons=(1.0,))
+    run = plant.simulate(
+        plant.values, trial.inputs, trial.rate_hz,
+        state0=first.states[0], start_s=trial.start_s,
+    )  # fmt: skip
+    with np.errstate(all="ignore"):
+        return min(float(errors([trial], [run]).mean()), _WORST)
+
+
+def _trial(plant: Plant, record: Record) -> Trial:
+    campaign, _ = campaign_of(plant.description, [Source("what arrived", record)])
+    return max(campaign.trials, key=lambda trial: len(trial.outputs))
+
+
+@functools.lru_cache(maxsize=8)
+def _plant(model: str) -> Plant:
+    return Plant.of(description_of(ModelFile.model_validate_json(model)))

@@ -1,0 +1,260 @@
+"""Diagnoses one at a time, each in a process of its own, which may be ended at any moment.
+
+A process hears that it is to stop, and that the server has died, by the end of its standard
+input; it tells how far it has come by lines of JSON on its standard output.
+"""
+
+import collections
+import contextlib
+import json
+import logging
+import shutil
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import IO, Literal, NamedTuple
+
+from twin_server.settings import DiagnoseSettings
+
+from .task import Outcome, read_outcome
+
+logger = logging.getLogger(__name__)
+
+GRACE_S = 2.0
+"""For a process that was told to stop, until it is killed."""
+
+_LONGEST = 2_000
+_EVERY_S = 0.05
+
+
+class QueueFullError(RuntimeError):
+    """As many diagnoses wait as may; the text says what to do."""
+
+
+class Progress(NamedTuple):
+    """How far a diagnosis has come.
+
+    Parameters
+    ----------
+    stage
+        In words.
+    share
+        Of the work [1].
+    seconds
+        Since it began; 0 while it waits.
+    """
+
+    state: Literal["queued", "running"]
+    stage: str
+    share: float
+    seconds: float
+
+
+class Ended(NamedTuple):
+    """What has become of a diagnosis; an outcome where it is done, else a sentence."""
+
+    state: Literal["done", "failed", "cancelled"]
+    error: str = ""
+    outcome: Outcome | None = None
+
+
+class _Waiting(NamedTuple):
+    number: int
+    folder: Path
+
+
+class Jobs:
+    """A queue, and a thread that sees to one process after the other.
+
+    Parameters
+    ----------
+    command
+        Of the process; the folder is added.
+    ended
+        Told, by that thread, the number of each diagnosis that has ended, and how.
+    """
+
+    def __init__(
+        self,
+        command: Sequence[str],
+        settings: DiagnoseSettings,
+        ended: Callable[[int, Ended], None],
+    ) -> None:
+        self._command, self._settings, self._ended = tuple(command), settings, ended
+        self._queue: collections.deque[_Waiting] = collections.deque()
+        self._changed = threading.Condition()
+        self._current: _Waiting | None = None
+        self._cancelled: set[int] = set()
+        self._stage, self._share, self._began_s = "", 0.0, 0.0
+        self._stopping = False
+        self._thread = threading.Thread(target=self._work, name="diagnose", daemon=True)
+
+    def start(self) -> None:
+        """Begin to work."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End what runs, forget what waits; neither is told of as ended."""
+        with self._changed:
+            self._stopping = True
+            left, self._queue = list(self._queue), collections.deque()
+            self._changed.notify_all()
+        for waiting in left:
+            shutil.rmtree(waiting.folder, ignore_errors=True)
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def check_room(self) -> None:
+        """Raise `QueueFullError` where one more may not wait."""
+        with self._changed:
+            waiting = len(self._queue)
+        if waiting >= self._settings.max_queued:
+            raise QueueFullError(
+                f"{waiting} diagnoses wait already. Allowed: {self._settings.max_queued} "
+                "(diagnose.max_queued). Wait for one to end, or cancel one."
+            )
+
+    def submit(self, number: int, folder: Path) -> None:
+        """Enqueue the diagnosis of a folder, which is removed once that has ended."""
+        with self._changed:
+            self._queue.append(_Waiting(number, folder))
+            self._changed.notify_all()
+
+    def cancel(self, number: int) -> bool:
+        """End a diagnosis, or take it out of the queue; False where it is in neither."""
+        with self._changed:
+            waiting = next((one for one in self._queue if one.number == number), None)
+            if waiting is not None:
+                self._queue.remove(waiting)
+            elif self._current is not None and self._current.number == number:
+                self._cancelled.add(number)
+                return True
+        if waiting is None:
+            return False
+        shutil.rmtree(waiting.folder, ignore_errors=True)
+        self._ended(number, Ended("cancelled", "It was cancelled before it began."))
+        return True
+
+    def progress(self, number: int) -> Progress | None:
+        """Say how far it has come; None where it neither waits nor runs."""
+        with self._changed:
+            if self._current is not None and self._current.number == number:
+                return Progress(
+                    "running", self._stage, self._share, time.monotonic() - self._began_s
+                )
+            for place, waiting in enumerate(self._queue):
+                if waiting.number == number:
+                    ahead = place + (self._current is not None)
+                    return Progress("queued", f"waiting, {ahead} ahead of it", 0.0, 0.0)
+        return None
+
+    def _work(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._stopping or self._queue)
+                if self._stopping:
+                    return
+                self._current = waiting = self._queue.popleft()
+                self._stage, self._share, self._began_s = "starting", 0.0, time.monotonic()
+            ended = self._run(waiting)
+            shutil.rmtree(waiting.folder, ignore_errors=True)
+            if ended is not None:
+                try:
+                    self._ended(waiting.number, ended)
+                except Exception:
+                    logger.exception("Diagnosis %d could not be kept.", waiting.number)
+            with self._changed:
+                self._current = None
+                self._cancelled.discard(waiting.number)
+
+    def _run(self, waiting: _Waiting) -> Ended | None:
+        """See one process through; None where the server ends before it."""
+        log = waiting.folder / "log"
+        try:
+            with log.open("wb") as errors:
+                process = subprocess.Popen(
+                    [*self._command, str(waiting.folder)],
+                    stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors,
+                    start_new_session=True,
+                )  # fmt: skip
+        except OSError as error:
+            return Ended("failed", f"It could not be started: {error}.")
+        said: list[str] = []
+        assert process.stdout is not None
+        reader = threading.Thread(
+            target=self._listen, args=(process.stdout, said), name="diagnose-out", daemon=True
+        )
+        reader.start()
+        why = self._wait(process, waiting.number)
+        reader.join(GRACE_S)
+        process.stdout.close()
+        if why == "stopping":
+            return None
+        if why == "cancelled":
+            return Ended("cancelled", "It was cancelled.")
+        if why == "late":
+            return Ended(
+                "failed",
+                f"It took longer than {self._settings.max_s:g} s and was ended. Give fewer or "
+                "shorter samples, ask for a quick one, or raise diagnose.max_s.",
+            )
+        if process.returncode == 0:
+            try:
+                return Ended("done", outcome=read_outcome(waiting.folder))
+            except OSError as error:
+                return Ended("failed", f"It ended without a report: {error}.")
+        return Ended("failed", said[-1] if said else self._died(process.returncode, log))
+
+    def _wait(self, process: subprocess.Popen[bytes], number: int) -> str:
+        """Wait for its end, or bring that about; why, in a word."""
+        while process.poll() is None:
+            with self._changed:
+                why = (
+                    "stopping" if self._stopping
+                    else "cancelled" if number in self._cancelled
+                    else "late" if time.monotonic() - self._began_s > self._settings.max_s
+                    else ""
+                )  # fmt: skip
+            if why:
+                _end(process)
+                return why
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(_EVERY_S)
+        assert process.stdin is not None
+        process.stdin.close()
+        return "ended"
+
+    def _listen(self, lines: IO[bytes], said: list[str]) -> None:
+        for line in lines:
+            try:
+                content = json.loads(line)
+                if "error" in content:
+                    said.append(str(content["error"])[:_LONGEST])
+                else:
+                    stage, share = str(content["stage"])[:200], float(content["share"])
+                    with self._changed:
+                        self._stage, self._share = stage, min(max(share, 0.0), 1.0)
+            except (ValueError, KeyError, TypeError):
+                logger.warning("A diagnosis said what makes no sense: %r", line[:200])
+
+    def _died(self, status: int, log: Path) -> str:
+        with contextlib.suppress(OSError):
+            logger.error("A diagnosis ended with %d: %s", status, log.read_text()[-_LONGEST:])
+        return (
+            f"Its process ended with status {status}, without a word. Most likely it had too "
+            "little memory: give fewer samples, or raise diagnose.max_memory_bytes. The log of "
+            "the server says more."
+        )
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    assert process.stdin is not None
+    with contextlib.suppress(OSError):
+        process.stdin.close()
+    try:
+        process.wait(GRACE_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()

@@ -1,0 +1,139 @@
+"""Raw blocks in; records without a hole, each of one epoch or of one run, out."""
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from slowtime.signals.block import Block
+from slowtime_services.files import Record
+
+
+class NoSamplesError(ValueError):
+    """There is nothing to diagnose; the text says what to do."""
+
+
+class Piece(NamedTuple):
+    """Samples in a row, of one epoch or of one continuous run."""
+
+    record: Record
+    epoch: int | None
+
+    @property
+    def seconds(self) -> float:
+        """Length of it [s]."""
+        return len(self.record.samples) / self.record.rate_hz
+
+
+def pieces_of(blocks: Iterable[Block]) -> list[Piece]:
+    """Join blocks that follow each other; a gap, a new epoch or another rate begins a piece."""
+    return [_joined(run) for run in _runs(blocks)]
+
+
+def _runs(blocks: Iterable[Block]) -> Iterator[list[Block]]:
+    run: list[Block] = []
+    for block in blocks:
+        if run and not _goes_on(run[-1], block):
+            yield run
+            run = []
+        run.append(block)
+    if run:
+        yield run
+
+
+def _goes_on(last: Block, block: Block) -> bool:
+    return (
+        block.first_index == last.next_index
+        and block.epoch == last.epoch
+        and block.rate_hz == last.rate_hz
+        and block.channels == last.channels
+        and block.units == last.units
+    )
+
+
+def _joined(run: list[Block]) -> Piece:
+    first = run[0]
+    record = Record(
+        samples=np.concatenate([block.samples for block in run]),
+        rate_hz=first.rate_hz,
+        channels=first.channels,
+        units=first.units,
+        start_ns=first.start_ns,
+    )
+    return Piece(record, first.epoch)
+
+
+def within(pieces: Iterable[Piece], start_ns: int | None, end_ns: int | None) -> list[Piece]:
+    """Cut pieces to a span of the sensor's time; those outside are left out."""
+    found = []
+    for piece in pieces:
+        begins = piece.record.start_ns or 0
+        rate = piece.record.rate_hz
+        count = len(piece.record.samples)
+        first = 0 if start_ns is None else -(-(start_ns - begins) * rate // 1e9)
+        last = count if end_ns is None else -(-(end_ns - begins) * rate // 1e9)
+        cut = part(piece, int(max(0, min(first, count))), int(max(0, min(last, count))))
+        if len(cut.record.samples):
+            found.append(cut)
+    return found
+
+
+def held_back(pieces: list[Piece], seconds: float) -> tuple[list[Piece], list[Piece]]:
+    """Part pieces in those to learn from and the last `seconds`, to judge by.
+
+    Whole pieces where that leaves something to learn from; the one it falls in is cut.
+    """
+    judged: list[Piece] = []
+    learnt, left = list(pieces), seconds
+    while learnt and left > 1e-9:
+        last = learnt.pop()
+        if last.seconds <= left + 1e-9:
+            judged.append(last)
+            left -= last.seconds
+            continue
+        cut = len(last.record.samples) - round(left * last.record.rate_hz)
+        learnt.append(part(last, 0, cut))
+        judged.append(part(last, cut, len(last.record.samples)))
+        left = 0.0
+    if not learnt:
+        total = sum(piece.seconds for piece in pieces)
+        raise NoSamplesError(
+            f"holdout_s={seconds:g} leaves nothing to learn from: there are {total:.1f} s of "
+            "samples. Hold back fewer, or give more."
+        )
+    return learnt, judged[::-1]
+
+
+def part(piece: Piece, first: int, last: int) -> Piece:
+    """Cut rows `first` to `last` out of a piece."""
+    record = piece.record
+    begins = (record.start_ns or 0) + round(first * 1e9 / record.rate_hz)
+    cut = Record(
+        samples=record.samples[first:last],
+        rate_hz=record.rate_hz,
+        channels=record.channels,
+        units=record.units,
+        start_ns=begins,
+    )
+    return Piece(cut, piece.epoch)
+
+
+def bounded(blocks: Iterable[Block], max_samples: int, max_seconds: float) -> Iterator[Block]:
+    """Pass blocks on until there are too many.
+
+    Raises
+    ------
+    NoSamplesError
+        Naming the limits.
+    """
+    total, seconds = 0, 0.0
+    for block in blocks:
+        total += block.samples.size
+        seconds += len(block.samples) / block.rate_hz
+        if total > max_samples or seconds > max_seconds + 1e-6:
+            raise NoSamplesError(
+                f"More than {max_samples:,} numbers, or {max_seconds:g} s, of samples were "
+                "asked for. Give a shorter span, or raise diagnose.max_samples and "
+                "diagnose.max_raw_s of the server."
+            )
+        yield block

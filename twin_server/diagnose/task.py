@@ -1,0 +1,66 @@
+"""The folder of a diagnosis: what it is told, and what it leaves."""
+
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from pydantic import Field
+
+from slowtime_schemas.model_file import ModelFile
+from twin_server.orders import DiagnosisOrder, Frozen
+
+TASK, RAW, HISTORY, REPORT, PAGE, AUGMENTED = (
+    "task.json", "raw.mcap", "history.npz", "report.json", "report.html", "augmented.yaml",
+)  # fmt: skip
+
+
+class Task(Frozen):
+    """What a diagnosis is told.
+
+    Parameters
+    ----------
+    recordings, holdout
+        Files with raw samples of the twin.
+    quantity, slow_time_unit
+        Of the history, for a diagnosis in slow time.
+    """
+
+    site: str
+    asset: str
+    order: DiagnosisOrder
+    model: ModelFile | None = None
+    recordings: tuple[Path, ...] = ()
+    holdout: tuple[Path, ...] = ()
+    quantity: Literal["stiffness_change", "frequency_ratio"] = "stiffness_change"
+    slow_time_unit: str = "s"
+    max_samples: int = Field(default=20_000_000, ge=1)
+    max_seconds: float = Field(default=600.0, gt=0)
+    max_memory_bytes: int = Field(default=2 * 2**30, ge=1)
+
+
+class Outcome(NamedTuple):
+    """What a diagnosis has found: its files."""
+
+    report: str
+    page: bytes
+    model: str
+
+
+def write_task(folder: Path, task: Task) -> None:
+    """Leave word for the process."""
+    (folder / TASK).write_text(task.model_dump_json(), encoding="utf-8")
+
+
+def read_outcome(folder: Path) -> Outcome:
+    """Read what the process has left.
+
+    Raises
+    ------
+    OSError
+        Where it has left nothing.
+    """
+    model = folder / AUGMENTED
+    return Outcome(
+        (folder / REPORT).read_text(encoding="utf-8"),
+        (folder / PAGE).read_bytes(),
+        model.read_text(encoding="utf-8") if model.exists() else "",
+    )
