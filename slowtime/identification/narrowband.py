@@ -134,12 +134,14 @@ def envelopes(
     """
     count = OVERSAMPLED * bins
     keep = np.exp(-2 * np.pi * half_widths_in_record / count)
-    parts = rng.standard_normal((2, draws, count))
-    shocks = parts[0] + 1j * parts[1]
+    # Single precision is ample for what is drawn, and twice as fast.
+    shocks = rng.standard_normal((draws, 2 * count), dtype=np.float32).view(np.complex64)
+    shocks[:, 1:] *= np.float32(np.sqrt(1 - keep**2))
     # Off the raster of the record by a random part of a bin, as any mode is.
-    turn = np.exp(2j * np.pi * rng.uniform(-0.5, 0.5, (draws, 1)) * np.arange(count) / count)
-    shocks[:, 1:] *= np.sqrt(1 - keep**2)
-    process = turn * sps.lfilter([1.0], [1.0, -keep], shocks, axis=-1)
+    off = 2j * np.pi * rng.uniform(-0.5, 0.5, (draws, 1)) / count
+    turn = np.exp(off * np.arange(count)).astype(np.complex64)
+    coefficients = np.array([1.0, -keep], dtype=np.complex64)
+    process = turn * sps.lfilter(coefficients[:1], coefficients, shocks, axis=-1)
     spectrum = fft.fft(process, axis=-1) / count
     half = bins // 2
     cut = np.concatenate([spectrum[:, : half + 1], spectrum[:, -half:]], axis=-1)

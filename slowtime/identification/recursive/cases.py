@@ -20,7 +20,7 @@ LINE_CORE = 5.0
 """Distances from a line, in decay rates of the window, within which it is measured, and within
 which nothing else can be."""
 
-GROUPED = 0.2
+GROUPED = 0.5
 """Ordinates are averaged over this share of the distance to the nearest pole."""
 
 QUIET = 1e-3
