@@ -98,7 +98,9 @@ def noise_on(fit: Fit, trials: tuple[Trial, ...], runs: Sequence[Series]) -> Noi
 
 def floor_of(trials: Sequence[Trial], noise: Noise) -> float:
     """Error that the sensors' noise alone would make; `noise` is that of these trials."""
-    power = np.mean([noise.sd(i, t.rate_hz) ** 2 for i, t in enumerate(trials)], axis=0)
+    share = np.array([t.used.mean(axis=0) for t in trials])
+    power = np.array([noise.sd(i, t.rate_hz) ** 2 for i, t in enumerate(trials)])
+    power = np.sum(share * power, axis=0) / np.maximum(share.sum(axis=0), 1e-12)
     found = []
     for sensor, size in enumerate(np.sqrt(power)):
         told = np.concatenate([t.outputs[t.used[:, sensor], sensor] for t in trials])

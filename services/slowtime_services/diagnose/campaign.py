@@ -110,9 +110,10 @@ def _starts(sources: Sequence[Source], notes: list[str]) -> list[float]:
         notes.append("Campaign time is counted from the beginning of the first record.")
     undated = [s.name for s, start in zip(sources, told, strict=True) if start is None]
     if undated and len(undated) < len(sources):
-        notes.append(
-            f"{', '.join(undated)} do not say when they begin: taken to begin at time 0."
+        says = (
+            "does not say when it begins" if len(undated) == 1 else "do not say when they begin"
         )
+        notes.append(f"{', '.join(undated)} {says}: taken to be time 0.")
     return [0.0 if start is None else start - origin * (start > ABSOLUTE_S) for start in told]
 
 

@@ -56,8 +56,8 @@ LEAST = 0.05
 """Share of samples below which a channel counts as if it had so many."""
 BEST = 1e-5
 """Noise of the best sensor there is over the scatter of what it measures: 100 dB."""
-UNHEARD = 1e-6
-"""That a channel without any sample counts by."""
+UNHEARD, DEAF = 1e-6, 1e12
+"""What a channel without any sample counts by, and the density of its noise."""
 
 # Shapes are checked at the door, not in what is called ten thousand times.
 Blocks = np.ndarray[Any, np.dtype[np.float64]]
@@ -139,10 +139,10 @@ def noise_of_residual(
     for trial, residual in zip(trials, residuals, strict=True):
         frequency, power, spare = incoherent_power(residual, trial.inputs, trial.rate_hz)
         share = np.maximum(trial.used.mean(axis=0), LEAST)
-        # A sensor that says nothing in a trial has any noise there, and counts for nothing.
+        # A sensor that says nothing in a trial is all noise there, and counts for nothing.
         heard = trial.used.any(axis=0)
         known = np.where(heard, share * spare, UNHEARD)
-        powers.append((frequency, np.where(heard, power / share, 1.0), known))
+        powers.append((frequency, np.where(heard, power / share, DEAF), known))
     noise = noise_of_power(powers, rate_hz=trials[0].rate_hz, silent_above_hz=silent_above_hz)
     return no_better(noise, trials)
 

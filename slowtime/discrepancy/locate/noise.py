@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from slowtime.discrepancy.floor.estimate import UNHEARD, no_better, noise_of_power
+from slowtime.discrepancy.floor.estimate import DEAF, UNHEARD, no_better, noise_of_power
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refit import Fit
 from slowtime.signals.spectra import transform
@@ -31,7 +31,7 @@ def heard_again(
         power[: len(trial.frequency_hz)] = force.noise_power()
         share = np.maximum(record.used.mean(axis=0), 1 / len(residual))
         heard = record.used.any(axis=0)
-        level = np.where(heard, power[1:] / share, 1.0)
+        level = np.where(heard, power[1:] / share, DEAF)
         powers.append((frequency[1:], level, np.where(heard, share, UNHEARD)))
     noise = noise_of_power(
         powers, rate_hz=records[0].rate_hz, silent_above_hz=fit.silent_above_hz
