@@ -46,6 +46,7 @@ def ssi_covariance(
     orders: Sequence[int],
     references: Sequence[int] | None = None,
     shapes: bool = True,
+    weighting: Weighting = "none",
 ) -> Poles:
     """Covariance-driven stochastic subspace identification, with uncertainty at every order.
 
@@ -63,6 +64,9 @@ def ssi_covariance(
         Channels to correlate with; all by default.
     shapes
         Whether to compute errors of the shapes as well.
+    weighting
+        See `identify`. `both` is the best at orders beyond what there is; it needs all channels
+        as references.
 
     References
     ----------
@@ -72,7 +76,7 @@ def ssi_covariance(
     .. [3] M. Döhler, L. Mevel, "Efficient multi-order uncertainty computation for stochastic
        subspace identification", MSSP 38 (2013).
     """
-    return _of_samples(samples, rate_hz, block_rows, orders, references, shapes, "none")
+    return _of_samples(samples, rate_hz, block_rows, orders, references, shapes, weighting)
 
 
 def ssi_data(
