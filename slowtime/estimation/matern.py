@@ -10,6 +10,7 @@ result has the shape of those parameters in front, and a whole family is filtere
 """
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -18,6 +19,9 @@ from jaxtyping import Float
 from . import kernels
 
 Parameter = float | Float[np.ndarray, " family"]
+Jump = tuple[float, float]
+"""Time, and standard deviation of how far the level goes between it and later readings."""
+
 PerMember = Float[np.ndarray, "*family"] | np.float64
 
 
@@ -211,7 +215,7 @@ class Reading:
     seen: Float[np.ndarray, "*family state"]
     residual: PerMember
     spread: PerMember
-    move: Float[np.ndarray, "*family state state"]
+    move: Float[np.ndarray, "... state state"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -237,12 +241,20 @@ def run(
     time: Float[np.ndarray, " time"],
     value: Float[np.ndarray, " time"],
     sd: Float[np.ndarray, " time"],
+    *,
+    jumps: Sequence[Jump] = (),
 ) -> tuple[Belief, list[Reading]]:
-    """Filter a whole series; `time` ascending, NaN values missing."""
+    """Filter a whole series; `time` ascending, NaN values missing.
+
+    With `jumps` the level goes elsewhere between readings, as far as each of them says.
+    """
     steps, which = np.unique(np.diff(time, prepend=time[:1]), return_inverse=True)
     moves, noises = process.advance(steps)
     belief, readings = process.start(time[0]), []
+    waiting = sorted(jumps)
     for i in range(len(time)):
+        while waiting and waiting[0][0] < time[i]:
+            belief = lifted(belief, waiting.pop(0)[1])
         belief, reading = process._step(
             belief,
             float(time[i]),
@@ -255,14 +267,23 @@ def run(
     return belief, readings
 
 
+def lifted(belief: Belief, sd: float) -> Belief:
+    """Give what is believed once the level may have gone elsewhere, by about `sd`."""
+    covariance = belief.covariance.copy()
+    covariance[..., 0, 0] += sd**2
+    return dataclasses.replace(belief, covariance=covariance)
+
+
 def log_likelihood(
     process: SlowProcess,
     time: Float[np.ndarray, " time"],
     value: Float[np.ndarray, " time"],
     sd: Float[np.ndarray, " time"],
+    *,
+    jumps: Sequence[Jump] = (),
 ) -> Float[np.ndarray, "*family"]:
     """Log-likelihood of the series, one entry per member of a family of processes."""
-    each = [reading.log_likelihood for reading in run(process, time, value, sd)[1]]
+    each = [reading.log_likelihood for reading in run(process, time, value, sd, jumps=jumps)[1]]
     total: Float[np.ndarray, "*family"] = np.asarray(np.sum(each, axis=0))
     return total
 

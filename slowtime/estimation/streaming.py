@@ -15,9 +15,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy import optimize
 
-from .gaussian import root_of
 from .hyperparameters import spread as even
-from .matern import Belief, Moving, Reading, predict
+from .matern import Belief, Jump, Moving, Reading, lifted, predict
 from .processes import Process
 
 __all__ = [
@@ -120,34 +119,34 @@ def run(
     value: Series,
     sd: Series,
     *,
-    jumps: Sequence[tuple[float, Float[np.ndarray, "state state"]]] = (),
+    jumps: Sequence[Jump] = (),
 ) -> tuple[Belief, list[Reading]]:
     """Filter a whole series; `time` ascending, NaN values missing.
 
-    Parameters
-    ----------
-    jumps
-        Times after which something has happened, and what it adds to the covariance of the
-        state: it acts on the first reading later than its time.
+    With `jumps` the first number of the state, a level, goes elsewhere between readings.
     """
     steps, which = np.unique(np.diff(time, prepend=time[:1]), return_inverse=True)
     moves, noises = process.advance(steps)
-    seen, waiting = process.observation, sorted(jumps, key=lambda jump: jump[0])
+    seen, waiting = process.observation, sorted(jumps)
     belief, readings = Stream(process).start(float(time[0])), []
     for t, y, s, k in zip(time.tolist(), value.tolist(), sd.tolist(), which, strict=True):
-        noise = noises[k]
         while waiting and waiting[0][0] < t:
-            noise = noise + waiting.pop(0)[1]
-        belief, reading = _step(seen, belief, t, y, s, moves[k], noise)
+            belief = lifted(belief, waiting.pop(0)[1])
+        belief, reading = _step(seen, belief, t, y, s, moves[k], noises[k])
         readings.append(reading)
     return belief, readings
 
 
 def log_likelihood(
-    process: Process, time: Series, value: Series, sd: Series
+    process: Process,
+    time: Series,
+    value: Series,
+    sd: Series,
+    *,
+    jumps: Sequence[Jump] = (),
 ) -> Float[np.ndarray, "*family"]:
     """Log-likelihood of the series, one entry per member of a family of processes."""
-    each = [reading.log_likelihood for reading in run(process, time, value, sd)[1]]
+    each = [reading.log_likelihood for reading in run(process, time, value, sd, jumps=jumps)[1]]
     return np.asarray(np.sum(each, axis=0))
 
 
@@ -198,7 +197,7 @@ def smooth(
     sd: Series,
     *,
     part: Float[np.ndarray, " state"] | None = None,
-    jumps: Sequence[tuple[float, Float[np.ndarray, "state state"]]] = (),
+    jumps: Sequence[Jump] = (),
 ) -> Smoothed:
     """Estimate the process, or a part of it, at every time of the series given all of it.
 
@@ -298,17 +297,23 @@ def sample(
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "path later"]:
     """Draw futures of the process, each a whole path, from a belief; `times` ascending."""
-    moves, noises = process.advance(np.diff(times, prepend=belief.time))
-    roots = root_of(noises)
-    state = (
-        belief.mean
-        + rng.standard_normal((paths, len(belief.mean))) @ root_of(belief.covariance).T
-    )
+    apart = np.diff(times, prepend=belief.time)
+    scale = max(float(apart.max(initial=0.0)), 1e-300)
+    steps, which = np.unique(np.round(apart / scale, 12), return_inverse=True)
+    moves, noises = process.advance(steps * scale)
+    roots, first = _any_root(noises), _any_root(belief.covariance)
+    state = belief.mean + rng.standard_normal((paths, len(belief.mean))) @ first.T
     seen, found = process.observation, np.zeros((paths, len(times)))
-    for k, (move, root) in enumerate(zip(moves, roots, strict=True)):
-        state = state @ move.T + rng.standard_normal(state.shape) @ root.T
+    for k, j in enumerate(which):
+        state = state @ moves[j].T + rng.standard_normal(state.shape) @ roots[j].T
         found[:, k] = state @ seen
     return found
+
+
+def _any_root(covariance: np.ndarray) -> np.ndarray:
+    """Root of a covariance that rounding may have made a little negative, as short steps do."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :])
 
 
 def _step(

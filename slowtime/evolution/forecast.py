@@ -2,25 +2,37 @@
 
 What is learnt is a handful of processes with weights, spread over what the history allows, not
 the single likeliest one: a band that takes its own length scale for certain is too narrow.
+Where a history seems to repeat itself, processes with a wave stand beside those without; where
+it seems to have jumped, histories with a jump beside those without; evidence weighs them.
 """
 
 import dataclasses
+from collections.abc import Iterator, Sequence
 from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.estimation import hyperparameters, kernels, matern
-from slowtime.estimation.hyperparameters import Optimum, Prior
-from slowtime.estimation.matern import SlowProcess
+from slowtime.estimation import hyperparameters, kernels, matern, streaming
+from slowtime.estimation.hyperparameters import Prior
+from slowtime.estimation.matern import Belief, Jump, SlowProcess
+from slowtime.estimation.processes import Process, Sum
 
+from . import jumps as jumping
+from . import waves
 from .change import Series, check_level
+from .learning import NET, Learnt, learn
 
 Usable: TypeAlias = Float[np.ndarray, " usable"]
 
-_NET = 32  # processes tried per smoothness, and again about the optimum
-_WIDER = 1.3  # proposal over Laplace width, so that weights stay bounded
-_NEGLIGIBLE = 1e-3
+_UNLIKELY = 0.01
+"""Probability below which a kind of process is left out."""
+
+_TRACE = 1.0
+"""By how much the best of a few trials with a wave must be likelier than without."""
+
+_JUMP_ODDS = 100.0
+"""How much likelier a history must be with a jump than without."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -32,11 +44,37 @@ class Outlook:
     family
         A `SlowProcess` whose parameters are arrays, one entry per member.
     weights
-        Posterior probability of each member; they sum to one.
+        Posterior probability of each member among them; they sum to one.
+    wave, wave_weights
+        Likewise a family of processes that repeat themselves; None where none is likely.
+    wave_share
+        Posterior probability of the processes with a wave, all together [1].
+    jumps
+        Slow times after which the level of the history has gone elsewhere, and how far it may
+        have gone.
     """
 
     family: SlowProcess
     weights: Float[np.ndarray, " family"]
+    wave: Sum | None = None
+    wave_weights: Float[np.ndarray, " wave"] | None = None
+    wave_share: float = 0.0
+    jumps: tuple[Jump, ...] = ()
+
+    @property
+    def likeliest(self) -> SlowProcess:
+        """The most probable process without a wave, to watch by (`jumps.Watch`)."""
+        found = member(self.family, int(self.weights.argmax()))
+        assert isinstance(found, SlowProcess)
+        return found
+
+    @property
+    def period(self) -> float | None:
+        """Likeliest period, in the unit of slow time; None where nothing repeats itself."""
+        if self.wave is None or self.wave_weights is None or self.wave_share < 0.5:
+            return None
+        place = list(self.wave.free).index("period")
+        return float(np.exp(self.wave_weights @ self.wave.logs[:, place]))
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -95,31 +133,78 @@ def fit(slow_time: Series, value: Series, sd: Series) -> Outlook:
     The smoothness is the one whose best member of a net over the prior is likeliest. Length
     scale, spread, and drift of the trend then follow by Newton's method, and their posterior
     by importance sampling from fixed points about the optimum and of the net together: the
-    same history gives the same outlook, to the last bit.
+    same history gives the same outlook, to the last bit. Waves and jumps are only asked for
+    where least squares finds a trace of them.
     """
-    time, values, sds = _history(slow_time, value, sd)
+    time, values, sds = history(slow_time, value, sd)
     prior, base = _prior(time, values)
     sds = np.maximum(sds, 1e-6 * base.sd)
+    found = _without_jump(time, values, sds, prior, base, ())
+    size = 3.0 * float(base.sd)
+    for at in jumping.candidates(time, values, sds):
+        told = (*found[0].jumps, (at, size))
+        # With the jump out of it, what is left scatters less, and the prior must know.
+        inner = _prior(time, _levelled(time, values, [t for t, _ in told]))
+        tried = _without_jump(time, values, sds, inner[0], _vague(inner[1], base), told)
+        if tried[1] - np.log(len(time)) > found[1] + np.log(_JUMP_ODDS):
+            found = tried
+    return found[0]
 
-    def objective(points: np.ndarray, smoothness: float) -> np.ndarray:
+
+def _without_jump(
+    time: Usable,
+    values: Usable,
+    sds: Usable,
+    prior: Prior,
+    base: SlowProcess,
+    told: tuple[Jump, ...],
+) -> tuple[Outlook, float]:
+    """Learn kinds of processes with jumps given; and the evidence for all of them."""
+
+    def plain(points: np.ndarray, smoothness: float) -> np.ndarray:
         family = _members(base, smoothness, points)
-        likelihood = matern.log_likelihood(family, time, values, sds)
-        total: np.ndarray = likelihood + prior.log_density(points)
-        return total
+        return np.asarray(matern.log_likelihood(family, time, values, sds, jumps=told))
 
-    net = prior.net(_NET)
-    scores = {s: objective(net, s) for s in kernels.SMOOTHNESSES}
-    smoothness = max(scores, key=lambda s: float(scores[s].max()))
-    start = net[scores[smoothness].argmax()]
-    best = hyperparameters.climb(lambda points: objective(points, smoothness), start, prior)
-    near = _about(best)
-    points = np.concatenate([near, net])
-    values = np.concatenate([objective(near, smoothness), scores[smoothness]])
-    log_weights = values - _log_proposal(points, best, prior)
-    weights = np.exp(log_weights - log_weights.max())
-    kept = weights > _NEGLIGIBLE * weights.sum()
-    weights = weights[kept] / weights[kept].sum()
-    return Outlook(_members(base, smoothness, points[kept]), weights)
+    net = prior.net(NET)
+    scores = {s: plain(net, s) for s in kernels.SMOOTHNESSES}
+    density = prior.log_density(net)
+    smoothness = max(scores, key=lambda s: float((scores[s] + density).max()))
+    smooth = learn(lambda points: plain(points, smoothness), prior, scores[smoothness])
+    family = _members(base, smoothness, smooth.points)
+    reached = float(plain(smooth.best[None], smoothness)[0])
+    wave = _learn_wave((time, values, sds), prior, base, told, (smooth.best, reached))
+    if wave is None:
+        return Outlook(family, smooth.weights, jumps=told), smooth.log_evidence
+    both = float(np.logaddexp(smooth.log_evidence, wave.log_evidence) - np.log(2.0))
+    share = float(np.exp(wave.log_evidence - np.log(2.0) - both))
+    if share < _UNLIKELY:
+        return Outlook(family, smooth.weights, jumps=told), both
+    found = waves.members(base, wave.points)
+    return Outlook(family, smooth.weights, found, wave.weights, share, told), both
+
+
+def _learn_wave(
+    readings: tuple[Usable, Usable, Usable],
+    prior: Prior,
+    base: SlowProcess,
+    told: tuple[Jump, ...],
+    smooth: tuple[np.ndarray, float],
+) -> Learnt | None:
+    """Learn processes with a wave; None where least squares or a few trials find no trace."""
+    time, values, sds = readings
+    period = waves.period_of(time, _levelled(time, values, [at for at, _ in told]), sds)
+    if period is None:
+        return None
+    span = float(time[-1] - time[0])
+
+    def repeated(points: np.ndarray) -> np.ndarray:
+        family = waves.members(base, points)
+        return np.asarray(streaming.log_likelihood(family, time, values, sds, jumps=told))
+
+    best, reached = smooth
+    if repeated(waves.trial(period, base, best, span)).max() < reached + _TRACE:
+        return None
+    return learn(repeated, waves.prior_of(period, base, prior, span), iterations=6)
 
 
 def predict(
@@ -145,7 +230,7 @@ def predict(
         Probability of the bands [1].
     """
     quantile = check_level(level)
-    time, values, sds = _history(slow_time, value, sd)
+    time, values, sds = history(slow_time, value, sd)
     if horizon_times.size and not horizon_times.min() >= time[-1]:
         raise ValueError(
             f"A forecast was asked for slow time {horizon_times.min():g}, before the last "
@@ -153,27 +238,54 @@ def predict(
             "slowtime.estimation.matern.smooth."
         )
     sds = np.maximum(sds, 1e-6 * np.min(outlook.family.sd))
-    belief, _ = matern.run(outlook.family, time, values, sds)
-    means, spreads = matern.predict(outlook.family, belief, horizon_times)
-    mean = outlook.weights @ means
-    spread = np.sqrt(outlook.weights @ (spreads**2 + (means - mean) ** 2))
+    kinds = list(beliefs(outlook, time, values, sds))
+    all_means, all_spreads = zip(
+        *(streaming.predict(process, belief, horizon_times) for process, belief, _ in kinds),
+        strict=True,
+    )
+    weights = np.concatenate([own for _, _, own in kinds])
+    means, spreads = np.concatenate(all_means), np.concatenate(all_spreads)
+    mean = weights @ means
+    spread = np.sqrt(weights @ (spreads**2 + (means - mean) ** 2))
     return Forecast(
         mean,
         spread,
         mean - quantile * spread,
         mean + quantile * spread,
-        float(time[-1] + _memory(outlook, belief)),
+        float(time[-1] + _memory(outlook, kinds)),
     )
 
 
-def _memory(outlook: Outlook, belief: matern.Belief) -> float:
-    """Length scale, times the share of the Matérn process that the readings determine."""
-    family = outlook.family
+Kind: TypeAlias = tuple[SlowProcess | Sum, Belief, np.ndarray]
+"""A family of processes, what is believed of it, and the probability of each member."""
+
+
+def beliefs(outlook: Outlook, time: Usable, values: Usable, sds: Usable) -> Iterator[Kind]:
+    """Tell what is believed after the history, of each kind of process."""
+    told = [jump for jump in outlook.jumps if jump[0] < time[-1]]
+    belief, _ = matern.run(outlook.family, time, values, sds, jumps=told)
+    yield outlook.family, belief, (1.0 - outlook.wave_share) * outlook.weights
+    if outlook.wave is not None and outlook.wave_weights is not None:
+        belief, _ = streaming.run(outlook.wave, time, values, sds, jumps=told)
+        yield outlook.wave, belief, outlook.wave_share * outlook.wave_weights
+
+
+def _memory(outlook: Outlook, kinds: Sequence[Kind]) -> float:
+    """Length scale, times the share of the Matérn process that the readings determine.
+
+    A wave is remembered longer: as long as it keeps its form, by the same rule.
+    """
+    family, belief, weights = outlook.family, kinds[0][1], kinds[0][2]
     share = 1.0 - belief.covariance[..., 2, 2] / np.square(family.sd)
-    return float(outlook.weights @ (np.clip(share, 0.0, 1.0) * family.length))
+    reach = float(weights @ (np.clip(share, 0.0, 1.0) * family.length))
+    if len(kinds) > 1 and outlook.wave is not None:
+        memory = np.exp(outlook.wave.logs[:, list(outlook.wave.free).index("length", 5)])
+        reach += float(kinds[1][2] @ memory)
+    return reach
 
 
-def _history(slow_time: Series, value: Series, sd: Series) -> tuple[Usable, Usable, Usable]:
+def history(slow_time: Series, value: Series, sd: Series) -> tuple[Usable, Usable, Usable]:
+    """Give what of a history can be used, in ascending order of slow time."""
     usable = np.isfinite(slow_time) & np.isfinite(value) & np.isfinite(sd) & (sd >= 0.0)
     order = np.argsort(slow_time[usable], kind="stable")
     return slow_time[usable][order], value[usable][order], sd[usable][order]
@@ -197,27 +309,30 @@ def _members(
     )
 
 
-def _about(best: Optimum) -> Float[np.ndarray, "family parameter"]:
-    """Spread points about the optimum, somewhat wider than its curvature asks for."""
-    factor = np.linalg.cholesky(np.linalg.inv(best.curvature))
-    normal = hyperparameters.spread(_NET, len(best.point))
-    points: Float[np.ndarray, "family parameter"] = best.point + _WIDER * normal @ factor.T
-    return points
-
-
-def _log_proposal(
-    points: Float[np.ndarray, "family parameter"], best: Optimum, prior: Prior
-) -> Float[np.ndarray, " family"]:
-    """Logarithm of the density that points about the optimum and of the net have together.
-
-    The net reaches where the posterior has a tail that the optimum does not see, as when the
-    readings allow that there is no Matérn process at all.
-    """
-    precision = best.curvature / _WIDER**2
-    away = points - best.point
-    near = 0.5 * np.linalg.slogdet(precision)[1] - 0.5 * np.einsum(
-        "fi,ij,fj->f", away, precision, away
+def _vague(inner: SlowProcess, base: SlowProcess) -> SlowProcess:
+    """Process of little scatter about a trend as vague as that of the whole history."""
+    return dataclasses.replace(
+        inner, centre=base.centre, level_sd=base.level_sd, slope_sd=base.slope_sd
     )
-    wide = prior.log_density(points) - np.log(prior.sd).sum()
-    together: Float[np.ndarray, " family"] = np.logaddexp(near, wide)
-    return together
+
+
+def _levelled(time: Usable, values: Usable, after: Sequence[float]) -> Usable:
+    """Values with jumps taken out by least squares, about a straight line."""
+    if not after:
+        return values
+    span = time[-1] - time[0]
+    steps = [(time > at).astype(float) for at in after]
+    design = np.column_stack([np.ones_like(time), (time - time[0]) / span, *steps])
+    found = np.linalg.lstsq(design, values, rcond=None)[0]
+    return np.asarray(values - design[:, 2:] @ found[2:])
+
+
+def member(process: SlowProcess | Sum, number: int) -> SlowProcess | Process:
+    """Take one process out of a family."""
+    if isinstance(process, Sum):
+        return process.at(process.logs[number])
+    own = {
+        name: float(np.broadcast_to(getattr(process, name), np.shape(process.length))[number])
+        for name in ("length", "sd", "slope_drift")
+    }
+    return dataclasses.replace(process, **own)

@@ -1,0 +1,158 @@
+"""When will a threshold be crossed: the distribution of the time of the first crossing."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from slowtime.estimation import streaming
+from slowtime.estimation.matern import Belief, SlowProcess
+from slowtime.estimation.processes import Sum
+
+from . import forecast
+from .change import Series
+from .forecast import Outlook
+
+SHARES = (0.1, 0.5, 0.9)
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Crossing:
+    """When a threshold is first crossed.
+
+    Parameters
+    ----------
+    threshold
+        In the unit of the quantity.
+    shares, slow_time
+        Probabilities, and the slow time by which the threshold has been crossed with each;
+        infinite where that is not within the horizon.
+    probability
+        That it is crossed within the horizon [1].
+    horizon
+        Slow time up to which was looked.
+    """
+
+    threshold: float
+    shares: tuple[float, ...]
+    slow_time: Float[np.ndarray, " share"]
+    probability: float
+    horizon: float
+
+    def words(self) -> str:
+        """Say it in a sentence.
+
+        Examples
+        --------
+        >>> Crossing(-0.2, (0.5,), np.array([np.inf]), 0.03, 900.0).words()
+        '50 %: not within the horizon of 900. Crossed within it with probability 3 %.'
+        """
+        each = ", ".join(
+            f"{100 * share:g} %: "
+            + (
+                f"by {at:.6g}"
+                if np.isfinite(at)
+                else f"not within the horizon of {self.horizon:g}"
+            )
+            for share, at in zip(self.shares, self.slow_time, strict=True)
+        )
+        return f"{each}. Crossed within it with probability {100 * self.probability:.2g} %."
+
+
+def first_crossing(
+    outlook: Outlook,
+    slow_time: Series,
+    value: Series,
+    sd: Series,
+    threshold: float,
+    horizon: float,
+    *,
+    shares: tuple[float, ...] = SHARES,
+    points: int = 200,
+    paths: int = 4000,
+    seed: int = 0,
+) -> Crossing:
+    """Draw futures, and see when each first crosses the threshold.
+
+    Parameters
+    ----------
+    outlook
+        What `forecast.fit` has learnt.
+    slow_time, value, sd
+        The history, as for `forecast.fit`.
+    threshold
+        It is crossed from the side on which the quantity is believed to be now.
+    horizon
+        Slow time up to which is looked.
+    shares
+        Probabilities whose times are asked for.
+    points
+        Instants up to the horizon at which a future is looked at, straight between.
+    paths, seed
+        How many futures, and of which random numbers.
+
+    Notes
+    -----
+    A future is a whole path of one process of the outlook, each as often as it is probable:
+    readings that come later move together, which bands at single times do not say.
+    """
+    time, values, sds = forecast.history(slow_time, value, sd)
+    if not horizon > time[-1]:
+        raise ValueError(
+            f"The horizon {horizon:g} is not after the last reading at {time[-1]:g}. Give a "
+            "later slow time."
+        )
+    later = np.linspace(time[-1], horizon, points + 1)
+    rng = np.random.default_rng(seed)
+    drawn = np.concatenate(
+        [
+            _paths(process, belief, weights, later, paths, rng)
+            for process, belief, weights in forecast.beliefs(outlook, time, values, sds)
+        ]
+    )
+    side = np.sign(np.median(drawn[:, 0]) - threshold) or 1.0
+    return _first(side * (drawn - threshold), later, threshold, shares)
+
+
+def _first(
+    above: Float[np.ndarray, "path later"],
+    later: Float[np.ndarray, " later"],
+    threshold: float,
+    shares: tuple[float, ...],
+) -> Crossing:
+    below = above <= 0.0
+    crossed = below.any(axis=1)
+    k = np.where(crossed, below.argmax(axis=1), 0)
+    row, before = np.arange(len(above)), np.maximum(k - 1, 0)
+    high, low = above[row, before], above[row, k]
+    part = np.where(k > 0, high / np.where(high > low, high - low, 1.0), 0.0)
+    at = later[before] + part * (later[k] - later[before])
+    when = np.sort(np.where(crossed, at, np.inf))
+    places = np.minimum((np.array(shares) * len(when)).astype(int), len(when) - 1)
+    return Crossing(threshold, shares, when[places], float(crossed.mean()), float(later[-1]))
+
+
+def _paths(
+    process: SlowProcess | Sum,
+    belief: Belief,
+    weights: np.ndarray,
+    later: np.ndarray,
+    paths: int,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """Futures of a family, of each member as many as its probability asks for."""
+    counts = rng.multinomial(
+        round(paths * float(weights.sum())), weights / max(float(weights.sum()), 1e-300)
+    )
+    found = [
+        streaming.sample(
+            forecast.member(process, i),
+            Belief(belief.time, belief.mean[i], belief.covariance[i]),
+            later,
+            int(count),
+            rng,
+        )
+        for i, count in enumerate(counts)
+        if count
+    ]
+    return np.concatenate(found) if found else np.zeros((0, len(later)))

@@ -1,0 +1,210 @@
+r"""Has the model changed? Every reading is asked whether the level has gone elsewhere of late.
+
+Beside the process that was learnt stand rivals of it, one for each recent reading, whose level
+may have jumped just before. If there was no jump, the likelihood of a rival over that of the
+process ever exceeds c with probability :math:`1 / c` at most (Ville, 1939).
+"""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from slowtime.estimation import matern
+from slowtime.estimation.matern import Belief, SlowProcess
+
+Usable = Float[np.ndarray, " usable"]
+
+RECENT = 8
+"""Readings back to which a jump is looked for."""
+
+_CLEAR = 4.5
+"""Standard deviations between neighbouring lines from which a jump is tried."""
+
+_SIDE = 5
+_SPREAD = 10.0  # squared places of five readings about their middle
+_MOST = 2
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Watching:
+    """The process, and its rivals, after some readings.
+
+    Parameters
+    ----------
+    process
+        Belief without a jump.
+    rivals
+        Beliefs with a jump before each of the last readings, oldest first.
+    before
+        Beliefs of the process before each of these jumps, carried on without readings.
+    since
+        Slow time of the last reading before each jump.
+    log_odds
+        Logarithm of the likelihood of each rival over that of the process.
+    readings
+        Taken in since each jump.
+    """
+
+    process: Belief
+    rivals: Belief | None
+    before: Belief | None
+    since: Float[np.ndarray, " rival"]
+    log_odds: Float[np.ndarray, " rival"]
+    readings: Float[np.ndarray, " rival"]
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Change:
+    """What one reading says of a change of the model.
+
+    Parameters
+    ----------
+    noticed
+        Whether the model has changed.
+    since
+        Slow time of the last reading before the likeliest jump; NaN where there is none.
+    odds
+        Likelihood with that jump over that without [1].
+    size, sd
+        Of the jump, in the unit of the readings.
+    """
+
+    noticed: bool
+    since: float
+    odds: float
+    size: float
+    sd: float
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Watch:
+    """Look-out for jumps.
+
+    Parameters
+    ----------
+    process
+        What was learnt from the history so far.
+    jump_sd
+        How far a level may go, in the unit of the readings.
+    odds
+        Likelihood ratio from which a change is told: the mean number of readings between false
+        alarms is no less.
+    fewest
+        Readings after a jump that must have confirmed it.
+    outliers
+        Share of readings that may be of no sense: the process passes over a reading that is
+        likelier to be one of them, so that a single outlier is not taken for a jump.
+    """
+
+    process: SlowProcess
+    jump_sd: float
+    odds: float = 1000.0
+    fewest: int = 2
+    outliers: float = 0.01
+
+    def start(self, belief: Belief) -> Watching:
+        """Begin from a belief after the history, as `matern.run` gives it."""
+        none = np.zeros(0)
+        return Watching(belief, None, None, none, none, none)
+
+    def step(
+        self, state: Watching, time: float, value: float, sd: float
+    ) -> tuple[Watching, Change]:
+        """Take in one reading; a `value` of NaN only moves on in time."""
+        if value != value or sd != sd:
+            state = dataclasses.replace(
+                state,
+                process=self.process.step(state.process, time, np.nan, np.nan)[0],
+                rivals=self._moved(state.rivals, time),
+                before=self._moved(state.before, time),
+            )
+            return state, Change(False, np.nan, 0.0, np.nan, np.nan)
+        kept = slice(int(len(state.since) == RECENT), None)
+        old = state.process
+        rivals = _stacked(state.rivals, kept, matern.lifted(old, self.jump_sd))
+        before = self._moved(_stacked(state.before, kept, old), time)
+        rivals, theirs = self.process.step(rivals, time, value, sd)
+        process, own = self._process_step(old, time, value, sd)
+        watching = Watching(
+            process,
+            rivals,
+            before,
+            np.append(state.since[kept], old.time),
+            np.append(state.log_odds[kept], 0.0) + theirs.log_likelihood - own,
+            np.append(state.readings[kept], 0.0) + 1.0,
+        )
+        return watching, self._judged(watching)
+
+    def _process_step(
+        self, belief: Belief, time: float, value: float, sd: float
+    ) -> tuple[Belief, float]:
+        """Step of the process, and the likelihood of the reading, outlier or not."""
+        updated, reading = self.process.step(belief, time, value, sd)
+        wide = float(reading.spread) + self.jump_sd**2
+        residual = float(reading.residual)
+        outlying = np.log(self.outliers) - 0.5 * (residual**2 / wide + np.log(2 * np.pi * wide))
+        if outlying > reading.log_likelihood:
+            return self.process.step(belief, time, np.nan, np.nan)[0], float(outlying)
+        return updated, float(reading.log_likelihood)
+
+    def _moved(self, belief: Belief | None, time: float) -> Belief | None:
+        if belief is None:
+            return None
+        return self.process.step(belief, time, np.nan, np.nan)[0]
+
+    def _judged(self, state: Watching) -> Change:
+        assert state.rivals is not None
+        assert state.before is not None
+        able = np.where(state.readings >= self.fewest, state.log_odds, -np.inf)
+        best = int(able.argmax())
+        if not able[best] > -np.inf:
+            return Change(False, np.nan, 0.0, np.nan, np.nan)
+        seen = self.process.observation
+        size = (state.rivals.mean[best] - state.before.mean[best]) @ seen
+        spread = state.rivals.covariance[best] + state.before.covariance[best]
+        return Change(
+            bool(able[best] > np.log(self.odds)),
+            float(state.since[best]),
+            float(np.exp(min(able[best], 700.0))),
+            float(size),
+            float(np.sqrt(seen @ spread @ seen)),
+        )
+
+
+def _stacked(many: Belief | None, kept: slice, one: Belief) -> Belief:
+    """Beliefs of rivals with one more behind, at the time of the newest."""
+    if many is None:
+        return Belief(one.time, one.mean[None], one.covariance[None])
+    return Belief(
+        one.time,
+        np.concatenate([many.mean[kept], one.mean[None]]),
+        np.concatenate([many.covariance[kept], one.covariance[None]]),
+    )
+
+
+def candidates(time: Usable, value: Usable, sd: Usable) -> tuple[float, ...]:
+    """Slow times after which a history may have jumped, the clearest first; mostly none.
+
+    Lines through a few readings on either side, asked for their difference in the middle.
+    """
+    if len(time) < 2 * _SIDE + 2:
+        return ()
+    scatter = np.median(np.abs(np.diff(value))) / 0.954
+    # Of the difference of two lines of five readings each, where they meet.
+    shares = 2.0 / _SIDE + 0.5 * _SIDE**2 / _SPREAD
+    windows = np.lib.stride_tricks.sliding_window_view
+    five, errors = windows(value, _SIDE), windows(sd**2, 2 * _SIDE).mean(axis=1)
+    means, slopes = five.mean(axis=1), five @ (np.arange(_SIDE) - 0.5 * (_SIDE - 1)) / _SPREAD
+    slope = 0.5 * (slopes[:-_SIDE] + slopes[_SIDE:])
+    steps = np.abs(means[_SIDE:] - means[:-_SIDE] - slope * _SIDE)
+    scores = np.zeros(len(time))
+    noise = np.maximum(np.maximum(errors, scatter**2), 1e-300)
+    scores[_SIDE : len(time) - _SIDE + 1] = steps / np.sqrt(shares * noise)
+    found: list[int] = []
+    for k in np.argsort(-scores):
+        if scores[k] < _CLEAR or len(found) == _MOST:
+            break
+        if all(abs(k - other) > _SIDE for other in found):
+            found.append(int(k))
+    return tuple(float(time[k - 1]) for k in found)
