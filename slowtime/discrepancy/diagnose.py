@@ -38,6 +38,7 @@ from .naming import KEPT, Named, carrying, chosen, refit_all
 from .records import Campaign, Trial
 from .refit import Fit, refit
 from .screen import Finding, screen
+from .undriven import diagnose_undriven
 from .values import with_values
 from .verdict import (
     DECIDED,
@@ -132,6 +133,9 @@ def diagnose(
     screened = [screen(trial, campaign.channels) for trial in campaign.trials]
     trials = tuple(one.trial for one in screened)
     findings = tuple(finding for one in screened for finding in one.findings)
+    if campaign.ambient:
+        tell("comparing spectra", 0.1)
+        return diagnose_undriven(campaign, trials, findings, known)
     tell("refitting the model within its tolerances", 0.05)
     found = _Found([refit(Plant.of(campaign.description, kinds=known), trials)])
     for number in range(1 if quick else MOST):

@@ -61,7 +61,8 @@ def chosen(found: Sequence[Candidate], most: int = KEPT) -> list[Candidate]:
     if not found:
         return []
     kept: list[Candidate] = []
-    enough = found[0].score - max(FAR, HALF_WAY * (found[0].score - found[-1].score))
+    best = found[0]
+    enough = best.score - max(FAR, HALF_WAY * (best.score - found[-1].score), 2 * best.cost)
     for one in found:
         if one.score < enough:
             break
