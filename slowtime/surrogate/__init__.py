@@ -8,9 +8,15 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .anova import GeneralisedAnova
     from .chaos import PolynomialChaos
+    from .choice import Choice, choose
     from .gaussian import GaussianProcess
     from .hybrid import HybridExpansion
+    from .interface import Surrogate
+    from .networks import NetworkEnsemble
+    from .plain import PlainProcess
+    from .support import SupportVectors
 
 from .homotopy import homotopy
 from .notices import (
@@ -22,20 +28,34 @@ from .notices import (
 )
 
 _ROOMS = {
+    "Choice": "choice",
     "GaussianProcess": "gaussian",
+    "GeneralisedAnova": "anova",
     "HybridExpansion": "hybrid",
+    "NetworkEnsemble": "networks",
+    "PlainProcess": "plain",
     "PolynomialChaos": "chaos",
+    "SupportVectors": "support",
+    "Surrogate": "interface",
+    "choose": "choice",
 }
 
 __all__ = [
+    "Choice",
     "ExtrapolationWarning",
     "FewPointsWarning",
     "GaussianProcess",
+    "GeneralisedAnova",
     "HybridExpansion",
     "IllConditionedWarning",
+    "NetworkEnsemble",
     "NothingLearntWarning",
+    "PlainProcess",
     "PolynomialChaos",
+    "SupportVectors",
+    "Surrogate",
     "SurrogateWarning",
+    "choose",
     "homotopy",
 ]
 

@@ -48,7 +48,7 @@ class Covariance(Protocol):
 
 
 def _size(name: str) -> Range:
-    return Range(f"log_sd_{name}", -7.0, 4.0, 0.0, 2.0)
+    return Range(f"log_sd_{name}", -7.0, 6.0, 0.0, 2.0)
 
 
 def _exponential(r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -175,7 +175,7 @@ class Expanded:
     def ranges(self, inputs: int) -> list[Range]:
         """Logarithms of the spread, of the price of interaction, and of decay per input."""
         each = [Range(f"log_decay_{d}", -12.0, 1.0, -1.5, 2.0) for d in range(inputs)]
-        return [_size("expansion"), Range("log_interaction", -10.0, 1.0, -1.0, 2.0), *each]
+        return [_size("expansion"), Range("log_interaction", -10.0, 4.0, -1.0, 2.0), *each]
 
     def variances(self, theta: np.ndarray) -> Float[np.ndarray, " term"]:
         """Prior variance of each coefficient."""
