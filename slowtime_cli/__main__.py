@@ -38,6 +38,10 @@ VERBS = {
         "keying:keys",
         "Make, renew and withdraw certificates of a site's bus.",
     ),
+    "tokens": Verb(
+        "entitling:tokens",
+        "Make, list and revoke tokens for REST and the page.",
+    ),
     "status": Verb(
         "processes:status", "Tell whether the router answers and which edge agents live."
     ),

@@ -176,6 +176,7 @@ def edge(
 Examples:
   slowtime twin
   slowtime twin --port 8080 --database /var/lib/slowtime/twin.sqlite
+  slowtime twin --host 0.0.0.0 --tokens tokens.json --tls-certificate c.pem --tls-key k.pem
   curl -X PUT http://127.0.0.1:8000/api/v1/twins/lab.beam -H 'Content-Type: application/json' \\
     -d '{"changes": "stiffness", "nominal": {"frequency_hz": 26.3, "damping_ratio": 0.01}}'
 
@@ -199,6 +200,24 @@ underscores); flags overrule the environment, which overrules the file.
     type=CONFIG,
     help="TOML or JSON file: twin id → registration, for twins not yet registered.",
 )
+@click.option(
+    "--tokens",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="File made by `slowtime tokens`: who may ask REST and page.",
+)
+@click.option("--tls-certificate", type=CONFIG, help="Certificate of REST and page (PEM).")
+@click.option("--tls-key", type=CONFIG, help="Its private key (PEM).")
+@click.option(
+    "--behind-proxy",
+    is_flag=True,
+    help="A proxy before this server does the encryption.",
+)
+@click.option(
+    "--published-on-loopback",
+    is_flag=True,
+    help="Who reaches the port is on this machine, as where a container's port is published "
+    "on 127.0.0.1 alone.",
+)
 @connect_option
 @credentials_option
 def twin(
@@ -207,17 +226,30 @@ def twin(
     port: int | None,
     database: Path | None,
     registrations: Path | None,
+    tokens: Path | None,
+    tls_certificate: Path | None,
+    tls_key: Path | None,
+    behind_proxy: bool,
+    published_on_loopback: bool,
     connect: tuple[str, ...],
     credentials: Path | None,
 ) -> int:
     """Run the twin server: features in; knowledge, REST and page out.
 
-    Knowledge is the history of stiffness and mass, its forecast, and alarms.
+    Knowledge is the history of stiffness and mass, its forecast, and alarms. Beyond 127.0.0.1
+    it listens only with encryption, or a proxy that does it, and with tokens.
     """
     from twin_server.__main__ import run
     from twin_server.registration import registrations as read_registrations
     from twin_server.settings import TwinSettings
 
+    if (tls_certificate is None) != (tls_key is None):
+        raise click.UsageError("--tls-certificate and --tls-key go together. Give both.")
+    access = _given(
+        tokens=tokens,
+        behind_proxy=behind_proxy or None,
+        published_on_loopback=published_on_loopback or None,
+    )
     with _naming(config):
         settings = TwinSettings(
             **_given(
@@ -228,6 +260,8 @@ def twin(
                 registrations=registrations,
                 connect=_endpoints(connect, config, credentials),
                 credentials=credentials,
+                access=access or None,
+                tls={"certificate": tls_certificate, "key": tls_key} if tls_key else None,
             )
         )
     read_registrations(settings.registrations)  # refused before a router is waited for

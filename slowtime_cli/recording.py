@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import urllib.request
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -145,7 +146,12 @@ Examples:
     help="Pace; 1 as it was.",
 )
 @click.option("--fast", is_flag=True, help="As fast as the twin acknowledges.")
-@click.option("--server", metavar="URL", help="Twin server to ask for the hash of its history.")
+@click.option(
+    "--server",
+    metavar="URL",
+    help="Twin server to ask for the hash of its history; with the token in SLOWTIME_TOKEN, "
+    "where it wants one.",
+)
 @click.option(
     "--into",
     "database",
@@ -210,7 +216,8 @@ def _onto_the_bus(
 def _asked_of(server: str, asset: str) -> Mapping[str, object]:
     url = f"{server.rstrip('/')}/api/v1/twins/{asset}/history/hash"
     try:
-        with urllib.request.urlopen(url, timeout=30) as answer:
+        request = urllib.request.Request(url, headers=_who())
+        with urllib.request.urlopen(request, timeout=30) as answer:
             digest: dict[str, object] = json.loads(answer.read())
     except (OSError, ValueError) as error:
         raise click.UsageError(
@@ -218,6 +225,12 @@ def _asked_of(server: str, asset: str) -> Mapping[str, object]:
             "address of a running twin server, such as http://127.0.0.1:8000."
         ) from error
     return digest
+
+
+def _who() -> dict[str, str]:
+    """Whose question it is; from the environment, since others may read arguments."""
+    token = os.environ.get("SLOWTIME_TOKEN")
+    return {"Authorization": f"Bearer {token}"} if token else {}
 
 
 def _share(tell: Callable[[float], None]) -> Callable[[Progress], None]:

@@ -7,10 +7,9 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import uvicorn
-from fastapi import FastAPI
 
 from slowtime_services.bus import Bus, BusUnreachableError, ZenohBus
 from slowtime_services.clock import Clock
@@ -20,6 +19,12 @@ from twin_server.persist import SqliteStore, WrongStoreError
 from twin_server.pipeline import Herald, Orders, Pipeline, TwinKnowledge
 from twin_server.registration import WrongRegistrationsError, registrations
 from twin_server.serve import Hub, create_app
+from twin_server.serve.access import (
+    Guard,
+    NotSecuredError,
+    WrongTokenFileError,
+    guarded,
+)
 from twin_server.settings import TwinSettings
 
 logger = logging.getLogger(__name__)
@@ -38,6 +43,7 @@ def run(
     clock: Clock | None = None,
     stop: threading.Event | None = None,
     ready: Callable[[str], None] | None = None,
+    diagnosis: Sequence[str] = DIAGNOSIS,
 ) -> int:
     """Serve until `stop` is set, or until SIGINT or SIGTERM.
 
@@ -51,6 +57,8 @@ def run(
         Set from outside to end.
     ready
         Told the URL once the server answers.
+    diagnosis
+        Command of the process that makes one diagnosis, of the folder that is added.
 
     Returns
     -------
@@ -60,15 +68,18 @@ def run(
     try:
         with contextlib.ExitStack() as open_things:
             open_things.enter_context(ended_by_signals(stop))
+            guard = guarded(settings)
             listening = open_things.enter_context(_listening(settings.host, settings.port))
             store = SqliteStore(settings.database, synchronous=settings.synchronous)
             open_things.callback(store.close)
             if bus is None:
                 bus = open_things.enter_context(_open_bus(settings, clock, stop))
-            _serve(settings, listening, store, bus, clock, stop, ready)
+            _serve(settings, guard, listening, store, bus, clock, stop, ready, diagnosis)
     except (
         BusUnreachableError,
         CredentialsError,
+        NotSecuredError,
+        WrongTokenFileError,
         WrongStoreError,
         WrongRegistrationsError,
         _AddressError,
@@ -97,24 +108,27 @@ class _Server(uvicorn.Server):
 
 def _serve(
     settings: TwinSettings,
+    guard: Guard,
     listening: socket.socket,
     store: SqliteStore,
     bus: Bus,
     clock: Clock | None,
     stop: threading.Event,
     ready: Callable[[str], None] | None,
+    diagnosis: Sequence[str],
 ) -> None:
     pipeline = Pipeline(settings, store, bus=bus, clock=clock)
-    hub = Hub(settings.serve.max_live_clients, settings.serve.live_backlog)
+    limits = settings.serve
+    hub = Hub(limits.max_live_clients, limits.live_backlog, limits.max_live_of_one)
     pipeline.listen(Herald(hub))
     knowledge = TwinKnowledge(
         pipeline, store, bus=bus, refresh=settings.serve.forecast_refresh_readings
     )
     orders = Orders(
-        pipeline, store, settings.diagnose, settings.gap, DIAGNOSIS, bus=bus, clock=clock
+        pipeline, store, settings.diagnose, settings.gap, diagnosis, bus=bus, clock=clock
     )
     app = create_app(knowledge, hub, settings.serve, orders)
-    server = _Server(_config(app, settings), hub)
+    server = _Server(_config(guard.around(app), settings), hub)
     # Off the main thread, where uvicorn leaves the signals alone.
     door = threading.Thread(
         target=server.run, kwargs={"sockets": [listening]}, name="http", daemon=True
@@ -130,7 +144,8 @@ def _serve(
         while not server.started and door.is_alive():
             stop.wait(0.01)
         host, port = listening.getsockname()[:2]
-        url = f"http://{f'[{host}]' if ':' in host else host}:{port}"
+        scheme = "http" if settings.tls is None else "https"
+        url = f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}"
         logger.info("The twin server answers at %s.", url)
         if ready is not None:
             ready(url)
@@ -154,7 +169,7 @@ def collect_less_often() -> None:
     gc.set_threshold(100_000, 20, 50)
 
 
-def _config(app: FastAPI, settings: TwinSettings) -> uvicorn.Config:
+def _config(app: Guard, settings: TwinSettings) -> uvicorn.Config:
     return uvicorn.Config(
         app,
         log_config=None,
@@ -162,6 +177,10 @@ def _config(app: FastAPI, settings: TwinSettings) -> uvicorn.Config:
         lifespan="off",
         ws="none",
         server_header=False,
+        proxy_headers=settings.access.behind_proxy,
+        limit_concurrency=settings.serve.max_connections,
+        ssl_certfile=settings.tls.certificate if settings.tls else None,
+        ssl_keyfile=settings.tls.key if settings.tls else None,
         timeout_graceful_shutdown=max(1, int(settings.shutdown_s)),
     )
 

@@ -77,6 +77,10 @@ class ServeSettings(Frozen):
     default_points: Annotated[int, Field(ge=2)] = 1_000
     max_points: Annotated[int, Field(ge=2)] = 100_000
     max_live_clients: Count = 500
+    max_live_of_one: Count = 50
+    """Of these, those of one token."""
+    max_connections: Count = 2_000
+    """More at once are answered with 503."""
     live_backlog: Annotated[int, Field(ge=16)] = 2_000
     """Events a slow client may be behind, or a returning one may have missed."""
     forecast_refresh_readings: Count = 25
@@ -122,6 +126,58 @@ class GapSettings(Frozen):
     """Comparisons of a twin kept for the page."""
 
 
+class OpenIdSettings(Frozen):
+    """An OpenID provider whose JWTs are let in."""
+
+    issuer: Annotated[str, Field(min_length=1)]
+    audience: Annotated[str, Field(min_length=1)]
+    """What a token must be for: this server."""
+    jwks: Annotated[str, Field(pattern=r"^(https://.+|[^:]+)$")]
+    """Its keys: a file, or an address that begins with https."""
+    algorithms: tuple[Literal["RS256", "PS256", "ES256", "ES384", "EdDSA"], ...] = (
+        "RS256",
+        "ES256",
+    )
+    scope_claim: str = "slowtime_scope"
+    """Name of the claim that says viewer, operator or admin."""
+    sites_claim: str = "slowtime_sites"
+    """Name of the claim that lists sites, or `*`."""
+    leeway_s: Annotated[float, Field(ge=0, le=300)] = 30.0
+
+
+class TlsSettings(Frozen):
+    """Encryption of REST and page."""
+
+    certificate: Path
+    key: Path
+
+
+class AccessSettings(Frozen):
+    """Who may ask, and how often. Without `tokens` and `openid`: who is on this machine."""
+
+    tokens: Path | None = None
+    """File of tokens, made by `slowtime tokens`."""
+    openid: OpenIdSettings | None = None
+    behind_proxy: bool = False
+    """A proxy on this machine or network does the encryption, and says who it asks for."""
+    published_on_loopback: bool = False
+    """Whoever reaches the port is on this machine, wherever it listens: a container's port
+    that is published on 127.0.0.1 alone."""
+    hosts: tuple[str, ...] = ()
+    """Further names of this machine, for a server without tokens."""
+    requests_per_s: Positive = 100.0
+    """Of one token; of one address, for what needs none."""
+    burst: Count = 1_000
+    failures_per_s: Positive = 1.0
+    """Tokens that are refused, of one address."""
+    failures_burst: Count = 20
+
+    @property
+    def required(self) -> bool:
+        """Whether who asks must say who they are."""
+        return self.tokens is not None or self.openid is not None
+
+
 class TwinSettings(ProcessSettings):
     """All settings of a twin server.
 
@@ -160,5 +216,8 @@ class TwinSettings(ProcessSettings):
     healing: HealingSettings = HealingSettings()
     pipeline: PipelineSettings = PipelineSettings()
     serve: ServeSettings = ServeSettings()
+    access: AccessSettings = AccessSettings()
+    tls: TlsSettings | None = None
+    """Certificate and key of REST and page; None where there is a proxy, or nobody else."""
     diagnose: DiagnoseSettings = DiagnoseSettings()
     gap: GapSettings = GapSettings()

@@ -17,6 +17,7 @@ from twin_server.rendering import estimate_objects, event_object, points, state_
 from twin_server.settings import ServeSettings
 
 from . import diagnoses, models, problems
+from .access.principals import EVERYBODY, NOBODY, principal_of
 from .diagnoses import Ordering
 from .knowledge import Chapter, Knowledge
 from .limits import BodyLimit
@@ -24,6 +25,7 @@ from .live import Hub, LiveResponse
 from .metrics import exposition
 from .moments import Moment, MomentError, parse_moment
 from .problems import Problem, ProblemError
+from .session import session
 
 WEB = Path(__file__).parent / "web"
 PLOTLY = Path(plotly.__file__).parent / "package_data" / "plotly.min.js"
@@ -85,6 +87,7 @@ def create_app(
             diagnoses.routes(ordering, functools.partial(_known, knowledge)), prefix="/api/v1"
         )
     app.include_router(_operations(knowledge, hub))
+    app.include_router(session())
     app.include_router(_page())
     return app
 
@@ -114,9 +117,10 @@ def _twins(knowledge: Knowledge, hub: Hub, settings: ServeSettings) -> APIRouter
         return f"{state[:-1]},{more[1:]}"
 
     @api.get("/twins", response_model=models.TwinList)
-    def list_twins() -> Response:
+    def list_twins(request: Request) -> Response:
         """All twins, each with its latest state; shapes are left to `modes`."""
-        all_of_them = [(i, knowledge.registration(i)) for i in knowledge.ids()]
+        seen = filter(principal_of(request.scope).sees, knowledge.ids())
+        all_of_them = [(i, knowledge.registration(i)) for i in seen]
         texts = [described(i, r, None, shapes=False) for i, r in all_of_them if r is not None]
         return Response(f'{{"twins":[{",".join(texts)}]}}', media_type=JSON)
 
@@ -219,19 +223,21 @@ def _twins(knowledge: Knowledge, hub: Hub, settings: ServeSettings) -> APIRouter
     async def live(
         twin_id: TwinId,
         registration: Known,
+        request: Request,
         last_event_id: Annotated[str | None, Header()] = None,
     ) -> Response:
         """States and events as they become durable; `Last-Event-ID` brings what was missed."""
-        client = hub.join(twin_id)
+        principal = principal_of(request.scope)
+        client = hub.join(twin_id, None if principal is EVERYBODY else principal.name)
         if client is None:
             raise ProblemError(
                 503,
                 "too-many-clients",
-                f"{hub.count} clients watch already. Allowed: max_live_clients. Try again "
-                "later, or ask for the history instead.",
+                f"{hub.count} clients watch already. Allowed: max_live_clients, and of one "
+                "token max_live_of_one. Try again later, or ask for the history instead.",
                 **{"Retry-After": "5"},
             )
-        return LiveResponse(hub, client, knowledge, last_event_id)
+        return LiveResponse(hub, client, knowledge, last_event_id, principal.still)
 
     return api
 
@@ -239,7 +245,9 @@ def _twins(knowledge: Knowledge, hub: Hub, settings: ServeSettings) -> APIRouter
 def _known(knowledge: Knowledge, twin_id: str) -> Registration:
     registration = knowledge.registration(twin_id)
     if registration is None:
-        some = ", ".join(knowledge.ids()[:20]) or "none yet"
+        site = twin_id.partition(".")[0]
+        there = [i for i in knowledge.ids() if i.startswith(f"{site}.")]
+        some = ", ".join(there[:20]) or "none yet"
         raise ProblemError(
             404,
             "no-such-twin",
@@ -266,6 +274,8 @@ def _operations(knowledge: Knowledge, hub: Hub) -> APIRouter:
         """Whether the server can do its work: bus, worker and database."""
         troubles = knowledge.troubles()
         if troubles:
+            if principal_of(request.scope) is NOBODY:
+                troubles = ["The server's log says why."]
             return problems.respond(request, 503, "not-ready", " ".join(troubles))
         return _json({"status": "ok"})
 

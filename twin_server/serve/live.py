@@ -9,7 +9,8 @@ import asyncio
 import collections
 import logging
 import re
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from pydantic_core import to_json
@@ -55,8 +56,8 @@ RESET = Item(0, 0, "event: reset\ndata: {}\n\n")
 class Client:
     """One who watches a twin; lives in the event loop."""
 
-    def __init__(self, twin_id: str, backlog: int) -> None:
-        self.twin_id = twin_id
+    def __init__(self, twin_id: str, backlog: int, caller: str | None = None) -> None:
+        self.twin_id, self.caller = twin_id, caller
         self._backlog = backlog
         self._items: collections.deque[Item] = collections.deque()
         self.changed = asyncio.Event()
@@ -92,24 +93,30 @@ class Hub:
 
     Parameters
     ----------
-    max_clients, backlog
-        How many may watch, and how many items each may be behind.
+    max_clients, backlog, max_of_one
+        How many may watch, how many items each may be behind, and how many may watch for one
+        caller.
     """
 
-    def __init__(self, max_clients: int, backlog: int) -> None:
+    def __init__(self, max_clients: int, backlog: int, max_of_one: int | None = None) -> None:
         self._max_clients, self.backlog = max_clients, backlog
+        self._max_of_one, self._callers = max_of_one, Counter[str]()
         self._clients: dict[str, set[Client]] = {}
         self._loop: asyncio.AbstractEventLoop | None = None
         self._closed = False
         self.count = 0
         self.dropped = 0
 
-    def join(self, twin_id: str) -> Client | None:
+    def join(self, twin_id: str, caller: str | None = None) -> Client | None:
         """Watch a twin from now on; None where there is no room."""
         self._loop = asyncio.get_running_loop()
         if self.count >= self._max_clients or self._closed:
             return None
-        client = Client(twin_id, self.backlog)
+        if caller is not None:
+            if self._max_of_one is not None and self._callers[caller] >= self._max_of_one:
+                return None
+            self._callers[caller] += 1
+        client = Client(twin_id, self.backlog, caller)
         self._clients.setdefault(twin_id, set()).add(client)
         self.count += 1
         return client
@@ -120,6 +127,9 @@ class Hub:
         if client in of_twin:
             of_twin.remove(client)
             self.count -= 1
+            if client.caller is not None:
+                self._callers[client.caller] -= 1
+                self._callers += Counter()  # forgets who has none
         if not of_twin:
             self._clients.pop(client.twin_id, None)
 
@@ -177,15 +187,22 @@ class LiveResponse(Response):
     ----------
     last_id
         What the client has seen before, as it says itself; None for a new one.
+    still
+        Whether the client may still see it: a token may be taken back, or expire.
     """
 
     media_type = "text/event-stream"
 
     def __init__(
-        self, hub: Hub, client: Client, knowledge: Knowledge, last_id: str | None
+        self,
+        hub: Hub,
+        client: Client,
+        knowledge: Knowledge,
+        last_id: str | None,
+        still: Callable[[], bool] = lambda: True,
     ) -> None:
         self._hub, self._client, self._knowledge = hub, client, knowledge
-        self._last_id = last_id
+        self._last_id, self._still = last_id, still
         self._key, self._number = 0, 0
         self.background = None
         self.status_code = 200
@@ -220,8 +237,11 @@ class LiveResponse(Response):
             try:
                 await asyncio.wait_for(self._client.changed.wait(), PING_S)
             except TimeoutError:
-                await _send(send, ": still here\n\n")
-                continue
+                if self._still():
+                    await _send(send, ": still here\n\n")
+                    continue
+            if not self._still():
+                break
             items = [item for item in self._client.take() if self._is_new(item)]
             if items:
                 await _send(send, self._numbered(items))

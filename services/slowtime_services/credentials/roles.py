@@ -72,6 +72,7 @@ def edge(site: str, asset: str) -> Role:
         answers=tuple(request_key(site, asset, what) for what in ASKED_OF_EDGES),
         replies=written,
         announces=(alive_key(site, asset),),
+        watches=(alive_key(site, asset),),  # for the health check beside it
     )
 
 

@@ -186,6 +186,7 @@ def test_no_rule_of_an_edge_reaches_beyond_its_asset(authority):
     own = [rule for rule in rules if rule["id"].startswith("edge:lab:beam ")]
     assert {message for rule in own for message in rule["messages"]} == {
         "put", "declare_subscriber", "declare_queryable", "query", "reply", "liveliness_token",
+        "declare_liveliness_subscriber",
     }  # fmt: skip
     keys = {key for rule in own for key in rule["key_exprs"]}
     assert all(key.startswith("slowtime/v1/lab/beam/") and "*" not in key for key in keys)

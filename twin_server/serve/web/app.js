@@ -34,6 +34,7 @@ function follow() {
   for (const panel of shown) {
     if (!followed.has(panel)) panel.twin.catchUp();
     panel.twin.foresee();
+    panel.diagnosis.refresh();
   }
 }
 
@@ -80,6 +81,22 @@ function list(twins) {
   arrivedAt = wanted;
 }
 
+/** The token is shown to the server once, which has the browser keep it where no script reads it. */
+async function enter(event) {
+  event.preventDefault();
+  const headers = { Authorization: `Bearer ${$("token").value.trim()}` };
+  $("token").value = "";
+  const answer = await fetch("/api/v1/session", { method: "POST", headers }).catch(() => null);
+  $("not-admitted").textContent = answer?.ok ? "" : (await answer?.json())?.detail ?? "The server does not answer.";
+  if (answer?.ok) refresh();
+}
+
+function whoAsks() {
+  for (const panel of panels.values()) panel.twin.unwatch();
+  $("who").hidden = false;
+  say($("connection"), "waiting", "waits for a token");
+}
+
 async function refresh() {
   if (asking) return;
   asking = true;
@@ -88,7 +105,9 @@ async function refresh() {
     if (lostAt) for (const panel of panels.values()) panel.twin.unwatch();
     lostAt = null;
     say($("connection"), "good", "live");
+    $("who").hidden = true;
   } catch (error) {
+    if (error.status === 401) return whoAsks();
     lostAt ??= new Date();
     const said = [
       error.status ? `The server answers with an error: ${error.message}` : "Connection lost, trying again.",
@@ -123,5 +142,6 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
 document.addEventListener("visibilitychange", () => { document.hidden ? follow() : refresh(); });
 addEventListener("hashchange", refresh);
 setInterval(() => { if (!document.hidden) refresh(); }, LIST_MS);
+$("token-form").addEventListener("submit", enter);
 setInterval(draw, DRAW_MS);
 refresh().then(draw);

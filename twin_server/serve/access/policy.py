@@ -1,0 +1,92 @@
+"""Which route wants whom: one line a route, and what has none is for an admin of all sites.
+
+A new route is added here, with the least scope that will do, and to `docs/access.md` by the
+command that its test prints.
+"""
+
+import dataclasses
+import enum
+import re
+
+from starlette.routing import compile_path
+
+from .principals import Scope
+
+
+class Reach(enum.Enum):
+    """Of which sites a caller must be."""
+
+    OPEN = "anybody, without a token"
+    ANY = "of any site"
+    LISTED = "of any site; sees its own"
+    TWIN = "of the twin's site"
+    ALL = "of all sites"
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Rule:
+    """What one route wants."""
+
+    method: str
+    path: str
+    reach: Reach
+    scope: Scope = Scope.VIEWER
+
+    @property
+    def pattern(self) -> re.Pattern[str]:
+        """The expression by which Starlette itself recognises the path."""
+        return compile_path(self.path)[0]
+
+
+_V1 = "/api/v1"
+_TWIN = f"{_V1}/twins/{{twin_id}}"
+_SEE = [(f"{_TWIN}{more}", Scope.VIEWER) for more in (
+    "", "/history", "/history/hash", "/modes", "/forecast", "/events", "/live",
+    "/gap", "/diagnoses", "/diagnoses/{number}", "/diagnoses/{number}/{name}",
+)]  # fmt: skip
+_DO = [
+    ("PUT", _TWIN, Scope.OPERATOR),
+    ("DELETE", _TWIN, Scope.ADMIN),
+    ("POST", f"{_TWIN}/diagnoses", Scope.OPERATOR),
+    ("DELETE", f"{_TWIN}/diagnoses/{{number}}", Scope.OPERATOR),
+    ("POST", f"{_TWIN}/diagnoses/{{number}}/adopt", Scope.OPERATOR),
+    ("POST", f"{_TWIN}/diagnoses/{{number}}/undo", Scope.OPERATOR),
+]
+
+POLICY: tuple[Rule, ...] = (
+    Rule("GET", "/", Reach.OPEN),
+    Rule("GET", "/assets/{name}", Reach.OPEN),
+    Rule("GET", "/healthz", Reach.OPEN),
+    Rule("GET", "/readyz", Reach.OPEN),
+    Rule("GET", f"{_V1}/openapi.json", Reach.OPEN),
+    Rule("GET", "/metrics", Reach.ALL),
+    Rule("GET", f"{_V1}/session", Reach.ANY),
+    Rule("POST", f"{_V1}/session", Reach.ANY),
+    Rule("DELETE", f"{_V1}/session", Reach.OPEN),
+    Rule("GET", f"{_V1}/twins", Reach.LISTED),
+    *(Rule("GET", path, Reach.TWIN, scope) for path, scope in _SEE),
+    *(Rule(method, path, Reach.TWIN, scope) for method, path, scope in _DO),
+)
+
+UNKNOWN = Rule("*", "*", Reach.ALL, Scope.ADMIN)
+"""What a route wants that has no rule."""
+
+_PATTERNS = [(rule, rule.pattern) for rule in POLICY]
+
+
+def find(method: str, path: str) -> tuple[Rule, str | None]:
+    """Rule of a request, and the twin it is about.
+
+    Examples
+    --------
+    >>> rule, twin_id = find("GET", "/api/v1/twins/lab.beam/history")
+    >>> rule.reach.name, rule.scope.word, twin_id
+    ('TWIN', 'viewer', 'lab.beam')
+    >>> find("GET", "/api/v1/secret")[0] is UNKNOWN
+    True
+    """
+    asked = "GET" if method == "HEAD" else method
+    for rule, pattern in _PATTERNS:
+        if rule.method == asked and (match := pattern.match(path)) is not None:
+            return rule, match.groupdict().get("twin_id")
+    return UNKNOWN, None
