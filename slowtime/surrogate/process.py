@@ -28,8 +28,11 @@ NUGGET = (-14.0, 0.5)
 JITTERS = (0.0, *(10.0**power for power in range(-13, -1)))
 WORST_JITTER = 1e-7
 ITERATIONS = 120
-MORE_STARTS = 8
-"""Times as many where there is a period: the likelihood of it has a peak for every alias."""
+PERIODS = 100
+"""Tried before a search, where there is one: the likelihood has a peak for every alias."""
+
+BLUR = 0.3
+"""Noise with which they are tried: without, only the very period would stand out."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -172,13 +175,13 @@ def learn(
         return -state.log_likelihood + 0.5 * float(away @ away), away / spread - slope
 
     names = [one.name for one in ranges] + ["log_nugget"]
-    if any(name.startswith("log_period") for name in names):
-        starts *= MORE_STARTS
     best: tuple[float, np.ndarray] | None = None
-    for begin in _begins(names[: len(lo)], centre, spread, starts):
+    begins = [np.clip(one, lo, hi) for one in _begins(names[: len(lo)], centre, spread, starts)]
+    begins += _with_periods(covariance, readings, centre, names[: len(lo)], starts)
+    for begin in begins:
         found = minimize(
             objective,
-            np.clip(begin, lo, hi),
+            begin,
             jac=True,
             method="L-BFGS-B",
             bounds=list(zip(lo, hi, strict=True)),
@@ -207,3 +210,26 @@ def _begins(
     net = qmc.Halton(len(each), scramble=False).random(1 + count)[1:]
     columns = [each.index(kind) for kind in kinds]
     return [centre + ndtri(point[columns]) * np.minimum(spread, 2.0) for point in net]
+
+
+def _with_periods(
+    covariance: Covariance,
+    readings: Readings,
+    centre: np.ndarray,
+    names: list[str],
+    count: int,
+) -> list[np.ndarray]:
+    """Start at the likeliest periods, one for all inputs; nowhere if nothing is periodic."""
+    periodic = np.array([name.startswith("log_period") for name in names])
+    if not periodic.any():
+        return []
+    ranges = covariance.ranges(readings.x.shape[1])
+    one = next(one for one in ranges if one.name.startswith("log_period"))
+    tried = [
+        np.where(periodic, value, centre) for value in np.linspace(one.lo, one.hi, PERIODS)
+    ]
+    worth = [
+        condition(covariance, start[: len(ranges)], BLUR, readings).log_likelihood
+        for start in tried
+    ]
+    return [tried[k] for k in np.argsort(worth)[::-1][:count]]
