@@ -17,6 +17,8 @@ FINE = 0.02
 """Expected gain in chi squared below which a step is not worth taking."""
 COARSE = 2e-5
 """The same, relative to chi squared."""
+WRONG, CREEPING = 3.0, 5e-3
+"""Chi squared per datum beyond which a model is wrong anyway, and the same of that part."""
 PATIENCE, LEAPS = 3, 10.0
 """Steps before a fit may be called hopeless; how many more like the last it may hope for."""
 BROAD = 3.0
@@ -151,9 +153,10 @@ def descend(
     normal, spread = normal_at(problem, start)
     full = tuple(state if state.size else np.zeros(normal.states) for state in start.states)
     point = costed(problem, dataclasses.replace(start, states=full), spread)
-    damping = 1e-6
+    damping, data = 1e-6, sum(weights.data for weights in problem.weights)
     for number in range(MOST_STEPS):
-        enough = FINE + COARSE * point.cost
+        beyond = point.cost - WRONG * data
+        enough = FINE + COARSE * point.cost + CREEPING * max(beyond, 0.0)
         while True:
             step = _step(normal, damping)
             gain = float(normal.gradient @ step)

@@ -1,0 +1,148 @@
+"""A place in; how much any force there would explain at the sensors, out."""
+
+from collections.abc import Iterable
+
+import numpy as np
+import scipy.linalg
+from jaxtyping import Complex, Float
+
+from slowtime.dynamics.effects import Place
+from slowtime.signals.spectra import transform
+
+from .locate import Located
+from .locate.tuned import Known, Tuned
+from .refit import Fit
+
+RIDGE = 1e-9
+Forces = Complex[np.ndarray, "frequency column"]
+
+
+class Space:
+    """Sensors' lines at one place, with constants and initial states taken out."""
+
+    def __init__(self, fit: Fit, located: Located, place: Place) -> None:
+        found = located.group(place).explained
+        self.located, self.place = located, place
+        self.source = next(s for s in located.linear.sources() if s.place == place)
+        known = _known(fit, located)
+        tuned = [Tuned.of(located.linear, t, known, found.constants) for t in located.lines]
+        self.latents = [located.latent(place, i) for i in range(len(located.trials))]
+        constants = len(known.sd)
+        states = tuned[0].decays.shape[2]
+        size = constants + states * len(tuned)
+        matrix, right = np.zeros((size, size)), np.zeros(size)
+        self.along: list[Forces] = []
+        self.signal: list[Float[np.ndarray, " frequency"]] = []
+        self.where: list[np.ndarray] = []
+        self.square = 0.0
+        for i, one in enumerate(tuned):
+            lines, force = located.lines[i], found.forces[i]
+            motion = lines.motion + found.shifts[i] + one.moved @ force.state
+            base = lines.base + self.source.base * force.mean
+            explained = force.linear + force.transfer * force.mean[:, None]
+            residual = one.residual + lines.filling(explained + one.decays @ force.state)
+            scale = np.sqrt(lines.noise)[:, :, None]
+            whole = np.concatenate(
+                [
+                    one.columns(known, motion, base),
+                    one.decays / scale,
+                    residual[:, :, None] / scale,
+                ],
+                axis=2,
+            )
+            flat = (np.sqrt(2.0) * whole).reshape(-1, whole.shape[2])
+            inner = (flat.conj().T @ flat).real
+            at = np.r_[0:constants, constants + i * states : constants + (i + 1) * states]
+            matrix[np.ix_(at, at)] += inner[:-1, :-1]
+            right[at] += inner[:-1, -1]
+            self.square += float(inner[-1, -1])
+            unit = one.transfer(self.source) / np.sqrt(lines.noise)
+            self.along.append(2 * np.einsum("fs,fsb->fb", unit.conj(), whole))
+            self.signal.append(2 * np.sum(np.abs(unit) ** 2, axis=1))
+            self.where.append(at)
+        off = (known.ahead + found.constants) / known.sd
+        own = np.arange(constants)
+        matrix[own, own] += 1 / known.sd**2
+        right[own] -= off / known.sd
+        self.square += float(off @ off)
+        self.scale = 1 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
+        inner = matrix * np.outer(self.scale, self.scale) + RIDGE * np.eye(size)
+        self.factor = scipy.linalg.cho_factor(inner)
+        self.right = right * self.scale
+        self.solved = scipy.linalg.cho_solve(self.factor, self.right)
+        self.bare = self.square - float(self.right @ self.solved)
+        """What is left without any force."""
+        deviation = known.ahead + found.constants + (self.solved * self.scale)[:constants]
+        self.moves = {
+            name: (float(one * value), float(one / sd))
+            for name, one, value, sd in zip(
+                _constants(fit), deviation, _values(fit), known.sd, strict=True
+            )
+        }
+        """Constants' moves from what is claimed, in their units and in tolerances."""
+
+    def lines_of(self, series: Iterable[Float[np.ndarray, "time column"]]) -> list[Forces]:
+        """Spectra of forces, trial by trial; of one that grew beyond bounds, nothing."""
+        whole = list(series)
+        fine = np.all([np.isfinite(one).all(axis=0) for one in whole], axis=0)
+        return [
+            transform(np.where(fine, one, 0.0), lines.rate_hz)[1][: len(lines.frequency_hz)]
+            for one, lines in zip(whole, self.located.lines, strict=True)
+        ]
+
+    def normal(
+        self, forces: list[Forces]
+    ) -> tuple[Float[np.ndarray, "column column"], Float[np.ndarray, " column"]]:
+        """Products of forces with each other and with the residual, all else taken out."""
+        count = forces[0].shape[1]
+        cross, inner = np.zeros((len(self.right), count)), np.zeros((count, count))
+        seen = np.zeros(count)
+        for force, along, signal, at in zip(
+            forces, self.along, self.signal, self.where, strict=True
+        ):
+            both = (force.conj().T @ along).real
+            cross[at] += both[:, :-1].T
+            seen += both[:, -1]
+            inner += (force.conj().T @ (signal[:, None] * force)).real
+        cross *= self.scale[:, None]
+        taken = scipy.linalg.cho_solve(self.factor, cross)
+        return inner - cross.T @ taken, seen - cross.T @ self.solved
+
+    def one(
+        self, forces: list[Forces]
+    ) -> tuple[Float[np.ndarray, " column"], Float[np.ndarray, " column"]]:
+        """Give the strength of each force by itself, and what it gains."""
+        count = forces[0].shape[1]
+        cross, power, seen = (
+            np.zeros((len(self.right), count)),
+            np.zeros(count),
+            np.zeros(count),
+        )
+        for force, along, signal, at in zip(
+            forces, self.along, self.signal, self.where, strict=True
+        ):
+            both = (force.conj().T @ along).real
+            cross[at] += both[:, :-1].T
+            seen += both[:, -1]
+            power += signal @ np.abs(force) ** 2
+        cross *= self.scale[:, None]
+        whole = power.copy()
+        power -= np.sum(cross * scipy.linalg.cho_solve(self.factor, cross), axis=0)
+        seen -= cross.T @ self.solved
+        heard = power > 1e-7 * np.maximum(whole, np.finfo(float).tiny)
+        strength = np.where(heard, seen / np.where(heard, power, 1.0), 0.0)
+        return strength, strength * np.where(heard, seen, 0.0)
+
+
+def _constants(fit: Fit) -> tuple[tuple[str, str], ...]:
+    return tuple((name[0], str(name[1])) for name in fit.prior.names if name[0] != "effect")
+
+
+def _values(fit: Fit) -> Float[np.ndarray, " constant"]:
+    return fit.free[[i for i, name in enumerate(fit.prior.names) if name[0] != "effect"]]
+
+
+def _known(fit: Fit, located: Located) -> Known:
+    index = [i for i, name in enumerate(fit.prior.names) if name[0] != "effect"]
+    now, mean, sd = fit.free[index], fit.prior.mean[index], fit.prior.sd[index]
+    return Known.of(located.linear, _constants(fit), (now - mean) / now, sd / np.abs(now))
