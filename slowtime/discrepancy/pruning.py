@@ -1,0 +1,117 @@
+"""Several effects, found one by one, in; those that the others leave a need for, out.
+
+What was named first was named while the others were still missing: once they are in, it may
+have nothing left to explain, and its numbers are not those of the model that has them all.
+"""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from slowtime.dynamics.effects import Kind, Unmeasured
+from slowtime.dynamics.plant import Name, Plant
+
+from .diagnosis import Named as Answer
+from .naming import effects_of, evidence
+from .records import Trial
+from .refit import Fit, refit
+from .values import with_values
+from .verdict import LEAST_GAIN, numbers_of, sentence_of
+
+
+def pruned(
+    fits: Sequence[Fit],
+    answers: Sequence[Answer],
+    trials: tuple[Trial, ...],
+    kinds: Mapping[str, Kind],
+) -> tuple[list[Fit], list[Answer]]:
+    """Leave out effects without which the rest does as well, and read numbers off the last fit.
+
+    Parameters
+    ----------
+    fits
+        Of the nominal model, and after each effect.
+    answers
+        One for each effect, in order.
+    """
+    chain, kept = list(fits), list(answers)
+    if len(kept) < 2 or any(isinstance(kinds[a.effect.kind].action, Unmeasured) for a in kept):
+        return chain, kept
+    own = len(fits[0].plant.effects)
+    number = 0
+    while number < len(kept) and len(kept) > 1:
+        less = without(chain[-1], own + number, trials, kinds)
+        if less is None or _gain(chain[-1], less, trials, kinds) >= LEAST_GAIN:
+            number += 1
+            continue
+        del kept[number]
+        chain = [chain[0], *_again(chain, number, less, trials, kinds)]
+        number = 0
+    return chain, [told_again(a, chain[-1], own + i, kinds) for i, a in enumerate(kept)]
+
+
+def without(
+    fit: Fit, number: int, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]
+) -> Fit | None:
+    """Refit a model without one of its effects; None where that cannot be done."""
+    description = fit.plant.description
+    effects = tuple(e for i, e in enumerate(description.effects) if i != number)
+    plant = Plant.of(dataclasses.replace(description, effects=effects), kinds=kinds)
+    known = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
+
+    def before(name: Name) -> Name:
+        if len(name) == 3 and name[1] >= number:
+            return name[0], name[1] + 1, name[2]
+        return name
+
+    values = np.array(
+        [known.get(before(name), entry.value) for name, entry in plant.entries.items()]
+    )
+    try:
+        found = refit(plant, trials, noise=fit.noise, values=values, horizons=(1.0,))
+    except (np.linalg.LinAlgError, FloatingPointError):
+        return None
+    return found if math.isfinite(found.cost) else None
+
+
+def _gain(more: Fit, less: Fit, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]) -> float:
+    """Log evidence that the larger model has over the smaller, by the noise of the larger."""
+    same = refit(
+        more.plant, trials, noise=less.noise, values=more.values, states=more.states,
+        horizons=(1.0,),
+    )  # fmt: skip
+    return evidence(same, kinds) - evidence(less, kinds)
+
+
+def _again(
+    chain: list[Fit],
+    number: int,
+    less: Fit,
+    trials: tuple[Trial, ...],
+    kinds: Mapping[str, Kind],
+) -> list[Fit]:
+    """Fits after each effect that is left: those before the one that went are still good."""
+    count = len(less.plant.effects) - len(chain[0].plant.effects)
+    good = chain[1 : min(number + 1, count)]
+    missing: list[Fit] = [less]
+    while len(good) + len(missing) < count:
+        shorter = without(missing[0], len(missing[0].plant.effects) - 1, trials, kinds)
+        if shorter is None:
+            break
+        missing.insert(0, shorter)
+    return [*good, *missing]
+
+
+def told_again(answer: Answer, fit: Fit, number: int, kinds: Mapping[str, Kind]) -> Answer:
+    """Give an answer the numbers that its effect has in the last fit."""
+    values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
+    effect = effects_of(with_values(fit.plant.description, values))[number]
+    numbers = numbers_of(fit, number)
+    return dataclasses.replace(
+        answer,
+        effect=effect,
+        numbers=numbers,
+        sentence=sentence_of(kinds[effect.kind], effect.place, numbers),
+    )

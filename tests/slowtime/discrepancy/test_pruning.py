@@ -1,0 +1,82 @@
+"""Effects that later ones make needless are left out; the rest has the numbers of the whole."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from slowtime.discrepancy.diagnosis import Named
+from slowtime.discrepancy.pruning import pruned
+from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.refit import refit
+from slowtime.dynamics.builders import chain
+from slowtime.dynamics.description import Input, Sensor, Tolerance
+from slowtime.dynamics.effects import Effect, Place, catalogue
+from slowtime.dynamics.plant import Plant
+
+RATE = 50.0
+KINDS = catalogue()
+ONE = dataclasses.replace(
+    chain([2.0], [800.0], dampings_n_s_per_m=[1.6]),
+    inputs=(Input(channel="u", kind="force", node="m1", unit="N"),),
+    sensors=(Sensor(channel="x", quantity="displacement", node="m1", unit="m"),),
+    tolerance=Tolerance(stiffness=0.02, damping=0.15),
+)
+PLACE = Place("element", ONE.elements[0].id)
+CUBIC = Effect("cubic_hardening", PLACE, {"k3_n_per_m3": 1e5})
+DRAG = Effect("quadratic_damping", PLACE, {"c2_n_s2_per_m2": 4.0})
+LOSS = Effect("stiffness_loss", PLACE, {"dk_n_per_m": 5.0})
+
+
+def trials_of(*effects):
+    rng = np.random.default_rng(5)
+    push = np.convolve(rng.standard_normal(400), np.hanning(9), "same")[:, None] * 4.0
+    truth = Plant.of(dataclasses.replace(ONE, effects=tuple(e.entry() for e in effects)))
+    seen = truth.simulate(truth.values, push, RATE) + 2e-5 * rng.standard_normal((400, 1))
+    return (Trial(inputs=push, outputs=seen, rate_hz=RATE),)
+
+
+def chain_of(trials, *effects):
+    """Fits after each effect, and what was said of each when it was named."""
+    entries = [effect.entry() for effect in effects]
+    fits = [
+        refit(Plant.of(dataclasses.replace(ONE, effects=tuple(entries[:n]))), trials)
+        for n in range(len(entries) + 1)
+    ]
+    return fits, [Named(e, KINDS[e.kind].family, {}, 0.95, (), "as named") for e in effects]
+
+
+@pytest.mark.parametrize("wrong_first", [True, pytest.param(False, marks=pytest.mark.slow)])
+def test_what_the_others_make_needless_is_left_out_wherever_it_stands(wrong_first):
+    trials = trials_of(CUBIC)
+    order = (LOSS, CUBIC) if wrong_first else (CUBIC, LOSS)
+    before, said = chain_of(trials, *order)
+    fits, answers = pruned(before, said, trials, KINDS)
+    assert [answer.effect.kind for answer in answers] == ["cubic_hardening"]
+    assert [len(fit.plant.effects) for fit in fits] == [0, 1]
+    k3 = answers[0].numbers["k3_n_per_m3"]
+    assert abs(k3.value - 1e5) < 4 * k3.sd < 0.05 * k3.value
+
+
+@pytest.mark.slow
+def test_what_is_needed_stays_and_has_the_numbers_of_the_last_fit():
+    trials = trials_of(CUBIC, DRAG)
+    before, said = chain_of(trials, CUBIC, DRAG)
+    fits, answers = pruned(before, said, trials, KINDS)
+    assert [answer.effect.kind for answer in answers] == [
+        "cubic_hardening",
+        "quadratic_damping",
+    ]
+    assert fits == before
+    for answer, true in zip(answers, (CUBIC, DRAG), strict=True):
+        for name, value in true.parameters.items():
+            number = answer.numbers[name]
+            assert abs(number.value - value) < 4 * number.sd
+            assert answer.effect.parameters[name] == number.value
+        assert answer.sentence != "as named"
+
+
+def test_a_single_effect_is_left_as_it_is():
+    trials = trials_of(CUBIC)
+    before, said = chain_of(trials, CUBIC)
+    assert pruned(before, said, trials, KINDS) == (before, said)
