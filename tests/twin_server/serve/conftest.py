@@ -1,16 +1,21 @@
 """A running server on loopback, with a bus to feed it."""
 
 import dataclasses
+import sys
 import threading
+import time
 from typing import Any
 
 import httpx
 import pytest
 
 from slowtime_schemas.codec import encode
-from slowtime_schemas.streams import FEATURES
+from slowtime_schemas.raw import RawHeader, encode_raw
+from slowtime_schemas.streams import FEATURES, RAW, alive_key, request_key
 from slowtime_services.bus import MemoryBus
+from slowtime_services.simulate import SimulatedModel
 from twin_server.__main__ import run
+from twin_server.settings import DiagnoseSettings, GapSettings
 
 
 @dataclasses.dataclass
@@ -41,7 +46,7 @@ def serving(tmp_path_factory, settings):
     """Start servers, and end them."""
     running = []
 
-    def start(database=None, **changes):
+    def start(database=None, diagnosis=None, **changes):
         path = database or tmp_path_factory.mktemp("server") / "twin.sqlite"
         own = settings.model_copy(update={"database": path, **changes})
         bus, stop, ready = MemoryBus(), threading.Event(), threading.Event()
@@ -52,7 +57,8 @@ def serving(tmp_path_factory, settings):
             ready.set()
 
         def serve():
-            result.append(run(own, bus=bus, stop=stop, ready=told))
+            more = {} if diagnosis is None else {"diagnosis": diagnosis}
+            result.append(run(own, bus=bus, stop=stop, ready=told, **more))
             ready.set()
 
         thread = threading.Thread(target=serve)
@@ -80,3 +86,159 @@ def server(serving, ageing, eventually):
     started.feed(ageing(300))
     assert eventually(lambda: started.count() == 300)
     return started
+
+
+RIG = {
+    "slowtime_model": 1,
+    "nodes": [{"id": "m1", "mass_kg": 2.0}, {"id": "m2", "mass_kg": 1.0}],
+    "elements": [
+        {
+            "id": f"j{i}", "between": between,
+            "stiffness_n_per_m": 4000.0, "damping_n_s_per_m": 2.0,
+        }
+        for i, between in ((1, ["base", "m1"]), (2, ["m1", "m2"]))
+    ],
+    "inputs": [{"channel": "u", "kind": "force", "node": "m1", "unit": "N"}],
+    "sensors": [
+        {"channel": f"a{i}", "quantity": "acceleration", "node": f"m{i}", "unit": "m/s^2"}
+        for i in (1, 2)
+    ],
+    "tolerance": {"stiffness": 0.02, "damping": 0.1},
+}  # fmt: skip
+FRICTION = {"effect": "coulomb", "element": "j2", "friction_n": 0.5}
+ENTERS, LEAVES = 1_000, 2_000
+
+PRETENDS = """
+import json, pathlib, sys, time
+here = pathlib.Path(sys.argv[1])
+task = json.loads((here / "task.json").read_text())
+print(json.dumps({"stage": "refitting coulomb at element j2", "share": 0.4}), flush=True)
+if task["order"]["quick"]:
+    sys.stdin.read()
+model = task["model"]
+model["effects"] = [{"effect": "coulomb", "element": "j2", "friction_n": 0.5}]
+gap = {"nominal": 0.4, "refitted_nominal": 0.2, "augmented": 0.02, "noise_floor": 0.02,
+       "steps": [{"effect": "coulomb", "nrmse": 0.02}]}
+effect = {"effect": "coulomb", "family": "friction", "where": {"kind": "element", "id": "j2"}}
+none = task["order"]["holdout_s"] is not None
+report = {"verdict": "nothing_missing" if none else "missing_effect",
+          "sentence": "Nothing is missing." if none else "Dry friction in j2, 0.5 N.",
+          "effects": [] if none else [effect], "experiment": None, "gap": gap}
+(here / "report.json").write_text(json.dumps(report))
+(here / "report.html").write_text("<h1>Dry friction</h1><script>document.title='ran'</script>")
+(here / "augmented.yaml").write_text(json.dumps(model))
+"""
+"""A diagnosis that has its answer ready; a quick one waits until it is told to stop."""
+
+
+class Rig:
+    """An edge on the bus that keeps epochs of a rig, with friction from `ENTERS` to `LEAVES`."""
+
+    def __init__(self, bus):
+        self.structure = SimulatedModel(
+            model=RIG, effects=[FRICTION], enters=ENTERS, leaves=LEAVES, seconds=6.0, rate_hz=100.0,
+            interval_s=6.0, input_rms=3.0, band_hz=(0.5, 20.0), sensor={"noise": 0.02},
+        )  # fmt: skip
+        self.kept: list[bytes] = []
+        self.handles = [
+            bus.answer(request_key("lab", "rig", "raw"), self._raw),
+            bus.announce(alive_key("lab", "rig")),
+        ]
+
+    def hear(self, epoch):
+        (block,) = self.structure.epoch(epoch)
+        header = RawHeader(
+            site="lab", asset="rig", boot="b1", sequence=len(self.kept), t_ns=block.start_ns,
+            time_base="simulated", rate_hz=block.rate_hz, first_index=block.first_index,
+            dtype="<f4", samples=len(block.samples), channels=block.channels,
+            units=block.units, epoch=block.epoch, slow_time=block.slow_time,
+        )  # fmt: skip
+        self.kept.append(encode_raw(header, block.samples.astype("<f4").tobytes()))
+
+    def close(self):
+        for handle in self.handles:
+            handle.close()
+
+    def _raw(self, query):
+        count = max(1, round(float(query.parameters["seconds"]) / 6.0))
+        return [(RAW.key("lab", "rig"), payload) for payload in self.kept[-count:]]
+
+
+class Diagnosing:
+    """A server with a rig, whose gap was learnt, and whose diagnoses are pretended."""
+
+    twin = "/api/v1/twins/lab.rig"
+
+    def __init__(self, server, eventually):
+        self.server, self.eventually, self.epoch = server, eventually, 0
+        body = {"changes": "stiffness", "model": RIG}
+        assert server.client.put(self.twin, json=body).status_code == 201
+        self.edge = Rig(server.bus)
+
+    def hear(self, count, first=None):
+        """Let epochs be heard one by one, each until it has been compared."""
+        self.epoch = self.epoch if first is None else first
+        for _ in range(count):
+            before = self._seen()
+            self.edge.hear(self.epoch)
+            self.epoch += 1
+            assert self.until(lambda before=before: self._seen() != before)
+
+    def learn(self):
+        """Let epochs be heard until what is usual has been learnt."""
+        for _ in range(20):
+            self.hear(1)
+            if self.gap()["expected"] is not None:
+                return
+        raise AssertionError(self.gap())
+
+    def until(self, holds):
+        """Whether something comes to be; asked less often, for each time is a request."""
+        deadline = time.monotonic() + 60.0
+        while not holds():
+            if time.monotonic() > deadline:
+                return False
+            time.sleep(0.1)
+        return True
+
+    def _seen(self):
+        told = self.gap()
+        return told["state"] == "waiting", told["readings"][-1:]
+
+    def gap(self):
+        return self.server.get(f"{self.twin}/gap").json()
+
+    def post(self, path, body=None):
+        return self.server.client.post(f"{self.twin}{path}", json=body)
+
+    def one(self, number):
+        return self.server.get(f"{self.twin}/diagnoses/{number}").json()
+
+    def ended(self, number):
+        assert self.until(lambda: self.one(number)["ended_ns"] is not None)
+        return self.one(number)
+
+    def kinds(self):
+        found = self.server.get(f"{self.twin}/events", limit=1000).json()["events"]
+        return [event["kind"] for event in found]
+
+
+@pytest.fixture(scope="module")
+def pretender(tmp_path_factory):
+    """Command of a diagnosis that has its answer ready."""
+    path = tmp_path_factory.mktemp("diagnosis") / "pretends.py"
+    path.write_text(PRETENDS)
+    return [sys.executable, str(path)]
+
+
+@pytest.fixture(scope="module")
+def diagnosing(serving, pretender, eventually):
+    """One server for all tests of a module, which leave it as they found it."""
+    server = serving(
+        diagnosis=pretender,
+        gap=GapSettings(every_s=0.05, seconds=6.0, learn=6, tune=2),
+        diagnose=DiagnoseSettings(max_queued=1, max_kept=30, max_raw_s=100.0),
+    )
+    made = Diagnosing(server, eventually)
+    yield made
+    made.edge.close()

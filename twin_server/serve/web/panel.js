@@ -1,5 +1,6 @@
 // The part of the page that shows one twin; made once, then kept up to date in place.
 import { draw } from "./charts.js";
+import { Diagnosis } from "./diagnosis.js";
 import { Elements } from "./elements.js";
 import { LEARNING, QUANTITIES, ago, isClock, make, say, slowTime, spoken, standing, whenOf } from "./words.js";
 
@@ -68,7 +69,8 @@ export class Panel {
     this.summary = make("summary", "No events yet");
     this.list = make("ol");
     this.events.append(this.summary, this.list);
-    this.root.append(heading, this.facts, about, this.reasons, this.charts, this.events);
+    this.diagnosis = new Diagnosis(this);
+    this.root.append(heading, this.facts, about, this.reasons, this.charts, this.diagnosis.root, this.events);
   }
 
   figure(quantity) {

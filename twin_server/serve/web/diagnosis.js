@@ -1,0 +1,237 @@
+// What the twin's model lacks: the gap while nobody asks, jobs under way, what they found, adopted and undone.
+import { ask, make, number, say } from "./words.js";
+
+const SVG = "http://www.w3.org/2000/svg", WIDTH = 320, HEIGHT = 64, SHOWN = 60, EVERY_MS = 1500;
+const STATES = { queued: "waiting", running: "waiting", done: "good", failed: "bad", cancelled: "away" };
+const GAP_STATES = { waiting: "waiting", learning: "waiting", watching: "good", disagreeing: "bad" };
+const CLOCKS = { fast: "model against samples", slow: "history against temperature and load" };
+
+const percent = (x) => `${number(100 * x, x < 0.1 ? 1 : 0)}\u202f%`;
+
+function draw(tag, attributes, text) {
+  const element = document.createElementNS(SVG, tag);
+  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
+  if (text) element.textContent = text;
+  return element;
+}
+
+function button(text, act, name = "act") {
+  const made = make("button", text, name);
+  made.type = "button";
+  made.addEventListener("click", act);
+  return made;
+}
+
+async function send(path, method, body) {
+  const headers = body === undefined ? {} : { "Content-Type": "application/json" };
+  const answer = await fetch(path, { method, headers, body: body && JSON.stringify(body), signal: AbortSignal.timeout(20000) });
+  const said = await answer.json();
+  if (!answer.ok) throw new Error(said.detail || answer.statusText);
+  return said;
+}
+
+/** Both gaps on a scale of powers of ten, and the limit; with what was adopted drawn thick. */
+function gapPicture({ readings, limit, expected }) {
+  const shown = readings.slice(-SHOWN), values = shown.flatMap((one) => [one.nominal, one.in_use]);
+  const all = [...values, ...[limit, expected].filter((x) => x)].map((x) => Math.log10(Math.max(x, 1e-4)));
+  const low = Math.min(...all) - 0.1, high = Math.max(...all) + 0.1;
+  const y = (x) => HEIGHT - 2 - (HEIGHT - 4) * (Math.log10(Math.max(x, 1e-4)) - low) / (high - low);
+  const x = (i) => 2 + (WIDTH - 4) * i / Math.max(shown.length - 1, 1);
+  const picture = draw("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "gap", role: "img" });
+  const last = shown.at(-1);
+  picture.setAttribute("aria-label", `Gap over the last ${shown.length} records: as given ${percent(last.nominal)}, as it is now ${percent(last.in_use)}`);
+  if (limit) picture.append(draw("line", { x1: 0, x2: WIDTH, y1: y(limit), y2: y(limit), class: "limit" }));
+  for (const name of ["nominal", "in_use"]) {
+    const points = shown.map((one, i) => `${x(i).toFixed(1)},${y(one[name]).toFixed(1)}`).join(" ");
+    picture.append(draw("polyline", { points, class: name }));
+  }
+  return picture;
+}
+
+/** Bars of the gap: as given, refitted, after each effect, and what noise alone makes. */
+function gapBars(report) {
+  const { gap } = report, slow = report.clock === "slow";
+  const rows = slow
+    ? [["as it was", gap.nominal, "nominal"], ["with the effects", gap.augmented, "augmented"]]
+    : [
+      ["as given", gap.nominal, "nominal"], ["refitted", gap.refitted_nominal, "refitted"],
+      ...gap.steps.map((step) => [`with ${step.effect.replaceAll("_", " ")}`, step.nrmse, "augmented"]),
+    ];
+  rows.push(["noise alone", gap.noise_floor, "floor"]);
+  const most = Math.max(...rows.map(([, value]) => value)), table = make("table", undefined, "bars");
+  table.append(make("caption", slow ? "Scatter that is left of the readings" : "Error of the free run on what was not fitted"));
+  for (const [name, value, kind] of rows) {
+    const row = make("tr"), cell = make("td"), bar = make("span", undefined, `bar ${kind}`);
+    bar.style.width = `${Math.max(100 * value / most, 0.5)}%`;
+    cell.append(bar);
+    row.append(make("th", name), cell, make("td", percent(value)));
+    row.dataset.step = kind;
+    table.append(row);
+  }
+  return table;
+}
+
+export class Diagnosis {
+  constructor(panel) {
+    this.twin = panel.twin;
+    this.root = make("details", undefined, "diagnosis");
+    this.root.hidden = true;
+    this.summary = make("summary", "Diagnosis");
+    [this.pill, this.sentence] = [make("p", "", "pill"), make("p", "", "facts")];
+    [this.picture, this.problem, this.jobs] = [make("div", undefined, "picture"), make("p", "", "notice"), make("ol", undefined, "jobs")];
+    this.problem.dataset.state = "bad";
+    this.problem.setAttribute("role", "alert");
+    this.problem.hidden = true;
+    this.root.append(this.summary, this.pill, this.sentence, this.picture, this.tools(), this.problem, this.jobs);
+    [this.rows, this.askedAt, this.asking, this.known] = [new Map(), 0, false, ""];
+    this.root.addEventListener("toggle", () => this.refresh(true));
+  }
+
+  tools() {
+    const tools = make("p", undefined, "orders"), label = make("label", "samples "), quick = make("label");
+    this.seconds = make("input");
+    Object.assign(this.seconds, { type: "number", min: 5, max: 3600, value: 40, step: 5 });
+    label.append(this.seconds, " s");
+    this.quick = make("input");
+    this.quick.type = "checkbox";
+    quick.append(this.quick, " quick");
+    this.fast = make("span", undefined, "fast");
+    this.fast.append(button("Ask what the model lacks", () => this.start({
+      raw: { duration_s: Number(this.seconds.value) }, quick: this.quick.checked,
+    })), label, quick);
+    this.slow = button("Ask what the history follows", () => this.start({ clock: "slow" }));
+    tools.append(this.fast, this.slow);
+    return tools;
+  }
+
+  start(order) { return this.attempt(() => send(`${this.twin.base}/diagnoses`, "POST", order)); }
+
+  async attempt(act) {
+    this.problem.hidden = true;
+    try { await act(); } catch (error) {
+      this.problem.textContent = error.message;
+      this.problem.hidden = false;
+    }
+    await this.refresh(true);
+  }
+
+  /** Ask what is new: the gap always, jobs while somebody looks at them. */
+  async refresh(now = false) {
+    if (this.asking || (!now && Date.now() - this.askedAt < EVERY_MS)) return;
+    [this.asking, this.askedAt] = [true, Date.now()];
+    try {
+      const gap = await ask(`${this.twin.base}/gap`);
+      const { diagnoses } = this.root.open || this.root.hidden || now ? await ask(`${this.twin.base}/diagnoses`) : { diagnoses: null };
+      this.root.hidden = false;
+      this.tell(gap);
+      if (diagnoses) this.list(diagnoses);
+    } catch (error) {
+      // A server that diagnoses nothing, or is away: the page says the latter elsewhere.
+      if (error.status === 404) this.root.hidden = true;
+    } finally { this.asking = false; }
+  }
+
+  tell(gap) {
+    const off = gap.state === "off";
+    this.root.dataset.gap = gap.state;
+    this.fast.hidden = off && !this.twin.latest?.registration?.model;
+    say(this.pill, off ? "" : GAP_STATES[gap.state], off ? "" : gap.state);
+    const usual = gap.expected ? ` Usual: ${percent(gap.expected)}; beyond ${percent(gap.limit)} it is a disagreement.` : "";
+    this.sentence.textContent = gap.sentence + usual;
+    const last = gap.readings.at(-1), text = last && !off ? ` \u00b7 gap ${percent(last.in_use)}` : "";
+    this.summary.textContent = `Diagnosis${text}`;
+    if (last) [this.root.dataset.nominal, this.root.dataset.inUse] = [last.nominal, last.in_use];
+    const key = `${last?.t_ns} ${gap.state}`;
+    if (this.drawn === key) return;
+    this.drawn = key;
+    this.picture.replaceChildren(...(last ? [gapPicture(gap), this.legend()] : []));
+  }
+
+  legend() {
+    const legend = make("p", undefined, "facts keys");
+    for (const [name, text] of [["nominal", "model as given"], ["in_use", "with what was adopted"], ["limit", "limit"]]) {
+      const entry = make("span");
+      entry.append(make("span", undefined, `line ${name}`), text);
+      legend.append(entry);
+    }
+    return legend;
+  }
+
+  list(diagnoses) {
+    const numbers = new Set(diagnoses.map((one) => one.number));
+    for (const [kept, row] of this.rows) if (!numbers.has(kept)) { row.item.remove(); this.rows.delete(kept); }
+    const adopted = this.twin.latest?.registration?.adopted?.at(-1)?.diagnosis;
+    for (const one of diagnoses.slice().reverse()) {
+      const row = this.rows.get(one.number) ?? this.row(one);
+      this.rows.set(one.number, row);
+      this.fill(row, one, adopted);
+    }
+  }
+
+  row(one) {
+    const item = make("li"), head = make("p", undefined, "head"), bar = make("progress"), found = make("div", undefined, "found");
+    const [pill, stage, acts] = [make("span", "", "pill"), make("span", "", "stage"), make("span", undefined, "acts")];
+    bar.max = 1;
+    item.dataset.number = one.number;
+    const what = one.request.clock === "fast" && one.request.quick ? `${CLOCKS.fast}, quick` : CLOCKS[one.request.clock];
+    head.append(make("strong", `${one.number}`), pill, make("span", what, "facts"), stage, bar, acts);
+    item.append(head, found);
+    this.jobs.prepend(item);
+    return { item, pill, stage, bar, acts, found, state: "" };
+  }
+
+  fill(row, one, adopted) {
+    say(row.pill, STATES[one.state], one.state);
+    const under = one.state === "queued" || one.state === "running";
+    row.bar.hidden = !under;
+    row.bar.value = one.progress;
+    row.stage.textContent = under ? one.stage : one.error;
+    const state = `${one.state} ${one.adopted} ${adopted}`;
+    if (row.state === state) return;
+    row.state = state;
+    const base = `${this.twin.base}/diagnoses/${one.number}`, post = (word) => () => this.attempt(() => send(`${base}/${word}`, "POST"));
+    const acts = [];
+    if (under) acts.push(button("Cancel", () => this.attempt(() => send(base, "DELETE"))));
+    if (one.state === "done") {
+      if (!row.found.childElementCount) this.show(row, one, base);
+      if (one.report.effects.length && !one.adopted) acts.push(button("Adopt", post("adopt")));
+      if (one.adopted && one.number === adopted) acts.push(button("Undo", post("undo")));
+      if (one.adopted) acts.push(make("span", "adopted", "facts"));
+      acts.push(this.opener(row, base), ...this.links(base, one.report.clock === "slow"));
+    }
+    row.acts.replaceChildren(...acts);
+  }
+
+  show(row, { report }, base) {
+    const words = make("p", report.sentence, "verdict");
+    words.dataset.state = report.effects.length ? "bad" : "good";
+    row.found.append(words, gapBars(report));
+    if (report.experiment) row.found.append(make("p", `What would decide: ${report.experiment}`, "facts"));
+  }
+
+  /** The report draws itself, in a frame that can do nothing else. */
+  opener(row, base) {
+    const opener = button("Report", () => {
+      const open = row.frame && !row.frame.hidden;
+      if (!row.frame) {
+        row.frame = make("iframe");
+        row.frame.title = "Report of the diagnosis";
+        row.frame.setAttribute("sandbox", "allow-scripts");
+        row.frame.src = `${base}/report.html`;
+        row.found.append(row.frame);
+      }
+      row.frame.hidden = open;
+      opener.setAttribute("aria-expanded", String(!open));
+    });
+    opener.setAttribute("aria-expanded", String(Boolean(row.frame && !row.frame.hidden)));
+    return opener;
+  }
+
+  links(base, slow) {
+    return ["report.json", ...(slow ? [] : ["augmented.yaml"])].map((name) => {
+      const link = make("a", name);
+      link.href = `${base}/${name}`;
+      return link;
+    });
+  }
+}
