@@ -178,13 +178,14 @@ class Sum(Process):
 
     def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
         """See `Process`."""
-        return _blocks([term.moves(step) for term in self.terms])
+        return _blocks(_aligned([term.moves(step) for term in self.terms]))
 
     def noises(
         self, step: np.ndarray, move: np.ndarray, slopes: Slopes
     ) -> tuple[np.ndarray, Slopes]:
         """See `Process`."""
-        return _blocks([term.noises(step, *term.moves(step)) for term in self.terms])
+        parts = [term.noises(step, *term.moves(step)) for term in self.terms]
+        return _blocks(_aligned(parts))
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -230,7 +231,7 @@ class Product(Process):
 
     def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
         """See `Process`."""
-        return _kron(self.first.moves(step), self.second.moves(step))
+        return _kron(*_aligned([self.first.moves(step), self.second.moves(step)]))
 
 
 def _terms(process: Process) -> tuple[Process, ...]:
@@ -256,6 +257,17 @@ def _split(terms: Sequence[Process], logs: np.ndarray) -> tuple[Process, ...]:
     return tuple(
         term.at(part) if term.free else term for term, part in zip(terms, parts, strict=True)
     )
+
+
+def _aligned(parts: Sequence[tuple[np.ndarray, Slopes]]) -> list[tuple[np.ndarray, Slopes]]:
+    """Give all as many axes of a family, between the one of time and the matrices."""
+    most = max(matrix.ndim for matrix, _ in parts)
+
+    def widened(matrix: np.ndarray) -> np.ndarray:
+        missing = (1,) * (most - matrix.ndim)
+        return matrix.reshape(matrix.shape[0], *missing, *matrix.shape[1:])
+
+    return [(widened(matrix), [widened(each) for each in own]) for matrix, own in parts]
 
 
 def _blocks(parts: Sequence[tuple[np.ndarray, Slopes]]) -> tuple[np.ndarray, Slopes]:

@@ -25,6 +25,7 @@ __all__ = [
     "Reading",
     "Stream",
     "fit",
+    "leave_one_out",
     "likelihood_and_slopes",
     "log_likelihood",
     "predict",
@@ -228,6 +229,36 @@ def smooth(
         found[1, i] = asked @ reach - reach @ information @ reach
         score, information = now.move.T @ score, now.move.T @ information @ now.move
     return Smoothed(found[0], np.sqrt(np.maximum(found[1], 0.0)))
+
+
+def leave_one_out(
+    process: Process, time: Series, value: Series, sd: Series
+) -> tuple[Series, Series]:
+    """Tell what all other readings say of each: mean and sd of the process there.
+
+    In one pass there and back (de Jong, 1988); NaN values are left out anyhow.
+    """
+    readings = run(process, time, value, sd)[1]
+    seen, size = process.observation, process.size
+    score, information = np.zeros(size), np.zeros((size, size))
+    mean, variance = np.zeros(len(time)), np.zeros(len(time))
+    for i in range(len(time) - 1, -1, -1):
+        now = readings[i]
+        if not np.isfinite(now.spread):
+            # Nothing was read: what is expected, and what the future adds to it.
+            mean[i] = now.expected + now.seen @ score
+            variance[i] = now.variance - now.seen @ information @ now.seen
+        else:
+            gain = now.seen / now.spread
+            pull = now.residual / now.spread - gain @ score
+            weight = 1.0 / now.spread + gain @ information @ gain
+            mean[i] = value[i] - pull / weight
+            variance[i] = 1.0 / weight - sd[i] ** 2
+        keep = np.eye(size) - np.outer(now.seen / now.spread, seen)
+        score = seen * (now.residual / now.spread) + keep.T @ score
+        information = np.outer(seen, seen) / now.spread + keep.T @ information @ keep
+        score, information = now.move.T @ score, now.move.T @ information @ now.move
+    return mean, np.sqrt(np.maximum(variance, 0.0))
 
 
 def fit(

@@ -77,6 +77,21 @@ def test_filtered_smoothed_and_foretold_it_is_the_dense_process(name):
     np.testing.assert_allclose(spread**2, variance, atol=1e-8)
 
 
+@pytest.mark.parametrize("name", ["Matern 3/2", "sum of products"])
+def test_each_reading_is_foretold_by_the_others_as_the_dense_process_does(name):
+    process = PROCESSES[name]
+    time, value, sd = series(30, 25)
+    value[7] = np.nan
+    mean, spread = streaming.leave_one_out(process, time, value, sd)
+    for i in (0, 6, 7, 24):
+        kept = np.isfinite(value) & (np.arange(25) != i)
+        expected, variance, _ = dense(
+            process, time[kept], value[kept], sd[kept], time[i : i + 1]
+        )
+        assert mean[i] == pytest.approx(expected[0], abs=1e-9)
+        assert spread[i] ** 2 == pytest.approx(variance[0], abs=1e-9)
+
+
 def peers():
     kernels = pytest.importorskip("sklearn.gaussian_process.kernels")
     c = kernels.ConstantKernel
