@@ -8,7 +8,7 @@ BIN := .venv/bin
 export OPENBLAS_NUM_THREADS ?= 1
 PIP_INSTALL := $(BIN)/python -m pip --disable-pip-version-check --quiet install -c constraints.txt
 
-.PHONY: demo test test-slow blind blind-pairs blind-slow peers check bench figures docs clean help
+.PHONY: demo test test-slow blind blind-pairs blind-slow peers check bench gallery figures docs clean help
 
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
@@ -43,6 +43,9 @@ check: .venv/dev  ## format, lint, strict types, import contracts, docs tests
 
 bench: .venv/dev .venv-peers/ready  ## every figure of speed, memory and accuracy, as ratios, also to peers
 	$(BIN)/python -m benchmarks
+
+gallery: .venv/dev  ## twelve hidden effects from the command line to the report; pictures in docs/gallery
+	$(BIN)/python docs/gallery/build.py
 
 figures: .venv/dev  ## draw the book's figures into docs/figures
 	$(BIN)/python docs/figures/chapter_3.py

@@ -2,23 +2,25 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from slowtime.discrepancy.diagnosis import Diagnosis
+from slowtime.discrepancy.diagnosis import Diagnosis, Surface
 from slowtime_schemas.diagnosis_file import DiagnosisFile
 from slowtime_services.models import model_text
 
 from .page import write_report
 
 REPORT, AUGMENTED, HOLDOUT = "report.json", "augmented.yaml", "holdout.npz"
-PAGE = "report.html"
+PAGE, SURFACE = "report.html", "surface.npz"
 
 
 def write_results(out: Path, diagnosis: Diagnosis, document: DiagnosisFile) -> None:
-    """Write ``report.html``, ``report.json``, ``augmented.yaml`` and ``holdout.npz``.
+    """Write ``report.html``, ``report.json``, ``augmented.yaml``, and arrays to draw from.
 
-    What is there is replaced. The last is written only where a record was held out.
+    ``holdout.npz`` is there only where a record was held out, ``surface.npz`` where a force was
+    recovered. What was there before is replaced.
     """
     out.mkdir(parents=True, exist_ok=True)
     text = json.dumps(document.plain(), indent=1, allow_nan=False, ensure_ascii=False)
@@ -32,6 +34,16 @@ def write_results(out: Path, diagnosis: Diagnosis, document: DiagnosisFile) -> N
         write_runs(out / HOLDOUT, diagnosis)
     else:
         (out / HOLDOUT).unlink(missing_ok=True)
+    (out / SURFACE).unlink(missing_ok=True)
+    if diagnosis.surface is not None:
+        write_surface(out / SURFACE, diagnosis.surface)
+
+
+def write_surface(path: Path, surface: Surface) -> None:
+    """Write the force that was missing over the motion there, and the law if there is one."""
+    law = {} if surface.law is None else {"law": surface.law}
+    arrays: dict[str, Any] = {"e": surface.e, "v": surface.v, "force": surface.force} | law
+    np.savez(path, place=np.array(str(surface.place)), **arrays)
 
 
 def write_runs(path: Path, diagnosis: Diagnosis) -> None:
