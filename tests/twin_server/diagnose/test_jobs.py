@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from twin_server.diagnose import Jobs, QueueFullError
+from twin_server.diagnose import Ended, Jobs, QueueFullError
 from twin_server.settings import DiagnoseSettings
 
 TELL = "import json, pathlib, sys, time, os\nhere = pathlib.Path(sys.argv[1])\n"
@@ -26,6 +26,24 @@ DIES = "import os\nos.abort()\n"
 RAMBLES = "print('not json')\n" + DONE
 
 
+class Told(Jobs):
+    """A queue that keeps what it tells, and makes folders for what it is given."""
+
+    def __init__(self, command, settings, home):
+        super().__init__(command, settings, self._keep)
+        self.told: dict[int, Ended] = {}
+        self.home = home
+
+    def give(self, number):
+        folder = self.home / f"job-{number}"
+        folder.mkdir()
+        self.submit(number, folder)
+        return folder
+
+    def _keep(self, number, ended):
+        self.told[number] = ended
+
+
 @pytest.fixture
 def jobs(tmp_path, eventually):
     """Make queues whose processes run a script; `ended` collects what they tell."""
@@ -34,20 +52,7 @@ def jobs(tmp_path, eventually):
     def start(script, **settings):
         path = tmp_path / "work.py"
         path.write_text(script)
-        queue = Jobs(
-            [sys.executable, str(path)],
-            DiagnoseSettings(**settings),
-            lambda number, ended: queue.told.update({number: ended}),
-        )
-        queue.told = {}
-
-        def submit(number):
-            folder = tmp_path / f"job-{number}"
-            folder.mkdir()
-            queue.submit(number, folder)
-            return folder
-
-        queue.give = submit
+        queue = Told([sys.executable, str(path)], DiagnoseSettings(**settings), tmp_path)
         queue.start()
         made.append(queue)
         return queue

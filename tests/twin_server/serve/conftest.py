@@ -132,12 +132,13 @@ report = {"verdict": "nothing_missing" if none else "missing_effect",
 
 
 class Rig:
-    """An edge on the bus that keeps epochs of a rig, with friction from `ENTERS` to `LEAVES`."""
+    """An edge that keeps epochs of a rig, with friction from `ENTERS` to `LEAVES`."""
 
     def __init__(self, bus):
         self.structure = SimulatedModel(
-            model=RIG, effects=[FRICTION], enters=ENTERS, leaves=LEAVES, seconds=6.0, rate_hz=100.0,
-            interval_s=6.0, input_rms=3.0, band_hz=(0.5, 20.0), sensor={"noise": 0.02},
+            model=RIG, effects=[FRICTION], enters=ENTERS, leaves=LEAVES, seconds=6.0,
+            rate_hz=100.0, interval_s=6.0, input_rms=3.0, band_hz=(0.5, 20.0),
+            sensor={"noise": 0.02},
         )  # fmt: skip
         self.kept: list[bytes] = []
         self.handles = [
@@ -240,5 +241,15 @@ def diagnosing(serving, pretender, eventually):
         diagnose=DiagnoseSettings(max_queued=1, max_kept=30, max_raw_s=100.0),
     )
     made = Diagnosing(server, eventually)
+    yield made
+    made.edge.close()
+
+
+@pytest.fixture(scope="module")
+def resting(serving, pretender, eventually):
+    """One server with a rig whose gap nobody minds, for what is quick."""
+    made = Diagnosing(serving(diagnosis=pretender, gap=GapSettings(every_s=0.0)), eventually)
+    for epoch in range(2):
+        made.edge.hear(epoch)
     yield made
     made.edge.close()

@@ -28,6 +28,8 @@ def done(server, **order):
 def test_friction_opens_the_gap_and_what_is_adopted_closes_it_until_it_is_undone(learnt):
     usual = models.GapModel.model_validate(learnt.gap())
     assert usual.state == "watching"
+    assert usual.expected is not None
+    assert usual.limit is not None
     assert usual.expected < 0.05
     assert all(reading.in_use < usual.limit for reading in usual.readings)
     learnt.hear(3, first=ENTERS)
