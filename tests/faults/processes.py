@@ -13,7 +13,7 @@ import edge_agent.publish.publisher as publisher
 import twin_server.__main__ as twin_process
 from edge_agent.settings import EdgeSettings
 from slowtime_schemas.codec import encode
-from slowtime_schemas.messages import Features
+from slowtime_schemas.messages import Features, TimeBase
 from slowtime_services import router as router_process
 from slowtime_services.ending import ended_by_signals
 from twin_server.settings import TwinSettings
@@ -31,8 +31,11 @@ def twin(home: Path, settings: dict[str, Any]) -> None:
     """Run a twin server."""
     _begin(home, "twin")
     clock = SkewedClock(Dial(home / "twin.clock"))
-    ready = home / "twin.url"
-    sys.exit(twin_process.run(TwinSettings(**settings), clock=clock, ready=ready.write_text))
+
+    def ready(url: str) -> None:
+        (home / "twin.url").write_text(url)
+
+    sys.exit(twin_process.run(TwinSettings(**settings), clock=clock, ready=ready))
 
 
 def edge(
@@ -40,7 +43,7 @@ def edge(
     settings: dict[str, Any],
     ledger: Any,
     first_epoch: int,
-    time_base: str,
+    time_base: TimeBase,
     old: bool,
 ) -> None:
     """Run an edge agent; an `old` one speaks the version of features before this one."""
@@ -48,14 +51,14 @@ def edge(
     _begin(home, asset)
     given = EdgeSettings(**settings)
     clock = SkewedClock(Dial(home / f"{asset}.clock"))
-    edge_process.Spool = ledger_spool(ledger)  # type: ignore[misc,attr-defined]
+    edge_process.Spool = ledger_spool(ledger)  # type: ignore[attr-defined]
     if old:
         publisher.encode = _encode_as_before  # type: ignore[attr-defined]
     with contextlib.ExitStack() as stack:
         stop = stack.enter_context(ended_by_signals())
         source = FaultySource(
             clock, Dial(home / f"{asset}.rate"), stop, first_epoch, len(asset), time_base
-        )  # type: ignore[arg-type]
+        )
         bus = stack.enter_context(edge_process._connected(given, clock, stop))
         sys.exit(edge_process.run(given, bus=bus, clock=clock, source=source, stop=stop))
 

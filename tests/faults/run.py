@@ -22,6 +22,9 @@ from .house import House
 from .ledger import Key, Seen, Verdict, judge
 from .schedule import ASSETS, Plan
 
+CALM_S = 4.0
+"""How long the edges go on once nothing goes wrong any more: what follows shows what lacks."""
+
 PEACE_S = 90.0
 """How long everything may take to heal once nothing goes wrong any more."""
 
@@ -102,7 +105,11 @@ def _suffer(house: House) -> None:
 
 
 def _heal(house: House) -> tuple[Verdict, float]:
-    """Make nothing new, and wait until the account is whole, or patience ends."""
+    """Go on for a little, then wait until the account is whole, or patience ends."""
+    calm_s = time.monotonic() + CALM_S
+    while time.monotonic() < calm_s:
+        house.tend()
+        time.sleep(0.2)
     for rate in house.rates.values():
         rate.value = 0.0
     began_s = time.monotonic()

@@ -170,6 +170,7 @@ class Account:
         for line in self._lines.values():
             self._admit(line, (), 0.0, change)
             for run in line.runs:
+                run.flows = not run.closed
                 self._flow(run, change)
                 while (hole := run.missing()) is not None:
                     self._lose(run, hole[0], hole[1], "it cannot be asked for", change)

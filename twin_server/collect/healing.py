@@ -15,7 +15,7 @@ from .runs import SEQUENCES, Holding, Want
 logger = logging.getLogger(__name__)
 
 Wants = Callable[[], Sequence[Want]]
-Take = Callable[[Want, Sequence[Sample]], bool]
+Take = Callable[[Want, Sequence[Sample]], tuple[bool, bool]]
 Settle = Callable[[Want, Sequence[Holding] | None, bool], None]
 
 
@@ -28,7 +28,7 @@ class Healer:
         Lists what to ask now.
     take
         Takes the features that came in answer; says whether the first asked for is missing
-        still.
+        still, and whether all could be judged: not where the edge's clock is off for now.
     settle
         Concludes: from what the edge says it holds, None where that was not asked, and from
         whether all was answered without error.
@@ -94,7 +94,8 @@ class Healer:
             timeout_s=self._settings.ask_timeout_s,
         )
         samples = [answer._replace(replayed=want.replayed) for answer in answers]
-        return self._take(want, samples), not answers.errors
+        missing, judged = self._take(want, samples)
+        return missing, judged and not answers.errors
 
     def _account(self, want: Want) -> tuple[list[Holding], bool]:
         answers = self._bus.ask(

@@ -25,6 +25,8 @@ class Received(NamedTuple):
     """With whether they were replayed."""
     registrations: list[tuple[str, Registration]]
     """By twin id; replayed ones only, since those of the moment are our own."""
+    misdated: int = 0
+    """How many were refused because their sender's clock is off: they may be sound later."""
 
 
 _TAKEN = (FEATURES, HEALTH, REGISTRATION)
@@ -58,14 +60,16 @@ class Reception:
     def read(self, samples: Iterable[Sample], now_ns: int) -> Received:
         """Take what is believed out of `samples`, in their order."""
         received = Received([], [], [])
-        arrivals = received.arrivals
+        arrivals, misdated = received.arrivals, 0
         for sample in samples:
             if not self.admits(sample):
                 continue
             try:
                 message = self._decode(sample)
                 if sample.sent_ns is not None and not sample.replayed:
+                    misdated += 1
                     self._check_sender(sample.sent_ns, now_ns)
+                    misdated -= 1
                 if type(message) is Features:
                     self._check_sensor(message, now_ns, sample.replayed)
                     arrivals.append(Arrival(message, sample.payload, sample.replayed))
@@ -75,7 +79,7 @@ class Reception:
                     received.registrations.append((message.twin_id, _registration(message)))
             except Refused as refused:
                 self._refusals.refuse(refused.reason, f"{sample.key:.200}: {refused}")
-        return received
+        return received._replace(misdated=misdated)
 
     def _decode(self, sample: Sample) -> Message:
         stream, site, asset = _address(sample.key)

@@ -1,6 +1,7 @@
 """Third stage of the twin: what was accepted and estimated goes to disk, and is read there."""
 
 from .diagnosing import DiagnosisRow
+from .errors import DamagedStoreError, StoreError, WrongStoreError
 from .sqlite import SqliteStore
 from .store import (
     Cut,
@@ -11,13 +12,12 @@ from .store import (
     RunRow,
     StateRow,
     Store,
-    StoreError,
     TwinRow,
-    WrongStoreError,
 )
 
 __all__ = [
     "Cut",
+    "DamagedStoreError",
     "DetailRow",
     "DiagnosisRow",
     "EventRow",

@@ -1,32 +1,33 @@
 """The details of twins of elements: a table beside the features, empty for all other twins."""
 
-import sqlite3
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from .sealing import DETAILS, damaged, seal
 from .searching import SHIFT, whole
 from .store import DetailRow
 
 _ASKED = 500
 
 
-def insert_details(writer: sqlite3.Connection, rows: Iterable[DetailRow]) -> None:
+def insert_details(writer: Any, rows: Iterable[DetailRow]) -> None:
     """Keep some more."""
     writer.executemany(
-        "insert into details values (?,?,?)",
-        [(n << SHIFT | s, changes, body) for n, s, changes, body in rows],
+        "insert into details (id, changes, body, changes_crc, body_crc) values (?,?,?,?,?)",
+        [DETAILS.sealed((n << SHIFT | s, changes, body)) for n, s, changes, body in rows],
     )
 
 
-def delete_details(writer: sqlite3.Connection, twin_id: str) -> None:
+def delete_details(writer: Any, twin_id: str) -> None:
     """Drop all of a twin."""
     for span in whole(writer, twin_id):
         writer.execute("delete from details where id between ? and ?", (span.first, span.last))
 
 
-def has_details(reader: sqlite3.Connection, keys: Sequence[int]) -> bool:
+def has_details(reader: Any, keys: Sequence[int]) -> bool:
     """Whether any of these states may have some; cheap where there are none."""
     if not keys:
         return False
@@ -34,21 +35,22 @@ def has_details(reader: sqlite3.Connection, keys: Sequence[int]) -> bool:
     return reader.execute(question, (min(keys), max(keys))).fetchone() is not None
 
 
-def column(reader: sqlite3.Connection, keys: Sequence[int], name: str) -> list[bytes | None]:
+def column(reader: Any, keys: Sequence[int], name: str) -> list[bytes | None]:
     """Read one column of the details of `keys`; None where one has none, empty where all."""
     found: dict[int, bytes] = {}
     for first in range(0, len(keys), _ASKED):
         asked = keys[first : first + _ASKED]
         marks = ",".join("?" * len(asked))
-        found |= dict(
-            reader.execute(f"select id, {name} from details where id in ({marks})", asked)
-        )
+        for key, value, crc in reader.execute(
+            f"select id, {name}, {name}_crc from details where id in ({marks})", asked
+        ):
+            if seal(key, value) != crc:
+                raise damaged(f"A detail of feature {key & (1 << SHIFT) - 1}")
+            found[key] = value
     return [found.get(key) for key in keys] if found else []
 
 
-def changes(
-    reader: sqlite3.Connection, keys: Sequence[int]
-) -> Float[np.ndarray, "time parameter 3"]:
+def changes(reader: Any, keys: Sequence[int]) -> Float[np.ndarray, "time parameter 3"]:
     """Value, lo and hi of all parameters, NaN where there are none."""
     parts = column(reader, keys, "changes") or [None] * len(keys)
     longest = max((len(part) for part in parts if part), default=0)

@@ -1,27 +1,11 @@
 """Diagnoses and what they found: a table of their own, beside the history."""
 
-import sqlite3
 import zlib
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-TABLE = """
-create table diagnoses (
-  number integer primary key autoincrement,
-  twin text not null,
-  asked_ns integer not null,
-  ended_ns integer,
-  state text not null,
-  request text not null,
-  error text not null,
-  report text,
-  page blob,
-  model text
-);
-create index diagnoses_of_twin on diagnoses (twin, number);
-"""
-"""What databases from before there were diagnoses lack."""
+from .sealing import DIAGNOSES, Table, damaged, opened, seal
 
-_BRIEF = "number, twin, asked_ns, ended_ns, state, request, error, report"
+_BRIEF = Table("diagnoses", DIAGNOSES.columns[:8], DIAGNOSES.seals[:1], "number")
 
 
 class DiagnosisRow(NamedTuple):
@@ -43,28 +27,24 @@ class DiagnosisRow(NamedTuple):
     report: str | None = None
 
 
-def insert(writer: sqlite3.Connection, row: DiagnosisRow) -> int:
-    """Keep one more; give its number."""
-    number = writer.execute(
-        f"insert into diagnoses ({_BRIEF}) values (null,?,?,?,?,?,?,?)", row[1:]
-    ).lastrowid
-    assert number is not None
-    return number
-
-
-def update(writer: sqlite3.Connection, row: DiagnosisRow, page: bytes, model: str) -> None:
-    """Keep what has become of one; page and model only where they are not empty."""
+def insert(writer: Any, row: DiagnosisRow) -> None:
+    """Keep one more, under its number."""
+    sealed = DIAGNOSES.sealed((*row, None, None))
+    names = DIAGNOSES.all_columns
     writer.execute(
-        "update diagnoses set ended_ns = ?, state = ?, error = ?, report = ?, page = ?, "
-        "model = ? where number = ?",
-        (
-            row.ended_ns, row.state, row.error, row.report,
-            zlib.compress(page) if page else None, model or None, row.number,
-        ),
-    )  # fmt: skip
+        f"insert into diagnoses ({', '.join(names)}) values ({','.join('?' * len(names))})",
+        sealed,
+    )
 
 
-def forget(writer: sqlite3.Connection, twin_id: str, kept: int) -> None:
+def update(writer: Any, row: DiagnosisRow, page: bytes, model: str) -> None:
+    """Keep what has become of one; page and model only where they are not empty."""
+    kept = DIAGNOSES.sealed((*row, zlib.compress(page) if page else None, model or None))
+    assigned = ", ".join(f"{name} = ?" for name in DIAGNOSES.all_columns)
+    writer.execute(f"update diagnoses set {assigned} where number = ?", (*kept, row.number))
+
+
+def forget(writer: Any, twin_id: str, kept: int) -> None:
     """Drop all of a twin but the last `kept`."""
     writer.execute(
         "delete from diagnoses where twin = ? and number not in "
@@ -73,25 +53,34 @@ def forget(writer: sqlite3.Connection, twin_id: str, kept: int) -> None:
     )
 
 
-def select(
-    reader: sqlite3.Connection, twin_id: str | None, number: int | None
-) -> list[DiagnosisRow]:
+def select(reader: Any, twin_id: str | None, number: int | None) -> list[DiagnosisRow]:
     """Read those of a twin, or of all, or the one of a number."""
+    asked = {"twin = ?": twin_id, "number = ?": number}
+    given = {clause: value for clause, value in asked.items() if value is not None}
+    where = f"where {' and '.join(given)}" if given else ""
     rows = reader.execute(
-        f"select {_BRIEF} from diagnoses where (?1 is null or twin = ?1) and "
-        "(?2 is null or number = ?2) order by number",
-        (twin_id, number),
-    ).fetchall()
-    return [DiagnosisRow(*row) for row in rows]
+        f"select {', '.join(_BRIEF.all_columns)} from diagnoses {where} order by number",
+        tuple(given.values()),
+    )
+    return [DiagnosisRow(*row) for row in opened(_BRIEF, rows)]
 
 
-def page_of(reader: sqlite3.Connection, number: int) -> bytes | None:
+def page_of(reader: Any, number: int) -> bytes | None:
     """Read the page of one; None where it has none."""
-    row = reader.execute("select page from diagnoses where number = ?", (number,)).fetchone()
-    return None if row is None or row[0] is None else zlib.decompress(row[0])
+    page = _files(reader, number)[0]
+    return None if page is None else zlib.decompress(page)
 
 
-def model_of(reader: sqlite3.Connection, number: int) -> str | None:
+def model_of(reader: Any, number: int) -> str | None:
     """Read the augmented model of one; None where it has none."""
-    row = reader.execute("select model from diagnoses where number = ?", (number,)).fetchone()
-    return None if row is None else row[0]
+    return _files(reader, number)[1]
+
+
+def _files(reader: Any, number: int) -> tuple[bytes | None, str | None]:
+    question = "select page, model, files_crc from diagnoses where number = ?"
+    row = reader.execute(question, (number,)).fetchone()
+    if row is None:
+        return None, None
+    if seal(number, row[0], row[1]) != row[2]:
+        raise damaged(f"A file of diagnosis {number}")
+    return row[0], row[1]

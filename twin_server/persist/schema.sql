@@ -1,17 +1,17 @@
--- Version 3, together with the table of diagnoses. A feature's id is number << 40 | sequence:
--- boots are numbered in the order in which they were let in, so that ascending ids are a
--- twin's history in order.
+-- Version 4. A feature's id is number << 40 | sequence: boots are numbered in the order in which
+-- they were let in, so that ascending ids are a twin's history in order. Each row has checksums
+-- of what it says (see sealing.py).
 create table twins (
   id text primary key,
   place integer not null,
   site text not null,
   asset text not null,
   registration text not null,
-  checkpoint text not null
+  checkpoint text not null,
+  crc integer not null
 );
 create table runs (
   number integer primary key,
-  twin text not null,
   site text not null,
   asset text not null,
   boot text not null,
@@ -22,8 +22,10 @@ create table runs (
   told integer not null,
   closed integer not null,
   lost text not null,
+  twin text not null,
   slow_last real,
-  slow_rises integer not null default 1,
+  slow_rises integer not null,
+  crc integer not null,
   unique (site, asset, boot)
 );
 create index runs_of_twin on runs (twin, number);
@@ -32,29 +34,51 @@ create table features (
   t_ns integer not null,
   slow_time real not null,
   message blob not null,
-  state blob not null
+  state blob not null,
+  message_crc integer not null,
+  state_crc integer not null
 );
--- Of twins of elements only. Version 1 had no such table.
+-- Of twins of elements only.
 create table details (
   id integer primary key,
   changes blob not null,
-  body blob not null
+  body blob not null,
+  changes_crc integer not null,
+  body_crc integer not null
 );
 create table held (
   number integer not null,
   sequence integer not null,
   message blob not null,
+  crc integer not null,
   primary key (number, sequence)
-) without rowid;
+);
 create table events (
-  number integer primary key autoincrement,
+  number integer primary key,
   twin text not null,
   site text not null,
   asset text not null,
   t_ns integer not null,
   slow_time real,
   derived integer not null,
-  body text not null
+  body text not null,
+  crc integer not null
 );
 create index events_of_twin on events (twin, number);
-create table numbers (what text primary key, value integer not null);
+create table diagnoses (
+  number integer primary key,
+  twin text not null,
+  asked_ns integer not null,
+  ended_ns integer,
+  state text not null,
+  request text not null,
+  error text not null,
+  report text,
+  page blob,
+  model text,
+  crc integer not null,
+  files_crc integer not null
+);
+create index diagnoses_of_twin on diagnoses (twin, number);
+-- The last number given to a boot, an event, a diagnosis.
+create table numbers (what text primary key, value integer not null, crc integer not null);

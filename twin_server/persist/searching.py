@@ -1,8 +1,9 @@
 """Where in the order of a boot a time lies, found by halving: no index is kept for it."""
 
-import sqlite3
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+from .sealing import RUNS, opened
 
 SHIFT = 40
 
@@ -23,28 +24,35 @@ class Span(NamedTuple):
         return self._replace(first=max(self.first, key + 1))
 
 
-def whole(connection: sqlite3.Connection, twin_id: str) -> list[Span]:
+def whole(connection: Any, twin_id: str) -> list[Span]:
     """All of a twin's history."""
     rows = connection.execute(
-        "select number, boot, slow_time_unit, slow_rises, last from runs "
-        "where twin = ? order by number",
+        f"select {', '.join(RUNS.all_columns)} from runs where twin = ? order by number",
         (twin_id,),
     )
+    runs = [dict(zip(RUNS.columns, row, strict=True)) for row in opened(RUNS, rows)]
     return [
-        Span(number, boot, unit, bool(rises), number << SHIFT, (number << SHIFT) + last)
-        for number, boot, unit, rises, last in rows
+        Span(
+            run["number"],
+            run["boot"],
+            run["slow_time_unit"],
+            bool(run["slow_rises"]),
+            run["number"] << SHIFT,
+            (run["number"] << SHIFT) + run["last"],
+        )
+        for run in runs
     ]
 
 
 def spans_by_time(
-    connection: sqlite3.Connection, spans: Sequence[Span], first: int | None, last: int | None
+    connection: Any, spans: Sequence[Span], first: int | None, last: int | None
 ) -> list[Span]:
     """Keep the parts of `spans` from sensor time `first` to `last` [ns], both included."""
     return _narrowed(connection, spans, "t_ns", first, last)
 
 
 def spans_by_slow_time(
-    connection: sqlite3.Connection,
+    connection: Any,
     spans: Sequence[Span],
     first: float | None,
     last: float | None,
@@ -62,7 +70,7 @@ def spans_by_slow_time(
 
 
 def _narrowed(
-    connection: sqlite3.Connection,
+    connection: Any,
     spans: Sequence[Span],
     column: str,
     first: float | None,
@@ -80,9 +88,7 @@ def _narrowed(
     return narrowed
 
 
-def _where(
-    connection: sqlite3.Connection, span: Span, column: str, value: float, *, inclusive: bool
-) -> int:
+def _where(connection: Any, span: Span, column: str, value: float, *, inclusive: bool) -> int:
     """Least id in `span` whose `column` is at least `value`, or above it; else one past all."""
     low, high = span.first, span.last + 1
     question = f"select id, {column} from features where id >= ? and id < ? order by id limit 1"

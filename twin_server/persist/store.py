@@ -17,14 +17,6 @@ from twin_server.states import States
 from .diagnosing import DiagnosisRow
 
 
-class WrongStoreError(RuntimeError):
-    """The file is no store of ours, or of another version; the text says what to do."""
-
-
-class StoreError(RuntimeError):
-    """Nothing can be written now, as with a full disk; the text says what is wrong."""
-
-
 class TwinRow(NamedTuple):
     """A twin as it is kept."""
 

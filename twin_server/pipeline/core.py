@@ -7,6 +7,7 @@ then is anything acknowledged, published or shown.
 
 import collections
 import concurrent.futures
+import contextlib
 import json
 import logging
 import threading
@@ -86,6 +87,7 @@ class Pipeline:
         self._voice = Voice(bus, self._clock, self.counts, settings.pipeline.states_per_batch)
         self.failing: str = ""
         self._account = self._new_account()
+        self._stale = True
         self._load()
 
     def start(self) -> None:
@@ -258,7 +260,7 @@ class Pipeline:
             if self._inbox.closed and not samples and not self._calls:
                 return
 
-    def _guarded(self, function: Callable[[], None]) -> None:
+    def _guarded(self, function: Callable[[], object]) -> None:
         """Go on whatever happens."""
         try:
             function()
@@ -269,20 +271,25 @@ class Pipeline:
         """Do something to the account, and conclude; where that fails, it never happened."""
         change = Change()
         try:
+            if self._stale:
+                self._load()
             function(change)
             self._conclude(change)
             self.failing = ""
         except Exception as error:
             self.counts["failed_batches"] += 1
             self.failing = f"{type(error).__name__}: {error}"
-            self._load()
+            # Until it can be read again what is durable, nothing may be built on the account.
+            self._stale = True
+            with contextlib.suppress(StoreError):
+                self._load()
             raise
 
     def _load(self) -> None:
         """Go on from what is durable."""
         alive = self._account.alive
-        self._account = self._new_account()
-        self._twins = {
+        account = self._new_account()
+        twins = {
             (row.site, row.asset): Twin(
                 Registration.from_json(row.registration), Checkpoint.from_json(row.checkpoint)
             )
@@ -290,13 +297,15 @@ class Pipeline:
         }
         rows, following = self.store.runs()
         runs = {row.number: run_of(row) for row in rows}
-        self._units = {row.number: row.slow_time_unit for row in rows}
         for number, sequence, payload in self.store.held():
             runs[number].held[sequence] = Arrival(decoded(payload), payload)
-        self._voice.forget_owed()
-        self._account.restore(runs.values(), following)
+        account.restore(runs.values(), following)
         for twin_id in alive:
-            self._account.watch(*address(twin_id), alive=True)
+            account.watch(*address(twin_id), alive=True)
+        self._voice.forget_owed()
+        self._account, self._twins = account, twins
+        self._units = {row.number: row.slow_time_unit for row in rows}
+        self._stale = False
 
     def _new_account(self) -> Account:
         return Account(
@@ -305,10 +314,11 @@ class Pipeline:
             alone=self._bus is None,
         )
 
-    def _take(self, samples: Sequence[Sample]) -> None:
-        """One batch, from bytes to history."""
-        arrivals, healths, registrations = self._reception.read(samples, self._clock.now_ns())
-        for twin_id, registration in registrations:
+    def _take(self, samples: Sequence[Sample]) -> int:
+        """One batch, from bytes to history; say how many were of senders whose clock is off."""
+        received = self._reception.read(samples, self._clock.now_ns())
+        arrivals, healths = received.arrivals, received.healths
+        for twin_id, registration in received.registrations:
             self._register(twin_id, registration, "by a recording")
         if not self.settings.auto_register:
             arrivals = [a for a in arrivals if self._is_registered(a.features)]
@@ -316,6 +326,7 @@ class Pipeline:
         self._take_arrivals(arrivals)
         if healths:
             self._durably(lambda c: self._account.hear(healths, time.monotonic(), c))
+        return received.misdated
 
     def _take_arrivals(self, arrivals: Sequence[Arrival]) -> None:
         """Order, estimate and keep; one that cannot be worked does not stop the others."""
@@ -387,10 +398,10 @@ class Pipeline:
     def _wants(self) -> list[Want]:
         return self.call(lambda: self._account.wants(time.monotonic()))
 
-    def _take_answers(self, want: Want, samples: Sequence[Sample]) -> bool:
-        def take() -> bool:
-            self._take(samples)
-            return self._account.still_missing(want)
+    def _take_answers(self, want: Want, samples: Sequence[Sample]) -> tuple[bool, bool]:
+        def take() -> tuple[bool, bool]:
+            misdated = self._take(samples)
+            return self._account.still_missing(want), misdated == 0
 
         return self.call(take)
 

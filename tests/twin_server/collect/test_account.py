@@ -392,9 +392,9 @@ def test_sensor_time_that_runs_back_is_reported_as_one_range(world):
 
 def test_every_hole_is_given_up_where_nobody_can_be_asked(features):
     world = World(features, alone=True)
-    world.arrive(*(("b1", s) for s in (0, 3, 4, 7, 9)), ("b2", 0))
+    world.arrive(*(("b1", s) for s in (0, 3, 4, 7, 9)), ("b2", 0), ("b2", 2))
     change = Change()
     world.account.give_up(change)
     world.note(change)
-    assert world.order == [("b1", s) for s in (0, 3, 4, 7, 9)] + [("b2", 0)]
-    assert world.lost == [("b1", 1, 2), ("b1", 5, 6), ("b1", 8, 8)]
+    assert world.order == [("b1", s) for s in (0, 3, 4, 7, 9)] + [("b2", 0), ("b2", 2)]
+    assert world.lost == [("b1", 1, 2), ("b1", 5, 6), ("b1", 8, 8), ("b2", 1, 1)]

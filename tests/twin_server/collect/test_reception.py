@@ -31,7 +31,7 @@ def refusals_of(reception):
 
 def test_a_sound_message_is_taken_with_its_bytes(reception, features, sample):
     one = sample(features(0))
-    arrivals, healths, _ = reception.read([one], NOW_NS)
+    arrivals, healths, *_ = reception.read([one], NOW_NS)
     assert arrivals[0].payload == one.payload
     assert arrivals[0].features == features(0)
     assert not healths
@@ -122,7 +122,7 @@ def test_health_is_taken_with_whether_it_was_replayed(reception):
         uptime_s=2.0,
     )
     sample = Sample(HEALTH.key("lab", "beam"), encode(health), NOW_NS, True)
-    assert reception.read([sample], NOW_NS) == ([], [(health, True)], [])
+    assert reception.read([sample], NOW_NS) == ([], [(health, True)], [], 0)
 
 
 def test_the_log_does_not_repeat_itself(caplog):
@@ -144,3 +144,13 @@ def test_the_log_says_how_many_it_kept_to_itself(caplog):
 def test_an_unknown_reason_is_our_own_fault():
     with pytest.raises(KeyError, match=r"'boredom' is no reason\. Allowed: too_large"):
         Refusals().refuse("boredom", "so what")
+
+
+def test_senders_whose_clock_is_off_are_counted_since_they_may_be_asked_again(
+    reception, features, sample
+):
+    off = [sample(features(s), sent_ns=NOW_NS + by) for s, by in enumerate((-(10**13), 10**13))]
+    right = sample(features(2), sent_ns=NOW_NS)
+    received = reception.read([*off, right, right._replace(payload=b"{")], NOW_NS)
+    assert [a.features.sequence for a in received.arrivals] == [2]
+    assert received.misdated == 2

@@ -17,7 +17,7 @@ from twin_server.persist import (
     StateRow,
     TwinRow,
 )
-from twin_server.states import LAYOUT, blank
+from twin_server.states import blank
 
 FRAME = TwinRow("lab", "frame", "{}", "{}")
 
@@ -106,26 +106,6 @@ def test_the_digest_sees_every_byte_of_a_detail(tmp_path):
 
     assert digest("1", b"{}") == digest("2", b"{}")
     assert len({digest("3", b"{}"), digest("4", b"{ }"), digest("5", None)}) == 3
-
-
-def test_a_database_from_before_there_were_details_is_brought_up_to_date(tmp_path):
-    path = tmp_path / "old.sqlite"
-    store = SqliteStore(path)
-    store.write(Cut(runs=[run_row(1, "beam", 0)], features=[feature(1, 0)]))
-    before = store.digest("lab.beam")
-    store.close()
-    connection = sqlite3.connect(path, isolation_level=None)
-    connection.executescript("drop table details; drop table diagnoses;")
-    connection.execute(f"pragma user_version = {256 * LAYOUT + 1}")
-    connection.close()
-    again = SqliteStore(path)
-    assert again.digest("lab.beam") == before
-    fill_more = Cut(runs=[run_row(1, "beam", 1)], features=[feature(1, 1)])
-    fill_more.details = [detail(1, 1)]
-    again.write(fill_more)
-    assert again.history("lab.beam").bodies == [None, b'{"n":1}']
-    again.close()
-    SqliteStore(path).close()
 
 
 @pytest.mark.parametrize("limit", [1, 3])

@@ -1,9 +1,6 @@
 """Diagnoses and what they found are kept beside the history."""
 
-import sqlite3
-
-from twin_server.persist import Cut, DiagnosisRow, SqliteStore, TwinRow
-from twin_server.states import LAYOUT
+from twin_server.persist import Cut, DiagnosisRow, TwinRow
 
 TWIN = TwinRow("lab", "beam", "{}", "{}")
 
@@ -33,14 +30,3 @@ def test_only_the_last_of_a_twin_are_kept_and_numbers_are_never_used_again(store
     assert store.delete("lab.beam")
     assert [row.number for row in store.diagnoses()] == [other]
     assert store.add_diagnosis(asked(), 3) > other
-
-
-def test_a_database_from_before_there_were_diagnoses_is_brought_up_to_date(tmp_path):
-    path = tmp_path / "old.sqlite"
-    SqliteStore(path).close()
-    connection = sqlite3.connect(path, isolation_level=None)
-    connection.executescript(f"drop table diagnoses; pragma user_version = {256 * LAYOUT + 2};")
-    connection.close()
-    again = SqliteStore(path)
-    assert again.add_diagnosis(asked(), 3) == 1
-    again.close()
