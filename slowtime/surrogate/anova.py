@@ -57,6 +57,9 @@ class GeneralisedAnova(ExpansionSurrogate):
         Standard deviation of noise beside that given to `fit` [unit of y]; learnt if None.
     starts
         Of the search for the parameters.
+    folds
+        Parts of the design, each left out once and foretold by a process learnt from the
+        others; the band is widened by what their errors ask for. 1 takes the likelihood's word.
     extrapolation
         ``"warn"``, ``"raise"`` or ``"ignore"``.
 
@@ -83,6 +86,7 @@ class GeneralisedAnova(ExpansionSurrogate):
         marginals: Sequence[Any] | None = None,
         nugget: float | None = None,
         starts: int = 4,
+        folds: int = 5,
         extrapolation: str = "warn",
     ) -> None:
         self.degree = degree
@@ -90,6 +94,7 @@ class GeneralisedAnova(ExpansionSurrogate):
         self.marginals = marginals
         self.nugget = nugget
         self.starts = starts
+        self.folds = folds
         self.extrapolation = extrapolation
 
     def shares(self, sample: Any = None) -> list[Share]:

@@ -6,7 +6,10 @@ import numpy as np
 
 from .covariances import Covariance
 from .interface import Surrogate
-from .process import Learnt, Readings, learn
+from .process import Learnt, Readings, learn, trust
+
+LEAST_LEFT = 6
+"""Points without which nothing is learnt anew to see how far a band can be trusted."""
 
 Own = TypeVar("Own", bound="ProcessSurrogate")
 
@@ -16,6 +19,7 @@ class ProcessSurrogate(Surrogate):
 
     nugget: float | None
     starts: int
+    folds: int
 
     def fit(self: Own, X: Any, y: Any, noise_sd: Any = None) -> Own:
         """Learn from inputs [point input] and outputs [point].
@@ -39,6 +43,7 @@ class ProcessSurrogate(Surrogate):
         readings = Readings(unit, self._trend(unit), scaled, variance)
         nugget = None if self.nugget is None else float(self.nugget) / self.y_scale_
         self.process_ = learn(self._covariance(), readings, nugget=nugget, starts=self.starts)
+        self.inflation_ = self._inflation(self.process_)
         self.log_likelihood_ = self.process_.log_likelihood
         self.nugget_ = self.process_.nugget * self.y_scale_
         self._report(self.process_)
@@ -47,7 +52,17 @@ class ProcessSurrogate(Surrogate):
     def _foretell(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         unit = self._unit(x)
         mean, variance = self.process_.predict(unit, self._trend(unit))
-        return mean, np.sqrt(variance)
+        return mean, self.inflation_ * np.sqrt(variance)
+
+    def _inflation(self, process: Learnt) -> float:
+        count, columns = process.readings.trend.shape
+        left = count - int(np.ceil(count / self.folds)) if self.folds > 1 else 0
+        if left < max(LEAST_LEFT, columns + 2):
+            return 1.0
+        # Shuffled, since designs come sorted, and always alike, so that fits can be repeated.
+        rng = np.random.default_rng(count)
+        ratio = trust(process, learn_nugget=self.nugget is None, folds=self.folds, rng=rng)
+        return max(ratio, 1.0)
 
     def leave_one_out(self) -> tuple[np.ndarray, np.ndarray]:
         """Error and standard deviation of each output as the others foretell it [unit of y]."""

@@ -30,6 +30,9 @@ class GaussianProcess(ProcessSurrogate):
         Standard deviation of noise beside that given to `fit` [unit of y]; learnt if None.
     starts
         Of the search for the parameters.
+    folds
+        Parts of the design, each left out once and foretold by a process learnt from the
+        others; the band is widened by what their errors ask for. 1 takes the likelihood's word.
     extrapolation
         ``"warn"``, ``"raise"`` or ``"ignore"``.
 
@@ -37,6 +40,8 @@ class GaussianProcess(ProcessSurrogate):
     ----------
     log_likelihood_
         Restricted likelihood of the outputs, scaled to unit variance.
+    inflation_
+        By what the standard deviation of the process is multiplied, 1 or more; see `folds`.
     parameters_
         Parameters by name: logarithms, in units of the box and of the outputs' deviation.
     trend_
@@ -62,12 +67,14 @@ class GaussianProcess(ProcessSurrogate):
         trend: str | Trend = "constant",
         nugget: float | None = None,
         starts: int = 2,
+        folds: int = 5,
         extrapolation: str = "warn",
     ) -> None:
         self.kernel = kernel
         self.trend = trend
         self.nugget = nugget
         self.starts = starts
+        self.folds = folds
         self.extrapolation = extrapolation
 
     def _covariance(self) -> Covariance:

@@ -32,6 +32,9 @@ class HybridExpansion(ExpansionSurrogate):
         Standard deviation of noise beside that given to `fit` [unit of y]; learnt if None.
     starts
         Of the search for the parameters.
+    folds
+        Parts of the design, each left out once and foretold by a process learnt from the
+        others; the band is widened by what their errors ask for. 1 takes the likelihood's word.
     extrapolation
         ``"warn"``, ``"raise"`` or ``"ignore"``.
 
@@ -43,6 +46,8 @@ class HybridExpansion(ExpansionSurrogate):
         Of each coefficient in the homotopy, 1 / variance [1 / unit of y²].
     log_likelihood_
         Restricted likelihood of the outputs, scaled to unit variance.
+    inflation_
+        By what the standard deviation of the process is multiplied, 1 or more; see `folds`.
 
     References
     ----------
@@ -68,6 +73,7 @@ class HybridExpansion(ExpansionSurrogate):
         marginals: Sequence[Any] | None = None,
         nugget: float | None = None,
         starts: int = 4,
+        folds: int = 5,
         extrapolation: str = "warn",
     ) -> None:
         self.degree = degree
@@ -76,6 +82,7 @@ class HybridExpansion(ExpansionSurrogate):
         self.marginals = marginals
         self.nugget = nugget
         self.starts = starts
+        self.folds = folds
         self.extrapolation = extrapolation
 
     def _covariance(self) -> Covariance:

@@ -149,8 +149,12 @@ def learn(
     *,
     nugget: float | None = None,
     starts: int = 2,
+    like: Learnt | None = None,
 ) -> Learnt:
-    """Parameters of most posterior density, from several starts; the nugget too if None."""
+    """Parameters of most posterior density, from several starts; the nugget too if None.
+
+    With `like` the search starts at the parameters of that process only.
+    """
     ranges = covariance.ranges(readings.x.shape[1])
     lo = np.array([one.lo for one in ranges] + [NUGGET[0]])
     hi = np.array([one.hi for one in ranges] + [NUGGET[1]])
@@ -176,12 +180,15 @@ def learn(
 
     names = [one.name for one in ranges] + ["log_nugget"]
     best: tuple[float, np.ndarray] | None = None
-    begins = [np.clip(one, lo, hi) for one in _begins(names[: len(lo)], centre, spread, starts)]
-    begins += _with_periods(covariance, readings, centre, names[: len(lo)], starts)
+    if like is not None:
+        begins = [np.append(like.theta, np.log(max(like.nugget, 1e-300)))[: len(lo)]]
+    else:
+        begins = _begins(names[: len(lo)], centre, spread, starts)
+        begins += _with_periods(covariance, readings, centre, names[: len(lo)], starts)
     for begin in begins:
         found = minimize(
             objective,
-            begin,
+            np.clip(begin, lo, hi),
             jac=True,
             method="L-BFGS-B",
             bounds=list(zip(lo, hi, strict=True)),
@@ -233,3 +240,31 @@ def _with_periods(
         for start in tried
     ]
     return [tried[k] for k in np.argsort(worth)[::-1][:count]]
+
+
+def trust(learnt: Learnt, *, learn_nugget: bool, folds: int, rng: np.random.Generator) -> float:
+    """Errors over the deviations foretold for them, root mean square, each part left out once.
+
+    Parameters are learnt anew without it: that they fit the readings they were learnt from
+    says too little of others, and their own uncertainty counts in no deviation.
+    """
+    readings = learnt.readings
+    order = rng.permutation(len(readings.y))
+    ratios = []
+    for k in range(folds):
+        rest, seen = order[k::folds], np.delete(order, np.s_[k::folds])
+        part = learn(
+            learnt.covariance,
+            Readings(
+                readings.x[seen],
+                readings.trend[seen],
+                readings.y[seen],
+                readings.variance[seen],
+            ),
+            nugget=None if learn_nugget else learnt.nugget,
+            like=learnt,
+        )
+        mean, variance = part.predict(readings.x[rest], readings.trend[rest])
+        total = variance + readings.variance[rest] + part.nugget**2
+        ratios.append((readings.y[rest] - mean) ** 2 / np.maximum(total, 1e-300))
+    return float(np.sqrt(np.mean(np.concatenate(ratios))))

@@ -170,6 +170,21 @@ def test_its_trend_and_its_residual_make_the_prediction():
     )
 
 
+@pytest.mark.parametrize("make", [GaussianProcess, HybridExpansion])
+def test_its_band_holds_about_as_often_as_it_says_where_the_likelihood_alone_is_too_sure(make):
+    problem = PROBLEMS["frame"]
+    held: dict[int, list[float]] = {1: [], 5: []}
+    for seed in range(2):
+        x, y = problem.design(50, np.random.default_rng(seed))
+        new, truth = problem.draws(200, np.random.default_rng(100 + seed))
+        for folds, inside in held.items():
+            fitted = make(starts=1, folds=folds, extrapolation="ignore").fit(x, y)
+            lo, hi = fitted.predict_interval(new)
+            inside.append(np.mean((lo <= truth) & (truth <= hi)))
+    assert np.mean(held[1]) < np.mean(held[5])
+    assert np.mean(held[5]) > 0.88
+
+
 def test_names_that_mean_nothing_are_refused():
     x, y = np.linspace(0.0, 1.0, 12)[:, None], np.arange(12.0)
     with pytest.raises(ValueError, match=r"'rbf' is no covariance function\. Allowed"):
