@@ -23,6 +23,9 @@ def main() -> int:
     # Peers have an environment of their own, which `make bench` sets up.
     python = str(PEERS) if PEERS.exists() else sys.executable
     status |= subprocess.run([python, "-m", "benchmarks.modal"], check=False).returncode
+    print("\n# Filters and streaming processes, beside filterpy and scikit-learn\n")
+    sys.stdout.flush()
+    status |= subprocess.run([python, "-m", "benchmarks.learning"], check=False).returncode
     print("\n# Models with effects\n")
     status = plant.main() or status
     print("\n# Transport and recordings\n")
