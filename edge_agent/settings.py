@@ -192,8 +192,10 @@ class SpoolSettings(Frozen):
     folder: Path = Path("var/spool")
     max_bytes: Annotated[int, Field(ge=65_536)] = 256 * 2**20
     segment_bytes: Annotated[int, Field(ge=4_096)] = 256 * 2**10
-    fsync: Literal["never", "segment", "always"] = "segment"
-    """What is safe when the power fails; a killed process loses nothing either way."""
+    fsync: Literal["never", "segment", "always"] = "always"
+    """When the disk is waited for: before each feature is sent, when a segment is full, or
+    never. Only the first loses nothing where the power fails; a killed process loses nothing
+    either way."""
 
 
 class PublishSettings(Frozen):

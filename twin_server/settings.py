@@ -195,8 +195,9 @@ class TwinSettings(ProcessSettings):
     port: Annotated[int, Field(ge=0, le=65_535)] = 8000
     """0 for any that is free."""
     database: Path = Path("twin.sqlite")
-    synchronous: Literal["NORMAL", "FULL"] = "NORMAL"
-    """NORMAL survives the death of the process, FULL that of the power supply too."""
+    synchronous: Literal["NORMAL", "FULL"] = "FULL"
+    """FULL waits for the disk before anything is acknowledged, so that a power cut costs
+    nothing; NORMAL survives the death of the process only."""
     connect: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
     """Where the router is."""
     connect_timeout_s: Positive = 30.0
