@@ -72,6 +72,33 @@ def covariates_of(store: Store, twin_id: str, names: Sequence[str], most: int) -
     return needed
 
 
+def reference_of(
+    store: Store, twin_id: str, names: Sequence[str], most: int
+) -> dict[str, float]:
+    """Find where the nominal model holds: where a line through the history is at no change.
+
+    Several covariates share the shift as their lines say; none leaves the range it was seen in.
+    """
+    found = store.history(twin_id, limit=most, newest=True)
+    columns = _covariates(store, twin_id, found.number, found.states["sequence"].tolist())
+    read = np.column_stack([columns[name] for name in names])
+    change = found.states["frequency_hz"][:, 0]
+    change = change / np.nanmedian(change) - 1.0
+    for name in ("stiffness_change", "mass_change"):
+        own = found.states[name][:, 0]
+        if np.nanstd(own) > 0.0:
+            change = own
+            break
+    used = np.isfinite(read).all(axis=1) & np.isfinite(change)
+    read, change = read[used], change[used]
+    centre = read.mean(axis=0)
+    slope, *_ = np.linalg.lstsq(read - centre, change - change.mean(), rcond=None)
+    steep = float(slope @ slope)
+    shift = -change.mean() * slope / steep if steep > 0.0 else np.zeros(len(names))
+    held = np.clip(centre + shift, read.min(axis=0), read.max(axis=0))
+    return dict(zip(names, held.tolist(), strict=True))
+
+
 def _covariates(
     store: Store, twin_id: str, numbers: Sequence[int], sequences: Sequence[int]
 ) -> dict[str, np.ndarray]:

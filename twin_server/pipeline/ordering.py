@@ -26,7 +26,7 @@ from twin_server.serve import ProblemError
 from twin_server.settings import DiagnoseSettings, GapSettings
 
 from .core import Pipeline
-from .looking_back import covariates_of, history_of
+from .looking_back import covariates_of, history_of, reference_of
 from .minding import Minder
 from .records import address
 
@@ -240,8 +240,15 @@ class Orders:
         before = registration.covariates
         kept = () if before is None else before.names
         together = tuple(dict.fromkeys((*kept, *names)))
-        learnt = covariates_of(self._store, twin_id, together, self._settings.max_history)
-        return Covariates(names=together, train_epochs=learnt).model_dump(mode="json")
+        most = self._settings.max_history
+        learnt = covariates_of(self._store, twin_id, together, most)
+        at = None if registration.nominal is None else reference_of(
+            self._store, twin_id, together, most
+        )  # fmt: skip
+        if before is not None and before.reference is not None:
+            at = (at or {}) | before.reference
+        taken = Covariates(names=together, train_epochs=learnt, reference=at)
+        return taken.model_dump(mode="json")
 
     def _told(self, row: DiagnosisRow) -> dict[str, Any]:
         report = json.loads(row.report) if row.report else None

@@ -9,7 +9,7 @@ from twin_server.diagnose.gap import IN_A_ROW, learn, limit_factor
 @pytest.mark.parametrize(("count", "between"), [(8, 200.0), (30, 500.0)])
 def test_two_in_a_row_beyond_the_limit_are_as_rare_as_stated(count, between):
     rng = np.random.default_rng(3)
-    runs = 400_000
+    runs = 200_000
     learnt = rng.standard_normal((runs, count))
     limit = learnt.mean(axis=1) + limit_factor(count, between) * learnt.std(axis=1, ddof=1)
     beyond = (rng.standard_normal((runs, IN_A_ROW)) > limit[:, None]).all(axis=1)
