@@ -6,6 +6,7 @@ from slowtime.dynamics.oscillator import Oscillator
 from slowtime.dynamics.stepping import ambient_acceleration, simulate
 from slowtime.identification import all_modes, first_mode
 
+SLOW = pytest.mark.slow
 RATE = 500.0
 
 
@@ -68,27 +69,27 @@ def test_a_blow_anywhere_in_the_first_half_is_read_from_where_it_rings(at):
 def test_the_stretch_that_was_chosen_for_its_small_error_does_not_understate_it(f, z, at, snr):
     rng = np.random.default_rng(11)
     scores = []
-    for _ in range(80):
+    for _ in range(40):
         noise = rng.standard_normal(500) / np.sqrt(2 * snr)
         found = first_mode(struck(rng, f, z, at, 500) + noise, RATE)
         assert found is not None
         frequency, damping = found.frequency_hz, found.damping_ratio
         scores.append([(frequency.value - f) / frequency.sd, (damping.value - z) / damping.sd])
     spread = np.sqrt(np.mean(np.square(scores), axis=0))
-    assert np.all((spread > 0.75) & (spread < 1.25))
+    assert np.all((spread > 0.7) & (spread < 1.3))
 
 
 def test_a_steady_response_is_read_as_ambient():
     rng = np.random.default_rng(3)
     scores = []
-    for _ in range(25):
+    for _ in range(12):
         record = ambient_acceleration(Oscillator.from_modal(12.0, 0.02), 7500, RATE, rng)
         record = record + 2.0 * rng.standard_normal(len(record))
         found = first_mode(record, RATE)
         assert found is not None
         assert found.method == "ambient"
         scores.append((found.frequency_hz.value - 12.0) / found.frequency_hz.sd)
-    assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.4
+    assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 1.5
 
 
 def test_a_stronger_second_mode_is_not_taken_for_the_first():
@@ -164,14 +165,17 @@ def test_every_method_answers_alike_and_changes_nothing(method):
     np.testing.assert_array_equal(record, before)
 
 
-def test_of_hundreds_of_epochs_none_is_lost_and_none_is_a_bump_on_the_skirt():
+@pytest.mark.parametrize(
+    ("epochs", "low", "high"), [(100, 0.9, 0.99), pytest.param(400, 0.92, 0.98, marks=SLOW)]
+)
+def test_of_many_epochs_none_is_lost_and_none_is_a_bump_on_the_skirt(epochs, low, high):
     rng = np.random.default_rng(2)
     off = []
-    for _ in range(400):
+    for _ in range(epochs):
         record = ambient_acceleration(Oscillator.from_modal(4.0, 0.015), 3000, 50.0, rng)
         record += 0.1 * np.std(record) * rng.standard_normal(len(record))
         found = first_mode(record, 50.0, method="ambient")
         assert found is not None
         off.append((found.frequency_hz.value - 4.0) / found.frequency_hz.sd)
     assert np.abs(off).max() < 5.0
-    assert 0.92 < np.mean(np.abs(off) < 1.96) < 0.98
+    assert low < np.mean(np.abs(off) < 1.96) < high
