@@ -45,6 +45,9 @@ VERBS = {
     "status": Verb(
         "processes:status", "Tell whether the router answers and which edge agents live."
     ),
+    "check": Verb("keeping:check", "Look through a twin's database for damage."),
+    "backup": Verb("keeping:backup", "Copy a twin's database while the server writes it."),
+    "restore": Verb("keeping:restore", "Put a backup in the place of a twin's database."),
     "record": Verb("recording:record", "Record what travels on the bus into an MCAP file."),
     "replay": Verb(
         "recording:replay", "Play a recording again and print the hash of its history."

@@ -1,8 +1,9 @@
 """Third stage of the twin: what was accepted and estimated goes to disk, and is read there."""
 
+from .copying import backup, restore
 from .diagnosing import DiagnosisRow
 from .errors import DamagedStoreError, StoreError, WrongStoreError
-from .sqlite import SqliteStore
+from .sqlite import SqliteStore, look_through
 from .store import (
     Cut,
     DetailRow,
@@ -30,4 +31,7 @@ __all__ = [
     "StoreError",
     "TwinRow",
     "WrongStoreError",
+    "backup",
+    "look_through",
+    "restore",
 ]

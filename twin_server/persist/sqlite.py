@@ -247,6 +247,18 @@ def _cure(error: sqlite3.Error) -> str:
     return "Make room on the disk, or give another --database."
 
 
+@contextlib.contextmanager
+def guarding(path: Path) -> Iterator[None]:
+    """Keep servers off a file for a while; refused where one uses it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    guard = _guard(path)
+    try:
+        yield
+    finally:
+        if guard is not None:
+            os.close(guard)
+
+
 def _guard(path: Path) -> int | None:
     """Keep a second server off the file; the lock dies with the process."""
     if os.name != "posix":  # pragma: no cover
