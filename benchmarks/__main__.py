@@ -7,7 +7,7 @@ from pathlib import Path
 from . import flow, identification, modal_truth, plant, transport
 
 TRUTH_RUNS = 8
-"""Of each structure of known modes: three minutes; 300 take two hours."""
+"""Of each structure of known modes: a minute or two; 300 take the better part of an hour."""
 
 PEERS = Path(__file__).parents[1] / ".venv-peers/bin/python"
 
