@@ -36,9 +36,6 @@ IN_A_ROW = 2
 """Records beyond the limit, or within it again, that are believed."""
 START = 0.2
 """Share of a record from which its initial state is taken."""
-WEAK = 0.5
-"""Below so much of the weakest learnt record's motion, noise says more than the model."""
-
 _WORST = 1e3
 _SPREADS, _MEANS = 4_000, 40
 
@@ -68,13 +65,17 @@ class Usual:
     expected, limit
         Median gap, and the one beyond which two in a row are a disagreement.
     level
-        Of the weakest record that it was learnt from.
+        Typical of the records that it was learnt from.
     """
 
     expected: float
     limit: float
     level: float
     readings: int
+
+    def limit_at(self, level: float) -> float:
+        """Limit for a record of another level: the same noise weighs more in a weaker one."""
+        return self.limit * max(1.0, self.level / max(level, 1e-300))
 
 
 def measure(models: Sequence[str], record: Record) -> Reading:
@@ -112,7 +113,8 @@ def learn(readings: Sequence[tuple[float, float]], between_false_alarms: float) 
     mean, spread = float(logs.mean()), max(float(logs.std(ddof=1)), 0.02)
     factor = limit_factor(len(logs), between_false_alarms)
     limit = math.exp(min(mean + factor * spread, math.log(_WORST)))
-    return Usual(math.exp(mean), limit, min(level for _, level in readings), len(logs))
+    level = math.exp(np.mean([math.log(max(level, 1e-300)) for _, level in readings]))
+    return Usual(math.exp(mean), limit, level, len(logs))
 
 
 @functools.lru_cache(maxsize=32)

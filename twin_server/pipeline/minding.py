@@ -141,6 +141,8 @@ class Minder:
                 except (BusClosedError, concurrent.futures.CancelledError):
                     return
                 except (concurrent.futures.BrokenExecutor, TimeoutError):
+                    if self._stop.is_set():
+                        return
                     logger.exception("A comparison of %s was given up.", row.id)
                     self._drop_workers()
                 except ProblemError as error:
@@ -222,7 +224,7 @@ class Minder:
     ) -> None:
         """Keep one reading; learn from it, or judge by it."""
         nominal, in_use = found.gaps[0], found.gaps[-1]
-        beyond = mind.usual is not None and in_use > mind.usual.limit
+        beyond = mind.usual is not None and in_use > mind.usual.limit_at(found.level)
         with self._lock:
             mind.kept.append(
                 {
@@ -236,8 +238,6 @@ class Minder:
             mind.learning.append((nominal, found.level))
             if len(mind.learning) >= self._settings.learn:
                 self._learnt(twin_id, mind)
-            return
-        if found.level < measuring.WEAK * mind.usual.level and beyond:
             return
         mind.against = mind.against + 1 if beyond != mind.disagrees else 0
         if mind.against >= measuring.IN_A_ROW:

@@ -23,7 +23,14 @@ def test_what_is_usual_is_the_typical_gap_and_its_scatter():
     usual = learn([(gap, 5.0) for gap in gaps], 1e5)
     assert usual.expected == pytest.approx(0.03, rel=0.03)
     assert 0.03 * np.exp(0.25) < usual.limit < 0.03 * np.exp(0.4)
-    assert (usual.level, usual.readings) == (5.0, 200)
+    assert usual.level == pytest.approx(5.0)
+    assert usual.readings == 200
+
+
+def test_a_weaker_record_may_be_further_off_for_its_noise_weighs_more():
+    usual = learn([(0.03, 5.0), (0.031, 5.0)] * 5, 1e5)
+    assert usual.limit_at(2.5) == pytest.approx(2 * usual.limit)
+    assert usual.limit_at(50.0) == usual.limit
 
 
 def test_a_scatter_of_nothing_does_not_make_every_reading_a_disagreement():

@@ -72,6 +72,8 @@ def test_what_the_history_follows_is_named_adopted_and_undone(twin, eventually):
     assert (states["reasons"] == 0).mean() > 0.95
     assert np.std(states["stiffness_change"][:, 0]) < 0.3 * 10.0 * abs(PER_K)
     after = knowledge.outlook(ID, 20.0, 5)
+    assert before is not None
+    assert after is not None
     band = [one.bands["stiffness_change"][:, 1].mean() for one in (before, after)]
     assert band[1] < 0.5 * band[0]
 
@@ -83,7 +85,7 @@ def test_what_the_history_follows_is_named_adopted_and_undone(twin, eventually):
 
 
 def test_what_follows_no_covariate_is_not_adopted(twin):
-    pipeline, store, orders = twin
+    pipeline, _, orders = twin
     registration = pipeline.twin(ID).registration
     with pytest.raises(ProblemError, match="has named no effect"):
         orders.adopt(ID, registration, 1)
