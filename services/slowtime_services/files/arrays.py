@@ -24,7 +24,7 @@ def read_npy(path: Path, max_bytes: int) -> Arrays:
         raise _unreadable(path, ValueError(f"it begins with {begins!r}, not {NPY_MAGIC!r}"))
     try:
         mapped = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (ValueError, EOFError, OSError) as error:
+    except Exception as error:  # a torn header makes it raise whatever parsing Python does
         raise _unreadable(path, error) from error
     _refuse_above(path, mapped.nbytes, max_bytes)
     if mapped.dtype.names:
@@ -39,9 +39,9 @@ def read_npz(path: Path, max_bytes: int) -> Arrays:
             _refuse_above(path, sum(item.file_size for item in archive.infolist()), max_bytes)
         with np.load(path, allow_pickle=False) as archive:
             members = {name: archive[name] for name in archive.files}
-    except (ValueError, EOFError, OSError, zipfile.BadZipFile) as error:
-        if isinstance(error, RecordError):
-            raise
+    except RecordError:
+        raise
+    except Exception as error:  # whatever unpacking and parsing raise
         raise _unreadable(path, error) from error
     # What is no array in the archive comes back as bytes.
     return {name: found for name, found in members.items() if isinstance(found, np.ndarray)}
@@ -87,15 +87,17 @@ def _read_matlab_73(path: Path, max_bytes: int) -> Arrays:
                 name = item.name.strip("/").replace("/", ".")
                 # MATLAB stores by columns, HDF5 by rows: what is read is transposed.
                 found[name] = np.asarray(item[()]).T
-    except (OSError, RuntimeError, KeyError) as error:
+    except RecordError:
+        raise
+    except Exception as error:  # the library says in many ways that a file is torn
         raise _unreadable(path, error) from error
     return found
 
 
 def _datasets(group: Any) -> Iterable[Any]:
     for name, item in group.items():
-        if name.startswith("#") or "MATLAB_empty" in item.attrs:
-            continue
+        if item is None or name.startswith("#") or "MATLAB_empty" in item.attrs:
+            continue  # None is a link that leads nowhere
         if isinstance(item, h5py.Group):
             yield from _datasets(item)
         elif item.attrs.get("MATLAB_class") != b"char" and item.dtype.kind in "fiub":

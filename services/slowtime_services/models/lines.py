@@ -35,10 +35,11 @@ def read_with_lines(text: str) -> tuple[Any, Mapping[Path, int]]:
     >>> values, lines["nodes", 0, "id"]
     ({'name': 'rig', 'nodes': [{'id': 'm1'}]}, 3)
     """
-    loader = yaml.SafeLoader(text)
+    loader = None
     lines: dict[Path, int] = {}
     try:
         _refuse_aliases(text)
+        loader = yaml.SafeLoader(text)
         root = loader.get_single_node()
         if root is None:
             raise YamlError(1, "The file is empty. Begin it with `slowtime_model: 1`.")
@@ -54,7 +55,8 @@ def read_with_lines(text: str) -> tuple[Any, Mapping[Path, int]]:
     except yaml.YAMLError as error:
         raise YamlError(1, f"This is not YAML: {error}") from None
     finally:
-        loader.dispose()
+        if loader is not None:
+            loader.dispose()
 
 
 def _refuse_aliases(text: str) -> None:
@@ -78,7 +80,7 @@ def _values(loader: Any, node: yaml.Node, path: Path, lines: dict[Path, int]) ->
     if isinstance(node, yaml.SequenceNode):
         return [_values(loader, item, (*path, i), lines) for i, item in enumerate(node.value)]
     if not isinstance(node, yaml.MappingNode):
-        return loader.construct_object(node)
+        return _scalar(loader, node)
     values: dict[str, Any] = {}
     for key_node, value_node in node.value:
         line = key_node.start_mark.line + 1
@@ -91,3 +93,12 @@ def _values(loader: Any, node: yaml.Node, path: Path, lines: dict[Path, int]) ->
         lines[(*path, key)] = line
         values[key] = _values(loader, value_node, (*path, key), lines)
     return values
+
+
+def _scalar(loader: Any, node: yaml.Node) -> Any:
+    """Give one value; a number of thousands of digits, or a day 32, is none."""
+    try:
+        return loader.construct_object(node)
+    except (ValueError, OverflowError) as error:
+        line = node.start_mark.line + 1
+        raise YamlError(line, f"`{str(node.value)[:40]}` is no value: {error}.") from None

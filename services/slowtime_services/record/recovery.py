@@ -21,6 +21,8 @@ from mcap.records import (
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC, Writer
 
+from .chunks import plain
+
 logger = logging.getLogger(__name__)
 
 LARGEST_RECORD = 2**30
@@ -175,7 +177,7 @@ def _readable(file: BinaryIO, salvage: _Salvage) -> Iterator[McapRecord]:
 
 def _inside(chunk: Chunk, salvage: _Salvage) -> list[McapRecord]:
     try:
-        return breakup_chunk(chunk, validate_crc=True)
+        return breakup_chunk(plain(chunk), validate_crc=True)
     except Exception as error:
         salvage.damaged_chunks += 1
         logger.warning("A chunk is damaged and left out: %s", error)

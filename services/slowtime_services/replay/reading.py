@@ -10,12 +10,13 @@ from typing import BinaryIO, NamedTuple
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.reader import McapReader, make_reader
-from mcap.records import Channel, Chunk
-from mcap.stream_reader import get_chunk_data_stream
+from mcap.records import Channel, Chunk, Message
+from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_stream
 from mcap.summary import Summary as McapSummary
 from mcap.writer import MCAP0_MAGIC
 
 from slowtime_schemas.streams import STREAMS, Stream, parse_key
+from slowtime_services.record.chunks import plain
 
 RECORD = struct.Struct("<BQ")
 MESSAGE = struct.Struct("<HIQQ")
@@ -65,9 +66,11 @@ def contents(path: Path | str, *, streams: Collection[Stream] = STREAMS) -> Cont
         statistics = summary.statistics
         per_channel = dict(statistics.channel_message_counts) if statistics else {}
         wanted = _wanted(Path(path), summary, streams)
-        metadata = next(
-            (m.metadata for m in reader.iter_metadata() if m.name == "slowtime"), {}
-        )
+        try:
+            said = (m.metadata for m in reader.iter_metadata() if m.name == "slowtime")
+            metadata = next(said, {})
+        except Exception as error:
+            raise RecordingError(_is_damaged(Path(path), str(error))) from error
         return Contents(
             counts={c.topic: per_channel.get(c.id, 0) for c in wanted},
             start_ns=statistics.message_start_time if statistics else 0,
@@ -123,8 +126,7 @@ def _every_message(
     reader = make_reader(file, validate_crcs=True)
     summary = reader.get_summary()
     if summary is None or not summary.chunk_indexes:
-        for _, channel, message in reader.iter_messages(keys, log_time_order=False):
-            yield Recorded(message.log_time, message.publish_time, channel.topic, message.data)
+        yield from _unindexed(file, keys)
         return
     topics = {c.id: c.topic for c in summary.channels.values() if c.topic in keys}
     for index in summary.chunk_indexes:
@@ -133,9 +135,23 @@ def _every_message(
         if timely and (not inside or not topics.keys().isdisjoint(inside)):
             file.seek(index.chunk_start_offset + RECORD.size)
             stream, length = get_chunk_data_stream(
-                Chunk.read(ReadDataStream(file)), validate_crc=True
+                plain(Chunk.read(ReadDataStream(file))), validate_crc=True
             )
             yield from _split(stream.read(length), topics)
+
+
+def _unindexed(file: BinaryIO, keys: Collection[str]) -> Iterator[Recorded]:
+    """Read from beginning to end what has no index of its chunks."""
+    file.seek(0)
+    topics: dict[int, str] = {}
+    for record in StreamReader(file, emit_chunks=True).records:
+        within = breakup_chunk(plain(record), True) if isinstance(record, Chunk) else [record]
+        for found in within:
+            if isinstance(found, Channel) and found.topic in keys:
+                topics[found.id] = found.topic
+            elif isinstance(found, Message) and found.channel_id in topics:
+                topic = topics[found.channel_id]
+                yield Recorded(found.log_time, found.publish_time, topic, found.data)
 
 
 def _split(chunk: bytes, topics: Mapping[int, str]) -> Iterator[Recorded]:
