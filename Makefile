@@ -8,7 +8,7 @@ BIN := .venv/bin
 export OPENBLAS_NUM_THREADS ?= 1
 PIP_INSTALL := $(BIN)/python -m pip --disable-pip-version-check --quiet install -c constraints.txt
 
-.PHONY: demo test test-slow blind blind-pairs blind-slow peers check bench gallery figures docs clean help
+.PHONY: demo test test-slow blind blind-pairs blind-slow peers check bench gallery surrogates figures docs clean help
 
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
@@ -34,16 +34,6 @@ peers: .venv-peers/ready  ## other tools to compare with, in an environment of t
 blind-slow: .venv/dev  ## hidden histories by the hundred: what is named, what is made up; SEED=1 CASES=100
 	$(BIN)/python -m tests.slowtime.discrepancy.slow.battery --seed $(or $(SEED),1) --cases $(or $(CASES),100)
 
-fuzz: .venv/dev  ## messages, files and requests that nobody should send; WIRE=1000000 FILES=100000 REST=20000 SEED=1
-	$(BIN)/python -m tests.fuzz wire --cases $(or $(WIRE),1000000) --seed $(or $(SEED),1)
-	$(BIN)/python -m tests.fuzz files --cases $(or $(FILES),100000) --seed $(or $(SEED),1)
-	$(BIN)/python -m tests.fuzz rest --cases $(or $(REST),20000) --seed $(or $(SEED),1)
-
-audit: .venv/run  ## ask a vulnerability service about every dependency; it needs the internet
-	@test -x .venv-audit/bin/pip-audit || { $(BIN)/python -m venv .venv-audit && \
-		.venv-audit/bin/python -m pip --disable-pip-version-check --quiet install pip-audit; }
-	.venv-audit/bin/pip-audit --requirement constraints.txt --no-deps --disable-pip
-
 check: .venv/dev  ## format, lint, strict types, import contracts, docs tests
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
@@ -57,9 +47,13 @@ bench: .venv/dev .venv-peers/ready  ## every figure of speed, memory and accurac
 gallery: .venv/dev  ## twelve hidden effects from the command line to the report; pictures in docs/gallery
 	$(BIN)/python docs/gallery/build.py
 
+surrogates: .venv-peers/ready  ## docs/surrogates.md: surrogates beside chaospy, OpenTURNS and scikit-learn on the same points
+	.venv-peers/bin/python -m benchmarks.surrogates --seeds $(or $(SEEDS),3) --write docs/surrogates.md
+
 figures: .venv/dev  ## draw the book's figures into docs/figures
 	$(BIN)/python docs/figures/chapter_3.py
 	$(BIN)/python docs/figures/chapter_5.py
+	$(BIN)/python docs/figures/chapter_6.py
 
 .venv/run: pyproject.toml constraints.txt
 	@test -n "$(PYTHON)" || { echo "slowtime needs Python 3.11 or newer; none was found. Give one: make PYTHON=/path/to/python3"; exit 2; }
@@ -76,5 +70,5 @@ figures: .venv/dev  ## draw the book's figures into docs/figures
 	@.venv-peers/bin/python -m pip --disable-pip-version-check --quiet install -c constraints.txt -e '.[peers]' && touch $@
 
 clean:  ## remove what the other words have made
-	rm -rf .venv .venv-peers .venv-audit var build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf .venv .venv-peers var build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
