@@ -34,6 +34,16 @@ peers: .venv-peers/ready  ## other tools to compare with, in an environment of t
 blind-slow: .venv/dev  ## hidden histories by the hundred: what is named, what is made up; SEED=1 CASES=100
 	$(BIN)/python -m tests.slowtime.discrepancy.slow.battery --seed $(or $(SEED),1) --cases $(or $(CASES),100)
 
+fuzz: .venv/dev  ## messages, files and requests that nobody should send; WIRE=1000000 FILES=100000 REST=20000 SEED=1
+	$(BIN)/python -m tests.fuzz wire --cases $(or $(WIRE),1000000) --seed $(or $(SEED),1)
+	$(BIN)/python -m tests.fuzz files --cases $(or $(FILES),100000) --seed $(or $(SEED),1)
+	$(BIN)/python -m tests.fuzz rest --cases $(or $(REST),20000) --seed $(or $(SEED),1)
+
+audit: .venv/run  ## ask a vulnerability service about every dependency; it needs the internet
+	@test -x .venv-audit/bin/pip-audit || { $(BIN)/python -m venv .venv-audit && \
+		.venv-audit/bin/python -m pip --disable-pip-version-check --quiet install pip-audit; }
+	.venv-audit/bin/pip-audit --requirement constraints.txt --no-deps --disable-pip
+
 check: .venv/dev  ## format, lint, strict types, import contracts, docs tests
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
@@ -70,5 +80,5 @@ figures: .venv/dev  ## draw the book's figures into docs/figures
 	@.venv-peers/bin/python -m pip --disable-pip-version-check --quiet install -c constraints.txt -e '.[peers]' && touch $@
 
 clean:  ## remove what the other words have made
-	rm -rf .venv .venv-peers var build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf .venv .venv-peers .venv-audit var build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
