@@ -22,7 +22,7 @@ from .verdict import FALSE_ALARM, fault_of, moved_of, verdict_of
 
 UNWHITE = 1e-6
 """Chance of so large a chi squared below which a residual is not called noise."""
-LEFT = 0.01
+LEFT = 1e-3
 """Share of the first gain that is still to be had once an effect was wrongly named."""
 
 

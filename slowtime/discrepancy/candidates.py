@@ -22,6 +22,9 @@ from .refit import Fit
 from .shapes import best_of, gained, retuned
 from .space import Space
 
+MORE, LITTLE = 1.5, 0.2
+"""Times what a free force at the best place leaves, and over the noise, from which a place is
+passed over."""
 HOPELESS = 5.0
 """Times the chi squared of the best law that a place must leave, to be passed over."""
 
@@ -52,8 +55,9 @@ def candidates(fit: Fit, located: Located, kinds: Mapping[str, Kind]) -> list[Ca
     found: list[Candidate] = []
     least = math.inf
     fits = [kind for kind in kinds.values() if _fits(kind, located)]
+    leaving = min(group.left for group in located.groups)
     for group in located.groups:
-        if elsewhere(located, group) > HOPELESS * least:
+        if group.left > MORE * leaving + LITTLE or elsewhere(located, group) > HOPELESS * least:
             continue
         for place in group.places:
             own = [kind for kind in fits if kind.where == place.kind]

@@ -1,17 +1,19 @@
 """A campaign in, its diagnosis out: screen, refit, locate, name, refit, judge."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from slowtime.dynamics.effects import Effect, Kind, catalogue
+from slowtime.dynamics.effects import Effect, Kind, Law, catalogue
 from slowtime.dynamics.plant import Plant
 
-from .answer import Found, report
+from .answer import UNWHITE, Found, report
 from .candidates import candidates
 from .diagnosis import Diagnosis
+from .diagnosis import Named as Answer
+from .further import further
 from .gap import whiteness
 from .locate import locate
 from .naming import KEPT, carrying, chosen, refit_all
@@ -30,11 +32,13 @@ from .verdict import (
     probabilities,
     rivals_within,
 )
+from .wandering import wandering
 
 SILENT = 0.01
 """Chance of so large a chi squared above which nothing more is looked for after the first."""
-MOST, LATER = 3, 3
-"""Effects that are looked for, one after the other; labels that are refitted for later ones."""
+MOST, LATER, TWICE = 3, 3, 2
+"""Effects that are looked for, one after the other; labels refitted for the later ones, and
+where what is left is left at a place that has an effect already."""
 
 Progress = Callable[[str, float], None]
 
@@ -122,28 +126,43 @@ def _next(
     """Look for one more effect; False where there is none."""
     share = 0.1 + 0.27 * number
     before = found.fits[-1]
-    if found.answers and whiteness(before) > SILENT:
+    pulled = bool(moved_of(before))
+    if found.answers and not pulled and whiteness(before) > SILENT:
         return False
     tell("locating what is left", share)
     located = locate(before, trials)
     found.located, found.left = found.located or located, located
-    pulled = number == 0 and bool(moved_of(before))
     if located.p_value > FALSE_ALARM and not pulled:
         return False
     tell("trying effects", share + 0.05)
     tried = candidates(before, located, kinds)
-    shaken = base_answer(located, tried, kinds)
+    shaken = base_answer(located, tried, kinds, first=number == 0)
     if shaken is not None:
         found.answers.append(shaken)
         found.fits.append(carrying(before, shaken.effect, kinds))
         found.left = None
         return False
-    labels = chosen(tried, most if number == 0 else min(LATER, most))
+    # Twice at one place: what no single law explains there is more likely a law unknown.
+    again = any(a.effect.place in located.groups[0].places for a in found.answers)
+    tried = [one for one in tried if not _bends_twice(one.effect, found.answers, kinds)]
+    labels = chosen(tried, (TWICE if again else LATER) if number else most)
 
     def tick(effect: Effect, i: int) -> None:
         tell(f"refitting {effect.kind} at {effect.place}", share + 0.08 + 0.18 * i / most)
 
     named = refit_all(before, labels, trials, kinds, tick)
+    if number == 0 and most == KEPT:
+        named = further(before, tried, named, trials, kinds, tick)
+    if not named or whiteness(named[0].fit) < UNWHITE:
+        drift = wandering(located, kinds)
+        if drift is not None:
+            found.answers.append(drift)
+            # Its course is no law's: a free run is better off without.
+            still = dict.fromkeys(drift.effect.parameters, 0.0)
+            silent = dataclasses.replace(drift.effect, parameters=still)
+            found.fits.append(carrying(before, silent, kinds))
+            found.left = None
+            return False
     if not named:
         return False
     best = named[0]
@@ -155,7 +174,9 @@ def _next(
     nothing = -bar.cost / 2 - numbers / 2 * np.log(bar.data)
     if best.score - nothing < LEAST_GAIN:
         return False
-    if number == 0 and _retuned(bar) > best.score:
+    if pulled and _retuned(bar) > best.score:
+        return False
+    if again and whiteness(best.fit) < UNWHITE:
         return False
     found.fits.append(best.fit)
     found.answers.append(answer_of(named, kinds))
@@ -164,6 +185,18 @@ def _next(
         found.undecided = rivals_within(named, shares)
         found.pair = named[0], named[1]
     return True
+
+
+def _bends_twice(effect: Effect, answers: Sequence[Answer], kinds: Mapping[str, Kind]) -> bool:
+    """Whether an effect is of the family of one found at its place: a curve in pieces."""
+    kind = kinds[effect.kind]
+    switched = isinstance(kind.action, Law) and bool(kind.action.switches)
+    if kind.quadrature is not None or switched:
+        return False
+    return any(
+        answer.effect.place == effect.place and answer.family == kind.family
+        for answer in answers
+    )
 
 
 def _prune(found: Found, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]) -> None:

@@ -44,12 +44,15 @@ class Finding:
         Campaign times between which it lasts, each with its end [s].
     share
         Of the samples of the channel.
+    level
+        Size of the samples concerned, in the channel's unit; 0 where they have none.
     """
 
     fault: Fault
     channel: str
     spans_s: tuple[tuple[float, float], ...]
     share: float
+    level: float = 0.0
 
     @property
     def sentence(self) -> str:
@@ -95,7 +98,7 @@ def screen(trial: Trial, channels: Sequence[str] = ()) -> Screened:
         if not use[:, i].any() and np.isfinite(samples).all():
             continue  # not measured in this record: no fault of the channel
         for fault, bad in _faults(samples, still):
-            findings.append(_finding(trial, fault, name, bad))
+            findings.append(_finding(trial, fault, name, bad, samples))
             use[:, i] &= ~bad
     return Screened(trial=dataclasses.replace(trial, use=use), findings=tuple(findings))
 
@@ -166,7 +169,11 @@ def _clipped(
 
 
 def _finding(
-    trial: Trial, fault: Fault, channel: str, bad: Bool[np.ndarray, " time"]
+    trial: Trial,
+    fault: Fault,
+    channel: str,
+    bad: Bool[np.ndarray, " time"],
+    samples: Float[np.ndarray, " time"],
 ) -> Finding:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], bad, [False]]).astype(int)))
     spans = tuple(
@@ -176,4 +183,11 @@ def _finding(
         )
         for first, last in edges.reshape(-1, 2)
     )
-    return Finding(fault=fault, channel=channel, spans_s=spans, share=float(bad.mean()))
+    column = np.abs(samples[bad])
+    return Finding(
+        fault=fault,
+        channel=channel,
+        spans_s=spans,
+        share=float(bad.mean()),
+        level=float(np.median(column)) if np.isfinite(column).all() else 0.0,
+    )

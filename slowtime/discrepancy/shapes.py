@@ -1,7 +1,8 @@
 """A kind and a place in; the parameters with which it explains most there, out."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -14,6 +15,7 @@ from slowtime.dynamics.effects import (
     Kind,
     Law,
     Motion,
+    Parameter,
     SensorChange,
     force_along,
 )
@@ -25,14 +27,28 @@ MOST_STEPS = 100
 """Frequencies that are tried on either side of one that was found."""
 STEP = 1e-4
 """Of a parameter of a sensor or an input, to see what it does."""
-IDLE = 1e-9
+IDLE = 1e-3
 """Share of a series below which a change of it is none."""
 MOST_CLOSER = 4
 """How often one looks closer at an instant, and at what."""
 FINEST_S = 0.02
 """Spacing of instants at which looking closer ends."""
 
+HALF, SCANNED, NEWTON = 0.5, 16, 5
+"""Relative change of a series from one scanned value to the next; values on either side; steps
+from the best of them."""
+
 Shape = Mapping[str, float]
+Column = Float[np.ndarray, "time column"]
+
+
+@runtime_checkable
+class Acted(Protocol):
+    """What a value of a parameter changes, trial by trial; or in one only."""
+
+    def __call__(self, value: float, only: int | None = None) -> list[Column]:
+        """Give the change."""
+        ...
 
 
 def best_of(kind: Kind, space: Space) -> tuple[Effect, float] | None:
@@ -171,10 +187,13 @@ def _best_change(
     name, factor = fitted[0].name, _factor(space)
     series = [(latent.motion.e, latent.motion.times) for latent in space.latents]
 
-    def acted(value: float) -> list[Float[np.ndarray, "time column"]]:
+    def acted(value: float, only: int | None = None) -> list[Column]:
         values = kind.values(fixed | {name: value})
         return [
-            factor * (action.act(one, times, values) - one)[:, None] for one, times in series
+            factor * (action.act(one, times, values) - one)[:, None]
+            if only in (None, i)
+            else one[:, None]
+            for i, (one, times) in enumerate(series)
         ]
 
     sizes = [float(np.abs(factor * one).max(initial=0.0)) for one, _ in series]
@@ -188,19 +207,70 @@ def _best_change(
     for idle in (0.0, 1.0):
         if fitted[0].refuses(idle) is None and idles(idle):
             step = STEP if fitted[0].unit in ("", "s") else 1.0
-            moved = [one / step for one in acted(idle + step)]
-            strength, gain = space.one(space.lines_of(moved))
-            value = idle + float(strength[0])
-            if fitted[0].refuses(value) is not None or gain[0] <= 0:
+            found = _best_value(space, acted, fitted[0], idle, step)
+            if found is None:
                 return None
-            return Effect(kind.name, space.place, fixed | {name: value}), float(gain[0])
+            return Effect(kind.name, space.place, fixed | {name: found[0]}), found[1]
     return _best_bend(kind, space, acted, fixed, name)
+
+
+def _best_value(
+    space: Space, acted: Acted, parameter: Parameter, idle: float, step: float
+) -> tuple[float, float] | None:
+    """Value that explains most, and its gain: by one step where its action is proportional.
+
+    Else by a scan of one record, each value changing the series by half of itself more, and by
+    Gauss's and Newton's steps from the best.
+    """
+    moved = acted(idle + step)
+    double = acted(idle + 2 * step)
+    if all(
+        np.allclose(2 * one, two, rtol=1e-6) for one, two in zip(moved, double, strict=True)
+    ):
+        strength, gain = space.one(space.lines_of([one / step for one in moved]))
+        value = idle + float(strength[0])
+        fine = parameter.refuses(value) is None and gain[0] > 0
+        return (value, float(gain[0])) if fine else None
+    sizes = [float(np.linalg.norm(latent.motion.e)) for latent in space.latents]
+    changes = [float(np.linalg.norm(one)) for one in moved]
+    wide = HALF * step * sum(sizes) / max(sum(changes), 1e-300)
+    shortest = int(np.argmin([len(latent.motion.e) for latent in space.latents]))
+    best = idle, 0.0
+    for number in range(-SCANNED, SCANNED + 1):
+        value = idle + number * wide
+        if number == 0 or parameter.refuses(value) is not None:
+            continue
+        series = [
+            one if i == shortest else np.zeros_like(one)
+            for i, one in enumerate(acted(value, only=shortest))
+        ]
+        inner, seen = space.normal(space.lines_of(series))
+        gain = float(2 * seen[0] - inner[0, 0])
+        best = (value, gain) if gain > best[1] else best
+    value, gain = best[0], -math.inf
+    for _ in range(NEWTON):
+        here, there = acted(value), acted(value + step)
+        pair = [
+            np.concatenate([a, (b - a) / step], axis=1)
+            for a, b in zip(here, there, strict=True)
+        ]
+        inner, seen = space.normal(space.lines_of(pair))
+        now = float(2 * seen[0] - inner[0, 0])
+        if now > gain:
+            best, gain = (value, now), now
+        if inner[1, 1] <= 0:
+            break
+        move = float((seen[1] - inner[0, 1]) / inner[1, 1])
+        value += float(np.clip(move, -wide, wide))
+        if parameter.refuses(value) is not None:
+            break
+    return best if gain > 0 else None
 
 
 def _best_bend(
     kind: Kind,
     space: Space,
-    acted: Callable[[float], list[Float[np.ndarray, "time column"]]],
+    acted: Acted,
     fixed: dict[str, float],
     name: str,
 ) -> tuple[Effect, float] | None:

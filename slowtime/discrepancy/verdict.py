@@ -61,30 +61,31 @@ def answer_of(found: Sequence[Named], kinds: Mapping[str, Kind]) -> Answer:
 
 
 def base_answer(
-    located: Located, tried: Sequence[Candidate], kinds: Mapping[str, Kind]
+    located: Located, tried: Sequence[Candidate], kinds: Mapping[str, Kind], *, first: bool
 ) -> Answer | None:
     """Name a motion of the base that nobody measured, where it beats all else.
 
     It must be likelier than an unknown force anywhere else, and than any law; where it enters
     tells it from a force. Where sensors are too few for that, no law may explain much:
-    a force within the structure is made by the motion, one from outside is not.
+    a force within the structure is made by the motion, one from outside is not. Nor can it then
+    be told once something else was found `first`.
     """
+    group = located.groups[0]
     unmeasured = [k for k in kinds.values() if isinstance(k.action, Unmeasured)]
-    first = located.groups[0]
-    place = next((p for p in first.places if p.kind == "base"), None)
+    place = next((p for p in group.places if p.kind == "base"), None)
     if not unmeasured or place is None or unmeasured[0].strength is None:
         return None
-    if any(p.kind in ("element", "node") for p in first.places):
+    if any(p.kind in ("element", "node") for p in group.places):
         return None
-    likelihood = first.explained.likelihood
-    apart = [g for g in located.groups[1:] if not set(g.places) & set(first.twins)]
+    likelihood = group.explained.likelihood
+    apart = [g for g in located.groups[1:] if not set(g.places) & set(group.twins)]
     rivals = [g.explained.likelihood for g in apart]
     rivals += [-c.cost / 2 for c in tried]
     lead = likelihood - max(rivals, default=-math.inf)
     if lead < LEAST_GAIN or located.p_value > FALSE_ALARM:
         return None
     made = max((-c.cost / 2 for c in tried), default=-math.inf)
-    if first.twins and made > likelihood - (1 - BY_LAWS) * first.score:
+    if group.twins and (not first or made > likelihood - (1 - BY_LAWS) * group.score):
         return None
     kind = unmeasured[0]
     assert kind.strength is not None
@@ -149,12 +150,13 @@ def fault_of(finding: Finding, kinds: Mapping[str, Kind]) -> Answer | None:
     parameters = (
         {"from_s": first, "for_s": last - first, "held": float(finding.fault == "stuck")}
         if lost
-        else {}
+        else {p.name: finding.level for p in kinds[name].parameters[:1]}
     )
+    units = {p.name: p.unit for p in kinds[name].parameters}
     return Answer(
         effect=Effect(name, place, parameters),
         family=kinds[name].family,
-        numbers={key: Number(value, 0.0, "") for key, value in parameters.items()},
+        numbers={key: Number(value, 0.0, units[key]) for key, value in parameters.items()},
         probability=0.99,
         rivals=(),
         sentence=finding.sentence,

@@ -1,0 +1,67 @@
+"""A sensor that is off, slowly, on no course that a law would know: drift all the same."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from slowtime.dynamics.description import assemble
+from slowtime.dynamics.effects import Effect, Kind, Place
+from slowtime.dynamics.modes import undamped_modes
+
+from .diagnosis import Named as Answer
+from .diagnosis import Number
+from .locate import Located
+from .verdict import FALSE_ALARM, sentence_of
+
+KIND = "sensor_drift"
+BELOW, SHARE = 0.3, 0.9
+"""Times the lowest natural frequency below which a structure does not vibrate, and how much of
+what a sensor is off by must lie there."""
+SIZE_SD = 0.1
+"""Relative standard deviation of the size of a wandering."""
+
+
+def wandering(located: Located, kinds: Mapping[str, Kind]) -> Answer | None:
+    """Name the drift of a sensor whose error is slow, where no law of a drift explains it.
+
+    A structure answers slow forces by slow motion, too; but that shows in all of its sensors,
+    and not in accelerations. So the sensor must be where one unknown error explains the most.
+    """
+    first = located.groups[0]
+    place = next((p for p in (*first.places, *first.twins) if p.kind == "sensor"), None)
+    if place is None or KIND not in kinds or located.p_value > FALSE_ALARM:
+        return None
+    if first.places[0].kind != "sensor" and not _accelerometer(located, place):
+        return None
+    lowest = float(undamped_modes(assemble(located.linear.description)).frequency_hz[0])
+    slow = whole = 0.0
+    courses = []
+    for number, trial in enumerate(located.trials):
+        off = located.latent(place, number).force
+        power = np.abs(np.fft.rfft(off)) ** 2
+        power[0] /= 2
+        frequency = np.fft.rfftfreq(len(off), 1 / trial.rate_hz)
+        slow += float(power[frequency < BELOW * lowest].sum()) / len(off)
+        whole += float(power.sum()) / len(off)
+        slope = np.polyfit(np.linspace(0.0, 1.0, len(off)), off, 1)[0]
+        courses.append(float(slope))
+    if not slow > SHARE * whole:
+        return None
+    kind = kinds[KIND]
+    name = next(p.name for p in kind.parameters if p.fitted)
+    size = float(np.mean(courses))
+    spread = float(np.hypot(SIZE_SD * size, np.std(courses)))
+    numbers = {name: Number(size, spread, kind.parameter(name).unit)}
+    return Answer(
+        effect=Effect(KIND, place, {name: size}),
+        family=kind.family,
+        numbers=numbers,
+        probability=0.95,
+        rivals=(),
+        sentence=sentence_of(kind, place, numbers),
+    )
+
+
+def _accelerometer(located: Located, place: Place) -> bool:
+    sensors = located.linear.description.sensors
+    return next(s for s in sensors if s.channel == place.id).quantity == "acceleration"
