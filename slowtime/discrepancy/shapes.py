@@ -227,10 +227,10 @@ def _best_value(
     if all(
         np.allclose(2 * one, two, rtol=1e-6) for one, two in zip(moved, double, strict=True)
     ):
-        strength, gain = space.one(space.lines_of([one / step for one in moved]))
+        strength, won = space.one(space.lines_of([one / step for one in moved]))
         value = idle + float(strength[0])
-        fine = parameter.refuses(value) is None and gain[0] > 0
-        return (value, float(gain[0])) if fine else None
+        fine = parameter.refuses(value) is None and won[0] > 0
+        return (value, float(won[0])) if fine else None
     sizes = [float(np.linalg.norm(latent.motion.e)) for latent in space.latents]
     changes = [float(np.linalg.norm(one)) for one in moved]
     wide = HALF * step * sum(sizes) / max(sum(changes), 1e-300)
