@@ -70,6 +70,25 @@ class Endpoint(click.ParamType):  # type: ignore[type-arg]  # generic only in th
         return str(value)
 
 
+class Database(click.ParamType):  # type: ignore[type-arg]  # generic only in the newest click
+    """A file of SQLite, or the URL of a PostgreSQL database."""
+
+    name = "database"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Path | str:
+        """Tell a URL from a path; refuse a folder."""
+        text = str(value)
+        if text.startswith(("postgresql://", "postgres://")):
+            return text
+        if "://" in text:
+            self.fail(f"{text!r} is no database. Give a file or postgresql://...", param, ctx)
+        if Path(text).is_dir():
+            self.fail(f"{text} is a folder. Give a file in it.", param, ctx)
+        return Path(text)
+
+
 class Instant(click.ParamType):  # type: ignore[type-arg]  # generic only in the newest click
     """A date and time of ISO 8601; UTC unless it says otherwise. In nanoseconds since 1970."""
 

@@ -20,6 +20,7 @@ from slowtime_services.credentials import options_for
 from .options import (
     POSITIVE,
     ROUTER,
+    Database,
     Endpoint,
     Name,
     Number,
@@ -191,8 +192,8 @@ underscores); flags overrule the environment, which overrules the file.
 )
 @click.option(
     "--database",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="SQLite file of the history.  [default: twin.sqlite]",
+    type=Database(),
+    help="SQLite file of the history, or postgresql://user@host/name.  [default: twin.sqlite]",
 )
 @click.option(
     "--register",
@@ -224,7 +225,7 @@ def twin(
     config: Path | None,
     host: str | None,
     port: int | None,
-    database: Path | None,
+    database: Path | str | None,
     registrations: Path | None,
     tokens: Path | None,
     tls_certificate: Path | None,

@@ -15,7 +15,7 @@ from slowtime_services.bus import Bus, BusUnreachableError, ZenohBus
 from slowtime_services.clock import Clock
 from slowtime_services.credentials import CredentialsError, options_for
 from slowtime_services.ending import ended_by_signals
-from twin_server.persist import SqliteStore, WrongStoreError
+from twin_server.persist import Store, WrongStoreError, open_store
 from twin_server.pipeline import Herald, Orders, Pipeline, TwinKnowledge
 from twin_server.registration import WrongRegistrationsError, registrations
 from twin_server.serve import Hub, create_app
@@ -70,7 +70,7 @@ def run(
             open_things.enter_context(ended_by_signals(stop))
             guard = guarded(settings)
             listening = open_things.enter_context(_listening(settings.host, settings.port))
-            store = SqliteStore(settings.database, synchronous=settings.synchronous)
+            store = open_store(settings.database, synchronous=settings.synchronous)
             open_things.callback(store.close)
             if bus is None:
                 bus = open_things.enter_context(_open_bus(settings, clock, stop))
@@ -110,7 +110,7 @@ def _serve(
     settings: TwinSettings,
     guard: Guard,
     listening: socket.socket,
-    store: SqliteStore,
+    store: Store,
     bus: Bus,
     clock: Clock | None,
     stop: threading.Event,

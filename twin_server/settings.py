@@ -194,7 +194,9 @@ class TwinSettings(ProcessSettings):
     host: str = "127.0.0.1"
     port: Annotated[int, Field(ge=0, le=65_535)] = 8000
     """0 for any that is free."""
-    database: Path = Path("twin.sqlite")
+    database: str | Path = Path("twin.sqlite")
+    """SQLite file, or URL of a PostgreSQL database: postgresql://user@host/name. Give its
+    password by libpq's PGPASSFILE or PGPASSWORD."""
     synchronous: Literal["NORMAL", "FULL"] = "FULL"
     """FULL waits for the disk before anything is acknowledged, so that a power cut costs
     nothing; NORMAL survives the death of the process only."""

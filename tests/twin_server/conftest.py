@@ -2,7 +2,10 @@
 
 import dataclasses
 import json
+import secrets
+import tempfile
 import time
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -17,6 +20,7 @@ from slowtime_schemas.quantities import Quantity
 from slowtime_schemas.streams import FEATURES, alive_key, request_key
 from slowtime_services.bus import Sample
 from slowtime_services.models import model_file_of
+from tests.postgres import schema_of, server
 from twin_server.persist import SqliteStore
 from twin_server.settings import TwinSettings
 
@@ -233,6 +237,30 @@ class Edge:
 def edge():
     """The class of edges."""
     return Edge
+
+
+@pytest.fixture(scope="session")
+def postgres():
+    """URL of a PostgreSQL server that lives as long as the tests."""
+    with tempfile.TemporaryDirectory(prefix="slowtime-pg-") as folder:
+        with server(Path(folder) / "pg") as url:
+            yield url
+
+
+@pytest.fixture(params=["sqlite", "postgres"])
+def database(request, tmp_path):
+    """Name databases, each of its own, in one kind of store after the other."""
+    urls: dict[str, str] = {}
+
+    def named(name="twin"):
+        if request.param == "sqlite":
+            return tmp_path / f"{name}.sqlite"
+        if name not in urls:
+            url = request.getfixturevalue("postgres")
+            urls[name] = schema_of(url, f"s{secrets.token_hex(6)}")
+        return urls[name]
+
+    return named
 
 
 @pytest.fixture

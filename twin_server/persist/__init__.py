@@ -3,6 +3,8 @@
 from .copying import backup, restore
 from .diagnosing import DiagnosisRow
 from .errors import DamagedStoreError, StoreError, WrongStoreError
+from .opening import is_url, open_store
+from .postgres import PostgresStore
 from .sqlite import SqliteStore, look_through
 from .store import (
     Cut,
@@ -24,6 +26,7 @@ __all__ = [
     "EventRow",
     "FeatureRow",
     "History",
+    "PostgresStore",
     "RunRow",
     "SqliteStore",
     "StateRow",
@@ -32,6 +35,8 @@ __all__ = [
     "TwinRow",
     "WrongStoreError",
     "backup",
+    "is_url",
     "look_through",
+    "open_store",
     "restore",
 ]

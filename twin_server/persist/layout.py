@@ -29,6 +29,18 @@ def schema() -> str:
     return text + _TALLIES + "".join(_triggers(table) for table in TABLES)
 
 
+def postgres_schema() -> str:
+    """Write the same tables for PostgreSQL; it keeps checksums of pages instead of tallies."""
+    text = importlib.resources.files(__package__).joinpath("schema.sql").read_text()
+    for ours, theirs in (
+        (" integer", " bigint"),
+        (" real", " double precision"),
+        (" blob", " bytea"),
+    ):
+        text = text.replace(ours, theirs)
+    return text + "create table layouts (version bigint not null);"
+
+
 _TALLIES = """
 create table tallies (
   what text primary key,

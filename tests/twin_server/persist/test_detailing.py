@@ -1,6 +1,5 @@
 """What twins of elements know beside their rows is kept, found and replaced with them."""
 
-import sqlite3
 from typing import Any
 
 import numpy as np
@@ -13,9 +12,9 @@ from twin_server.persist import (
     EventRow,
     FeatureRow,
     RunRow,
-    SqliteStore,
     StateRow,
     TwinRow,
+    open_store,
 )
 from twin_server.states import blank
 
@@ -89,13 +88,13 @@ def test_estimating_anew_replaces_details_and_forgetting_takes_them_along(store)
     assert store.history("lab.frame").bodies == [b'{"anew":0}', None, None, b'{"anew":3}', None]
     store.write(Cut(twins=[FRAME]))
     assert store.delete("lab.frame")
-    rows = sqlite3.connect(store.path).execute("select count(*) from details").fetchone()
-    assert rows == (0,)
+    with store._reading() as reader:
+        assert reader.execute("select count(*) from details").fetchone() == (0,)
 
 
-def test_the_digest_sees_every_byte_of_a_detail(tmp_path):
+def test_the_digest_sees_every_byte_of_a_detail(database):
     def digest(name, body):
-        store = SqliteStore(tmp_path / name)
+        store = open_store(database(name))
         cut = Cut(runs=[run_row(1, "frame", 0)], features=[feature(1, 0)])
         if body is not None:
             cut.details = [detail(1, 0, body=body)]

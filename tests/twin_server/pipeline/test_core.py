@@ -17,19 +17,19 @@ from slowtime_schemas.streams import ACK, EVENT, HEALTH, REGISTRATION, STATE
 from slowtime_services.bus import MemoryBus, Sample
 from slowtime_services.clock import HandClock
 from twin_server import estimate as estimators
-from twin_server.persist import SqliteStore, StoreError
+from twin_server.persist import SqliteStore, StoreError, open_store
 from twin_server.pipeline import Pipeline, estimating
 from twin_server.registration import Registration
 from twin_server.settings import TwinSettings
 
 
 @pytest.fixture
-def open_twin(tmp_path, settings):
+def open_twin(database, settings):
     """Start pipelines on databases, and end what is left of them."""
     running = []
 
-    def start(bus=None, *, name="twin.sqlite", with_settings=settings):
-        store = SqliteStore(tmp_path / name)
+    def start(bus=None, *, name="twin", with_settings=settings):
+        store = open_store(database(name))
         pipeline = Pipeline(with_settings, store, bus=bus)
         pipeline.start()
         running.append((pipeline, store))
@@ -59,26 +59,25 @@ def undisturbed(tmp_path, messages, sample, registration=None):
 )
 @given(data=st.data())
 def test_any_order_doubles_and_cuts_give_the_same_history(
-    tmp_path, ageing, sample, data, tmp_path_factory
+    tmp_path, ageing, sample, data, database
 ):
     messages = ageing(40) + ageing(15, boot="b2")
     expected = undisturbed(tmp_path, messages, sample)
-    store = SqliteStore(tmp_path_factory.mktemp("h") / "x.sqlite")
-    pipeline = Pipeline(TwinSettings(), store)
-    places = [
-        *data.draw(st.permutations(range(40))),
-        *data.draw(st.permutations(range(40, 55))),
-    ]
-    places += data.draw(st.lists(st.integers(0, 54), max_size=10))
-    arriving = [messages[place] for place in places]
-    while arriving:
-        some = data.draw(st.integers(1, len(arriving)))
-        pipeline.ingest(map(sample, arriving[:some]))
-        arriving = arriving[some:]
-        if data.draw(st.booleans()):
-            pipeline = Pipeline(TwinSettings(), store)  # as after a SIGKILL
-    assert store.digest("lab.beam") == expected
-    store.close()
+    with contextlib.closing(open_store(database(f"x{time.monotonic_ns()}"))) as store:
+        pipeline = Pipeline(TwinSettings(), store)
+        places = [
+            *data.draw(st.permutations(range(40))),
+            *data.draw(st.permutations(range(40, 55))),
+        ]
+        places += data.draw(st.lists(st.integers(0, 54), max_size=10))
+        arriving = [messages[place] for place in places]
+        while arriving:
+            some = data.draw(st.integers(1, len(arriving)))
+            pipeline.ingest(map(sample, arriving[:some]))
+            arriving = arriving[some:]
+            if data.draw(st.booleans()):
+                pipeline = Pipeline(TwinSettings(), store)  # as after a SIGKILL
+        assert store.digest("lab.beam") == expected
 
 
 def test_a_flood_with_losses_is_healed_over_the_bus(
@@ -206,7 +205,7 @@ def test_registering_anew_gives_the_history_of_having_known_before(
 
 
 def test_a_twin_in_the_weather_has_one_history_however_it_came_by_it(
-    features, sample, tmp_path, tmp_path_factory
+    features, sample, tmp_path, database
 ):
     rng, messages = np.random.default_rng(3), []
     for i in range(70):
@@ -218,8 +217,7 @@ def test_a_twin_in_the_weather_has_one_history_however_it_came_by_it(
     weather = {"names": ["temperature_c"], "train_epochs": 40}
     registration = Registration(covariates=weather)
     expected = undisturbed(tmp_path, messages, sample, registration)
-    path = tmp_path_factory.mktemp("killed") / "x.sqlite"
-    with contextlib.closing(SqliteStore(path)) as store:
+    with contextlib.closing(open_store(database("killed"))) as store:
         Pipeline(TwinSettings(), store).register("lab.beam", registration)
         for first, last in itertools.pairwise((0, 13, 39, 40, 56, 70)):
             killed = Pipeline(TwinSettings(), store)  # each begins from what is durable
@@ -227,7 +225,7 @@ def test_a_twin_in_the_weather_has_one_history_however_it_came_by_it(
         assert store.digest("lab.beam") == expected
         kinds = [json.loads(e.body)["kind"] for e in store.events("lab.beam")]
         assert kinds == ["registered", "normal_learnt", "change_entered"]
-    with contextlib.closing(SqliteStore(tmp_path / "anew.sqlite")) as store:
+    with contextlib.closing(open_store(database("anew"))) as store:
         pipeline = Pipeline(TwinSettings(), store)
         pipeline.ingest(map(sample, messages))
         pipeline.register("lab.beam", registration)

@@ -1,0 +1,235 @@
+"""The memory of the twin in a PostgreSQL database: the same tables, questions and checksums.
+
+Commits wait for the disk as the server is set up (``synchronous_commit``, on by default). The
+driver, psycopg, is an extra of the package and is imported only where a URL asks for it.
+"""
+
+import contextlib
+import re
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any
+
+from .errors import DamagedStoreError, StoreError, WrongStoreError
+from .layout import VERSION, postgres_schema
+from .sealing import TABLES
+from .sql import SqlStore
+
+GUARD = 0x736C6F77
+"""Advisory lock of whoever writes."""
+
+
+class _Connection:
+    """A connection of psycopg that is asked as one of sqlite3 is."""
+
+    def __init__(self, raw: Any) -> None:
+        self.raw = raw
+
+    def execute(self, question: str, parameters: Sequence[Any] = (), /) -> Any:
+        """Ask, and give a cursor over the answer."""
+        cursor = self.raw.cursor(binary=True)
+        return cursor.execute(question.replace("?", "%s"), tuple(parameters))
+
+    def executemany(self, question: str, parameters: Iterable[Sequence[Any]], /) -> Any:
+        """Do the same with each of some parameters."""
+        cursor = self.raw.cursor(binary=True)
+        cursor.executemany(question.replace("?", "%s"), [tuple(row) for row in parameters])
+        return cursor
+
+
+class PostgresStore(SqlStore):
+    """One schema of a PostgreSQL database.
+
+    Parameters
+    ----------
+    url
+        ``postgresql://user@host/database``; what it leaves out, such as the password, comes
+        from libpq's environment (PGPASSFILE, PGPASSWORD).
+    verify
+        Whether to look through all of it before anything is answered from it.
+
+    Raises
+    ------
+    WrongStoreError
+        If it cannot be reached, is of another version, in use or damaged.
+    """
+
+    def __init__(self, url: str, *, verify: bool = True) -> None:
+        self._url, self.name = url, without_secret(url)
+        self._psycopg = _driver()
+        self._lock = threading.RLock()
+        self._local = threading.local()
+        self._idle: list[_Connection] = []
+        self._closed = False
+        self._writer: _Connection | None = None
+        self._in_transaction = False
+        try:
+            self._prepare(self._open_writer())
+            if verify:
+                self.verify()
+        except StoreError as error:
+            self.close()
+            if isinstance(error, WrongStoreError):
+                raise
+            raise WrongStoreError(str(error)) from error
+        except BaseException:
+            self.close()
+            raise
+
+    def verify(self, tell: Callable[[str, int], None] | None = None) -> None:
+        """Look through all rows; raise where any is not as it was written.
+
+        Rows that vanished are the business of PostgreSQL's page checksums: switch them on when
+        the cluster is made (``initdb --data-checksums``).
+        """
+        with self._reading() as reader:
+            for table in TABLES:
+                rows = 0
+                names = ", ".join(table.all_columns)
+                for row in reader.execute(f"select {names} from {table.name}"):
+                    rows += 1
+                    if not table.is_sound(row):
+                        raise self._damaged(f"row {row[0]!r:.40} of {table.name}")
+                if tell is not None:
+                    tell(table.name, rows)
+
+    def close(self) -> None:
+        """Leave; readers in other threads must have ended."""
+        with self._lock:
+            self._closed = True
+            for connection in (*self._idle, *filter(None, [self._writer])):
+                connection.raw.close()
+            self._idle.clear()
+            self._writer = None
+
+    def _prepare(self, writer: _Connection) -> None:
+        if writer.execute("select to_regclass('numbers')").fetchone()[0] is None:
+            with writer.raw.transaction():
+                writer.raw.execute(postgres_schema())
+                writer.execute("insert into layouts values (?)", (VERSION,))
+            return
+        version = writer.execute("select max(version) from layouts").fetchone()[0]
+        if version != VERSION:
+            raise WrongStoreError(
+                f"{self.name} is of version {version}; this software reads {VERSION}. Give "
+                "another --database; what was recorded can be replayed into it."
+            )
+
+    def _connect(self) -> _Connection:
+        if self._closed:
+            raise StoreError(f"{self.name} has been closed.")
+        try:
+            return _Connection(
+                self._psycopg.connect(self._url, autocommit=True, connect_timeout=10)
+            )
+        except self._psycopg.Error as error:
+            said = str(error).replace(self._url, self.name).strip()
+            raise StoreError(
+                f"{self.name} cannot be reached: {said}. Start the database, or correct "
+                "--database, PGPASSFILE and the like."
+            ) from error
+
+    def _open_writer(self) -> _Connection:
+        """Give the one connection that writes; after a restart of the database a new one."""
+        if self._writer is None or self._writer.raw.closed:
+            writer = self._connect()
+            question = "select pg_try_advisory_lock(?, hashtext(current_schema()))"
+            if not writer.execute(question, (GUARD,)).fetchone()[0]:
+                writer.raw.close()
+                raise WrongStoreError(
+                    f"{self.name} is in use by another twin server. End that one, or give this "
+                    "one another --database."
+                )
+            self._writer = writer
+        return self._writer
+
+    @contextlib.contextmanager
+    def _writing(self) -> Iterator[_Connection]:
+        """Hold the writer in a transaction; within another one, a part of that."""
+        with self._lock:
+            if self._in_transaction and self._writer is not None:
+                yield self._writer
+                return
+            writer = self._open_writer()
+            self._in_transaction = True
+            try:
+                with writer.raw.transaction():
+                    yield writer
+            except self._psycopg.Error as error:
+                raise StoreError(
+                    f"{self.name} cannot be written: {error}. Nothing of this batch is kept. "
+                    "Look at the database's own log and the room on its disk."
+                ) from error
+            finally:
+                self._in_transaction = False
+
+    @contextlib.contextmanager
+    def _reading(self) -> Iterator[_Connection]:
+        """Hold a connection of this thread that sees one moment of the database."""
+        reader: _Connection | None = getattr(self._local, "reader", None)
+        if reader is not None:
+            yield reader
+            return
+        reader = self._take()
+        try:
+            reader.execute("begin isolation level repeatable read read only")
+            self._local.reader = reader
+            try:
+                yield reader
+            finally:
+                self._local.reader = None
+                with contextlib.suppress(self._psycopg.Error):
+                    reader.execute("rollback")
+        except self._psycopg.Error as error:
+            if isinstance(error, self._psycopg.errors.DataCorrupted):
+                raise self._damaged(str(error)) from error
+            raise StoreError(
+                f"{self.name} cannot be read: {error}. Look at the database's own log."
+            ) from error
+        finally:
+            self._give(reader)
+
+    def _take(self) -> _Connection:
+        with self._lock:
+            while self._idle:
+                reader = self._idle.pop()
+                if not reader.raw.closed:
+                    return reader
+        return self._connect()
+
+    def _give(self, reader: _Connection) -> None:
+        with self._lock:
+            if self._closed or reader.raw.closed or reader.raw.broken:
+                reader.raw.close()
+            else:
+                self._idle.append(reader)
+
+    def _damaged(self, what: str) -> DamagedStoreError:
+        return DamagedStoreError(
+            f"{self.name} is damaged: {what}. Nothing is answered from it. Restore the last "
+            "backup into another schema or database. Edges send again what they still hold; "
+            "what they do not is reported as lost."
+        )
+
+
+def without_secret(url: str) -> str:
+    """Give a URL as it may be shown.
+
+    Examples
+    --------
+    >>> without_secret("postgresql://twin:pa%40ss@db.example/house?password=x")
+    'postgresql://twin:***@db.example/house?password=***'
+    """
+    shown = re.sub(r"(//[^:/@]*):[^@]*@", r"\1:***@", url)
+    return re.sub(r"(password=)[^&]*", r"\1***", shown)
+
+
+def _driver() -> Any:
+    try:
+        import psycopg
+    except ImportError as error:
+        raise WrongStoreError(
+            "A PostgreSQL database needs its driver: pip install 'slowtime[postgres]'. Or give "
+            "a file as --database."
+        ) from error
+    return psycopg
