@@ -8,6 +8,7 @@ from typing import Any
 import httpx
 import pytest
 
+from twin_server.serve import Hub
 from twin_server.serve.access import EVERYBODY, NotSecuredError, TokenFile, guarded
 from twin_server.serve.access.guard import COOKIE
 from twin_server.settings import TwinSettings
@@ -148,3 +149,17 @@ def test_beyond_this_machine_it_listens_only_encrypted_and_with_tokens(tmp_path,
 def test_everybody_is_nobody_of_a_token():
     assert EVERYBODY.to_dict()["until"] is None
     assert EVERYBODY.until > time.time()
+
+
+def test_the_streams_of_one_token_are_counted():
+    async def join_many():
+        hub = Hub(max_clients=10, backlog=16, max_of_one=2)
+        of_ann = [hub.join("lab.beam", "ann") for _ in range(3)]
+        assert [client is not None for client in of_ann] == [True, True, False]
+        assert hub.join("lab.beam", "bob") is not None
+        assert of_ann[0] is not None
+        hub.leave(of_ann[0])
+        assert hub.join("lab.beam", "ann") is not None
+        assert hub.join("lab.beam", "ann") is None
+
+    asyncio.run(join_many())
