@@ -47,13 +47,14 @@ def before(trials):
 
 
 def ranked(*effects):
-    return [Candidate(effect, float(i), -float(i)) for i, effect in enumerate(effects)]
+    return [Candidate(effect, float(i), -float(i), 100.0) for i, effect in enumerate(effects)]
 
 
 def nothing(effect, number):
     pass
 
 
+@pytest.mark.slow
 def test_the_right_law_is_found_where_it_stands_low(before, trials):
     tried = ranked(*OTHERS, CUBIC)
     named = refit_all(before, tried[:1], trials, KINDS, nothing)
