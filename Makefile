@@ -63,6 +63,9 @@ surrogates: .venv-peers/ready  ## docs/surrogates.md: surrogates beside chaospy,
 figures: .venv/dev  ## draw the book's figures into docs/figures
 	$(BIN)/python docs/figures/chapter_3.py
 	$(BIN)/python docs/figures/chapter_5.py
+	$(BIN)/python -m docs.figures.chapter_7
+	$(BIN)/python -m docs.figures.chapter_8
+	$(BIN)/python -m docs.figures.chapter_9
 	$(BIN)/python docs/figures/chapter_6.py
 
 .venv/run: pyproject.toml constraints.txt

@@ -37,6 +37,8 @@ class Constants:
     ----------
     names, nominal
         Of the free constants, and what they were taken for.
+    prior_log_ratio, prior_log_sd
+        Where the constants were taken to be before the record, and how well.
     log_ratio, log_covariance
         Logarithms of the constants over their nominal values, and the covariance of these.
     log_likelihood
@@ -47,6 +49,8 @@ class Constants:
 
     names: tuple[Name, ...]
     nominal: Float[np.ndarray, " free"]
+    prior_log_ratio: Float[np.ndarray, "*twins free"]
+    prior_log_sd: Float[np.ndarray, " free"]
     log_ratio: Float[np.ndarray, "*twins free"]
     log_covariance: Float[np.ndarray, "*twins free free"]
     log_likelihood: Float[np.ndarray, "*twins"]
@@ -61,6 +65,22 @@ class Constants:
     def log_sd(self) -> Float[np.ndarray, "*twins free"]:
         """Standard deviations of the logarithms: relative ones of the constants."""
         return np.asarray(np.sqrt(np.diagonal(self.log_covariance, axis1=-2, axis2=-1)))
+
+    def record_alone(self) -> tuple[np.ndarray, np.ndarray]:
+        """Logarithms over nominal values as the record alone tells them, and their sd.
+
+        Epochs that are put together must not each bring the same prior along. It is taken out
+        constant by constant; where a record says less than the prior does, it stays.
+        """
+        own, prior = self.log_sd**-2.0, self.prior_log_sd**-2.0
+        left = own - prior
+        told = left > prior
+        safe = np.where(told, left, 1.0)
+        log = (own * self.log_ratio - prior * self.prior_log_ratio) / safe
+        return (
+            np.where(told, log, self.log_ratio),
+            np.where(told, safe**-0.5, self.log_sd),
+        )
 
     def interval(self, level: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
         """Give the ends of the interval that holds each constant with probability `level`."""
@@ -265,6 +285,8 @@ def identify_epoch(
     return Constants(
         watched.free,
         watched.nominal,
+        prior,
+        watched.log_sd,
         mean,
         covariance,
         tally.log_likelihood,

@@ -129,10 +129,8 @@ class Ageing:
 
     def _readings(self, name: Name) -> tuple[Epochs, Epochs]:
         place = self.constants.names.index(name)
-        return (
-            np.ascontiguousarray(self.constants.log_ratio[:, place]),
-            np.ascontiguousarray(self.constants.log_sd[:, place]),
-        )
+        log, sd = self.constants.record_alone()
+        return np.ascontiguousarray(log[:, place]), np.ascontiguousarray(sd[:, place])
 
     def _foretold(self, name: Name, slow_time: np.ndarray, level: float) -> Forecast:
         log, sd = self._readings(name)
@@ -162,14 +160,15 @@ def learn_ageing(
     slow_time
         Of the epochs, ascending.
     constants
-        Of one twin, one row an epoch; epochs must not share readings or priors of weight.
+        Of one twin, one row an epoch, each from readings of its own; what the prior has put
+        into each is taken out.
     """
     if constants.log_ratio.shape[:-1] != slow_time.shape:
         raise ValueError(
             f"Constants of {constants.log_ratio.shape[:-1]} epochs were given for "
             f"{len(slow_time)} slow times. Give one row for each."
         )
-    log, sd = constants.log_ratio, constants.log_sd
+    log, sd = constants.record_alone()
     outlooks = {
         name: forecast.fit(
             slow_time, np.ascontiguousarray(log[:, i]), np.ascontiguousarray(sd[:, i])

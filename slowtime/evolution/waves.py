@@ -18,7 +18,7 @@ HARMONICS = 4
 _FEWEST = 12
 """Readings, below which no period is looked for."""
 
-_ROUNDS = 3.0
+_ROUNDS = 2.0
 """Periods that a history must hold."""
 
 _MOST_ROUNDS = 60.0

@@ -141,6 +141,27 @@ def test_the_interval_holds_the_value_and_keeps_the_sign_of_what_is_negative():
     assert (found.value[:, 3] < 0).all()
 
 
+def test_what_the_record_alone_tells_does_not_hang_on_the_prior():
+    true = Springs.of(examples.two_masses())
+    values = examples.aged(true, DAYS[::50])
+    records = examples.record(
+        true, values, examples.TWO_MASSES_WHITE, np.random.default_rng(46)
+    )
+    one = two(records)
+    near = identify_epoch(one, records.readings, records.forces)
+    start = np.array([0.2, -0.2, 0.6, 0.6, 0.0])
+    far = identify_epoch(
+        one, records.readings, records.forces, log_ratio=np.tile(start, (5, 1)), passes=3
+    )
+    damping = slice(2, 4)
+    apart = (far.log_ratio - near.log_ratio)[:, damping]
+    alone = (far.record_alone()[0] - near.record_alone()[0])[:, damping]
+    assert np.mean(apart) > 0.01
+    assert abs(np.mean(alone)) < 0.5 * np.mean(apart)
+    # Of Duffing's constant the record says nothing, and the prior stays.
+    np.testing.assert_array_equal(near.record_alone()[0][:, 4], near.log_ratio[:, 4])
+
+
 def test_intervals_are_as_many_as_forces():
     records = examples.record(
         Springs.of(examples.two_masses()),
