@@ -325,7 +325,13 @@ class Account:
                 continue
             if holding.last > known.told:
                 known.told = holding.last
+                # Durable together with the boots let in after it: a server that starts again
+                # would close it as whole.
+                change.touched[known] = None
                 self._worry(known, now_s)
+            if known.closed and holding.last >= known.next:
+                why = "a later boot had begun before it could be asked for"
+                self._lose(known, known.next, holding.last, why, change)
             if holding.last < known.next:
                 change.touched[known] = None  # it keeps what is durable: it is told again
         self._admit(line, listing, now_s, change)

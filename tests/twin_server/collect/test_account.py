@@ -398,3 +398,32 @@ def test_every_hole_is_given_up_where_nobody_can_be_asked(features):
     world.note(change)
     assert world.order == [("b1", s) for s in (0, 3, 4, 7, 9)] + [("b2", 0), ("b2", 2)]
     assert world.lost == [("b1", 1, 2), ("b1", 5, 6), ("b1", 8, 8), ("b2", 1, 1)]
+
+
+def test_how_far_a_boot_got_is_durable_together_with_the_boot_after_it(world):
+    world.alive()
+    world.spool = {"b1": set(range(9))}
+    world.arrive(("b1", 0), ("b1", 1))
+    world.heal(rounds=1)
+    world.spool["b2"] = {0}
+    world.arrive(("b2", 0))
+    world.changes.touched.clear()
+    (want,) = world.account.wants(world.now_s + 100.0)
+    change = Change()
+    world.account.settle(want, world.listing(), world.now_s, change)
+    assert {run.boot: run.told for run in change.touched} == {"b1": 8, "b2": 0}
+
+
+def test_what_an_edge_still_has_of_a_boot_that_was_closed_without_it_is_reported(world):
+    world.spool = {"b1": {0, 1}}
+    world.arrive(("b1", 0), ("b1", 1))
+    world.heal()
+    world.spool = {}
+    world.alive()
+    world.arrive(("b2", 0))
+    world.heal()
+    world.spool = {"b1": set(range(7)), "b2": {0}}
+    world.alive(False)
+    world.alive()
+    world.heal()
+    assert world.lost == [("b1", 2, 6)]
