@@ -9,7 +9,7 @@ from slowtime_schemas.diagnosis_file import DiagnosisFile, FoundEffect, Rival
 from slowtime_services.reports import Section, Table, write_page
 
 from .charts import gap_chart, residual_charts, run_charts, surface_chart
-from .words import VERDICTS, named, number, placed
+from .words import VERDICTS, named, number, placed, rare
 
 
 def write_report(path: Path, diagnosis: Diagnosis, document: DiagnosisFile) -> None:
@@ -87,15 +87,14 @@ def _whiteness(document: DiagnosisFile) -> list[str]:
         word = "What the augmented model leaves is more than the sensors' noise"
     return [
         f"{word}: its mean square is {over:.3g} times that of the noise (1 is the best there "
-        f"is), and so much or more would be seen by chance in {document.white_p_value:.2g} of "
-        "all cases."
+        f"is); the chance of so much or more, were it noise, is {rare(document.white_p_value)}."
     ]
 
 
 def _where(document: DiagnosisFile) -> Section:
     rows = [
         (
-            placed(place.kind, place.id), f"{place.score:.4g}", f"{place.p_value:.2g}",
+            placed(place.kind, place.id), f"{place.score:.4g}", rare(place.p_value),
             f"{100 * place.share:.3g} %",
         )
         for place in document.where

@@ -35,6 +35,17 @@ def placed(kind: str, name: str) -> str:
     return "the base" if kind == "base" else f"{kind} {name}"
 
 
+def rare(chance: float) -> str:
+    """Write a probability, of which nobody needs to know how much less than nothing it is.
+
+    Examples
+    --------
+    >>> rare(0.034), rare(0.0)
+    ('0.034', 'below 1e-12')
+    """
+    return f"{chance:.2g}" if chance >= 1e-12 else "below 1e-12"
+
+
 def number(estimated: Estimated) -> str:
     """Write a number with its standard deviation, to the digits that this leaves.
 
