@@ -402,10 +402,10 @@ def test_every_hole_is_given_up_where_nobody_can_be_asked(features):
 
 def test_how_far_a_boot_got_is_durable_together_with_the_boot_after_it(world):
     world.alive()
-    world.spool = {"b1": set(range(9))}
+    world.spool = {"b1": {0, 1}}
     world.arrive(("b1", 0), ("b1", 1))
-    world.heal(rounds=1)
-    world.spool["b2"] = {0}
+    world.heal()
+    world.spool = {"b1": set(range(9)), "b2": {0}}
     world.arrive(("b2", 0))
     world.changes.touched.clear()
     (want,) = world.account.wants(world.now_s + 100.0)
