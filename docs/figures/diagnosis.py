@@ -119,8 +119,7 @@ def _pictures(url: str) -> None:
         room = page.locator(f'[id="{TWIN}"] .diagnosis')
         expect(room).to_have_attribute("data-gap", "disagreeing", timeout=PATIENCE_MS)
         room.locator("summary").click()
-        page.wait_for_timeout(4_000)
-        room.get_by_label("quick").check()
+        page.wait_for_timeout(8_000)
         room.get_by_role("button", name="Ask what the model lacks").click()
         job = room.locator(".jobs > li").first
         expect(job.locator(".verdict")).to_be_visible(timeout=PATIENCE_MS)
