@@ -17,7 +17,7 @@ FINE = 0.02
 """Expected gain in chi squared below which a step is not worth taking."""
 COARSE = 2e-5
 """The same, relative to chi squared."""
-WRONG, CREEPING = 3.0, 5e-3
+WRONG, CREEPING = 3.0, 1e-3
 """Chi squared per datum beyond which a model is wrong anyway, and the same of that part."""
 PATIENCE, LEAPS = 3, 10.0
 """Steps before a fit may be called hopeless; how many more like the last it may hope for."""
