@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from slowtime.signals.block import Block
 from slowtime_services.bus import Bus, ZenohBus
 from slowtime_services.clock import Clock, SystemClock
-from slowtime_services.credentials import options_for
+from slowtime_services.credentials import Credentials, options_for
 from slowtime_services.ending import ended_by_signals
 
 from .acquire import Pacer, Source, open_source
@@ -111,6 +111,9 @@ def _run_boot(
 
 def _connected(settings: EdgeSettings, clock: Clock, stop: threading.Event) -> ZenohBus:
     """Open the bus and give the router a moment; without it the agent begins all the same."""
+    if settings.credentials is not None:
+        own = Credentials.read(settings.credentials, at_any_time=True)
+        own.check_is_of_edge(settings.site, settings.asset)
     options = options_for(
         settings.credentials, settings.connect, settings.zenoh, at_any_time=True
     )

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from .authority import ACCESS, CERTIFICATE, KEY, TRUSTED
+from .roles import common_name
 
 logger = logging.getLogger(__name__)
 
@@ -96,6 +97,22 @@ class Credentials:
                 "The certificate in %s expires in %d days. Renew it: slowtime keys renew.",
                 self.folder,
                 (self.expires - now).days,
+            )
+
+    def check_is_of_edge(self, site: str, asset: str) -> None:
+        """Refuse another asset's credential, with which a router would drop every message.
+
+        Raises
+        ------
+        CredentialsError
+            If it is not that of the edge agent of this asset.
+        """
+        own = common_name("edge", site, asset, 0).rpartition(":")[0]
+        if self.name.rpartition(":")[0] != own:
+            raise CredentialsError(
+                f"{self.folder} is the credential of {self.name or 'nobody'}, and this is the "
+                f"edge agent of {site}.{asset}. Give the folder keys/edge-{asset}, or correct "
+                "--site and --asset."
             )
 
     def client_options(self) -> dict[str, Any]:

@@ -157,6 +157,14 @@ def test_an_expired_certificate_is_refused(router, authority):
     refused(router, Credentials.read(folder, at_any_time=True).client_options())
 
 
+def test_a_link_ends_with_its_certificate(router, authority, join, eventually):
+    three = datetime.timedelta(seconds=3)
+    folder = authority.issue("edge", "short", lasts=three)  # the router knows it not, and lets
+    edge = join(folder, "peer")  # it in all the same: it may do nothing
+    assert eventually(lambda: edge.connected)
+    assert eventually(lambda: not edge.connected)
+
+
 def test_a_certificate_of_another_authority_is_refused(router, authority, tmp_path):
     folder = Authority.open(tmp_path, "lab").issue("edge", "beam")
     forged = Credentials.read(folder).client_options()

@@ -129,7 +129,21 @@ def test_a_router_without_credentials_stays_on_this_machine():
 def test_the_bus_does_without_cryptography_where_nobody_asks_for_it():
     # The library takes a while to import, and most commands need no certificate.
     program = """if True:
-        import sys, slowtime_services.router, edge_agent.__main__
+        import sys, slowtime_services.router
         sys.exit("cryptography" in sys.modules)
     """
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
+
+
+def test_an_edge_notices_that_it_was_given_anothers_certificate(tmp_path):
+    authority = Authority.open(tmp_path, "lab")
+    of_beam = Credentials.read(authority.issue("edge", "beam"))
+    of_beam.check_is_of_edge("lab", "beam")
+    server = Credentials.read(authority.issue("server"))
+    for own, site, asset in (
+        (of_beam, "lab", "frame"),
+        (of_beam, "other", "beam"),
+        (server, "lab", "beam"),
+    ):
+        with pytest.raises(CredentialsError, match=f"edge agent of {site}.{asset}"):
+            own.check_is_of_edge(site, asset)
