@@ -8,7 +8,7 @@ BIN := .venv/bin
 export OPENBLAS_NUM_THREADS ?= 1
 PIP_INSTALL := $(BIN)/python -m pip --disable-pip-version-check --quiet install -c constraints.txt
 
-.PHONY: demo test test-slow blind blind-pairs blind-slow peers check bench gallery surrogates figures docs clean help
+.PHONY: demo test test-slow blind blind-pairs blind-slow peers faults load check bench gallery surrogates figures docs clean help
 
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
@@ -50,6 +50,13 @@ check: .venv/dev  ## format, lint, strict types, import contracts, docs tests
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python -m pytest -q tests/docs
+
+faults: .venv/dev  ## real processes killed, frozen, cut off and lied to, and the account after; N=200 SEED=1 SECONDS=60 JOBS=4
+	$(BIN)/python -m tests.faults --cases $(or $(N),200) --seed $(or $(SEED),1) --seconds $(or $(SECONDS),60) \
+		--jobs $(or $(JOBS),4) --out var/faults
+
+load: .venv/dev  ## ten thousand assets on this machine: loss, latencies, memory; DURATION_S=1800
+	$(BIN)/python -m benchmarks.load --seconds $(or $(DURATION_S),1800)
 
 bench: .venv/dev .venv-peers/ready  ## every figure of speed, memory and accuracy, as ratios, also to peers
 	$(BIN)/python -m benchmarks

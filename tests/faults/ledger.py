@@ -74,6 +74,8 @@ class Verdict(NamedTuple):
     altered: list[Key]
     invented: list[Key]
     unaccounted: list[Key]
+    contradicted: list[Key]
+    """In history, and reported lost as well."""
     accepted: int
     lost: int
     made: int
@@ -109,6 +111,7 @@ def judge(ledger: Ledger, seen: Seen) -> Verdict:
         [key for key, payload in history.items() if made.get(key, payload) != payload],
         [key for key in history if key not in made],
         sorted(key for key in kept if key not in history and not reported(key)),
+        sorted(key for key in history if reported(key)),
         len(history),
         sum(b - a + 1 for ranges in lost.values() for a, b in ranges),
         len(made),
