@@ -52,7 +52,6 @@ STRUCTURE = {
 REGISTRATION = {
     "name": "Rig",
     "changes": "stiffness",
-    "nominal": {"frequency_hz": 3.22, "damping_ratio": 0.006},
     "model": MODEL,
 }
 
