@@ -25,6 +25,7 @@ from twin_server.serve.access import (
     WrongTokenFileError,
     guarded,
 )
+from twin_server.serve.heads import Heads
 from twin_server.settings import TwinSettings
 
 logger = logging.getLogger(__name__)
@@ -172,6 +173,7 @@ def collect_less_often() -> None:
 def _config(app: Guard, settings: TwinSettings) -> uvicorn.Config:
     return uvicorn.Config(
         app,
+        http=Heads,
         log_config=None,
         access_log=False,
         lifespan="off",

@@ -3,6 +3,7 @@
 import datetime
 import json
 import logging
+import socket
 import ssl
 import threading
 
@@ -166,6 +167,18 @@ def test_a_server_that_strangers_could_ask_does_not_start(tmp_path, caplog):
     assert "no encryption" in caplog.text
     assert "no authentication" in caplog.text
     assert not (tmp_path / "twin.sqlite").exists()
+
+
+def test_a_head_that_never_ends_is_cut_off(guarded_server):
+    where = httpx.URL(guarded_server.url)
+    with socket.create_connection((where.host, where.port), timeout=10) as line:
+        line.sendall(b"GET /healthz HTTP/1.1\r\nHost: 127.0.0.1\r\nX: ")
+        with pytest.raises(OSError, match=r"reset|pipe"):
+            line.sendall(b"y" * (1 << 25))
+    # One that ends is answered, and so are several on one line.
+    long = {"X-Long": "y" * 60_000}
+    for _ in range(3):
+        assert guarded_server.client.get("/healthz", headers=long).status_code == 200
 
 
 @pytest.mark.browser
