@@ -37,8 +37,8 @@ def test_wrong_orders_are_refused_in_a_sentence(refused):
 
 @pytest.mark.parametrize("verb", ["record --out a.mcap", "status", "edge --simulate tower"])
 def test_credentials_go_with_an_encrypted_endpoint(run, refused, verb):
-    run("keys", "make", "lab", "--asset", "tower")
+    run("keys", "make", "demo", "--asset", "tower")
     said = refused(
-        *verb.split(), "--credentials", "keys/server", "--connect", "tcp/127.0.0.1:1"
+        *verb.split(), "--credentials", "keys/edge-tower", "--connect", "tcp/127.0.0.1:1"
     )
     assert "tcp/127.0.0.1:1 is not encrypted" in said
