@@ -3,13 +3,14 @@
 import json
 import urllib.error
 import urllib.request
+from typing import Any
 
 import pytest
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
-SECONDS, ENTERS = 10.0, 45
-MODEL = {
+SECONDS, ENTERS, PATIENCE_S = 10.0, 10_000, 150.0
+MODEL: dict[str, Any] = {
     "slowtime_model": 1,
     "name": "rig",
     "nodes": [
@@ -41,7 +42,7 @@ REAL = MODEL | {
     ]
 }
 FRICTION = {"effect": "coulomb", "element": "j2", "friction_n": 1.5}
-EDGE = {
+EDGE: dict[str, Any] = {
     "site": "lab",
     "asset": "rig",
     "extract": {"method": "peak", "channels": ["a3"], "window_s": SECONDS},
@@ -85,15 +86,13 @@ def kinds(house):
     return [event["kind"] for event in house.get(f"{TWIN}/events?limit=1000")["events"]]
 
 
-def last_gaps(house, count=3):
-    return [reading["in_use"] for reading in house.get(f"{TWIN}/gap")["readings"][-count:]]
-
-
-def settled(house, holds):
-    """Whether the last gaps, all of them after now, are so."""
+def judged(house):
+    """Whether each of three records that are heard from now on is beyond the limit."""
     seen = len(house.get(f"{TWIN}/gap")["readings"])
-    house.until(lambda: len(house.get(f"{TWIN}/gap")["readings"]) >= seen + 4, "more gaps")
-    return all(holds(value) for value in last_gaps(house))
+    house.until(
+        lambda: len(house.get(f"{TWIN}/gap")["readings"]) >= seen + 4, "more", PATIENCE_S
+    )
+    return [reading["disagrees"] for reading in house.get(f"{TWIN}/gap")["readings"][-3:]]
 
 
 def test_an_effect_that_enters_unannounced_is_noticed_named_adopted_and_undone(house):
@@ -105,10 +104,16 @@ def test_an_effect_that_enters_unannounced_is_noticed_named_adopted_and_undone(h
     assert send(house, "POST", f"{TWIN}/diagnoses", {"raw": {}})[0] == 409
     house.edge(EDGE)
 
-    house.until(lambda: "gap_learnt" in kinds(house), "the gap to be learnt")
+    house.until(lambda: "gap_learnt" in kinds(house), "the gap to be learnt", PATIENCE_S)
     learnt = house.get(f"{TWIN}/gap")
     assert learnt["expected"] < 0.05
-    house.until(lambda: "disagreement" in kinds(house), "the disagreement")
+    assert judged(house) == [False] * 3
+    # How fast the learning goes depends on the machine, an epoch's number does not.
+    assert house.end("edge") == 0
+    later = EDGE | {"input": EDGE["input"] | {"first_epoch": ENTERS - 2}}
+    heard = len(house.history("lab.rig"))
+    house.edge(later)
+    house.until(lambda: "disagreement" in kinds(house), "the disagreement", PATIENCE_S)
     assert house.get(f"{TWIN}/gap")["state"] == "disagreeing"
     (event,) = [
         e
@@ -116,9 +121,7 @@ def test_an_effect_that_enters_unannounced_is_noticed_named_adopted_and_undone(h
         if e["kind"] == "disagreement"
     ]
     assert event["details"]["gap"] > 3 * learnt["expected"]
-    epochs = len(house.history("lab.rig"))
-    assert epochs > ENTERS
-    house.until(lambda: len(house.history("lab.rig")) >= ENTERS + 5, "records with friction")
+    house.until(lambda: len(house.history("lab.rig")) >= heard + 8, "records with friction")
 
     body = event["details"]["suggests"] | {"quick": True}
     body["raw"]["duration_s"] = 40.0
@@ -132,7 +135,7 @@ def test_an_effect_that_enters_unannounced_is_noticed_named_adopted_and_undone(h
         stages.add(now["stage"])
         return now["ended_ns"] is not None
 
-    house.until(ended, "the diagnosis")
+    house.until(ended, "the diagnosis", PATIENCE_S)
     found = house.get(one)
     assert found["state"] == "done", found["error"]
     assert len(stages) >= 3
@@ -144,16 +147,16 @@ def test_an_effect_that_enters_unannounced_is_noticed_named_adopted_and_undone(h
     assert gap["augmented"] < 1.3 * gap["noise_floor"] < 0.3 * gap["refitted_nominal"]
 
     assert send(house, "POST", f"{one}/undo")[0] == 409
-    assert settled(house, lambda value: value > learnt["limit"])
+    assert judged(house) == [True] * 3
     assert send(house, "POST", f"{one}/adopt")[0] == 200
-    assert settled(house, lambda value: value < learnt["limit"])
+    assert judged(house) == [False] * 3
     shown = house.get(f"{TWIN}/gap")
     assert shown["state"] == "watching"
-    assert all(r["nominal"] > learnt["limit"] for r in shown["readings"][-3:])
+    assert all(r["nominal"] > 5 * r["in_use"] for r in shown["readings"][-3:])
     model = house.get(TWIN)["registration"]["model"]
     assert [one["effect"] for one in model["effects"]] == ["coulomb"]
     assert send(house, "POST", f"{one}/undo")[0] == 200
-    assert settled(house, lambda value: value > learnt["limit"])
+    assert judged(house) == [True] * 3
     assert house.get(TWIN)["registration"]["model"]["effects"] == []
     said = kinds(house)
     order = ["gap_learnt", "disagreement", "diagnosed", "adopted", "agreement", "undone"]
