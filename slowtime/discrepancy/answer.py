@@ -28,9 +28,10 @@ LEFT = 1e-3
 
 @dataclasses.dataclass(slots=True, eq=False)
 class Found:
-    """What has been found so far."""
+    """What has been found so far, and the records by which."""
 
     fits: list[Fit]
+    trials: tuple[Trial, ...]
     located: Located | None = None
     answers: list[Answer] = dataclasses.field(default_factory=list)
     undecided: tuple[Rival, ...] = ()

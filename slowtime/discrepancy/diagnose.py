@@ -17,6 +17,7 @@ from .further import further
 from .gap import whiteness
 from .locate import locate
 from .naming import KEPT, carrying, chosen, refit_all
+from .outrun import within
 from .pruning import pruned
 from .records import Campaign, Trial
 from .refit import Fit, refit
@@ -103,21 +104,20 @@ def diagnose(
         tell("comparing spectra", 0.1)
         return diagnose_undriven(campaign, trials, findings, known)
     tell("refitting the model within its tolerances", 0.05)
-    found = Found([refit(Plant.of(campaign.description, kinds=known), trials)])
+    found = Found([refit(Plant.of(campaign.description, kinds=known), trials)], trials)
     for number in range(1 if quick else MOST):
-        if not _next(found, trials, known, 3 if quick else KEPT, number, tell):
+        if not _next(found, known, 3 if quick else KEPT, number, tell):
             break
     else:
         tell("looking at what is left", 0.9)
-        found.left = locate(found.fits[-1], trials)
-    _prune(found, trials, known)
+        found.left = locate(found.fits[-1], found.trials)
+    _prune(found, found.trials, known)
     tell("judging by what was not fitted", 0.92)
-    return report(campaign, trials, findings, found, known)
+    return report(campaign, found.trials, findings, found, known)
 
 
 def _next(
     found: Found,
-    trials: tuple[Trial, ...],
     kinds: Mapping[str, Kind],
     most: int,
     number: int,
@@ -130,7 +130,7 @@ def _next(
     if found.answers and not pulled and whiteness(before) > SILENT:
         return False
     tell("locating what is left", share)
-    located = locate(before, trials)
+    located = locate(before, found.trials)
     found.located, found.left = found.located or located, located
     if located.p_value > FALSE_ALARM and not pulled:
         return False
@@ -146,13 +146,13 @@ def _next(
     again = any(a.effect.place in located.groups[0].places for a in found.answers)
     tried = [one for one in tried if not _bends_twice(one.effect, found.answers, kinds)]
     labels = chosen(tried, (TWICE if again else LATER) if number else most)
+    channels = tuple(s.channel for s in before.plant.description.sensors)
+    trials = within(found.trials, channels, (one.effect for one in labels), kinds)
 
     def tick(effect: Effect, i: int) -> None:
         tell(f"refitting {effect.kind} at {effect.place}", share + 0.08 + 0.18 * i / most)
 
     named = refit_all(before, labels, trials, kinds, tick)
-    if number == 0 and most == KEPT:
-        named = further(before, tried, named, trials, kinds, tick)
     if not named or whiteness(named[0].fit) < UNWHITE:
         drift = wandering(located, kinds)
         if drift is not None:
@@ -163,6 +163,8 @@ def _next(
             found.fits.append(carrying(before, silent, kinds))
             found.left = None
             return False
+    if number == 0 and most == KEPT:
+        named = further(before, tried, named, trials, kinds, tick)
     if not named:
         return False
     best = named[0]
@@ -179,6 +181,7 @@ def _next(
     if again and whiteness(best.fit) < UNWHITE:
         return False
     found.fits.append(best.fit)
+    found.trials = within(found.trials, channels, (best.effect,), kinds)
     found.answers.append(answer_of(named, kinds))
     shares = probabilities([n.score for n in named], best.fit.chi2_in_band)
     if shares[0] < DECIDED and not found.undecided:

@@ -9,10 +9,17 @@ import pytest
 from slowtime.discrepancy.diagnose import Cancelled, diagnose
 from slowtime.discrepancy.records import Campaign
 from slowtime.dynamics.effects import Place
+from slowtime.signals.interpolation import at_instants
+
+LOSS = 400.0
 
 
 def cubic(e, v, t):
     return 4e6 * e**3
+
+
+def softer(e, v, t):
+    return -LOSS * e
 
 
 def answered(rig, trials, **more):
@@ -88,3 +95,31 @@ def test_records_are_not_touched(campaign):
     answered(rig, trials, quick=True)
     for trial, outputs in zip(trials, before, strict=True):
         np.testing.assert_array_equal(trial.outputs, outputs)
+
+
+def test_a_clock_that_turns_the_phase_many_times_is_found(campaign, wrong):
+    skew = 8e-3
+
+    def fast(series):
+        return at_instants(series, np.arange(len(series)) * (1 + skew))
+
+    rig, trials = campaign(
+        15, wrong(sensor=0, fault=fast), masses=1, levels=(1.0, 2.0, 1.5), seconds=16.0
+    )
+    found = answered(rig, trials, quick=True)
+    assert found.verdict == "sensor_fault"
+    assert [named.effect.kind for named in found.effects] == ["sensor_clock"]
+    number = found.effects[0].numbers["skew"]
+    assert abs(number.value - skew) < max(4 * number.sd, 0.01 * skew)
+
+
+def test_a_constant_that_moved_alone_is_named_where_it_is(campaign, wrong):
+    rig, trials = campaign(
+        16, wrong(element=1, force=softer), masses=2, levels=(1.0, 2.0, 1.5), seconds=8.0
+    )
+    found = answered(rig, trials, quick=True)
+    assert found.verdict == "missing_effect"
+    assert [named.effect.kind for named in found.effects] == ["stiffness_loss"]
+    assert found.effects[0].effect.place == Place("element", "j1")
+    number = found.effects[0].numbers["dk_n_per_m"]
+    assert abs(number.value - LOSS) < 4 * number.sd
