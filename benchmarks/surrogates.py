@@ -285,8 +285,8 @@ def page(table: Table, seeds: int) -> tuple[str, bool]:
         "",
         "Written by `make surrogates`. Root mean square error at "
         f"{TESTS:,} independent points over the spread of the output, in per cent; median "
-        f"over designs (Latin hypercubes, number of them: {seeds}), the same for all. Bold: the "
-        "best of ours and of theirs.",
+        f"over designs (Latin hypercubes, number of them: {seeds}), the same for all. Bold: "
+        "the best of ours and of theirs.",
         "",
         "| method | " + " | ".join(f"{name} {size}" for name, size in columns) + " |",
         "|---|" + "---:|" * len(columns),

@@ -130,7 +130,7 @@ def figure_6_2() -> list[Line]:
 def figure_6_3() -> list[Line]:
     """Ten changes: error over the number of runs, and what matters."""
     problem = PROBLEMS["frame"]
-    asked, truth = problem.draws(500, np.random.default_rng(SEED))
+    asked, truth = problem.draws(200, np.random.default_rng(SEED))
     kinds = {
         "polynomial chaos": surrogate.PolynomialChaos(
             marginals=problem.marginals, extrapolation="ignore"

@@ -85,7 +85,7 @@ def choose(
     >>> from slowtime.surrogate import GaussianProcess, PolynomialChaos
     >>> x = np.random.default_rng(0).uniform(size=(40, 2))
     >>> chosen = choose(x, x[:, 0] ** 2 - x[:, 1], {
-    ...     "process": GaussianProcess(), "chaos": PolynomialChaos()})
+    ...     "process": GaussianProcess(folds=1), "chaos": PolynomialChaos()})
     >>> chosen.name
     'chaos'
     """

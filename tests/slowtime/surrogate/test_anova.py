@@ -14,7 +14,7 @@ def correlated(points, rho, rng):
 def test_shares_of_a_plane_in_correlated_inputs_are_those_by_hand():
     rho, a, b = 0.6, 2.0, -1.0
     x = correlated(60, rho, np.random.default_rng(0))
-    fitted = GeneralisedAnova(degree=2, marginals=[stats.norm()] * 2, starts=1).fit(
+    fitted = GeneralisedAnova(degree=2, marginals=[stats.norm()] * 2, starts=1, folds=1).fit(
         x, a * x[:, 0] + b * x[:, 1]
     )
     sample = correlated(40000, rho, np.random.default_rng(1))
@@ -31,7 +31,7 @@ def test_a_product_of_correlated_inputs_is_shared_by_hierarchy():
     """For normal inputs, x1 x2 = rho / (1 + rho²) (x1² + x2²) + what is orthogonal to both."""
     rho = 0.5
     x = correlated(60, rho, np.random.default_rng(2))
-    fitted = GeneralisedAnova(degree=2, marginals=[stats.norm()] * 2, starts=1).fit(
+    fitted = GeneralisedAnova(degree=2, marginals=[stats.norm()] * 2, starts=1, folds=1).fit(
         x, x[:, 0] * x[:, 1]
     )
     sample = correlated(60000, rho, np.random.default_rng(3))
@@ -46,7 +46,7 @@ def test_a_product_of_correlated_inputs_is_shared_by_hierarchy():
 def test_of_independent_inputs_the_shares_are_sobol_indices():
     problem = PROBLEMS["Ishigami"]
     x, y = problem.design(150, np.random.default_rng(4))
-    fitted = GeneralisedAnova(marginals=problem.marginals, starts=1).fit(x, y)
+    fitted = GeneralisedAnova(marginals=problem.marginals, starts=1, folds=1).fit(x, y)
     sample, _ = problem.draws(20000, np.random.default_rng(5))
     shares = {one.inputs: one for one in fitted.shares(sample)}
     first, total = ishigami_sobol()

@@ -25,11 +25,11 @@ from slowtime.surrogate import (
 from slowtime.surrogate.problems import PROBLEMS
 
 MEMBERS = [
-    PolynomialChaos(),
     PolynomialChaos(degree=1, method="least squares"),
-    GaussianProcess(starts=1),
-    HybridExpansion(degree=2, interaction=1, starts=1),
-    GeneralisedAnova(degree=2, interaction=1, starts=1),
+    PolynomialChaos(),
+    GaussianProcess(starts=1, folds=1),
+    HybridExpansion(degree=2, interaction=1, starts=1, folds=1),
+    GeneralisedAnova(degree=2, interaction=1, starts=1, folds=1),
     SupportVectors(grid={"C": [10.0], "gamma": [0.1], "epsilon": [0.01]}),
     NetworkEnsemble(hidden=(5,), iterations=60),
     PlainProcess(),
@@ -48,7 +48,7 @@ def plane():
 # scikit-learn's checks ask for the impossible on purpose; that it is warned of is tested below.
 @pytest.mark.filterwarnings("ignore::slowtime.surrogate.SurrogateWarning")
 @parametrize_with_checks(
-    MEMBERS[:3],
+    MEMBERS[:1],
     expected_failed_checks=lambda one: {ODD: "beartype checks types first; see below"},
 )
 def test_scikit_learn_finds_its_own_conventions(estimator, check):
@@ -58,13 +58,14 @@ def test_scikit_learn_finds_its_own_conventions(estimator, check):
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::slowtime.surrogate.SurrogateWarning")
 @parametrize_with_checks(
-    MEMBERS[3:],
+    MEMBERS[1:],
     expected_failed_checks=lambda one: {ODD: "beartype checks types first; see below"},
 )
 def test_scikit_learn_finds_its_own_conventions_in_the_others_too(estimator, check):
     check(estimator)
 
 
+@pytest.mark.slow
 def test_settings_are_checked_when_they_are_used_and_not_before():
     names = ", ".join(sorted({type(one).__name__ for one in MEMBERS}))
     code = (
@@ -130,7 +131,7 @@ def test_points_within_the_box_but_off_the_design_are_flagged():
     for inputs in (2, 3, 6):
         common = rng.uniform(size=(80, 1))
         x = common + 0.02 * rng.standard_normal((80, inputs))
-        fitted = GaussianProcess(starts=1).fit(x, np.sin(3.0 * x[:, 0]))
+        fitted = GaussianProcess(starts=1, folds=1).fit(x, np.sin(3.0 * x[:, 0]))
         corner = np.full((1, inputs), 0.1)
         corner[0, 0] = 0.9
         assert fitted.extrapolates(corner)[0]
@@ -151,16 +152,18 @@ def test_inputs_that_cannot_be_told_apart_are_named(plane):
     x, y = plane
     twice = np.column_stack([x, 2.0 * x[:, 1] - 1.0])
     with pytest.warns(IllConditionedWarning, match=r"Inputs \[1, 2\] vary together"):
-        GaussianProcess(starts=1).fit(twice, y)
+        GaussianProcess(starts=1, folds=1).fit(twice, y)
     still = np.column_stack([x, np.ones(30)])
     with pytest.warns(IllConditionedWarning, match=r"Input 2 is 1 at every point"):
-        GaussianProcess(starts=1).fit(still, y)
+        GaussianProcess(starts=1, folds=1).fit(still, y)
 
 
 def test_pipelines_and_searches_take_them(plane):
     x, y = plane
     scores = cross_val_score(
-        make_pipeline(StandardScaler(), GaussianProcess(starts=1, extrapolation="ignore")),
+        make_pipeline(
+            StandardScaler(), GaussianProcess(starts=1, folds=1, extrapolation="ignore")
+        ),
         x,
         y,
         cv=3,

@@ -133,7 +133,7 @@ def test_a_wave_is_continued_by_a_periodic_process_only():
     y = np.sin(2.0 * np.pi * x[:, 0])
     new = np.linspace(6.5, 9.0, 20)[:, None]
     wave, plain = (
-        GaussianProcess(kernel, starts=1, extrapolation="ignore").fit(x, y)
+        GaussianProcess(kernel, starts=1, folds=1, extrapolation="ignore").fit(x, y)
         for kernel in ("periodic", "matern52")
     )
     expected = np.sin(2.0 * np.pi * new[:, 0])
@@ -154,7 +154,7 @@ def test_without_residual_and_noise_the_trend_is_homotopy_regression():
 def test_its_trend_and_its_residual_make_the_prediction():
     problem = PROBLEMS["Ishigami"]
     x, y = problem.design(60, np.random.default_rng(0))
-    surrogate = HybridExpansion(degree=4, nugget=1e-3, starts=1).fit(x, y)
+    surrogate = HybridExpansion(degree=4, nugget=1e-3, starts=1, folds=1).fit(x, y)
     unit = surrogate._unit(x)
     design = Basis(
         surrogate.marginals_, surrogate.terms_, surrogate.domain_.lo, surrogate._width()
@@ -170,7 +170,9 @@ def test_its_trend_and_its_residual_make_the_prediction():
     )
 
 
-@pytest.mark.parametrize("make", [GaussianProcess, HybridExpansion])
+@pytest.mark.parametrize(
+    "make", [GaussianProcess, pytest.param(HybridExpansion, marks=pytest.mark.slow)]
+)
 def test_its_band_holds_about_as_often_as_it_says_where_the_likelihood_alone_is_too_sure(make):
     problem = PROBLEMS["frame"]
     held: dict[int, list[float]] = {1: [], 5: []}
