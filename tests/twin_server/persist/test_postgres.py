@@ -1,0 +1,73 @@
+"""What is PostgreSQL's own: it goes away, comes back, is shared, and has a password."""
+
+import contextlib
+
+import pytest
+
+from tests.postgres import schema_of
+from twin_server.persist import (
+    Cut,
+    DamagedStoreError,
+    EventRow,
+    PostgresStore,
+    StoreError,
+    WrongStoreError,
+)
+
+EVENT = EventRow(0, "lab", "beam", 5, None, False, "{}")
+
+
+@pytest.fixture
+def url(postgres, request):
+    """A schema of its own."""
+    return schema_of(postgres, f"own_{abs(hash(request.node.name)) % 10**9}")
+
+
+def test_a_database_that_goes_away_is_written_again_once_it_is_back(url, postgres):
+    import psycopg
+
+    store = PostgresStore(url)
+    store.write(Cut(events=[EVENT]))
+    with psycopg.connect(postgres, autocommit=True) as other:
+        other.execute(
+            "select pg_terminate_backend(pid) from pg_stat_activity "
+            "where pid <> pg_backend_pid() and backend_type = 'client backend'"
+        )
+    for _ in range(2):  # one connection writes, another one reads
+        with contextlib.suppress(StoreError):
+            store.write(Cut(events=[EVENT]))
+        with contextlib.suppress(StoreError):
+            store.events()
+    before = len(store.events())
+    store.write(Cut(events=[EVENT]))
+    assert [e.number for e in store.events()] == list(range(1, before + 2))
+    store.close()
+
+
+def test_a_second_server_on_one_schema_is_refused_until_the_first_has_ended(url):
+    store = PostgresStore(url)
+    with pytest.raises(WrongStoreError, match=r"in use by another twin server\. End that one"):
+        PostgresStore(url)
+    store.close()
+    PostgresStore(url).close()
+
+
+def test_a_row_that_was_changed_behind_our_back_is_refused(url):
+    import psycopg
+
+    store = PostgresStore(url)
+    store.write(Cut(events=[EVENT]))
+    with psycopg.connect(url, autocommit=True) as other:
+        other.execute("update events set t_ns = 6")
+    with pytest.raises(DamagedStoreError, match="checksum does not hold"):
+        store.events()
+    store.close()
+    with pytest.raises(DamagedStoreError, match="row 1 of events"):
+        PostgresStore(url)
+
+
+def test_no_password_is_said_where_nobody_answers():
+    pytest.importorskip("psycopg", reason="no psycopg: pip install 'slowtime[postgres]'")
+    with pytest.raises(WrongStoreError, match=r"(?s)cannot be reached.*PGPASSFILE") as said:
+        PostgresStore("postgresql://twin:geheim@127.0.0.1:9/house")
+    assert "geheim" not in str(said.value)
