@@ -178,7 +178,8 @@ def _next(
         return False
     if pulled and _retuned(bar) > best.score:
         return False
-    if again and whiteness(best.fit) < UNWHITE:
+    twice = again and best.effect.place.kind != "sensor"
+    if twice and whiteness(best.fit) < UNWHITE:
         return False
     found.fits.append(best.fit)
     found.trials = within(found.trials, channels, (best.effect,), kinds)
