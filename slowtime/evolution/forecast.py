@@ -295,8 +295,8 @@ def _prior(time: Series, values: Series) -> tuple[Prior, SlowProcess]:
     """Prior on the logarithms of length, spread and drift; a process with a vague trend."""
     prior, base = hyperparameters.weak_prior(time, values, straight=True)
     span = time[-1] - time[0]
-    # The drift that would move the level by a third of the scatter over the whole history.
-    drift = np.log(0.3 * np.sqrt(3.0) * base.sd / span**1.5)
+    # The drift that would move the level by a tenth of the scatter over the whole history.
+    drift = np.log(0.1 * np.sqrt(3.0) * base.sd / span**1.5)
     return Prior(np.append(prior.centre, drift), np.append(prior.sd, 1.5)), base
 
 

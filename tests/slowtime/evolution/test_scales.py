@@ -91,7 +91,7 @@ def test_a_mixture_gives_each_regime_its_expert():
     time = np.arange(90.0)
     truth = np.where(time < 45, 0.2 * np.sin(time / 14), np.sin(1.3 * time))
     sd = np.full(90, 0.1)
-    found = experts.fit(time, truth + 0.1 * rng.standard_normal(90), sd, starts=3)
+    found = experts.fit(time, truth + 0.1 * rng.standard_normal(90), sd, starts=2)
     np.testing.assert_allclose(found.responsibility.sum(axis=0), 1.0)
     first = found.responsibility[:, :35].mean(axis=1)
     last = found.responsibility[:, 55:].mean(axis=1)
