@@ -27,7 +27,7 @@ MOST_STEPS = 100
 """Frequencies that are tried on either side of one that was found."""
 STEP = 1e-4
 """Of a parameter of a sensor or an input, to see what it does."""
-IDLE = 1e-3
+IDLE = 0.02
 """Share of a series below which a change of it is none."""
 MOST_CLOSER = 4
 """How often one looks closer at an instant, and at what."""
@@ -207,6 +207,8 @@ def _best_change(
     for idle in (0.0, 1.0):
         if fitted[0].refuses(idle) is None and idles(idle):
             step = STEP if fitted[0].unit in ("", "s") else 1.0
+            if not any(one.any() for one in acted(idle + step)):
+                continue
             found = _best_value(space, acted, fitted[0], idle, step)
             if found is None:
                 return None
