@@ -1,8 +1,8 @@
 """Features on disk until the twin has them for good: appended, checked, bounded.
 
-A folder of segment files, each of one boot. A file is named by the boot's place among all, which
-no clock that was set back changes, by its name and by its first sequence. It holds eight bytes
-of mark, then records of
+A folder of segment files, each of one boot. A file is named by the boot's place among all, by
+its name and by its first sequence; no clock that was set back changes that place. It holds
+eight bytes of mark, then records of
 
     length of payload (u32) · CRC-32 of sequence and payload (u32) · sequence (u64) · payload
 

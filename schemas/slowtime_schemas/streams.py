@@ -177,8 +177,8 @@ def parse_key(key: str) -> tuple[Stream, str, str]:
     stream = BY_NAME.get(parts[-1]) if len(parts) == 5 else None
     if stream is None or "/".join(parts[:2]) != ROOT:
         raise ValueError(
-            f"{key!r:.200} is no key of ours. Allowed: {ROOT}/SITE/ASSET/STREAM with STREAM one of "
-            f"{', '.join(BY_NAME)}."
+            f"{key!r:.200} is no key of ours. Allowed: {ROOT}/SITE/ASSET/STREAM, STREAM one "
+            f"of {', '.join(BY_NAME)}."
         )
     return stream, parts[2], parts[3]
 
