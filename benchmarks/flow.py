@@ -168,7 +168,7 @@ def inserting(folder: Path) -> float:
 def whole_flow(endpoint: str, folder: Path) -> float:
     """Time publisher → router → collect → estimate → durable [s]."""
     settings = TwinSettings(database=folder / "flow.sqlite")
-    store = SqliteStore(settings.database)
+    store = SqliteStore(Path(settings.database))
     with ZenohBus("client", [endpoint]) as bus:
         pipeline = Pipeline(settings, store, bus=bus)
         pipeline.start()

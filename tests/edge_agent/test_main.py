@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from typing import Literal
 
 import pytest
 
@@ -56,7 +57,8 @@ def test_a_file_that_cannot_be_read_ends_the_agent_with_the_reason(tmp_path):
 class SetBack:
     """A live sensor whose clock jumps by some hours after so many epochs."""
 
-    time_base, slow_time_unit = "live", "d"
+    time_base: Literal["live", "recorded", "simulated"] = "live"
+    slow_time_unit = "d"
 
     def __init__(self, jumps_s, each=20):
         self.jumps_s, self.each = jumps_s, each

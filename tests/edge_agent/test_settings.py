@@ -7,7 +7,7 @@ from pydantic import ValidationError
 
 from edge_agent.settings import EdgeSettings, FileInput, Processing, SimulatedInput
 from slowtime_schemas.messages import About
-from slowtime_services.simulate import Fatigue
+from slowtime_services.simulate import Fatigue, SimulatedStructure
 
 
 @pytest.fixture(autouse=True)
@@ -45,6 +45,7 @@ def test_flags_before_environment_before_file(tmp_path, monkeypatch):
     assert settings.extract.band_hz == (1.0, 4.0)
     assert settings.connect == ("tcp/10.0.0.2:7447",)
     assert isinstance(settings.input, SimulatedInput)
+    assert isinstance(settings.input.structure, SimulatedStructure)
     assert settings.input.structure.stiffness == Fatigue(rate=1e-3)
     assert settings.input.structure.rate_hz == 100.0
 
