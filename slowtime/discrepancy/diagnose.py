@@ -13,7 +13,7 @@ from .answer import UNWHITE, Found, report
 from .candidates import candidates
 from .diagnosis import Diagnosis
 from .diagnosis import Named as Answer
-from .further import further
+from .further import AT_MOST, further
 from .gap import whiteness
 from .locate import locate
 from .naming import KEPT, carrying, chosen, refit_all
@@ -163,8 +163,8 @@ def _next(
             found.fits.append(carrying(before, silent, kinds))
             found.left = None
             return False
-    if number == 0 and most == KEPT:
-        named = further(before, tried, named, trials, kinds, tick)
+    more = AT_MOST if number == 0 and most == KEPT else 0
+    named = further(before, tried, named, trials, kinds, tick, more)
     if not named:
         return False
     best = named[0]

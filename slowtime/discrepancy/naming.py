@@ -94,6 +94,7 @@ def refitted(
     kinds: Mapping[str, Kind],
     noise: Noise | None,
     beat: float | None = None,
+    horizons: Sequence[float] = (1.0,),
 ) -> Named | None:
     """Add one effect to the model of a fit, and fit all of it to the free run again.
 
@@ -111,7 +112,7 @@ def refitted(
             noise=noise,
             values=values,
             states=_states(before, plant),
-            horizons=(0.4, 1.0) if plant.layout.states else (1.0,),
+            horizons=(0.4, 1.0) if plant.layout.states and len(horizons) == 1 else horizons,
             beat=beat,
         )
         fit = _switched(fit, trials, kinds, beat)
@@ -201,10 +202,12 @@ def refit_all(
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
     tick: Callable[[Effect, int], None],
+    horizons: Sequence[float] = (1.0,),
 ) -> list[Named]:
     """Refit each label; all are judged by the noise that the best of them leaves.
 
     Once one leaves nothing, others are given up that were far behind it along the force.
+    Growing `horizons` lead to the right minimum where an effect is strong, and cost more.
     """
     noise: Noise | None = None
     found: list[Named] = []
@@ -214,7 +217,7 @@ def refit_all(
             continue
         tick(label.effect, number)
         beat = min((n.fit.cost for n in found), default=None)
-        named = refitted(before, label.effect, trials, kinds, noise, beat)
+        named = refitted(before, label.effect, trials, kinds, noise, beat, horizons)
         if named is None:
             continue
         if noise is None:
@@ -243,11 +246,11 @@ def _heard_again(
     except FloatingPointError:
         return found
     again = [dataclasses.replace(best, fit=fit, score=evidence(fit, kinds))]
-    again += [_rescored(one, fit, trials, kinds) for one in found[1:]]
+    again += [rescored(one, fit, trials, kinds) for one in found[1:]]
     return sorted(again, key=lambda n: -n.score)
 
 
-def _rescored(
+def rescored(
     named: Named, best: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind]
 ) -> Named:
     """Give the same fit its cost under the noise of another."""
