@@ -19,7 +19,7 @@ DATABASE = click.Path(exists=True, dir_okay=False, path_type=Path)
     epilog="""\b
 Examples:
   slowtime check twin.sqlite
-  slowtime check /backups/monday.sqlite && echo "it can be restored"
+  slowtime check monday.sqlite && echo "it can be restored"
 """
 )
 @click.argument("database", type=DATABASE)
@@ -37,7 +37,7 @@ def check(database: Path) -> None:
 @click.command(
     epilog="""\b
 Examples:
-  slowtime backup twin.sqlite --out /backups/monday.sqlite
+  slowtime backup twin.sqlite --out monday.sqlite
 """
 )
 @click.argument("database", type=DATABASE)
@@ -60,7 +60,7 @@ def backup(database: Path, out: Path) -> None:
 @click.command(
     epilog="""\b
 Examples:
-  slowtime restore /backups/monday.sqlite --database twin.sqlite
+  slowtime restore monday.sqlite --database twin.sqlite
 """
 )
 @click.argument("copy", type=DATABASE)

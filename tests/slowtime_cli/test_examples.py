@@ -9,7 +9,7 @@ import pytest
 
 from slowtime_cli.__main__ import VERBS, app
 
-FILE = re.compile(r"[\w.-]+\.(csv|txt|npy|npz|mat|mcap|json|toml|yaml|sqlite)")
+FILE = re.compile(r"[\w.-]+\.(csv|txt|npy|npz|mat|mcap|json|toml|yaml|sqlite|pem)")
 RUN = ("simulate", "identify", "evolve")
 
 

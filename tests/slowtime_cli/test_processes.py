@@ -49,7 +49,7 @@ def test_a_twin_that_cannot_run_says_why_before_a_router_is_waited_for(refused, 
         (("--register", "twins.json"), "'Beam' is no twin's id. Give SITE.ASSET in lower case"),
         (("--port", "99999"), "99999 is not in the range 0<=x<=65535"),
         (("--connect", "nonsense"), "'nonsense' is no endpoint. Give PROTOCOL/ADDRESS"),
-        (("--database", "."), "is a directory"),
+        (("--database", "."), ". is a folder. Give a file in it."),
     ]:
         assert says in refused("twin", *arguments)
     assert time.monotonic() - began < 5

@@ -12,6 +12,7 @@ pytestmark = [pytest.mark.system, pytest.mark.data]
 KNOWN = {1.2: 26.27, 1.6: 28.23, 2.1: 30.82, 2.5: 33.87, 2.9: 37.55, 3.4: 41.96}
 """First natural frequency [Hz] at the roller's voltage; it repeats within 0.1 Hz."""
 STILL_V = 0.03
+TRIALS = ["slow10_test0", pytest.param("slow10_test1", marks=pytest.mark.slow)]
 
 
 def dwells(path) -> list[tuple[float, float, float]]:
@@ -44,7 +45,7 @@ def check(epochs: list[tuple[float, float, float, float]], rests, *, at_least: i
     assert max(value for _, _, value, _ in epochs) < 100  # the second mode is above 160 Hz
 
 
-@pytest.mark.parametrize("trial", ["slow10_test0", "slow10_test1"])
+@pytest.mark.parametrize("trial", TRIALS)
 def test_the_moved_support_is_followed_through_the_whole_flow(house, data, trial):
     text = data / "moving_roller" / f"{trial}.txt"
     recording = house.home / "trial.mcap"
@@ -76,7 +77,7 @@ def test_the_moved_support_is_followed_through_the_whole_flow(house, data, trial
     assert any("0.3" in reason for reason in stiffest["reasons"])
 
 
-@pytest.mark.parametrize("trial", ["slow10_test0", "slow10_test1"])
+@pytest.mark.parametrize("trial", TRIALS)
 def test_the_same_offline(data, tmp_path, trial):
     text = data / "moving_roller" / f"{trial}.txt"
     out = tmp_path / "epochs.json"

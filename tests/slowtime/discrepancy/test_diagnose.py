@@ -97,6 +97,7 @@ def test_records_are_not_touched(campaign):
         np.testing.assert_array_equal(trial.outputs, outputs)
 
 
+@pytest.mark.slow
 def test_a_clock_that_turns_the_phase_many_times_is_found(campaign, wrong):
     skew = 8e-3
 

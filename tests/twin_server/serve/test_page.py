@@ -89,7 +89,9 @@ def test_every_number_is_said_in_words_with_its_unit(server, visit):
     expect(twin).to_contain_text("Beam")
     expect(twin).to_contain_text("reading 299 at slow time 299 s")
     expect(twin).to_contain_text("mass is assumed constant")
-    expect(twin.locator("summary")).to_contain_text("Registered by request")
+    expect(twin.locator("details:not(.diagnosis) summary")).to_contain_text(
+        "Registered by request"
+    )
     titles = [plot(page, quantity).locator(".ytitle").text_content() for quantity in CHARTS]
     assert titles == ["frequency [Hz]", "change [%]", "change [%]"]
     for quantity in CHARTS:
@@ -276,14 +278,15 @@ def test_the_keyboard_reaches_everything(server, visit, eventually):
     page = visit(server)
     has(page, "stiffness_change", "points", 300)
     reached = []
-    for _ in range(8):
+    for _ in range(9):
         page.keyboard.press("Tab")
         reached.append(page.evaluate("document.activeElement.innerText.trim().split('\\n')[0]"))
         if reached[-1] == "Larger charts":
             page.keyboard.press("Enter")
     assert reached[:3] == ["Beam", "Larger charts", "History as JSON"]
-    assert reached[3].startswith("1 event, last:")
-    assert reached[4:7] == ["Twins as JSON", "OpenAPI", "Metrics"]
+    assert reached[3] == "Diagnosis"
+    assert reached[4].startswith("1 event, last:")
+    assert reached[5:8] == ["Twins as JSON", "OpenAPI", "Metrics"]
     expect(page.locator("button.quiet")).to_have_attribute("aria-pressed", "true")
     drawing = plot(page, "frequency_hz").locator(".main-svg").first
     assert eventually(lambda: drawing.bounding_box()["width"] > 1000)
