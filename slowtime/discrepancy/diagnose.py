@@ -63,12 +63,14 @@ class _Watch:
 
     progress: Progress | None
     stop: Stop | None
+    far: float = 0.0
 
     def __call__(self, stage: str, share: float) -> None:
         if self.stop is not None and self.stop.is_set():
             raise Cancelled(f"The diagnosis was stopped: {stage}.")
+        self.far = max(self.far, share)
         if self.progress is not None:
-            self.progress(stage, share)
+            self.progress(stage, self.far)
 
 
 def diagnose(

@@ -31,7 +31,7 @@ def answered(rig, trials, **more):
 @pytest.fixture(scope="module")
 def hardened(campaign, wrong):
     rig, trials = campaign(
-        11, wrong(element=1, force=cubic), masses=2, levels=(1.0, 2.0, 1.5), seconds=10.0
+        11, wrong(element=0, force=cubic), masses=1, levels=(1.0, 2.0, 1.5), seconds=8.0
     )
     stages = []
     found = answered(rig, trials, progress=lambda stage, share: stages.append((stage, share)))
@@ -42,7 +42,7 @@ def test_a_hardening_spring_is_named_where_it_is(hardened):
     found, _ = hardened
     assert found.verdict == "missing_effect"
     assert [named.effect.kind for named in found.effects] == ["cubic_hardening"]
-    assert found.effects[0].effect.place == Place("element", "j1")
+    assert found.effects[0].effect.place == Place("element", "j0")
     number = found.effects[0].numbers["k3_n_per_m3"]
     assert abs(number.value - 4e6) < max(4 * number.sd, 0.02 * 4e6)
 
@@ -114,6 +114,7 @@ def test_a_clock_that_turns_the_phase_many_times_is_found(campaign, wrong):
     assert abs(number.value - skew) < max(4 * number.sd, 0.01 * skew)
 
 
+@pytest.mark.slow
 def test_a_constant_that_moved_alone_is_named_where_it_is(campaign, wrong):
     rig, trials = campaign(
         16, wrong(element=1, force=softer), masses=2, levels=(1.0, 2.0, 1.5), seconds=8.0

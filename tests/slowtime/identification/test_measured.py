@@ -16,7 +16,7 @@ RATE = 5000.0
 VOLTS, HERTZ = np.array(
     [[1.2, 26.27], [1.6, 28.23], [2.1, 30.82], [2.5, 33.87], [2.9, 37.55], [3.4, 41.96]]
 ).T
-TRIALS = ["slow10_test0.txt", "slow10_test1.txt"]
+TRIALS = ["slow10_test0.txt", pytest.param("slow10_test1.txt", marks=pytest.mark.slow)]
 
 
 def load(path):

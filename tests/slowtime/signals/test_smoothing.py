@@ -40,7 +40,7 @@ def test_the_stated_sd_is_that_of_the_noise_left(length):
     rng = np.random.default_rng(3)
     smoother = MedianEwma(window=5, a=0.3)
     sds = np.linspace(1.0, 2.0, length)
-    last = [run(smoother, sds * rng.standard_normal(length), sds)[-1] for _ in range(3000)]
+    last = [run(smoother, sds * rng.standard_normal(length), sds)[-1] for _ in range(1200)]
     scatter = np.std([smooth.value for smooth in last])
     assert 0.9 <= scatter / last[0].sd <= 1.04
 
