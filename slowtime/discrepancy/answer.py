@@ -26,6 +26,12 @@ LEFT = 1e-3
 """Share of the first gain that is still to be had once an effect was wrongly named."""
 
 
+NOT_HELD_OUT = (
+    "No record was held out: the gap is that of the last third of each record, fitted "
+    "with the rest. Hold one out to see how far the model can be trusted elsewhere."
+)
+
+
 @dataclasses.dataclass(slots=True, eq=False)
 class Found:
     """What has been found so far, and the records by which."""
@@ -91,7 +97,10 @@ def report(
             if found.answers or unknown
             else None
         ),
-        notes=tuple(f"Nearest: {a.sentence}" for a in found.answers) if unknown else (),
+        notes=(
+            *((NOT_HELD_OUT,) if not campaign.holdout else ()),
+            *((f"Nearest: {a.sentence}" for a in found.answers) if unknown else ()),
+        ),
     )
 
 
