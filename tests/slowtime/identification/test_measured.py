@@ -16,7 +16,8 @@ RATE = 5000.0
 VOLTS, HERTZ = np.array(
     [[1.2, 26.27], [1.6, 28.23], [2.1, 30.82], [2.5, 33.87], [2.9, 37.55], [3.4, 41.96]]
 ).T
-TRIALS = ["slow10_test0.txt", pytest.param("slow10_test1.txt", marks=pytest.mark.slow)]
+TRIALS = ["slow10_test0.txt", "slow10_test1.txt"]
+FIRST_OF_ALL = [TRIALS[0], pytest.param(TRIALS[1], marks=pytest.mark.slow)]
 
 
 def load(path):
@@ -54,7 +55,7 @@ def rows(path, window_s, hop_s=None, offset=0):
 @pytest.mark.parametrize(
     ("window_s", "offset"), [(1.0, 0), pytest.param(0.5, 301, marks=pytest.mark.slow)]
 )
-@pytest.mark.parametrize("trial", TRIALS)
+@pytest.mark.parametrize("trial", FIRST_OF_ALL)
 def test_the_first_frequency_is_right_on_every_dwell_however_windows_fall(
     data, trial, window_s, offset
 ):
@@ -73,7 +74,7 @@ def test_the_first_frequency_is_right_on_every_dwell_however_windows_fall(
 
 
 @pytest.mark.data
-@pytest.mark.parametrize("trial", TRIALS)
+@pytest.mark.parametrize("trial", FIRST_OF_ALL)
 def test_no_window_at_all_jumps_to_the_second_mode(data, trial):
     record = load(data / "moving_roller" / trial)
     epochs = identify_windows(record[:, :2], RATE, window_s=1.0, hop_s=0.37)
