@@ -49,7 +49,7 @@ check: .venv/dev  ## format, lint, strict types, import contracts, docs tests
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest -q tests/docs
+	$(BIN)/python -m pytest -q -m "not slow" tests/docs
 
 faults: .venv/dev  ## real processes killed, frozen, cut off and lied to, and the account after; N=200 SEED=1 SECONDS=60 JOBS=4
 	$(BIN)/python -m tests.faults --cases $(or $(N),200) --seed $(or $(SEED),1) --seconds $(or $(SECONDS),60) \

@@ -77,6 +77,7 @@ def test_the_moved_support_is_followed_through_the_whole_flow(house, data, trial
     assert any("0.3" in reason for reason in stiffest["reasons"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("trial", TRIALS)
 def test_the_same_offline(data, tmp_path, trial):
     text = data / "moving_roller" / f"{trial}.txt"

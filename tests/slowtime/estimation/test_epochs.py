@@ -97,6 +97,7 @@ def test_over_twenty_seeds_bands_hold_the_truth_as_they_claim(name, every):
     assert 0.92 <= share[half:].mean() <= 0.97
 
 
+@pytest.mark.slow
 def test_a_second_pass_mends_what_a_wide_prior_has_bent_and_counts_nothing_twice():
     once = campaign("seven", 42, DAYS[::100], passes=1)
     twice, thrice = (campaign("seven", 42, DAYS[::100], passes=n) for n in (2, 3))

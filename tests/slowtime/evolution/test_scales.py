@@ -103,6 +103,7 @@ def test_a_mixture_gives_each_regime_its_expert():
     )
 
 
+@pytest.mark.slow
 def test_the_choice_goes_to_what_foretells_the_readings_better():
     time, _, value, sd = series(51, 5)
     choice = scales.choose(time, value, sd)

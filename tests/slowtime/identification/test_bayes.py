@@ -105,7 +105,11 @@ def tally(case, seeds, **record):
 
 @pytest.mark.parametrize(
     ("name", "runs"),
-    [("3 DOF", 4), ("6 DOF, two 3 % apart", 2), ("6 DOF, two 1 % apart", 1)],
+    [
+        ("3 DOF", 4),
+        pytest.param("6 DOF, two 3 % apart", 2, marks=pytest.mark.slow),
+        ("6 DOF, two 1 % apart", 1),
+    ],
 )
 def test_a_few_records_are_as_near_as_they_say(name, runs):
     over_law, of_f, of_z = tally(CASES[name], range(runs))
