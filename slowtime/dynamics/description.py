@@ -41,12 +41,20 @@ class DescriptionError(ValueError):
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Input:
-    """A measured force on a node, or the measured acceleration of the base."""
+    """A measured force on a node, or the measured acceleration of the base.
+
+    Parameters
+    ----------
+    hold
+        What it does between samples: the band-limited signal through them, straight lines
+        (``"first"``) or steps (``"zero"``); None where that is not known.
+    """
 
     channel: str
     kind: Literal["force", "base_acceleration"]
     unit: str
     node: str | None = None
+    hold: Literal["band_limited", "first", "zero"] | None = None
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)

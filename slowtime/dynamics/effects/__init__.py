@@ -17,6 +17,7 @@ from .kind import (
     Parameter,
     SensorChange,
     Unmeasured,
+    always,
 )
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
     "Place",
     "SensorChange",
     "Unmeasured",
+    "always",
     "catalogue",
     "force_along",
     "read_effects",

@@ -26,6 +26,7 @@ def amplitudes(motion: Motion) -> list[Shape]:
 KINDS = (
     Kind(
         name="quadratic_damping",
+        title="Drag",
         family="drag",
         where="element",
         parameters=(
@@ -41,6 +42,7 @@ KINDS = (
     ),
     Kind(
         name="van_der_pol",
+        title="Negative damping",
         family="negative damping",
         where="element",
         parameters=(

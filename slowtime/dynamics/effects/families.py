@@ -4,10 +4,32 @@ import functools
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 
-from . import damping, friction, hysteresis, inputs, linear, sensors, stiffness, tonal, varying
+from . import (
+    damping,
+    friction,
+    hysteresis,
+    inputs,
+    linear,
+    offset,
+    sensors,
+    stiffness,
+    tonal,
+    varying,
+)
 from .kind import Kind
 
-FAMILIES = (stiffness, friction, damping, hysteresis, linear, varying, tonal, inputs, sensors)
+FAMILIES = (
+    stiffness,
+    friction,
+    damping,
+    hysteresis,
+    linear,
+    varying,
+    tonal,
+    inputs,
+    offset,
+    sensors,
+)
 
 
 def catalogue(own: Iterable[Kind] = ()) -> Mapping[str, Kind]:

@@ -1,10 +1,17 @@
 """Dry friction: set-valued laws, which stick."""
 
 import math
+from collections.abc import Mapping
 from typing import Any
+
+import numpy as np
 
 from .grids import levels
 from .kind import Friction, Kind, Motion, Parameter, Shape
+
+MOST_SPEED, LEAST_RISE = 0.7, 1.1
+"""Stribeck speed over the highest seen, from which friction has not fallen by seven eighths;
+friction of sticking over that of sliding, below which it has not fallen to speak of."""
 
 
 def coulomb(e: float, v: float, t: float, z: Any, p: Any) -> float:
@@ -19,12 +26,22 @@ def stribeck(e: float, v: float, t: float, z: Any, p: Any) -> float:
 
 
 def speeds(motion: Motion) -> list[Shape]:
-    """Speeds at which friction may have fallen, and how much higher it may have been."""
+    """Speeds at which friction may have fallen, and how much higher it may have been.
+
+    Parts of the highest: what sticks most of the time has no speed in the middle.
+    """
     return [
-        {"static_n": ratio, "vs_m_per_s": speed}
-        for speed in levels(motion.v, 0.1, 0.3, 0.6)
-        for ratio in (1.3, 1.8)
+        {"static_n": ratio, "vs_m_per_s": part * highest}
+        for highest in levels(motion.v, 0.99)
+        for part in (0.02, 0.06, 0.2, 0.5)
+        for ratio in (1.3, 2.0)
     ]
+
+
+def fallen(parameters: Mapping[str, float], motion: Motion) -> bool:
+    """Whether friction fell with speed, and most of the way, in the motion seen."""
+    falls = parameters["static_n"] > LEAST_RISE * parameters["friction_n"]
+    return falls and parameters["vs_m_per_s"] < MOST_SPEED * float(np.abs(motion.v).max())
 
 
 _SLIDING = Parameter(name="friction_n", unit="N", meaning="friction of sliding", low=0.0)
@@ -32,6 +49,7 @@ _SLIDING = Parameter(name="friction_n", unit="N", meaning="friction of sliding",
 KINDS = (
     Kind(
         name="coulomb",
+        title="Dry friction",
         family="friction",
         where="element",
         parameters=(_SLIDING,),
@@ -43,6 +61,7 @@ KINDS = (
     ),
     Kind(
         name="stribeck",
+        title="Stick-slip friction",
         family="friction",
         where="element",
         parameters=(
@@ -59,5 +78,6 @@ KINDS = (
         strength="friction_n",
         scales=("static_n",),
         shapes=speeds,
+        shown=fallen,
     ),
 )

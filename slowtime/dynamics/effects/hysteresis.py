@@ -31,6 +31,7 @@ def yields(motion: Motion) -> list[Shape]:
 KINDS = (
     Kind(
         name="bouc_wen",
+        title="Hysteresis",
         family="hysteresis",
         where="element",
         parameters=(

@@ -21,6 +21,7 @@ def delayed(series: Several, times: Series, p: Values) -> Several:
 KINDS = (
     Kind(
         name="input_gain",
+        title="Input off by a factor",
         family="input",
         where="input",
         parameters=(
@@ -35,6 +36,7 @@ KINDS = (
     ),
     Kind(
         name="input_delay",
+        title="Late input",
         family="input",
         where="input",
         parameters=(

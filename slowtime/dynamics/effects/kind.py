@@ -150,7 +150,7 @@ class InputChange:
     ----------
     act
         (recorded series, campaign times, parameters) to the series that acts; linear in the
-        series, of which there may be several: the last axis is time.
+        series but for a constant. There may be several: the last axis is time.
     """
 
     act: Callable[[Several, Series, Values], Several]
@@ -179,6 +179,11 @@ class Unmeasured:
 
 
 Action = Law | Friction | Hidden | InputChange | SensorChange | Unmeasured
+
+
+def always(parameters: Mapping[str, float], motion: Motion) -> bool:
+    """Of kinds that any motion shows."""
+    return True
 
 
 def no_shapes(motion: Motion) -> list[Shape]:
@@ -213,6 +218,11 @@ class Kind:
         Phase [rad], where the force of any phase is a sum of those at 0 and a quarter turn.
     shapes
         From the motion seen to values of the other parameters that make sense for it.
+    shown
+        Whether a motion goes through what sets the law, with these parameters, apart from a
+        simpler one: who never was as fast as its speed has not seen friction fall.
+    title
+        What a person calls it; the name in words where not given.
     """
 
     name: str
@@ -227,6 +237,8 @@ class Kind:
     scales: tuple[str, ...] = ()
     quadrature: str | None = None
     shapes: Callable[[Motion], list[Shape]] = no_shapes
+    shown: Callable[[Mapping[str, float], Motion], bool] = always
+    title: str = ""
 
     def __post_init__(self) -> None:
         names = self.names
@@ -258,6 +270,12 @@ class Kind:
                 f"Kind {self.name!r}: hidden coordinates ride on nodes. For memory within an "
                 "element, use a Law with rates."
             )
+
+    @property
+    def words(self) -> str:
+        """Say it for people: the title, and the name by which machines know it."""
+        plain = self.name.replace("_", " ").capitalize()
+        return f"{self.title} ({self.name})" if self.title else plain
 
     @property
     def names(self) -> tuple[str, ...]:

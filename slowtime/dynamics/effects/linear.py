@@ -34,25 +34,28 @@ def ridden(p: Values) -> tuple[Square, Square, Square]:
 
 
 def resonances(motion: Motion) -> list[Shape]:
-    """Frequencies near those at which the place moves most, with light and heavy damping."""
-    shapes: list[Shape] = []
-    for line in lines_hz(motion.a, motion.times, 4):
-        for beside in (0.8, 0.95, 1.05, 1.25):
-            for ratio in (0.01, 0.05):
-                damping = 4 * math.pi * line * beside * ratio
-                shapes.append(
-                    {
-                        "frequency_hz": line * beside,
-                        "damping_n_s_per_m": damping,
-                        "mass_kg": 1.0,
-                    }
-                )
-    return shapes
+    """Frequencies about those at which the place moves most, with light and heavy damping.
+
+    And some above them all: what swings there is seen as a mass, and yet is more.
+    """
+    lines = lines_hz(motion.a, motion.times, 4)
+    every = [line * beside for line in lines for beside in (0.8, 0.95, 1.05, 1.25)]
+    every += [max(lines) * above for above in (1.6, 2.0, 2.6) if lines]
+    return [
+        {
+            "frequency_hz": hertz,
+            "damping_n_s_per_m": 4 * math.pi * hertz * ratio,
+            "mass_kg": 1.0,
+        }
+        for hertz in every
+        for ratio in (0.01, 0.05)
+    ]
 
 
 KINDS = (
     Kind(
         name="viscous_damping",
+        title="Changed damping",
         family="linear damping",
         where="element",
         parameters=(Parameter(name="dc_n_s_per_m", unit="N s/m", meaning="damping added"),),
@@ -64,6 +67,7 @@ KINDS = (
     ),
     Kind(
         name="stiffness_loss",
+        title="Changed stiffness",
         family="linear stiffness",
         where="element",
         parameters=(Parameter(name="dk_n_per_m", unit="N/m", meaning="stiffness lost"),),
@@ -75,6 +79,7 @@ KINDS = (
     ),
     Kind(
         name="added_mass",
+        title="Changed mass",
         family="linear mass",
         where="node",
         parameters=(Parameter(name="dm_kg", unit="kg", meaning="mass added"),),
@@ -86,6 +91,7 @@ KINDS = (
     ),
     Kind(
         name="extra_dof",
+        title="Hidden oscillator",
         family="extra degree of freedom",
         where="node",
         parameters=(

@@ -48,10 +48,16 @@ def timed(series: Several, times: Series, p: Values) -> Several:
 
 
 def _kind(
-    name: str, equation: str, sentence: str, action: SensorChange, *parameters: Parameter
+    name: str,
+    title: str,
+    equation: str,
+    sentence: str,
+    action: SensorChange,
+    *parameters: Parameter,
 ) -> Kind:
     return Kind(
         name=name,
+        title=title,
         family="sensor",
         where="sensor",
         parameters=parameters,
@@ -67,6 +73,7 @@ _UNIT = "unit of the sensor"
 KINDS = (
     _kind(
         "sensor_bias",
+        "Constant error of a sensor",
         "told = true + bias",
         "The sensor adds a constant.",
         SensorChange(act=biased),
@@ -74,6 +81,7 @@ KINDS = (
     ),
     _kind(
         "sensor_drift",
+        "Drift of a sensor",
         "told = true + drift · t / span",
         "The sensor drifts away over the campaign.",
         SensorChange(act=drifting),
@@ -91,6 +99,7 @@ KINDS = (
     ),
     _kind(
         "sensor_gain",
+        "Sensor off by a factor",
         "told = gain · true",
         "The sensor tells too much or too little, by a factor.",
         SensorChange(act=gained),
@@ -98,6 +107,7 @@ KINDS = (
     ),
     _kind(
         "sensor_saturation",
+        "Clipping sensor",
         "told = true, within ±clip",
         "The sensor cannot tell more than so much.",
         SensorChange(act=clipped, affine=False),
@@ -105,6 +115,7 @@ KINDS = (
     ),
     _kind(
         "sensor_dropout",
+        "Silent sensor",
         "told = 0, or the last value, for a while",
         "The sensor fell silent, or stuck, for a while.",
         SensorChange(act=dropped),
@@ -134,6 +145,7 @@ KINDS = (
     ),
     _kind(
         "sensor_clock",
+        "Sensor clock off",
         "told(t) = true(t0 + (t − t0)(1 + skew))",
         "The sensor's clock runs fast or slow against the others.",
         SensorChange(act=timed),

@@ -65,6 +65,7 @@ _STOP = Parameter(name="kg_n_per_m", unit="N/m", meaning="stiffness of the stop"
 KINDS = (
     Kind(
         name="cubic_hardening",
+        title="Cubic hardening",
         family="hardening",
         where="element",
         parameters=(
@@ -78,6 +79,7 @@ KINDS = (
     ),
     Kind(
         name="cubic_softening",
+        title="Cubic softening",
         family="softening",
         where="element",
         parameters=(
@@ -91,6 +93,7 @@ KINDS = (
     ),
     Kind(
         name="quadratic_stiffness",
+        title="Quadratic stiffness",
         family="asymmetric stiffness",
         where="element",
         parameters=(
@@ -104,6 +107,7 @@ KINDS = (
     ),
     Kind(
         name="saturating_stiffness",
+        title="Saturating stiffness",
         family="softening",
         where="element",
         parameters=(
@@ -127,6 +131,7 @@ KINDS = (
     ),
     Kind(
         name="gap_symmetric",
+        title="Play with stops on both sides",
         family="hardening",
         where="element",
         parameters=(_STOP, _GAP),
@@ -139,6 +144,7 @@ KINDS = (
     ),
     Kind(
         name="gap_one_sided",
+        title="Stop on one side",
         family="asymmetric stiffness",
         where="element",
         parameters=(
@@ -162,6 +168,7 @@ KINDS = (
     ),
     Kind(
         name="pendulum_sine",
+        title="Pendulum",
         family="softening",
         where="element",
         parameters=(

@@ -20,6 +20,7 @@ def tones(motion: Motion) -> list[Shape]:
 KINDS = (
     Kind(
         name="harmonic_force",
+        title="Unmeasured tone",
         family="tonal input",
         where="node",
         parameters=(
@@ -39,6 +40,7 @@ KINDS = (
     ),
     Kind(
         name="base_motion",
+        title="Unmeasured motion of the base",
         family="random input",
         where="base",
         parameters=(

@@ -44,6 +44,7 @@ _LOSS = Parameter(name="dk_n_per_m", unit="N/m", meaning="stiffness lost in the 
 KINDS = (
     Kind(
         name="stiffness_jump",
+        title="Jump of stiffness",
         family="time-varying",
         where="element",
         parameters=(
@@ -59,6 +60,7 @@ KINDS = (
     ),
     Kind(
         name="stiffness_drift",
+        title="Drift of stiffness",
         family="time-varying",
         where="element",
         parameters=(
@@ -83,6 +85,7 @@ KINDS = (
     ),
     Kind(
         name="parametric",
+        title="Pulsating stiffness",
         family="parametric",
         where="element",
         parameters=(

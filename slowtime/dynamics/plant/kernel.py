@@ -389,8 +389,9 @@ def slopes_of_flow(store: Whole, slope: Reals, t: float, coefficients: Reals, s:
             slope_rate[k, j] = 0.0
         for r in range(all_of):
             share, value = matrix[k, r], v[r, 0]
-            for j in range(slopes):
-                slope_rate[k, j] += share * slope_v[r, j]
+            if share != 0.0:
+                for j in range(slopes):
+                    slope_rate[k, j] += share * slope_v[r, j]
             for j in range(linear):
                 slope_rate[k, j] += slope_matrix[k, r, j] * value
     stick(store, slope_rate, slope_v, stuck_slope)
@@ -720,6 +721,8 @@ def advance(store: Whole, level: int, t: float, h: float) -> None:
         for k in range(powers):
             at = states + driven[i, 1] * powers + k
             slope_g[at, driven[i, 0]] += part[inputs + i, k]
+    # Most inputs do not hang on any parameter.
+    moving = first if len(driven) > 0 else states
     for r in range(len(room)):
         for j in range(slopes):
             slope_room[r, j] = 0.0
@@ -727,7 +730,7 @@ def advance(store: Whole, level: int, t: float, h: float) -> None:
             value = g[k]
             for j in range(linear):
                 slope_room[r, j] += slope_big[r, k, j] * value
-            if k < first:
+            if k < moving:
                 share = big[r, k]
                 for j in range(slopes):
                     slope_room[r, j] += share * slope_g[k, j]
@@ -779,20 +782,30 @@ def march(
     interval: float,
     tolerance: float,
     states: Reals,
+    rates: Reals,
     held: Reals,
-    slope_states: Reals,
-    slope_held: Reals,
+    ears: Whole,
+    scale: Reals,
+    target: Whole,
+    heard: Reals,
 ) -> int:
     """Run over all samples; how many steps it took, negative where it had to give up.
 
-    Where `eventful` is None, what events need is left out, and not even compiled.
+    Of the slopes only those are kept that a sensor hears: `ears` says of each sensor which
+    number of the state (or, where its second column is 1, of the rate) it hears, or -1, with
+    `scale` for a factor; `target` into which column of `heard` [sensor, time, column] each
+    slope goes. Where `eventful` is None, what events need is left out, and not even compiled.
     """
     laws, jumps = whole_line(store, LAWS), line(store, JUMPS)
     matrix, big = grid(store, MATRIX), cube(store, BIG)
     x, slope = line(store, X), grid(store, S)
-    v, slope_v = grid(store, V), grid(store, SLOPE_V)
+    v, rate, slope_rate = grid(store, V), grid(store, RATE), grid(store, SLOPE_RATE)
     part = grid(store, PART)
     samples, channels, slopes = len(coefficients), len(laws), slope.shape[1]
+    quick = plain(0)
+    for k in range(len(ears)):
+        if ears[k, 0] >= 0:
+            quick = max(quick, ears[k, 1])
     deepest = len(big) - 1
     whole, level, steps = 1 << deepest, 0 * deepest, 0
     first = matrix.shape[1] - channels
@@ -802,16 +815,18 @@ def march(
         t = start_s + sample * interval
         flow(store, x, t, coefficients[sample], 0.0)
         for k in range(len(x)):
-            states[sample, k] = x[k]
+            states[sample, k], rates[sample, k] = x[k], rate[k, 0]
         for c in range(channels):
             held[sample, c] = v[first + c, 0]
         if slopes > 0:
-            slopes_of_flow(store, slope, t, coefficients[sample], 0.0)
-            for j in range(slopes):
-                for k in range(len(x)):
-                    slope_states[sample, k, j] = slope[k, j]
-                for c in range(channels):
-                    slope_held[sample, c, j] = slope_v[first + c, j]
+            if quick == 1:
+                slopes_of_flow(store, slope, t, coefficients[sample], 0.0)
+            for k in range(len(ears)):
+                row = ears[k, 0]
+                if row >= 0:
+                    told = slope_rate if ears[k, 1] == 1 else slope
+                    for j in range(slopes):
+                        heard[k, sample, target[j]] += scale[k] * told[row, j]
         done = whole if sample + 1 == samples else 0
         while done < whole:
             wide = whole >> level

@@ -4,8 +4,13 @@ import dataclasses
 import math
 from collections.abc import Mapping
 
+import numpy as np
+
 from slowtime.dynamics.description import Beam, Description
-from slowtime.dynamics.effects import Effect, Kind
+from slowtime.dynamics.effects import Effect, Hidden, Kind, Place
+
+FARTHEST = 100.0
+"""Factor by which a factor may move: nothing at all explains whatever masses may vanish."""
 
 Name = tuple[str, str] | tuple[str, int, str]
 """("stiffness", "j1"), ("damping", "j1"), ("mass", "m1"), or ("effect", 0, "friction_n")."""
@@ -68,7 +73,23 @@ def names_of(
         for parameter, value in zip(
             kind.parameters, kind.values(effect.parameters).tolist(), strict=True
         ):
+            low, high = (
+                max(parameter.low, lowest(description, effect.place, kind)),
+                parameter.high,
+            )
+            if parameter.nonzero and value and math.isinf(low) and math.isinf(high):
+                low, high = sorted((value / FARTHEST, value * FARTHEST))
             found["effect", i, parameter.name] = Entry(
-                value, parameter.unit, math.inf, parameter.low, parameter.high, parameter.fitted
+                value, parameter.unit, math.inf, low, high, parameter.fitted
             )
     return found
+
+
+def lowest(description: Description, place: Place, kind: Kind) -> float:
+    """Value that the one parameter of a kind must stay above, lest a node weigh nothing."""
+    action = kind.action
+    if not isinstance(action, Hidden) or kind.where != "node" or len(kind.parameters) != 1:
+        return -math.inf
+    gained = float(action.matrices(np.ones(1))[0][0, 0])
+    mass = next(node.mass_kg for node in description.nodes if node.id == place.id)
+    return -mass / gained if gained > 0 and mass > 0 else -math.inf

@@ -52,7 +52,8 @@ class Plant:
         kinds
             Those known, by name; the catalogue where not given.
         hold
-            What inputs do between samples, see `signals.interpolation.polynomials`.
+            What inputs do between samples of which the description does not say it, see
+            `signals.interpolation.polynomials`.
         """
         known = catalogue() if kinds is None else kinds
         effects = read_effects(description, known)

@@ -13,7 +13,7 @@ from slowtime.dynamics.effects import Effect, Kind, Law, Motion, Place
 from .kernel import Now, System, march, places
 from .matrices import Matrices
 from .names import Name
-from .sensing import acting, base_of, ears_of, held, told
+from .sensing import Ear, acting, base_of, ears_of, held, told
 from .system import Layout, Stack, big_matrices, state_matrices
 
 TOLERANCE = 3e-4
@@ -81,7 +81,10 @@ def run(
     if base is not None:
         acts = np.concatenate([acts, base[:, None]], axis=1)
     columns = np.concatenate([acts, *(series[:, None] for _, _, series in driven)], axis=1)
-    coefficients = held(columns, hold) if columns.shape[1] else np.zeros((samples, 0, 1))
+    holds = [entry.hold or hold for entry in description.inputs]
+    holds += [hold] * (acts.shape[1] - len(holds))
+    holds += [holds[column] for _, column, _ in driven]
+    coefficients = held(columns, holds) if holds else np.zeros((samples, 0, 1))
     linear = [name for name in asked if _is_linear(name, matrices)]
     laws = [name for name in asked if name in layout.law_names]
     order = (*linear, *laws, *(name for name, _, _ in driven))
@@ -91,10 +94,15 @@ def run(
     system = _system(layout, stacks, values, kinds, order, interval, coefficients, driven)
     slopes = len(order) + layout.states if free is not None else 0
     now = _now(system, state0, len(order), slopes, coefficients.shape[1])
-    states = np.full((samples, layout.states), np.nan)
+    states, rates = (np.full((samples, layout.states), np.nan) for _ in range(2))
     forces = np.full((samples, len(layout.laws)), np.nan)
-    slope_states = np.full((samples, layout.states, slopes), np.nan)
-    slope_forces = np.full((samples, len(layout.laws), slopes), np.nan)
+    free_count = len(matrices.names)
+    ears = ears_of(description, matrices.names)
+    factors = np.array([ear.factor for ear in ears])
+    # By sensor, so that what is asked of one stands together in memory.
+    heard = np.zeros((len(ears), samples, len(asked) + layout.states if slopes else 0))
+    target = [asked.index(name) for name in order]
+    target += range(len(asked), len(asked) + layout.states)
     eventful = True if len(system.jumps) or system.table[:, 0].any() else None
     steps = march(
         places(system, now),
@@ -104,45 +112,28 @@ def run(
         interval,
         TOLERANCE,
         states,
+        rates,
         forces,
-        slope_states,
-        slope_forces,
+        _heard_by(ears, free_count),
+        factors,
+        np.array(target[:slopes], dtype=np.int64),
+        heard,
     )
-    a, b_u, b_y = stacks
-    count = b_u.shape[2]
-    pushed = coefficients[:, :, 0]
-    rates = states @ a[0].T + pushed[:, :count] @ b_u[0].T + forces @ b_y[0].T
-    slope_rates = a[0] @ slope_states + b_y[0] @ slope_forces
-    for j in range(len(linear)):
-        changed = states @ a[1 + j].T + pushed[:, :count] @ b_u[1 + j].T
-        slope_rates[:, :, j] += changed + forces @ b_y[1 + j].T
-    for i, (name, column, _) in enumerate(driven):
-        j = order.index(name)
-        slope_rates[:, :, j] += np.outer(pushed[:, count + i], b_u[0][:, column])
-    shaken = _base(description, coefficients, driven, order, slopes, base is not None)
+    if steps < 0:
+        heard[:, -steps:] = np.nan
+    shaken, shaking = _base(description, coefficients, driven, base is not None)
     ground = base_of(shaken, interval).motion
-    free_count = len(matrices.names)
-    ears = ears_of(description, matrices.names)
     outputs = np.zeros((samples, len(ears)))
-    heard = np.zeros((samples, len(ears), slopes))
     for k, ear in enumerate(ears):
         if ear.coordinate is not None:
-            row = ear.coordinate + (free_count if ear.order == 1 else 0)
-            whole, part = (states, slope_states) if ear.order < 2 else (rates, slope_rates)
-            row += free_count if ear.order == 2 else 0
-            outputs[:, k] = whole[:, row]
-            heard[:, k] = part[:, row]
+            row = ear.coordinate + (free_count if ear.order > 0 else 0)
+            outputs[:, k] = (states if ear.order < 2 else rates)[:, row]
         if ear.absolute:
             outputs[:, k] += ground[ear.order][:, 0]
-            heard[:, k] += ground[ear.order][:, 1:]
-    factors = np.array([ear.factor for ear in ears])
+            for i, name in enumerate(shaking if slopes else ()):
+                heard[k, :, asked.index(name)] += factors[k] * ground[ear.order][:, 1 + i]
     outputs *= factors
-    heard *= factors[:, None]
-    wanted = np.zeros((samples, len(ears), len(asked) + layout.states if slopes else 0))
-    if slopes:
-        for j, name in enumerate(order):
-            wanted[:, :, asked.index(name)] += heard[:, :, j]
-        wanted[:, :, len(asked) :] = heard[:, :, len(order) :]
+    wanted = heard.transpose(1, 0, 2)
     at = {name: j for j, name in enumerate(asked)}
     told(description, effects, kinds, values, outputs, times, wanted, at)
     return Run(
@@ -284,21 +275,32 @@ def _now(
     )
 
 
+def _heard_by(ears: Sequence[Ear], dofs: int) -> Int[np.ndarray, "sensor 2"]:
+    """Which number of the state or, with a 1 behind it, of its rate each sensor hears."""
+    return np.array(
+        [
+            (-1, 0)
+            if ear.coordinate is None
+            else (ear.coordinate + (dofs if ear.order else 0), int(ear.order == 2))
+            for ear in ears
+        ],
+        dtype=np.int64,
+    ).reshape(-1, 2)
+
+
 def _base(
     description: Description,
     coefficients: Float[np.ndarray, "time input power"],
     driven: Sequence[tuple[Name, int, Float[np.ndarray, " time"]]],
-    order: Sequence[Name],
-    slopes: int,
     unmeasured: bool,
-) -> Float[np.ndarray, "time power slope"]:
-    """Polynomials of the base's acceleration, then of its slopes."""
-    found = np.zeros((len(coefficients), coefficients.shape[2], 1 + slopes))
+) -> tuple[Float[np.ndarray, "time power slope"], list[Name]]:
+    """Polynomials of the base's acceleration, then of its slopes; and of which those are."""
     shaking = [k for k, entry in enumerate(description.inputs) if entry.kind != "force"]
     count = len(description.inputs) + unmeasured
+    moved = [(i, name) for i, (name, column, _) in enumerate(driven) if column in shaking]
+    found = np.zeros((len(coefficients), coefficients.shape[2], 1 + len(moved)))
     for k in (*shaking, *((count - 1,) if unmeasured else ())):
         found[:, :, 0] += coefficients[:, k]
-    for i, (name, column, _) in enumerate(driven):
-        if column in shaking:
-            found[:, :, 1 + order.index(name)] += coefficients[:, count + i]
-    return found
+    for at, (i, _) in enumerate(moved):
+        found[:, :, 1 + at] = coefficients[:, count + i]
+    return found, [name for _, name in moved]

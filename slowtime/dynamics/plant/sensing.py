@@ -53,7 +53,8 @@ def acting(
             if not isinstance(action, InputChange) or effect.place.id != entry.channel:
                 continue
             p = np.array([values["effect", i, name] for name in kinds[i].names])
-            directions = [(name, action.act(s, times, p)) for name, s in directions]
+            still = action.act(0 * series, times, p)
+            directions = [(name, action.act(s, times, p) - still) for name, s in directions]
             for k, name in enumerate(kinds[i].names):
                 if ("effect", i, name) in free:
                     slope = _by_parameter(action.act, series, times, p, k)
@@ -64,10 +65,13 @@ def acting(
     return acts, slopes
 
 
-def held(columns: Float[np.ndarray, "time input"], hold: str) -> Polynomials:
+def held(columns: Float[np.ndarray, "time input"], holds: Sequence[str]) -> Polynomials:
     """Find the polynomials between samples of every input, with the powers that are used."""
-    powers = {"zero": 1, "first": 2}.get(hold, 6)
-    found = [polynomials(column, hold)[:, :powers] for column in columns.T]
+    powers = max({"zero": 1, "first": 2}.get(hold, 6) for hold in holds)
+    found = [
+        polynomials(column, hold)[:, :powers]
+        for column, hold in zip(columns.T, holds, strict=True)
+    ]
     return np.ascontiguousarray(np.stack(found, axis=1))
 
 

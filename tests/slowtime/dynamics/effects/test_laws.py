@@ -71,6 +71,7 @@ NO_FORCE = {
     "base_motion": ("base", "random input", ("rms_m_per_s2",)),
     "input_gain": ("input", "input", ("gain",)),
     "input_delay": ("input", "input", ("delay_s",)),
+    "input_bias": ("input", "input", ("bias",)),
     "sensor_bias": ("sensor", "sensor", ("bias",)),
     "sensor_drift": ("sensor", "sensor", ("drift_total",)),
     "sensor_gain": ("sensor", "sensor", ("gain",)),
@@ -215,3 +216,16 @@ def test_a_kind_that_contradicts_itself_is_refused():
     taken = Kind(**settings | {"name": "coulomb"})
     with pytest.raises(ValueError, match=r"called 'coulomb' already\. Rename your own"):
         catalogue([taken])
+
+
+@pytest.mark.parametrize(
+    ("static_n", "vs_m_per_s", "is_shown"),
+    [(1.5, 0.2, True), (1.5, 0.9, False), (1.05, 0.2, False), (0.8, 0.2, False)],
+)
+def test_friction_that_has_not_been_seen_to_fall_is_no_stribeck_curve(
+    static_n, vs_m_per_s, is_shown
+):
+    times = np.linspace(0.0, 10.0, 2001)
+    motion = Motion(e=np.sin(times), v=np.cos(times), a=-np.sin(times), times=times)
+    numbers = {"friction_n": 1.0, "static_n": static_n, "vs_m_per_s": vs_m_per_s}
+    assert catalogue()["stribeck"].shown(numbers, motion) is is_shown

@@ -63,9 +63,10 @@ ENTRIES = {
     },
     "mass": {"effect": "added_mass", "node": "m2", "dm_kg": 0.2},
     "gain": {"effect": "input_gain", "input": "u", "gain": 0.9},
+    "lift": {"effect": "input_bias", "input": "u", "bias": 0.5},
     "delay": {"effect": "input_delay", "input": "u", "delay_s": 3.3e-3},
     "clipped": {"effect": "sensor_saturation", "sensor": "a_m1", "clip": 0.8},
-    "clock": {"effect": "sensor_clock", "sensor": "a_m1", "skew": 2e-3},
+    "clock": {"effect": "sensor_clock", "sensor": "a_m1", "skew": 2.3e-3},
     "drift": {"effect": "sensor_drift", "sensor": "a_m1", "drift_total": 0.1},
 }
 
