@@ -7,8 +7,10 @@ Särkkä, 2010). Sums of processes are states side by side, products are Kroneck
 its parameters. Parameters may be arrays, one entry per member of a family.
 """
 
+import abc
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -17,7 +19,7 @@ Slopes = list[np.ndarray]
 """Of a matrix, to the logarithm of each free parameter."""
 
 
-class Process:
+class Process(abc.ABC):
     """What all processes do. `p + q` and `p * q` are sum and product.
 
     Examples
@@ -37,31 +39,39 @@ class Process:
         return len(self.observation)
 
     @property
+    @abc.abstractmethod
     def observation(self) -> Float[np.ndarray, " state"]:
         """What of the state is the process."""
-        raise NotImplementedError
+
+    def seen(self, time: Float[np.ndarray, " time"]) -> Float[np.ndarray, "time *family state"]:
+        """Tell the same at each of some times, for processes that go by the clock."""
+        return np.broadcast_to(self.observation, (len(time), self.size))
+
+    @abc.abstractmethod
+    def member(self, number: int) -> "Process":
+        """Take one process out of a family."""
 
     @property
+    @abc.abstractmethod
     def free(self) -> tuple[str, ...]:
         """Names of the parameters that may be learnt, in order."""
-        raise NotImplementedError
 
     @property
+    @abc.abstractmethod
     def logs(self) -> Float[np.ndarray, "*family parameter"]:
         """Their logarithms."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def at(self, logs: Float[np.ndarray, "*family parameter"]) -> "Process":
         """Give the same kind of process with other parameters."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def spread(self) -> tuple[np.ndarray, Slopes]:
         """Covariance of the state before any reading, and its slopes."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def moves(self, step: Float[np.ndarray, " time"]) -> tuple[np.ndarray, Slopes]:
         """Transitions over time steps, first axis, and their slopes."""
-        raise NotImplementedError
 
     def noises(
         self, step: Float[np.ndarray, " time"], move: np.ndarray, slopes: Slopes
@@ -85,7 +95,9 @@ class Process:
     def covariance(self, apart: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
         """Covariance of a stationary process with itself so far apart in time; one member."""
         if not self.stationary:
-            raise ValueError("A trend has no covariance that hangs on the distance alone.")
+            raise ValueError(
+                "A trend or a sawtooth has no covariance that hangs on the distance alone."
+            )
         seen = self.observation
         move = self.moves(np.abs(apart).ravel())[0]
         return np.asarray((seen @ move @ self.spread()[0] @ seen).reshape(apart.shape))
@@ -114,8 +126,19 @@ class Leaf(Process):
                 )
 
     @property
+    @abc.abstractmethod
     def _names(self) -> tuple[str, ...]:
-        raise NotImplementedError
+        """Names of its parameters, in the order of their slopes."""
+
+    def member(self, number: int) -> "Process":
+        """See `Process`."""
+        values = [(each.name, getattr(self, each.name)) for each in dataclasses.fields(self)]
+        chosen: dict[str, Any] = {
+            name: float(value[number])
+            for name, value in values
+            if isinstance(value, np.ndarray)
+        }
+        return dataclasses.replace(self, **chosen)
 
     @property
     def free(self) -> tuple[str, ...]:
@@ -152,6 +175,18 @@ class Sum(Process):
     def observation(self) -> np.ndarray:
         """See `Process`."""
         return np.concatenate([term.observation for term in self.terms])
+
+    def seen(self, time: np.ndarray) -> np.ndarray:
+        """See `Process`."""
+        parts = [term.seen(time) for term in self.terms]
+        most = max(part.ndim for part in parts)
+        parts = [p.reshape(len(p), *(1,) * (most - p.ndim), *p.shape[1:]) for p in parts]
+        batch = np.broadcast_shapes(*(part.shape[:-1] for part in parts))
+        return np.concatenate([np.broadcast_to(p, (*batch, p.shape[-1])) for p in parts], -1)
+
+    def member(self, number: int) -> "Sum":
+        """See `Process`."""
+        return Sum(tuple(term.member(number) for term in self.terms))
 
     @property
     def free(self) -> tuple[str, ...]:
@@ -201,14 +236,18 @@ class Product(Process):
     def __post_init__(self) -> None:
         if not (self.first.stationary and self.second.stationary):
             raise ValueError(
-                "A product with a trend is no process of this kind. Multiply stationary "
-                "processes, and add the trend."
+                "A product with a trend or a sawtooth is no process of this kind. Multiply "
+                "stationary processes, and add the trend or the sawtooth."
             )
 
     @property
     def observation(self) -> np.ndarray:
         """See `Process`."""
         return np.kron(self.first.observation, self.second.observation)
+
+    def member(self, number: int) -> "Product":
+        """See `Process`."""
+        return Product(self.first.member(number), self.second.member(number))
 
     @property
     def free(self) -> tuple[str, ...]:

@@ -17,8 +17,8 @@ from .matern import SlowProcess
 
 Objective = Callable[[np.ndarray], np.ndarray]
 
-_DIFFERENCE = 0.05  # of a logarithm: wide enough to step over rounding, narrow for a Gaussian
-_LONGEST = 2.0
+_DIFFERENCE = 0.04  # of a prior's width: steps over rounding, narrow for a Gaussian
+_LONGEST = 1.4
 _STEPS = np.array([1.0, 0.5, 0.25, 0.1, 0.02, 2.0])
 
 
@@ -82,23 +82,29 @@ def climb(
 ) -> Optimum:
     """Newton's method on `objective`, whose argument holds one point per row.
 
-    Directions in which the objective does not curve down are given the curvature of the
+    All is measured in widths of the prior, which may be narrow for some parameters and wide for
+    others. Directions in which the objective does not curve down are given the curvature of the
     prior; of several step lengths the best is taken, and none if none is better.
     """
-    point, value = start, -np.inf
+
+    def scaled(points: np.ndarray) -> np.ndarray:
+        return objective(prior.centre + prior.sd * points)
+
+    point, value = (start - prior.centre) / prior.sd, -np.inf
     for _ in range(iterations):
-        value, slope, curvature = _derivatives(objective, point)
-        curvature = _at_least(curvature, 0.25 * prior.sd.min() ** -2.0)
+        value, slope, curvature = _derivatives(scaled, point)
+        curvature = _at_least(curvature, 0.25)
         step = np.linalg.solve(curvature, slope)
         # Shortened as a whole: length and spread lie on a ridge, and off it all is worse.
         step *= min(1.0, _LONGEST / max(float(np.abs(step).max()), 1e-300))
         tried = point + _STEPS[:, None] * step
-        values = objective(tried)
+        values = scaled(tried)
         best = int(values.argmax())
         if not values[best] > value + 1e-6:
             break
         point, value = tried[best], float(values[best])
-    return Optimum(point, value, curvature)
+    widths = np.outer(prior.sd, prior.sd)
+    return Optimum(prior.centre + prior.sd * point, value, curvature / widths)
 
 
 def fit(

@@ -29,9 +29,8 @@ PerMember = Float[np.ndarray, "*family"] | np.float64
 class Moving(Protocol):
     """What a process must be able to do to be foretold."""
 
-    @property
-    def observation(self) -> np.ndarray:
-        """What of the state is the process."""
+    def seen(self, time: Float[np.ndarray, " time"]) -> np.ndarray:
+        """Tell what of the state is the process at each time, first axis."""
         ...
 
     def advance(self, step: Float[np.ndarray, " time"]) -> tuple[np.ndarray, np.ndarray]:
@@ -94,6 +93,10 @@ class SlowProcess:
         seen = np.zeros(3 + round(self.smoothness - 0.5))
         seen[[0, 2]] = 1.0
         return seen
+
+    def seen(self, time: Float[np.ndarray, " time"]) -> Float[np.ndarray, "time state"]:
+        """See `Moving`; the same at all times."""
+        return np.broadcast_to(self.observation, (len(time), len(self.observation)))
 
     def start(self, time: float) -> "Belief":
         """Belief before any reading, at `time`, no later than the first."""
@@ -293,11 +296,12 @@ def predict(
 ) -> tuple[Float[np.ndarray, "*family later"], Float[np.ndarray, "*family later"]]:
     """Mean and standard deviation of the process at future times, without noise of readings."""
     move, noise = process.advance(times - belief.time)
-    seen = process.observation
-    mean = (move @ belief.mean[..., None])[..., 0] @ seen
-    rows = seen @ move
+    seen = process.seen(times)
+    seen = seen.reshape(len(times), *(1,) * (move.ndim - 1 - seen.ndim), *seen.shape[1:])
+    mean = np.vecdot((move @ belief.mean[..., None])[..., 0], seen)
+    rows = (seen[..., None, :] @ move)[..., 0, :]
     carried = (rows[..., None, :] @ belief.covariance @ rows[..., :, None])[..., 0, 0]
-    variance = carried + noise @ seen @ seen
+    variance = carried + (seen[..., None, :] @ noise @ seen[..., :, None])[..., 0, 0]
     spread = np.sqrt(np.maximum(variance, 0.0))
     return np.moveaxis(mean, 0, -1), np.moveaxis(spread, 0, -1)
 

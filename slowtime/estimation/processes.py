@@ -182,18 +182,24 @@ class Periodic(Leaf):
     Its Fourier series has the weights :math:`2 I_j(\ell^{-2}) e^{-\ell^{-2}}`; as many
     harmonics are kept as hold all but 1e-12 of the variance, or as many as are asked for.
 
+    One with edges has weights that fall as :math:`1 / (1 + j^2 \ell^2)` instead, as those of
+    what jumps or bends do: its coefficients are those of an Ornstein–Uhlenbeck process.
+
     Parameters
     ----------
     length
         How rough within a period [1]: below 0.5 many harmonics, above 2 hardly one.
     harmonics
         How many; None for as many as it takes.
+    edges
+        Whether it may jump and bend; `harmonics` must be given then.
     """
 
     period: Parameter
     length: Parameter
     sd: Parameter
     harmonics: int | None = None
+    edges: bool = False
 
     @property
     def _names(self) -> tuple[str, ...]:
@@ -204,6 +210,11 @@ class Periodic(Leaf):
         """How many harmonics there are."""
         if self.harmonics is not None:
             return self.harmonics
+        if self.edges:
+            raise ValueError(
+                "A function with edges has endlessly many harmonics. Say how many with "
+                "harmonics=8 or so."
+            )
         sharpest = float(np.max(np.asarray(self.length) ** -2.0))
         order = np.arange(1, 2000)
         left = 1.0 - ive(0, sharpest) - 2.0 * np.cumsum(ive(order, sharpest))
@@ -222,12 +233,7 @@ class Periodic(Leaf):
 
     def spread(self) -> tuple[np.ndarray, Slopes]:
         """See `Process`."""
-        x = np.asarray(self.length)[..., None] ** -2.0
-        order = np.arange(self.count + 1)
-        twice = np.where(order > 0, 2.0, 1.0)
-        weight = twice * ive(order, x)
-        bessel = 0.5 * (ive(np.abs(order - 1), x) + ive(order + 1, x)) - ive(order, x)
-        slope = twice * bessel * (-2.0 * x)
+        weight, slope = self._weights()
         places = np.concatenate([[0], np.repeat(np.arange(1, self.count + 1), 2)])
         variance = np.asarray(self.sd)[..., None] ** 2
         own, of_length = (
@@ -235,6 +241,20 @@ class Periodic(Leaf):
             for each in (weight, slope)
         )
         return own, self._chosen({"length": of_length, "sd": 2.0 * own}, own)
+
+    def _weights(self) -> tuple[np.ndarray, np.ndarray]:
+        """Share of variance of each harmonic, and its slope to the logarithm of `length`."""
+        order = np.arange(self.count + 1)
+        twice = np.where(order > 0, 2.0, 1.0)
+        if self.edges:
+            square = (order * np.asarray(self.length)[..., None]) ** 2
+            weight = twice / (1.0 + square)
+            weight = weight / weight.sum(axis=-1, keepdims=True)
+            own = -2.0 * square / (1.0 + square)
+            return weight, weight * (own - (weight * own).sum(axis=-1, keepdims=True))
+        x = np.asarray(self.length)[..., None] ** -2.0
+        bessel = 0.5 * (ive(np.abs(order - 1), x) + ive(order + 1, x)) - ive(order, x)
+        return twice * ive(order, x), twice * bessel * (-2.0 * x)
 
     def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
         """See `Process`."""
@@ -257,9 +277,10 @@ def quasi_periodic(
     length: Parameter = 1.0,
     smoothness: float = 0.5,
     harmonics: int | None = None,
+    edges: bool = False,
 ) -> Product:
     """Make a wave of any form that changes slowly: periodic times Matérn of length `memory`."""
-    wave = Periodic(period=period, length=length, sd=sd, harmonics=harmonics)
+    wave = Periodic(period=period, length=length, sd=sd, harmonics=harmonics, edges=edges)
     fading = Matern(smoothness=smoothness, length=memory, sd=1.0, fixed=("sd",))
     return Product(wave, fading)
 

@@ -73,7 +73,8 @@ class Stream:
     ) -> tuple[Belief, Reading]:
         """Take in one reading, in constant time; a `value` of NaN only moves on in time."""
         move, noise = self.process.advance(np.array([time - belief.time]))
-        return _step(self.process.observation, belief, time, value, sd, move[0], noise[0])
+        seen = self.process.seen(np.array([time]))[0]
+        return _step(seen, belief, time, value, sd, move[0], noise[0])
 
     def resume(self, time: Series, value: Series, sd: Series) -> Belief:
         """Belief after a series of readings, `time` ascending."""
@@ -128,9 +129,10 @@ def run(
     """
     steps, which = np.unique(np.diff(time, prepend=time[:1]), return_inverse=True)
     moves, noises = process.advance(steps)
-    seen, waiting = process.observation, sorted(jumps)
+    all_seen, waiting = process.seen(time), sorted(jumps)
     belief, readings = Stream(process).start(float(time[0])), []
-    for t, y, s, k in zip(time.tolist(), value.tolist(), sd.tolist(), which, strict=True):
+    triples = zip(time.tolist(), value.tolist(), sd.tolist(), strict=True)
+    for (t, y, s), k, seen in zip(triples, which, all_seen, strict=True):
         while waiting and waiting[0][0] < t:
             belief = lifted(belief, waiting.pop(0)[1])
         belief, reading = _step(seen, belief, t, y, s, moves[k], noises[k])
@@ -161,14 +163,16 @@ def likelihood_and_slopes(
     steps, which = np.unique(np.diff(time, prepend=time[:1]), return_inverse=True)
     moves, of_moves = process.moves(steps)
     noises, of_noises = process.noises(steps, moves, of_moves)
-    count, size, seen = len(of_moves), process.size, process.observation
+    count, size, all_seen = len(of_moves), process.size, process.seen(time)
     d_moves = np.array(of_moves).reshape(count, len(steps), size, size)
     d_noises = np.array(of_noises).reshape(count, len(steps), size, size)
     p, of_spread = process.spread()
     d_p = np.array(of_spread).reshape(count, size, size)
     m, d_m = np.zeros(size), np.zeros((count, size))
     total, slope = 0.0, np.zeros(count)
-    for y, s, k in zip(value.tolist(), sd.tolist(), which.tolist(), strict=True):
+    for y, s, k, seen in zip(
+        value.tolist(), sd.tolist(), which.tolist(), all_seen, strict=True
+    ):
         a, d_a = moves[k], d_moves[:, k]
         half = d_a @ p @ a.T
         d_m = d_a @ m + d_m @ a.T
@@ -197,7 +201,7 @@ def smooth(
     value: Series,
     sd: Series,
     *,
-    part: Float[np.ndarray, " state"] | None = None,
+    part: Float[np.ndarray, " state"] | Float[np.ndarray, "time state"] | None = None,
     jumps: Sequence[Jump] = (),
 ) -> Smoothed:
     """Estimate the process, or a part of it, at every time of the series given all of it.
@@ -209,18 +213,18 @@ def smooth(
     Parameters
     ----------
     part
-        What of the state is asked for, as `processes.Sum.part` tells; all of it if not given.
+        What of the state is asked for, as `processes.Sum.part` tells, or at each time; all of
+        it if not given.
     jumps
         As for `run`.
     """
     readings = run(process, time, value, sd, jumps=jumps)[1]
-    seen = process.observation
-    asked = seen if part is None else part
-    size = len(seen)
+    all_seen, size = process.seen(time), process.size
     score, information = np.zeros(size), np.zeros((size, size))
     found = np.zeros((2, len(time)))
     for i in range(len(time) - 1, -1, -1):
-        now = readings[i]
+        now, seen = readings[i], all_seen[i]
+        asked = seen if part is None else part[i] if part.ndim == 2 else part
         keep = np.eye(size) - np.outer(now.seen / now.spread, seen)
         score = seen * (now.residual / now.spread) + keep.T @ score
         information = np.outer(seen, seen) / now.spread + keep.T @ information @ keep
@@ -239,11 +243,11 @@ def leave_one_out(
     In one pass there and back (de Jong, 1988); NaN values are left out anyhow.
     """
     readings = run(process, time, value, sd)[1]
-    seen, size = process.observation, process.size
+    all_seen, size = process.seen(time), process.size
     score, information = np.zeros(size), np.zeros((size, size))
     mean, variance = np.zeros(len(time)), np.zeros(len(time))
     for i in range(len(time) - 1, -1, -1):
-        now = readings[i]
+        now, seen = readings[i], all_seen[i]
         if not np.isfinite(now.spread):
             # Nothing was read: what is expected, and what the future adds to it.
             mean[i] = now.expected + now.seen @ score
@@ -334,10 +338,10 @@ def sample(
     moves, noises = process.advance(steps * scale)
     roots, first = _any_root(noises), _any_root(belief.covariance)
     state = belief.mean + rng.standard_normal((paths, len(belief.mean))) @ first.T
-    seen, found = process.observation, np.zeros((paths, len(times)))
+    seen, found = process.seen(times), np.zeros((paths, len(times)))
     for k, j in enumerate(which):
         state = state @ moves[j].T + rng.standard_normal(state.shape) @ roots[j].T
-        found[:, k] = state @ seen
+        found[:, k] = state @ seen[k]
     return found
 
 
@@ -358,8 +362,8 @@ def _step(
 ) -> tuple[Belief, Reading]:
     mean = (move @ belief.mean[..., None])[..., 0]
     covariance = move @ belief.covariance @ np.swapaxes(move, -1, -2) + noise
-    reach = covariance @ seen
-    expected, own = mean @ seen, reach @ seen
+    reach = (covariance @ seen[..., None])[..., 0]
+    expected, own = np.vecdot(mean, seen), np.vecdot(reach, seen)
     if value != value or sd != sd:
         none = np.zeros_like(own)
         return Belief(time, mean, covariance), Reading(
@@ -371,7 +375,7 @@ def _step(
     likelihood = -0.5 * (residual * residual / spread + np.log(2.0 * np.pi * spread))
     left = covariance - gain[..., :, None] * reach[..., None, :]
     # Joseph's form, in rank-one pieces: rounding cannot make it negative.
-    left = left - (left @ seen)[..., :, None] * gain[..., None, :]
+    left = left - (left @ seen[..., None]) * gain[..., None, :]
     left = left + (sd * sd) * gain[..., :, None] * gain[..., None, :]
     updated = Belief(
         time, mean + gain * residual[..., None], 0.5 * (left + np.swapaxes(left, -1, -2))

@@ -1,6 +1,7 @@
 """When will a threshold be crossed: the distribution of the time of the first crossing."""
 
 import dataclasses
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -31,6 +32,8 @@ class Crossing:
         That it is crossed within the horizon [1].
     horizon
         Slow time up to which was looked.
+    already
+        Probability that it has been crossed by now [1].
     """
 
     threshold: float
@@ -38,6 +41,7 @@ class Crossing:
     slow_time: Float[np.ndarray, " share"]
     probability: float
     horizon: float
+    already: float = 0.0
 
     def words(self) -> str:
         """Say it in a sentence.
@@ -56,7 +60,7 @@ class Crossing:
             )
             for share, at in zip(self.shares, self.slow_time, strict=True)
         )
-        return f"{each}. Crossed within it with probability {100 * self.probability:.2g} %."
+        return f"{each}. Crossed within it with probability {100 * self.probability:.3g} %."
 
 
 def first_crossing(
@@ -68,6 +72,8 @@ def first_crossing(
     horizon: float,
     *,
     shares: tuple[float, ...] = SHARES,
+    toward: Literal["below", "above"] | None = None,
+    common_sd: float = 0.0,
     points: int = 200,
     paths: int = 4000,
     seed: int = 0,
@@ -81,11 +87,16 @@ def first_crossing(
     slow_time, value, sd
         The history, as for `forecast.fit`.
     threshold
-        It is crossed from the side on which the quantity is believed to be now.
+        In the unit of the quantity.
     horizon
         Slow time up to which is looked.
     shares
         Probabilities whose times are asked for.
+    toward
+        The side that is asked for, which the quantity may be on already; where not given, the
+        one on which it is believed not to be now.
+    common_sd
+        Of the error that all readings share, which no number of them averages out.
     points
         Instants up to the horizon at which a future is looked at, straight between.
     paths, seed
@@ -110,7 +121,11 @@ def first_crossing(
             for process, belief, weights in forecast.beliefs(outlook, time, values, sds)
         ]
     )
-    side = np.sign(np.median(drawn[:, 0]) - threshold) or 1.0
+    drawn += common_sd * rng.standard_normal((len(drawn), 1))
+    if toward is None:
+        side = np.sign(np.median(drawn[:, 0]) - threshold) or 1.0
+    else:
+        side = 1.0 if toward == "below" else -1.0
     return _first(side * (drawn - threshold), later, threshold, shares)
 
 
@@ -129,7 +144,14 @@ def _first(
     at = later[before] + part * (later[k] - later[before])
     when = np.sort(np.where(crossed, at, np.inf))
     places = np.minimum((np.array(shares) * len(when)).astype(int), len(when) - 1)
-    return Crossing(threshold, shares, when[places], float(crossed.mean()), float(later[-1]))
+    return Crossing(
+        threshold,
+        shares,
+        when[places],
+        float(crossed.mean()),
+        float(later[-1]),
+        float(below[:, 0].mean()),
+    )
 
 
 def _paths(

@@ -8,10 +8,11 @@ it seems to have jumped, histories with a jump beside those without; evidence we
 
 import dataclasses
 from collections.abc import Iterator, Sequence
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import ndtr
 
 from slowtime.estimation import hyperparameters, kernels, matern, streaming
 from slowtime.estimation.hyperparameters import Prior
@@ -19,17 +20,17 @@ from slowtime.estimation.matern import Belief, Jump, SlowProcess
 from slowtime.estimation.processes import Process, Sum
 
 from . import jumps as jumping
-from . import waves
+from . import mixture, repeating
 from .change import Series, check_level
-from .learning import NET, Learnt, learn
+from .learning import NET, learn
 
 Usable: TypeAlias = Float[np.ndarray, " usable"]
 
+Choice: TypeAlias = Literal["evidence", "smooth", "repeating"]
+"""Whether a history repeats itself: as the readings say, or as somebody knows."""
+
 _UNLIKELY = 0.01
 """Probability below which a kind of process is left out."""
-
-_TRACE = 1.0
-"""By how much the best of a few trials with a wave must be likelier than without."""
 
 _JUMP_ODDS = 100.0
 """How much likelier a history must be with a jump than without."""
@@ -119,7 +120,14 @@ def forecast(
     return predict(outlook, slow_time, value, sd, horizon_times, level=level)
 
 
-def fit(slow_time: Series, value: Series, sd: Series) -> Outlook:
+def fit(
+    slow_time: Series,
+    value: Series,
+    sd: Series,
+    *,
+    process: Choice = "evidence",
+    suspected: Sequence[float] = (),
+) -> Outlook:
     """Learn from a history which processes could have made it.
 
     Parameters
@@ -127,6 +135,12 @@ def fit(slow_time: Series, value: Series, sd: Series) -> Outlook:
     slow_time, value, sd
         The history in any order: slow times, values, and their known standard deviations;
         entries that are not finite are passed over.
+    process
+        ``"smooth"`` leaves waves out, ``"repeating"`` takes one for certain where least squares
+        finds a period; by default their evidence decides.
+    suspected
+        Slow times after which somebody has seen a jump (`jumps.Watch`): tried first, however
+        few readings there are since.
 
     Notes
     -----
@@ -134,18 +148,24 @@ def fit(slow_time: Series, value: Series, sd: Series) -> Outlook:
     scale, spread, and drift of the trend then follow by Newton's method, and their posterior
     by importance sampling from fixed points about the optimum and of the net together: the
     same history gives the same outlook, to the last bit. Waves and jumps are only asked for
-    where least squares finds a trace of them.
+    where least squares finds a trace of them; a wave may have edges, as a sawtooth has.
     """
     time, values, sds = history(slow_time, value, sd)
-    prior, base = _prior(time, values)
+    prior, base = prior_of(time, values)
     sds = np.maximum(sds, 1e-6 * base.sd)
-    found = _without_jump(time, values, sds, prior, base, ())
+    found = _without_jump(time, values, sds, prior, base, (), process)
     size = 3.0 * float(base.sd)
-    for at in jumping.candidates(time, values, sds):
+    seen = [at for at in suspected if time[0] <= at < time[-1]]
+    gap = float(np.median(np.diff(time)))
+    for at in (*seen, *jumping.candidates(time, values, sds)):
+        if any(abs(at - other) < gap for other, _ in found[0].jumps):
+            continue
         told = (*found[0].jumps, (at, size))
         # With the jump out of it, what is left scatters less, and the prior must know.
-        inner = _prior(time, _levelled(time, values, [t for t, _ in told]))
-        tried = _without_jump(time, values, sds, inner[0], _vague(inner[1], base), told)
+        inner = prior_of(time, _levelled(time, values, [t for t, _ in told]))
+        tried = _without_jump(
+            time, values, sds, inner[0], _vague(inner[1], base), told, process
+        )
         if tried[1] - np.log(len(time)) > found[1] + np.log(_JUMP_ODDS):
             found = tried
     return found[0]
@@ -158,6 +178,7 @@ def _without_jump(
     prior: Prior,
     base: SlowProcess,
     told: tuple[Jump, ...],
+    process: Choice,
 ) -> tuple[Outlook, float]:
     """Learn kinds of processes with jumps given; and the evidence for all of them."""
 
@@ -171,40 +192,22 @@ def _without_jump(
     smoothness = max(scores, key=lambda s: float((scores[s] + density).max()))
     smooth = learn(lambda points: plain(points, smoothness), prior, scores[smoothness])
     family = _members(base, smoothness, smooth.points)
-    reached = float(plain(smooth.best[None], smoothness)[0])
-    wave = _learn_wave((time, values, sds), prior, base, told, (smooth.best, reached))
+    wave = None
+    if process != "smooth":
+        levelled = _levelled(time, values, [at for at, _ in told])
+        wave = repeating.learn_wave(
+            (time, values, sds), levelled, prior, base, told, smooth.best
+        )
     if wave is None:
         return Outlook(family, smooth.weights, jumps=told), smooth.log_evidence
+    if process == "repeating":
+        outlook = Outlook(family, smooth.weights, wave.family, wave.weights, 1.0, told)
+        return outlook, wave.log_evidence
     both = float(np.logaddexp(smooth.log_evidence, wave.log_evidence) - np.log(2.0))
     share = float(np.exp(wave.log_evidence - np.log(2.0) - both))
     if share < _UNLIKELY:
         return Outlook(family, smooth.weights, jumps=told), both
-    found = waves.members(base, wave.points)
-    return Outlook(family, smooth.weights, found, wave.weights, share, told), both
-
-
-def _learn_wave(
-    readings: tuple[Usable, Usable, Usable],
-    prior: Prior,
-    base: SlowProcess,
-    told: tuple[Jump, ...],
-    smooth: tuple[np.ndarray, float],
-) -> Learnt | None:
-    """Learn processes with a wave; None where least squares or a few trials find no trace."""
-    time, values, sds = readings
-    period = waves.period_of(time, _levelled(time, values, [at for at, _ in told]), sds)
-    if period is None:
-        return None
-    span = float(time[-1] - time[0])
-
-    def repeated(points: np.ndarray) -> np.ndarray:
-        family = waves.members(base, points)
-        return np.asarray(streaming.log_likelihood(family, time, values, sds, jumps=told))
-
-    best, reached = smooth
-    if repeated(waves.trial(period, base, best, span)).max() < reached + _TRACE:
-        return None
-    return learn(repeated, waves.prior_of(period, base, prior, span), iterations=6)
+    return Outlook(family, smooth.weights, wave.family, wave.weights, share, told), both
 
 
 def predict(
@@ -229,7 +232,7 @@ def predict(
     level
         Probability of the bands [1].
     """
-    quantile = check_level(level)
+    tail = float(ndtr(-check_level(level)))
     time, values, sds = history(slow_time, value, sd)
     if horizon_times.size and not horizon_times.min() >= time[-1]:
         raise ValueError(
@@ -247,13 +250,8 @@ def predict(
     means, spreads = np.concatenate(all_means), np.concatenate(all_spreads)
     mean = weights @ means
     spread = np.sqrt(weights @ (spreads**2 + (means - mean) ** 2))
-    return Forecast(
-        mean,
-        spread,
-        mean - quantile * spread,
-        mean + quantile * spread,
-        float(time[-1] + _memory(outlook, kinds)),
-    )
+    lo, hi = (mixture.quantile(share, weights, means, spreads) for share in (tail, 1.0 - tail))
+    return Forecast(mean, spread, lo, hi, float(time[-1] + _memory(outlook, kinds)))
 
 
 Kind: TypeAlias = tuple[SlowProcess | Sum, Belief, np.ndarray]
@@ -278,9 +276,10 @@ def _memory(outlook: Outlook, kinds: Sequence[Kind]) -> float:
     family, belief, weights = outlook.family, kinds[0][1], kinds[0][2]
     share = 1.0 - belief.covariance[..., 2, 2] / np.square(family.sd)
     reach = float(weights @ (np.clip(share, 0.0, 1.0) * family.length))
-    if len(kinds) > 1 and outlook.wave is not None:
-        memory = np.exp(outlook.wave.logs[:, list(outlook.wave.free).index("length", 5)])
-        reach += float(kinds[1][2] @ memory)
+    if outlook.wave is not None and outlook.wave_weights is not None:
+        place = list(outlook.wave.free).index("length", 5)
+        memory = float(np.exp(outlook.wave_weights @ outlook.wave.logs[:, place]))
+        reach += outlook.wave_share * memory
     return reach
 
 
@@ -291,7 +290,7 @@ def history(slow_time: Series, value: Series, sd: Series) -> tuple[Usable, Usabl
     return slow_time[usable][order], value[usable][order], sd[usable][order]
 
 
-def _prior(time: Series, values: Series) -> tuple[Prior, SlowProcess]:
+def prior_of(time: Series, values: Series) -> tuple[Prior, SlowProcess]:
     """Prior on the logarithms of length, spread and drift; a process with a vague trend."""
     prior, base = hyperparameters.weak_prior(time, values, straight=True)
     span = time[-1] - time[0]
@@ -330,7 +329,7 @@ def _levelled(time: Usable, values: Usable, after: Sequence[float]) -> Usable:
 def member(process: SlowProcess | Sum, number: int) -> SlowProcess | Process:
     """Take one process out of a family."""
     if isinstance(process, Sum):
-        return process.at(process.logs[number])
+        return process.member(number)
     own = {
         name: float(np.broadcast_to(getattr(process, name), np.shape(process.length))[number])
         for name in ("length", "sd", "slope_drift")

@@ -2,13 +2,16 @@ r"""Has the model changed? Every reading is asked whether the level has gone els
 
 Beside the process that was learnt stand rivals of it, one for each recent reading, whose level
 may have jumped just before. If there was no jump, the likelihood of a rival over that of the
-process ever exceeds c with probability :math:`1 / c` at most (Ville, 1939).
+process ever exceeds c with probability :math:`1 / c` at most (Ville, 1939). That holds for the
+process it is; where a history allows many, process and rivals are families of them, each member
+with its weight, so that what one of them would take for a jump may be a bend of another.
 """
 
 import dataclasses
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import logsumexp
 
 from slowtime.estimation import matern
 from slowtime.estimation.matern import Belief, SlowProcess
@@ -44,6 +47,11 @@ class Watching:
         Logarithm of the likelihood of each rival over that of the process.
     readings
         Taken in since each jump.
+    log_weights
+        Logarithms of the probabilities of the members of a family now.
+    own, theirs
+        Of each rival and member: logarithms of the probability of the member before the jump,
+        and of its likelihood since, without and with the jump, added to it.
     """
 
     process: Belief
@@ -52,6 +60,9 @@ class Watching:
     since: Float[np.ndarray, " rival"]
     log_odds: Float[np.ndarray, " rival"]
     readings: Float[np.ndarray, " rival"]
+    log_weights: Float[np.ndarray, "*family"]
+    own: Float[np.ndarray, "rival ..."]
+    theirs: Float[np.ndarray, "rival ..."]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -84,7 +95,7 @@ class Watch:
     Parameters
     ----------
     process
-        What was learnt from the history so far.
+        What was learnt from the history so far; a family of processes, or one.
     jump_sd
         How far a level may go, in the unit of the readings.
     odds
@@ -103,10 +114,21 @@ class Watch:
     fewest: int = 2
     outliers: float = 0.01
 
-    def start(self, belief: Belief) -> Watching:
-        """Begin from a belief after the history, as `matern.run` gives it."""
-        none = np.zeros(0)
-        return Watching(belief, None, None, none, none, none)
+    def start(
+        self, belief: Belief, log_weights: Float[np.ndarray, "*family"] | None = None
+    ) -> Watching:
+        """Begin from a belief after the history, as `matern.run` gives it.
+
+        Parameters
+        ----------
+        log_weights
+            Of the members of a family; all alike where not given.
+        """
+        none, family = np.zeros(0), belief.mean.shape[:-1]
+        weights = np.zeros(family) if log_weights is None else log_weights
+        weights = np.asarray(weights - logsumexp(weights))
+        empty = np.zeros((0, *family))
+        return Watching(belief, None, None, none, none, none, weights, empty, empty)
 
     def step(
         self, state: Watching, time: float, value: float, sd: float
@@ -121,32 +143,54 @@ class Watch:
             )
             return state, Change(False, np.nan, 0.0, np.nan, np.nan)
         kept = slice(int(len(state.since) == RECENT), None)
-        old = state.process
+        old, weights = state.process, state.log_weights
         rivals = _stacked(state.rivals, kept, matern.lifted(old, self.jump_sd))
         before = self._moved(_stacked(state.before, kept, old), time)
-        rivals, theirs = self.process.step(rivals, time, value, sd)
-        process, own = self._process_step(old, time, value, sd)
+        rivals, read = self.process.step(rivals, time, value, sd)
+        process, likelihood = self._process_step(old, weights, time, value, sd)
+        own = np.concatenate([state.own[kept], weights[None]]) + likelihood
+        theirs = np.concatenate([state.theirs[kept], weights[None]]) + read.log_likelihood
+        told = weights + likelihood
         watching = Watching(
             process,
             rivals,
             before,
             np.append(state.since[kept], old.time),
-            np.append(state.log_odds[kept], 0.0) + theirs.log_likelihood - own,
+            _together(theirs) - _together(own),
             np.append(state.readings[kept], 0.0) + 1.0,
+            np.asarray(told - logsumexp(told)),
+            own,
+            theirs,
         )
         return watching, self._judged(watching)
 
+    def taken_over(self, state: Watching, since: float) -> Watching:
+        """Go on from the rival with a jump after `since`, as if it had always been known."""
+        assert state.rivals is not None
+        best = int(np.flatnonzero(state.since == since)[-1])
+        rival = Belief(
+            state.rivals.time, state.rivals.mean[best], state.rivals.covariance[best]
+        )
+        return self.start(rival, state.theirs[best])
+
     def _process_step(
-        self, belief: Belief, time: float, value: float, sd: float
-    ) -> tuple[Belief, float]:
+        self,
+        belief: Belief,
+        weights: Float[np.ndarray, "*family"],
+        time: float,
+        value: float,
+        sd: float,
+    ) -> tuple[Belief, Float[np.ndarray, "*family"]]:
         """Step of the process, and the likelihood of the reading, outlier or not."""
         updated, reading = self.process.step(belief, time, value, sd)
-        wide = float(reading.spread) + self.jump_sd**2
-        residual = float(reading.residual)
-        outlying = np.log(self.outliers) - 0.5 * (residual**2 / wide + np.log(2 * np.pi * wide))
-        if outlying > reading.log_likelihood:
-            return self.process.step(belief, time, np.nan, np.nan)[0], float(outlying)
-        return updated, float(reading.log_likelihood)
+        wide = np.asarray(reading.spread) + self.jump_sd**2
+        outlying = np.log(self.outliers) - 0.5 * (
+            np.asarray(reading.residual) ** 2 / wide + np.log(2 * np.pi * wide)
+        )
+        likelihood = np.asarray(reading.log_likelihood)
+        if logsumexp(weights + outlying) > logsumexp(weights + likelihood):
+            return self.process.step(belief, time, np.nan, np.nan)[0], np.asarray(outlying)
+        return updated, likelihood
 
     def _moved(self, belief: Belief | None, time: float) -> Belief | None:
         if belief is None:
@@ -161,15 +205,25 @@ class Watch:
         if not able[best] > -np.inf:
             return Change(False, np.nan, 0.0, np.nan, np.nan)
         seen = self.process.observation
-        size = (state.rivals.mean[best] - state.before.mean[best]) @ seen
-        spread = state.rivals.covariance[best] + state.before.covariance[best]
+        share = np.exp(state.theirs[best] - logsumexp(state.theirs[best]))
+        sizes = (state.rivals.mean[best] - state.before.mean[best]) @ seen
+        spreads = (state.rivals.covariance[best] + state.before.covariance[best]) @ seen @ seen
+        size = float(np.sum(share * sizes))
+        spread = float(np.sum(share * (spreads + (sizes - size) ** 2)))
         return Change(
             bool(able[best] > np.log(self.odds)),
             float(state.since[best]),
             float(np.exp(min(able[best], 700.0))),
-            float(size),
-            float(np.sqrt(seen @ spread @ seen)),
+            size,
+            float(np.sqrt(spread)),
         )
+
+
+def _together(
+    logs: Float[np.ndarray, "rival ..."],
+) -> Float[np.ndarray, " rival"]:
+    """Sum of the probabilities of all members, in logarithms."""
+    return np.asarray(logsumexp(logs.reshape(len(logs), -1), axis=1))
 
 
 def _stacked(many: Belief | None, kept: slice, one: Belief) -> Belief:

@@ -4,14 +4,14 @@ r"""Two slow time scales in one series (Chapter 8): what fades, and what comes a
           \underbrace{g(t_s)}_{\text{short}} + \varepsilon
 
 An additive Gaussian process by default: a trend and a smooth process for the long scale, and
-for the short one whichever is likelier, a rough process or a function that repeats itself. The
-mixture of experts of the book's authors stands beside it (`experts`); `choose` compares both by
-what each foretells of every reading from all the others.
+for the short one whichever is likelier: a rough process, a function that repeats itself, or
+teeth. The mixture of experts of the book's authors stands beside it (`experts`); `choose`
+compares both by what each foretells of every reading from all the others.
 """
 
 import dataclasses
-from collections.abc import Sequence
-from typing import Literal
+from collections.abc import Callable, Sequence
+from typing import Literal, TypeAlias
 
 import numpy as np
 from jaxtyping import Float
@@ -20,9 +20,11 @@ from slowtime.estimation import streaming
 from slowtime.estimation.hyperparameters import Prior
 from slowtime.estimation.processes import Matern, Sum, Trend, quasi_periodic
 
-from . import experts, waves
+from . import experts, forecast, repeating, waves
 from .change import Series
 from .learning import Learnt, learn
+
+Kind: TypeAlias = Literal["rough", "repeating", "teeth"]
 
 _HARMONICS = 8
 _MEMBERS = 6
@@ -57,7 +59,7 @@ class Scales:
     long_sd: Series
     short: Series
     short_sd: Series
-    kind: Literal["rough", "repeating"]
+    kind: Kind
     process: Sum
     log_predictive: float
 
@@ -97,23 +99,32 @@ def additive(slow_time: Series, value: Series, sd: Series) -> Scales:
     True
     """
     _check(slow_time, value, sd)
-    found: dict[Literal["rough", "repeating"], tuple[Learnt, Prior]] = {}
-    rough, repeating = _rough_prior(slow_time, value), _repeating_prior(slow_time, value, sd)
-    makers = {"rough": _rough, "repeating": _repeating}
+    found: dict[Kind, tuple[Learnt, Prior]] = {}
+    rough, waving = _rough_prior(slow_time, value), _repeating_prior(slow_time, value, sd)
+    makers: dict[Kind, Callable[[Series, Series, np.ndarray], Sum]] = {
+        "rough": _rough,
+        "repeating": _repeating,
+    }
 
-    def likelihood(kind: Literal["rough", "repeating"], points: np.ndarray) -> np.ndarray:
+    def likelihood(kind: Kind, points: np.ndarray) -> np.ndarray:
         family = makers[kind](slow_time, value, points)
         return np.asarray(streaming.log_likelihood(family, slow_time, value, sd))
 
     found["rough"] = learn(lambda points: likelihood("rough", points), rough), rough
-    if repeating is not None:
-        learnt = learn(lambda points: likelihood("repeating", points), repeating, iterations=6)
-        found["repeating"] = learnt, repeating
-    kind = max(found, key=lambda name: found[name][0].log_evidence)
+    if waving is not None:
+        learnt = learn(lambda points: likelihood("repeating", points), waving, iterations=6)
+        found["repeating"] = learnt, waving
+    kind: Kind = max(found, key=lambda name: found[name][0].log_evidence)
     learnt = found[kind][0]
     chosen = np.argsort(-learnt.weights)[:_MEMBERS]
     members = [makers[kind](slow_time, value, learnt.points[i]) for i in chosen]
     weights = learnt.weights[chosen] / learnt.weights[chosen].sum()
+    toothed = _teeth(slow_time, value, sd)
+    if toothed is not None and toothed.log_evidence > learnt.log_evidence:
+        # All members are as probable, and ordered by their sizes.
+        places = np.linspace(0, len(toothed.weights) - 1, _MEMBERS).round().astype(int)
+        kind, members = "teeth", [toothed.family.member(int(i)) for i in places]
+        weights = np.full(_MEMBERS, 1.0 / _MEMBERS)
     whole, long, short = (
         _averaged(members, weights, parts, slow_time, value, sd)
         for parts in (range(len(members[0].terms)), (0, 1), range(2, len(members[0].terms)))
@@ -138,15 +149,22 @@ def _averaged(
     value: Series,
     sd: Series,
 ) -> tuple[Series, Series]:
-    found = [
-        streaming.smooth(
-            one, slow_time, value, sd, part=np.sum([one.part(i) for i in parts], axis=0)
-        )
-        for one in members
-    ]
+    found = []
+    for one in members:
+        taken = np.sum([one.part(i) for i in parts], axis=0) != 0.0
+        asked = one.seen(slow_time) * taken
+        found.append(streaming.smooth(one, slow_time, value, sd, part=asked))
     means, sds = np.array([f.mean for f in found]), np.array([f.sd for f in found])
     mean = weights @ means
     return mean, np.sqrt(weights @ (sds**2 + (means - mean) ** 2))
+
+
+def _teeth(slow_time: Series, value: Series, sd: Series) -> waves.Repeating | None:
+    """Learn a short scale that falls at once; None where least squares find no such."""
+    prior, base = forecast.prior_of(slow_time, value)
+    return repeating.learn_wave(
+        (slow_time, value, sd), value, prior, base, (), prior.centre, only_teeth=True
+    )
 
 
 def _sizes(slow_time: Series, value: Series) -> tuple[float, float, float]:

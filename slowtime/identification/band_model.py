@@ -110,6 +110,17 @@ class BandModel:
         """Model of the spectral matrices of data."""
         return self.density(data.omega, data.width)
 
+    def prominence(self, mode: int) -> float:
+        """Largest ratio, over directions, of the mode to everything else at its peak."""
+        at = np.array([self.pole[mode].imag])
+        parts = self.resonances(at)[:, 0]
+        rest = parts.sum(axis=0) - parts[mode] + self.background(at)[0]
+        own = (parts[mode] + parts[mode].conj().T) / 2
+        power, directions = np.linalg.eigh((rest + rest.conj().T) / 2)
+        least = max(1e-9 * float(np.linalg.norm(own)), np.finfo(float).tiny)
+        root = directions / np.sqrt(np.maximum(power, least))
+        return float(np.linalg.eigvalsh(root.conj().T @ own @ root)[-1])
+
     def without(self, mode: int) -> "BandModel":
         """Model with one mode less."""
         keep = np.arange(len(self.pole)) != mode

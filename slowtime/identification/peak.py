@@ -90,7 +90,9 @@ def _parabola(
     centre, width, height = float(frequency[peak_at]), 2 * bin_hz, float(density[peak_at])
     for _ in range(ROUNDS):
         reach = float(np.clip(2 * width, 1.5 * bin_hz, 0.3 * centre + bin_hz))
-        use = (np.abs(frequency - centre) <= reach) & (frequency > 0)
+        use = (np.abs(frequency - centre) <= reach) & (frequency > 0) & (density > 0)
+        if use.sum() < 3:
+            break  # too few lines for a parabola: what there is, is as good as it gets
         offset, level = frequency[use] - centre, density[use] / height
         # 1/S scatters in proportion to itself, so that S is its weight.
         curve, slope, least = np.polyfit(offset, 1 / level, 2, w=level)
@@ -98,6 +100,8 @@ def _parabola(
             break
         shift = float(np.clip(-slope / (2 * curve), -reach, reach))
         bottom = max(least - slope**2 / (4 * curve), 0.1)
-        centre, width = centre + shift, float(np.sqrt(bottom / curve))
+        # A parabola knows no end of the spectrum.
+        centre = float(np.clip(centre + shift, frequency[1], frequency[-1]))
+        width = float(np.sqrt(bottom / curve))
         height = height / bottom
     return centre, width, height

@@ -211,7 +211,7 @@ def _sharp(frame: Frame, found: BandFit, mode: int, evidence: float) -> Sharp:
         shape,
         np.sqrt(np.maximum(variance, 0.0)),
         evidence,
-        _prominence(model, mode),
+        model.prominence(mode),
         _strength(model, mode, expand),
     )
 
@@ -219,15 +219,3 @@ def _sharp(frame: Frame, found: BandFit, mode: int, evidence: float) -> Sharp:
 def _strength(model: BandModel, mode: int, expand: np.ndarray) -> float:
     part = model.resonances(np.array([model.pole[mode].imag]))[mode, 0]
     return float(np.trace(expand @ part @ expand.conj().T).real)
-
-
-def _prominence(model: BandModel, mode: int) -> float:
-    """Largest ratio, over directions, of the mode to everything else at its peak."""
-    at = np.array([model.pole[mode].imag])
-    parts = model.resonances(at)[:, 0]
-    rest = parts.sum(axis=0) - parts[mode] + model.background(at)[0]
-    own = (parts[mode] + parts[mode].conj().T) / 2
-    power, directions = np.linalg.eigh((rest + rest.conj().T) / 2)
-    least = max(1e-9 * float(np.linalg.norm(own)), np.finfo(float).tiny)
-    root = directions / np.sqrt(np.maximum(power, least))
-    return float(np.linalg.eigvalsh(root.conj().T @ own @ root)[-1])

@@ -6,6 +6,8 @@ with a Blackman–Harris window :math:`w` over `REACH` samples on either side: a
 to 0.43 of the sampling rate. Beyond its ends a record goes on turned about its last point.
 """
 
+import functools
+
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -14,6 +16,11 @@ Instants = Float[np.ndarray, " instant"]
 
 REACH = 32
 """Samples on either side that a value between samples is made of."""
+
+TERMS = 10
+"""Of the polynomials that its parts are in the fraction of a sample: right to 1e-6 half way."""
+SAME = 1e-9
+"""Of a sample: fractions that differ by less are one."""
 
 DEGREE = 5
 """Of the polynomials that stand for a signal between two samples."""
@@ -53,29 +60,43 @@ def at_instants(
     True
     """
     length = series.shape[-1]
-    longer = [_extended(row, 2 * REACH) for row in series.reshape(-1, length)]
     place = np.clip(positions, -REACH, length - 1 + REACH) + 2 * REACH
-    found = np.empty((len(longer), len(place)))
-    for first in range(0, len(place), 8192):
-        part = slice(first, first + 8192)
-        weights, nearest = _weights(place[part])
-        for row, signal in zip(found, longer, strict=True):
-            row[part] = np.einsum("ij,ij->i", signal[nearest], weights)
-    return found.reshape(*series.shape[:-1], len(place))
+    # Counted from the nearest sample, a fraction has all its digits, and so has its sine.
+    nearest = np.rint(place)
+    fraction, at = place - nearest, nearest.astype(int)
+    rows = [_extended(row, 3 * REACH) for row in series.reshape(-1, length)]
+    if np.ptp(fraction) < SAME:
+        taps = _taps(np.array([fraction.mean()]))[0]
+        found = [np.convolve(row, taps, "valid")[at] for row in rows]
+    else:
+        found = [_between(row, at, fraction) for row in rows]
+    return np.array(found).reshape(*series.shape[:-1], len(place))
 
 
-def _weights(
-    place: Instants,
-) -> tuple[Float[np.ndarray, "instant tap"], Int[np.ndarray, "instant tap"]]:
-    """Tell what each sample around an instant counts, and which they are."""
-    whole = np.floor(place).astype(int)
-    offsets = np.arange(1 - REACH, REACH + 1)
-    x = (place - whole)[:, None] - offsets
-    # All sines of one instant are those of its fraction, but for the sign.
-    sine = np.sin(np.pi * (place - whole))[:, None] * np.where(offsets % 2, -1.0, 1.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        kernel = np.where(x == 0, 1.0, sine / (np.pi * x))
-    return kernel * _window(x), whole[:, None] + offsets
+def _between(
+    longer: Float[np.ndarray, " longer"], at: Int[np.ndarray, " instant"], fraction: Instants
+) -> Instants:
+    """Values beside samples, by what the taps are as polynomials in the fraction."""
+    around = np.zeros(len(at))
+    for taps in _polynomial_taps()[::-1]:
+        around = around * fraction + np.convolve(longer, taps, "valid")[at]
+    middle = np.sinc(fraction) * _window(fraction) * longer[at + REACH]
+    return np.asarray(middle + fraction * around)
+
+
+def _taps(fraction: Instants) -> Float[np.ndarray, "instant tap"]:
+    """Tell what the samples around an instant count, the last first."""
+    x = fraction[:, None] - np.arange(REACH, -REACH - 1, -1)
+    return np.asarray(np.sinc(x) * _window(x))
+
+
+@functools.cache
+def _polynomial_taps() -> Float[np.ndarray, "power tap"]:
+    """Coefficients, by power of the fraction, of all taps but the middle one, over it."""
+    fraction = np.cos(np.pi * (np.arange(TERMS) + 0.5) / TERMS) / 2
+    taps = _taps(fraction) / fraction[:, None]
+    taps[:, REACH] = 0.0
+    return np.asarray(np.linalg.solve(fraction[:, None] ** np.arange(TERMS), taps))
 
 
 def polynomials(series: Series, hold: str) -> Float[np.ndarray, "time power"]:

@@ -27,28 +27,17 @@ from slowtime.identification.band_likelihood import (
 from slowtime.identification.identified import Measured
 from slowtime.identification.modes import Mode
 from slowtime.identification.shapes import mac, normalised
-from slowtime.identification.sharpen import WIDEST
+from slowtime.identification.sharpen import CLEAR, SELECTING, SHARPENING, WIDEST, WORTH
 from slowtime.identification.stabilisation import Candidate
 
 from .cases import Case, Seen, Start, case_of, groups
 from .channels import Shown, in_channels
-
-SELECTING = 12.0
-SHARPENING = 50.0
-"""A window reaches so many half-bandwidths beyond its modes while these are chosen, and then
-fitted."""
 
 CLOSE = 12.0
 """Candidates within so many half-bandwidths of each other share a window."""
 
 SHOWN = 4.0
 """Ordinates within so many half-bandwidths show whether a model fits a mode."""
-
-WORTH = 1.5
-"""Of the Bayesian penalty, below which a candidate is not needed."""
-
-CLEAR = 3.0
-"""... and above which a rough refit without it settles the matter."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -175,7 +164,7 @@ def _sharp(
         best.pole_covariance(k) * onto[:, None] * onto,
         case.directions @ best.model.shape[:, k],
         (shown[0], wider * shown[1]),
-        _prominence(best.model, k),
+        best.model.prominence(k),
         crowded,
     )
 
@@ -211,18 +200,6 @@ def _mode(sharp: _Sharp) -> Mode:
         quality=min(sharp.start.candidate.share, 1.0),
         flags=("crowded",) if sharp.crowded else (),
     )
-
-
-def _prominence(model: BandModel, mode: int) -> float:
-    """Largest ratio, over directions, of the mode to everything else at its peak."""
-    at = np.array([model.pole[mode].imag])
-    parts = model.resonances(at)[:, 0]
-    rest = parts.sum(axis=0) - parts[mode] + model.background(at)[0]
-    own = (parts[mode] + parts[mode].conj().T) / 2
-    power, directions = np.linalg.eigh((rest + rest.conj().T) / 2)
-    least = max(1e-9 * float(np.linalg.norm(own)), np.finfo(float).tiny)
-    root = directions / np.sqrt(np.maximum(power, least))
-    return float(np.linalg.eigvalsh(root.conj().T @ own @ root)[-1])
 
 
 def _distinct(sharp: list[_Sharp]) -> list[_Sharp]:

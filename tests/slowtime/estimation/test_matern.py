@@ -1,5 +1,5 @@
 import dataclasses
-import time as clock
+import pickle
 
 import numpy as np
 import pytest
@@ -171,25 +171,13 @@ def test_very_close_readings_do_no_harm_to_the_smoother():
     np.testing.assert_allclose(found.sd, 0.1 / np.sqrt(300), rtol=0.02)
 
 
-def test_a_new_reading_costs_the_same_after_thousands_as_after_ten():
+def test_what_is_carried_on_from_a_reading_is_as_small_after_thousands_as_at_first():
     process = SlowProcess(length=4.0, sd=0.8, level_sd=2.0)
-
-    def pace(belief):
-        best = np.inf
-        for _ in range(7):
-            began = clock.perf_counter()
-            for _ in range(50):
-                belief, _ = process.step(belief, belief.time + 0.1, 0.3, 0.1)
-            best = min(best, clock.perf_counter() - began)
-        return belief, best
-
-    belief, early = pace(process.start(0.0))
+    belief = process.start(0.0)
+    at_first = len(pickle.dumps(belief))
     for _ in range(4_000):
         belief, _ = process.step(belief, belief.time + 0.1, 0.3, 0.1)
-    _, late = pace(belief)
-    assert late < 2.0 * early
-    held = belief.mean.nbytes + belief.covariance.nbytes
-    assert held == process.start(0.0).mean.nbytes + process.start(0.0).covariance.nbytes
+    assert len(pickle.dumps(belief)) == at_first
 
 
 @SMOOTHNESS

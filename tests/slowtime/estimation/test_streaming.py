@@ -21,6 +21,7 @@ PROCESSES = {
     "Matern 5/2": Matern(smoothness=2.5, length=4.0, sd=0.8),
     "cosine": Cosine(period=9.0, sd=0.6),
     "periodic": Periodic(period=9.0, length=0.9, sd=0.7),
+    "edged": Periodic(period=9.0, length=0.9, sd=0.7, harmonics=6, edges=True),
     "quasi-periodic": quasi_periodic(
         period=9.0, length=1.1, sd=0.7, memory=30.0, smoothness=1.5
     ),

@@ -58,7 +58,7 @@ def test_the_weights_stand_for_the_posterior_over_all_processes():
     sd = np.full(15, 0.1)
     value = 0.3 * np.sin(time / 6) + sd * rng.standard_normal(15)
     outlook = forecast.fit(time, value, sd)
-    prior, base = forecast._prior(time, value)
+    prior, base = forecast.prior_of(time, value)
     axes = [c + w * np.linspace(-4, 4, 29) for c, w in zip(prior.centre, prior.sd, strict=True)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     family = forecast._members(base, outlook.family.smoothness, points)

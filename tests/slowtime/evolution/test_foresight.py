@@ -10,7 +10,7 @@ from slowtime.dynamics.degradation import mass_change
 from slowtime.estimation import matern, streaming
 from slowtime.estimation.matern import Belief, SlowProcess
 from slowtime.estimation.processes import Matern
-from slowtime.evolution import crossing, forecast, jumps, scores, waves
+from slowtime.evolution import crossing, forecast, jumps, scores, teeth, waves
 from slowtime.evolution.forecast import Outlook
 
 TIME = np.linspace(0.0, 1000.0, 120)
@@ -88,36 +88,41 @@ def evolutions(runs):
         sign = rng.choice([-1.0, 1.0])
         threshold = float(found.mean[0] + sign * 0.5 * (found.hi[-1] - found.mean[-1]))
         told = crossing.first_crossing(
-            outlook, *past, threshold, 1000.0, shares=(0.025, 0.975), paths=1000, points=60
-        )
-        before = np.sign(found.mean[0] - threshold)
-        over = np.flatnonzero(before * (true - threshold) <= 0)
-        when = LATER[over[0]] if len(over) else np.inf
+            outlook, *past, threshold, 1000.0, shares=(0.025, 0.975), paths=1000, points=60,
+            toward="above" if sign > 0 else "below",
+        )  # fmt: skip
+        # From the last reading on, as is foretold: it may be across there already.
+        since = np.append(TIME[PAST][-1], LATER)
+        over = np.flatnonzero(sign * (np.append(truth[PAST][-1], true) - threshold) >= 0)
+        # Crossed after the reading before, and no later than at this one.
+        after, when = (since[[max(over[0] - 1, 0), over[0]]]) if len(over) else (1000.0, np.inf)
         rows.append(
             (
                 scores.covered(true, found.lo, found.hi).mean(),
                 scores.crps(true, found.mean, found.sd).mean(),
                 np.abs(true - value[PAST][-1]).mean(),
                 scores.crps(true, *other).mean(),
-                told.slow_time[0] - 9.0 <= when <= told.slow_time[1] + 9.0
-                or (not np.isfinite(when) and told.slow_time[1] == np.inf),
+                told.slow_time[0] <= when and after <= told.slow_time[1],
             )
         )
     return np.array(rows, dtype=float)
 
 
-@pytest.mark.parametrize("runs", [4, pytest.param(200, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("runs", [4, 200])
 def test_bands_hold_what_comes_and_score_better_than_persistence_and_a_plain_process(runs):
     rows = evolutions(runs)
-    cover, ours, stay, plain, crossed = rows.mean(axis=0)
+    # Counts over counts, which a mean of shares misses by its last digit.
+    cover, ours, stay, plain, crossed = rows.mean(axis=0).round(9)
     by_kind = {name: rows[i::4].mean(axis=0).round(4) for i, name in enumerate(KINDS)}
     print(f"{runs} evolutions: {rows.mean(axis=0).round(4)}; {by_kind}")
-    least = 0.90 if runs > 50 else 0.75
-    # The aim is 0.98 at most; measured over 120 evolutions: 0.982, a little too wide.
-    assert least <= cover <= (0.985 if runs > 50 else 1.0)
+    least, most = (0.90, 0.98) if runs > 50 else (0.75, 1.0)
+    assert least <= cover <= most
     assert ours < stay
     assert ours < plain
-    assert crossed >= least
+    assert least <= crossed
+    if runs > 50:
+        assert all(own[1] < min(own[2], own[3]) for own in by_kind.values())
 
 
 def test_a_history_that_repeats_itself_is_known_by_its_period():
@@ -128,6 +133,48 @@ def test_a_history_that_repeats_itself_is_known_by_its_period():
     assert outlook.period == pytest.approx(130.0, rel=0.02)
     noise = forecast.fit(TIME, 0.01 * rng.standard_normal(120), np.full(len(TIME), 0.01))
     assert noise.period is None
+
+
+@pytest.mark.slow
+def test_a_sawtooth_is_known_by_its_teeth_and_its_drops_are_no_jumps():
+    rng = np.random.default_rng(58)
+    value = mass_change(TIME, amplitude=0.2, rate=2 * np.pi / 128.0)
+    sd = np.full(len(TIME), 0.008)
+    past = TIME[PAST], (value + sd * rng.standard_normal(len(TIME)))[PAST], sd[PAST]
+    outlook = forecast.fit(*past)
+    assert outlook.wave_share > 0.9
+    assert outlook.jumps == ()
+    found = forecast.predict(outlook, *past, LATER)
+    smooth = forecast.predict(forecast.fit(*past, process="smooth"), *past, LATER)
+    assert scores.covered(value[~PAST], found.lo, found.hi).mean() > 0.85
+    ours, theirs = (
+        scores.crps(value[~PAST], one.mean, one.sd).mean() for one in (found, smooth)
+    )
+    assert ours < 0.25 * theirs
+
+
+def test_a_single_jump_is_no_tooth_and_teeth_are_found_where_they_are():
+    rng = np.random.default_rng(59)
+    sd = np.full(90, 0.01)
+    step = -2e-4 * TIME[:90] + np.where(TIME[:90] > 370.0, -0.07, 0.0)
+    value = step + sd * rng.standard_normal(90)
+    assert forecast.fit(TIME[:90], value, sd).wave_share < 0.01
+    teeth_of = mass_change(TIME[:90], amplitude=0.1, rate=2 * np.pi / 170.0)
+    value = teeth_of + sd * rng.standard_normal(90)
+    found = teeth.places(TIME[:90], value, sd, 166.0)
+    assert found[0, 0] == pytest.approx(170.0, abs=3.0)
+    assert (found[0, 1] - 85.0) / 170.0 % 1.0 == pytest.approx(0.0, abs=0.06) or (
+        found[0, 1] - 85.0
+    ) / 170.0 % 1.0 == pytest.approx(1.0, abs=0.06)
+
+
+def test_the_shorter_of_two_periods_that_explain_as_much_is_taken():
+    for seed in range(6):
+        rng = np.random.default_rng([60, seed])
+        period = rng.uniform(60.0, 180.0)
+        sd = np.full(90, 0.01)
+        value = 0.04 * np.cos(2 * np.pi * TIME[:90] / period) + sd * rng.standard_normal(90)
+        assert waves.period_of(TIME[:90], value, sd) == pytest.approx(period, rel=0.05)
 
 
 def test_no_period_is_found_in_noise_more_often_than_said():

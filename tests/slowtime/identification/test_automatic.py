@@ -212,7 +212,7 @@ def test_errors_are_what_is_said_over_many_records():
 
 
 @pytest.mark.data
-@pytest.mark.parametrize("number", [1, 2])
+@pytest.mark.parametrize("number", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_the_steel_frame_shows_its_published_modes_and_no_others(data, number):
     samples = np.load(data / "steel_frame" / f"measurement_{number}.npy")
     modes = identify_modes(samples, 256.0).structural

@@ -19,6 +19,14 @@ def test_at_its_samples_a_signal_is_its_samples():
     np.testing.assert_allclose(at_instants(noise, np.arange(50.0)), noise, atol=1e-12)
 
 
+@pytest.mark.parametrize("off", [1e-15, 1e-12, 1e-9])
+def test_a_hair_beside_a_sample_no_digits_are_lost(off):
+    noise = np.random.default_rng(2).standard_normal(200)
+    for side in (-1, 1):
+        found = at_instants(noise, np.array([100.0 + side * off * 100]))
+        assert abs(found[0] - noise[100]) < 1e3 * off + 1e-13
+
+
 def test_beyond_its_ends_a_signal_goes_on_turned_about_them():
     line = 2.0 + 0.5 * np.arange(50)
     found = at_instants(line, np.array([-3.5, 0.3, 48.6, 52.0]))

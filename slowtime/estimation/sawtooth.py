@@ -1,0 +1,71 @@
+r"""A process of teeth: it rises steadily, and falls at once to begin anew at each edge.
+
+A tank that is emptied by a steady flow and filled in no time, as seen in a frequency.
+"""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from .algebra import Leaf, Slopes
+
+Parameter = float | Float[np.ndarray, "*family"]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Sawtooth(Leaf):
+    r"""Teeth :math:`a(t) (2 \phi(t) - 1)`, with :math:`\phi` the part of a period gone by.
+
+    Their height wanders as an Ornstein–Uhlenbeck process does.
+
+    Parameters
+    ----------
+    period, edge
+        Of the teeth, and the time of one of the edges; neither is learnt by slopes, as the
+        likelihood goes in steps where an edge passes a reading.
+    sd
+        Standard deviation of half the height, which may be of either sign.
+    memory
+        Length scale over which the height changes.
+
+    Examples
+    --------
+    >>> Sawtooth(period=4.0, edge=1.0, sd=1.0, memory=99.0).seen(np.array([1.0, 2.0])).ravel()
+    array([-1. , -0.5])
+    """
+
+    period: Parameter
+    edge: Parameter
+    sd: Parameter
+    memory: Parameter
+
+    stationary = False
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return ("sd", "memory")
+
+    @property
+    def observation(self) -> np.ndarray:
+        """See `Process`; half the height, which is what is seen just before an edge."""
+        return np.ones(1)
+
+    def seen(self, time: np.ndarray) -> np.ndarray:
+        """See `Process`."""
+        family = np.broadcast_shapes(np.shape(self.period), np.shape(self.edge))
+        since = time.reshape(-1, *(1,) * len(family)) - self.edge
+        return np.asarray(2.0 * ((since / self.period) % 1.0) - 1.0)[..., None]
+
+    def spread(self) -> tuple[np.ndarray, Slopes]:
+        """See `Process`."""
+        sd, _ = np.broadcast_arrays(self.sd, self.memory)
+        own = np.square(sd)[..., None, None]
+        return own, self._chosen({"sd": 2.0 * own}, own)
+
+    def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
+        """See `Process`."""
+        _, memory = np.broadcast_arrays(self.sd, self.memory)
+        gone = step.reshape(-1, *(1,) * np.ndim(memory)) / memory
+        move = np.exp(-gone)[..., None, None]
+        return move, self._chosen({"memory": gone[..., None, None] * move}, move)

@@ -1,0 +1,77 @@
+"""Which kind of wave a history has, and what processes of it: smooth, with edges, or teeth."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from slowtime.estimation import streaming
+from slowtime.estimation.hyperparameters import Prior
+from slowtime.estimation.matern import Jump, SlowProcess
+from slowtime.estimation.processes import Sum
+
+from . import teeth, waves
+from .learning import learn
+from .waves import Repeating
+
+Usable = Float[np.ndarray, " usable"]
+
+
+def learn_wave(
+    readings: tuple[Usable, Usable, Usable],
+    levelled: Usable,
+    prior: Prior,
+    base: SlowProcess,
+    told: Sequence[Jump],
+    smooth: Float[np.ndarray, " parameter"],
+    *,
+    only_teeth: bool = False,
+) -> Repeating | None:
+    """Learn processes with a wave; None where least squares find no period.
+
+    Of smooth waves, waves with edges and teeth, that one is learnt of which a few trials are
+    likelier. Its evidence counts how many periods were looked at.
+
+    Parameters
+    ----------
+    readings, told
+        Slow times, values and standard deviations; jumps that are taken for given.
+    levelled
+        The values with these jumps taken out.
+    prior, base
+        As without a wave.
+    smooth
+        The likeliest parameters without a wave.
+    only_teeth
+        Whether None is the answer where another wave is likelier than teeth.
+    """
+    time, values, sds = readings
+    period = waves.period_of(time, levelled, sds)
+    if period is None:
+        return None
+    span = float(time[-1] - time[0])
+
+    def likelihood(family: Sum) -> np.ndarray:
+        return np.asarray(streaming.log_likelihood(family, time, values, sds, jumps=told))
+
+    start = waves.trial(period, base, smooth, span)
+    kinds = (0, waves.EDGED)
+    scores = [float(likelihood(waves.members(base, start, kind)).max()) for kind in kinds]
+    wave_prior = waves.prior_of(period, time, levelled, base, prior)
+    sought = waves.log_sought(time, period)
+    where = teeth.places(time, levelled, sds, period)
+    if len(where):
+        edged = teeth.trial(start)
+        of_teeth = likelihood(teeth.members(base, edged, where[:1]))
+        if of_teeth.max() > max(scores):
+            begin = edged[int(of_teeth.argmax())]
+            found = teeth.learn_teeth(readings, told, base, wave_prior, where, begin)
+            return Repeating(found.family, found.weights, found.log_evidence - sought)
+    if only_teeth:
+        return None
+    kind = kinds[int(np.argmax(scores))]
+    learnt = learn(
+        lambda points: likelihood(waves.members(base, points, kind)), wave_prior, iterations=6
+    )
+    family = waves.members(base, learnt.points, kind)
+    return Repeating(family, learnt.weights, learnt.log_evidence - sought)

@@ -1,0 +1,173 @@
+"""Waves that fall at once: where their edges are, and what process has them.
+
+Beside trend, Matérn process and smooth wave stands a sawtooth of the same period. Its edges
+lie between readings, so that what is known of period and edge is a set of places, not a peak.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import logsumexp
+
+from slowtime.estimation import streaming
+from slowtime.estimation.hyperparameters import Prior
+from slowtime.estimation.matern import Jump, SlowProcess
+from slowtime.estimation.processes import Sum
+from slowtime.estimation.sawtooth import Sawtooth
+
+from . import waves
+from .learning import Learnt, learn
+from .waves import Repeating
+
+Usable = Float[np.ndarray, " usable"]
+Places = Float[np.ndarray, "place 2"]
+"""Period, and time of the edge nearest the middle of the history; one place a row."""
+
+_FEWEST = 4.0
+"""Readings a tooth, below which no edge is looked for."""
+
+_EDGES, _ASIDE = 2, 3.0
+"""Edges that a history must hold, and gaps between readings on either side: one is a jump."""
+
+_FINE = 0.25
+"""How far an edge is moved from one place to the next, in gaps between readings."""
+
+_TRIED = 192
+"""Places whose likelihood is asked for: the best by least squares."""
+
+_PAIRS = 96
+"""Members of the family that is learnt."""
+
+
+def places(time: Usable, value: Usable, sd: Usable, period: float) -> Places:
+    """Where edges may be, the likeliest first; none where a tooth has too few readings.
+
+    Least squares of a sawtooth beside a parabola and two harmonics, over all edges and periods
+    about the given one.
+    """
+    span, gap = float(time[-1] - time[0]), float(np.median(np.diff(time)))
+    if period < _FEWEST * gap:
+        return np.zeros((0, 2))
+    weight = 1.0 / np.maximum(sd, 1e-6 * np.std(value))
+    unit = (time - time[0]) / span
+    middle = 0.5 * (time[0] + time[-1])
+    step = _FINE * gap
+    # The outermost edges move by half the number of teeth as far as the period does.
+    rounds = span / period
+    periods = period + np.arange(-10.0, 10.5) * 2.0 * step / rounds
+    found = []
+    for one in periods[periods > 0.5 * period]:
+        phase = 2.0 * np.pi * time / one
+        smooth = np.column_stack(
+            [np.vander(unit, 3), *(f(k * phase) for k in (1, 2) for f in (np.cos, np.sin))]
+        )
+        base, _ = np.linalg.qr(smooth * weight[:, None])
+        left = value * weight - base @ (base.T @ (value * weight))
+        edges = middle + np.arange(-0.5 * one, 0.5 * one, step)
+        before, after = middle - edges, edges - middle
+        inside = 0.5 * span - _ASIDE * gap
+        seen = 1 + np.floor((inside - before) / one) + np.floor((inside - after) / one)
+        edges = edges[seen >= _EDGES]
+        saw = ((time[:, None] - edges) / one % 1.0) * weight[:, None]
+        saw = saw - base @ (base.T @ saw)
+        size = np.maximum(np.sum(saw**2, axis=0), 1e-300)
+        rest = left @ left - (left @ saw) ** 2 / size
+        found.append(np.column_stack([np.full(len(edges), one), edges, rest]))
+    all_found = np.concatenate(found)
+    order = np.argsort(all_found[:, 2], kind="stable")
+    return np.asarray(all_found[order[:_TRIED], :2])
+
+
+def members(
+    base: SlowProcess, points: Float[np.ndarray, "family parameter"], where: Places
+) -> Sum:
+    """Family of processes with teeth, the level first in the state.
+
+    `points` are logarithms of length, spread, drift, size of the smooth wave, its roughness,
+    memory, and half the height of the teeth; one place for each of them, or one for all.
+    """
+    period, edge = np.broadcast_to(where, (len(points), 2)).T
+    whole = np.column_stack([points[:, :3], np.log(period), points[:, 3:6]])
+    smooth = waves.members(base, whole)
+    memory, height = np.exp(points[:, 5]), np.exp(points[:, 6])
+    saw = Sawtooth(period=period.copy(), edge=edge.copy(), sd=height, memory=memory)
+    return Sum((*smooth.terms, saw))
+
+
+def trial(trial_of_wave: Float[np.ndarray, "family parameter"]) -> np.ndarray:
+    """Points at which teeth are tried before they are learnt, from those of a wave."""
+    points = np.delete(trial_of_wave, 3, axis=1)
+    height = points[:, 3].copy()
+    points[:, 3] -= np.log(4.0)
+    return np.column_stack([points, height])
+
+
+def learn_teeth(
+    readings: tuple[Usable, Usable, Usable],
+    told: Sequence[Jump],
+    base: SlowProcess,
+    wave_prior: Prior,
+    where: Places,
+    begin: Float[np.ndarray, " parameter"],
+) -> Repeating:
+    """Learn what teeth a history has.
+
+    Parameters
+    ----------
+    readings, told
+        Slow times, values and standard deviations; jumps that are taken for given.
+    wave_prior
+        Of the parameters of a wave without teeth.
+    where
+        Places from `places`.
+    begin
+        The best of `trial`.
+
+    Notes
+    -----
+    Sizes and memory are learnt with the edges where they are likeliest, then the places are
+    weighed with the likeliest sizes; both together are taken for independent.
+    """
+    prior = Prior(
+        np.append(np.delete(wave_prior.centre, 3), wave_prior.centre[4]),
+        np.append(np.delete(wave_prior.sd, 3), wave_prior.sd[4]),
+    )
+
+    def likelihood(points: np.ndarray, at: Places) -> np.ndarray:
+        family = members(base, points, at)
+        return np.asarray(streaming.log_likelihood(family, *readings, jumps=told))
+
+    def of_places(point: np.ndarray) -> np.ndarray:
+        return likelihood(np.broadcast_to(point, (len(where), len(point))), where)
+
+    best = int(of_places(begin).argmax())
+    first = where[best : best + 1]
+    learnt = learn(lambda points: likelihood(points, first), prior, iterations=6)
+    logs = of_places(learnt.best) + _log_prior(where, wave_prior, readings[0])
+    here = float(likelihood(learnt.best[None], first)[0])
+    together = float(logsumexp(logs))
+    family = _paired(base, learnt, where, np.exp(logs - together))
+    even = np.full(_PAIRS, 1.0 / _PAIRS)
+    return Repeating(family, even, learnt.log_evidence + together - here)
+
+
+def _log_prior(where: Places, wave_prior: Prior, time: Usable) -> Float[np.ndarray, " place"]:
+    """Probability of each place before the readings: any edge within a period is as likely."""
+    period, step = where[:, 0], _FINE * float(np.median(np.diff(time)))
+    width = wave_prior.sd[3]
+    away = (np.log(period) - wave_prior.centre[3]) / width
+    density = -0.5 * away**2 - np.log(np.sqrt(2.0 * np.pi) * width * period)
+    apart = 2.0 * step * np.exp(wave_prior.centre[3]) / float(time[-1] - time[0])
+    return np.asarray(density + np.log(apart * step / period))
+
+
+def _paired(
+    base: SlowProcess, learnt: Learnt, where: Places, share: Float[np.ndarray, " place"]
+) -> Sum:
+    """Draw sizes and places with their probabilities, the same at every call."""
+    even = (np.arange(_PAIRS) + 0.5) / _PAIRS
+    mixed = (0.5 + np.arange(_PAIRS) * 0.6180339887498949) % 1.0
+    sizes = np.searchsorted(np.cumsum(learnt.weights), even).clip(max=len(learnt.weights) - 1)
+    edges = np.searchsorted(np.cumsum(share), mixed).clip(max=len(share) - 1)
+    return members(base, learnt.points[sizes], where[edges])
