@@ -146,8 +146,8 @@ class DiagnosisFile(Frozen):
     experiment_request: Annotated[
         Free | None,
         Field(
-            description="The same for machines: level_factor, band_hz, excitation, add_sensors "
-            "(entries of a model file), add_mass (node, mass_kg); what is absent stays."
+            description="The same for machines: level_factor, band_hz, excitation, start_s, "
+            "add_sensors and add_inputs (entries of a model file); what is absent stays."
         ),
     ] = None
     moved: tuple[MovedConstant, ...] = ()

@@ -5,6 +5,7 @@ from typing import Any, ClassVar, Protocol
 from .diagnosis_file import DiagnosisFile
 from .model_file import ModelFile
 from .modes_file import ModesFile
+from .slow_diagnosis_file import SlowDiagnosisFile
 
 
 class Versioned(Protocol):
@@ -19,6 +20,7 @@ class Versioned(Protocol):
 
 
 DOCUMENTS: dict[str, type[Versioned]] = {
-    document.MESSAGE: document for document in (DiagnosisFile, ModelFile, ModesFile)
+    document.MESSAGE: document
+    for document in (DiagnosisFile, ModelFile, ModesFile, SlowDiagnosisFile)
 }
 """Every such file by its name."""

@@ -115,6 +115,11 @@ class ModelInput(Part):
     kind: Literal["force", "base_acceleration"]
     node: Id | None = None
     unit: Unit
+    hold: Literal["band_limited", "first", "zero"] | None = Field(
+        default=None,
+        description="What it does between samples: the band-limited signal through them, "
+        "straight lines (first-order hold), steps (zero-order hold). Found out where not said.",
+    )
 
 
 class ModelSensor(Part):

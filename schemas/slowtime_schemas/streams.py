@@ -4,6 +4,7 @@ Nothing else in the house spells a key.
 """
 
 import dataclasses
+from typing import Literal
 
 from .messages import (
     About,
@@ -34,6 +35,8 @@ class Stream:
         How often a healthy process sends one; None where nothing is promised.
     recorded
         Whether `slowtime record` writes it unless told otherwise.
+    sender
+        Which process writes it.
     max_bytes
         Largest payload that is looked at; a larger one is refused before it is parsed.
     """
@@ -42,6 +45,7 @@ class Stream:
     message: type[Message] | None
     nominal_rate_hz: float | None
     recorded: bool
+    sender: Literal["edge", "twin"]
     encoding: str
     says: str
     max_bytes: int = 2**20
@@ -63,6 +67,7 @@ FEATURES = Stream(
     message=Features,
     nominal_rate_hz=None,
     recorded=True,
+    sender="edge",
     encoding=JSON,
     says="edge to twin: frequencies, damping and shapes of one epoch",
 )
@@ -71,6 +76,7 @@ HEALTH = Stream(
     message=Health,
     nominal_rate_hz=1.0,
     recorded=True,
+    sender="edge",
     encoding=JSON,
     says="edge to twin: how the agent is, and the end of its account",
 )
@@ -79,6 +85,7 @@ ABOUT = Stream(
     message=About,
     nominal_rate_hz=None,
     recorded=True,
+    sender="edge",
     encoding=JSON,
     says="edge to all: software and settings; also answered on request",
 )
@@ -87,6 +94,7 @@ RAW = Stream(
     message=None,
     nominal_rate_hz=None,
     recorded=True,
+    sender="edge",
     encoding="application/x-slowtime-raw",
     max_bytes=64 * 2**20,
     says="edge to recorder: samples, where asked for",
@@ -96,6 +104,7 @@ ACK = Stream(
     message=Acknowledgement,
     nominal_rate_hz=None,
     recorded=False,
+    sender="twin",
     encoding=JSON,
     says="twin to edge: durable up to here",
 )
@@ -104,6 +113,7 @@ STATE = Stream(
     message=TwinState,
     nominal_rate_hz=None,
     recorded=True,
+    sender="twin",
     encoding=JSON,
     says="twin to all: what it knows now",
 )
@@ -112,6 +122,7 @@ EVENT = Stream(
     message=Event,
     nominal_rate_hz=None,
     recorded=True,
+    sender="twin",
     encoding=JSON,
     says="twin to all: what a person may want to know",
 )
@@ -121,6 +132,7 @@ REGISTRATION = Stream(
     message=Registered,
     nominal_rate_hz=0.1,
     recorded=True,
+    sender="twin",
     encoding=JSON,
     says="twin to all: what it was told of its structure, so that a replay knows it too",
 )

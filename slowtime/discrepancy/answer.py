@@ -8,12 +8,24 @@ import numpy as np
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Kind, Place, force_along
 
+from .between import Hold, told_of_holds
+from .candidates import Candidate
 from .diagnosis import Diagnosis, Gap, Rival, Step, Surface, Suspect, Verdict, When
 from .diagnosis import Named as Answer
 from .experiment import propose
-from .gap import Judged, floor_of, judge, judged, noise_on, spectra_of, traces_of, whiteness
+from .gap import (
+    Judged,
+    floor_of,
+    judge,
+    judged,
+    noise_on,
+    on_heads,
+    spectra_of,
+    traces_of,
+    whiteness,
+)
 from .locate import Located, character
-from .naming import Named
+from .naming import Named, misfit
 from .records import Campaign, Trial
 from .refit import Fit
 from .screen import Finding, screen
@@ -22,27 +34,61 @@ from .verdict import FALSE_ALARM, fault_of, moved_of, verdict_of
 
 UNWHITE = 1e-6
 """Chance of so large a chi squared below which a residual is not called noise."""
-LEFT = 1e-3
-"""Share of the first gain that is still to be had once an effect was wrongly named."""
-
+LEFT, ELSEWHERE = 1e-3, 0.05
+"""Share of the first gain that is still to be had, at its place, once an effect was wrongly
+named; and at another place, once so much is missing there that no name should stand."""
+FORETOLD, BY_ONE = 1.01, 0.1
+"""Error over that of noise alone at which a record that was never seen is met: whatever the
+others leave, what explains this is not unknown; and share of the error of the refitted model
+to which one law alone has to bring it down, where noise is so low that no law ever meets it."""
+MANY, PATCHED = 3, 0.8
+"""Laws from which on a model is patchwork; chance that such a one holds the right ones."""
+CLOSED = 0.9
+"""Share to which an error has to fall before it is said to; the floor is met within as much."""
 
 NOT_HELD_OUT = (
-    "No record was held out: the gap is that of the last third of each record, fitted "
-    "with the rest. Hold one out to see how far the model can be trusted elsewhere."
+    "No record was held out: the gap is that of the last third of each record, by numbers "
+    "fitted to the rest. Hold one out to see how far the model can be trusted elsewhere."
 )
+NEARER = " Constants known better than their tolerance would tell, or another level."
+HURRIED = "Time ran out before every law was tried; --patience gives it more."
 
 
 @dataclasses.dataclass(slots=True, eq=False)
 class Found:
-    """What has been found so far, and the records by which."""
+    """What has been found so far, and the records by which.
+
+    Parameters
+    ----------
+    fits
+        Of the model as given, and after each effect.
+    located, left
+        What was missing at first, and after the last effect.
+    named, tried
+        Labels of the first effect: those refitted, and all, the best first.
+    ended
+        What is left follows no law: nothing more is to be found.
+    refuted
+        Element at which no law that was named can be what is there.
+    near
+        Whether what is undecided may be a law near the one named, and not known.
+    """
 
     fits: list[Fit]
     trials: tuple[Trial, ...]
     located: Located | None = None
     answers: list[Answer] = dataclasses.field(default_factory=list)
     undecided: tuple[Rival, ...] = ()
-    pair: tuple[Named, Named] | None = None
+    pair: tuple[Named, ...] | None = None
     left: Located | None = None
+    retuned: bool = False
+    hurried: bool = False
+    holds: tuple[Hold, ...] | None = None
+    named: tuple[Named, ...] = ()
+    tried: tuple[Candidate, ...] = ()
+    ended: bool = False
+    refuted: Place | None = None
+    near: bool = False
 
 
 def report(
@@ -58,23 +104,28 @@ def report(
     nominal = judge(campaign.description, dataclasses.replace(
         first, values=first.plant.values
     ), tests)  # fmt: skip
-    steps = [judge(_described(fit), fit, tests) for fit in found.fits]
+    ahead = found.fits if campaign.holdout else [on_heads(fit, trials) for fit in found.fits]
+    steps = [judge(_described(fit), fit, tests) for fit in ahead]
     heard = noise_on(last, tests, steps[-1].runs)
     floor = floor_of(tests, heard)
     faults = [a for f in findings if (a := fault_of(f, kinds)) is not None]
-    unknown = not found.undecided and _unknown(found)
-    answers = _once([*(() if unknown else found.answers), *faults])
+    foretold = bool(campaign.holdout and found.answers) and _foretold(
+        found, [float(step.error.mean()) for step in steps], floor, kinds
+    )
+    unknown = found.refuted is not None
+    unknown = unknown or (not found.undecided and not foretold and _unknown(found))
+    answers = _once([*(() if unknown else humbled(found)), *faults])
     verdict, sentence = _word(found, answers, first, kinds)
     if unknown:
-        verdict, sentence = "unknown_effect", _unnamed(found)
+        verdict, sentence = "unknown_effect", _unnamed(found, kinds)
     located = found.located
     assert located is not None
-    experiment = propose(*found.pair, trials, kinds) if found.pair is not None else None
+    experiment = propose(found.pair, trials, kinds) if found.pair else None
     if experiment is not None:
         sentence += f" What would decide: {experiment.sentence}"
     return Diagnosis(
         verdict=verdict,
-        sentence=sentence + _closing(steps, nominal, floor),
+        sentence=sentence + _closing(steps, nominal, floor, bool(campaign.holdout)),
         effects=tuple(answers),
         undecided=found.undecided if verdict == "undecided" else (),
         experiment=experiment,
@@ -93,14 +144,31 @@ def report(
         traces=traces_of(tests, nominal.runs, steps[0].runs, steps[-1].runs),
         spectra=spectra_of(tests, steps[0].runs, steps[-1].runs, heard),
         surface=(
-            _surface(located, () if unknown else found.answers, kinds)
+            _surface(located, () if unknown else found.answers, kinds, found.refuted)
             if found.answers or unknown
             else None
         ),
         notes=(
             *((NOT_HELD_OUT,) if not campaign.holdout else ()),
-            *((f"Nearest: {a.sentence}" for a in found.answers) if unknown else ()),
+            *told_of_holds(campaign.description),
+            *((HURRIED,) if found.hurried else ()),
+            *(
+                (f"Nearest: {a.sentence}" for a in found.answers)
+                if unknown
+                else _besides(found)
+            ),
         ),
+    )
+
+
+def _foretold(
+    found: Found, errors: Sequence[float], floor: float, kinds: Mapping[str, Kind]
+) -> bool:
+    """Whether records that were never seen are met as by no law but the right one."""
+    inside = ("element", "node", "base")
+    laws = [a for a in found.answers if kinds[a.effect.kind].where in inside]
+    return errors[-1] <= FORETOLD * floor or (
+        len(laws) == 1 and errors[-1] <= BY_ONE * errors[0]
     )
 
 
@@ -110,9 +178,47 @@ def _unknown(found: Found) -> bool:
         return False
     if whiteness(found.fits[-1]) > UNWHITE:
         return False
-    assert found.located is not None
-    before = found.located.groups[0].score
-    return not found.answers or found.left.groups[0].score > LEFT * before
+    if not found.answers:
+        return True
+    rest = found.left.groups[0]
+    here = any(answer.effect.place in (*rest.places, *rest.twins) for answer in found.answers)
+    return _still_left(found) > (LEFT if here else ELSEWHERE)
+
+
+def _still_left(found: Found) -> float:
+    """Share of what was missing at first that still is, beyond one and the same noise."""
+    first, last = found.fits[0], found.fits[-1]
+    counts = [[len(r) for r in fit.residual] for fit in (first, last)]
+    if counts[0] != counts[1]:
+        assert found.located is not None
+        assert found.left is not None
+        return found.left.groups[0].score / found.located.groups[0].score
+    before, after = (misfit(fit, last.noise, found.trials) - last.data for fit in (first, last))
+    return max(after, 0.0) / max(before, 1.0)
+
+
+def _besides(found: Found) -> tuple[str, ...]:
+    """Say of structure that is left, where it is, and how little beside what was found."""
+    if not found.answers or found.left is None or found.left.p_value > FALSE_ALARM:
+        return ()
+    if whiteness(found.fits[-1]) > UNWHITE:
+        return ()
+    rest = found.left.groups[0]
+    share = _still_left(found)
+    return (
+        f"What is left is not all noise: some of it points to {rest.places[0]}, "
+        f"{100 * share:.2g} % of what was missing at first.",
+    )
+
+
+def humbled(found: Found) -> list[Answer]:
+    """Give the answers, less sure where it took many laws: they may be one that is unknown."""
+    if len(found.fits) - 1 < MANY:
+        return found.answers
+    return [
+        dataclasses.replace(answer, probability=PATCHED * answer.probability)
+        for answer in found.answers
+    ]
 
 
 def _once(answers: Sequence[Answer]) -> list[Answer]:
@@ -132,8 +238,11 @@ def _word(
     found: Found, answers: Sequence[Answer], first: Fit, kinds: Mapping[str, Kind]
 ) -> tuple[Verdict, str]:
     if found.undecided:
-        names = " or ".join(f"{r.effect} at {r.place}" for r in found.undecided)
-        return "undecided", f"These records cannot tell apart: {names}."
+        names = " or ".join(f"{kinds[r.effect].words} at {r.place}" for r in found.undecided)
+        names += ", or no more than constants that are off" if found.retuned else ""
+        names += ", or a law near it that is not known here" if found.near else ""
+        told = f"Something is missing, and these records cannot tell which: {names}."
+        return "undecided", told + (NEARER if found.near else "")
     if answers:
         return verdict_of(answers, kinds), " ".join(a.sentence for a in answers)
     moved = moved_of(first)
@@ -143,19 +252,33 @@ def _word(
     return "nothing_missing", "Nothing is missing beyond the stated tolerances."
 
 
-def _unnamed(found: Found) -> str:
-    assert found.left is not None
+def _unnamed(found: Found, kinds: Mapping[str, Kind]) -> str:
+    near = " with ".join(
+        f"{kinds[a.effect.kind].words} at {a.effect.place}" for a in found.answers
+    )
+    place, but = found.refuted, "follows another curve"
+    if place is None:
+        assert found.left is not None
+        place, but = found.left.best, "leaves more than the noise"
     return (
-        f"Something is missing at {found.left.best} that is none of the effects known here; "
+        f"Something is missing at {place} that is none of the effects known here; "
         "its force is drawn as it was recovered."
+        + (f" The nearest, {near}, {but}." if near else "")
     )
 
 
-def _closing(steps: Sequence[Judged], nominal: Judged, floor: float) -> str:
-    return (
-        f" The error of the free run falls from {nominal.error.mean():.1%} to "
-        f"{steps[-1].error.mean():.1%}; the noise alone is {floor:.1%}."
-    )
+def _closing(steps: Sequence[Judged], nominal: Judged, floor: float, held: bool) -> str:
+    """Say how far the gap has closed, and how near it is to the noise."""
+    before, after = float(nominal.error.mean()), float(steps[-1].error.mean())
+    on = "the record it never saw" if held else "the last third of the records"
+    fell = f"falls from {_percent(before)} to" if after < CLOSED * before else "is"
+    close = after <= floor / CLOSED
+    rest = ", the noise floor." if close else f"; the noise alone is {_percent(floor)}."
+    return f" The error on {on} {fell} {_percent(after)}{rest}"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"
 
 
 def _nothing(found: Found, located: Located) -> float:
@@ -201,10 +324,13 @@ def _gap(
 
 
 def _surface(
-    located: Located, answers: Sequence[Answer], kinds: Mapping[str, Kind]
+    located: Located,
+    answers: Sequence[Answer],
+    kinds: Mapping[str, Kind],
+    refuted: Place | None,
 ) -> Surface | None:
     """Force at the place of the first effect, or of none, as recovered before any was in."""
-    place = answers[0].effect.place if answers else located.best
+    place = answers[0].effect.place if answers else refuted or located.best
     if place.kind not in ("element", "node"):
         return None
     latents = [located.latent(place, i) for i in range(len(located.trials))]

@@ -11,22 +11,47 @@ compared where the noise is known: at the sensors. With whitened lines of the re
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from slowtime.dynamics.effects import Effect, Kind
+from slowtime.dynamics.effects import Effect, Kind, Place
 
+from .floor import floats
 from .locate import Group, Located
 from .refit import Fit
-from .shapes import best_of, gained, retuned
-from .space import Space
+from .shapes import best_of, gained, is_factor, made_by, retuned
+from .space import Forces, Space
 
 MORE, LITTLE = 1.5, 0.2
 """Times what a free force at the best place leaves, and over the noise, from which a place is
 passed over."""
+STARTED, FARTHEST = 40, 20.0
+"""Of how many labels one asks where to start; by what factor a constant may be off then."""
+OFFSET, GAIN = "input_bias", "input_gain"
+"""Kinds that are no rivals of others where a structure floats: see `floating`."""
+SEVERAL = 3.0
+"""What a free force at the best place leaves, over the noise, from which one force alone is not
+what is missing; then no place is passed over for that."""
 HOPELESS = 5.0
 """Times the chi squared of the best law that a place must leave, to be passed over."""
+
+
+Label = tuple[str, Place]
+"""Kind and place of an effect, whatever its numbers."""
+
+
+def label_of(effect: Effect) -> Label:
+    """Give an effect without its numbers."""
+    return effect.kind, effect.place
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """Constants, and initial state of each trial by its names, that go best with a law."""
+
+    constants: Mapping[tuple[str, str], float]
+    states: Sequence[Mapping[tuple[str, str], float]]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -41,29 +66,34 @@ class Candidate:
         Half of that, and half a log of the data for each parameter, below zero.
     bare
         Chi squared without it.
+    start
+        Where the free run may start from.
     """
 
     effect: Effect
     cost: float
     score: float
     bare: float
+    start: Start | None = None
 
 
 def candidates(fit: Fit, located: Located, kinds: Mapping[str, Kind]) -> list[Candidate]:
     """Try every kind at every place, each with its own best shape; the best first."""
     data = sum(2 * t.residual.size for t in located.lines)
     found: list[Candidate] = []
+    spaces: dict[Place, Space] = {}
     least = math.inf
-    fits = [kind for kind in kinds.values() if _fits(kind, located)]
+    fits = [kind for kind in kinds.values() if can_be(kind, located)]
     leaving = min(group.left for group in located.groups)
     for group in located.groups:
-        if group.left > MORE * leaving + LITTLE or elsewhere(located, group) > HOPELESS * least:
+        worse = leaving < SEVERAL and group.left > MORE * leaving + LITTLE
+        if worse or elsewhere(located, group) > HOPELESS * least:
             continue
         for place in group.places:
             own = [kind for kind in fits if kind.where == place.kind]
             if not own:
                 continue
-            space = Space(fit, located, place)
+            space = spaces[place] = Space(fit, located, place)
             for kind in own:
                 both = (best_of(kind, space), retuned(kind, space))
                 if both == (None, None):
@@ -74,7 +104,56 @@ def candidates(fit: Fit, located: Located, kinds: Mapping[str, Kind]) -> list[Ca
                 numbers = sum(p.fitted for p in kind.parameters)
                 score = -cost / 2 - numbers / 2 * math.log(data)
                 found.append(Candidate(effect, cost, score, space.bare))
-    return sorted(found, key=lambda c: -c.score)
+    found.sort(key=lambda c: -c.score)
+    foremost = [
+        dataclasses.replace(c, start=_start(fit, c.effect, kinds, spaces[c.effect.place]))
+        for c in found[:STARTED]
+    ]
+    return [*foremost, *found[STARTED:]]
+
+
+def _start(fit: Fit, effect: Effect, kinds: Mapping[str, Kind], space: Space) -> Start:
+    """Solve for what else moves, once a law is as it was found."""
+    return start_with(fit, space.lines_of(made_by(kinds[effect.kind], effect, space)), space)
+
+
+def start_with(fit: Fit, forces: list[Forces], space: Space) -> Start:
+    """Solve for what else moves, once a force is known."""
+    constants = space.settled(forces)
+    means = dict(zip(fit.prior.names, fit.prior.mean.tolist(), strict=True))
+    for name, value in constants.items():
+        if not 1 / FARTHEST < value / means[name] < FARTHEST:
+            constants[name] = means[name]
+    located, explained = space.located, space.located.group(space.place).explained
+    names = located.linear.structure.names
+    own = [("displacement", n) for n in names] + [("velocity", n) for n in names]
+    states = [
+        dict(zip(own, located.motion(explained, i)[:2, 0].ravel().tolist(), strict=True))
+        for i in range(len(located.trials))
+    ]
+    return Start(constants, states)
+
+
+def mirrored(
+    labels: Sequence[Candidate], tried: Sequence[Candidate], kinds: Mapping[str, Kind]
+) -> list[Candidate]:
+    """Give what one sensor alone cannot tell from a label: the input's factor or its own."""
+    known = next((one for one in labels if is_factor(kinds[one.effect.kind])), None)
+    if known is None:
+        return []
+    factors = [one.effect for one in tried if is_factor(kinds[one.effect.kind])]
+    every = {one.place.kind: one for one in reversed(factors)}
+    (by,) = known.effect.parameters.values()
+    others = [one for where, one in every.items() if where != known.effect.place.kind]
+    return [
+        dataclasses.replace(
+            known,
+            effect=dataclasses.replace(
+                one, parameters=dict.fromkeys(kinds[one.kind].names, by)
+            ),
+        )
+        for one in others
+    ]
 
 
 def elsewhere(located: Located, group: Group) -> float:
@@ -89,7 +168,12 @@ def elsewhere(located: Located, group: Group) -> float:
     return total
 
 
-def _fits(kind: Kind, located: Located) -> bool:
+def can_be(kind: Kind, located: Located) -> bool:
     """Whether a kind can be at all: what is per radian acts on angles."""
+    if kind.name == OFFSET:
+        return False  # one with a bias of sensors, where a structure stands; else fitted anyway
+    description = located.linear.description
+    if kind.name == GAIN and len(description.inputs) == 1 and floats(description):
+        return False  # one with all masses and dampers being so much smaller
     angular = any("/rad" in parameter.unit for parameter in kind.parameters)
     return not angular or located.linear.description.unit_of_coordinate == "rad"

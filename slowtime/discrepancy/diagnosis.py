@@ -1,13 +1,14 @@
 """What a diagnosis says: for people, for machines, and for pictures."""
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.dynamics.description import Description
+from slowtime.dynamics.description import Description, Input, Sensor
 from slowtime.dynamics.effects import Effect, Place
 
 from .screen import Finding
@@ -30,6 +31,27 @@ class Number:
     value: float
     sd: float
     unit: str
+
+    @property
+    def text(self) -> str:
+        """Write it to the digits that its standard deviation leaves.
+
+        Examples
+        --------
+        >>> Number(20.3881, 0.142, "N").text
+        '20.39 ± 0.14 N'
+        >>> Number(1.2345e7, 650.0, "N/m^3").text
+        '1.2345e+07 ± 6.5e+02 N/m^3'
+        """
+        if not self.sd > 0:
+            return f"{self.value:.6g} {self.unit}".rstrip()
+        places = 1 - math.floor(math.log10(self.sd))
+        if 0 <= places <= 6 and abs(self.value) < 1e6:
+            text = f"{self.value:.{places}f} ± {self.sd:.{places}f}"
+        else:
+            digits = math.floor(math.log10(max(abs(self.value) / self.sd, 1.0))) + 2
+            text = f"{self.value:.{max(min(digits, 8), 2)}g} ± {self.sd:.2g}"
+        return f"{text} {self.unit}".rstrip()
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -132,22 +154,24 @@ class Gap:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Experiment:
-    """What to measure next, so that rivals part.
+    """What to measure next, so that rivals part: one more record.
 
     Parameters
     ----------
     sentence
         For people.
     level
-        Factor on the excitation; 1 as it was.
+        Factor on the excitation of the strongest record; 1 as it was.
     band_hz
         Of the excitation; None as it was.
     excitation
         Its form; None as it was.
+    start_s
+        Campaign time at which to begin [s]; None at any.
     add_sensors
-        Nodes whose acceleration should be measured too.
-    add_mass
-        Node and known mass [kg] to attach.
+        What should be measured too.
+    add_inputs
+        Measured forces that drive the structure instead of what did; the others rest.
     separation
         Expected gain of log evidence between the rivals.
     """
@@ -156,8 +180,9 @@ class Experiment:
     level: float = 1.0
     band_hz: tuple[float, float] | None = None
     excitation: Literal["random", "multisine", "sweep", "sine", "free_decay"] | None = None
-    add_sensors: tuple[str, ...] = ()
-    add_mass: tuple[str, float] | None = None
+    start_s: float | None = None
+    add_sensors: tuple[Sensor, ...] = ()
+    add_inputs: tuple[Input, ...] = ()
     separation: float = 0.0
 
 

@@ -1,70 +1,81 @@
-"""Refits that leave far more than noise, in; what stood further down the list, out.
+"""Refits that fall far short of what their law explains along the force, in; better ones, out.
 
-Candidates are ranked by a motion that was recovered with the wrong law. Where the force that is
-missing is strong, the right one may stand low: as long as nothing tried explains the records,
-it costs little to go on, one law of each kind and place. And where one stood far above all
-others, and still leaves much, its free run may have settled in a minimum of its own: it is
-fitted once more to the beginnings of the records, then to more and more of them.
+A law whose force explains the records, and whose free run does not, may have settled in a
+minimum of its own: it is fitted once more, from where the model stood without it; and where
+that does not help, to short pieces of the records first.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+import dataclasses
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from slowtime.dynamics.effects import Effect, Kind, Place
+from slowtime.dynamics.effects import Kind
 
-from .candidates import Candidate
-from .naming import Named, refit_all, rescored
+from .candidates import Candidate, Label, label_of
+from .naming import Named, Tick, evidence, refit_all, rescored
 from .records import Trial
 from .refit import Fit
 
 FAR_OFF = 5.0
 """Mean square over the noise, in band, that no right law leaves."""
-GROWING = (0.05, 0.1, 0.2, 0.35, 0.55, 0.75, 1.0)
-"""Shares of the records that are fitted one after the other; more steps lose fewer minima."""
+IN_PIECES = 1.5
+"""The same that the right law leaves of short pieces."""
+SHORT_OF = 3.0
+"""Times the chi squared along the force that a free run leaves which has gone astray."""
 FOREMOST = 2
 """Labels, as ranked along the force, that are fitted so."""
-AT_MOST, AT_ONCE = 6, 2
-"""Labels that are tried further, and how many before one looks again."""
 
 
-def further(
+def shot_too(
     before: Fit,
-    tried: Sequence[Candidate],
+    labels: Sequence[Candidate],
     named: Sequence[Named],
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
-    tick: Callable[[Effect, int], None],
-    most: int = AT_MOST,
+    tick: Tick,
 ) -> list[Named]:
-    """Try more labels where the best leaves far more than noise; all, the best first.
+    """Fit labels to pieces first where their free run went astray; all, the best first.
 
     Parameters
     ----------
-    tried
+    labels
         Candidates, the best first.
     named
         Those that were refitted, the best first.
-    most
-        How many more labels are tried.
     """
     found = list(named)
     if not found or found[0].fit.chi2_in_band <= FAR_OFF:
         return found
-    found = _joined(
-        found, refit_all(before, tried[:FOREMOST], trials, kinds, tick, GROWING), trials, kinds
-    )
-    done = {_label(one.effect) for one in found}
-    rest = [one for one in tried if _label(one.effect) not in done][:most]
-    while rest and found[0].fit.chi2_in_band > FAR_OFF:
-        more = refit_all(before, rest[:AT_ONCE], trials, kinds, tick)
-        found = _joined(found, more, trials, kinds)
-        rest = rest[AT_ONCE:]
-    return found
+    anew = [dataclasses.replace(one, start=None) for one in _astray(labels, found) if one.start]
+    found = _joined(found, refit_all(before, anew, trials, kinds, tick), trials, kinds)
+    more = refit_all(before, _astray(labels, found), trials, kinds, tick, shooting=True)
+    return _joined(found, more, trials, kinds)
 
 
-def _label(effect: Effect) -> tuple[str, Place]:
-    return effect.kind, effect.place
+def _astray(labels: Sequence[Candidate], found: Sequence[Named]) -> list[Candidate]:
+    reached = {label_of(one.effect): one.fit.cost for one in found}
+    return [
+        one
+        for one in labels[:FOREMOST]
+        if reached.get(label_of(one.effect), np.inf) > SHORT_OF * one.cost
+    ]
+
+
+def in_pieces(named: Sequence[Named], kinds: Mapping[str, Kind]) -> list[Named]:
+    """Give labels that explain every piece of the records, but no record as a whole.
+
+    Where motion is chaotic no law can do more, be it the right one. None otherwise.
+    """
+    if not named or named[0].fit.chi2_in_band <= FAR_OFF:
+        return []
+    found = [
+        dataclasses.replace(one, fit=one.shot, score=evidence(one.shot, kinds), shot=None)
+        for one in named
+        if one.shot is not None
+    ]
+    found.sort(key=lambda one: -one.score)
+    return found if found and found[0].fit.chi2_in_band < IN_PIECES else []
 
 
 def _joined(
@@ -75,15 +86,17 @@ def _joined(
 ) -> list[Named]:
     """Judge all by the noise of the one that leaves least; keep the better of each label."""
     every = [*found, *more]
-    least = min(every, key=lambda one: _left(one.fit))
+    least = min(every, key=lambda one: left_by(one.fit))
     judged = [one if one is least else rescored(one, least.fit, trials, kinds) for one in every]
-    kept: dict[tuple[str, Place], Named] = {}
+    short = {label_of(one.effect): one.shot for one in more}
+    kept: dict[Label, Named] = {}
     for one in sorted(judged, key=lambda one: -one.score):
-        kept.setdefault(_label(one.effect), one)
+        label = label_of(one.effect)
+        kept.setdefault(label, dataclasses.replace(one, shot=short.get(label)))
     return list(kept.values())
 
 
-def _left(fit: Fit) -> float:
+def left_by(fit: Fit) -> float:
     """Sum of the logarithms of the power that each sensor has left in each trial."""
     power = [np.mean(residual**2, axis=0) for residual in fit.residual]
     return float(np.sum(np.log(np.maximum(power, np.finfo(float).tiny))))

@@ -9,11 +9,12 @@ import scipy.stats
 from jaxtyping import Float
 
 from slowtime.dynamics.description import Description
+from slowtime.dynamics.plant import Plant
 from slowtime.signals.spectra import transform
 
 from .diagnosis import Spectra, Traces
 from .floor import Noise, noise_of_residual
-from .records import Trial
+from .records import FEWEST, Trial
 from .refit import Fit, refit
 
 START = 0.2
@@ -31,18 +32,23 @@ def judged(trials: tuple[Trial, ...], holdout: tuple[Trial, ...]) -> tuple[Trial
 
 def tail_of(trial: Trial) -> Trial:
     """Last third of a record."""
-    return part_of(trial, len(trial.outputs) * 2 // 3, len(trial.outputs))
+    return trial.part(len(trial.outputs) * 2 // 3, len(trial.outputs))
 
 
-def part_of(trial: Trial, first: int, last: int) -> Trial:
-    """Cut a record."""
-    return Trial(
-        inputs=trial.inputs[first:last],
-        outputs=trial.outputs[first:last],
-        rate_hz=trial.rate_hz,
-        start_s=trial.start_s + first / trial.rate_hz,
-        use=trial.used[first:last],
-    )
+def on_heads(fit: Fit, trials: Sequence[Trial]) -> Fit:
+    """Fit the same model to all but the tails of records; leave it where that cannot be."""
+    heads = [trial.part(0, len(trial.outputs) * 2 // 3) for trial in trials]
+    if any(len(head.outputs) < FEWEST for head in heads):
+        return fit
+    states = fit.states if len(fit.states) == len(heads) else None
+    try:
+        found = refit(
+            fit.plant, heads, noise=fit.noise if states else None, values=fit.values,
+            states=states, horizons=(1.0,),
+        )  # fmt: skip
+    except (np.linalg.LinAlgError, FloatingPointError):
+        return fit
+    return found if math.isfinite(found.cost) else fit
 
 
 def free_runs(fit: Fit, trials: Sequence[Trial]) -> list[Series]:
@@ -50,25 +56,47 @@ def free_runs(fit: Fit, trials: Sequence[Trial]) -> list[Series]:
     runs = []
     for trial in trials:
         count = max(int(START * len(trial.outputs)), 64)
-        noise = Noise(colours=(fit.noise.colours[0],), relative_sd=(fit.noise.relative_sd[0],))
-        start = refit(
-            fit.plant,
-            (part_of(trial, 0, count),),
-            free=[],
-            noise=noise,
-            values=fit.values,
-            horizons=(1.0,),
+        drift = fit.noise.drift
+        noise = Noise(
+            colours=(fit.noise.colours[0],),
+            relative_sd=(fit.noise.relative_sd[0],),
+            drift=None if drift is None else drift.first(),
         )
+        state = _begun(fit, trial.part(0, count), noise)
         runs.append(
             fit.plant.simulate(
                 fit.values,
                 trial.inputs,
                 trial.rate_hz,
-                state0=start.states[0],
+                state0=state,
                 start_s=trial.start_s,
             )
         )
     return runs
+
+
+def _begun(fit: Fit, part: Trial, noise: Noise) -> Float[np.ndarray, " state"]:
+    """Give the initial state that explains the first samples best.
+
+    What sticks tells nothing of the speed it would have: where there are effects, one begins
+    from the state without them too.
+    """
+    plant, values = fit.plant, fit.values
+    bare = Plant.of(dataclasses.replace(plant.description, effects=()), kinds=plant.kinds)
+    known = dict(zip(plant.parameters, values.tolist(), strict=True))
+    own = np.array([known[name] for name in bare.parameters])
+    straight = refit(bare, (part,), free=[], noise=noise, values=own, horizons=(1.0,))
+    if not plant.effects:
+        return straight.states[0]
+    state = dict(zip(bare.state_names, straight.states[0].tolist(), strict=False))
+    starts = [None, [np.array([state.get(name, 0.0) for name in plant.state_names])]]
+    found = [
+        refit(
+            plant, (part,), free=[], noise=noise, values=values, states=start, horizons=(1.0,)
+        )
+        for start in starts
+    ]  # fmt: skip
+    return min(found, key=lambda one: one.cost).states[0]
 
 
 def errors(trials: Sequence[Trial], runs: Sequence[Series]) -> Float[np.ndarray, " sensor"]:

@@ -2,25 +2,38 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
 from slowtime.dynamics.description import Description
-from slowtime.dynamics.effects import Effect, Kind, Law, Place, Unmeasured
-from slowtime.dynamics.plant import Plant
+from slowtime.dynamics.effects import (
+    Effect,
+    Hidden,
+    InputChange,
+    Kind,
+    Law,
+    SensorChange,
+    Unmeasured,
+    always,
+)
+from slowtime.dynamics.effects.kind import no_shapes
+from slowtime.dynamics.plant import Name
 
-from .candidates import Candidate
+from .adding import begun_with, effects_of, run_by
+from .candidates import Candidate, Label, Start, label_of
 from .floor import Noise
 from .gap import whiteness
 from .records import Trial
-from .refit import Fit, refit, weights_of
+from .refit import Fit, refit, shot, weights_of
+from .shapes import is_factor, like_constant
 from .values import with_values
 
 KEPT = 6
 """How many labels are refitted."""
-A_PLACE, A_KIND = 4, 2
-"""How many of them sit at one place, and are of one kind."""
+A_PLACE, A_KIND, FEW = 4, 2, 4
+"""How many of them sit at one place, where there are more places than few; and are of one
+kind."""
 
 WIDE_S = 2.4
 """How far about an instant that was found a better one is looked for."""
@@ -32,8 +45,17 @@ then given up."""
 LOUDER = 4.0
 """Standard deviations of chi squared about 1 from which the noise is listened to again."""
 
+CLEAR, SEEN = 3.0, 2.0
+"""Standard deviations from nothing of a law that has but one number, and of one of several."""
+
 FAR, HALF_WAY = 40.0, 0.3
 """Log evidence behind the best, also relative to the worst, from which a label is given up."""
+
+Tick = Callable[[Effect, int], bool | None]
+"""Told what is tried next, and the how many-eth it is; says whether it is too late for it."""
+
+More = Callable[[Sequence["Named"]], Sequence[Candidate]]
+"""Told what was refitted so far; gives what else to try."""
 
 REARED = {"extra_dof": 6.0}
 """Log odds against kinds that explain almost anything weakly."""
@@ -48,12 +70,15 @@ class Named:
     score
         Log evidence, but for what all share: half of chi squared and priors, half a log of
         the data for each parameter of its effects.
+    shot
+        The same fitted to short pieces of the records, where that was tried.
     """
 
     effect: Effect
     description: Description
     fit: Fit
     score: float
+    shot: Fit | None = None
 
 
 def chosen(found: Sequence[Candidate], most: int = KEPT) -> list[Candidate]:
@@ -62,29 +87,57 @@ def chosen(found: Sequence[Candidate], most: int = KEPT) -> list[Candidate]:
         return []
     kept: list[Candidate] = []
     best = found[0]
+    at_one = A_PLACE if len({one.effect.place for one in found}) > FEW else most
     enough = best.score - max(FAR, HALF_WAY * (best.score - found[-1].score), 2 * best.cost)
     for one in found:
         if one.score < enough:
             break
         place = sum(k.effect.place == one.effect.place for k in kept)
         kind = sum(k.effect.kind == one.effect.kind for k in kept)
-        if place < A_PLACE and kind < A_KIND:
+        if place < at_one and kind < A_KIND:
             kept.append(one)
         if len(kept) == most:
             break
     return kept
 
 
-def with_effect(description: Description, effect: Effect) -> Description:
-    """Write one more effect into a description."""
-    return dataclasses.replace(description, effects=(*description.effects, effect.entry()))
-
-
 def evidence(fit: Fit, kinds: Mapping[str, Kind], noise_scale: float = 1.0) -> float:
-    """Log evidence of a fit by Schwarz's criterion; constants carry their own priors."""
-    numbers = sum(name[0] == "effect" for name in fit.prior.names)
+    """Log evidence of a fit by Schwarz's criterion; constants carry their own priors.
+
+    What the records have not narrowed down has cost nothing: an instant that lies between them.
+    """
+    numbers = sum(name[0] == "effect" for name in fit.prior.names) - len(unseen(fit))
     against = sum(REARED.get(effect.kind, 0.0) for effect in fit.plant.effects)
-    return -fit.cost / (2 * noise_scale) - numbers / 2 * math.log(fit.data) - against
+    against += numbers / 2 * math.log(fit.data)
+    for number, effect in enumerate(fit.plant.effects):
+        if like_constant(kinds[effect.kind]):
+            against -= _spared(fit, ("effect", number, kinds[effect.kind].names[0]))
+    return -fit.cost / (2 * noise_scale) - against
+
+
+def _spared(fit: Fit, name: Name) -> float:
+    """Log evidence that Schwarz takes from a number which no record can narrow down further.
+
+    A constant and an effect like it share one sum; the effect is known as well as the constant
+    is claimed, from anything up to its own size, and that narrowing is all it has cost.
+    """
+    if name not in fit.prior.names:
+        return 0.0
+    at = fit.prior.names.index(name)
+    narrowed = math.log(max(abs(float(fit.free[at])) / float(fit.sd[at]), 1.0))
+    return max(math.log(fit.data) / 2 - narrowed, 0.0)
+
+
+def unseen(fit: Fit) -> tuple[Name, ...]:
+    """Instants of switches that no record tells of: they fall between two."""
+    found: list[Name] = []
+    for name, value, sd in zip(fit.prior.names, fit.free, fit.sd, strict=True):
+        if len(name) != 3:
+            continue
+        action = fit.plant.kinds[fit.plant.effects[name[1]].kind].action
+        if isinstance(action, Law) and name[2] in action.switches and not sd < abs(value):
+            found.append(name)
+    return tuple(found)
 
 
 def refitted(
@@ -94,25 +147,35 @@ def refitted(
     kinds: Mapping[str, Kind],
     noise: Noise | None,
     beat: float | None = None,
-    horizons: Sequence[float] = (1.0,),
+    *,
+    start: Start | None = None,
+    shooting: bool = False,
 ) -> Named | None:
     """Add one effect to the model of a fit, and fit all of it to the free run again.
 
-    Not to the end where that will not come near a cost to `beat`.
+    From what the fit has or, where given, from another `start`. Not to the end where that will
+    not come near a cost to `beat`; by `shooting`, to pieces of the records first.
     """
-    # Priors stay those of the nominal constants; what was found so far is where to start.
-    description = with_effect(before.plant.description, effect)
-    plant = Plant.of(description, kinds=kinds)
-    known = dict(zip(before.plant.parameters, before.values.tolist(), strict=True))
-    values = np.array([known.get(name, entry.value) for name, entry in plant.entries.items()])
+    plant, values, states = begun_with(before, effect, kinds, start)
+    description = plant.description
+    short: Fit | None = None
     try:
+        if shooting:
+            # Constants that were bent to do without the effect are no place to start from.
+            if start is None:
+                entries = zip(values, plant.entries.items(), strict=True)
+                values = np.array([
+                    v if name[0] == "effect" else entry.value for v, (name, entry) in entries
+                ])  # fmt: skip
+            short, states = shot(plant, trials, before.noise, values)
+            values = short.values
         fit = refit(
             plant,
             trials,
             noise=noise,
             values=values,
-            states=_states(before, plant),
-            horizons=(0.4, 1.0) if plant.layout.states and len(horizons) == 1 else horizons,
+            states=states,
+            horizons=(0.4, 1.0),
             beat=beat,
         )
         fit = _switched(fit, trials, kinds, beat)
@@ -120,7 +183,7 @@ def refitted(
         return None
     if not math.isfinite(fit.cost):
         return None
-    return Named(effect, description, fit, evidence(fit, kinds))
+    return Named(effect, description, fit, evidence(fit, kinds), short)
 
 
 def _switched(
@@ -136,24 +199,16 @@ def _switched(
         return fit
     at = fit.plant.parameters.index(("effect", which, action.switches[0]))
 
+    near = [
+        number
+        for number, trial in enumerate(trials)
+        if trial.start_s - WIDE_S <= fit.values[at] <= trial.start_s + trial.duration_s + WIDE_S
+    ]
+
     def misfit(instant: float) -> float:
         values = fit.values.copy()
         values[at] = instant
-        total = 0.0
-        for number, trial in enumerate(trials):
-            end = trial.start_s + trial.duration_s
-            if not trial.start_s - WIDE_S <= fit.values[at] <= end + WIDE_S:
-                continue
-            outputs = fit.plant.simulate(
-                values,
-                trial.inputs,
-                trial.rate_hz,
-                state0=fit.states[number],
-                start_s=trial.start_s,
-            )
-            weights = weights_of(trial, fit.noise, number)
-            total += float(np.sum(weights.whitened(trial.measured - outputs) ** 2))
-        return total if math.isfinite(total) else math.inf
+        return run_by(fit.plant, values, fit.states, fit.noise, trials, near)
 
     tried = fit.values[at] + np.linspace(-WIDE_S, WIDE_S, 61)
     best = float(min(tried, key=misfit))
@@ -173,59 +228,120 @@ def _switched(
     return again if again.cost < fit.cost else fit
 
 
-def carrying(before: Fit, effect: Effect, kinds: Mapping[str, Kind]) -> Fit:
-    """Write an effect that moves nothing in the mean into the model of a fit."""
-    plant = Plant.of(with_effect(before.plant.description, effect), kinds=kinds)
-    values = np.concatenate([before.values, plant.values[len(before.values) :]])
-    return dataclasses.replace(before, plant=plant, values=values)
-
-
-def _states(before: Fit, plant: Plant) -> list[np.ndarray]:
-    """Give initial states to more coordinates than there were; the new ones rest."""
-    names = before.plant.state_names
-    return [
-        np.array(
-            [
-                dict(zip(names, state.tolist(), strict=True)).get(n, 0.0)
-                for n in plant.state_names
-            ]
-        )
-        if state.size
-        else state
-        for state in before.states
-    ]
-
-
 def refit_all(
     before: Fit,
     labels: Sequence[Candidate],
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
-    tick: Callable[[Effect, int], None],
-    horizons: Sequence[float] = (1.0,),
+    tick: Tick,
+    *,
+    shooting: bool = False,
+    more: More | None = None,
 ) -> list[Named]:
-    """Refit each label; all are judged by the noise that the best of them leaves.
+    """Refit each label until it is late; all are judged by the noise that the best leaves.
+
+    Where these are done, `more` may give others, for what there is so far.
 
     Once one leaves nothing, others are given up that were far behind it along the force.
-    Growing `horizons` lead to the right minimum where an effect is strong, and cost more.
+    By `shooting`, each is fitted to pieces first: that leads to the right minimum where an
+    effect is strong, and costs more.
     """
     noise: Noise | None = None
     found: list[Named] = []
-    enough = math.inf
-    for number, label in enumerate(labels):
-        if isinstance(kinds[label.effect.kind].action, Unmeasured) or label.cost > enough:
+    idle: list[Named] = []
+    enough = reached = math.inf
+    for number, label in enumerate(_and_more(labels, found, more)):
+        kind = kinds[label.effect.kind]
+        if isinstance(kind.action, Unmeasured) or label.cost > enough:
             continue
-        tick(label.effect, number)
+        if _straight(kind) and label.cost > BEHIND * reached + FAR:
+            continue
+        if tick(label.effect, number):
+            break
         beat = min((n.fit.cost for n in found), default=None)
-        named = refitted(before, label.effect, trials, kinds, noise, beat, horizons)
+        named = refitted(
+            before, label.effect, trials, kinds, noise, beat,
+            start=label.start, shooting=shooting,
+        )  # fmt: skip
         if named is None:
             continue
         if noise is None:
             noise = named.fit.noise
+        if not _shown(named, trials, kinds):
+            continue
+        if _idle(named, kinds):
+            idle += [named] if len(kind.names) > 1 else []
+            continue
         found.append(named)
-        if whiteness(named.fit) > WHITE:
+        if any(whiteness(fit) > WHITE for fit in (named.fit, named.shot) if fit is not None):
             enough = min(enough, max(BEHIND * label.cost, LITTLE * label.bare) + FAR)
-    return _heard_again(sorted(found, key=lambda n: -n.score), trials, kinds)
+            reached = min(reached, *(fit.cost for fit in (named.fit, named.shot) if fit))
+    if not any(whiteness(one.fit) > WHITE for one in found):
+        # No simpler law does the same.
+        found += [one for one in idle if whiteness(one.fit) > WHITE]
+    best: dict[Label, Named] = {}
+    for one in sorted(found, key=lambda n: -n.score):
+        best.setdefault(label_of(one.effect), one)
+    return _heard_again(list(best.values()), trials, kinds)
+
+
+def _and_more(
+    labels: Sequence[Candidate], found: Sequence[Named], more: More | None
+) -> Iterator[Candidate]:
+    while labels:
+        yield from labels
+        labels = more(found) if more is not None else []
+
+
+def _straight(kind: Kind) -> bool:
+    """Whether what a kind explains along the force is all that its refit will."""
+    linear = isinstance(kind.action, Hidden | InputChange | SensorChange)
+    return linear and sum(p.fitted for p in kind.parameters) == 1 and kind.shapes is no_shapes
+
+
+def _idle(named: Named, kinds: Mapping[str, Kind]) -> bool:
+    """Whether a law does nothing, to within its error: its other numbers fit.
+
+    Where it has but one number, what it gained has to show in that. Where it has several, it is
+    near the end of its range where a simpler law does the same.
+    """
+    kind = kinds[named.effect.kind]
+    which = kind.strength if kind.strength is not None else _only(kind)
+    name = ("effect", len(named.description.effects) - 1, which)
+    if name not in named.fit.prior.names:
+        return False
+    at = named.fit.prior.names.index(name)
+    least = CLEAR if len(kind.parameters) == 1 else SEEN
+    away = abs(named.fit.free[at] - _nothing(kind))
+    return bool(away < least * named.fit.widened_sd[at])
+
+
+def _only(kind: Kind) -> str | None:
+    return kind.names[0] if len(kind.names) == 1 else None
+
+
+def _nothing(kind: Kind) -> float:
+    """Value at which a kind of one number does nothing: 1 for factors, 0 for all else."""
+    return 1.0 if is_factor(kind) else 0.0
+
+
+def _shown(named: Named, trials: Sequence[Trial], kinds: Mapping[str, Kind]) -> bool:
+    """Whether the motion of the fit shows what sets the law apart from simpler ones."""
+    kind, fit = kinds[named.effect.kind], named.fit
+    if kind.shown is always:
+        return True
+    which = len(fit.plant.effects) - 1
+    values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
+    numbers = {name: values["effect", which, name] for name in kind.names}
+    return any(
+        kind.shown(
+            numbers,
+            fit.plant.states(
+                fit.values, trial.inputs, trial.rate_hz, state0=state, start_s=trial.start_s
+            )[named.effect.place],
+        )
+        for trial, state in zip(trials, fit.states, strict=True)
+    )
 
 
 def _heard_again(
@@ -250,19 +366,20 @@ def _heard_again(
     return sorted(again, key=lambda n: -n.score)
 
 
+def misfit(fit: Fit, noise: Noise, trials: Sequence[Trial]) -> float:
+    """Chi squared of what a fit leaves, under another noise."""
+    return sum(
+        weights_of(trial, noise, i).chi2(left)
+        for i, (trial, left) in enumerate(zip(trials, fit.residual, strict=True))
+    )
+
+
 def rescored(
     named: Named, best: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind]
 ) -> Named:
     """Give the same fit its cost under the noise of another."""
-
-    def misfit(fit: Fit, noise: Noise) -> float:
-        return sum(
-            float(np.sum(weights_of(trial, noise, i).whitened(left) ** 2))
-            for i, (trial, left) in enumerate(zip(trials, fit.residual, strict=True))
-        )
-
     fit = named.fit
-    before, after = misfit(fit, fit.noise), misfit(fit, best.noise)
+    before, after = misfit(fit, fit.noise, trials), misfit(fit, best.noise, trials)
     share = after / max(before, 1e-300)
     again = dataclasses.replace(
         fit,
@@ -274,18 +391,18 @@ def rescored(
     return dataclasses.replace(named, fit=again, score=evidence(again, kinds))
 
 
+def stands(named: Named, trials: Sequence[Trial], kinds: Mapping[str, Kind]) -> bool:
+    """Whether what happened at an instant happened while somebody looked, or between."""
+    which = len(named.fit.plant.effects) - 1
+    action = kinds[named.effect.kind].action
+    values = dict(zip(named.fit.plant.parameters, named.fit.values.tolist(), strict=True))
+    switches = action.switches if isinstance(action, Law) else ()
+    first = min(trial.start_s for trial in trials)
+    last = max(trial.start_s + trial.duration_s for trial in trials)
+    return all(first < values["effect", which, name] < last for name in switches)
+
+
 def settled(named: Named) -> Effect:
     """Give the effect as it was fitted last."""
     values = dict(zip(named.fit.plant.parameters, named.fit.values.tolist(), strict=True))
     return effects_of(with_values(named.description, values))[-1]
-
-
-def effects_of(description: Description) -> list[Effect]:
-    """Effects of a description, in order."""
-    found = []
-    for entry in description.effects:
-        rest = {key: value for key, value in entry.items() if key != "effect"}
-        kind = next((k for k in ("element", "node", "input", "sensor") if k in rest), "base")
-        place = Place(kind, str(rest.pop(kind, "base")))  # type: ignore[arg-type]
-        found.append(Effect(str(entry["effect"]), place, rest))
-    return found

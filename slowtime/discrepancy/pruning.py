@@ -13,8 +13,9 @@ import numpy as np
 from slowtime.dynamics.effects import Kind, Unmeasured
 from slowtime.dynamics.plant import Name, Plant
 
+from .adding import effects_of
 from .diagnosis import Named as Answer
-from .naming import effects_of, evidence
+from .naming import evidence
 from .records import Trial
 from .refit import Fit, refit
 from .values import with_values

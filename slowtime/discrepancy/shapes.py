@@ -7,6 +7,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
+from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import (
     Effect,
     Friction,
@@ -16,21 +17,27 @@ from slowtime.dynamics.effects import (
     Law,
     Motion,
     Parameter,
+    Place,
     SensorChange,
     force_along,
 )
+from slowtime.dynamics.plant.names import lowest
 from slowtime.dynamics.units import unit_factor
 
+from .clocks import clocks_hz
 from .space import Space
 
-MOST_STEPS = 100
-"""Frequencies that are tried on either side of one that was found."""
 STEP = 1e-4
 """Of a parameter of a sensor or an input, to see what it does."""
+NOTHING_LEFT = 0.01
+"""Share of a series that a factor must leave: less is another series, not the same changed."""
 IDLE = 0.02
 """Share of a series below which a change of it is none."""
-MOST_CLOSER = 4
-"""How often one looks closer at an instant, and at what."""
+STILL_HZ, COARSE_TURN, POLISHED = 1e-12, 0.1, 3
+"""A frequency at which nothing turns; turns over the campaign by which one is moved at first,
+and how often one looks closer."""
+MOST_CLOSER, ASIDE = 4, 0.12
+"""How often one looks closer at an instant or a resonance, and how far beside that at first."""
 FINEST_S = 0.02
 """Spacing of instants at which looking closer ends."""
 
@@ -69,9 +76,10 @@ def _best_force(kind: Kind, space: Space) -> tuple[Effect, float] | None:
         found = _best_quadrature(kind, space, motions, shapes)
         if "frequency_hz" not in kind.names:
             return found
-        finer = _beside(kind, found[0], motions)
-        return max(found, _best_quadrature(kind, space, motions, finer), key=gained)
+        return _polished(kind, found, space, motions)
     best = _best_shape(kind, space, motions, shapes)
+    if best is not None and isinstance(kind.action, Hidden) and kind.action.coordinates:
+        return _nearer(kind, best, space, motions)
     switches = kind.action.switches if isinstance(kind.action, Law) else ()
     if best is None or len(switches) != 1:
         return best
@@ -85,6 +93,37 @@ def _best_force(kind: Kind, space: Space) -> tuple[Effect, float] | None:
     return best
 
 
+def scanned(kind: Kind, space: Space) -> list[dict[str, float]]:
+    """Give a kind in every shape that makes sense, with a unit of its strength."""
+    unit = 1.0 if kind.strength is None else _unit(kind)
+    shapes = _shapes(kind, space, [latent.motion for latent in space.latents])
+    return [dict(shape) | _scaled(kind, shape, unit) for shape in shapes]
+
+
+def sized(kind: Kind, parameters: Shape, strength: float) -> dict[str, float]:
+    """Give a kind so many times its strength, with all that goes with that."""
+    scaled = (kind.strength, *kind.scales)
+    return {n: strength * value if n in scaled else value for n, value in parameters.items()}
+
+
+def possible(kind: Kind, parameters: Shape, description: Description, place: Place) -> bool:
+    """Whether a kind may have such parameters at a place."""
+    least = lowest(description, place, kind)
+    return not any(kind.parameter(n).refuses(v) or v <= least for n, v in parameters.items())
+
+
+def made_by(kind: Kind, effect: Effect, space: Space) -> list[Column]:
+    """Give what an effect does at its place, along the motion recovered there."""
+    action = kind.action
+    if not isinstance(action, SensorChange | InputChange):
+        return [force_along(kind, effect.parameters, x.motion)[:, None] for x in space.latents]
+    values, factor = kind.values(effect.parameters), _factor(space)
+    return [
+        factor * (action.act(x.motion.e, x.motion.times, values) - x.motion.e)[:, None]
+        for x in space.latents
+    ]
+
+
 def gained(found: tuple[Effect, float]) -> float:
     """Second of a pair: what an effect gains."""
     return found[1]
@@ -93,29 +132,76 @@ def gained(found: tuple[Effect, float]) -> float:
 def _shapes(kind: Kind, space: Space, motions: list[Motion]) -> list[Shape]:
     """Shapes that make sense: frequencies of one record at a time, all else of the campaign."""
     if not any(parameter.unit == "Hz" for parameter in kind.parameters):
-        return kind.shapes(_joined(motions))
+        return kind.shapes(joined(motions))
     longest = max(range(len(motions)), key=lambda i: len(motions[i].times))
     shapes = kind.shapes(motions[longest])
-    if kind.where == "node" and kind.quadrature is not None:
-        # A tone from outside is a line of the force, be it none of the motion.
-        force, times = space.latents[longest].force, motions[longest].times
-        shapes = shapes + kind.shapes(Motion(e=force, v=force, a=force, times=times))
-    return shapes
+    if kind.quadrature is None or "frequency_hz" not in kind.names:
+        return shapes
+    return shapes + _turning(kind, shapes, space)
 
 
-def _beside(kind: Kind, found: Effect, motions: list[Motion]) -> list[Shape]:
-    """Frequencies about one that was found, close enough for phases to hold all along."""
-    first = min(float(m.times[0]) for m in motions)
-    last = max(float(m.times[-1]) for m in motions)
-    width = 1.0 / min(float(m.times[-1] - m.times[0]) for m in motions)
-    steps = min(int(np.ceil(4 * width * (last - first))), MOST_STEPS)
-    about = found.parameters["frequency_hz"] + width * np.linspace(-1, 1, 2 * steps + 1)
-    kept = {
-        name: value
-        for name, value in found.parameters.items()
-        if name not in (kind.strength, kind.quadrature)
-    }
-    return [kept | {"frequency_hz": float(f)} for f in about if f > 0]
+def _turning(kind: Kind, shapes: list[Shape], space: Space) -> list[Shape]:
+    """Frequencies of a clock that is none of the motion's."""
+    assert kind.quadrature is not None
+    assert kind.strength is not None
+    others = dict(shapes[0]) if shapes else {}
+    still = others | {kind.strength: 1.0, kind.quadrature: 0.0, "frequency_hz": STILL_HZ}
+    if set(still) != set(kind.names):
+        return []
+    found = clocks_hz(
+        [latent.force for latent in space.latents],
+        [force_along(kind, still, latent.motion) for latent in space.latents],
+        [latent.motion.times for latent in space.latents],
+    )
+    return [others | {"frequency_hz": hertz} for hertz in found]
+
+
+def _polished(
+    kind: Kind, found: tuple[Effect, float], space: Space, motions: list[Motion]
+) -> tuple[Effect, float]:
+    """Give a better frequency: one over the campaign is how far a phase holds."""
+    span = max(float(m.times[-1]) for m in motions) - min(float(m.times[0]) for m in motions)
+    step = COARSE_TURN / span
+    for _ in range(POLISHED):
+        here = found[0].parameters["frequency_hz"]
+        rest = {
+            name: value
+            for name, value in found[0].parameters.items()
+            if name not in (kind.strength, kind.quadrature)
+        }
+        about = [rest | {"frequency_hz": here + k * step} for k in (-3, -2, -1, 1, 2, 3)]
+        near = _best_quadrature(
+            kind, space, motions, [one for one in about if one["frequency_hz"] > 0]
+        )
+        found = max(found, near, key=gained)
+        step /= 4
+    return found
+
+
+def _nearer(
+    kind: Kind, found: tuple[Effect, float], space: Space, motions: list[Motion]
+) -> tuple[Effect, float]:
+    """Give a better resonance: a light one is far narrower than the first look is fine."""
+    assert kind.strength is not None
+    wide = ASIDE
+    for _ in range(MOST_CLOSER):
+        known = found[0].parameters
+        scaled = (kind.strength, *kind.scales)
+        here = {
+            name: value / known[kind.strength] if name in scaled else value
+            for name, value in known.items()
+        }
+        others = [name for name in kind.scales if here[name] > 0]
+        near: list[Shape] = [
+            here
+            | {name: here[name] * (1 + k * wide) for name in here if name not in scaled}
+            | {name: here[name] * (1 + 4 * wide) ** turn for name in others}
+            for k in (-1.0, -0.5, 0.0, 0.5, 1.0)
+            for turn in (-1, 0, 1)
+        ]
+        found = max(found, _best_shape(kind, space, motions, near) or found, key=gained)
+        wide /= 2
+    return found
 
 
 def _between(name: str, found: Effect, shapes: list[Shape]) -> list[Shape]:
@@ -138,18 +224,18 @@ def _best_shape(
     )
     strengths, gains = space.one(forces)
     for parameters, strength, gain in zip(whole, strengths, gains, strict=True):
-        found = dict(parameters)
-        for name in (kind.strength, *kind.scales):
-            if name is not None:
-                found[name] = parameters[name] * float(strength)
-        refused = any(kind.parameter(n).refuses(v) for n, v in found.items())
-        if not refused and gain > 0 and (best is None or gain > best[1]):
+        found = sized(kind, parameters, float(strength))
+        can = possible(kind, found, space.located.linear.description, space.place)
+        if can and gain > 0 and (best is None or gain > best[1]):
             best = Effect(kind.name, space.place, found), float(gain)
     return best
 
 
 def _best_quadrature(
-    kind: Kind, space: Space, motions: list[Motion], shapes: list[Shape]
+    kind: Kind,
+    space: Space,
+    motions: list[Motion],
+    shapes: list[Shape],
 ) -> tuple[Effect, float]:
     """Of a phase, by its two quadratures; `shapes` must not be empty."""
     assert kind.quadrature is not None
@@ -232,6 +318,7 @@ def _best_value(
         strength, won = space.one(space.lines_of([one / step for one in moved]))
         value = idle + float(strength[0])
         fine = parameter.refuses(value) is None and won[0] > 0
+        fine = fine and (idle == 0 or abs(value) > NOTHING_LEFT)
         return (value, float(won[0])) if fine else None
     sizes = [float(np.linalg.norm(latent.motion.e)) for latent in space.latents]
     changes = [float(np.linalg.norm(one)) for one in moved]
@@ -317,7 +404,7 @@ def _scaled(kind: Kind, shape: Shape, unit: float) -> dict[str, float]:
     )
 
 
-def _joined(motions: list[Motion]) -> Motion:
+def joined(motions: list[Motion]) -> Motion:
     """One motion after the other as the campaign went, for what shapes make sense."""
     motions = sorted(motions, key=lambda motion: float(motion.times[0]))
     return Motion(
@@ -329,26 +416,36 @@ def _joined(motions: list[Motion]) -> Motion:
 
 
 def retuned(kind: Kind, space: Space) -> tuple[Effect, float] | None:
-    """Of an effect that does what a constant of its element does: the constant's own move.
+    """Of an effect that is to the sensors as if constants had moved: by their own moves.
 
-    To the sensors both are one; but the constant has a tolerance, the effect has none.
+    They have tolerances, the effect has none; a mass that is added is to a shaken base as if
+    both stiffness and damping were smaller.
     """
-    if (
-        not isinstance(kind.action, Hidden)
-        or kind.action.coordinates
-        or kind.where != "element"
-    ):
+    if not like_constant(kind):
         return None
-    if set(kind.names) != {kind.strength}:
+    unit = dict.fromkeys(kind.names, 1.0)
+    force = [force_along(kind, unit, latent.motion)[:, None] for latent in space.latents]
+    strength, gain = space.within_constants(space.lines_of(force))
+    found = {kind.names[0]: strength}
+    can = possible(kind, found, space.located.linear.description, space.place)
+    if gain <= 0 or not can:
         return None
-    own = [float(matrix.sum()) for matrix in kind.action.matrices(np.ones(1))]
-    acts = [i for i, one in enumerate(own) if one != 0]
-    what = ("mass", "damping", "stiffness")[acts[0]]
-    if len(acts) != 1 or (what, space.place.id) not in space.moves:
-        return None
-    moved, pull = space.moves[what, space.place.id]
-    assert kind.strength is not None
-    value = moved / own[acts[0]]
-    if kind.parameter(kind.strength).refuses(value) is not None:
-        return None
-    return Effect(kind.name, space.place, {kind.strength: value}), pull**2
+    return Effect(kind.name, space.place, found), gain
+
+
+def like_constant(kind: Kind) -> bool:
+    """Whether a kind does what a constant of its place does: the constant's tolerance tells."""
+    action = kind.action
+    return isinstance(action, Hidden) and not action.coordinates and len(kind.names) == 1
+
+
+def is_factor(kind: Kind) -> bool:
+    """Whether a kind multiplies the series of an input or of a sensor by its one number."""
+    action = kind.action
+    if not isinstance(action, InputChange | SensorChange) or len(kind.names) != 1:
+        return False
+    times = np.linspace(0.0, 1.0, 65)
+    series = 3.0 * np.sin(7.0 * times)
+    return all(
+        np.allclose(action.act(series, times, np.array([by])), by * series) for by in (1.0, 2.0)
+    )

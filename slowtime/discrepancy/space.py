@@ -14,6 +14,10 @@ from .locate.tuned import Known, Tuned
 from .refit import Fit
 
 RIDGE = 1e-9
+HEARD = 1e-7
+"""Share of a force that constants may not follow, from which it is told from their moves."""
+BEYOND = 1e60
+"""Force that is none: its square is no number any more."""
 Forces = Complex[np.ndarray, "frequency column"]
 
 
@@ -25,7 +29,8 @@ class Space:
         self.located, self.place = located, place
         self.source = next(s for s in located.linear.sources() if s.place == place)
         known = _known(fit, located)
-        tuned = [Tuned.of(located.linear, t, known, found.constants) for t in located.lines]
+        change = known.within(found.constants)
+        tuned = [Tuned.of(located.linear, t, known, change) for t in located.lines]
         self.latents = [located.latent(place, i) for i in range(len(located.trials))]
         constants = len(known.sd)
         states = tuned[0].decays.shape[2]
@@ -37,7 +42,7 @@ class Space:
         self.square = 0.0
         for i, one in enumerate(tuned):
             lines, force = located.lines[i], found.forces[i]
-            motion = lines.motion + found.shifts[i] + one.moved @ force.state
+            motion = lines.motion + found.shifts[i] + one.free.moved(force.state)
             base = lines.base + self.source.base * force.mean
             explained = force.linear + force.transfer * force.mean[:, None]
             residual = one.residual + lines.filling(explained + one.decays @ force.state)
@@ -60,7 +65,7 @@ class Space:
             self.along.append(2 * np.einsum("fs,fsb->fb", unit.conj(), whole))
             self.signal.append(2 * np.sum(np.abs(unit) ** 2, axis=1))
             self.where.append(at)
-        off = (known.ahead + found.constants) / known.sd
+        off = (known.ahead + change) / known.sd
         own = np.arange(constants)
         matrix[own, own] += 1 / known.sd**2
         right[own] -= off / known.sd
@@ -72,19 +77,14 @@ class Space:
         self.solved = scipy.linalg.cho_solve(self.factor, self.right)
         self.bare = self.square - float(self.right @ self.solved)
         """What is left without any force."""
-        deviation = known.ahead + found.constants + (self.solved * self.scale)[:constants]
-        self.moves = {
-            name: (float(one * value), float(one / sd))
-            for name, one, value, sd in zip(
-                _constants(fit), deviation, _values(fit), known.sd, strict=True
-            )
-        }
-        """Constants' moves from what is claimed, in their units and in tolerances."""
+        self.names, self.reference, self.change = _constants(fit), _values(fit), change
+        deviation = known.ahead + change + (self.solved * self.scale)[:constants]
+        self.sd, self.pulls = known.sd, deviation / known.sd
 
     def lines_of(self, series: Iterable[Float[np.ndarray, "time column"]]) -> list[Forces]:
         """Spectra of forces, trial by trial; of one that grew beyond bounds, nothing."""
         whole = list(series)
-        fine = np.all([np.isfinite(one).all(axis=0) for one in whole], axis=0)
+        fine = np.all([(np.abs(one) < BEYOND).all(axis=0) for one in whole], axis=0)
         return [
             transform(np.where(fine, one, 0.0), lines.rate_hz)[1][: len(lines.frequency_hz)]
             for one, lines in zip(whole, self.located.lines, strict=True)
@@ -108,6 +108,24 @@ class Space:
         taken = scipy.linalg.cho_solve(self.factor, cross)
         return inner - cross.T @ taken, seen - cross.T @ self.solved
 
+    def power(self, forces: list[Forces]) -> Float[np.ndarray, " column"]:
+        """Square of each force as the sensors hear it, whatever else could make it."""
+        heard = [
+            one @ np.abs(force) ** 2 for one, force in zip(self.signal, forces, strict=True)
+        ]
+        return np.asarray(np.sum(heard, axis=0))
+
+    def settled(self, forces: list[Forces]) -> dict[tuple[str, str], float]:
+        """Give the constants that go best with a known force."""
+        cross = np.zeros(len(self.right))
+        for force, along, at in zip(forces, self.along, self.where, strict=True):
+            cross[at] += (force[:, 0].conj() @ along).real[:-1]
+        found = scipy.linalg.cho_solve(self.factor, self.right - self.scale * cross)
+        found *= self.scale
+        count = len(self.change)
+        whole = self.reference * (1 + self.change + found[:count])
+        return dict(zip(self.names, whole.tolist(), strict=True))
+
     def one(
         self, forces: list[Forces]
     ) -> tuple[Float[np.ndarray, " column"], Float[np.ndarray, " column"]]:
@@ -129,9 +147,30 @@ class Space:
         whole = power.copy()
         power -= np.sum(cross * scipy.linalg.cho_solve(self.factor, cross), axis=0)
         seen -= cross.T @ self.solved
-        heard = power > 1e-7 * np.maximum(whole, np.finfo(float).tiny)
+        heard = power > HEARD * np.maximum(whole, np.finfo(float).tiny)
         strength = np.where(heard, seen / np.where(heard, power, 1.0), 0.0)
         return strength, strength * np.where(heard, seen, 0.0)
+
+    def within_constants(self, forces: list[Forces]) -> tuple[float, float]:
+        """Of one force that constants can do without: what they would claim to be spared most.
+
+        Its strength, and by how much their pulls' squares would be less; (0, 0) where sensors
+        tell the force from their moves.
+        """
+        cross, whole = np.zeros(len(self.right)), 0.0
+        for force, along, signal, at in zip(
+            forces, self.along, self.signal, self.where, strict=True
+        ):
+            cross[at] += (force[:, 0].conj() @ along).real[:-1]
+            whole += float(signal @ np.abs(force[:, 0]) ** 2)
+        cross *= self.scale
+        taken = scipy.linalg.cho_solve(self.factor, cross)
+        if not whole - float(cross @ taken) < HEARD * whole:
+            return 0.0, 0.0
+        spared = (taken * self.scale)[: len(self.sd)] / self.sd
+        along_pulls = float(spared @ self.pulls)
+        square = float(spared @ spared)
+        return along_pulls / square, along_pulls**2 / square
 
 
 def _constants(fit: Fit) -> tuple[tuple[str, str], ...]:

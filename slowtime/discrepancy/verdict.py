@@ -1,17 +1,14 @@
 """Refitted models in; how probable each is, which word that makes, and sentences, out."""
 
-import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from slowtime.dynamics.effects import Effect, Kind, Place, Unmeasured
+from slowtime.dynamics.effects import Effect, Kind, Place
 
-from .candidates import Candidate
 from .diagnosis import Named as Answer
 from .diagnosis import Number, Rival, Verdict
-from .locate import Located
-from .naming import Named, settled
+from .naming import Named, settled, unseen
 from .refit import Fit
 from .screen import Finding
 
@@ -21,12 +18,10 @@ FALSE_ALARM = 1e-4
 """Chance at which a force found somewhere is taken for one."""
 LEAST_GAIN = 6.0
 """Log evidence that an effect has to bring."""
-MOVED = 3.5
+MOVED = 3.3
 """Tolerances by which a constant must have moved to be told."""
-SIZE_SD = 0.05
-"""Relative standard deviation of the size of a random motion, as recovered in band."""
-BY_LAWS = 0.6
-"""Share of a gain that some law may explain of what nobody within the structure makes."""
+OF_SENSOR = "unit of the sensor"
+"""In place of a unit, in kinds that sit on a sensor."""
 TEMPER = 0.5
 """Power to which evidence is taken: models are never quite as right as it supposes."""
 
@@ -38,11 +33,24 @@ def probabilities(scores: Sequence[float], excess: float) -> list[float]:
     return [float(p) for p in odds / odds.sum()]
 
 
-def answer_of(found: Sequence[Named], kinds: Mapping[str, Kind]) -> Answer:
+def shares_of(found: Sequence[Named], besides: Sequence[float] = ()) -> list[float]:
+    """Give the probability of each label, the best first.
+
+    Parameters
+    ----------
+    besides
+        Log evidence of other answers, no effect among them, that take their share.
+    """
+    scores = [n.score for n in found]
+    return probabilities([*scores, *besides], found[0].fit.chi2_in_band)[: len(scores)]
+
+
+def answer_of(
+    found: Sequence[Named], shares: Sequence[float], kinds: Mapping[str, Kind]
+) -> Answer:
     """Give the best label, with its numbers and rivals."""
     best = found[0]
     effect = settled(best)
-    shares = probabilities([n.score for n in found], best.fit.chi2_in_band)
     rivals = tuple(
         Rival(n.effect.kind, n.effect.place, p)
         for n, p in zip(found[1:], shares[1:], strict=True)
@@ -60,60 +68,26 @@ def answer_of(found: Sequence[Named], kinds: Mapping[str, Kind]) -> Answer:
     )
 
 
-def base_answer(
-    located: Located, tried: Sequence[Candidate], kinds: Mapping[str, Kind], *, first: bool
-) -> Answer | None:
-    """Name a motion of the base that nobody measured, where it beats all else.
-
-    It must be likelier than an unknown force anywhere else, and than any law; where it enters
-    tells it from a force. Where sensors are too few for that, no law may explain much:
-    a force within the structure is made by the motion, one from outside is not. Nor can it then
-    be told once something else was found `first`.
-    """
-    group = located.groups[0]
-    unmeasured = [k for k in kinds.values() if isinstance(k.action, Unmeasured)]
-    place = next((p for p in group.places if p.kind == "base"), None)
-    if not unmeasured or place is None or unmeasured[0].strength is None:
-        return None
-    if any(p.kind in ("element", "node") for p in group.places):
-        return None
-    likelihood = group.explained.likelihood
-    apart = [g for g in located.groups[1:] if not set(g.places) & set(group.twins)]
-    rivals = [g.explained.likelihood for g in apart]
-    rivals += [-c.cost / 2 for c in tried]
-    lead = likelihood - max(rivals, default=-math.inf)
-    if lead < LEAST_GAIN or located.p_value > FALSE_ALARM:
-        return None
-    made = max((-c.cost / 2 for c in tried), default=-math.inf)
-    if group.twins and (not first or made > likelihood - (1 - BY_LAWS) * group.score):
-        return None
-    kind = unmeasured[0]
-    assert kind.strength is not None
-    forces = [located.latent(place, i).force for i in range(len(located.trials))]
-    power = float(np.mean(np.concatenate(forces) ** 2))
-    size = math.sqrt(power)
-    numbers = {kind.strength: Number(size, SIZE_SD * size, kind.parameter(kind.strength).unit)}
-    return Answer(
-        effect=Effect(kind.name, place, {kind.strength: size}),
-        family=kind.family,
-        numbers=numbers,
-        probability=float(1 / (1 + math.exp(-min(TEMPER * lead, 50.0)))),
-        rivals=(),
-        sentence=sentence_of(kind, place, numbers),
-    )
-
-
 def numbers_of(fit: Fit, which: int) -> dict[str, Number]:
     """Numbers of one effect, widened by what the model leaves over the noise."""
-    wide = math.sqrt(max(fit.chi2_in_band, 1.0))
-    sds = dict(zip(fit.prior.names, fit.sd.tolist(), strict=True))
+    sds = dict(zip(fit.prior.names, fit.widened_sd.tolist(), strict=True))
+    values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
+    # Nothing is known of them but that they lie within the campaign.
+    sds |= {name: abs(values[name]) for name in unseen(fit)}
     return {
-        str(name[2]): Number(value, wide * sds.get(name, 0.0), entry.unit)
+        str(name[2]): Number(value, sds.get(name, 0.0), _unit(fit, which, entry.unit))
         for (name, entry), value in zip(
             fit.plant.entries.items(), fit.values.tolist(), strict=True
         )
         if len(name) == 3 and name[1] == which
     }
+
+
+def _unit(fit: Fit, which: int, unit: str) -> str:
+    """Give a unit, that of the sensor where an effect sits on one and takes its unit."""
+    channel = fit.plant.effects[which].place.id
+    told = [s.unit for s in fit.plant.description.sensors if s.channel == channel]
+    return told[0] if unit == OF_SENSOR and told else unit
 
 
 def moved_of(fit: Fit) -> dict[str, Number]:
@@ -128,15 +102,17 @@ def moved_of(fit: Fit) -> dict[str, Number]:
 
 
 def sentence_of(kind: Kind, place: Place, numbers: Mapping[str, Number]) -> str:
-    """Name an effect for people."""
-    told = ", ".join(
-        f"{name} = {n.value:.4g} ± {n.sd:.2g} {n.unit}".rstrip()
-        for name, n in numbers.items()
-        if n.sd > 0
-    )
-    words = kind.name.replace("_", " ")
-    where = "at the base" if place.kind == "base" else f"at {place}"
-    return f"{words.capitalize()} {where}" + (f": {told}. " if told else ". ") + kind.sentence
+    """Name an effect for people, and say what it means.
+
+    One number needs no name; of several, each is told by its meaning.
+    """
+    told = [(name, n) for name, n in numbers.items() if n.sd > 0]
+    if len(told) == 1:
+        size = told[0][1].text
+    else:
+        size = ", ".join(f"{kind.parameter(name).meaning} {n.text}" for name, n in told)
+    where = "" if place.kind == "base" else f" at {place}"
+    return f"{kind.words}{where}" + (f": {size}. " if size else ". ") + kind.sentence
 
 
 def fault_of(finding: Finding, kinds: Mapping[str, Kind]) -> Answer | None:
@@ -177,6 +153,6 @@ def rivals_within(found: Sequence[Named], shares: Sequence[float]) -> tuple[Riva
     for named, share in zip(found, shares, strict=True):
         kept.append(Rival(named.effect.kind, named.effect.place, share))
         total += share
-        if total > DECIDED:
+        if total > DECIDED * sum(shares):
             break
     return tuple(kept)

@@ -2,7 +2,7 @@
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -67,7 +67,7 @@ def gather(
     notes: list[str] = []
     starts = _starts([*records, *holdout], notes)
     taken = [
-        tuple(_trials(description, source, start, roles, notes))
+        tuple(_heard_of(_trials(description, source, start, roles, notes), source, notes))
         for source, start in zip([*records, *holdout], starts, strict=True)
     ]
     learnt = tuple(itertools.chain.from_iterable(taken[: len(records)]))
@@ -78,6 +78,19 @@ def gather(
         _refuse_short(learnt, origins)
     campaign = Campaign(description=description, trials=learnt, holdout=judged)
     return Gathered(campaign, tuple(origins), tuple(notes))
+
+
+def _heard_of(trials: Iterable[Trial], source: Source, notes: list[str]) -> Iterator[Trial]:
+    """Leave out what no sensor has heard anything of."""
+    for trial in trials:
+        if trial.used.any():
+            yield trial
+        else:
+            first, last = trial.times_s[[0, -1]]
+            notes.append(
+                f"{source.name} has no finite reading of any sensor from {first:g} to "
+                f"{last:g} s: it is left out."
+            )
 
 
 def _refuse_short(trials: Sequence[Trial], origins: Sequence[str]) -> None:

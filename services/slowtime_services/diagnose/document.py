@@ -1,5 +1,6 @@
 """A diagnosis in; the file that others script against out."""
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -13,7 +14,7 @@ from slowtime.discrepancy.diagnosis import (
     Rival,
     When,
 )
-from slowtime.dynamics.description import Description
+from slowtime.dynamics.description import Input, Sensor
 from slowtime.dynamics.effects import Place
 from slowtime_schemas import diagnosis_file as file
 from slowtime_schemas.diagnosis_file import DiagnosisFile
@@ -57,7 +58,7 @@ def document_of(
         chi2_per_datum=_finite(diagnosis.chi2_per_datum),
         nothing_probability=_share(diagnosis.nothing_probability),
         experiment=experiment.sentence if experiment else None,
-        experiment_request=_request(experiment, diagnosis.nominal) if experiment else None,
+        experiment_request=_request(experiment) if experiment else None,
         moved=tuple(
             file.MovedConstant(name=name, **_number(n).model_dump())
             for name, n in diagnosis.moved.items()
@@ -140,7 +141,7 @@ def _gap(gap: Gap) -> file.GapShown:
     )
 
 
-def _request(experiment: Experiment, model: Description) -> dict[str, Any]:
+def _request(experiment: Experiment) -> dict[str, Any]:
     """Say an experiment for machines; what stays as it was is left out."""
     request: dict[str, Any] = {}
     if experiment.level != 1.0:
@@ -149,19 +150,18 @@ def _request(experiment: Experiment, model: Description) -> dict[str, Any]:
         request["band_hz"] = list(experiment.band_hz)
     if experiment.excitation is not None:
         request["excitation"] = experiment.excitation
+    if experiment.start_s is not None:
+        request["start_s"] = experiment.start_s
     if experiment.add_sensors:
-        unit = "m/s^2" if model.unit_of_coordinate == "m" else "rad/s^2"
-        request["add_sensors"] = [
-            {
-                "channel": f"a_{node}", "quantity": "acceleration", "node": node,
-                "frame": "absolute", "unit": unit,
-            }
-            for node in experiment.add_sensors
-        ]  # fmt: skip
-    if experiment.add_mass is not None:
-        node, mass = experiment.add_mass
-        request["add_mass"] = {"node": node, "mass_kg": mass}
+        request["add_sensors"] = [_entry(sensor) for sensor in experiment.add_sensors]
+    if experiment.add_inputs:
+        request["add_inputs"] = [_entry(force) for force in experiment.add_inputs]
     return request
+
+
+def _entry(channel: Input | Sensor) -> dict[str, Any]:
+    """Write a channel as a model file has it."""
+    return {k: v for k, v in dataclasses.asdict(channel).items() if v is not None}
 
 
 def _finite(value: float) -> float:

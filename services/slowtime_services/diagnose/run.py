@@ -4,8 +4,9 @@ import dataclasses
 import time
 from collections.abc import Mapping, Sequence
 
-from slowtime.discrepancy.diagnose import Progress, Stop, diagnose
+from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.diagnosis import Diagnosis
+from slowtime.discrepancy.watch import Progress, Stop
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Kind
 from slowtime_schemas.diagnosis_file import DiagnosisFile
@@ -15,6 +16,9 @@ from .document import document_of
 from .roles import Roles
 from .sense import refuse_nonsense
 from .sources import Source
+
+PATIENCE_S = 60.0
+"""Processor time after which no more laws are tried; a last one may take half as long again."""
 
 
 def diagnose_records(
@@ -28,6 +32,7 @@ def diagnose_records(
     unchecked: bool = False,
     progress: Progress | None = None,
     stop: Stop | None = None,
+    patience_s: float = PATIENCE_S,
 ) -> tuple[Diagnosis, DiagnosisFile]:
     """Say what a model lacks to explain records.
 
@@ -44,18 +49,27 @@ def diagnose_records(
     progress
         Told the stage in words and the share done.
     stop
-        Once set, `slowtime.discrepancy.diagnose.Cancelled` is raised.
+        Once set, `slowtime.discrepancy.watch.Cancelled` is raised.
+    patience_s
+        Of the processor; once it is used up, what is being fitted is finished, and that is the
+        answer.
 
     Raises
     ------
     RecordError
         (a ValueError) where records do not fit the model.
     """
-    begun = time.monotonic()
+    begun, spent = time.monotonic(), time.thread_time()
+
+    def late() -> bool:
+        return time.thread_time() - spent > patience_s
+
     given = gather(description, records, holdout, roles)
     if not unchecked:
         refuse_nonsense(given.campaign, given.origins, kinds)
-    found = diagnose(given.campaign, kinds=kinds, quick=quick, progress=progress, stop=stop)
+    found = diagnose(
+        given.campaign, kinds=kinds, quick=quick, progress=progress, stop=stop, late=late
+    )
     found = dataclasses.replace(found, seconds=time.monotonic() - begun)
     document = document_of(
         found,

@@ -16,6 +16,8 @@ from slowtime.dynamics.effects import Kind
 from slowtime.dynamics.plant import Plant
 from slowtime_services.files import RecordError
 
+from .swaps import refuse_swaps
+
 ABSURD = 200.0
 """Times too large or small for anything but a unit or a wire."""
 SANE = 20.0
@@ -55,6 +57,7 @@ def refuse_nonsense(
                 f"Take the input out of the model if nobody measured it. {ANYWAY}"
             )
         _refuse_sizes(model, trial, plant, name)
+    refuse_swaps(campaign, plant, " and ".join(dict.fromkeys(names)), ANYWAY)
 
 
 def _struck(trial: Trial) -> bool:

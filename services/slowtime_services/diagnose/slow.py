@@ -1,17 +1,21 @@
 """The answer of a diagnosis in slow time in; ``report.json`` and ``report.html`` out."""
 
 import json
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from slowtime.discrepancy import slow
 from slowtime.discrepancy.slow import SlowEffect, SlowReport
+from slowtime_schemas.slow_diagnosis_file import SlowDiagnosisFile
 from slowtime_services.reports import Chart, Section, Table, write_page
 
 from .charts import AUGMENTED, MEASURED, NOMINAL
+from .histories import History
 from .words import VERDICTS, named
 
 MOST = 2_000
@@ -23,12 +27,42 @@ _TITLES = {"stiffness_change": "stiffness change", "frequency_ratio": "frequency
            "frequency_hz": "frequency"}  # fmt: skip
 
 
+def diagnose_slowly(
+    history: History, *, progress: Callable[[str, float], None] | None = None
+) -> tuple[SlowReport, dict[str, Any]]:
+    """Say what a history follows.
+
+    Raises
+    ------
+    ValueError
+        Where there are too few epochs; the text says what to do.
+    """
+    began = time.monotonic()
+    report = slow.diagnose_history(
+        history.time,
+        history.value,
+        history.sd,
+        history.covariates,
+        quantity=history.quantity,
+        time_unit=history.time_unit,
+        progress=progress,
+    )
+    document = slow_document(
+        report,
+        of=history.of,
+        quantity=history.quantity,
+        time_unit=history.time_unit,
+        seconds=time.monotonic() - began,
+    )
+    return report, document
+
+
 def slow_document(
     report: SlowReport, *, of: str, quantity: str, time_unit: str, seconds: float
 ) -> dict[str, Any]:
     """Write a report as the object that stands for it; what is not finite is left out."""
     gap = report.gap
-    return {
+    document = {
         "slowtime_slow_diagnosis": 1,
         "clock": "slow",
         "of": of,
@@ -58,6 +92,7 @@ def slow_document(
         "until": float(report.picture.time[-1]),
         "seconds": seconds,
     }
+    return SlowDiagnosisFile.model_validate_json(json.dumps(document)).model_dump(mode="json")
 
 
 def write_slow_results(folder: Path, report: SlowReport, document: dict[str, Any]) -> None:

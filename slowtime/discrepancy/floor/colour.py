@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from .drift import Drift
+
 # Not by axis: checked where it comes from, and asked for ten thousand times.
 Frequencies = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -90,17 +92,27 @@ class Noise:
         How well the density is known, relative; by trial, then by sensor.
     alone
         By sensor, whether all that was seen passes for noise.
+    drift
+        What else a run may be off by, of a structure that floats; no noise of the sensors.
     """
 
     colours: tuple[tuple[Colour, ...], ...]
     relative_sd: tuple[tuple[float, ...], ...]
     alone: tuple[bool, ...] = ()
+    drift: Drift | None = None
 
     def density(
         self, trial: int, frequency_hz: Frequencies
     ) -> Float[np.ndarray, "frequency sensor"]:
         """One-sided density of each sensor in one trial."""
         return np.stack([c.density(frequency_hz) for c in self.colours[trial]], axis=1)
+
+    def weighing(
+        self, trial: int, frequency_hz: Frequencies
+    ) -> Float[np.ndarray, "frequency sensor"]:
+        """One-sided density by which residuals are weighed: drift is no reason to bend."""
+        own = self.density(trial, frequency_hz)
+        return own if self.drift is None else own + self.drift.density(trial, frequency_hz)
 
     def sd(self, trial: int, rate_hz: float) -> Float[np.ndarray, " sensor"]:
         """Give the standard deviation of the samples of each sensor in one trial."""
@@ -127,3 +139,20 @@ def white_noise(densities: Sequence[Sequence[float]], relative_sd: float = 0.0) 
         raise ValueError(f"{densities=} must be positive. Give the density of each sensor.")
     colours = tuple(tuple(Colour(white=float(value)) for value in row) for row in densities)
     return Noise(colours=colours, relative_sd=tuple((relative_sd,) * len(r) for r in colours))
+
+
+def drifting(noise: Noise, drift: Drift, rate_hz: float) -> Noise:
+    """Add drift, which is no colour of a sensor: its noise is that of the highest lines.
+
+    Sensors that do not drift keep theirs.
+    """
+    top = np.array([rate_hz / 2])
+    loose = [bool(row.any()) for row in drift.shapes]
+    colours = tuple(
+        tuple(
+            Colour(white=float(colour.density(top)[0])) if drifts else colour
+            for colour, drifts in zip(row, loose, strict=True)
+        )
+        for row in noise.colours
+    )
+    return dataclasses.replace(noise, colours=colours, drift=drift)

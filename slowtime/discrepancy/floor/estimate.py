@@ -15,6 +15,7 @@ from slowtime.dynamics.description import Description, assemble
 from slowtime.dynamics.modes import undamped_modes
 from slowtime.signals.spectra import detrended, periodogram
 
+from .climb import FALLING, HUMPED, WIDEST, climbed
 from .colour import Colour, Noise
 from .incoherent import incoherent_power
 
@@ -37,9 +38,8 @@ NO_NOISE = 1e-3
 
 STRENGTHS, SLOPES = ((-14.0, 6.0), (-14.0, 14.0)), (-4.0, 4.0)
 """Bounds of the logarithms of both strengths, and of the slope."""
-
-WIDEST = 0.95
-"""Radius of the poles of the sharpest hump that may still pass for noise."""
+ODDS, ANGLES = (-1.0, 6.0), (0.01, 3.13)
+"""The same of a hump: of the odds of its radius, and of its angle."""
 
 GRID = np.linspace(-4.0, 4.0, 41)
 """Of the logarithm of a strength, about a first guess."""
@@ -291,12 +291,12 @@ def _colour(means: Means, rate_hz: float) -> Colour:
     least = _score(means, best) + PAINT
     top = float(means.frequency_hz[-1])
     falling = [
-        (_Falling(), [-1.0, 0.0, np.log(corner * top), slope])
+        (FALLING, [-1.0, 0.0, np.log(corner * top), slope])
         for slope, corner in ((2.0, 0.1), (-2.0, 0.5), (1.0, 0.01))
     ]
-    humped = [(_Humped(rate_hz), [-1.0, 0.0, 2.0, turn * np.pi]) for turn in (0.1, 0.3, 0.6)]
-    for law, at in falling + humped:
-        colour = _painted(means, law, np.array(at))
+    humped = [(HUMPED, [-1.0, 0.0, 2.0, turn * np.pi]) for turn in (0.1, 0.3, 0.6)]
+    for family, at in falling + humped:
+        colour = _painted(means, family, np.array(at), rate_hz)
         score = _score(means, colour)
         if score > least:
             best, least = colour, score
@@ -305,58 +305,28 @@ def _colour(means: Means, rate_hz: float) -> Colour:
     return best
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class _Falling:
-    """Colours without a hump, by the logarithms of strengths and corner, and the slope."""
-
-    def bounds(self, means: Means) -> list[tuple[float, float]]:
-        low, top = float(means.frequency_hz[0]), float(means.frequency_hz[-1])
-        return [*STRENGTHS, (np.log(low / 2), np.log(4 * top)), SLOPES]
-
-    def colour(self, at: At) -> Colour:
-        white, low, corner = np.exp(at[:3]).tolist()
-        return Colour(white=white, low=low, corner_hz=corner, slope=float(at[3]))
+def _colour_at(at: At, family: int, rate_hz: float) -> Colour:
+    """Colour by the numbers that are climbed along: see `climb`."""
+    white, low = np.exp(at[:2]).tolist()
+    if family == FALLING:
+        return Colour(white=white, low=low, corner_hz=float(np.exp(at[2])), slope=float(at[3]))
+    radius = float(WIDEST / (1 + np.exp(-at[2])))
+    return Colour(white=white, low=low, radius=radius, angle=float(at[3]), rate_hz=rate_hz)
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class _Humped:
-    """Colours with a hump, by the logarithms of strengths and odds of the radius, the angle."""
-
-    rate_hz: float
-
-    def bounds(self, means: Means) -> list[tuple[float, float]]:
-        return [*STRENGTHS, (-1.0, 6.0), (0.01, 3.13)]
-
-    def colour(self, at: At) -> Colour:
-        radius = WIDEST / (1 + np.exp(-at[2]))
-        return Colour(
-            white=float(np.exp(at[0])),
-            low=float(np.exp(at[1])),
-            radius=float(radius),
-            angle=float(at[3]),
-            rate_hz=self.rate_hz,
-        )
-
-
-def _painted(means: Means, law: _Falling | _Humped, at: At) -> Colour:
+def _painted(means: Means, family: int, at: At, rate_hz: float) -> Colour:
     """Climb to the colour of greatest likelihood."""
+    lowest, top = float(means.frequency_hz[0]), float(means.frequency_hz[-1])
+    corners = (np.log(lowest / 2), np.log(4 * top))
+    own = (corners, SLOPES) if family == FALLING else (ODDS, ANGLES)
+    low, high = np.array([*STRENGTHS, *own], dtype=float).T.copy()
     # First without suspicion of the silent band: a block dismissed there pulls no more.
     innocent = np.where(means.suspect < SUSPECT, INNOCENT, means.suspect)
-    for seen in (dataclasses.replace(means, suspect=innocent), means):
-        found = scipy.optimize.minimize(
-            _minus_score,
-            at,
-            (seen, law),
-            method="L-BFGS-B",
-            bounds=law.bounds(means),
-            options={"maxiter": 40, "ftol": 1e-7},
-        )
-        at = found.x
-    return law.colour(at)
-
-
-def _minus_score(at: At, means: Means, law: _Falling | _Humped) -> float:
-    return -_score(means, law.colour(at))
+    for suspect in (innocent, means.suspect):
+        odds = np.log1p(-suspect), np.log(suspect)
+        blocks = np.stack([means.frequency_hz, means.power, means.lines, *odds])
+        at = climbed(blocks, at, low, high, family, rate_hz)
+    return _colour_at(at, family, rate_hz)
 
 
 def _score(means: Means, colour: Colour) -> float:

@@ -267,7 +267,7 @@ def _linear(located: Located, place: Place, latents: Sequence[Latent]) -> tuple[
         left += float(np.sum(np.abs(rest) ** 2)) * own.sum() / max(own.sum() - 2, 1)
         used += 1
     total = float(np.sum(np.abs(force) ** 2))
-    true = max(total - noise, 1e-12 * total)
+    true = max(total - noise, 1e-12 * total, 1e-300)
     excess = max(left - noise, 0.0)
     share = float(np.clip(1 - excess / true, 0, 1))
     return share, bool(excess < max(LINEAR * true, 0.1 * noise))

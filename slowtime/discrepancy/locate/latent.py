@@ -11,6 +11,8 @@ and Newton's steps, after each of which responses and residuals are made anew.
 """
 
 import dataclasses
+import functools
+from collections.abc import Callable
 
 import numpy as np
 import scipy.linalg
@@ -32,12 +34,12 @@ OfLine = Float[np.ndarray, " frequency"]
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Whitened:
-    """Columns in units of the noise, and the products of them that no place changes.
+    """Columns in units of the noise, and the products of them that no force changes.
 
     Parameters
     ----------
     columns
-        Free decays first, the residual last.
+        Constants first, then free decays, the residual last.
     inner
         Real part of their products with each other.
     """
@@ -46,11 +48,20 @@ class Whitened:
     inner: Float[np.ndarray, "column column"]
 
     @classmethod
-    def of(cls, tuned: Tuned, residual: Lines) -> "Whitened":
-        """Weigh decays and residual."""
-        both = np.concatenate([tuned.decays, residual[:, :, None]], axis=2)
-        both = both / np.sqrt(tuned.trial.noise)[:, :, None]
-        return cls(both, _products(both, both))
+    def of(
+        cls,
+        tuned: Tuned,
+        known: Known,
+        motion: Moved,
+        base: Complex[np.ndarray, " frequency"],
+        residual: Lines,
+    ) -> "Whitened":
+        """Weigh what constants do along a motion, decays and residual."""
+        free = np.concatenate([tuned.decays, residual[:, :, None]], axis=2)
+        free /= np.sqrt(tuned.trial.noise)[:, :, None]
+        both = np.concatenate([tuned.columns(known, motion, base), free], axis=2)
+        flat = both.reshape(-1, both.shape[2])
+        return cls(both, (flat.conj().T @ flat).real)
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -125,16 +136,27 @@ class Solver:
         self.linear, self.known, self.trials = linear, known, trials
         still = np.zeros(len(known.sd))
         self.tuned = [Tuned.of(linear, trial, known, still) for trial in trials]
-        self.white = [Whitened.of(tuned, tuned.residual) for tuned in self.tuned]
+        self.white = [
+            Whitened.of(tuned, known, trial.motion, trial.base, tuned.residual)
+            for tuned, trial in zip(self.tuned, trials, strict=True)
+        ]
 
     def explain(self, source: Source | None, *, rounds: int = ROUNDS) -> Explained:
-        """Find force, constants and initial states for one place; None for no force at all.
+        """Find force, constants and initial states for one place; None for no force at all."""
+        return self.follow(source, rounds=rounds).explained
 
-        Of all rounds, the likeliest is given.
+    def follow(self, source: Source | None, *, rounds: int) -> "Followed":
+        """Say how likely one place is, before any account of what it explains.
+
+        Of all rounds, the likeliest is given; none follows a motion grown beyond bounds.
         """
         place = _Place(self, source)
         best = place.step()
+        found = best
         for _ in range(rounds - 1):
+            place.go_to(found.explained)
+            if not place.sound:
+                break
             found = place.step()
             gain = found.likelihood - best.likelihood
             if gain > 0:
@@ -145,27 +167,30 @@ class Solver:
 
     def solve(
         self,
-        columns: list[Columns],
         whites: list[Whitened],
-        transfers: list[Lines],
+        alongs: list[Complex[np.ndarray, "frequency column"]],
+        signals: list[OfLine],
         variances: list[OfLine],
         change: Constants,
     ) -> tuple[Constants, list[Float[np.ndarray, " state"]], float]:
-        """Further change and initial states by least squares, given the force's variance."""
-        constants, states = len(self.known.sd), whites[0].columns.shape[2] - 1
+        """Further change and initial states by least squares, given the force's variance.
+
+        Parameters
+        ----------
+        alongs
+            Products of the columns with a unit force, line by line.
+        signals
+            Signal-to-noise ratio of a unit force.
+        """
+        constants = len(self.known.sd)
+        states = whites[0].columns.shape[2] - 1 - constants
         size = constants + states * len(self.trials)
         matrix, right, total = np.zeros((size, size)), np.zeros(size), 0.0
         for i, trial in enumerate(self.trials):
-            white = whites[i]
-            whole = np.concatenate([columns[i], white.columns], axis=2)
-            cross = _products(columns[i], whole)
-            inner = np.block([[cross], [cross[:, constants:].T, white.inner]])
-            unit = transfers[i] / np.sqrt(trial.noise)
-            rise = 1 + variances[i] * np.sum(np.abs(unit) ** 2, axis=1)
+            rise = 1 + variances[i] * signals[i]
             # Woodbury: what lies along the force counts less, by one product a line.
-            along = (unit.conj()[:, None, :] @ whole)[:, 0]
-            along = along * np.sqrt(variances[i] / rise)[:, None]
-            inner = inner - (along.conj().T @ along).real
+            along = alongs[i] * np.sqrt(variances[i] / rise)[:, None]
+            inner = whites[i].inner - (along.conj().T @ along).real
             where = np.r_[0:constants, constants + i * states : constants + (i + 1) * states]
             matrix[np.ix_(where, where)] += 2 * inner[:-1, :-1]
             right[where] += 2 * inner[:-1, -1]
@@ -182,6 +207,19 @@ class Solver:
         return found[:constants], list(found[constants:].reshape(-1, states)), total
 
 
+class Followed:
+    """One place at one round: how likely it is, and, once asked for, what it explains."""
+
+    def __init__(self, likelihood: float, account: Callable[[], Explained]) -> None:
+        self.likelihood = likelihood
+        self._account = account
+
+    @functools.cached_property
+    def explained(self) -> Explained:
+        """Force, constants, initial states, and all that hangs on them."""
+        return self._account()
+
+
 class _Place:
     """One place on its way to the likeliest force: each step starts where the last ended."""
 
@@ -192,96 +230,111 @@ class _Place:
         self.motions = [trial.motion for trial in solver.trials]
         self.bases = [trial.base for trial in solver.trials]
         self.states = [np.zeros(t.decays.shape[2]) for t in self.tuned]
-        self.filled: list[Lines] | None = None
+        self.residuals = [tuned.residual for tuned in self.tuned]
 
-    def step(self) -> Explained:
-        """Variance of the force, then constants and states, then all that hangs on them."""
-        solver, source = self.solver, self.source
-        numbers = range(len(solver.trials))
-        transfers = [tuned.transfer(source) for tuned in self.tuned]
-        residuals = self.filled or [tuned.residual for tuned in self.tuned]
-        left = [residuals[i] - self.tuned[i].decays @ self.states[i] for i in numbers]
-        columns = [
-            tuned.columns(solver.known, motion, base)
-            for tuned, motion, base in zip(self.tuned, self.motions, self.bases, strict=True)
+    @property
+    def sound(self) -> bool:
+        """Whether the motion reached can be worked with."""
+        return all(np.isfinite(white.inner).all() for white in self.white)
+
+    def step(self) -> Followed:
+        """Variance of the force, then constants and states."""
+        trials, constants = self.solver.trials, len(self.change)
+        roots = [np.sqrt(trial.noise) for trial in trials]
+        transfers = [tuned.transfer(self.source) for tuned in self.tuned]
+        units = [transfer / root for transfer, root in zip(transfers, roots, strict=True)]
+        signals = [np.sum(np.abs(unit) ** 2, axis=1) for unit in units]
+        alongs = [
+            (unit.conj()[:, None, :] @ white.columns)[:, 0]
+            for unit, white in zip(units, self.white, strict=True)
         ]
         further = np.zeros_like(self.change)
         likelihood = 0.0
-        for _ in range(1 if source is None else 2):
-            variances = [_variance(solver.trials[i], left[i], transfers[i]) for i in numbers]
-            further, self.states, likelihood = solver.solve(
-                columns, self.white, transfers, variances, self.change
-            )
-            bent = [np.sqrt(solver.trials[i].noise) * (columns[i] @ further) for i in numbers]
-            left = [
-                residuals[i] - bent[i] - self.tuned[i].decays @ self.states[i] for i in numbers
+        for _ in range(1 if self.source is None else 2):
+            found = [np.concatenate([further, state]) for state in self.states]
+            variances = [
+                _variance(trial, along[:, -1] - along[:, :-1] @ taken, signal)
+                for trial, along, taken, signal in zip(
+                    trials, alongs, found, signals, strict=True
+                )
             ]
-        forces = tuple(
-            _force(
-                self.tuned[i],
-                solver.trials[i].residual - self.tuned[i].residual + bent[i],
-                left[i],
-                transfers[i],
-                variances[i],
-                self.states[i],
+            further, self.states, likelihood = self.solver.solve(
+                self.white, alongs, signals, variances, self.change
             )
-            for i in numbers
-        )
-        shifts = self._move(forces, further)
-        found = Explained(
-            source=source,
-            likelihood=likelihood,
-            constants=self.change + further,
-            linear=self.tuned[0].linear,
-            forces=forces,
-            shifts=shifts,
-        )
-        self._retune(forces, further)
-        return found
+        states, residuals = self.states, self.residuals
+        tuneds, whites, change = self.tuned, self.white, self.change
 
-    def _move(self, forces: tuple[TrialForce, ...], further: Constants) -> tuple[Moved, ...]:
-        """Motion with the force in it; give what was added to the reference's."""
+        def account() -> Explained:
+            numbers = range(len(trials))
+            bent = [roots[i] * (whites[i].columns[:, :, :constants] @ further) for i in numbers]
+            forces = tuple(
+                _force(
+                    tuneds[i],
+                    trials[i].residual - tuneds[i].residual + bent[i],
+                    residuals[i] - bent[i] - tuneds[i].decays @ states[i],
+                    transfers[i],
+                    signals[i],
+                    variances[i],
+                    states[i],
+                )
+                for i in numbers
+            )
+            return Explained(
+                source=self.source,
+                likelihood=likelihood,
+                constants=change + further,
+                linear=tuneds[0].linear,
+                forces=forces,
+                shifts=self._shifts(forces, further),
+            )
+
+        return Followed(likelihood, account)
+
+    def _shifts(self, forces: tuple[TrialForce, ...], further: Constants) -> tuple[Moved, ...]:
+        """Motion that the force and the constants add to the reference's."""
         shifts = []
         for i, (tuned, force) in enumerate(zip(self.tuned, forces, strict=True)):
-            trial = self.solver.trials[i]
             pushed = np.zeros_like(tuned.shift)
             if self.source is not None:
                 pushed = np.multiply.outer(force.mean, self.source.force)
             moved = tuned.moving(
                 self.solver.known, further, self.motions[i], self.bases[i], pushed
             )
-            shifts.append(moved - trial.motion)
-            self.motions[i] = moved + tuned.moved @ self.states[i]
-            if self.source is not None:
-                self.bases[i] = trial.base + self.source.base * force.mean
+            shifts.append(moved - self.solver.trials[i].motion)
         return tuple(shifts)
 
-    def _retune(self, forces: tuple[TrialForce, ...], further: Constants) -> None:
-        """Go to the changed constants, and fill in what was not measured."""
+    def go_to(self, found: Explained) -> None:
+        """Go to the motion with the force in it, and to the changed constants."""
         solver = self.solver
-        stride = np.clip(further, -STRIDE, STRIDE)
+        stride = np.clip(found.constants - self.change, -STRIDE, STRIDE)
+        for i, (trial, force) in enumerate(zip(solver.trials, found.forces, strict=True)):
+            free = self.tuned[i].free.moved(force.state)
+            self.motions[i] = trial.motion + found.shifts[i] + free
+            if self.source is not None:
+                self.bases[i] = trial.base + self.source.base * force.mean
         self.change = solver.known.within(self.change + stride)
-        gaps = any(trial.gaps is not None for trial in solver.trials)
-        if not further.size and not gaps:
-            return
         self.tuned = [
             Tuned.of(solver.linear, trial, solver.known, self.change) for trial in solver.trials
         ]
-        if gaps:
-            self.filled = [
-                tuned.residual
-                + trial.filling(
-                    force.linear
-                    + tuned.decays @ force.state
-                    + force.transfer * force.mean[:, None]
-                )
-                for tuned, trial, force in zip(self.tuned, solver.trials, forces, strict=True)
-            ]
-        residuals = self.filled or [tuned.residual for tuned in self.tuned]
-        self.white = [
-            Whitened.of(tuned, residual)
-            for tuned, residual in zip(self.tuned, residuals, strict=True)
+        self.residuals = [
+            _filled(tuned, force) for tuned, force in zip(self.tuned, found.forces, strict=True)
         ]
+        self.white = [
+            Whitened.of(tuned, solver.known, motion, base, residual)
+            for tuned, motion, base, residual in zip(
+                self.tuned, self.motions, self.bases, self.residuals, strict=True
+            )
+        ]
+
+
+def _filled(tuned: Tuned, force: TrialForce) -> Lines:
+    """Give what is left, with what was found in place of what was not measured."""
+    if tuned.trial.gaps is None:
+        return tuned.residual
+    standing = force.linear + tuned.decays @ force.state
+    return np.asarray(
+        tuned.residual + tuned.trial.filling(standing + force.transfer * force.mean[:, None])
+    )
 
 
 def _force(
@@ -289,14 +342,13 @@ def _force(
     linear: Lines,
     left: Lines,
     transfer: Lines,
+    signal: OfLine,
     variance: OfLine,
     state: Float[np.ndarray, " state"],
 ) -> TrialForce:
     """Posterior of the force, line by line."""
-    trial = tuned.trial
-    signal, _ = _along(trial, left, transfer)
     spread = variance / (1 + variance * signal)
-    mean = spread * np.einsum("fs,fs->f", transfer.conj() / trial.noise, left)
+    mean = spread * np.einsum("fs,fs->f", transfer.conj() / tuned.trial.noise, left)
     return TrialForce(
         variance=variance,
         mean=mean,
@@ -309,12 +361,22 @@ def _force(
     )
 
 
-def _variance(trial: TrialLines, left: Lines, transfer: Lines) -> OfLine:
-    """Variance of the force in each band, of greatest likelihood given what is left."""
-    signal, power = _along(trial, left, transfer)
+def _variance(
+    trial: TrialLines, seen: Complex[np.ndarray, " frequency"], signal: OfLine
+) -> OfLine:
+    """Variance of the force in each band, of greatest likelihood given what is left along it.
+
+    Parameters
+    ----------
+    seen
+        Product of what is left with a unit force.
+    signal
+        Signal-to-noise ratio of that.
+    """
     heard = np.where(signal > 1e-12 * signal.max(initial=0.0), signal, 0.0)
     if not heard.any():
         return np.zeros(len(signal))
+    power = np.abs(seen) ** 2 / np.where(signal > 0, signal, 1.0)
     lines = np.where(trial.weight < 1, 2 * power, power)
     variance = np.zeros(trial.bands)
     for _ in range(SCORINGS):
@@ -325,23 +387,6 @@ def _variance(trial: TrialLines, left: Lines, transfer: Lines) -> OfLine:
         step = np.where(sharp > 0, score / np.where(sharp > 0, sharp, 1.0), 0.0)
         variance = np.maximum(variance + step, 0.0)
     return np.where(heard > 0, variance[trial.band], 0.0)
-
-
-def _along(trial: TrialLines, left: Lines, transfer: Lines) -> tuple[OfLine, OfLine]:
-    """Signal-to-noise ratio of a unit force, and power of what is left in its direction."""
-    weighted = transfer.conj() / trial.noise
-    signal = np.einsum("fs,fs->f", weighted, transfer).real
-    seen = np.einsum("fs,fs->f", weighted, left)
-    power = np.abs(seen) ** 2 / np.where(signal > 0, signal, 1.0)
-    return signal, power
-
-
-def _products(
-    one: Columns, other: Complex[np.ndarray, "frequency sensor other"]
-) -> Float[np.ndarray, "column other"]:
-    """Real part of the products of columns, over all lines and sensors."""
-    first, second = one.reshape(-1, one.shape[2]), other.reshape(-1, other.shape[2])
-    return np.asarray(first.real.T @ second.real + first.imag.T @ second.imag)
 
 
 def _sum(trial: TrialLines, values: OfLine) -> Float[np.ndarray, " band"]:

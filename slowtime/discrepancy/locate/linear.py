@@ -10,7 +10,7 @@ import dataclasses
 
 import numpy as np
 import scipy.linalg
-from jaxtyping import Complex, Float, Num
+from jaxtyping import Complex, Float
 
 from slowtime.discrepancy.values import with_values
 from slowtime.dynamics.description import (
@@ -28,6 +28,9 @@ from slowtime.dynamics.transfer import derivative_order
 from slowtime.dynamics.units import unit_factor
 
 Frequencies = Float[np.ndarray, " frequency"]
+
+APART = 1e6
+"""Condition of a matrix of modes up to which they are told apart."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -48,6 +51,40 @@ class Source:
     force: Float[np.ndarray, " dof"]
     base: float = 0.0
     sensor: int | None = None
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class FreeSpectra:
+    """Spectra of free motion, from each unit of initial displacement and velocity.
+
+    Parameters
+    ----------
+    modes
+        States by mode.
+    share
+        How much of each mode there is at each line, from each initial state.
+    """
+
+    linear: "Linear"
+    modes: Complex[np.ndarray, "state mode"]
+    share: Complex[np.ndarray, "mode frequency state"]
+
+    @property
+    def sensed(self) -> Complex[np.ndarray, "frequency sensor state"]:
+        """As the sensors tell it."""
+        one = self.linear
+        motion = (one.by_state @ self.modes).reshape(3, one.structure.dofs, -1)
+        rows = [one.rows[i] @ motion[order] for i, order in enumerate(one.orders)]
+        told = one.scale[:, None] * np.stack(rows)
+        return np.asarray(np.moveaxis(np.tensordot(told, self.share, axes=1), 0, 1))
+
+    def moved(
+        self, state: Float[np.ndarray, " state"]
+    ) -> Complex[np.ndarray, "order frequency dof"]:
+        """Displacement, velocity and acceleration of all coordinates, from one state."""
+        motion = self.linear.by_state @ self.modes @ (self.share @ state)
+        shape = (3, self.linear.structure.dofs, motion.shape[1])
+        return np.asarray(np.moveaxis(motion.reshape(shape), 1, 2))
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -137,7 +174,7 @@ class Linear:
         """Give what the sensors tell of a motion relative to the base that has no beginning."""
         s = 2j * np.pi * frequency_hz
         gain = self.scale * s[:, None] ** np.array(self.orders)
-        read = np.einsum("sd,fd...->fs...", self.rows, displacement)
+        read = np.moveaxis(np.tensordot(self.rows, displacement, axes=(1, 1)), 0, 1)
         return np.asarray(gain.reshape(gain.shape + (1,) * (read.ndim - 2)) * read)
 
     def carried(self, frequency_hz: Frequencies) -> Complex[np.ndarray, "frequency sensor"]:
@@ -148,42 +185,42 @@ class Linear:
         return np.asarray(np.where(moving, self.absolute * self.scale * s**order, 0.0))
 
     def free(
-        self, samples: int, rate_hz: float
-    ) -> tuple[
-        Float[np.ndarray, "time sensor state"], Float[np.ndarray, "order time dof state"]
-    ]:
-        """Motion from each unit of initial displacement and velocity: as sensed, and itself."""
+        self, samples: int, rate_hz: float, state: Float[np.ndarray, " state"]
+    ) -> tuple[Float[np.ndarray, "time sensor"], Float[np.ndarray, "order time dof"]]:
+        """Motion from an initial displacement and velocity: as sensed, and itself."""
         step = scipy.linalg.expm(state_matrix(self.structure) / rate_hz)
-        return self._told(_powers(step, samples))
+        whole = _followed(step, state, samples) @ self.by_state.T
+        motion = whole.reshape(samples, 3, self.structure.dofs)
+        sensed = [motion[:, order] @ self.rows[i] for i, order in enumerate(self.orders)]
+        return np.stack(sensed, axis=1) * self.scale, np.asarray(np.moveaxis(motion, 1, 0))
 
     def free_spectra(
         self, frequency_hz: Frequencies, samples: int, rate_hz: float
-    ) -> tuple[
-        Complex[np.ndarray, "frequency sensor state"],
-        Complex[np.ndarray, "order frequency dof state"],
-    ]:
+    ) -> "FreeSpectra":
         r"""Transform `free` without making it: :math:`(I - E^N)(I - E z^{-1})^{-1}`."""
         step = scipy.linalg.expm(state_matrix(self.structure) / rate_hz)
         rest = np.eye(len(step))
         ended = rest - np.linalg.matrix_power(step, samples)
-        back = np.exp(-2j * np.pi * frequency_hz / rate_hz)[:, None, None]
-        # A motion that does not die has its pole on a line; one part in 1e9 moves it away.
-        states = np.linalg.solve((1 + 1e-9) * rest - step * back, ended[None])
+        back = np.exp(-2j * np.pi * frequency_hz / rate_hz)
         scale = np.full(len(frequency_hz), np.sqrt(2.0 / (rate_hz * samples)))
         scale[frequency_hz == 0] /= np.sqrt(2.0)
         scale[np.isclose(frequency_hz, rate_hz / 2)] /= np.sqrt(2.0)
-        return self._told(states * scale[:, None, None])
+        poles, modes = np.linalg.eig(step)
+        # A motion that does not die has its pole on a line; one part in 1e9 moves it away.
+        if np.linalg.cond(modes) < APART:
+            gains = scale / (1 + 1e-9 - np.multiply.outer(poles, back))
+            starts = np.linalg.solve(modes, ended)
+            return FreeSpectra(self, modes, gains[:, :, None] * starts[:, None, :])
+        inner = (1 + 1e-9) * rest - step * back[:, None, None]
+        states = np.linalg.solve(inner, ended[None]) * scale[:, None, None]
+        return FreeSpectra(self, rest + 0j, np.moveaxis(states, 1, 0))
 
-    def _told(
-        self, states: Num[np.ndarray, "line state state"]
-    ) -> tuple[Num[np.ndarray, "line sensor state"], Num[np.ndarray, "order line dof state"]]:
+    @property
+    def by_state(self) -> Float[np.ndarray, "all state"]:
+        """From a free state to displacements, velocities and accelerations."""
         dofs = self.structure.dofs
-        q, v = states[:, :dofs], states[:, dofs:]
         inner = np.hstack([self.structure.stiffness, self.structure.damping])
-        a = -np.linalg.solve(self.structure.mass, inner) @ states
-        motion = np.stack([q, v, a])
-        sensed = [self.rows[i] @ motion[order] for i, order in enumerate(self.orders)]
-        return np.stack(sensed, axis=1) * self.scale[:, None], motion
+        return np.vstack([np.eye(2 * dofs), -np.linalg.solve(self.structure.mass, inner)])
 
     def tuned(
         self,
@@ -261,14 +298,13 @@ class Linear:
         ]
 
 
-def _powers(
-    step: Float[np.ndarray, "state state"], samples: int
-) -> Float[np.ndarray, "time state state"]:
-    """Powers of a matrix from the zeroth on, doubling how many are known."""
-    known = np.eye(len(step))[None]
-    ahead = step
+def _followed(
+    step: Float[np.ndarray, "state state"], state: Float[np.ndarray, " state"], samples: int
+) -> Float[np.ndarray, "time state"]:
+    """Follow a state from step to step, doubling how many are known."""
+    known, ahead = state[None], step
     while len(known) < samples:
-        known = np.concatenate([known, known @ ahead])
+        known = np.concatenate([known, known @ ahead.T])
         ahead = ahead @ ahead
     return known[:samples]
 

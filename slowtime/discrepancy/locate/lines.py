@@ -109,7 +109,7 @@ def lines_of(
         frequency_hz=frequency[:kept],
         weight=weight,
         band=bands(frequency[:kept]),
-        noise=noise.density(number, frequency[:kept]) * share,
+        noise=noise.weighing(number, frequency[:kept]) * share,
         residual=spectrum[:kept],
         motion=np.stack([lines(one) for one in motion]),
         base=lines(_base(linear, trial)[:, None])[:, 0],

@@ -92,6 +92,9 @@ class Located:
         What the reference says the sensors read.
     nominal, tolerance
         Values of the free linear constants that the model claims, and how well, in their units.
+    log_likelihood
+        Of all lines, with the likeliest force and the noise as it was last heard: by it other
+        accounts of the same records, such as of what inputs do between samples, are compared.
     """
 
     groups: tuple[Group, ...]
@@ -102,6 +105,19 @@ class Located:
     outputs: tuple[Float[np.ndarray, "time sensor"], ...]
     nominal: dict[tuple[str, str], float]
     tolerance: dict[tuple[str, str], float]
+    log_likelihood: float
+
+    def base_first(self) -> "Located":
+        """Put the base before a place where another force would do the same to the sensors.
+
+        Which of the two stands first is then a matter of how smooth their spectra are.
+        """
+        first = self.groups[0]
+        for group in self.groups[1:]:
+            if any(p.kind == "base" and p in first.twins for p in group.places):
+                rest = (other for other in self.groups if other is not group)
+                return dataclasses.replace(self, groups=(group, *rest))
+        return self
 
     @property
     def best(self) -> Place:
@@ -180,14 +196,14 @@ class Located:
     def motion(self, explained: Explained, number: int) -> Float[np.ndarray, "order time dof"]:
         """Give displacement, velocity, acceleration of all coordinates, as the sensors tell."""
         lines, state = self.lines[number], explained.forces[number].state
-        decays = explained.linear.free(lines.samples, lines.rate_hz)[1] @ state
+        decays = explained.linear.free(lines.samples, lines.rate_hz, state)[1]
         shifts = np.stack([lines.series(one) for one in explained.shifts[number]])
         return np.asarray(self.runs[number] + decays + shifts)
 
     def _reading(self, explained: Explained, number: int) -> Float[np.ndarray, "time sensor"]:
         """Give what sensors would read without their own fault."""
         lines, found = self.lines[number], explained.forces[number]
-        decays = explained.linear.free(lines.samples, lines.rate_hz)[0] @ found.state
+        decays = explained.linear.free(lines.samples, lines.rate_hz, found.state)[0]
         return np.asarray(self.outputs[number] + decays + lines.series(found.linear))
 
 

@@ -36,11 +36,11 @@ def heard_again(
     noise = noise_of_power(
         powers, rate_hz=records[0].rate_hz, silent_above_hz=fit.silent_above_hz
     )
-    noise = no_better(noise, records)
+    noise = dataclasses.replace(no_better(noise, records), drift=fit.noise.drift)
     return tuple(
         dataclasses.replace(
             trial,
-            noise=noise.density(i, trial.frequency_hz)
+            noise=noise.weighing(i, trial.frequency_hz)
             * np.maximum(record.used.mean(axis=0), 1 / trial.samples),
         )
         for i, (trial, record) in enumerate(zip(trials, records, strict=True))

@@ -9,7 +9,7 @@ from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refit import Fit
 from slowtime.dynamics.effects import Place
 
-from .latent import ROUNDS, Explained, Solver
+from .latent import ROUNDS, Explained, Followed, Solver
 from .linear import Linear, Source
 from .lines import TrialLines, lines_of
 from .located import Group, Located
@@ -33,7 +33,7 @@ KEPT, BRIEF = 5, 2
 """How many places are followed to the end, and how many rounds settle which."""
 
 
-def locate(fit: Fit, trials: Sequence[Trial]) -> Located:
+def locate(fit: Fit, trials: Sequence[Trial], among: Sequence[Place] | None = None) -> Located:
     """Rank all places by the likelihood of one unknown force there.
 
     The force is random, of any strength in every band of every trial; constants may move within
@@ -46,6 +46,8 @@ def locate(fit: Fit, trials: Sequence[Trial]) -> Located:
         part in the responses; others stay as they were in the reference's run.
     trials
         That it was fitted to.
+    among
+        Places to try; all where not given.
     """
     linear = Linear.of_plant(fit.plant, fit.values)
     records = tuple(trials)
@@ -57,9 +59,13 @@ def locate(fit: Fit, trials: Sequence[Trial]) -> Located:
         )
     )
     families = _families(linear, lines[0])
+    if among is not None:
+        families = [f for f in families if any(source.place in among for source in f)]
     solver, order = _order(fit, records, Solver(linear, _known(fit, linear), lines), families)
+    none = _likelihood_of_none(solver, lines)
+    groups = _groups(fit, solver, order, none)
     return Located(
-        groups=_groups(fit, solver, order, _likelihood_of_none(solver, lines)),
+        groups=groups,
         linear=linear,
         trials=records,
         lines=solver.trials,
@@ -67,6 +73,7 @@ def locate(fit: Fit, trials: Sequence[Trial]) -> Located:
         outputs=fit.outputs,
         nominal={name: float(fit.prior.mean[i]) for i, name in _linear_names(fit)},
         tolerance={name: float(fit.prior.sd[i]) for i, name in _linear_names(fit)},
+        log_likelihood=none + max(groups[0].score, 0.0),
     )
 
 
@@ -74,13 +81,17 @@ def _order(
     fit: Fit, records: tuple[Trial, ...], solver: Solver, families: list[list[Source]]
 ) -> tuple[Solver, list[tuple[list[Source], Explained]]]:
     """Try all families, listen again to what the best leaves, and follow the best further."""
-    order = _tried(solver, families, len(families), BRIEF)
+    order, _ = _ranked(solver, families, len(families), BRIEF)
     for _ in range(HEARINGS if len(solver.linear.description.sensors) > 1 else 0):
-        order = _tried(solver, [family for family, _ in order], 1, ROUNDS)
-        quiet = heard_again(fit, records, solver.trials, order[0][1])
+        order, best = _ranked(solver, order, 1, ROUNDS)
+        quiet = heard_again(fit, records, solver.trials, best.explained)
         solver = Solver(solver.linear, solver.known, quiet)
-        order = _tried(solver, [family for family, _ in order], KEPT, BRIEF)
-    return solver, _tried(solver, [family for family, _ in order], KEPT, ROUNDS)
+        order, _ = _ranked(solver, order, KEPT, BRIEF)
+    found = [
+        (family, solver.explain(family[0], rounds=ROUNDS if i < KEPT else 1))
+        for i, family in enumerate(order)
+    ]
+    return solver, sorted(found, key=lambda pair: -pair[1].likelihood)
 
 
 def _likelihood_of_none(solver: Solver, before: tuple[TrialLines, ...]) -> float:
@@ -114,15 +125,19 @@ def _groups(
     return tuple(groups)
 
 
-def _tried(
+def _ranked(
     solver: Solver, families: list[list[Source]], keen: int, rounds: int
-) -> list[tuple[list[Source], Explained]]:
-    """Explain by each family, the first `keen` of them with all rounds; the likeliest first."""
-    found = [
-        (family, solver.explain(family[0], rounds=rounds if i < keen else 1))
-        for i, family in enumerate(families)
-    ]
-    return sorted(found, key=lambda pair: -pair[1].likelihood)
+) -> tuple[list[list[Source]], Followed]:
+    """Rank families, the first `keen` of them by all rounds; give the likeliest, too."""
+    likelihoods, best = [], None
+    for i, family in enumerate(families):
+        found = solver.follow(family[0], rounds=rounds if i < keen else 1)
+        likelihoods.append(found.likelihood)
+        if best is None or found.likelihood > best.likelihood:
+            best = found
+    assert best is not None
+    order = sorted(range(len(families)), key=lambda i: -likelihoods[i])
+    return [families[i] for i in order], best
 
 
 def _motion(fit: Fit, trial: Trial, number: int) -> Float[np.ndarray, "order time dof"]:

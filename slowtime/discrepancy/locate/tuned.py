@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Complex, Float
 
-from .linear import Linear, Source, parameter_matrices
+from .linear import FreeSpectra, Linear, Source, parameter_matrices
 from .lines import Lines, TrialLines
 
 LEAST = 0.05
@@ -79,8 +79,8 @@ class Tuned:
     ----------
     compliance, sensed
         Displacement, and reading of the sensors, per force on each coordinate.
-    decays, moved
-        Reading and motion from each unit of initial state.
+    free, decays
+        Free motion, and its reading from each unit of initial state.
     shift
         What the change adds to displacement: :math:`-H (\Delta K q + \Delta C \dot q
         + \Delta M \ddot q)`, with the new :math:`H` and the motion of the reference, which is
@@ -94,7 +94,7 @@ class Tuned:
     compliance: Complex[np.ndarray, "frequency dof dof"]
     sensed: Complex[np.ndarray, "frequency sensor dof"]
     decays: Complex[np.ndarray, "frequency sensor state"]
-    moved: Complex[np.ndarray, "order frequency dof state"]
+    free: FreeSpectra
     shift: Complex[np.ndarray, "frequency dof"]
     residual: Lines
 
@@ -107,7 +107,7 @@ class Tuned:
         linear = reference.tuned(*sums)
         compliance = linear.compliance(trial.frequency_hz)
         sensed = linear.sensed(trial.frequency_hz, compliance)
-        decays, moved = linear.free_spectra(trial.frequency_hz, trial.samples, trial.rate_hz)
+        free = linear.free_spectra(trial.frequency_hz, trial.samples, trial.rate_hz)
         inner = in_space(linear, trial.motion, trial.base)
         pull = -sum(along @ matrix.T for along, matrix in zip(inner, sums, strict=True))
         shift = np.einsum("fab,fb->fa", compliance, pull)
@@ -116,8 +116,8 @@ class Tuned:
             trial=trial,
             compliance=compliance,
             sensed=sensed,
-            decays=decays,
-            moved=moved,
+            decays=free.sensed,
+            free=free,
             shift=shift,
             residual=trial.residual - np.einsum("fsd,fd->fs", sensed, pull),
         )

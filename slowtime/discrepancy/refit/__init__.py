@@ -1,7 +1,8 @@
 """A plant and records in; the constants that explain them best, and what is left, out."""
 
 from .fit import Fit, refit
+from .pieces import pieces, shot
 from .prior import Prior, prior_of
 from .weights import Weights, weights_of
 
-__all__ = ["Fit", "Prior", "Weights", "prior_of", "refit", "weights_of"]
+__all__ = ["Fit", "Prior", "Weights", "pieces", "prior_of", "refit", "shot", "weights_of"]

@@ -5,21 +5,28 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
+from scipy.fft import prev_fast_len
 
-from slowtime.discrepancy.floor import Noise, noise_of_residual, silent_above
+from slowtime.discrepancy.floor import (
+    Noise,
+    drift_of,
+    drifting,
+    noise_of_residual,
+    silent_above,
+)
 from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.values import with_values
 from slowtime.dynamics.plant import Name, Plant
 
+from .lead import Led, leads
 from .prior import Prior, prior_of
-from .solve import Normal, Point, Problem, costed, descend, outputs_at
+from .solve import Normal, Point, Problem, costed, descend, outputs_at, residual_at
 from .weights import weights_of
 
 HORIZONS = (0.15, 0.4, 1.0)
 """Shares of each record that are fitted one after the other: the whole has more minima."""
 
 FEWEST = 64
-
-Series = Float[np.ndarray, "time sensor"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -54,8 +61,8 @@ class Fit:
     prior: Prior
     covariance: Float[np.ndarray, "free free"]
     states: tuple[Float[np.ndarray, " state"], ...]
-    outputs: tuple[Series, ...]
-    residual: tuple[Series, ...]
+    outputs: tuple[Float[np.ndarray, "_ sensor"], ...]
+    residual: tuple[Float[np.ndarray, "_ sensor"], ...]
     noise: Noise
     cost: float
     data: int
@@ -76,6 +83,20 @@ class Fit:
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @property
+    def widened_sd(self) -> Float[np.ndarray, " free"]:
+        """The same, where the model leaves more than noise: the records tell so much less.
+
+        What is claimed of constants beforehand is as good as it was.
+        """
+        sd, wide = self.sd, max(self.chi2_in_band, 1.0)
+        if not (np.isfinite(sd).all() and (sd > 0).all()):
+            return np.asarray(np.sqrt(wide) * sd)
+        claimed = np.diag((sd / self.prior.sd) ** 2)
+        both = np.linalg.pinv(self.covariance / np.outer(sd, sd), hermitian=True)
+        told = np.linalg.pinv((both - claimed) / wide + claimed, hermitian=True)
+        return np.asarray(sd * np.sqrt(np.clip(np.diag(told), 1.0, wide)))
+
+    @property
     def pulls(self) -> dict[Name, float]:
         """How far each moved from what the model claims, in units of its tolerance."""
         moved = (self.free - self.prior.mean) / self.prior.sd
@@ -92,6 +113,7 @@ def refit(
     states: Sequence[Float[np.ndarray, " state"]] | None = None,
     horizons: Sequence[float] = HORIZONS,
     beat: float | None = None,
+    within: float = np.inf,
 ) -> Fit:
     """Fit constants and initial states to the error of the free run.
 
@@ -110,6 +132,8 @@ def refit(
         Growing shares of each record, the last of them 1.
     beat
         Cost of another model: what will not come near it is given up.
+    within
+        Tolerances by which constants of the structure may move at most.
 
     Returns
     -------
@@ -117,7 +141,7 @@ def refit(
     the start.
     """
     records = tuple(trials)
-    prior = prior_of(plant, free)
+    prior = prior_of(plant, free, within)
     silent = silent_above(plant.description, records)
     rest = tuple(np.zeros(0) for _ in records)
     point = Point(
@@ -138,7 +162,7 @@ def refit(
     whole = tuple(len(trial.outputs) for trial in records)
     heard = noise or _heard(plant, records, point, silent)
     for horizon in horizons[:-1]:
-        counts = tuple(max(int(horizon * n), min(FEWEST, n)) for n in whole)
+        counts = tuple(prev_fast_len(max(int(horizon * n), min(FEWEST, n))) for n in whole)
         point = descend(problem_of(counts, heard), point)[0]
     if noise is None:
         point = descend(problem_of(whole, heard), point)[0]
@@ -147,8 +171,18 @@ def refit(
     best, normal, spread = descend(problem, point, beat)
     # Growing horizons may have led astray; from the start itself there is only down.
     if costed(problem, _full(start, normal), spread).cost < best.cost:
-        best, normal, _ = descend(problem, start, beat)
-    return _account(problem, best, normal, heard, silent)
+        best, normal, spread = descend(problem, start, beat)
+    if leads(plant, heard):
+        problem = dataclasses.replace(problem, led=_led(problem, heard))
+        best, normal, _ = descend(problem, best, beat)
+    return _account(problem, records, best, normal, heard, silent)
+
+
+def _led(problem: Problem, noise: Noise) -> tuple[Led, ...]:
+    return tuple(
+        Led(plant=problem.plant, trial=trial, noise=noise, number=i)
+        for i, trial in enumerate(problem.trials)
+    )
 
 
 def _full(point: Point, normal: Normal) -> Point:
@@ -169,18 +203,29 @@ def _heard(plant: Plant, trials: tuple[Trial, ...], point: Point, silent: float)
         )
         left = np.where(trial.used, trial.measured - outputs, 0.0)
         residuals.append(left if np.isfinite(left).all() else trial.measured)
-    return noise_of_residual(trials, tuple(residuals), silent_above_hz=silent)
+    noise = noise_of_residual(trials, tuple(residuals), silent_above_hz=silent)
+    values = dict(zip(plant.parameters, point.values.tolist(), strict=True))
+    now = with_values(plant.description, values)
+    drift = drift_of(now, trials)
+    return noise if drift is None else drifting(noise, drift, trials[0].rate_hz)
 
 
-def _account(problem: Problem, best: Point, normal: Normal, noise: Noise, silent: float) -> Fit:
-    outputs = tuple(outputs_at(problem, i, best) for i in range(len(problem.trials)))
-    residual = tuple(
-        np.where(trial.used, trial.measured - output, 0.0)
-        for trial, output in zip(problem.trials, outputs, strict=True)
+def _account(
+    problem: Problem,
+    records: tuple[Trial, ...],
+    best: Point,
+    normal: Normal,
+    noise: Noise,
+    silent: float,
+) -> Fit:
+    residual = tuple(residual_at(problem, i, best) for i in range(len(records)))
+    outputs = tuple(
+        np.where(trial.used, trial.measured - left, outputs_at(problem, i, best))
+        for i, (trial, left) in enumerate(zip(records, residual, strict=True))
     )
     lines = [w.by_line(r) for w, r in zip(problem.weights, residual, strict=True)]
     inside = [w.frequency_hz <= silent for w in problem.weights]
-    shares = [w.use.mean(axis=0) for w in problem.weights]
+    shares = [np.mean(w.use**2, axis=0) for w in problem.weights]
     free = len(problem.prior.names)
     data = sum(weights.data for weights in problem.weights)
     fitted = _fitted(problem, normal)

@@ -43,7 +43,7 @@ class Prior:
         return float(np.sum(((values - self.mean) / self.sd) ** 2))
 
 
-def prior_of(plant: Plant, free: Sequence[Name] | None = None) -> Prior:
+def prior_of(plant: Plant, free: Sequence[Name] | None = None, within: float = np.inf) -> Prior:
     """Read the priors of a plant from the tolerance of its description.
 
     Parameters
@@ -52,6 +52,8 @@ def prior_of(plant: Plant, free: Sequence[Name] | None = None) -> Prior:
         Names of the constants that may move; where not given, all that are claimed with a
         tolerance above zero, and all fitted parameters of effects. What the model claims
         nothing about moves by `UNCLAIMED`.
+    within
+        Tolerances by which constants of the structure may move at most.
     """
     names, index, sds = [], [], []
     for i, (name, entry) in enumerate(plant.entries.items()):
@@ -71,12 +73,15 @@ def prior_of(plant: Plant, free: Sequence[Name] | None = None) -> Prior:
         )
     entries = [plant.entries[name] for name in names]
     mean, spread = np.array([e.value for e in entries]), np.array(sds)
+    reach = np.array([np.inf if name[0] == "effect" else within for name in names])
+    with np.errstate(invalid="ignore"):
+        room = np.where(np.isinf(reach), np.inf, reach * spread)
     return Prior(
         names=tuple(names),
         index=tuple(index),
         mean=mean,
         sd=spread,
-        low=np.array([e.low for e in entries]),
-        high=np.array([e.high for e in entries]),
+        low=np.maximum([e.low for e in entries], mean - room),
+        high=np.minimum([e.high for e in entries], mean + room),
         scale=np.where(mean != 0, np.abs(mean), np.where(np.isfinite(spread), spread, 1.0)),
     )

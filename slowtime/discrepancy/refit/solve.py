@@ -9,6 +9,7 @@ from jaxtyping import Float
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.plant import Plant
 
+from .lead import Led
 from .prior import Prior
 from .weights import Weights
 
@@ -21,11 +22,12 @@ WRONG, CREEPING = 3.0, 1e-3
 """Chi squared per datum beyond which a model is wrong anyway, and the same of that part."""
 PATIENCE, LEAPS = 3, 10.0
 """Steps before a fit may be called hopeless; how many more like the last it may hope for."""
+RAISED, LEAST_DAMPING = 4.0, 1e-5
+"""Times the damping after a step in vain, twice as much after each further; and its least."""
 BROAD = 3.0
 """Initial states may, a priori, explain so many times what was measured."""
 
 State = Float[np.ndarray, " state"]
-Slopes = Float[np.ndarray, "time sensor slope"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -36,6 +38,8 @@ class Problem:
     ----------
     samples
         How many of each trial count.
+    led
+        What stands for the plant in each trial, where friction follows what was measured.
     """
 
     plant: Plant
@@ -43,6 +47,11 @@ class Problem:
     trials: tuple[Trial, ...]
     weights: tuple[Weights, ...]
     samples: tuple[int, ...]
+    led: tuple[Led, ...] = ()
+
+    def plant_in(self, number: int) -> Plant | Led:
+        """Give what runs one trial."""
+        return self.led[number] if self.led else self.plant
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -73,13 +82,22 @@ class Normal:
 def outputs_at(problem: Problem, number: int, point: Point) -> Float[np.ndarray, "time sensor"]:
     """Run one trial."""
     trial, count = problem.trials[number], problem.samples[number]
-    return problem.plant.simulate(
+    return problem.plant_in(number).simulate(
         point.values,
         trial.inputs[:count],
         trial.rate_hz,
         state0=point.states[number] if point.states[number].size else None,
         start_s=trial.start_s,
     )
+
+
+def residual_at(
+    problem: Problem, number: int, point: Point
+) -> Float[np.ndarray, "time sensor"]:
+    """Give what one trial leaves, zero where a sample is not used."""
+    trial, outputs = problem.trials[number], outputs_at(problem, number, point)
+    used, measured = trial.used[: len(outputs)], trial.measured[: len(outputs)]
+    return np.asarray(np.where(used, measured - outputs, 0.0))
 
 
 def costed(problem: Problem, point: Point, spread: tuple[State, ...]) -> Point:
@@ -92,7 +110,7 @@ def costed(problem: Problem, point: Point, spread: tuple[State, ...]) -> Point:
         ):
             outputs = outputs_at(problem, number, point)
             residual = trial.measured[: len(outputs)] - outputs
-            cost += float(np.sum(weights.whitened(residual) ** 2))
+            cost += weights.chi2(residual)
             if point.states[number].size:
                 cost += float(np.sum((point.states[number] / spread[number]) ** 2))
     return dataclasses.replace(point, cost=cost if np.isfinite(cost) else np.inf)
@@ -102,12 +120,13 @@ def normal_at(
     problem: Problem, point: Point, spread: tuple[State, ...] = ()
 ) -> tuple[Normal, tuple[State, ...]]:
     """Linearise at a point; `spread` of the initial states is made where not given."""
-    prior, rows, made = problem.prior, [], []
+    prior, made = problem.prior, []
+    products: list[Float[np.ndarray, "column column"]] = []
     free = len(prior.names)
     for number, (trial, weights) in enumerate(
         zip(problem.trials, problem.weights, strict=True)
     ):
-        outputs, slopes = problem.plant.sensitivities(
+        outputs, slopes = problem.plant_in(number).sensitivities(
             point.values,
             trial.inputs[: problem.samples[number]],
             trial.rate_hz,
@@ -115,18 +134,17 @@ def normal_at(
             state0=point.states[number] if point.states[number].size else None,
             start_s=trial.start_s,
         )
-        left = weights.whitened(trial.measured[: len(outputs)] - outputs)
-        turned = weights.whitened(slopes)
-        rows.append((turned, left))
-        made.append(spread[number] if spread else _spread(turned[:, free:], weights, trial))
-    states = rows[0][0].shape[1] - free
-    size = free + states * len(rows)
+        products.append(weights.products(trial.measured[: len(outputs)] - outputs, slopes))
+        sizes = np.diag(products[-1])[free:-1]
+        made.append(spread[number] if spread else _spread(sizes, weights, trial))
+    states = len(products[0]) - 1 - free
+    size = free + states * len(products)
     matrix, gradient = np.zeros((size, size)), np.zeros(size)
-    for number, (turned, left) in enumerate(rows):
+    for number, inner in enumerate(products):
         first = free + number * states
         where = np.r_[0:free, first : first + states]
-        matrix[np.ix_(where, where)] += turned.T @ turned
-        gradient[where] += turned.T @ left
+        matrix[np.ix_(where, where)] += inner[:-1, :-1]
+        gradient[where] += inner[:-1, -1]
         own = np.arange(first, first + states)
         matrix[own, own] += 1 / made[number] ** 2
         if point.states[number].size:
@@ -153,7 +171,8 @@ def descend(
     normal, spread = normal_at(problem, start)
     full = tuple(state if state.size else np.zeros(normal.states) for state in start.states)
     point = costed(problem, dataclasses.replace(start, states=full), spread)
-    damping, data = 1e-6, sum(weights.data for weights in problem.weights)
+    damping, raised = 1e-6, RAISED
+    data = sum(weights.data for weights in problem.weights)
     for number in range(MOST_STEPS):
         beyond = point.cost - WRONG * data
         enough = FINE + COARSE * point.cost + CREEPING * max(beyond, 0.0)
@@ -163,18 +182,23 @@ def descend(
             tried = costed(problem, _moved(problem, point, step, normal.states), spread)
             if tried.cost <= point.cost or gain < enough or damping > 1e8:
                 break
-            damping = max(damping * 10, 1e-4)
+            damping, raised = max(damping, LEAST_DAMPING) * raised, 2 * raised
         if not tried.cost < point.cost:
             break
-        try:
-            normal, _ = normal_at(problem, tried, spread)
-        except FloatingPointError:
-            break
-        won, point = point.cost - tried.cost, tried
-        damping = damping / 10 if won > 0.25 * gain else damping * 4
+        before, won, point = point, point.cost - tried.cost, tried
         hopeless = beat is not None and number >= PATIENCE and point.cost - LEAPS * won > beat
-        if won < enough or hopeless:
+        # Where no more was to be had, slopes are what they were.
+        if max(won, gain) < enough or hopeless:
             break
+        try:
+            normal, _ = normal_at(problem, point, spread)
+        except FloatingPointError:
+            return before, normal, spread
+        if won < enough:
+            break
+        # By how well it was foretold (Nielsen 1999): no more is lost on every other step.
+        damping *= max(1 / 9, 1 - (2 * min(won / gain, 1.0) - 1) ** 3)
+        raised = RAISED
     return point, normal, spread
 
 
@@ -205,9 +229,16 @@ def _moved(
     return Point(values=values, states=moved)
 
 
-def _spread(turned: Float[np.ndarray, "number state"], weights: Weights, trial: Trial) -> State:
-    """Let each initial state, by one standard deviation, explain the record several times."""
-    measured = weights.whitened(trial.measured[: len(weights.use)])
-    size = np.sqrt(np.sum(turned**2, axis=0))
-    whole = BROAD * float(np.sqrt(np.sum(measured**2)))
+def _spread(squares: State, weights: Weights, trial: Trial) -> State:
+    """Let each initial state, by one standard deviation, explain the record several times.
+
+    Parameters
+    ----------
+    squares
+        Of what a unit of each makes, whitened.
+    """
+    size = np.sqrt(squares)
+    whole = BROAD * np.sqrt(weights.chi2(trial.measured[: len(weights.use)]))
+    if whole == 0.0:
+        return np.ones_like(size)  # nothing was heard: they may as well be at rest
     return np.asarray(whole / np.maximum(size, 1e-12 * size.max(initial=0.0) + 1e-300))

@@ -179,3 +179,12 @@ def test_ambient_records_are_not_weighed(slide, arrays):
     campaign, _ = campaign_of(ambient, [source_of(arrays | {"x": 1e3 * arrays["x"]})])
     refuse_nonsense(campaign, ["r.npz"])
     assert campaign.trials[0].inputs.shape == (SAMPLES, 0)
+
+
+def test_a_record_that_no_sensor_heard_anything_of_is_left_out_and_said(slide, arrays):
+    silent = arrays | {name: np.full(SAMPLES, np.nan) for name in ("x", "a")}
+    campaign, notes = campaign_of(slide, [source_of(arrays), source_of(silent)])
+    assert len(campaign.trials) == 1
+    assert "has no finite reading of any sensor" in " ".join(notes)
+    with pytest.raises(RecordError, match="has no finite sample in any record"):
+        campaign_of(slide, [source_of(silent)])

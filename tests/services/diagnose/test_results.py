@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy.diagnosis import Experiment, Rival
+from slowtime.dynamics.description import Input, Sensor
 from slowtime.dynamics.effects import Place
 from slowtime_schemas.diagnosis_file import DiagnosisFile
 from slowtime_services.diagnose import document_of, write_results
@@ -107,7 +108,9 @@ def test_an_experiment_is_said_for_people_and_for_machines(answer):
     diagnosis, _ = answer
     asked = Experiment(
         "Shake more.", level=2.0, band_hz=(1.0, 4.0), excitation="multisine",
-        add_sensors=("m",), add_mass=("m", 0.4),
+        start_s=200.0,
+        add_sensors=(Sensor(channel="a_m", quantity="acceleration", node="m", unit="m/s^2"),),
+        add_inputs=(Input(channel="f_m", kind="force", node="m", unit="N"),),
     )  # fmt: skip
     place = Place("element", "j")
     document = document_of(
@@ -127,7 +130,8 @@ def test_an_experiment_is_said_for_people_and_for_machines(answer):
                 "frame": "absolute", "unit": "m/s^2",
             }
         ],
-        "add_mass": {"node": "m", "mass_kg": 0.4},
+        "add_inputs": [{"channel": "f_m", "kind": "force", "unit": "N", "node": "m"}],
+        "start_s": 200.0,
     }  # fmt: skip
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import scipy.signal as sps
 
-from slowtime.discrepancy.floor import noise_of_residual, silent_above
+from slowtime.discrepancy.floor import climb, estimate, noise_of_residual, silent_above
 from slowtime.discrepancy.floor.colour import Colour, white_noise
 from slowtime.discrepancy.floor.incoherent import incoherent_power
 from slowtime.discrepancy.records import Trial
@@ -109,3 +109,55 @@ def test_a_structure_is_silent_well_above_its_highest_mode():
     spring = Spring(id="j", between=("base", "m"), stiffness_n_per_m=(2 * np.pi * 5) ** 2)
     one = Description(name="one", nodes=(Node(id="m", mass_kg=1.0),), elements=(spring,))
     assert silent_above(one) == pytest.approx(8.5)
+
+
+def _blocks(rng):
+    suspect = np.where(rng.random(80) < 0.5, 0.5, 0.01)
+    power = rng.gamma(8.0, 1 / 8.0, 80) * np.where(rng.random(80) < 0.1, 30.0, 1.0)
+    lines = rng.integers(4, 30, 80).astype(float)
+    odds = np.log1p(-suspect), np.log(suspect)
+    return np.stack([np.linspace(0.5, 49.0, 80), power, lines, *odds])
+
+
+@pytest.mark.parametrize(
+    ("family", "at"),
+    [
+        (climb.FALLING, [-1.0, 0.3, 2.0, 1.4]),
+        (climb.FALLING, [-1.0, 0.3, 1.0, -1.7]),
+        (climb.HUMPED, [-1.0, 0.5, 1.2, 0.7]),
+    ],
+)
+def test_slopes_of_the_likelihood_of_a_colour_are_those_of_differences(family, at):
+    blocks, at, found = _blocks(np.random.default_rng(3)), np.array(at), np.zeros((4, 6))
+
+    def likelihood(numbers):
+        return climb._scored(blocks, numbers, family, 100.0, found)
+
+    likelihood(at)
+    slopes = found[:, 4].copy()
+    for k in range(4):
+        step = 1e-6 * np.eye(4)[k]
+        ahead, behind = (likelihood(at + sign * step) for sign in (1, -1))
+        assert slopes[k] == pytest.approx((ahead - behind) / 2e-6, rel=1e-4, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("family", "truth", "start"),
+    [
+        (climb.FALLING, [-1.0, 2.3, 2.0, 1.4], [-1.0, 0.0, 1.6, 2.0]),
+        (climb.HUMPED, [-1.0, 0.5, 1.2, 0.7], [-1.0, 0.0, 2.0, 0.3]),
+    ],
+)
+def test_a_climb_ends_at_the_top(family, truth, start):
+    blocks, found = _blocks(np.random.default_rng(3)), np.zeros((4, 6))
+    colour = estimate._colour_at(np.array(truth), family, 100.0)
+    blocks[1] *= colour.density(blocks[0])
+    low, high = np.array([-14.0, -14.0, -2.0, -4.0]), np.array([6.0, 14.0, 6.0, 4.0])
+    top = climb.climbed(blocks, np.array(start), low, high, family, 100.0)
+    likelihood = climb._scored(blocks, top, family, 100.0, found)
+    for k in range(4):
+        for sign in (-0.05, 0.05):
+            beside = top + sign * np.eye(4)[k]
+            higher = climb._scored(blocks, beside, family, 100.0, found) - likelihood
+            assert higher < 10 * climb.ENOUGH
+    assert climb._scored(blocks, np.array(truth), family, 100.0, found) < likelihood

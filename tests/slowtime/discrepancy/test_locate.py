@@ -6,12 +6,12 @@ import pytest
 import scipy.stats
 
 from slowtime.discrepancy.floor.colour import white_noise
-from slowtime.discrepancy.locate import Linear, character, locate
+from slowtime.discrepancy.locate import Linear, character, latent, locate
 from slowtime.discrepancy.locate.lines import lines_of
 from slowtime.discrepancy.locate.rarity import gain_probability
 from slowtime.discrepancy.locate.tuned import Known, Tuned
 from slowtime.discrepancy.refit import refit
-from slowtime.dynamics.description import Input
+from slowtime.dynamics.description import Description, Input, Node, Sensor
 from slowtime.dynamics.effects import Place
 from slowtime.dynamics.plant import Plant
 from slowtime.signals.spectra import transform
@@ -89,6 +89,17 @@ def test_places_that_the_sensors_cannot_tell_apart_are_named_together(found):
     assert whole.group(Place("element", "j0")).twins == ()
 
 
+def test_the_base_comes_before_its_twins_and_before_nothing_else(found):
+    _, (_, _, result) = found["base"]
+    others = [g for g in result.groups if Place("base", "base") not in g.places]
+    twin = next(g for g in others if Place("base", "base") in g.twins)
+    rest = tuple(g for g in result.groups if g is not twin)
+    behind = dataclasses.replace(result, groups=(twin, *rest))
+    assert Place("base", "base") in behind.base_first().groups[0].places
+    _, (_, _, whole) = found["cubic"]
+    assert whole.base_first() is whole
+
+
 def test_the_force_is_recovered_with_an_honest_error(found):
     rig, trials, result = found["cubic"][1]
     names = [s.channel for s in rig.description.sensors]
@@ -162,12 +173,29 @@ def test_gaps_in_a_channel_do_not_hide_the_place(campaign, wrong):
 def test_free_decays_have_the_spectrum_of_what_is_run(campaign):
     rig, _ = campaign(0, masses=2, seconds=1.0, levels=(1.0,))
     linear = Linear.of(rig.description)
-    sensed, motion = linear.free(300, 50.0)
-    frequency, plain = transform(sensed.reshape(300, -1), 50.0)
-    told, moved = linear.free_spectra(frequency, 300, 50.0)
-    assert told.reshape(plain.shape) == pytest.approx(plain, rel=1e-6, abs=1e-9)
-    _, q = transform(motion[0].reshape(300, -1), 50.0)
-    assert moved[0].reshape(q.shape) == pytest.approx(q, rel=1e-6, abs=1e-9)
+    spectra = linear.free_spectra(np.fft.rfftfreq(300, 1 / 50.0), 300, 50.0)
+    for k, state in enumerate(np.eye(4)):
+        sensed, motion = linear.free(300, 50.0, state)
+        plain = transform(sensed, 50.0)[1]
+        assert spectra.sensed[:, :, k] == pytest.approx(plain, rel=1e-6, abs=1e-9)
+        for order in range(3):
+            plain = transform(motion[order], 50.0)[1]
+            assert spectra.moved(state)[order] == pytest.approx(plain, rel=1e-6, abs=1e-9)
+
+
+def test_free_decays_of_what_floats_have_the_spectrum_of_what_is_run():
+    alone = Description(
+        name="one",
+        nodes=(Node(id="m", mass_kg=2.0),),
+        elements=(),
+        sensors=(Sensor(channel="x", quantity="displacement", node="m", unit="m"),),
+    )
+    linear = Linear.of(alone)  # both its poles are 1: no matrix of modes has an inverse
+    spectra = linear.free_spectra(np.fft.rfftfreq(300, 1 / 50.0), 300, 50.0)
+    state = np.array([0.5, 2.0])
+    plain = transform(linear.free(300, 50.0, state)[0], 50.0)[1]
+    # On its own line, at 0, a pole is told of no more.
+    assert (spectra.sensed @ state)[1:] == pytest.approx(plain[1:], rel=1e-5)
 
 
 def test_changed_constants_change_the_residual_as_the_plant_does(campaign):
@@ -272,3 +300,16 @@ def test_transfers_have_the_hidden_coordinates_of_the_reference_in_them(campaign
     left = np.concatenate([miss.real, miss.imag]).reshape(-1)
     left = left - decays @ np.linalg.lstsq(decays, left, rcond=None)[0]
     assert np.linalg.norm(left) < 0.01 * np.linalg.norm(lines.residual)
+
+
+def test_a_motion_that_grows_beyond_bounds_is_followed_no_further(campaign, wrong, monkeypatch):
+    def away(self, found):
+        self.white = [
+            dataclasses.replace(one, inner=np.full_like(one.inner, np.inf))
+            for one in self.white
+        ]
+
+    monkeypatch.setattr(latent._Place, "go_to", away)
+    rubs = wrong(element=1, force=friction)
+    _, _, result = located(campaign, 3, rubs, masses=2, seconds=10.0, levels=(1.0,))
+    assert Place("element", "j1") in result.groups[0].places

@@ -9,20 +9,12 @@ from slowtime.discrepancy.diagnosis import Named
 from slowtime.discrepancy.pruning import pruned
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refit import refit
-from slowtime.dynamics.builders import chain
-from slowtime.dynamics.description import Input, Sensor, Tolerance
-from slowtime.dynamics.effects import Effect, Place, catalogue
+from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
+from tests.slowtime.discrepancy.rigs import ONE, PLACE
 
 RATE = 50.0
 KINDS = catalogue()
-ONE = dataclasses.replace(
-    chain([2.0], [800.0], dampings_n_s_per_m=[1.6]),
-    inputs=(Input(channel="u", kind="force", node="m1", unit="N"),),
-    sensors=(Sensor(channel="x", quantity="displacement", node="m1", unit="m"),),
-    tolerance=Tolerance(stiffness=0.02, damping=0.15),
-)
-PLACE = Place("element", ONE.elements[0].id)
 CUBIC = Effect("cubic_hardening", PLACE, {"k3_n_per_m3": 1e5})
 DRAG = Effect("quadratic_damping", PLACE, {"c2_n_s2_per_m2": 4.0})
 LOSS = Effect("stiffness_loss", PLACE, {"dk_n_per_m": 5.0})

@@ -121,3 +121,23 @@ def test_values_find_their_way_into_the_description(campaign):
     changed = plant.values * np.linspace(1.1, 1.7, len(plant.values))
     named = dict(zip(plant.parameters, changed.tolist(), strict=True))
     assert Plant.of(with_values(plant.description, named)).values == pytest.approx(changed)
+
+
+def test_a_record_may_begin_before_its_sensors_hear_anything(campaign):
+    rig, (trial, *_) = campaign(4, mode="states", masses=2)
+    use = trial.used.copy()
+    use[: len(use) // 3] = False
+    fit = refit(plant_of(rig), [dataclasses.replace(trial, use=use)])
+    assert np.abs((fit.free - truth(rig)) / fit.sd).max() < 4.0
+
+
+def test_what_is_left_widens_what_the_records_tell_and_not_what_is_claimed(clean):
+    fit = clean[1][2]
+    calm = dataclasses.replace(fit, chi2_in_band=1.0)
+    np.testing.assert_allclose(calm.widened_sd, fit.sd, rtol=1e-6)
+    loud = dataclasses.replace(fit, chi2_in_band=1e6)
+    assert (loud.widened_sd <= 1.001 * fit.prior.sd).all()
+    assert (loud.widened_sd > 5 * fit.sd).any()
+    free = dataclasses.replace(fit.prior, sd=np.full_like(fit.prior.sd, np.inf))
+    unclaimed = dataclasses.replace(fit, prior=free, chi2_in_band=9.0)
+    np.testing.assert_allclose(unclaimed.widened_sd, 3 * fit.sd, rtol=1e-6)

@@ -1,0 +1,112 @@
+"""Sensors of one quantity that look exchanged: told, with the roles that mend it.
+
+Sizes do not tell two accelerometers apart. But if third-octave powers are nearer to the model's
+with two sensors exchanged, and the model, refitted within its tolerances, then explains the
+record several times as well, it is the wires: no effect within a structure exchanges sensors.
+"""
+
+import dataclasses
+import itertools
+
+import numpy as np
+from jaxtyping import Float
+
+from slowtime.discrepancy.records import Campaign, Trial
+from slowtime.discrepancy.refit import refit
+from slowtime.dynamics.description import Description
+from slowtime.dynamics.plant import Plant
+from slowtime.signals.spectra import detrended, periodogram
+from slowtime_services.files import RecordError
+
+BETTER = 0.25
+"""Share of what is left unexplained that an exchange may leave, to be told of."""
+OCTAVE = 2 ** (1 / 3)
+DECADES = 1e-4
+"""Power over the greatest of a sensor below which a band says nothing."""
+
+
+def refuse_swaps(campaign: Campaign, plant: Plant, name: str, cure: str) -> None:
+    """Refuse a campaign whose first record speaks for two sensors of a kind being exchanged.
+
+    Parameters
+    ----------
+    name
+        What to call that record.
+    cure
+        What to do where it is as it should be.
+    """
+    sensors = campaign.description.sensors
+    trial = min(campaign.trials, key=lambda one: len(one.outputs)).trimmed()
+    if not trial.used.any(axis=0).all():
+        return
+    made = plant.simulate(plant.values, trial.inputs, trial.rate_hz)
+    likely = likely_pair(campaign.description, trial, made)
+    if likely is None:
+        return
+    other = _exchanged(trial, *likely)
+    before, after = _unexplained(plant, trial), _unexplained(plant, other)
+    if after > BETTER * before:
+        return
+    one, two = (sensors[i].channel for i in likely)
+    raise RecordError(
+        f"{name}: {one} and {two} look exchanged: refitted within its tolerances, the model "
+        f"leaves {before:.0%} of the record unexplained, and {after:.2g} of it with these two "
+        f"exchanged. Say --channel {one}={two} --channel {two}={one}. {cure}"
+    )
+
+
+def likely_pair(
+    description: Description, trial: Trial, made: Float[np.ndarray, "time sensor"]
+) -> tuple[int, int] | None:
+    """Give two sensors of a kind whose powers are nearer to the model's if exchanged."""
+    sensors = description.sensors
+    pairs = [
+        (i, j)
+        for i, j in itertools.combinations(range(len(sensors)), 2)
+        if sensors[i].quantity == sensors[j].quantity and sensors[i].node != sensors[j].node
+    ]
+    if not pairs or not np.isfinite(made).all():
+        return None
+    apart = _apart(trial, made)
+    best = min(pairs, key=lambda pair: _gain(apart, *pair))
+    return best if _gain(apart, *best) < 0 else None
+
+
+def _gain(apart: Float[np.ndarray, "sensor sensor"], i: int, j: int) -> float:
+    """Tell how much further from the model two sensors are when they are exchanged."""
+    return float(apart[i, j] + apart[j, i] - apart[i, i] - apart[j, j])
+
+
+def _apart(
+    trial: Trial, made: Float[np.ndarray, "time sensor"]
+) -> Float[np.ndarray, "sensor sensor"]:
+    """Compare powers: mean squared logarithm of what the model makes over what was measured."""
+    one, two = _powers(made, trial.rate_hz), _powers(trial.measured, trial.rate_hz)
+    heard = (one > DECADES * one.max(axis=0)) | (two > DECADES * two.max(axis=0))
+    heard = heard.any(axis=1)
+    logs = np.log(one[heard])[:, :, None] - np.log(two[heard])[:, None, :]
+    return np.asarray(np.mean(logs**2, axis=0))
+
+
+def _powers(
+    series: Float[np.ndarray, "time sensor"], rate_hz: float
+) -> Float[np.ndarray, "band sensor"]:
+    spectrum = periodogram(detrended(series), rate_hz)
+    frequency = spectrum.frequency_hz
+    top, low = float(frequency[-1]), 4 * float(frequency[1])
+    edges = low * OCTAVE ** np.arange(int(np.log(top / low) / np.log(OCTAVE)) + 1)
+    first = np.searchsorted(frequency, edges)
+    power = np.add.reduceat(spectrum.density, np.unique(first[first < len(frequency)]), axis=0)
+    return np.asarray(np.maximum(power, 1e-12 * power.max(axis=0) + 1e-300))
+
+
+def _exchanged(trial: Trial, i: int, j: int) -> Trial:
+    outputs = trial.outputs.copy()
+    outputs[:, [i, j]] = trial.outputs[:, [j, i]]
+    return dataclasses.replace(trial, outputs=outputs)
+
+
+def _unexplained(plant: Plant, trial: Trial) -> float:
+    """Power that the refitted model leaves over what was measured, the mean over sensors."""
+    left = refit(plant, (trial,)).residual[0]
+    return float(np.mean(np.mean(left**2, axis=0) / np.var(trial.measured, axis=0)))

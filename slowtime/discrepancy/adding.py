@@ -1,0 +1,113 @@
+"""A fit and an effect in; the model that has both, and where its own fit begins, out."""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from slowtime.dynamics.description import Description
+from slowtime.dynamics.effects import Effect, Kind, Place
+from slowtime.dynamics.plant import Name, Plant
+
+from .candidates import Start
+from .floor import Noise
+from .records import Trial
+from .refit import Fit, weights_of
+
+
+def with_effect(description: Description, effect: Effect) -> Description:
+    """Write one more effect into a description."""
+    return dataclasses.replace(description, effects=(*description.effects, effect.entry()))
+
+
+def begun_with(
+    before: Fit, effect: Effect, kinds: Mapping[str, Kind], start: Start | None = None
+) -> tuple[Plant, Float[np.ndarray, " parameter"], list[Float[np.ndarray, " state"]]]:
+    """Give a model with one more effect, and the values and states to begin its fit with.
+
+    Those that the fit has or, where given, those of another `start`.
+    """
+    # Priors stay those of the nominal constants; what was found so far is where to start.
+    plant = Plant.of(with_effect(before.plant.description, effect), kinds=kinds)
+    known: dict[Name, float] = dict(
+        zip(before.plant.parameters, before.values.tolist(), strict=True)
+    )
+    if start is None:
+        states = _states(before, plant)
+    else:
+        known.update(start.constants.items())
+        names = plant.state_names
+        states = [np.array([one.get(n, 0.0) for n in names]) for one in start.states]
+    values = np.array([known.get(name, entry.value) for name, entry in plant.entries.items()])
+    return plant, values, states
+
+
+def carrying(before: Fit, effect: Effect, kinds: Mapping[str, Kind]) -> Fit:
+    """Write an effect that moves nothing in the mean into the model of a fit."""
+    plant = Plant.of(with_effect(before.plant.description, effect), kinds=kinds)
+    values = np.concatenate([before.values, plant.values[len(before.values) :]])
+    return dataclasses.replace(before, plant=plant, values=values)
+
+
+def free_run(
+    before: Fit,
+    effect: Effect,
+    start: Start | None,
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+) -> float:
+    """Chi squared of a free run of a model with one more effect, as it would begin its fit."""
+    plant, values, states = begun_with(before, effect, kinds, start)
+    return run_by(plant, values, states, before.noise, trials)
+
+
+def run_by(
+    plant: Plant,
+    values: Float[np.ndarray, " parameter"],
+    states: Sequence[Float[np.ndarray, " state"]],
+    noise: Noise,
+    trials: Sequence[Trial],
+    numbers: Sequence[int] | None = None,
+) -> float:
+    """Chi squared of free runs in all trials, or in some; infinite where one runs away."""
+    total = 0.0
+    for number in range(len(trials)) if numbers is None else numbers:
+        trial = trials[number]
+        outputs = plant.simulate(
+            values,
+            trial.inputs,
+            trial.rate_hz,
+            state0=states[number],
+            start_s=trial.start_s,
+        )
+        total += weights_of(trial, noise, number).chi2(trial.measured - outputs)
+    return total if math.isfinite(total) else math.inf
+
+
+def _states(before: Fit, plant: Plant) -> list[np.ndarray]:
+    """Give initial states to more coordinates than there were; the new ones rest."""
+    names = before.plant.state_names
+    return [
+        np.array(
+            [
+                dict(zip(names, state.tolist(), strict=True)).get(n, 0.0)
+                for n in plant.state_names
+            ]
+        )
+        if state.size
+        else state
+        for state in before.states
+    ]
+
+
+def effects_of(description: Description) -> list[Effect]:
+    """Effects of a description, in order."""
+    found = []
+    for entry in description.effects:
+        rest = {key: value for key, value in entry.items() if key != "effect"}
+        kind = next((k for k in ("element", "node", "input", "sensor") if k in rest), "base")
+        place = Place(kind, str(rest.pop(kind, "base")))  # type: ignore[arg-type]
+        found.append(Effect(str(entry["effect"]), place, rest))
+    return found

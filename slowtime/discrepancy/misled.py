@@ -1,0 +1,60 @@
+"""Models that leave much of what they were fitted to, in; those that at least do no harm, out.
+
+An effect that does not explain the records, and leads further astray on those it never saw than
+the model as it was given, is left out; and so is a refit of constants that does the same.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from slowtime.dynamics.effects import Unmeasured
+
+from .adding import carrying
+from .answer import UNWHITE, Found
+from .gap import judge, judged, whiteness
+from .records import Campaign
+from .screen import screen
+
+WORSE = 1.02
+"""Times the error of the model as given that is not much worse."""
+
+
+def unmisled(found: Found, campaign: Campaign) -> None:
+    """Leave out what was added last while it explains neither what was fitted nor what was not.
+
+    Where all that was fitted is explained, a free run may go astray for reasons of its own:
+    motion may be chaotic, and a clock unknown. And what moves nothing in the mean, as a base
+    that nobody measured, leaves what it leaves; only the constants may be better as given.
+    """
+    first, last = found.fits[0], found.fits[-1]
+    if whiteness(last) > UNWHITE or len(found.fits) != 1 + len(found.answers):
+        return
+    own = [v for name, v in zip(last.plant.parameters, last.values, strict=True)
+           if name[:2] == ("effect", len(last.plant.effects) - 1)]  # fmt: skip
+    kinds = last.plant.kinds
+    unmeasured = [
+        answer.effect
+        for answer in found.answers
+        if isinstance(kinds[answer.effect.kind].action, Unmeasured)
+    ]
+    if found.answers and not np.any(own):
+        return
+    tests = judged(found.trials, tuple(screen(trial).trial for trial in campaign.holdout))
+    given = dataclasses.replace(first, values=first.plant.values)
+    bar = WORSE * float(judge(campaign.description, given, tests).error.mean())
+    while whiteness(found.fits[-1]) <= UNWHITE:
+        last = found.fits[-1]
+        if float(judge(last.plant.description, last, tests).error.mean()) <= bar:
+            return
+        if len(found.answers) == len(unmeasured) == 1:
+            found.fits = [given, carrying(given, unmeasured[0], kinds)]
+            return
+        found.left = found.left or found.located
+        if not found.answers:
+            found.fits[0] = given
+            return
+        if found.undecided:
+            found.undecided, found.pair = (), None
+        found.fits.pop()
+        found.answers.pop()

@@ -1,0 +1,441 @@
+"""A refitted model in; the effects that it lacks, found one by one, out.
+
+Each effect is looked for in what the others leave. Where the first was named while another as
+strong was missing, it may be the wrong one, or stand in the way: as long as much is left, one
+begins again from the other end, with the second, or with the next that might have been first.
+"""
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from slowtime.dynamics.effects import Effect, Kind, Law
+
+from .adding import carrying
+from .answer import UNWHITE, Found
+from .between import FAINT, Hold, held_instead, with_holds
+from .candidates import Candidate, Label, candidates, label_of, mirrored
+from .diagnosis import Named as Answer
+from .diagnosis import Rival
+from .downward import Downward
+from .further import in_pieces, left_by, shot_too
+from .gap import whiteness
+from .locate import locate
+from .naming import (
+    KEPT,
+    Named,
+    chosen,
+    evidence,
+    refit_all,
+    refitted,
+    rescored,
+    stands,
+)
+from .outrun import within
+from .paired import pairs
+from .records import Trial
+from .refit import Fit, pieces, refit
+from .shaken import base_answer, follows, placed
+from .shapes import like_constant
+from .unbent import unbent
+from .verdict import (
+    DECIDED,
+    FALSE_ALARM,
+    LEAST_GAIN,
+    TEMPER,
+    answer_of,
+    moved_of,
+    rivals_within,
+    shares_of,
+)
+from .wandering import wandering
+from .watch import Watch
+
+SILENT = 0.01
+"""Chance of so large a chi squared above which nothing more is looked for after the first."""
+MOST, LATER, TWICE = 3, 3, 2
+"""Effects that are looked for, one after the other; labels refitted for the later ones, and
+where what is left is left at a place that has an effect already."""
+HASTY = 3
+"""Labels refitted where it is to be quick."""
+EXPLAINED = 1.5
+"""Mean square over the noise, in band, up to which one does not begin again."""
+FLAW = 0.003
+"""Share of what was missing at first, of which one does not begin again either."""
+ANEW, DOWN = 2, 6
+"""Labels that were refitted, and labels further down, with which one begins again."""
+LEAST_SHARE = 1e-6
+"""Probability from which a rival is told."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Search:
+    """What is looked for, and who is told.
+
+    Parameters
+    ----------
+    quick
+        One effect is looked for, among few.
+    stated
+        What the model says of its inputs between samples; as it stands where not given.
+    """
+
+    kinds: Mapping[str, Kind]
+    tell: Watch
+    quick: bool = False
+    stated: tuple[Hold, ...] | None = None
+
+    @property
+    def most(self) -> int:
+        """How many effects are looked for."""
+        return 1 if self.quick else MOST
+
+
+def search(first: Fit, trials: tuple[Trial, ...], how: Search) -> Found:
+    """Find what a model lacks, one effect after the other."""
+    found = Found([first], trials)
+    if how.quick:
+        _go_on(found, how, 0)
+        return found
+    one = _next(found, how, 0)
+    two = None if _done(found) else _with_pair(found, first, trials, how)
+    if two is not None:
+        found = two
+    elif one and not _ends(found, how, 0):
+        _go_on(found, how, 1)
+    cut = len(found.trials) != len(trials)
+    if not found.named or found.holds is not None or cut or _done(found):
+        return found
+    for other in _others(found, how):
+        if _done(found):
+            break
+        if how.tell.hurries:
+            found.hurried = True
+            break
+        branch = Found([first], trials, located=found.located)
+        bent = bool(moved_of(first))
+        if _accept(branch, unbent(first, trials), [other], trials, how, pulled=bent):
+            _go_on(branch, how, 1)
+            found = _better(found, branch, how.kinds)
+    return found
+
+
+def _done(found: Found) -> bool:
+    first, last = found.fits[0], found.fits[-1]
+    # Friction that sticks leaves a little wherever its fit ends: its misfit has many minima.
+    little = last.chi2_in_band - 1 < FLAW * (first.chi2_in_band - 1)
+    enough = last.chi2_in_band < EXPLAINED or whiteness(last) > UNWHITE
+    return found.ended or enough or (bool(found.answers) and little)
+
+
+def _go_on(found: Found, how: Search, begun: int) -> None:
+    """Look for effects until there is none, or there are enough."""
+    for number in range(begun, how.most):
+        if not _next(found, how, number) or _ends(found, how, number):
+            return
+
+
+def _ends(found: Found, how: Search, number: int) -> bool:
+    """Whether what was found is to be enough; then, what it leaves."""
+    found.hurried = how.tell.hurries
+    if not found.hurried and number < how.most - 1:
+        return False
+    # What the last effect leaves, not what there was before it.
+    how.tell("looking at what is left", 0.9)
+    found.left = locate(found.fits[-1], found.trials)
+    return True
+
+
+def _with_pair(
+    found: Found, first: Fit, trials: tuple[Trial, ...], how: Search
+) -> Found | None:
+    """Begin with two laws at once, where both leave nothing and the best of all leaves much."""
+    if found.located is None or found.holds is not None or how.tell.hurries:
+        return None
+    before = unbent(first, trials)
+    good: list[tuple[Candidate, Named]] = []
+    for one, other in pairs(before, found.located, found.tried, how.kinds):
+        how.tell(f"refitting {one.effect.kind} and {other.effect.kind}", 0.35)
+        known = carrying(before, one.effect, how.kinds)
+        noise = good[0][1].fit.noise if good else None
+        enough = EXPLAINED * before.data
+        both = refitted(
+            known, other.effect, trials, how.kinds, noise, enough, start=other.start
+        )
+        if both is not None and both.fit.chi2_in_band < EXPLAINED:
+            good.append((one, both))
+    good.sort(key=lambda pair: -pair[1].score)
+    if not good:
+        return None
+    one, both = good[0]
+    alone = refitted(before, one.effect, trials, how.kinds, both.fit.noise)
+    if alone is None:
+        return None
+    branch = Found(
+        [first, alone.fit], trials, located=found.located, named=found.named, tried=found.tried
+    )
+    branch.answers.append(answer_of([alone], [1.0], how.kinds))
+    if not _accept(branch, alone.fit, [both], trials, how, pulled=False):
+        return None
+    _share(
+        branch,
+        [(label_of(first.effect), label_of(named.effect)) for first, named in good],
+        [named for _, named in good],
+    )
+    if not _ends(branch, how, 1):
+        _go_on(branch, how, 2)
+    return branch
+
+
+def _share(found: Found, pairs: Sequence[tuple[Label, Label]], named: Sequence[Named]) -> None:
+    """Give each of two laws the probability of all pairs that it is one of."""
+    shares = shares_of(named)
+    for number, answer in enumerate(found.answers):
+        label = label_of(answer.effect)
+        rivals = tuple(
+            Rival(*other, share)
+            for pair, share in zip(pairs, shares, strict=True)
+            for other in pair
+            if label not in pair and other not in pairs[0] and share > LEAST_SHARE
+        )
+        sure = sum(s for pair, s in zip(pairs, shares, strict=True) if label in pair)
+        found.answers[number] = dataclasses.replace(answer, probability=sure, rivals=rivals)
+        if sure < DECIDED and not found.undecided:
+            found.undecided = (Rival(*label, sure), *rivals)
+            found.pair = tuple(named[:2])
+
+
+def _others(found: Found, how: Search) -> Iterator[Named]:
+    """Labels with which one might have begun: the second found, the next best, what is left."""
+    first, *rest = found.named
+    second = [answer.effect for answer in found.answers[1:2]]
+    known = {label_of(one.effect): one for one in rest}
+    for effect in second:
+        if label_of(effect) in known:
+            yield known.pop(label_of(effect))
+        else:
+            own = [c for c in found.tried if label_of(c.effect) == label_of(effect)]
+            label = own[0] if own else Candidate(effect, 0.0, 0.0, 0.0)
+            yield from _refitted(found, [label], how)
+    kin = how.kinds[first.effect.kind].family
+    apart = (
+        one
+        for one in known.values()
+        if (how.kinds[one.effect.kind].family, one.effect.place) != (kin, first.effect.place)
+    )
+    yield from itertools.islice(apart, ANEW)
+    seen = (*(one.effect for one in found.named), *second)
+    done = {label_of(effect) for effect in seen}
+    down = [c for c in found.tried if label_of(c.effect) not in done][:DOWN]
+    for label in down:
+        for named in _refitted(found, [label], how):
+            if named.fit.cost < first.fit.cost:
+                yield named
+
+
+def _refitted(found: Found, labels: list[Candidate], how: Search) -> list[Named]:
+    def tick(effect: Effect, _: int) -> bool:
+        how.tell(f"refitting {effect.kind} at {effect.place}", 0.85)
+        return how.tell.hurries
+
+    before = unbent(found.fits[0], found.trials)
+    return refit_all(before, labels, found.trials, how.kinds, tick)
+
+
+def _better(found: Found, branch: Found, kinds: Mapping[str, Kind]) -> Found:
+    """Give the likelier of two accounts, by the noise of the one that leaves least."""
+    if len(found.trials) != len(branch.trials):
+        # One of them is judged by pieces of records: nothing less would have explained them.
+        return branch if _done(branch) else found
+    if not branch.answers:
+        return found
+    one, other = found.fits[-1], branch.fits[-1]
+    least = min((one, other), key=left_by)
+    scores = [
+        evidence(fit, kinds)
+        if fit is least
+        else rescored(
+            Named(branch.answers[-1].effect, fit.plant.description, fit, 0.0),
+            least,
+            found.trials,
+            kinds,
+        ).score
+        for fit in (one, other)
+    ]
+    lead = scores[1] - scores[0]
+    if lead < LEAST_GAIN:
+        return found
+    share = 1 / (1 + math.exp(-min(TEMPER * lead / max(least.chi2_in_band, 1.0), 50.0)))
+    head, *rest = branch.answers
+    head = dataclasses.replace(head, probability=share * head.probability)
+    return dataclasses.replace(
+        branch, answers=[head, *rest], named=found.named, tried=found.tried
+    )
+
+
+def _next(found: Found, how: Search, number: int) -> bool:
+    """Look for one more effect; False where there is none."""
+    before = found.fits[-1]
+    pulled = bool(moved_of(before))
+    if found.answers and not pulled and whiteness(before) > SILENT:
+        return False
+    held = unbent(before, found.trials)
+    if _after(found, held, how, number, pulled=pulled):
+        return True
+    # Another effect that is still missing may be what bends them, and needs them so.
+    over = number == 0 or held is before or found.ended or found.holds is not None
+    return (
+        not over and not how.tell.hurries and _after(found, before, how, number, pulled=pulled)
+    )
+
+
+def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool) -> bool:
+    """Look for one more effect than a fit has."""
+    kinds, tell = how.kinds, how.tell
+    share = 0.1 + 0.27 * number
+    tell("locating what is left", share)
+    located = locate(before, found.trials)
+    found.located, found.left = found.located or located, located
+    if located.p_value > FALSE_ALARM and not pulled:
+        return False
+    tell("trying effects", share + 0.05)
+    tried = candidates(before, located, kinds)
+    based = located.base_first()
+    shaken = base_answer(based, tried, kinds, first=number == 0)
+    if shaken is not None and placed(based, tried):
+        return _ended(found, before, shaken, kinds)
+    # Twice at one place: what no single law explains there is more likely a law unknown.
+    again = any(a.effect.place in located.groups[0].places for a in found.answers)
+    tried = [one for one in tried if not _bends_twice(one.effect, found.answers, kinds)]
+    most = HASTY if how.quick else KEPT
+    labels = chosen(tried, (TWICE if again else LATER) if number else most)
+    channels = tuple(s.channel for s in before.plant.description.sensors)
+    if len(channels) == 1:
+        labels += mirrored(labels, tried, kinds)
+    trials = within(found.trials, channels, (one.effect for one in labels), kinds)
+    named: list[Named] = []
+
+    def tick(effect: Effect, i: int) -> bool:
+        tell(f"refitting {effect.kind} at {effect.place}", share + 0.08 + 0.18 * i / most)
+        # One law at least is tried: what it leaves tells whether there is one.
+        return tell.hurries and (number > 0 or i > 0 or bool(named))
+
+    bent = found.fits[-1]
+    down = None if number or how.quick else Downward(bent, before, tried, labels, trials, kinds)
+    named = refit_all(before, labels, trials, kinds, tick, more=down)
+    if not named or whiteness(named[0].fit) < UNWHITE:
+        drift = wandering(located, kinds)
+        if drift is not None:
+            # Its course is no law's: a free run is better off without.
+            still = dict.fromkeys(drift.effect.parameters, 0.0)
+            silent = dataclasses.replace(drift.effect, parameters=still)
+            return _ended(found, before, drift, kinds, silent)
+        # What is as slow as that is a sensor's, though the base would do the same.
+        if shaken is not None and not (named and follows(named[0].fit, before, trials)):
+            return _ended(found, before, shaken, kinds)
+    if not how.quick:
+        named = shot_too(before, labels, named, trials, kinds, tick)
+    if number == 0:
+        found.named, found.tried = tuple(named), tuple(tried)
+    twice = again and not any(one.effect.place.kind == "sensor" for one in named[:1])
+    return _accept(found, before, named, trials, how, pulled=pulled, twice=twice)
+
+
+def _ended(
+    found: Found,
+    before: Fit,
+    answer: Answer,
+    kinds: Mapping[str, Kind],
+    carried: Effect | None = None,
+) -> bool:
+    """Take what no law follows, and look no further; False, as there is no more."""
+    found.answers.append(answer)
+    found.fits.append(carrying(before, carried or answer.effect, kinds))
+    found.left, found.ended = None, True
+    return False
+
+
+def _accept(
+    found: Found,
+    before: Fit,
+    named: Sequence[Named],
+    trials: tuple[Trial, ...],
+    how: Search,
+    *,
+    pulled: bool,
+    twice: bool = False,
+) -> bool:
+    """Take the best of what was refitted, if it is worth it; whether it was."""
+    kinds = how.kinds
+    channels = tuple(s.channel for s in before.plant.description.sensors)
+    short = in_pieces(named, kinds)
+    states = before.states
+    if short:
+        named = short
+        found.trials = trials = pieces(before.plant, trials)[0]
+        states = tuple(np.zeros(0) for _ in trials)
+    named = [one for one in named if stands(one, trials, kinds)]
+    if not named:
+        return False
+    best = named[0]
+    bar = refit(
+        before.plant, trials, noise=best.fit.noise, values=before.values,
+        states=states, horizons=(1.0,),
+    )  # fmt: skip
+    cut = any(len(fit.states) != len(trials) for fit in found.fits)
+    holds = None if cut else held_instead(best.fit, bar, trials, kinds, how.stated)
+    if holds is not None:
+        found.holds = holds
+        found.fits = [with_holds(fit, holds, found.trials, kinds) for fit in found.fits]
+        return True
+    # Where a constant has left its tolerance, something is missing; the question is what.
+    least = 0.0 if pulled and like_constant(kinds[best.effect.kind]) else LEAST_GAIN
+    if best.score - _bare(bar) < least:
+        return False
+    # Long records tell the least flaw of what was found first from noise.
+    if found.answers and not pulled and bar.cost - best.fit.cost < FAINT * bar.data:
+        return False
+    # That constants were claimed too well is an answer too, and has its share.
+    besides = [_retuned(bar)] if pulled else []
+    shares = shares_of(named, besides)
+    if sum(shares) < 1 - DECIDED:
+        return False
+    if twice and whiteness(best.fit) < UNWHITE:
+        return False
+    found.fits.append(best.fit)
+    found.trials = within(found.trials, channels, (best.effect,), kinds)
+    found.answers.append(answer_of(named, shares, kinds))
+    if shares[0] < DECIDED and not found.undecided:
+        found.undecided = rivals_within(named, shares)
+        found.pair = tuple(named[: len(found.undecided)])
+        found.retuned = bool(besides) and 1 - sum(shares) > 1 - DECIDED
+    return True
+
+
+def _bends_twice(effect: Effect, answers: Sequence[Answer], kinds: Mapping[str, Kind]) -> bool:
+    """Whether an effect is of the family of one found at its place: a curve in pieces."""
+    kind = kinds[effect.kind]
+    switched = isinstance(kind.action, Law) and bool(kind.action.switches)
+    if kind.quadrature is not None or switched:
+        return False
+    return any(
+        answer.effect.place == effect.place and answer.family == kind.family
+        for answer in answers
+    )
+
+
+def _retuned(fit: Fit) -> float:
+    """Log evidence of constants whose tolerance was stated five times too small."""
+    pulls = np.array([p for name, p in fit.pulls.items() if name[0] != "effect"])
+    wide = 5.0
+    relief = pulls**2 / 2 * (1 - wide**-2) - np.log(wide)
+    return _bare(fit) + float(relief.sum())
+
+
+def _bare(fit: Fit) -> float:
+    """Log evidence of a fit whose effects stand."""
+    numbers = sum(name[0] == "effect" for name in fit.prior.names)
+    return float(-fit.cost / 2 - numbers / 2 * np.log(fit.data))

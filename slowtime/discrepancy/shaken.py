@@ -1,0 +1,99 @@
+"""What nobody in the structure makes, in; whether the base moved, as nobody measured, out."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from slowtime.dynamics.effects import Effect, Kind, Unmeasured
+
+from .candidates import SEVERAL, Candidate
+from .diagnosis import Named as Answer
+from .diagnosis import Number
+from .locate import Located
+from .records import Trial
+from .refit import Fit, refit
+from .verdict import FALSE_ALARM, LEAST_GAIN, TEMPER, sentence_of
+
+PLACED = 1.2
+"""Times what an unknown motion of the base leaves that any other force must leave."""
+SIZE_SD = 0.05
+"""Relative standard deviation of the size of a random motion, as recovered in band."""
+BY_LAWS, BY_SOME = 0.6, 0.2
+"""Share of a gain that some law may explain of what nobody within the structure makes; and
+where that is not all that is missing."""
+
+
+def base_answer(
+    located: Located, tried: Sequence[Candidate], kinds: Mapping[str, Kind], *, first: bool
+) -> Answer | None:
+    """Name a motion of the base that nobody measured, where it beats all else.
+
+    It must be likelier than an unknown force anywhere else, and than any law; where it enters
+    tells it from a force. Where sensors are too few for that, or it does not explain all that
+    is missing, no law may explain much: a force within the structure is made by the motion, one
+    from outside is not. Nor can it in the first case be told once something else was found
+    `first`.
+    """
+    group = located.groups[0]
+    unmeasured = [k for k in kinds.values() if isinstance(k.action, Unmeasured)]
+    place = next((p for p in group.places if p.kind == "base"), None)
+    if not unmeasured or place is None or unmeasured[0].strength is None:
+        return None
+    if any(p.kind in ("element", "node") for p in group.places):
+        return None
+    if any(one.kind == "base_acceleration" for one in located.linear.description.inputs):
+        return None  # somebody did measure it
+    likelihood = group.explained.likelihood
+    apart = [g for g in located.groups[1:] if not set(g.places) & set(group.twins)]
+    rivals = [g.explained.likelihood for g in apart]
+    rivals += [-c.cost / 2 for c in tried]
+    lead = likelihood - max(rivals, default=-math.inf)
+    if lead < LEAST_GAIN or located.p_value > FALSE_ALARM:
+        return None
+    made = max((-c.cost / 2 for c in tried), default=-math.inf)
+    if group.twins and not first:
+        return None
+    several = group.left > SEVERAL
+    share = BY_SOME if several else BY_LAWS
+    if several or group.twins:
+        if made > likelihood - (1 - share) * group.score:
+            return None
+    kind = unmeasured[0]
+    assert kind.strength is not None
+    forces = [located.latent(place, i).force for i in range(len(located.trials))]
+    power = float(np.mean(np.concatenate(forces) ** 2))
+    size = math.sqrt(power)
+    numbers = {kind.strength: Number(size, SIZE_SD * size, kind.parameter(kind.strength).unit)}
+    return Answer(
+        effect=Effect(kind.name, place, {kind.strength: size}),
+        family=kind.family,
+        numbers=numbers,
+        probability=float(1 / (1 + math.exp(-min(TEMPER * lead, 50.0)))),
+        rivals=(),
+        sentence=sentence_of(kind, place, numbers),
+    )
+
+
+def placed(located: Located, tried: Sequence[Candidate]) -> bool:
+    """Whether no force but one on the base could be what is missing, and it is all.
+
+    What a fault of the measured motion explains of it has to be seen in a free run first.
+    """
+    first, *rest = located.groups
+    bare = first.explained.likelihood - first.score
+    return (
+        not first.twins
+        and first.left < SEVERAL
+        and all(group.left > PLACED * first.left for group in rest)
+        and all(-one.cost / 2 < bare + BY_SOME * first.score for one in tried)
+    )
+
+
+def follows(law: Fit, before: Fit, trials: tuple[Trial, ...]) -> bool:
+    """Whether a law in a free run explains the half: no motion of the base would let it."""
+    bar = refit(
+        before.plant, trials, noise=law.noise, values=before.values,
+        states=before.states, horizons=(1.0,),
+    )  # fmt: skip
+    return law.cost - law.data < (bar.cost - bar.data) / 2

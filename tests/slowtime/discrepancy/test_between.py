@@ -1,0 +1,91 @@
+"""What inputs do between samples is found out, and never mistaken for something missing."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from slowtime.discrepancy.adding import with_effect
+from slowtime.discrepancy.between import found_holds, held_as, held_instead
+from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.refit import refit
+from slowtime.dynamics.builders import chain
+from slowtime.dynamics.description import Input, Sensor, Tolerance
+from slowtime.dynamics.effects import Effect, Place, catalogue
+from slowtime.dynamics.plant import Plant
+
+RATE = 200.0
+KINDS = catalogue()
+
+
+def rig():
+    made = chain(masses_kg=[1.0, 1.2], stiffnesses_n_per_m=[900.0, 1100.0],
+                 dampings_n_s_per_m=[0.8, 0.7])  # fmt: skip
+    return dataclasses.replace(
+        made,
+        inputs=(Input(channel="u", kind="force", node=made.nodes[0].id, unit="N"),),
+        sensors=tuple(
+            Sensor(channel=f"a{i}", quantity="acceleration", node=node.id, unit="m/s^2")
+            for i, node in enumerate(made.nodes)
+        ),
+        tolerance=Tolerance(stiffness=0.02, damping=0.15),
+    )
+
+
+def recorded(hold, effects=(), seed=1, band=1.0):
+    rng = np.random.default_rng(seed)
+    force = rng.standard_normal((1500, 1))
+    if band < 1.0:
+        spectrum = np.fft.rfft(force, axis=0)
+        spectrum[int(band * len(spectrum)) :] = 0
+        force = np.fft.irfft(spectrum, 1500, axis=0)
+    description = dataclasses.replace(rig(), effects=effects)
+    plant = Plant.of(held_as(description, [hold]), kinds=KINDS)
+    stiffer = [1.01 if name[0] == "stiffness" else 1.0 for name in plant.parameters]
+    outputs = plant.simulate(plant.values * stiffer, force, RATE)
+    noise = 0.01 * outputs.std(axis=0) * rng.standard_normal(outputs.shape)
+    return Trial(inputs=force, outputs=outputs + noise, rate_hz=RATE)
+
+
+def asked(trial):
+    return found_holds(refit(Plant.of(rig(), kinds=KINDS), [trial]), [trial], KINDS)
+
+
+@pytest.mark.parametrize(
+    "hold", ["zero", pytest.param("first", marks=pytest.mark.slow), "band_limited"]
+)
+@pytest.mark.parametrize("band", [1.0, pytest.param(0.12, marks=pytest.mark.slow)])
+def test_the_hold_by_which_a_record_was_made_is_found(hold, band):
+    found = asked(recorded(hold, band=band))
+    # What is straight between samples is smooth, too, where the signal is slow.
+    assert found == (None if hold == "band_limited" else (hold,))
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        pytest.param({"effect": "input_delay", "delay_s": 0.004}, marks=pytest.mark.slow),
+        pytest.param({"effect": "input_delay", "delay_s": 0.01}, marks=pytest.mark.slow),
+        pytest.param({"effect": "input_gain", "gain": 0.98}, marks=pytest.mark.slow),
+    ],
+)
+def test_an_input_that_is_late_or_weak_is_not_taken_for_a_hold(fault):
+    assert asked(recorded("band_limited", (fault | {"input": "u"},), band=0.3)) is None
+
+
+def test_an_input_that_states_its_hold_keeps_it():
+    trial = recorded("zero")
+    plant = Plant.of(held_as(rig(), ["first"]), kinds=KINDS)
+    assert found_holds(refit(plant, [trial]), [trial], KINDS) is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("gain", "found"), [(1.0, ("first",)), (0.9, None)])
+def test_a_fault_of_an_input_that_another_hold_explains_is_none(gain, found):
+    fault = ({"effect": "input_gain", "input": "u", "gain": gain},)
+    trial = recorded("first" if gain == 1.0 else "band_limited", fault, band=0.5)
+    before = refit(Plant.of(rig(), kinds=KINDS), [trial])
+    place = Effect("input_gain", Place("input", "u"), {"gain": 1.0})
+    plant = Plant.of(with_effect(rig(), place), kinds=KINDS)
+    faulty = refit(plant, [trial], noise=before.noise)
+    assert held_instead(faulty, before, [trial], KINDS) == found

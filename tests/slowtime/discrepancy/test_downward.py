@@ -1,0 +1,291 @@
+"""Where a recovered motion misleads, bent constants and free runs say which law to try."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import scipy.ndimage
+
+from slowtime.discrepancy.adding import free_run
+from slowtime.discrepancy.candidates import Candidate, Start, candidates, mirrored
+from slowtime.discrepancy.downward import IN_TURN, NEAREST, ROUNDS, Downward
+from slowtime.discrepancy.equivalent import equivalents
+from slowtime.discrepancy.gap import free_runs
+from slowtime.discrepancy.locate import locate
+from slowtime.discrepancy.naming import chosen, refit_all
+from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.refit import refit
+from slowtime.discrepancy.search import Search, search
+from slowtime.discrepancy.shaken import follows
+from slowtime.discrepancy.unbent import unbent
+from slowtime.discrepancy.watch import Watch
+from slowtime.dynamics.builders import chain
+from slowtime.dynamics.description import Input, Sensor, Tolerance
+from slowtime.dynamics.effects import Effect, Place, catalogue
+from slowtime.dynamics.plant import Plant
+from tests.slowtime.discrepancy.rigs import ONE, PLACE
+
+RATE = 80.0
+KINDS = catalogue()
+THREE = dataclasses.replace(
+    chain([2.0, 1.5, 1.0], [900.0, 700.0, 500.0], dampings_n_s_per_m=[1.6, 1.2, 1.0]),
+    inputs=(Input(channel="u", kind="force", node="m3", unit="N"),),
+    sensors=(Sensor(channel="a3", quantity="acceleration", node="m3", unit="m/s^2"),),
+    tolerance=Tolerance(stiffness=0.02, damping=0.1),
+)
+GROUND, MIDDLE, TOP = (Place("element", element.id) for element in THREE.elements)
+
+
+def recorded(description, effects, *, seed=4, count=2, seconds=12.0, level=8.0):
+    """Records of a structure with some effects, pushed at random, at 1 % of noise."""
+    rng = np.random.default_rng(seed)
+    truth = Plant.of(
+        dataclasses.replace(description, effects=tuple(e.entry() for e in effects))
+    )
+    found = []
+    for number in range(count):
+        push = rng.standard_normal(int(seconds * RATE))
+        push = level * (1 + number) * np.convolve(push, np.hanning(9) / 2, "same")[:, None]
+        clean = truth.simulate(truth.values, push, RATE)
+        noise = 0.01 * clean.std(axis=0) * rng.standard_normal(clean.shape)
+        found.append(Trial(inputs=push, outputs=clean + noise, rate_hz=RATE))
+    return tuple(found)
+
+
+def nothing(effect, number):
+    pass
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        Effect("coulomb", GROUND, {"friction_n": 1.5}),
+        Effect("quadratic_damping", GROUND, {"c2_n_s2_per_m2": 25.0}),
+        Effect("viscous_damping", MIDDLE, {"dc_n_s_per_m": 3.0}),
+        Effect("cubic_hardening", GROUND, {"k3_n_per_m3": 4e4}),
+    ],
+    ids=lambda effect: effect.kind,
+)
+def test_bent_constants_tell_the_law_and_about_how_strong_it_is(effect):
+    """One sensor, three springs away from the law."""
+    trials = recorded(THREE, (effect,))
+    bent = refit(Plant.of(THREE, kinds=KINDS), trials)
+    found = equivalents(bent, trials, KINDS)
+    own = [one.effect for one in found if one.effect.kind == effect.kind]
+    assert own[0].place == effect.place
+    (truth,) = effect.parameters.values()
+    (guess,) = own[0].parameters.values()
+    assert 0.5 < guess / truth < 2.0
+    assert [one.score for one in found] == sorted((one.score for one in found), reverse=True)
+
+
+def test_where_no_constant_is_bent_there_is_nothing_to_be_equivalent_to():
+    trials = recorded(THREE, ())
+    assert equivalents(refit(Plant.of(THREE, kinds=KINDS), trials), trials, KINDS) == []
+
+
+def test_a_free_run_of_the_truth_leaves_the_noise():
+    effect = Effect("coulomb", GROUND, {"friction_n": 1.5})
+    trials = recorded(THREE, (effect,))
+    true = refit(Plant.of(THREE, kinds=KINDS), recorded(THREE, (), seed=9))
+    start = Start({}, [{}, {}])
+    left = free_run(true, effect, start, trials, KINDS)
+    lacking = free_run(true, Effect("viscous_damping", GROUND, {"dc_n_s_per_m": 0.0}), start,
+                       trials, KINDS)  # fmt: skip
+    assert left < 0.1 * lacking
+
+
+@pytest.fixture(scope="module")
+def far_off():
+    """Fits to records of which a law is missing that only the last label names."""
+    trials = recorded(ONE, (Effect("cubic_hardening", PLACE, {"k3_n_per_m3": 1e5}),), level=2.0)
+    bent = refit(Plant.of(ONE, kinds=KINDS), trials)
+    before = unbent(bent, trials)
+    mean = zip(before.prior.names, before.prior.mean.tolist(), strict=True)
+    claimed = {(str(name[0]), PLACE.id): value for name, value in mean}
+    start = Start(claimed, [{} for _ in trials])
+    tried = [
+        Candidate(Effect(name, PLACE, parameters), 1.0, -1.0, 1e9, start)
+        for name, parameters in (
+            ("quadratic_damping", {"c2_n_s2_per_m2": 0.1}),
+            ("coulomb", {"friction_n": 0.1}),
+            ("viscous_damping", {"dc_n_s_per_m": 0.1}),
+            ("stiffness_loss", {"dk_n_per_m": 1.0}),
+            ("quadratic_stiffness", {"k2_n_per_m2": 10.0}),
+            ("gap_one_sided", {"gap_m": 1.0, "kg_n_per_m": 1.0}),
+            ("cubic_hardening", {"k3_n_per_m3": 1e5}),
+        )
+    ]
+    return bent, before, tried, trials
+
+
+def test_further_down_come_the_next_in_turn_and_what_a_free_run_comes_nearest_with(far_off):
+    bent, before, tried, trials = far_off
+    more = Downward(bent, before, tried, tried[:1], trials, KINDS)
+    first = more([])
+    kinds = [one.effect.kind for one in first]
+    in_turn = ["coulomb", "viscous_damping", "stiffness_loss"]
+    assert kinds[-IN_TURN - NEAREST : -NEAREST] == in_turn
+    assert kinds[-NEAREST] == "cubic_hardening"
+    assert more([]) == []
+
+
+def test_labels_end_where_one_leaves_little_or_there_were_rounds_enough(far_off):
+    bent, before, tried, trials = far_off
+    named = refit_all(before, tried[-1:], trials, KINDS, nothing)
+    assert named[0].fit.chi2_in_band < 1.5
+    assert Downward(bent, before, tried, tried[:1], trials, KINDS)(named) == []
+    many = [
+        dataclasses.replace(one, effect=dataclasses.replace(one.effect, place=place))
+        for one in tried[1:]
+        for place in (GROUND, MIDDLE, TOP)
+    ]
+    bent = refit(Plant.of(THREE, kinds=KINDS), recorded(THREE, ()))
+    more = Downward(bent, bent, many, [], recorded(THREE, ()), KINDS)
+    batches = [more([]) for _ in range(ROUNDS + 1)]
+    assert [bool(batch) for batch in batches] == [True] * ROUNDS + [False]
+    labels = [(one.effect.kind, one.effect.place) for batch in batches for one in batch]
+    assert len(set(labels)) == len(labels) == ROUNDS * (IN_TURN + NEAREST)
+
+
+def test_more_labels_are_refitted_when_the_first_are_done(far_off):
+    _, before, tried, trials = far_off
+    asked = []
+
+    def more(found):
+        asked.append([one.effect.kind for one in found])
+        return tried[-1:] if len(asked) == 1 else []
+
+    named = refit_all(before, tried[1:2], trials, KINDS, nothing, more=more)
+    assert named[0].effect.kind == "cubic_hardening"
+    assert len(asked) == 2
+    assert "cubic_hardening" in asked[1]
+
+
+def test_of_one_label_tried_from_two_starts_the_better_is_kept(far_off):
+    _, before, tried, trials = far_off
+    named = refit_all(before, [tried[-1], tried[-1]], trials, KINDS, nothing)
+    assert [one.effect.kind for one in named] == ["cubic_hardening"]
+
+
+def test_a_place_is_not_left_for_others_where_there_are_none():
+    def label(i, place):
+        return Candidate(Effect(f"kind{i}", place, {}), 10.0 + i, -5.0 - i, 1e9)
+
+    one = [label(i, PLACE) for i in range(8)]
+    assert chosen(one, 6) == one[:6]
+    several = [label(i, PLACE) for i in range(5)]
+    several += [label(5 + i, place) for i, place in enumerate((GROUND, MIDDLE, TOP))]
+    several += [label(9, Place("node", "m1")), label(10, Place("node", "m2"))]
+    assert several[4] not in chosen(several, 6)
+
+
+def test_what_a_law_explains_by_half_in_a_free_run_is_no_motion_of_the_base(far_off):
+    _, before, tried, trials = far_off
+    cubic, drag = (refit_all(before, [one], trials, KINDS, nothing) for one in
+                   (tried[-1], tried[2]))  # fmt: skip
+    assert follows(cubic[0].fit, before, trials)
+    assert not any(follows(one.fit, before, trials) for one in drag)
+
+
+def test_friction_to_the_ground_is_not_taken_for_a_motion_of_it():
+    """Any force of the ground's spring is some motion of the ground."""
+    sensors = tuple(
+        Sensor(channel=f"a{i}", quantity="acceleration", node=f"m{i}", unit="m/s^2")
+        for i in (1, 2, 3)
+    )
+    every = dataclasses.replace(THREE, sensors=sensors)
+    few = {name: KINDS[name] for name in ("coulomb", "base_motion", "added_mass")}
+    trials = recorded(
+        every, (Effect("coulomb", GROUND, {"friction_n": 2.0}),), level=4.0, seconds=8.0
+    )
+    first = refit(Plant.of(every, kinds=few), trials)
+    found = search(first, trials, Search(few, Watch()))
+    assert [(a.effect.kind, a.effect.place) for a in found.answers] == [("coulomb", GROUND)]
+
+
+def test_one_sensors_factor_is_a_rival_also_where_it_was_tried_and_fared_badly():
+    known = Effect("input_gain", Place("input", "u"), {"gain": 1.4})
+    own = Effect("sensor_gain", Place("sensor", "x"), {"gain": 1.1})
+    labels = [Candidate(known, 10.0, -5.0, 1e4), Candidate(own, 4e3, -2e3, 1e4)]
+    (mirror,) = mirrored(labels, labels, KINDS)
+    assert (mirror.effect.kind, mirror.effect.parameters) == ("sensor_gain", {"gain": 1.4})
+    assert mirror.cost == 10.0
+
+
+@pytest.mark.parametrize("times", [0.7, 1.3, 2.2])
+def test_a_hidden_oscillator_is_found_among_the_modes_and_above_them_all(times):
+    sensors = tuple(
+        Sensor(channel=f"x{i}", quantity="acceleration", node=f"m{i}", unit="m/s^2")
+        for i in (1, 2, 3)
+    )
+    every = dataclasses.replace(THREE, sensors=sensors)
+    highest = 6.1
+    rides = {"mass_kg": 0.3, "frequency_hz": times * highest, "damping_n_s_per_m": 0.6}
+    effect = Effect("extra_dof", Place("node", "m3"), rides)
+    trials = recorded(every, (effect,))
+    before = unbent(refit(Plant.of(every, kinds=KINDS), trials), trials)
+    tried = candidates(before, locate(before, trials), KINDS)
+    best = max((one for one in tried if one.effect.kind == "extra_dof"), key=lambda c: c.score)
+    assert best.effect.place == effect.place
+    assert best.effect.parameters["frequency_hz"] == pytest.approx(times * highest, rel=0.15)
+
+
+def test_a_record_that_begins_in_motion_is_begun_so_though_friction_holds():
+    """The state of the first samples, though what sticks at zero speed tells of none."""
+    rough = Effect("stribeck", PLACE, {"friction_n": 0.8, "static_n": 1.4, "vs_m_per_s": 0.05})
+    truth = Plant.of(dataclasses.replace(ONE, effects=(rough.entry(),)), kinds=KINDS)
+    rng = np.random.default_rng(2)
+    push = 6.0 * np.convolve(rng.standard_normal(800), np.hanning(9) / 2, "same")[:, None]
+    outputs = truth.simulate(truth.values, push, RATE, state0=np.array([0.03, -0.4]))
+    noise = 0.003 * outputs.std() * rng.standard_normal(outputs.shape)
+    trial = Trial(inputs=push, outputs=outputs + noise, rate_hz=RATE)
+    fit = refit(truth, recorded(ONE, (rough,)), values=truth.values)
+    (run,) = free_runs(fit, (trial,))
+    error = math.sqrt(float(np.mean((run - outputs) ** 2))) / float(outputs.std())
+    assert error < 0.05
+
+
+@pytest.mark.parametrize("measured", [False, True])
+def test_a_motion_of_the_base_is_unmeasured_only_where_it_is_no_input(measured):
+    sensors = tuple(
+        Sensor(channel=f"a{i}", quantity="acceleration", node=f"m{i}", unit="m/s^2")
+        for i in (1, 2, 3)
+    )
+    ground = Input(channel="u", kind="base_acceleration", unit="m/s^2")
+    every = dataclasses.replace(
+        THREE, sensors=sensors, inputs=(ground,) if measured else THREE.inputs
+    )
+    few = {name: KINDS[name] for name in ("base_motion", "added_mass")}
+    plant = Plant.of(every, kinds=few)
+    rng = np.random.default_rng(8)
+    push, shake = (
+        level * np.convolve(rng.standard_normal(1000), np.hanning(9) / 2, "same")
+        for level in (3.0, 2.0)
+    )
+    if measured:
+        clean = plant.simulate(plant.values, (push + shake)[:, None], RATE)
+    else:
+        clean = plant.simulate(plant.values, push[:, None], RATE, base=shake)
+    noise = 0.01 * clean.std(axis=0) * rng.standard_normal(clean.shape)
+    trials = (Trial(inputs=push[:, None], outputs=clean + noise, rate_hz=RATE),)
+    found = search(refit(plant, trials), trials, Search(few, Watch()))
+    named = [answer.effect.kind for answer in found.answers]
+    assert ("base_motion" in named) is not measured
+
+
+def test_a_slow_error_of_the_only_sensor_is_its_drift_and_no_motion_of_the_base():
+    """The base would do the same to one accelerometer."""
+    sensor = Sensor(channel="a", quantity="acceleration", node="m1", unit="m/s^2")
+    one = dataclasses.replace(ONE, sensors=(sensor,))
+    few = {name: KINDS[name] for name in ("sensor_drift", "base_motion", "coulomb")}
+    rng = np.random.default_rng(14)
+    trials = []
+    for trial in recorded(one, (), seconds=20.0):
+        walk = np.cumsum(rng.standard_normal(len(trial.outputs)))
+        smooth = scipy.ndimage.gaussian_filter1d(walk, 0.8 * RATE)[:, None]
+        trials.append(dataclasses.replace(trial, outputs=trial.outputs + 0.05 * smooth))
+    seen = tuple(trials)
+    found = search(refit(Plant.of(one, kinds=few), seen), seen, Search(few, Watch()))
+    assert [answer.effect.kind for answer in found.answers] == ["sensor_drift"]

@@ -1,0 +1,85 @@
+"""What explains nothing and leads astray is left out; a gap is of what was not fitted."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from slowtime.discrepancy.adding import carrying
+from slowtime.discrepancy.answer import Found
+from slowtime.discrepancy.diagnosis import Named
+from slowtime.discrepancy.gap import on_heads
+from slowtime.discrepancy.locate import Located
+from slowtime.discrepancy.misled import unmisled
+from slowtime.discrepancy.records import Campaign, Trial
+from slowtime.discrepancy.refit import refit
+from slowtime.dynamics.effects import Effect, Place, catalogue
+from slowtime.dynamics.plant import Plant
+from tests.slowtime.discrepancy.rigs import ONE, PLACE
+
+RATE = 40.0
+BEFORE = object.__new__(Located)
+LOSS = Effect("stiffness_loss", PLACE, {"dk_n_per_m": 200.0})
+
+
+def recorded(seed):
+    rng = np.random.default_rng(seed)
+    push = rng.standard_normal((400, 1))
+    plant = Plant.of(ONE)
+    seen = plant.simulate(plant.values, push, RATE) + 1e-5 * rng.standard_normal((400, 1))
+    return Trial(inputs=push, outputs=seen, rate_hz=RATE)
+
+
+@pytest.fixture(scope="module")
+def found():
+    """A model as it was refitted, and with a loss of stiffness that never was."""
+    trials = (recorded(1),)
+    first = refit(Plant.of(ONE), trials)
+    lost = Plant.of(dataclasses.replace(ONE, effects=(LOSS.entry(),)))
+    values = np.append(first.values, 200.0)
+    wrong = dataclasses.replace(first, plant=lost, values=values, chi2_in_band=50.0)
+    answer = Named(LOSS, "linear stiffness", {}, 1.0, (), "")
+    return Found([first, wrong], trials, located=BEFORE, answers=[answer])
+
+
+def held_out(found):
+    return Campaign(description=ONE, trials=found.trials, holdout=(recorded(2),))
+
+
+def test_an_effect_that_explains_nothing_and_leads_astray_is_left_out(found):
+    less = dataclasses.replace(found, fits=list(found.fits), answers=list(found.answers))
+    unmisled(less, held_out(found))
+    assert (len(less.fits), less.answers, less.left) == (1, [], BEFORE)
+
+
+def test_what_explains_the_records_stays_whatever_it_does_elsewhere(found):
+    whole = dataclasses.replace(found.fits[1], chi2_in_band=1.0)
+    kept = dataclasses.replace(found, fits=[found.fits[0], whole], answers=list(found.answers))
+    unmisled(kept, held_out(found))
+    assert len(kept.fits) == 2
+
+
+def test_a_base_that_nobody_measured_stays_named_and_constants_are_as_given(found):
+    base = Effect("base_motion", Place("base", "base"), {"rms_m_per_s2": 0.3})
+    bent = dataclasses.replace(
+        found.fits[0], values=1.3 * found.fits[0].values, chi2_in_band=50.0
+    )
+    answer = Named(base, "base motion", {}, 1.0, (), "")
+    fits = [bent, carrying(bent, base, catalogue())]
+    told = Found(fits, found.trials, located=BEFORE, answers=[answer])
+    unmisled(told, held_out(found))
+    assert told.answers == [answer]
+    plain = told.fits[0].plant
+    np.testing.assert_array_equal(told.fits[0].values, plain.values)
+    np.testing.assert_array_equal(told.fits[1].values[: len(plain.values)], plain.values)
+
+
+def test_tails_are_judged_by_numbers_that_never_saw_them(found):
+    trial = found.trials[0]
+    spoilt = trial.outputs.copy()
+    spoilt[300:] *= 1.5
+    spoilt = dataclasses.replace(trial, outputs=spoilt)
+    first = found.fits[0]
+    told, same = on_heads(first, (spoilt,)), on_heads(first, (trial,))
+    np.testing.assert_array_equal(told.values, same.values)
+    assert refit(first.plant, (spoilt,)).values[0] != pytest.approx(same.values[0], rel=1e-6)

@@ -1,0 +1,114 @@
+"""Near the right law, another is refuted by its shape; the right one, by no noise."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from slowtime.discrepancy.diagnose import diagnose
+from slowtime.discrepancy.records import Campaign, Trial
+from slowtime.discrepancy.refit import refit
+from slowtime.discrepancy.refuted import Doubt, refuted
+from slowtime.dynamics.effects import Effect, Kind, Law, Parameter, Place, catalogue
+from slowtime.dynamics.plant import Plant
+from tests.slowtime.discrepancy.rigs import ONE, PLACE
+
+RATE = 50.0
+
+
+def strange(name, force, *rates):
+    """Make a kind that no catalogue holds."""
+    return Kind(
+        name=name,
+        family="strange",
+        where="element",
+        parameters=(Parameter(name="c", unit="", meaning="strength"),),
+        equation="",
+        source="",
+        sentence="",
+        action=Law(force=force, rates=rates),
+        strength="c",
+    )
+
+
+def power(e, v, t, z, p):
+    return float(p[0] * v * abs(v) ** 0.5)
+
+
+def displaced(e, v, t, z, p):
+    return float(p[0] * e * e * v)
+
+
+def slipping(e, v, t, z, p):
+    return float(p[0] * (e - z[0]))
+
+
+def slip(e, v, t, z, p):
+    return float((e - z[0]) / 0.05)
+
+
+STRANGE = (
+    strange("power", power),
+    strange("displaced", displaced),
+    strange("maxwell", slipping, slip),
+)
+KINDS = {**catalogue(), **{kind.name: kind for kind in STRANGE}}
+DRAG = Effect("quadratic_damping", PLACE, {"c2_n_s2_per_m2": 9.0})
+POWER = Effect("power", PLACE, {"c": 3.0})
+DISPLACED = Effect("displaced", PLACE, {"c": 2e4})
+MAXWELL = Effect("maxwell", PLACE, {"c": 20.0})
+RIDER = Effect(
+    "extra_dof",
+    Place("node", "m1"),
+    {"mass_kg": 0.1, "frequency_hz": 4.0, "damping_n_s_per_m": 2.0},
+)
+SINGS = Effect("van_der_pol", PLACE, {"cn_n_s_per_m": 1.2, "e0_m": 0.01})
+
+
+def record_of(true, seed=5):
+    rng = np.random.default_rng(seed)
+    push = np.convolve(rng.standard_normal(900), np.hanning(9), "same")[:, None] * 4.0
+    truth = Plant.of(dataclasses.replace(ONE, effects=(true.entry(),)), kinds=KINDS)
+    seen = truth.simulate(truth.values, push, RATE)
+    seen += 0.01 * seen.std() * rng.standard_normal(seen.shape)
+    return Trial(inputs=push, outputs=seen, rate_hz=RATE)
+
+
+def doubt(true, told, seed=5):
+    trials = (record_of(true, seed),)
+    model = Plant.of(dataclasses.replace(ONE, effects=(told.entry(),)), kinds=KINDS)
+    return refuted(refit(model, trials), 0, trials, KINDS)
+
+
+def test_the_right_law_stands():
+    assert doubt(SINGS, SINGS) is None
+
+
+def test_a_law_of_another_curve_is_refuted_where_it_sits():
+    assert doubt(POWER, DRAG) == Doubt(PLACE, ())
+
+
+@pytest.mark.slow
+def test_a_force_of_another_curve_is_unknown_and_drawn_where_the_nearest_law_closes_the_gap():
+    said = diagnose(Campaign(description=ONE, trials=(record_of(POWER),)), quick=True)
+    assert said.white_p_value > 1e-3
+    assert (said.verdict, said.effects) == ("unknown_effect", ())
+    assert "The nearest, Drag (quadratic_damping)" in said.sentence
+    assert "follows another curve" in said.sentence
+    assert said.surface is not None
+    assert said.surface.place == PLACE
+    assert said.surface.law is None
+
+
+def test_negative_damping_that_is_nowhere_negative_does_nothing_of_its_own():
+    assert doubt(DISPLACED, SINGS) == Doubt(PLACE, (0,))
+
+
+def test_what_lags_in_an_element_is_seen_though_something_on_its_node_was_named():
+    assert doubt(MAXWELL, RIDER) == Doubt(PLACE, ())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("told", [DRAG, SINGS, RIDER], ids=lambda effect: effect.kind)
+def test_the_right_law_is_hardly_ever_refuted(told):
+    assert sum(doubt(told, told, seed) is not None for seed in range(300)) <= 1

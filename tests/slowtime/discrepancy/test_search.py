@@ -1,0 +1,198 @@
+"""Two effects as strong as each other are both found, whichever of them shows first."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from slowtime.discrepancy import search as searching
+from slowtime.discrepancy.answer import Found
+from slowtime.discrepancy.candidates import Candidate, candidates
+from slowtime.discrepancy.locate import locate
+from slowtime.discrepancy.naming import refit_all
+from slowtime.discrepancy.paired import pairs
+from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.refit import pieces, refit
+from slowtime.discrepancy.search import Search, search
+from slowtime.discrepancy.unbent import WITHIN, unbent
+from slowtime.discrepancy.verdict import answer_of
+from slowtime.discrepancy.watch import Watch
+from slowtime.dynamics.builders import chain
+from slowtime.dynamics.description import Input, Sensor, Tolerance
+from slowtime.dynamics.effects import Effect, Place, catalogue
+from slowtime.dynamics.plant import Plant
+
+RATE = 64.0
+FEW = (
+    "cubic_hardening",
+    "quadratic_damping",
+    "input_delay",
+    "coulomb",
+    "sensor_gain",
+    "input_gain",
+)
+KINDS = {name: kind for name, kind in catalogue().items() if name in FEW}
+TWO = dataclasses.replace(
+    chain([2.0, 1.5], [900.0, 700.0], dampings_n_s_per_m=[1.6, 1.2]),
+    inputs=(Input(channel="u", kind="force", node="m1", unit="N"),),
+    sensors=tuple(
+        one
+        for n in ("m1", "m2")
+        for one in (
+            Sensor(channel=f"x_{n}", quantity="displacement", node=n, unit="m"),
+            Sensor(channel=f"v_{n}", quantity="velocity", node=n, unit="m/s"),
+        )
+    ),
+    tolerance=Tolerance(stiffness=0.02, damping=0.15),
+)
+FIRST, SECOND = (Place("element", element.id) for element in TWO.elements)
+CUBIC = Effect("cubic_hardening", SECOND, {"k3_n_per_m3": 2e4})
+DRAG = Effect("quadratic_damping", FIRST, {"c2_n_s2_per_m2": 30.0})
+LATE = Effect("input_delay", Place("input", "u"), {"delay_s": 0.01})
+
+
+ONLY = Place("sensor", "x_m1")
+
+
+def seen(effects, *, of=TWO, count=2, samples=500, seed=3):
+    rng = np.random.default_rng(seed)
+    entries = (*of.effects, *(e.entry() for e in effects))
+    truth = Plant.of(dataclasses.replace(of, effects=entries))
+    found = []
+    for level in np.linspace(6.0, 14.0, count):
+        push = np.convolve(rng.standard_normal(samples), np.hanning(7), "same")[:, None] * level
+        clean = truth.simulate(truth.values, push, RATE)
+        noise = 0.005 * clean.std(axis=0) * rng.standard_normal(clean.shape)
+        found.append(Trial(inputs=push, outputs=clean + noise, rate_hz=RATE))
+    return tuple(found)
+
+
+def named(trials, late=None):
+    first = refit(Plant.of(TWO, kinds=KINDS), trials)
+    return search(first, trials, Search(KINDS, Watch(late=late)))
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [(CUBIC, DRAG), pytest.param((LATE, CUBIC), marks=pytest.mark.slow)],
+    ids=["laws", "late"],
+)
+def test_both_of_two_effects_are_found(effects):
+    found = named(seen(effects))
+    told = {(a.effect.kind, a.effect.place) for a in found.answers}
+    assert told == {(one.kind, one.place) for one in effects}
+    assert found.fits[-1].chi2_in_band < 1.2
+
+
+def test_who_is_out_of_time_gets_what_was_found_by_then():
+    found = named(seen((CUBIC, DRAG)), late=lambda: True)
+    assert found.hurried
+    assert len(found.answers) <= 1
+
+
+def test_constants_that_make_up_for_what_is_missing_are_held_to_their_tolerances():
+    strong = dataclasses.replace(CUBIC, parameters={"k3_n_per_m3": 4e5})
+    trials = seen((strong,))
+    bent = refit(Plant.of(TWO, kinds=KINDS), trials)
+    held = unbent(bent, trials)
+    assert max(map(abs, bent.pulls.values())) > 5.0
+    assert max(map(abs, held.pulls.values())) <= WITHIN
+    assert held.prior.names == bent.prior.names
+
+
+def test_constants_within_their_tolerances_are_left_as_they_are():
+    trials = seen(())
+    fit = refit(Plant.of(TWO, kinds=KINDS), trials)
+    assert unbent(fit, trials) is fit
+
+
+def test_one_sensor_cannot_tell_its_own_factor_from_that_of_the_input():
+    one = dataclasses.replace(TWO, sensors=TWO.sensors[:1])
+    trials = seen((Effect("sensor_gain", ONLY, {"gain": 1.3}),), of=one)
+    found = search(refit(Plant.of(one, kinds=KINDS), trials), trials, Search(KINDS, Watch()))
+    assert {rival.effect for rival in found.undecided} == {"sensor_gain", "input_gain"}
+
+
+BOUND = Effect("coulomb", SECOND, {"friction_n": 1.5})
+SOFT = Effect("cubic_hardening", SECOND, {"k3_n_per_m3": 6e4})
+
+
+@pytest.fixture(scope="module")
+def shared():
+    """Two laws at one place; how they were sought, and the model before."""
+    trials = seen((BOUND, SOFT))
+    first = unbent(refit(Plant.of(TWO, kinds=KINDS), trials), trials)
+    located = locate(first, trials)
+    return trials, first, located, candidates(first, located, KINDS)
+
+
+def test_two_laws_at_one_place_are_found_together(shared):
+    _, first, located, tried = shared
+    (one, other), *_ = pairs(first, located, tried, KINDS)
+    assert {one.effect.kind, other.effect.kind} == {"coulomb", "cubic_hardening"}
+    assert {one.effect.place, other.effect.place} == {SECOND}
+    sizes = {e.effect.kind: next(iter(e.effect.parameters.values())) for e in (one, other)}
+    assert sizes["cubic_hardening"] == pytest.approx(6e4, rel=0.05)
+    assert sizes["coulomb"] == pytest.approx(1.5, rel=0.1)
+    assert other.cost < 0.5 * tried[0].cost
+
+
+def test_one_law_that_explains_all_is_not_made_two():
+    trials = seen((CUBIC,))
+    first = unbent(refit(Plant.of(TWO, kinds=KINDS), trials), trials)
+    located = locate(first, trials)
+    assert not pairs(first, located, candidates(first, located, KINDS), KINDS)
+
+
+def test_two_laws_at_one_place_are_told_with_their_probabilities(shared):
+    trials = shared[0]
+    found = named(trials)
+    assert {a.effect.kind for a in found.answers} == {"coulomb", "cubic_hardening"}
+    assert all(a.probability > 0.9 for a in found.answers)
+    assert found.fits[-1].chi2_in_band < 1.2
+    assert len(found.fits) == 3
+
+
+def test_where_held_constants_show_no_more_effects_those_that_bent_are_looked_at(monkeypatch):
+    strong = dataclasses.replace(CUBIC, parameters={"k3_n_per_m3": 4e5})
+    trials = seen((strong,))
+    bent = refit(Plant.of(TWO, kinds=KINDS), trials)
+    looked = []
+
+    def after(found, before, how, number, *, pulled):
+        looked.append(max(map(abs, before.pulls.values())))
+        return False
+
+    monkeypatch.setattr(searching, "_after", after)
+    searching._go_on(Found([bent], trials), Search(KINDS, Watch()), 1)
+    assert looked == [pytest.approx(WITHIN, rel=0.01), max(map(abs, bent.pulls.values()))]
+
+
+def test_an_account_with_an_effect_is_weighed_against_one_without(shared):
+    trials, first, *_ = shared
+    cubic = refit_all(first, [Candidate(SOFT, 0.0, 0.0, 0.0)], trials, KINDS, lambda *_: False)
+    branch = Found([first, cubic[0].fit], trials)
+    branch.answers.append(answer_of(cubic, [1.0], KINDS))
+    found = Found([first], trials)
+    assert searching._better(found, branch, KINDS).answers[0].effect.kind == "cubic_hardening"
+    assert searching._better(found, Found([first], trials), KINDS) is found
+
+
+def test_what_inputs_do_between_samples_is_not_asked_of_pieces(shared, monkeypatch):
+    trials, first, *_ = shared
+    late = refit_all(first, [Candidate(SOFT, 0.0, 0.0, 0.0)], trials, KINDS, lambda *_: False)
+    cut, _ = pieces(first.plant, trials)
+    monkeypatch.setattr(searching, "held_instead", lambda *_: pytest.fail("it was asked"))
+    found = Found([first], cut)
+    whole = refit(late[0].fit.plant, cut, values=late[0].fit.values, horizons=(1.0,))
+    named = [dataclasses.replace(late[0], fit=whole)]
+    before = refit(first.plant, cut, values=first.values, horizons=(1.0,))
+    assert searching._accept(found, before, named, cut, Search(KINDS, Watch()), pulled=False)
+
+
+def test_a_law_that_is_near_the_end_of_its_range_is_named_where_nothing_simpler_is_there():
+    kinds = {"van_der_pol": catalogue()["van_der_pol"]}
+    sings = Effect("van_der_pol", SECOND, {"cn_n_s_per_m": 0.05, "e0_m": 0.004})
+    trials = seen((sings,))
+    found = search(refit(Plant.of(TWO, kinds=kinds), trials), trials, Search(kinds, Watch()))
+    assert [(a.effect.kind, a.effect.place) for a in found.answers] == [("van_der_pol", SECOND)]
