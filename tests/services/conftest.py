@@ -16,7 +16,7 @@ def _free_port():
         return s.getsockname()[1]
 
 
-def _eventually(condition, timeout_s=10.0):
+def _eventually(condition, timeout_s=60.0):
     deadline = time.monotonic() + timeout_s
     while not condition():
         if time.monotonic() > deadline:

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Shaped
 
-from .arrays import Arrays, read_matlab, read_npy, read_npz
+from .apart import read_matlab
+from .arrays import Arrays, read_npy, read_npz
 from .record import Gap, Record, RecordError, Values, find_column, in_sensor_type
 from .text import read_table
 from .timeaxis import TimeAxis, is_time_name, looks_like_time, read_time

@@ -20,6 +20,9 @@ ACCELERATION_UNITS = frozenset(
 SENSOR_DTYPES = ("<f8", "<f4", "<i4", "<i2")
 """Types of samples that stay what they are; any other becomes ``<f8``."""
 
+UNDATED_NS = 946_684_800_000_000_000
+"""2000-01-01 UTC: when a record begins, on a bus or in a recording, that does not say when."""
+
 
 class RecordError(ValueError):
     """A file that cannot be read as a record; the text says what to do."""

@@ -39,8 +39,9 @@ def run_model(
     rate_hz
         Samples per second of all of them.
     hold
-        What inputs do between samples: ``"first"``, go straight to the next; ``"zero"``, stay;
-        ``"band_limited"``, be the signal without anything above half the sampling rate.
+        What inputs do between samples, where the description does not say it: ``"first"``, go
+        straight to the next; ``"zero"``, stay; ``"band_limited"``, be the signal without
+        anything above half the sampling rate.
     kinds
         Of effect, by name; the catalogue where not given.
     start_s
@@ -63,7 +64,8 @@ def run_model(
             f"The record has no channel called {', '.join(missing)}; it has "
             f"{', '.join(inputs)}. Name its channels as the model's inputs."
         )
-    if description.effects or hold == "band_limited":
+    said = any(entry.hold is not None for entry in description.inputs)
+    if description.effects or said or hold == "band_limited":
         plant = Plant.of(description, kinds=kinds, hold=hold)
         columns = [np.asarray(inputs[entry.channel], float) for entry in description.inputs]
         return run_plant(plant, np.stack(columns, axis=1), rate_hz, start_s=start_s, rng=rng)

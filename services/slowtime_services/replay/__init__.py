@@ -1,17 +1,22 @@
 """Recordings in: as messages, as blocks of samples, or played onto a bus as an edge would."""
 
 from .blocks import block_of, raw_blocks, record_of
-from .playing import Played, Progress, replay
+from .checking import check
+from .layout import layout_of
+from .playing import PLAYED, Played, Progress, replay
 from .reading import Contents, Recorded, RecordingError, contents, read_recording
 
 __all__ = [
+    "PLAYED",
     "Contents",
     "Played",
     "Progress",
     "Recorded",
     "RecordingError",
     "block_of",
+    "check",
     "contents",
+    "layout_of",
     "raw_blocks",
     "read_recording",
     "record_of",

@@ -76,18 +76,19 @@ def features_again(
     return [payload for _, payload in sorted(found.items())]
 
 
-def closing_words(holdings: Mapping[Run, Holding]) -> Iterator[tuple[Run, Health]]:
-    """Make the health message each run would have ended with: it shows a lost tail."""
+def words_of(holdings: Mapping[Run, Holding]) -> Iterator[tuple[Run, Health]]:
+    """Make the health message of each run as far as it is played: it shows a lost tail."""
     for run, holding in holdings.items():
-        first, last = holding.sequences[0], holding.sequences[-1]
-        before = holding.health
+        if holding.published < 0:
+            continue
+        first, before = holding.sequences[0], holding.health
         yield (
             run,
             Health(
                 **run._asdict(),
                 sequence=before.sequence + 1 if before else 0,
                 t_ns=before.t_ns if before else holding.log_ns[-1],
-                last_sequence=last,
+                last_sequence=holding.published,
                 first_held=first,
                 dropped=before.dropped if before else 0,
                 uptime_s=before.uptime_s if before else 0.0,

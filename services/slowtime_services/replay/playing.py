@@ -34,10 +34,12 @@ from slowtime_services.bus import Bus, Query, Sample
 from slowtime_services.clock import Clock, SystemClock
 from slowtime_services.runs import Run, run_and_sequence
 
-from .account import Holding, closing_words, features_again, take_stock
+from .account import Holding, features_again, take_stock, words_of
 from .reading import Contents, Recorded, contents, read_recording
 
 PLAYED = (REGISTRATION, ABOUT, FEATURES, HEALTH)
+_REMIND_S = 0.5
+"""How long without any acknowledgement until the twin is told again how far each run is."""
 
 
 class Progress(NamedTuple):
@@ -187,7 +189,7 @@ class _Player:
             and (known := run_and_sequence(message.key, message.payload)) is not None
         ):
             if self._credit == 0:
-                self._wait_until(lambda: self._outstanding < self._window)
+                self._wait_reminding(lambda: self._outstanding < self._window)
                 self._credit = max(1, self._window - self._outstanding)
             self._credit -= 1
             holding = self._holdings[known[0]]
@@ -201,15 +203,9 @@ class _Player:
         """Say what each run ended with until all is confirmed, or nobody seems to listen."""
         if FEATURES in streams and not self.stop.is_set():
             self._silent_s, self._believes = 0.0, True
-            while self._outstanding and self._believes and not self.stop.is_set():
-                for run, health in closing_words(self._holdings):
-                    self._bus.publish(
-                        HEALTH.key(run.site, run.asset),
-                        encode(health),
-                        encoding=HEALTH.encoding,
-                        replayed=True,
-                    )
-                self._wait_until(lambda: not self._outstanding, at_most_s=0.5)
+            if self._outstanding:
+                self._remind()
+            self._wait_reminding(lambda: not self._outstanding)
         self._tell(at_last=True)
 
     def played(self, duration_s: float) -> Played:
@@ -226,7 +222,28 @@ class _Player:
     def _outstanding(self) -> int:
         return sum(holding.outstanding for holding in self._holdings.values())
 
-    def _wait_until(self, condition: Callable[[], bool], at_most_s: float = math.inf) -> None:
+    def _wait_reminding(self, condition: Callable[[], bool]) -> None:
+        """Wait until patience is at an end; where features or our word were lost, say more."""
+        pause_s = _REMIND_S
+        while not condition() and self._believes and not self.stop.is_set():
+            self._wait_until(condition, at_most_s=pause_s)
+            if condition() or self._silent_s < pause_s:
+                pause_s = _REMIND_S
+            else:  # and less and less often: who is slow has them all to read
+                self._remind()
+                pause_s *= 2
+
+    def _remind(self) -> None:
+        """Say how far each run is: a twin asks for what it missed, and acknowledges again."""
+        for run, health in words_of(self._holdings):
+            self._bus.publish(
+                HEALTH.key(run.site, run.asset),
+                encode(health),
+                encoding=HEALTH.encoding,
+                replayed=True,
+            )
+
+    def _wait_until(self, condition: Callable[[], bool], at_most_s: float) -> None:
         """Wait for acknowledgements, until patience with their absence is at an end."""
         deadline = time.monotonic() + at_most_s
         with self._changed:

@@ -1,18 +1,26 @@
 """Sections of words, tables and charts in; one HTML file that needs nothing else out.
 
 The drawing library is written into the file, so that it opens without a network and in years.
+The charts can be read out of it again, by who draws them beside other things.
 """
 
 import dataclasses
 import html
 import json
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import plotly
 
 PLOTLY = Path(plotly.__file__).parent / "package_data" / "plotly.min.js"
+
+_SECTION = re.compile(r"<section>\n<h2>(.*?)</h2>\n(.*?)\n</section>", re.DOTALL)
+_CHART = re.compile(
+    r'<div class="chart" role="img" aria-label="([^"]*)">'
+    r'<script type="application/json">([^<]*)</script></div>'
+)
 
 STYLE = """
 :root { color-scheme: light dark;
@@ -92,6 +100,18 @@ def write_page(path: Path, title: str, lead: str, sections: Sequence[Section]) -
         f"<body>\n{body}\n{scripts}\n</body>\n</html>\n",
         encoding="utf-8",
     )
+
+
+def charts_in(page: str) -> Iterator[tuple[str, Chart]]:
+    """Yield the charts of a page that `write_page` wrote, each below its heading."""
+    sections, _, _ = page.partition("<script>")
+    for heading, inside in _SECTION.findall(sections):
+        for words, figure in _CHART.findall(inside):
+            drawn = json.loads(figure)
+            yield (
+                html.unescape(heading),
+                Chart(drawn["data"], drawn["layout"], html.unescape(words)),
+            )
 
 
 def _section(section: Section) -> str:

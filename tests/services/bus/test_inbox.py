@@ -44,7 +44,7 @@ def test_a_waiting_worker_wakes_for_an_item_and_for_the_end():
     while not taken and inbox:
         time.sleep(0.001)
     inbox.close()
-    worker.join(5)
+    worker.join(60)
     assert taken == [[1], []]
     assert not inbox.put(2)
     assert inbox.dropped == 1

@@ -38,7 +38,7 @@ def test_a_process_ends_even_if_it_forgot_to_close_its_bus(endpoint, ending, sta
     """
     done = subprocess.run(
         [sys.executable, "-c", textwrap.dedent(script)],
-        timeout=20,
+        timeout=60,
         capture_output=True,
         text=True,
         check=False,
@@ -52,7 +52,7 @@ def test_a_client_without_a_router_is_told_what_to_start(free_port):
     with pytest.raises(BusUnreachableError, match="Start one with `slowtime router`") as told:
         ZenohBus("client", connect=[f"tcp/127.0.0.1:{free_port()}"], open_timeout_s=0.3)
     assert ".rs" not in str(told.value)
-    assert time.monotonic() - started < 3
+    assert time.monotonic() - started < 9.0  # it would be 10 s by default
 
 
 def test_a_port_that_is_taken_is_named(endpoint):

@@ -63,6 +63,19 @@ def test_an_edge_writes_its_own_keys_and_no_other(join, eventually):
     assert {(s.key, s.payload) for s in got + seen if s.payload == b"x"} == own
 
 
+def test_an_edge_that_spoke_before_anybody_listened_is_heard_once_somebody_does(
+    join, eventually
+):
+    edge = join("edge-beam", "peer")
+    assert eventually(lambda: edge.connected)
+    for _ in range(3):
+        say(edge, FEATURES.key("lab", "beam"), b"early")
+    got: list[Sample] = []
+    server = join("server")
+    server.subscribe(FEATURES.everywhere, got.append)
+    told(edge, got, FEATURES.key("lab", "beam"), eventually)
+
+
 def test_an_edge_hears_its_own_acknowledgements_and_no_other_edge(join, eventually):
     server, beam, frame = join("server"), join("edge-beam"), join("edge-frame", "peer")
     spied: list[Sample] = []

@@ -14,10 +14,13 @@ from slowtime_services.record import RecordingWriter
 
 
 class Ledger:
-    """A minimal twin: `per_s` features a second at most, gaps asked for, all confirmed."""
+    """A minimal twin: `per_s` features a second at most, gaps asked for, all confirmed.
 
-    def __init__(self, bus, *, per_s=1e9, inbox_items=10**6, deaf=()):
-        self.bus, self.pause_s, self.deaf = bus, 1 / per_s, set(deaf)
+    It misses the features of the sequences `deaf` once; its first `mute` words are lost.
+    """
+
+    def __init__(self, bus, *, per_s=1e9, inbox_items=10**6, deaf=(), mute=0):
+        self.bus, self.pause_s, self.deaf, self.mute = bus, 1 / per_s, set(deaf), mute
         self.kept: dict[tuple[str, str, str], dict[int, bytes]] = {}
         self.asked, self.replayed, self.order = 0, [], []
         self.inbox: Inbox[Sample] = Inbox(max_items=inbox_items)
@@ -53,7 +56,10 @@ class Ledger:
         run = (health.site, health.asset, health.boot)
         kept, floor = self.kept.setdefault(run, {}), max(health.first_held, 0)
         missing = [s for s in range(floor, health.last_sequence + 1) if s not in kept]
-        if not missing or self.inbox:
+        if self.inbox:
+            return
+        if not missing:
+            self.confirm(run)
             return
         self.asked += 1
         parameters = {"boot": run[2], "first": str(missing[0]), "last": str(missing[-1])}
@@ -63,6 +69,9 @@ class Ledger:
             self.accept(message, answer.payload)
 
     def confirm(self, run):
+        if self.mute > 0:
+            self.mute -= 1
+            return
         kept = self.kept[run]
         top = min(kept)
         while top + 1 in kept:
@@ -78,7 +87,7 @@ class Ledger:
 
     def close(self):
         self.stop.set()
-        self.thread.join(10)
+        self.thread.join(60)
         for handle in self.handles:
             handle.close()
 

@@ -38,11 +38,20 @@ def test_everything_arrives_once_and_in_order(buses, house, ledger):
 
 def test_a_slow_receiver_loses_nothing(buses, house, ledger):
     path, expected = house(400)
-    twin = ledger(buses[1], per_s=1000, inbox_items=64)
+    twin = ledger(buses[1], per_s=1000, inbox_items=150)
     played = replay(path, buses[0], speed=math.inf, window=50, patience_s=60.0)
     assert twin.kept == expected
     assert played.complete
     assert twin.inbox.dropped == 0
+
+
+def test_a_lost_acknowledgement_is_asked_for_again(buses, house, ledger):
+    path, expected = house(200)
+    twin = ledger(buses[1], mute=52)
+    played = replay(path, buses[0], speed=math.inf, window=50, patience_s=20.0)
+    assert twin.kept == expected
+    assert played.complete
+    assert played.duration_s < 20.0
 
 
 def test_what_the_receiver_missed_it_can_ask_for_the_lost_end_too(buses, house, ledger):

@@ -1,7 +1,7 @@
 import json
 import re
 
-from slowtime_services.reports import Chart, Section, Table, write_page
+from slowtime_services.reports import Chart, Section, Table, charts_in, write_page
 
 HOSTILE = "</script><script>window.hacked = 1</script>"
 
@@ -29,3 +29,11 @@ def test_a_page_asks_nobody_for_anything(tmp_path):
 
 def test_a_page_without_charts_does_without_the_library(tmp_path):
     assert len(written(tmp_path, Table(["f"], [["1"]]))) < 5000
+
+
+def test_the_charts_of_a_page_can_be_read_out_of_it_again(tmp_path):
+    first = Chart([{"name": HOSTILE, "x": [1.0]}], {"title": HOSTILE}, HOSTILE)
+    second = Chart([{"y": [1.0, None]}], {}, 'A "line" & more.')
+    page = written(tmp_path, first, Table(["f"], [["1"]]), second)
+    assert list(charts_in(page)) == [("Found", first), ("Found", second)]
+    assert list(charts_in("<h1>of somebody else</h1>")) == []

@@ -1,0 +1,34 @@
+"""A twin server's REST as typed Python: questions in, answers with uncertainty out.
+
+from slowtime_services.client import Client
+
+with Client("http://127.0.0.1:8000") as client:
+    for twin in client.twins():
+        print(twin.id, twin.stiffness_change)
+"""
+
+from .answers import (
+    Crossing,
+    Digest,
+    Event,
+    Forecast,
+    ForecastPoint,
+    State,
+    Twin,
+)
+from .asking import AnswerError, UnreachableError
+from .client import Client, Live
+
+__all__ = [
+    "AnswerError",
+    "Client",
+    "Crossing",
+    "Digest",
+    "Event",
+    "Forecast",
+    "ForecastPoint",
+    "Live",
+    "State",
+    "Twin",
+    "UnreachableError",
+]

@@ -1,0 +1,264 @@
+"""The client: one method a question."""
+
+import os
+import time
+from collections.abc import Generator, Iterator, Mapping
+from http.client import HTTPException, HTTPResponse
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, Self
+
+from pydantic import TypeAdapter
+from pydantic_core import from_json
+
+from .answers import Digest, Event, Forecast, State, Twin
+from .asking import AnswerError, Door, UnreachableError
+
+TOKEN = "SLOWTIME_TOKEN"
+"""Name of the variable that holds the token; arguments may be read by others."""
+
+_V1 = "/api/v1"
+_PIECE = 2**16
+_SILENT_S = 30.0
+"""The server says that it is there every ten seconds."""
+
+
+class Live(NamedTuple):
+    """Something that has happened: a state, an event, or that the history is another now."""
+
+    state: State | None = None
+    event: Event | None = None
+    reset: bool = False
+    id: str = ""
+    """Where to go on from, for `Client.live`."""
+
+
+class Client:
+    """A twin server, asked.
+
+    Parameters
+    ----------
+    url
+        Of the server.
+    token
+        Where the server wants one; by default what the variable `TOKEN` holds.
+    ca
+        Certificates to trust instead of the system's, such as a site's own (PEM).
+
+    Examples
+    --------
+    >>> Client("http://127.0.0.1:8000").url
+    'http://127.0.0.1:8000'
+    >>> Client("127.0.0.1")
+    Traceback (most recent call last):
+    ValueError: '127.0.0.1' is no address of a server. Give one such as http://127.0.0.1:8000.
+    """
+
+    def __init__(
+        self,
+        url: str = "http://127.0.0.1:8000",
+        *,
+        token: str | None = None,
+        ca: Path | None = None,
+        timeout_s: float = 60.0,
+    ) -> None:
+        self._token = token or os.environ.get(TOKEN)
+        self._door = Door(url, self._token, ca, timeout_s)
+        self._patient = Door(url, self._token, ca, _SILENT_S)
+
+    @property
+    def url(self) -> str:
+        """Where the server is."""
+        return self._door.url
+
+    def __enter__(self) -> Self:
+        """Give the client itself; it holds nothing open between questions."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Do nothing: there is nothing to close."""
+
+    def json(
+        self,
+        method: str,
+        path: str,
+        query: Mapping[str, object] | None = None,
+        body: object = None,
+    ) -> dict[str, Any]:
+        """Ask anything under ``/api/v1``; the answer as it came.
+
+        Raises
+        ------
+        AnswerError
+            Where the server refuses.
+        UnreachableError
+            Where it does not answer, or not in JSON.
+        """
+        text = self._door.read(method, f"{_V1}{path}", query, body)
+        try:
+            found: dict[str, Any] = from_json(text)
+        except ValueError as error:
+            raise UnreachableError(
+                f"{self.url} is no twin server: it answered {text[:40]!r}. Give its address."
+            ) from error
+        return found
+
+    def ready(self) -> bool:
+        """Whether the server is there and can do its work."""
+        try:
+            self._door.read("GET", "/readyz")
+        except (AnswerError, UnreachableError):
+            return False
+        return True
+
+    def twins(self) -> list[Twin]:
+        """All twins that the token may see, each with its latest state."""
+        return _TWINS.validate_python(self.json("GET", "/twins")["twins"])
+
+    def twin(self, twin_id: str, *, at: str | None = None) -> Twin:
+        """Find a twin as it is, or as it was `at` a moment.
+
+        `at` is RFC 3339, nanoseconds since 1970, or slow time as ``slow:812.5``; so are all
+        moments here.
+        """
+        return Twin.model_validate(self.json("GET", f"/twins/{twin_id}", {"at": at}))
+
+    def register(self, twin_id: str, registration: Mapping[str, Any]) -> Twin:
+        """Register a twin, or register it anew: its history is then estimated again."""
+        return Twin.model_validate(
+            self.json("PUT", f"/twins/{twin_id}", body=dict(registration))
+        )
+
+    def delete(self, twin_id: str) -> None:
+        """Forget a twin and its history."""
+        self._door.read("DELETE", f"{_V1}/twins/{twin_id}")
+
+    def history(
+        self,
+        twin_id: str,
+        *,
+        start: str | None = None,
+        end: str | None = None,
+        max_points: int | None = None,
+    ) -> list[State]:
+        """States from `start` to `end`; of too many, those that show what all of them show."""
+        query = {"start": start, "end": end, "max_points": max_points}
+        found = self.json("GET", f"/twins/{twin_id}/history", query)
+        return _STATES.validate_python(found["points"])
+
+    def export(
+        self,
+        twin_id: str,
+        out: Path,
+        form: Literal["csv", "parquet"] = "csv",
+        *,
+        start: str | None = None,
+        end: str | None = None,
+    ) -> int:
+        """Write every state of the history to a file, piece by piece; how many bytes."""
+        query = {"format": form, "start": start, "end": end}
+        path = f"{_V1}/twins/{twin_id}/history/export"
+        written = 0
+        with self._door.ask("GET", path, query) as answer, out.open("wb") as file:
+            while piece := answer.read(_PIECE):
+                written += file.write(piece)
+        return written
+
+    def digest(self, twin_id: str) -> Digest:
+        """SHA-256 of a twin's whole history."""
+        return Digest.model_validate(self.json("GET", f"/twins/{twin_id}/history/hash"))
+
+    def forecast(
+        self,
+        twin_id: str,
+        *,
+        horizon: float | None = None,
+        points: int | None = None,
+        threshold: float | None = None,
+    ) -> Forecast:
+        """Tell where a twin is heading, and when thresholds are reached."""
+        query = {"horizon": horizon, "points": points, "threshold": threshold}
+        return Forecast.model_validate(self.json("GET", f"/twins/{twin_id}/forecast", query))
+
+    def simulate(self, twin_id: str, order: Mapping[str, Any]) -> dict[str, Any]:
+        """Run today's twin under a load; as `docs/foresight.md` describes order and answer."""
+        return self.json("POST", f"/twins/{twin_id}/simulate", body=dict(order))
+
+    def events(
+        self, twin_id: str, *, after: int | None = None, limit: int | None = None
+    ) -> list[Event]:
+        """Find the newest events, or with `after` those that follow the one of that number."""
+        query = {"after": after, "limit": limit}
+        return _EVENTS.validate_python(
+            self.json("GET", f"/twins/{twin_id}/events", query)["events"]
+        )
+
+    def dtdl(self, *, site: str | None = None) -> dict[str, Any]:
+        """Give sites, twins and relations as a graph with DTDL v3 models."""
+        return self.json("GET", "/dtdl", {"site": site})
+
+    def dtdl_of(self, twin_id: str) -> dict[str, Any]:
+        """Give one twin, the parts of its model and their relations, likewise."""
+        return self.json("GET", f"/twins/{twin_id}/dtdl")
+
+    def live(
+        self, twin_id: str, *, last_id: str | None = None, patience_s: float = 60.0
+    ) -> Generator[Live, None, None]:
+        """States and events as they become durable, for ever; nothing is left out.
+
+        Where the connection breaks it is made again, and goes on where it was.
+
+        Parameters
+        ----------
+        last_id
+            `id` of what was seen last, such as in an earlier run; the latest state without.
+        patience_s
+            For how long a server may be away.
+        """
+        seen, away_s = last_id, None
+        while True:
+            headers = {} if seen is None else {"Last-Event-ID": seen}
+            path = f"{_V1}/twins/{twin_id}/live"
+            try:
+                with self._patient.ask("GET", path, headers=headers) as answer:
+                    away_s = None
+                    for one in _told(answer):
+                        seen = one.id or seen
+                        yield one
+            except UnreachableError:
+                away_s = time.monotonic() if away_s is None else away_s
+                if time.monotonic() - away_s > patience_s:
+                    raise
+            time.sleep(0.5)
+
+
+def _told(answer: HTTPResponse) -> Iterator[Live]:
+    """Read what is told until the connection ends, or has been silent for too long."""
+    fields: dict[str, str] = {}
+    while True:
+        try:
+            line = answer.readline()
+        except (OSError, HTTPException):
+            return
+        if not line:
+            return
+        name, _, value = line.decode().rstrip("\n").partition(": ")
+        if name:
+            fields[name] = value
+        elif fields:
+            if (one := _live(fields)) is not None:
+                yield one
+            fields = {}
+
+
+def _live(fields: Mapping[str, str]) -> Live | None:
+    kind, told, at = fields.get("event"), fields.get("data", ""), fields.get("id", "")
+    if kind == "state":
+        return Live(state=State.model_validate_json(told), id=at)
+    if kind == "event":
+        return Live(event=Event.model_validate_json(told), id=at)
+    return Live(reset=True, id=at) if kind == "reset" else None
+
+
+_TWINS = TypeAdapter(list[Twin])
+_STATES = TypeAdapter(list[State])
+_EVENTS = TypeAdapter(list[Event])
