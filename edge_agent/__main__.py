@@ -14,6 +14,7 @@ from slowtime_services.bus import Bus, ZenohBus
 from slowtime_services.clock import Clock, SystemClock
 from slowtime_services.credentials import Credentials, options_for
 from slowtime_services.ending import ended_by_signals
+from slowtime_services.tracing import Traces, traces_of
 
 from .acquire import Pacer, Source, open_source
 from .pipeline import Edge, listen
@@ -33,6 +34,7 @@ def run(
     clock: Clock | None = None,
     source: Source | None = None,
     stop: threading.Event | None = None,
+    traces: Traces | None = None,
 ) -> int:
     """Run an edge agent until its input ends or it is told to stop.
 
@@ -42,6 +44,8 @@ def run(
         Others than the settings would choose; a bus that is given stays open.
     stop
         Set it to end; None to end on SIGINT and SIGTERM.
+    traces
+        Others than the environment asks for.
 
     Returns
     -------
@@ -51,12 +55,16 @@ def run(
         if stop is None:
             stop = stack.enter_context(ended_by_signals())
         clock = clock or SystemClock()
+        if traces is None and (traces := traces_of("edge")) is not None:
+            stack.callback(traces.close)
         source = source or open_source(settings.input, clock, stop)
         if bus is None:
             bus = stack.enter_context(_connected(settings, clock, stop))
         boot = settings.boot or new_boot(clock)
         blocks = iter(source)
-        while (rest := _run_boot(settings, boot, source, blocks, bus, clock, stop)) is not None:
+        while (
+            rest := _run_boot(settings, boot, source, blocks, bus, clock, stop, traces)
+        ) is not None:
             boot, blocks = new_boot(clock), rest
             logger.warning("The sensor's time has run back; what follows is another boot.")
     return 0
@@ -70,6 +78,7 @@ def _run_boot(
     bus: Bus,
     clock: Clock,
     stop: threading.Event,
+    traces: Traces | None,
 ) -> Iterator[Block | None] | None:
     """Listen under one boot; give the blocks from where sensor time runs back, if it does."""
     origin = Origin(
@@ -96,6 +105,7 @@ def _run_boot(
             settings.publish,
             software=f"slowtime {importlib.metadata.version('slowtime')}",
             about=_about(settings),
+            traces=traces,
         )
         publisher.open()
         stack.callback(publisher.close)

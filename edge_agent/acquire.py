@@ -7,6 +7,7 @@ its own sample type, stamped with its own clock, ``first_index`` counting lost s
 """
 
 import dataclasses
+import logging
 import threading
 from collections.abc import Iterator
 from typing import Protocol, runtime_checkable
@@ -17,7 +18,7 @@ from slowtime.signals.block import Block
 from slowtime_schemas.messages import TimeBase
 from slowtime_schemas.raw import RawHeader
 from slowtime_services.clock import Clock
-from slowtime_services.files import read_record
+from slowtime_services.files import UNDATED_NS, read_record
 from slowtime_services.replay import raw_blocks
 
 from .settings import (
@@ -27,6 +28,8 @@ from .settings import (
     RecordingInput,
     SimulatedInput,
 )
+
+logger = logging.getLogger(__name__)
 
 ADOPT_AFTER = 10
 """So many refused blocks in a row that agree with each other are a stream that has changed."""
@@ -115,7 +118,14 @@ class FileSource:
             time_column=given.time_column,
             keep_missing=True,
         )
-        blocks = record.blocks(given.block_s, start_ns=given.start_ns)
+        begins_ns = record.start_ns if given.start_ns is None else given.start_ns
+        if begins_ns is None:
+            begins_ns = UNDATED_NS
+            logger.warning(
+                "%s does not say when it began; 2000-01-01 is put there. Set input.start_ns.",
+                given.path,
+            )
+        blocks = record.blocks(given.block_s, start_ns=begins_ns)
         yield from _paced(blocks, given.speed, self.pacer)
 
 

@@ -10,13 +10,23 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 
 import uvicorn
+from starlette.types import ASGIApp
 
 from slowtime_services.bus import Bus, BusUnreachableError, ZenohBus
-from slowtime_services.clock import Clock
+from slowtime_services.clock import Clock, SystemClock
 from slowtime_services.credentials import CredentialsError, options_for
 from slowtime_services.ending import ended_by_signals
+from slowtime_services.tracing import NoTelemetryError, Traces, traces_of
 from twin_server.persist import Store, WrongStoreError, open_store
-from twin_server.pipeline import Herald, Orders, Pipeline, TwinKnowledge
+from twin_server.pipeline import (
+    Herald,
+    Lookout,
+    Orders,
+    Pipeline,
+    Recordings,
+    Tracing,
+    TwinKnowledge,
+)
 from twin_server.registration import WrongRegistrationsError, registrations
 from twin_server.serve import Hub, create_app
 from twin_server.serve.access import (
@@ -26,6 +36,7 @@ from twin_server.serve.access import (
     guarded,
 )
 from twin_server.serve.heads import Heads
+from twin_server.serve.tracing import Traced
 from twin_server.settings import TwinSettings
 
 logger = logging.getLogger(__name__)
@@ -45,6 +56,7 @@ def run(
     stop: threading.Event | None = None,
     ready: Callable[[str], None] | None = None,
     diagnosis: Sequence[str] = DIAGNOSIS,
+    traces: Traces | None = None,
 ) -> int:
     """Serve until `stop` is set, or until SIGINT or SIGTERM.
 
@@ -60,6 +72,8 @@ def run(
         Told the URL once the server answers.
     diagnosis
         Command of the process that makes one diagnosis, of the folder that is added.
+    traces
+        Others than the environment asks for.
 
     Returns
     -------
@@ -70,16 +84,21 @@ def run(
         with contextlib.ExitStack() as open_things:
             open_things.enter_context(ended_by_signals(stop))
             guard = guarded(settings)
+            if traces is None and (traces := traces_of("twin")) is not None:
+                open_things.callback(traces.close)
             listening = open_things.enter_context(_listening(settings.host, settings.port))
             store = open_store(settings.database, synchronous=settings.synchronous)
             open_things.callback(store.close)
             if bus is None:
                 bus = open_things.enter_context(_open_bus(settings, clock, stop))
-            _serve(settings, guard, listening, store, bus, clock, stop, ready, diagnosis)
+            _serve(
+                settings, guard, listening, store, bus, clock, stop, ready, diagnosis, traces
+            )
     except (
         BusUnreachableError,
         CredentialsError,
         NotSecuredError,
+        NoTelemetryError,
         WrongTokenFileError,
         WrongStoreError,
         WrongRegistrationsError,
@@ -117,19 +136,34 @@ def _serve(
     stop: threading.Event,
     ready: Callable[[str], None] | None,
     diagnosis: Sequence[str],
+    traces: Traces | None,
 ) -> None:
     pipeline = Pipeline(settings, store, bus=bus, clock=clock)
     limits = settings.serve
     hub = Hub(limits.max_live_clients, limits.live_backlog, limits.max_live_of_one)
     pipeline.listen(Herald(hub))
+    lookout = Lookout(pipeline, store)
+    pipeline.listen(lookout)
+    if traces is not None:
+        pipeline.listen(Tracing(pipeline, traces, clock or SystemClock()))
     knowledge = TwinKnowledge(
         pipeline, store, bus=bus, refresh=settings.serve.forecast_refresh_readings
     )
     orders = Orders(
         pipeline, store, settings.diagnose, settings.gap, diagnosis, bus=bus, clock=clock
     )
-    app = create_app(knowledge, hub, settings.serve, orders)
-    server = _Server(_config(guard.around(app), settings), hub)
+    recordings = Recordings(
+        settings.diagnose.recordings,
+        settings.recordings,
+        lambda twin_id: pipeline.twin(twin_id) is not None,
+        bus,
+    )
+    app = create_app(
+        knowledge, hub, settings.serve, orders, recordings,
+        largest_recording=settings.recordings.max_bytes,
+    )  # fmt: skip
+    door_of = guard.around(app)
+    server = _Server(_config(Traced(door_of, traces) if traces else door_of, settings), hub)
     # Off the main thread, where uvicorn leaves the signals alone.
     door = threading.Thread(
         target=server.run, kwargs={"sockets": [listening]}, name="http", daemon=True
@@ -139,6 +173,7 @@ def _serve(
         if pipeline.twin(twin_id) is None:
             pipeline.register(twin_id, registration)
     orders.start()
+    lookout.start()
     door.start()
     collect_less_often()
     try:
@@ -155,7 +190,9 @@ def _serve(
     finally:
         server.should_exit = True
         door.join(settings.shutdown_s + 1.0)
+        recordings.stop()
         orders.stop()
+        lookout.stop()
         pipeline.stop()
 
 
@@ -170,7 +207,7 @@ def collect_less_often() -> None:
     gc.set_threshold(100_000, 20, 50)
 
 
-def _config(app: Guard, settings: TwinSettings) -> uvicorn.Config:
+def _config(app: ASGIApp, settings: TwinSettings) -> uvicorn.Config:
     return uvicorn.Config(
         app,
         http=Heads,

@@ -1,9 +1,9 @@
-"""What a diagnosis is asked for, and what of it a twin has adopted."""
+"""What is asked of a twin: diagnoses and simulations, and what it has adopted of the former."""
 
 import datetime
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, JsonValue, model_validator
 
 from slowtime_schemas.model_file import ModelFile
 
@@ -13,7 +13,7 @@ Seconds = Annotated[float, Field(gt=0, le=3600, allow_inf_nan=False)]
 Moment = Annotated[int, Field(ge=0, lt=2**63)] | AwareDatetime
 
 ENDED: tuple[State, ...] = ("done", "failed", "cancelled")
-FILES = ("report.json", "report.html", "augmented.yaml")
+FILES = ("report.json", "report.html", "charts.json", "augmented.yaml")
 """What a diagnosis that is done has to give."""
 
 _EPOCH = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
@@ -125,3 +125,125 @@ class Adopted(Frozen):
     """Of a diagnosis in fast time."""
     covariates_before: dict[str, Any] | None = None
     """Of one in slow time."""
+
+
+Finite = Annotated[float, Field(ge=-1e12, le=1e12, allow_inf_nan=False)]
+Rate = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
+
+MOST_SAMPLES = 20_000
+"""Of one simulation."""
+
+
+class Harmonic(Frozen):
+    """A cosine that begins at once."""
+
+    kind: Literal["harmonic"]
+    amplitude: Finite
+    frequency_hz: Rate
+    phase_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
+
+
+class Step(Frozen):
+    """Nothing until `at_s`, then `amplitude` for good."""
+
+    kind: Literal["step"]
+    amplitude: Finite
+    at_s: Annotated[float, Field(ge=0, le=1e6)] = 0.0
+
+
+class White(Frozen):
+    """Noise, white up to half the sampling rate; which one follows from the seed."""
+
+    kind: Literal["white"]
+    psd: Annotated[
+        float, Field(ge=0, le=1e18, description="One-sided density, of the load's unit^2/Hz.")
+    ]
+
+
+class Recorded(Frozen):
+    """Samples of a load; it is straight between them."""
+
+    kind: Literal["recorded"]
+    samples: Annotated[tuple[Finite, ...], Field(min_length=2, max_length=MOST_SAMPLES)]
+
+
+Load = Annotated[Harmonic | Step | White | Recorded, Field(discriminator="kind")]
+
+SIMULATION_EXAMPLES: list[JsonValue] = [
+    {
+        "load": {"kind": "harmonic", "amplitude": 0.5, "frequency_hz": 4.9},
+        "duration_s": 20.0,
+        "quantity": "displacement",
+    },
+    {
+        "load": {"kind": "recorded", "samples": [0.0, 120.0, 40.0, 0.0, 0.0, 0.0]},
+        "on": "floor2",
+        "rate_hz": 50.0,
+        "outputs": ["floor1", "floor2"],
+        "draws": 200,
+        "seed": 7,
+    },
+]
+
+
+class SimulationOrder(Frozen):
+    """Under which load today's twin is run, from rest."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", json_schema_extra={"examples": SIMULATION_EXAMPLES}
+    )
+
+    load: Load
+    on: Annotated[
+        str,
+        Field(
+            min_length=1,
+            max_length=80,
+            description="`base`: the load is an acceleration of the base [m/s^2]. A node of "
+            "the model, or `mass` of a twin of one mode with a nominal mass: a force [N].",
+        ),
+    ] = "base"
+    outputs: Annotated[
+        tuple[Annotated[str, Field(min_length=1, max_length=80)], ...] | None,
+        Field(min_length=1, max_length=64, description="Nodes; all that move where left out."),
+    ] = None
+    quantity: Annotated[
+        Literal["displacement", "velocity", "acceleration"],
+        Field(description="The first two against the base, acceleration in space."),
+    ] = "acceleration"
+    duration_s: Annotated[
+        float | None,
+        Field(gt=0, le=1e6, description="By default 20 periods of the lowest mode."),
+    ] = None
+    rate_hz: Annotated[
+        Rate | None,
+        Field(
+            description="By default 20 samples a period of the highest mode, or 20 of the "
+            "load's, whichever is more."
+        ),
+    ] = None
+    level: Annotated[float, Field(gt=0, lt=1)] = 0.95
+    draws: Annotated[
+        int | None,
+        Field(
+            ge=20,
+            le=2_000,
+            description="Structures that are drawn and run; by default 400, or as many as are "
+            "allowed of so many samples.",
+        ),
+    ] = None
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+
+    @model_validator(mode="after")
+    def _says_how_fast_it_was_recorded(self) -> Self:
+        if self.load.kind == "recorded":
+            if self.rate_hz is None:
+                raise ValueError(
+                    "A recorded load was given without its rate. Give rate_hz, the samples per "
+                    "second."
+                )
+            if self.duration_s is not None:
+                raise ValueError(
+                    "A recorded load lasts as long as its samples. Leave duration_s out."
+                )
+        return self

@@ -8,23 +8,16 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import ConfigDict, Field, ValidationError, model_validator
 
 from slowtime_schemas.model_file import ModelFile
 from slowtime_services.models import description_of
 
 from .model import Model, model_of
-from .orders import Adopted
+from .orders import Adopted, Frozen
+from .thresholds import Alarm, Forecasting, Limit, Number, Positive
 
-Positive = Annotated[float, Field(gt=0, lt=1e300, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, lt=1e300, allow_inf_nan=False)]
-Number = Annotated[float, Field(allow_inf_nan=False)]
-
-
-class Frozen(BaseModel):
-    """Immutable, and refusing what it does not know."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class Nominal(Frozen):
@@ -79,41 +72,6 @@ class Nominal(Frozen):
             math.sqrt(self.stiffness_n_per_m / self.mass_kg) / (2 * math.pi),
             self.damping_n_s_per_m / (2 * root),
         )
-
-
-class Alarm(Frozen):
-    """A limit to be warned of, once it is passed with the certainty asked for."""
-
-    quantity: Annotated[
-        str,
-        Field(
-            min_length=1,
-            max_length=80,
-            examples=["stiffness_change", "elements", "storey2"],
-            description="frequency_hz or damping_ratio; stiffness_change or mass_change; of a "
-            "twin of elements, one of its parameters, or `elements` for each of them.",
-        ),
-    ]
-    below: Number | None = None
-    above: Number | None = None
-    certainty: Annotated[float, Field(ge=0.5, lt=1)] = 0.975
-
-    @model_validator(mode="after")
-    def _has_one_limit(self) -> Self:
-        if (self.below is None) == (self.above is None):
-            raise ValueError(
-                f"An alarm on {self.quantity} has one limit. Give below or above, not both; "
-                "two limits are two alarms."
-            )
-        return self
-
-    @property
-    def limit(self) -> tuple[Literal["below", "above"], float]:
-        """On which side of what it is raised."""
-        if self.below is not None:
-            return "below", self.below
-        assert self.above is not None
-        return "above", self.above
 
 
 class Covariates(Frozen):
@@ -227,6 +185,7 @@ class Registration(Frozen):
                     "changes": "stiffness",
                     "nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02},
                     "alarms": [{"quantity": "stiffness_change", "below": -0.1}],
+                    "forecast": {"thresholds": [{"quantity": "stiffness_change", "at": -0.2}]},
                 },
                 {"changes": "both", "learn_epochs": 40, "damping_coefficient_sd": 0.0},
                 {
@@ -270,6 +229,8 @@ class Registration(Frozen):
     lasts as long as their training then, not `learn_epochs`."""
     adopted: Annotated[tuple[Adopted, ...], Field(max_length=16)] = ()
     """What diagnoses have added to `model`, or to `covariates`, the latest last."""
+    forecast: Forecasting = Forecasting()
+    """Thresholds whose time is asked for, and how the future is looked at."""
     alarms: Annotated[tuple[Alarm, ...], Field(max_length=16)] = ()
     confirm_readings: Annotated[int, Field(ge=1, le=100)] = 3
     """Readings in a row until an alarm, or a change of validity, is believed."""
@@ -322,6 +283,13 @@ class Registration(Frozen):
         return self._with_alarms_on((*_OF_ONE_MODE[:2], _EACH, *model.free))
 
     def _with_alarms_on(self, allowed: tuple[str, ...]) -> Self:
+        changes = tuple(name for name in allowed if name not in _OF_ONE_MODE[:2])
+        for threshold in self.forecast.thresholds:
+            if threshold.quantity not in changes:
+                raise ValueError(
+                    f"A threshold of {threshold.quantity!r:.60} was given. Allowed: "
+                    f"{', '.join(changes)}."
+                )
         for alarm in self.alarms:
             if alarm.quantity not in allowed:
                 raise ValueError(
@@ -351,12 +319,27 @@ class Registration(Frozen):
     def watched(self) -> tuple[tuple[str, Alarm], ...]:
         """Each alarm with the quantity it watches; one on `elements` watches each of them."""
         return tuple(
-            (name, alarm)
-            for alarm in self.alarms
-            for name in (
-                self.structure().free if alarm.quantity == _EACH else (alarm.quantity,)
-            )
+            (name, alarm) for alarm in self.alarms for name in self._each(alarm.quantity)
         )
+
+    def thresholds(self) -> tuple[Limit, ...]:
+        """Each threshold that is looked for: those of the alarms, then those of `forecast`."""
+        of_alarms = [
+            Limit(name, at, side)
+            for name, alarm in self.watched()
+            for side, at in [alarm.limit]
+            if name not in _OF_ONE_MODE[:2]
+        ]
+        asked = [
+            Limit(name, one.at)
+            for one in self.forecast.thresholds
+            for name in self._each(one.quantity)
+        ]
+        return (*of_alarms, *asked)
+
+    def _each(self, quantity: str) -> tuple[str, ...]:
+        """`quantity`, or each of them where it stands for all."""
+        return self.structure().free if quantity == _EACH else (quantity,)
 
     @classmethod
     def from_json(cls, text: str) -> "Registration":

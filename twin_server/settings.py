@@ -83,6 +83,8 @@ class ServeSettings(Frozen):
     """More at once are answered with 503."""
     live_backlog: Annotated[int, Field(ge=16)] = 2_000
     """Events a slow client may be behind, or a returning one may have missed."""
+    max_measured: Annotated[int, Field(ge=0)] = 200
+    """Twins whose estimates are among the metrics; where there are more, none are."""
     forecast_refresh_readings: Count = 25
     max_forecast_points: Annotated[int, Field(ge=2)] = 200
 
@@ -108,6 +110,18 @@ class DiagnoseSettings(Frozen):
     """Epochs that a diagnosis in slow time looks back."""
     ask_timeout_s: Positive = 5.0
     """How long to wait for the edge's raw samples."""
+
+
+class RecordingSettings(Frozen):
+    """Recordings that are given by REST, into the folder `diagnose.recordings`."""
+
+    max_bytes: Annotated[int, Field(ge=1_024)] = 256 * 2**20
+    """Of one."""
+    max_total_bytes: Annotated[int, Field(ge=1_024)] = 4 * 2**30
+    """Of all in the folder, whoever put them there; no more is taken in then."""
+    max_files: Count = 500
+    patience_s: Positive = 30.0
+    """How long nothing may come of one that is being sent."""
 
 
 class GapSettings(Frozen):
@@ -223,4 +237,5 @@ class TwinSettings(ProcessSettings):
     tls: TlsSettings | None = None
     """Certificate and key of REST and page; None where there is a proxy, or nobody else."""
     diagnose: DiagnoseSettings = DiagnoseSettings()
+    recordings: RecordingSettings = RecordingSettings()
     gap: GapSettings = GapSettings()

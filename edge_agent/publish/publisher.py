@@ -30,6 +30,7 @@ from slowtime_schemas.streams import (
 )
 from slowtime_services.bus import Bus, Handle, Query, Sample
 from slowtime_services.clock import Clock
+from slowtime_services.tracing import Made, Traces
 
 from .ring import Ring
 from .spool import Spool, SpoolError
@@ -49,6 +50,8 @@ class Publisher:
         Whose messages these are.
     about
         What `About` says of the settings; ``processing`` must be among it.
+    traces
+        Told of each features message, where traces are asked for.
     """
 
     def __init__(
@@ -61,9 +64,11 @@ class Publisher:
         *,
         software: str,
         about: Mapping[str, Any],
+        traces: Traces | None = None,
     ) -> None:
         self.origin, self._spool, self._bus, self._clock = origin, spool, bus, clock
         self._settings, self._software, self._about = settings, software, dict(about)
+        self._traces = traces
         self._ring = Ring(settings.ring_s, settings.ring_bytes)
         self._counters: Counter[str] = Counter()
         self._sequences: Counter[str] = Counter()
@@ -119,6 +124,7 @@ class Publisher:
 
     def features(self, message: Features) -> None:
         """Keep and send one features message."""
+        began_ns = self._clock.now_ns()
         payload = encode(message)
         try:
             self._spool.append(message.sequence, payload)
@@ -129,6 +135,9 @@ class Publisher:
         self._last_features = message.sequence
         self.count("features")
         self._send(FEATURES, payload)
+        if self._traces is not None:
+            made = Made(message.twin_id, message.boot, message.sequence)
+            self._traces.at_edge(made, began_ns, self._clock.now_ns())
 
     def health(self) -> None:
         """Say how the agent is, and where its account ends."""

@@ -12,6 +12,7 @@ from edge_agent.settings import AdmissionSettings, FileInput, SimulatedInput
 from slowtime.signals.block import Block
 from slowtime_services.clock import HandClock, SystemClock
 from slowtime_services.simulate import SimulatedStructure
+from twin_server.settings import AdmissionSettings as TwinAdmission
 
 NOW_NS = 1_800_000_000_000_000_000
 
@@ -126,6 +127,14 @@ def test_a_file_becomes_a_stream_with_its_gaps_and_its_missing_values(tmp_path):
     )
     assert [block.first_index for block in blocks[:5]] == [0, 50, 100, 160, 210]
     assert np.isnan(blocks[0].samples).sum() == 1
+
+
+def test_a_file_without_a_time_begins_where_a_twin_takes_it_and_says_so(tmp_path, caplog):
+    np.savez(tmp_path / "a.npz", z=np.arange(200.0), rate_hz=100.0)
+    source = open_source(FileInput(path=tmp_path / "a.npz"), HandClock(), threading.Event())
+    first = next(block for block in source if block is not None)
+    assert first.start_ns >= TwinAdmission().not_before_ns
+    assert "does not say when it began" in caplog.text
 
 
 def test_a_file_is_paced_by_the_clock_where_asked(tmp_path):

@@ -291,7 +291,7 @@ def settings():
 def eventually():
     """Whether a condition becomes true in good time."""
 
-    def wait(condition, timeout_s=10.0):
+    def wait(condition, timeout_s=60.0):
         deadline = time.monotonic() + timeout_s
         while not condition():
             if time.monotonic() > deadline:

@@ -7,13 +7,13 @@ from pydantic import ValidationError
 
 from twin_server.registration import (
     MODEL_EXAMPLE,
-    Alarm,
     Covariates,
     Nominal,
     Registration,
     WrongRegistrationsError,
     registrations,
 )
+from twin_server.thresholds import Alarm
 
 
 def test_physical_and_modal_quantities_say_the_same():

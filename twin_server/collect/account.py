@@ -38,6 +38,7 @@ class Account:
         self._lines: dict[tuple[str, str], Line] = {}
         self._runs: dict[tuple[str, str, str], Run] = {}
         self._uneasy: dict[tuple[str, str], Line] = {}
+        self._asked: dict[tuple[str, str], Line] = {}
         self._next_number = 1
 
     def restore(self, runs: Iterable[Run], next_number: int) -> None:
@@ -119,6 +120,7 @@ class Account:
             want, uneasy = line.want(now_s, self._settings)
             if want is not None:
                 line.busy = True
+                self._asked[key] = self._uneasy.pop(key)
                 wants.append(want)
             elif not uneasy:
                 del self._uneasy[key]
@@ -145,6 +147,8 @@ class Account:
         """
         line = self._line(want.site, want.asset)
         line.busy = False
+        self._asked.pop((want.site, want.asset), None)
+        self._uneasy[want.site, want.asset] = line
         certain = sound and listing is not None and (bool(listing) or line.alive)
         if listing:
             line.spooled = True
@@ -181,18 +185,17 @@ class Account:
     def holes(self) -> int:
         """How many boots are missing something now."""
         return sum(
-            1
-            for line in list(self._uneasy.values())
-            for run in line.runs
-            if run.missing() is not None
+            1 for line in self._unsettled for run in line.runs if run.missing() is not None
         )
 
     @property
     def held(self) -> int:
         """How many features are held out of order."""
-        return sum(
-            len(run.held) for line in list(self._uneasy.values()) for run in line.all_runs()
-        )
+        return sum(len(run.held) for line in self._unsettled for run in line.all_runs())
+
+    @property
+    def _unsettled(self) -> set[Line]:
+        return {*list(self._uneasy.values()), *list(self._asked.values())}
 
     @property
     def alive(self) -> list[str]:

@@ -30,8 +30,8 @@ class Healer:
         Takes the features that came in answer; says whether the first asked for is missing
         still, and whether all could be judged: not where the edge's clock is off for now.
     settle
-        Concludes: from what the edge says it holds, None where that was not asked, and from
-        whether all was answered without error.
+        Concludes, soon: from what the edge says it holds, None where that was not asked, and
+        from whether all was answered without error.
     """
 
     def __init__(
@@ -49,6 +49,10 @@ class Healer:
     def start(self) -> None:
         """Begin."""
         self._thread.start()
+
+    def wake(self) -> None:
+        """Look now what to ask: where one hole was, the next may be."""
+        self._wake.set()
 
     def stop(self) -> None:
         """Ask nothing more; wait for what is under way."""
@@ -83,8 +87,6 @@ class Healer:
             logger.exception("%s.%s could not be asked; trying again.", want.site, want.asset)
             listing, sound = None, False
         self._settle(want, listing, sound)
-        # Where one hole was, the next may be: it is not waited for.
-        self._wake.set()
 
     def _features(self, want: Want) -> tuple[bool, bool]:
         """Whether the first asked for is missing still, and whether all was answered."""

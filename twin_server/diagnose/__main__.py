@@ -15,7 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from slowtime.discrepancy.diagnose import Cancelled
+from slowtime.discrepancy.watch import Cancelled
 
 from .fast import diagnose_samples
 from .slow import diagnose_history

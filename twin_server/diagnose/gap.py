@@ -22,7 +22,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import chi2, norm
 
-from slowtime.discrepancy.gap import errors, part_of
+from slowtime.discrepancy.gap import errors
 from slowtime.discrepancy.records import FEWEST, Trial
 from slowtime.discrepancy.refit import refit
 from slowtime.discrepancy.values import with_values
@@ -142,7 +142,7 @@ def limit_factor(count: int, between: float) -> float:
 
 def _gap(plant: Plant, trial: Trial) -> float:
     count = max(round(START * len(trial.outputs)), FEWEST)
-    first = refit(plant, (part_of(trial, 0, count),), free=[], horizons=(1.0,))
+    first = refit(plant, (trial.part(0, count),), free=[], horizons=(1.0,))
     run = plant.simulate(
         plant.values, trial.inputs, trial.rate_hz,
         state0=first.states[0], start_s=trial.start_s,

@@ -1,15 +1,14 @@
 """A diagnosis in slow time: the twin's history and what was read beside it."""
 
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
-from slowtime.discrepancy import slow
-from slowtime.discrepancy.diagnose import Cancelled
-from slowtime_services.diagnose.slow import slow_document, write_slow_results
+from slowtime.discrepancy.watch import Cancelled
+from slowtime_services.diagnose.histories import History, Quantity, covariate
+from slowtime_services.diagnose.slow import diagnose_slowly, write_slow_results
 
 from .task import HISTORY, Task
 
@@ -17,8 +16,6 @@ COVARIATE = "covariate "
 """Before the name of a covariate in the file of a history."""
 
 _NAMES = {"T0": "period"}
-_UNITS = {"c": "°C", "k": "K", "kg": "kg", "t": "t", "n": "N", "percent": "%"}
-"""Of a covariate, by the end of its name."""
 
 
 def diagnose_history(
@@ -40,30 +37,29 @@ def diagnose_history(
             raise Cancelled(f"The diagnosis was stopped: {stage}.")
         progress(stage, share)
 
-    began = time.monotonic()
-    unit = _NAMES.get(task.slow_time_unit, task.slow_time_unit)
-    with np.load(folder / HISTORY) as kept:
-        covariates = [
-            slow.Covariate(
-                name.removeprefix(COVARIATE), kept[name], _UNITS.get(name.split("_")[-1], "")
-            )
-            for name in kept.files
-            if name.startswith(COVARIATE)
-        ]
-        report = slow.diagnose_history(
-            kept["slow_time"],
-            kept["value"],
-            kept["sd"],
-            covariates,
-            quantity=task.quantity,
-            time_unit=unit,
-            progress=tell,
-        )
-    document = slow_document(
-        report,
+    history = left_in(
+        folder,
         of=f"{task.site}.{task.asset}",
         quantity=task.quantity,
-        time_unit=unit,
-        seconds=time.monotonic() - began,
+        slow_time_unit=task.slow_time_unit,
     )
+    report, document = diagnose_slowly(history, progress=tell)
     write_slow_results(folder, report, document)
+
+
+def left_in(folder: Path, *, of: str, quantity: Quantity, slow_time_unit: str) -> History:
+    """Read the history that was left in a folder."""
+    with np.load(folder / HISTORY) as kept:
+        return History(
+            of=of,
+            time=kept["slow_time"],
+            value=kept["value"],
+            sd=kept["sd"],
+            covariates=tuple(
+                covariate(name.removeprefix(COVARIATE), kept[name])
+                for name in kept.files
+                if name.startswith(COVARIATE)
+            ),
+            quantity=quantity,
+            time_unit=_NAMES.get(slow_time_unit, slow_time_unit),
+        )

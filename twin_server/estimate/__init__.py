@@ -3,18 +3,42 @@
 from .checkpoint import Checkpoint, Twin
 from .covariates.words import normal_of
 from .estimator import Estimated, estimate
-from .foresight import Foresight, foresee, past_of, past_of_elements
+from .foresight import (
+    Foresight,
+    Outlooks,
+    Past,
+    foresee,
+    learn,
+    now_of,
+    past_of,
+    past_of_elements,
+)
+from .lookout import Noticed, Series
 from .notices import Notice
+from .today import Today, UnknownTodayError, today_of
+from .whatif import OrderError, Simulated, simulate
 
 __all__ = [
     "Checkpoint",
     "Estimated",
     "Foresight",
     "Notice",
+    "Noticed",
+    "OrderError",
+    "Outlooks",
+    "Past",
+    "Series",
+    "Simulated",
+    "Today",
     "Twin",
+    "UnknownTodayError",
     "estimate",
     "foresee",
+    "learn",
     "normal_of",
+    "now_of",
     "past_of",
     "past_of_elements",
+    "simulate",
+    "today_of",
 ]

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -10,8 +10,10 @@ from jaxtyping import Float
 from pydantic_core import from_json
 
 from slowtime.evolution import forecast
+from slowtime.evolution.crossing import Crossing, first_crossing
 from twin_server.details import Bodies
 from twin_server.states import ASSUMES_MASS, ASSUMES_STIFFNESS, States
+from twin_server.thresholds import Limit
 
 from .checkpoint import Known
 from .estimator import LEVEL
@@ -30,6 +32,8 @@ _GAP = {"value": math.nan, "sd": math.nan}
 
 Outlooks: TypeAlias = dict[str, forecast.Outlook]
 
+_PATHS, _POINTS = 2000, 120
+
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Foresight:
@@ -47,6 +51,8 @@ class Foresight:
         What was learnt for it, for the next time.
     reasons
         Why it should not be relied on; none where it can.
+    crossings
+        When each threshold that was asked for is reached.
     """
 
     since: float
@@ -55,6 +61,7 @@ class Foresight:
     until: float
     outlooks: Outlooks
     reasons: tuple[str, ...]
+    crossings: tuple[tuple[Limit, Crossing], ...] = ()
 
 
 class Past(NamedTuple):
@@ -73,6 +80,12 @@ class Past(NamedTuple):
     value: Float[np.ndarray, " time"]
     sd: Float[np.ndarray, " time"]
     common: float
+
+    @property
+    def own_sd(self) -> Float[np.ndarray, " time"]:
+        """Part of the standard deviation that each reading has by itself."""
+        shared = self.common * np.abs(1.0 + self.value)
+        return np.sqrt(np.maximum(self.sd**2 - shared**2, (0.1 * self.sd) ** 2))
 
 
 def past_of(states: States, known: Known | None) -> dict[str, Past]:
@@ -105,11 +118,32 @@ def past_of_elements(states: States, bodies: Bodies, memory: Memory | None) -> d
     return past
 
 
+def learn(
+    past: Mapping[str, Past],
+    process: forecast.Choice = "evidence",
+    suspected: Mapping[str, Sequence[float]] | None = None,
+) -> Outlooks:
+    """Learn from the past of each quantity what it may do; empty where that is too little.
+
+    `suspected` are slow times of each after which it was seen to jump.
+    """
+    jumps = suspected or {}
+    if not _is_enough(past):
+        return {}
+    return {
+        name: forecast.fit(
+            one.slow_time, one.value, one.own_sd, process=process, suspected=jumps.get(name, ())
+        )
+        for name, one in past.items()
+    }
+
+
 def foresee(
     past: Mapping[str, Past],
+    outlooks: Outlooks,
     horizon: float | None,
     count: int,
-    outlooks: Outlooks | None = None,
+    thresholds: Sequence[Limit] = (),
 ) -> Foresight | None:
     """Forecast each quantity; None where there is too little to go by.
 
@@ -117,33 +151,31 @@ def foresee(
     ----------
     past
         Of each, its history, oldest first; all at the same slow times.
+    outlooks
+        What `learn` has learnt, from this past or from an earlier one.
     horizon
-        How far ahead, in slow time; None for a quarter of the history that is used.
+        How far ahead, in slow time; None for a quarter of the history that is used, and for
+        thresholds all of it.
     count
         At how many future times.
-    outlooks
-        What an earlier forecast has learnt from nearly the same history.
+    thresholds
+        Of which it is asked when they are reached.
     """
-    time = next((one.slow_time for one in past.values()), np.zeros(0))
-    if len(time) < FEWEST or not np.ptp(time) > 0:
+    if not _is_enough(past) or not set(past) <= set(outlooks):
         return None
-    since = float(time.max())
-    reach = 0.25 * float(np.ptp(time)) if horizon is None else horizon
-    later = since + reach * np.arange(1, count + 1) / count
-    learnt: Outlooks = {}
+    time = next(iter(past.values())).slow_time
+    since, span = float(time.max()), float(np.ptp(time))
+    later = since + (horizon or 0.25 * span) * np.arange(1, count + 1) / count
     bands: dict[str, Float[np.ndarray, "later 4"]] = {}
     until = np.inf
     for name, one in past.items():
-        common = one.common * np.abs(1.0 + one.value)
-        own = np.sqrt(np.maximum(one.sd**2 - common**2, (0.1 * one.sd) ** 2))
-        outlook = (outlooks or {}).get(name) or forecast.fit(time, one.value, own)
-        ahead = forecast.predict(outlook, time, one.value, own, later, level=LEVEL)
-        widened = np.hypot(ahead.sd, one.common * np.abs(1.0 + ahead.mean))
-        half = (ahead.hi - ahead.mean) * widened / np.where(ahead.sd > 0, ahead.sd, 1.0)
-        bands[name] = np.column_stack(
-            (ahead.mean, widened, ahead.mean - half, ahead.mean + half)
+        ahead = forecast.predict(
+            outlooks[name], time, one.value, one.own_sd, later, level=LEVEL
         )
-        learnt[name] = outlook
+        widened = np.hypot(ahead.sd, one.common * np.abs(1.0 + ahead.mean))
+        wider = widened / np.where(ahead.sd > 0, ahead.sd, 1.0)
+        lo, hi = (ahead.mean + (end - ahead.mean) * wider for end in (ahead.lo, ahead.hi))
+        bands[name] = np.column_stack((ahead.mean, widened, lo, hi))
         until = min(until, ahead.horizon)
     reasons: tuple[str, ...] = ()
     if later[-1] > until:
@@ -151,7 +183,50 @@ def foresee(
             f"Beyond slow time {until:.6g} the readings say little: the forecast repeats its "
             "trend there. Ask for a shorter horizon, or wait for more readings.",
         )
-    return Foresight(since, later, bands, float(until), learnt, reasons)
+    crossings = tuple(
+        (limit, _crossing(past[limit.quantity], outlooks, limit, since + (horizon or span)))
+        for limit in thresholds
+        if limit.quantity in past
+    )
+    used = {name: outlooks[name] for name in past}
+    return Foresight(since, later, bands, float(until), used, reasons, crossings)
+
+
+def now_of(past: Mapping[str, Past], outlooks: Outlooks) -> dict[str, tuple[float, float]]:
+    """Mean and sd of each change at its last reading, given all readings."""
+    found: dict[str, tuple[float, float]] = {}
+    if not _is_enough(past):
+        return found
+    for name, one in past.items():
+        if name in outlooks:
+            since = np.array([one.slow_time.max()])
+            here = forecast.predict(
+                outlooks[name], one.slow_time, one.value, one.own_sd, since, level=LEVEL
+            )
+            mean = float(here.mean[0])
+            sd = math.hypot(float(here.sd[0]), one.common * abs(1.0 + mean))
+            found[name] = mean, sd
+    return found
+
+
+def _crossing(one: Past, outlooks: Outlooks, limit: Limit, horizon: float) -> Crossing:
+    return first_crossing(
+        outlooks[limit.quantity],
+        one.slow_time,
+        one.value,
+        one.own_sd,
+        limit.at,
+        horizon,
+        toward=limit.toward,
+        common_sd=one.common * abs(1.0 + limit.at),
+        points=_POINTS,
+        paths=_PATHS,
+    )
+
+
+def _is_enough(past: Mapping[str, Past]) -> bool:
+    time = next((one.slow_time for one in past.values()), np.zeros(0))
+    return len(time) >= FEWEST and bool(np.ptp(time) > 0)
 
 
 def _estimated(states: States) -> list[str]:

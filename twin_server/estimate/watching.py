@@ -12,8 +12,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import ndtri
 
-from twin_server.registration import Alarm, Registration
+from twin_server.registration import Registration
 from twin_server.states import BEGINNING, States, sentences
+from twin_server.thresholds import Alarm
 
 from .checkpoint import Belief, Checkpoint
 from .notices import Notice

@@ -7,6 +7,7 @@ driver, psycopg, is an extra of the package and is imported only where a URL ask
 import contextlib
 import re
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
@@ -17,6 +18,8 @@ from .sql import SqlStore
 
 GUARD = 0x736C6F77
 """Advisory lock of whoever writes."""
+LEAVING_S = 5.0
+"""How long the database may take to notice that the server before this one has left."""
 
 
 class _Connection:
@@ -134,7 +137,12 @@ class PostgresStore(SqlStore):
         if self._writer is None or self._writer.raw.closed:
             writer = self._connect()
             question = "select pg_try_advisory_lock(?, hashtext(current_schema()))"
-            if not writer.execute(question, (GUARD,)).fetchone()[0]:
+            until = time.monotonic() + LEAVING_S
+            while not (mine := writer.execute(question, (GUARD,)).fetchone()[0]):
+                if time.monotonic() > until:
+                    break
+                time.sleep(0.05)
+            if not mine:
                 writer.raw.close()
                 raise WrongStoreError(
                     f"{self.name} is in use by another twin server. End that one, or give this "

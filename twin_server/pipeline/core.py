@@ -51,6 +51,8 @@ from .voice import ACK_EVERY_S, Voice
 logger = logging.getLogger(__name__)
 
 T = TypeVar("T")
+Answered = tuple[Want, Sequence[Holding] | None, bool]
+"""What was asked, what the edge says it holds, and whether all was answered."""
 
 
 class Pipeline:
@@ -79,6 +81,7 @@ class Pipeline:
             settings.pipeline.inbox_messages, settings.pipeline.inbox_bytes
         )
         self._calls: collections.deque[Callable[[], None]] = collections.deque()
+        self._answered: collections.deque[Answered] = collections.deque()
         self._lock = threading.RLock()
         self._handles: list[Handle] = []
         self._worker: threading.Thread | None = None
@@ -88,6 +91,7 @@ class Pipeline:
         self.failing: str = ""
         self._account = self._new_account()
         self._stale = True
+        self._heard: dict[tuple[str, str], int] = {}
         self._load()
 
     def start(self) -> None:
@@ -206,6 +210,10 @@ class Pipeline:
         """Whether the edge of a twin is there."""
         return self._account.is_alive(*address(twin_id))
 
+    def heard_ns(self, twin_id: str) -> int | None:
+        """When features of a twin last came; None where not since this server began."""
+        return self._heard.get(address(twin_id))
+
     def gauges(self) -> dict[str, int]:
         """How things are now, for those who measure."""
         account = self._account
@@ -316,13 +324,15 @@ class Pipeline:
 
     def _take(self, samples: Sequence[Sample]) -> int:
         """One batch, from bytes to history; say how many were of senders whose clock is off."""
-        received = self._reception.read(samples, self._clock.now_ns())
+        now_ns = self._clock.now_ns()
+        received = self._reception.read(samples, now_ns)
         arrivals, healths = received.arrivals, received.healths
         for twin_id, registration in received.registrations:
             self._register(twin_id, registration, "by a recording")
         if not self.settings.auto_register:
             arrivals = [a for a in arrivals if self._is_registered(a.features)]
             healths = [h for h in healths if (h[0].site, h[0].asset) in self._twins]
+        self._heard.update(((a.features.site, a.features.asset), now_ns) for a in arrivals)
         self._take_arrivals(arrivals)
         if healths:
             self._durably(lambda c: self._account.hear(healths, time.monotonic(), c))
@@ -406,12 +416,37 @@ class Pipeline:
         return self.call(take)
 
     def _settle(self, want: Want, listing: Sequence[Holding] | None, sound: bool) -> None:
-        now_s = time.monotonic()
-        self.call(
-            lambda: self._durably(
-                lambda c: self._account.settle(want, listing, now_s, c, sound=sound)
-            )
-        )
+        """Conclude together what ten thousand edges answer at once: each waits for the disk."""
+        self._answered.append((want, listing, sound))
+        self._later(self._settle_all)
+
+    def _settle_all(self) -> None:
+        answered = [self._answered.popleft() for _ in range(len(self._answered))]
+        if answered:
+            try:
+                self._conclude_answers(answered)
+            finally:
+                if self._healer is not None:
+                    self._healer.wake()
+
+    def _conclude_answers(self, answered: Sequence[Answered]) -> None:
+        """Settle at once, or by halves: what cannot be worked does not stop the others."""
+
+        def settle(change: Change) -> None:
+            now_s = time.monotonic()
+            for want, listing, sound in answered:
+                self._account.settle(want, listing, now_s, change, sound=sound)
+
+        try:
+            self._durably(settle)
+        except StoreError:
+            raise
+        except Exception:
+            if len(answered) == 1:
+                raise
+            middle = len(answered) // 2
+            self._conclude_answers(answered[:middle])
+            self._conclude_answers(answered[middle:])
 
     def _note(
         self,
@@ -467,6 +502,7 @@ class Pipeline:
         key = address(twin_id)
         existed = self.store.delete(twin_id)
         self._twins.pop(key, None)
+        self._heard.pop(key, None)
         self._account.forget(*key)
         self._voice.reset(twin_id)
         return existed

@@ -1,7 +1,8 @@
 """What pipeline and store know together, as those who serve it ask for it."""
 
+import json
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,25 +10,42 @@ from jaxtyping import Float, Int
 
 from slowtime.evolution import extremes
 from slowtime_services.bus import Bus
-from twin_server.estimate import Foresight, foresee, normal_of, past_of, past_of_elements
+from twin_server.estimate import (
+    Outlooks,
+    Twin,
+    foresee,
+    learn,
+    normal_of,
+    now_of,
+    past_of,
+    past_of_elements,
+)
+from twin_server.estimate.foresight import FEWEST, Past
+from twin_server.orders import SimulationOrder
 from twin_server.persist import History, Store
 from twin_server.registration import Registration
-from twin_server.serve import Chapter, Hub, Moment, Outlook
+from twin_server.serve import Chapter, Hub, Moment, Outlook, ProblemError
 from twin_server.states import States, shown
+from twin_server.thresholds import Limit
 
 from .core import Pipeline
+from .lookout import CHANGED
 from .news import News
+from .simulating import Simulating
 
 SHIFT = 40
 _LOOK_BACK = 1_000
 
+_AFTER = (3, 8)
+"""Readings after a change of the model at which a forecast learns anew."""
+
 
 class _Learnt(NamedTuple):
-    """A forecast's costly part, and when it was made."""
+    """A forecast's costly part, and up to which reading it was learnt."""
 
     registration: Registration
     key: int
-    foresight: Foresight
+    outlooks: Outlooks
 
 
 class TwinKnowledge:
@@ -47,7 +65,9 @@ class TwinKnowledge:
         self._pipeline, self._store, self._bus = pipeline, store, bus
         self._refresh = refresh
         self._learnt: dict[str, _Learnt] = {}
+        self._of_the_past: dict[str, _Learnt] = {}
         self._learning = threading.Lock()
+        self._simulating = Simulating(store)
 
     def ids(self) -> list[str]:
         """All twins, in the order of their registration."""
@@ -78,6 +98,22 @@ class TwinKnowledge:
     def alive(self, twin_id: str) -> bool:
         """Whether the edge of a twin is there."""
         return self._pipeline.is_alive(twin_id)
+
+    def heard_ns(self, twin_id: str) -> int | None:
+        """When features last came; None where not since this server began."""
+        return self._pipeline.heard_ns(twin_id)
+
+    def raised(self, twin_id: str) -> list[dict[str, Any]]:
+        """Give the alarms that are raised now: quantity, side and limit of each."""
+        twin = self._pipeline.twin(twin_id)
+        if twin is None or not twin.registration.alarms:
+            return []
+        watched = zip(twin.registration.watched(), twin.checkpoint.raised, strict=True)
+        return [
+            {"quantity": name, "side": alarm.limit[0], "limit": alarm.limit[1]}
+            for (name, alarm), belief in watched
+            if belief.holds
+        ]
 
     def latest(self, twin_id: str, at: Moment | None) -> Chapter:
         """Find the last state, now or at a moment: one, or none."""
@@ -110,40 +146,103 @@ class TwinKnowledge:
         after = key >> SHIFT, key & ((1 << SHIFT) - 1)
         return _chapter(self._store.history(twin_id, after=after, limit=limit))
 
-    def outlook(self, twin_id: str, horizon: float | None, count: int) -> Outlook | None:
-        """Where a twin is heading; None where there is too little to go by."""
+    def outlook(
+        self,
+        twin_id: str,
+        horizon: float | None,
+        count: int,
+        thresholds: Sequence[Limit] = (),
+        at: Moment | None = None,
+    ) -> Outlook | None:
+        """Where a twin is heading, or was at a moment; None where too little was known."""
         twin = self._pipeline.twin(twin_id)
-        found = self._store.history(twin_id, limit=_LOOK_BACK, newest=True)
+        at = at or Moment()
+        found = self._store.history(
+            twin_id,
+            t_ns=(None, at.t_ns),
+            slow_time=(None, at.slow_time),
+            limit=_LOOK_BACK,
+            newest=True,
+        )
         if twin is None or not len(found.states):
             return None
-        key = found.number[-1] << SHIFT | int(found.states["sequence"][-1])
-        with self._learning:
-            learnt = self._learnt.get(twin_id)
-            fresh = (
-                learnt is not None
-                and learnt.registration == twin.registration
-                and 0 <= key - learnt.key < self._refresh
-            )
-            elements = twin.checkpoint.elements
-            foresight = foresee(
-                past_of(found.states, twin.checkpoint.known)
-                if elements is None
-                else past_of_elements(found.states, found.bodies, elements),
-                horizon,
-                count,
-                learnt.foresight.outlooks if learnt is not None and fresh else None,
-            )
-            if foresight is None:
-                return None
-            if not fresh:
-                self._learnt[twin_id] = _Learnt(twin.registration, key, foresight)
+        past = _past(twin, found, len(found.states))
+        foresight = foresee(
+            past,
+            self._outlooks(twin_id, twin, found, past=at != Moment()),
+            twin.registration.forecast.horizon if horizon is None else horizon,
+            count,
+            thresholds,
+        )
+        if foresight is None:
+            return None
         return Outlook(
             foresight.since,
             foresight.slow_time,
             foresight.bands,
             foresight.until,
             foresight.reasons,
+            foresight.crossings,
+            {name: one.period for name, one in foresight.outlooks.items()},
+            {name: [at for at, _ in one.jumps] for name, one in foresight.outlooks.items()},
+            found.boots[found.number[-1]][1],
         )
+
+    def simulate(self, twin_id: str, order: SimulationOrder) -> dict[str, Any]:
+        """Tell what a twin would do under a load."""
+        twin = self._pipeline.twin(twin_id)
+        found = self._store.history(twin_id, limit=_LOOK_BACK, newest=True)
+        if twin is None or not len(found.states):
+            raise ProblemError(
+                409,
+                "not-known-yet",
+                f"There are no features of {twin_id} yet. Start the edge agent.",
+            )
+        past = _past(twin, found, len(found.states))
+        now = now_of(past, self._outlooks(twin_id, twin, found))
+        return self._simulating.run(twin_id, twin, found, now, order)
+
+    def _outlooks(
+        self, twin_id: str, twin: Twin, found: History, *, past: bool = False
+    ) -> Outlooks:
+        """Learn from the past up to the last reading whose number is a multiple of `refresh`.
+
+        So that a server that has started again foretells what it would have, to the last bit.
+        After a change of the model it is learnt anew as soon as some readings have followed.
+        What was learnt for a moment of the past does not drive out what is learnt of today.
+        """
+        kept = self._of_the_past if past else self._learnt
+        sequence = found.states["sequence"]
+        marks = np.flatnonzero(sequence % self._refresh == 0)
+        last = int(marks[-1]) if len(marks) else -1
+        changes = self._changes(twin_id)
+        since = [at for each in changes.values() for at in each]
+        time = found.states["slow_time"]
+        followed = np.searchsorted(time, since, side="right")[:, None] - 1 + np.array(_AFTER)
+        last = int(np.max(followed[followed < len(time)], initial=last))
+        known = _past(twin, found, last + 1)
+        enough = len(next(iter(known.values())).slow_time) >= FEWEST if known else False
+        if not enough:
+            last = len(sequence) - 1
+            known = _past(twin, found, last + 1)
+        key = found.number[last] << SHIFT | int(sequence[last])
+        with self._learning:
+            learnt = kept.get(twin_id)
+            if learnt is None or learnt[:2] != (twin.registration, key):
+                process = twin.registration.forecast.process
+                learnt = _Learnt(twin.registration, key, learn(known, process, changes))
+                kept[twin_id] = learnt
+        return learnt.outlooks
+
+    def _changes(self, twin_id: str) -> dict[str, list[float]]:
+        """Slow times after which each quantity was told to have gone elsewhere."""
+        found: dict[str, list[float]] = {}
+        for row in self._store.events(twin_id, limit=_LOOK_BACK, newest=True):
+            body = json.loads(row.body)
+            if body["kind"] == CHANGED:
+                details = body["details"]
+                found.setdefault(details["quantity"], []).append(details["since"])
+        return found
 
     def events(
         self, twin_id: str | None, *, after: int, limit: int, newest: bool
@@ -236,6 +335,14 @@ def thin(
         for one in varies
     ]
     return np.unique(np.concatenate(kept))
+
+
+def _past(twin: Twin, found: History, count: int) -> dict[str, Past]:
+    """Past of a twin as its first `count` states of `found` tell it."""
+    elements = twin.checkpoint.elements
+    if elements is None:
+        return past_of(found.states[:count], twin.checkpoint.known)
+    return past_of_elements(found.states[:count], found.bodies[:count], elements)
 
 
 def _chapter(found: History) -> Chapter:

@@ -1,6 +1,7 @@
 """Orders of diagnoses in, jobs and what became of them out; adopted and undone."""
 
 import contextlib
+import dataclasses
 import json
 import shutil
 import tempfile
@@ -18,6 +19,7 @@ from slowtime_services.clock import Clock, SystemClock
 from slowtime_services.models.reading import parse_model
 from slowtime_services.record import RecordingWriter
 from slowtime_services.replay import block_of
+from slowtime_services.reports import charts_in
 from twin_server.diagnose import RAW, Ended, Jobs, QueueFullError, Task, write_task
 from twin_server.orders import Adopted, DiagnosisOrder
 from twin_server.persist import DiagnosisRow, Store
@@ -111,8 +113,9 @@ class Orders:
 
     def file(self, number: int, name: str) -> bytes | None:
         """Give a file that it has left; None where there is none."""
-        if name == "report.html":
-            return self._store.diagnosis_page(number)
+        if name in ("report.html", "charts.json"):
+            page = self._store.diagnosis_page(number)
+            return page if name == "report.html" or page is None else _charts(page)
         if name == "augmented.yaml":
             model = self._store.diagnosis_model(number)
         else:
@@ -408,3 +411,12 @@ class Orders:
         except ValueError as error:
             raise ProblemError(502, "no-samples", f"{twin_id}: {error}") from error
         return list(answers)
+
+
+def _charts(page: bytes) -> bytes:
+    """Give the charts of a report by themselves: without the library that draws them there."""
+    charts = [
+        {"heading": heading, **dataclasses.asdict(chart)}
+        for heading, chart in charts_in(page.decode())
+    ]
+    return json.dumps({"charts": charts}).encode()

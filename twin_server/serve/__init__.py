@@ -2,6 +2,7 @@
 
 from .api import create_app
 from .diagnoses import Ordering
+from .forecasts import foretell
 from .knowledge import Chapter, Knowledge, Outlook
 from .live import Hub
 from .moments import Moment
@@ -16,4 +17,5 @@ __all__ = [
     "Outlook",
     "ProblemError",
     "create_app",
+    "foretell",
 ]

@@ -1,51 +1,45 @@
 """REST under /api/v1, health and metrics, and the page; errors are problem documents."""
 
-import functools
 import importlib.metadata
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
 import plotly
 from fastapi import APIRouter, Depends, FastAPI, Header, Query, Request, Response
-from pydantic import Field
 from pydantic_core import from_json, to_json
 from starlette.responses import FileResponse
 
+from slowtime_schemas import asyncapi
 from twin_server.details import without_shapes
-from twin_server.registration import ID, Registration
-from twin_server.rendering import estimate_objects, event_object, points, state_objects
+from twin_server.registration import Registration
+from twin_server.rendering import event_object, points, state_objects
 from twin_server.settings import ServeSettings
 
-from . import diagnoses, models, problems
+from . import diagnoses, exports, forecasts, models, problems, recordings, simulations
 from .access.principals import EVERYBODY, NOBODY, principal_of
 from .diagnoses import Ordering
+from .document import document
 from .knowledge import Chapter, Knowledge
 from .limits import BodyLimit
 from .live import Hub, LiveResponse
 from .metrics import exposition
-from .moments import Moment, MomentError, parse_moment
-from .problems import Problem, ProblemError
+from .moments import Moment, MomentText, moment_of
+from .problems import ProblemError
+from .recordings import Keeping
+from .registered import TwinId, registered_in
 from .session import session
 
 WEB = Path(__file__).parent / "web"
 PLOTLY = Path(plotly.__file__).parent / "package_data" / "plotly.min.js"
 JSON = "application/json"
 
-_PROBLEM: dict[int | str, dict[str, Any]] = {
-    status: {
-        "description": says,
-        "content": {problems.MEDIA_TYPE: {"schema": Problem.model_json_schema()}},
+_PROBLEMS = problems.answers(
+    {
+        404: "No such twin",
+        422: "A parameter that is not valid",
     }
-    for status, says in ((404, "No such twin"), (422, "A parameter that is not valid"))
-}
-_MOMENT = (
-    "RFC 3339 (2026-11-20T12:00:00Z), nanoseconds since 1970-01-01 UTC, or slow time "
-    "(slow:812.5)."
 )
-
-TwinId = Annotated[str, Field(pattern=ID)]
-MomentText = Annotated[str | None, Query(description=_MOMENT, examples=["slow:812.5"])]
-Finite = Annotated[float, Field(gt=0, le=1e300, allow_inf_nan=False)]
 _OF_ONE_MODE = models.State.model_fields.keys() - models.OfElements.model_fields
 _EMPTY: dict[str, Any] = dict.fromkeys(_OF_ONE_MODE) | {
     "correlation": 0.0,
@@ -54,8 +48,6 @@ _EMPTY: dict[str, Any] = dict.fromkeys(_OF_ONE_MODE) | {
     "valid": False,
     "missing_before": 0,
 }
-
-_OF_THE_WHOLE = ("stiffness_change", "mass_change")
 _MODE: dict[str, Any] = {
     "identity": None,
     "model_mode": None,
@@ -69,8 +61,17 @@ def create_app(
     hub: Hub,
     settings: ServeSettings,
     ordering: Ordering | None = None,
+    keeping: Keeping | None = None,
+    *,
+    largest_recording: int = 0,
 ) -> FastAPI:
-    """Make the ASGI application; without `ordering`, one that diagnoses nothing."""
+    """Make the ASGI application; without `ordering`, one that diagnoses nothing.
+
+    Parameters
+    ----------
+    keeping, largest_recording
+        Of recordings; without it, none are known of.
+    """
     app = FastAPI(
         title="slowtime twin server",
         version=importlib.metadata.version("slowtime"),
@@ -80,23 +81,31 @@ def create_app(
         redoc_url=None,
     )
     problems.install(app)
-    app.add_middleware(BodyLimit, max_bytes=settings.max_body_bytes)
-    app.include_router(_twins(knowledge, hub, settings), prefix="/api/v1")
+    larger = {"/api/v1/recordings/": largest_recording} if keeping is not None else {}
+    app.add_middleware(BodyLimit, max_bytes=settings.max_body_bytes, larger=larger)
+    known = registered_in(knowledge)
+    app.include_router(_twins(knowledge, hub, settings, known), prefix="/api/v1")
+    app.include_router(forecasts.routes(knowledge, settings, known), prefix="/api/v1")
+    app.include_router(simulations.routes(knowledge, known), prefix="/api/v1")
+    app.include_router(exports.routes(knowledge, known), prefix="/api/v1")
     if ordering is not None:
-        app.include_router(
-            diagnoses.routes(ordering, functools.partial(_known, knowledge)), prefix="/api/v1"
-        )
-    app.include_router(_operations(knowledge, hub))
+        app.include_router(diagnoses.routes(ordering, known), prefix="/api/v1")
+    if keeping is not None:
+        app.include_router(recordings.routes(keeping), prefix="/api/v1")
+    app.include_router(_operations(knowledge, hub, settings))
     app.include_router(session())
     app.include_router(_page())
+    document(app)
     return app
 
 
-def _twins(knowledge: Knowledge, hub: Hub, settings: ServeSettings) -> APIRouter:
+def _twins(
+    knowledge: Knowledge,
+    hub: Hub,
+    settings: ServeSettings,
+    known: Callable[[str], Registration],
+) -> APIRouter:
     api = APIRouter(tags=["twins"])
-
-    def known(twin_id: TwinId) -> Registration:
-        return _known(knowledge, twin_id)
 
     Known = Annotated[Registration, Depends(known)]
 
@@ -109,6 +118,8 @@ def _twins(knowledge: Knowledge, hub: Hub, settings: ServeSettings) -> APIRouter
         more = to_json(
             {
                 "alive": knowledge.alive(twin_id),
+                "heard_ns": knowledge.heard_ns(twin_id),
+                "raised": knowledge.raised(twin_id),
                 "nominal": knowledge.nominal(twin_id),
                 "normal": knowledge.normal(twin_id),
                 "registration": registration.to_dict(),
@@ -127,7 +138,7 @@ def _twins(knowledge: Knowledge, hub: Hub, settings: ServeSettings) -> APIRouter
     @api.put(
         "/twins/{twin_id}",
         response_model=models.TwinModel,
-        responses={201: {"model": models.TwinModel}, **_PROBLEM},
+        responses={201: {"model": models.TwinModel}, **_PROBLEMS},
     )
     def register(twin_id: TwinId, registration: Registration) -> Response:
         """Register a twin, or register it anew: its history is then estimated again."""
@@ -136,19 +147,21 @@ def _twins(knowledge: Knowledge, hub: Hub, settings: ServeSettings) -> APIRouter
             described(twin_id, registration, None), 201 if new else 200, media_type=JSON
         )
 
-    @api.get("/twins/{twin_id}", response_model=models.TwinModel, responses=_PROBLEM)
+    @api.get("/twins/{twin_id}", response_model=models.TwinModel, responses=_PROBLEMS)
     def one_twin(twin_id: TwinId, registration: Known, at: MomentText = None) -> Response:
         """Show a twin with its latest state, or the last one not later than `at`."""
-        moment = _moment("at", at)
+        moment = moment_of("at", at)
         return Response(described(twin_id, registration, moment), media_type=JSON)
 
-    @api.delete("/twins/{twin_id}", status_code=204, responses=_PROBLEM)
+    @api.delete("/twins/{twin_id}", status_code=204, responses=_PROBLEMS)
     def delete(twin_id: TwinId, registration: Known) -> Response:
         """Forget a twin and its history. While its edge publishes, a new one is begun."""
         knowledge.delete(twin_id)
         return Response(status_code=204)
 
-    @api.get("/twins/{twin_id}/history", response_model=models.HistoryModel, responses=_PROBLEM)
+    @api.get(
+        "/twins/{twin_id}/history", response_model=models.HistoryModel, responses=_PROBLEMS
+    )
     def history(
         twin_id: TwinId,
         registration: Known,
@@ -164,41 +177,24 @@ def _twins(knowledge: Knowledge, hub: Hub, settings: ServeSettings) -> APIRouter
     ) -> Response:
         """States from `start` to `end`, both included."""
         chapter = knowledge.history(
-            twin_id, _moment("start", start), _moment("end", end), max_points
+            twin_id, moment_of("start", start), moment_of("end", end), max_points
         )
         return Response(points(_objects(twin_id, chapter, shapes=shapes)), media_type=JSON)
 
-    @api.get("/twins/{twin_id}/modes", response_model=models.ModesModel, responses=_PROBLEM)
+    @api.get("/twins/{twin_id}/modes", response_model=models.ModesModel, responses=_PROBLEMS)
     def modes(twin_id: TwinId, registration: Known, at: MomentText = None) -> Response:
         """Modes of the latest epoch, or of the last one not later than `at`, with shapes."""
-        return _json(_modes(knowledge, twin_id, _moment("at", at)))
+        return _json(_modes(knowledge, twin_id, moment_of("at", at)))
 
     @api.get(
-        "/twins/{twin_id}/history/hash", response_model=models.HashModel, responses=_PROBLEM
+        "/twins/{twin_id}/history/hash", response_model=models.HashModel, responses=_PROBLEMS
     )
     def history_hash(twin_id: TwinId, registration: Known) -> Response:
         """One number for a whole history: equal where the histories are, to the last bit."""
         digest, count = knowledge.digest(twin_id)
         return _json({"id": twin_id, "sha256": digest, "features": count})
 
-    @api.get(
-        "/twins/{twin_id}/forecast", response_model=models.ForecastModel, responses=_PROBLEM
-    )
-    def forecast(
-        twin_id: TwinId,
-        registration: Known,
-        horizon: Annotated[
-            Finite | None,
-            Query(description="How far ahead, in slow time; by default a quarter of the past."),
-        ] = None,
-        count: Annotated[
-            int, Query(alias="points", ge=1, le=settings.max_forecast_points)
-        ] = 40,
-    ) -> Response:
-        """Stiffness and mass change, or each element's, up to `horizon` after the last."""
-        return _json(_forecast(knowledge, twin_id, horizon, count))
-
-    @api.get("/twins/{twin_id}/events", response_model=models.EventList, responses=_PROBLEM)
+    @api.get("/twins/{twin_id}/events", response_model=models.EventList, responses=_PROBLEMS)
     def events(
         twin_id: TwinId,
         registration: Known,
@@ -217,7 +213,7 @@ def _twins(knowledge: Knowledge, hub: Hub, settings: ServeSettings) -> APIRouter
                 "description": "Server-sent events `state`, `event` and `reset`. Resumable.",
                 "content": {"text/event-stream": {}},
             },
-            **_PROBLEM,
+            **_PROBLEMS,
         },
     )
     async def live(
@@ -242,22 +238,7 @@ def _twins(knowledge: Knowledge, hub: Hub, settings: ServeSettings) -> APIRouter
     return api
 
 
-def _known(knowledge: Knowledge, twin_id: str) -> Registration:
-    registration = knowledge.registration(twin_id)
-    if registration is None:
-        site = twin_id.partition(".")[0]
-        there = [i for i in knowledge.ids() if i.startswith(f"{site}.")]
-        some = ", ".join(there[:20]) or "none yet"
-        raise ProblemError(
-            404,
-            "no-such-twin",
-            f"No twin is called {twin_id}. Registered: {some}. Register it with PUT "
-            f"/api/v1/twins/{twin_id}.",
-        )
-    return registration
-
-
-def _operations(knowledge: Knowledge, hub: Hub) -> APIRouter:
+def _operations(knowledge: Knowledge, hub: Hub, settings: ServeSettings) -> APIRouter:
     api = APIRouter(tags=["operations"])
 
     @api.get("/healthz", response_model=models.HealthModel)
@@ -279,10 +260,15 @@ def _operations(knowledge: Knowledge, hub: Hub) -> APIRouter:
             return problems.respond(request, 503, "not-ready", " ".join(troubles))
         return _json({"status": "ok"})
 
+    @api.get("/api/v1/asyncapi.json", response_class=Response)
+    def streams() -> Response:
+        """Give the AsyncAPI document: what travels on the bus, as this one is of REST."""
+        return Response(asyncapi.served(), media_type=JSON)
+
     @api.get("/metrics", response_class=Response)
     def metrics() -> Response:
         """Give counts and gauges as Prometheus reads them."""
-        text = exposition(knowledge, hub.count, hub.dropped)
+        text = exposition(knowledge, hub.count, hub.dropped, settings.max_measured)
         return Response(text, media_type="text/plain; version=0.0.4; charset=utf-8")
 
     return api
@@ -340,50 +326,6 @@ def _no_state(twin_id: str, at: Moment | None) -> str:
     when = "yet" if at is None else "at that moment"
     reasons = [f"There are no features {when}. Start the edge agent, or ask for a later one."]
     return to_json({**_EMPTY, "id": twin_id, "reasons": reasons}).decode()
-
-
-def _no_forecast(twin_id: str, reason: str) -> dict[str, Any]:
-    none: dict[str, Any] = {"since": None, "until": None, "points": [], "valid": False}
-    return {"id": twin_id, **none, "reasons": [reason]}
-
-
-def _forecast(
-    knowledge: Knowledge, twin_id: str, horizon: float | None, count: int
-) -> dict[str, Any]:
-    outlook = knowledge.outlook(twin_id, horizon, count)
-    if outlook is None:
-        return _no_forecast(
-            twin_id,
-            "There are too few valid readings to forecast from. Wait for more of them, or "
-            "look at the reasons of the latest states.",
-        )
-    none = [None] * len(outlook.slow_time)
-    of_each = {name: estimate_objects(band.tolist()) for name, band in outlook.bands.items()}
-    elements = [name for name in of_each if name not in _OF_THE_WHOLE]
-    return {
-        "id": twin_id,
-        "since": outlook.since,
-        "until": outlook.until,
-        "points": [
-            {
-                "slow_time": time,
-                **{name: of_each.get(name, none)[row] for name in _OF_THE_WHOLE},
-                "elements": {name: of_each[name][row] for name in elements},
-            }
-            for row, time in enumerate(outlook.slow_time.tolist())
-        ],
-        "valid": not outlook.reasons,
-        "reasons": list(outlook.reasons),
-    }
-
-
-def _moment(name: str, text: str | None) -> Moment | None:
-    if text is None:
-        return None
-    try:
-        return parse_moment(text)
-    except MomentError as error:
-        raise ProblemError(422, "not-valid", f"At query.{name}, {error}") from error
 
 
 def _json(content: object, status: int = 200) -> Response:

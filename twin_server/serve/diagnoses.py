@@ -7,14 +7,16 @@ from fastapi import APIRouter, Depends, Path, Response
 from pydantic_core import to_json
 
 from twin_server.orders import FILES, DiagnosisOrder
-from twin_server.registration import ID, Registration
+from twin_server.registration import Registration
 
 from . import models, problems
-from .problems import Problem, ProblemError
+from .problems import ProblemError
+from .registered import TwinId
 
 _TYPES = {
     "report.json": "application/json",
     "report.html": "text/html; charset=utf-8",
+    "charts.json": "application/json",
     "augmented.yaml": "application/yaml; charset=utf-8",
 }
 _ALONE = (
@@ -23,20 +25,15 @@ _ALONE = (
 )
 """A report draws itself, and does nothing else."""
 
-_PROBLEMS: dict[int | str, dict[str, Any]] = {
-    status: {
-        "description": says,
-        "content": {problems.MEDIA_TYPE: {"schema": Problem.model_json_schema()}},
+_PROBLEMS = problems.answers(
+    {
+        404: "No such twin, or no such diagnosis",
+        409: "Not as things are",
+        422: "A body that is not valid",
+        503: "Too many wait already",
     }
-    for status, says in (
-        (404, "No such twin, or no such diagnosis"),
-        (409, "Not as things are"),
-        (422, "A body that is not valid"),
-        (503, "Too many wait already"),
-    )
-}
+)
 
-TwinId = Annotated[str, Path(pattern=ID)]
 Number = Annotated[int, Path(ge=1, lt=2**63, description="Of the diagnosis.")]
 
 
@@ -82,14 +79,11 @@ def routes(ordering: Ordering, known: Callable[[str], Registration]) -> APIRoute
     Parameters
     ----------
     known
-        Gives the registration of a twin, or raises.
+        Gives the registration of the twin in the path, or raises.
     """
     api = APIRouter(tags=["diagnoses"])
 
-    def registered(twin_id: TwinId) -> Registration:
-        return known(twin_id)
-
-    Known = Annotated[Registration, Depends(registered)]
+    Known = Annotated[Registration, Depends(known)]
 
     def there(twin_id: str, number: int) -> dict[str, Any]:
         found = ordering.one(twin_id, number)
@@ -162,7 +156,11 @@ def routes(ordering: Ordering, known: Callable[[str], Registration]) -> APIRoute
         responses=_PROBLEMS,
     )
     def file(twin_id: TwinId, number: Number, name: str, registration: Known) -> Response:
-        """Give `report.html`, `report.json` or `augmented.yaml` of one that is done."""
+        """Give a file of one that is done.
+
+        `report.html`, `report.json`, `augmented.yaml`, or `charts.json`: the charts of the
+        report, each with its heading and what it shows in words, as Plotly takes them.
+        """
         found = there(twin_id, number)
         content = ordering.file(number, name) if name in FILES else None
         if content is None:

@@ -7,9 +7,12 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from jaxtyping import Float
 
+from slowtime.evolution.crossing import Crossing
 from twin_server.details import Bodies
+from twin_server.orders import SimulationOrder
 from twin_server.registration import Registration
 from twin_server.states import States
+from twin_server.thresholds import Limit
 
 from .moments import Moment
 
@@ -27,13 +30,28 @@ class Chapter(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Outlook:
-    """What is expected of a twin; value, sd, lo and hi at each slow time."""
+    """What is expected of a twin; value, sd, lo and hi at each slow time.
+
+    Parameters
+    ----------
+    crossings
+        When each threshold is reached.
+    periods, jumps
+        Of each quantity, after how long it repeats itself, if it does; and slow times after
+        which its past went elsewhere.
+    unit
+        Of slow time.
+    """
 
     since: float
     slow_time: Float[np.ndarray, " later"]
     bands: Mapping[str, Float[np.ndarray, "later 4"]]
     until: float
     reasons: Sequence[str]
+    crossings: Sequence[tuple[Limit, Crossing]] = ()
+    periods: Mapping[str, float | None] = dataclasses.field(default_factory=dict)
+    jumps: Mapping[str, Sequence[float]] = dataclasses.field(default_factory=dict)
+    unit: str | None = None
 
 
 class Knowledge(Protocol):
@@ -63,6 +81,14 @@ class Knowledge(Protocol):
         """Whether the edge of a twin is there."""
         ...
 
+    def heard_ns(self, twin_id: str) -> int | None:
+        """When features last came; None where not since this server began."""
+        ...
+
+    def raised(self, twin_id: str) -> list[dict[str, Any]]:
+        """Give the alarms that are raised now: quantity, side and limit of each."""
+        ...
+
     def latest(self, twin_id: str, at: Moment | None) -> Chapter:
         """Find the last state, now or at a moment: one, or none."""
         ...
@@ -77,8 +103,19 @@ class Knowledge(Protocol):
         """States behind the one of `key`."""
         ...
 
-    def outlook(self, twin_id: str, horizon: float | None, count: int) -> Outlook | None:
-        """Where a twin is heading; None where there is too little to go by."""
+    def outlook(
+        self,
+        twin_id: str,
+        horizon: float | None,
+        count: int,
+        thresholds: Sequence[Limit] = (),
+        at: Moment | None = None,
+    ) -> Outlook | None:
+        """Where a twin is heading, or was at a moment; None where too little was known."""
+        ...
+
+    def simulate(self, twin_id: str, order: SimulationOrder) -> Mapping[str, Any]:
+        """Tell what a twin would do under a load; what cannot be run is a `ProblemError`."""
         ...
 
     def events(

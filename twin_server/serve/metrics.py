@@ -1,8 +1,17 @@
 """Counts and gauges in the text format that Prometheus reads.
 
 Written out by hand: it is two lines a number, and a client library would bring a second,
-global registry of what the pipeline counts already.
+global registry of what the pipeline counts already. `slowtime_twin_` is the server,
+`slowtime_asset_` what it knows of each asset.
 """
+
+import importlib.metadata
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from pydantic_core import from_json
+
+from twin_server.states import ESTIMATES
 
 from .knowledge import Knowledge
 
@@ -26,34 +35,125 @@ _GAUGES = {
     "inbox": "Messages that wait to be worked.",
     "live_clients": "Clients of the live stream.",
 }
+_OF_ASSET = {
+    "alive": "Whether the edge agent is there.",
+    "heard_timestamp_seconds": "When features last came, by the server's clock.",
+    "reading_timestamp_seconds": "Sensor time of the latest epoch.",
+    "slow_time": "Slow time of the latest epoch, in the asset's own unit.",
+    "valid": "Whether the latest estimates mean anything.",
+    "alarms_raised": "Alarms that are raised now.",
+    "frequency_hertz": "Natural frequency, and its 95 % interval.",
+    "damping_ratio": "Damping over critical damping, and its 95 % interval.",
+    "stiffness_change_ratio": "Relative change of stiffness, and its 95 % interval.",
+    "mass_change_ratio": "Relative change of mass, and its 95 % interval.",
+    "element_change_ratio": "Relative change of an element's stiffness or a node's mass.",
+}
+_NAMES = dict(
+    zip(
+        ESTIMATES,
+        ("frequency_hertz", "damping_ratio", "stiffness_change_ratio", "mass_change_ratio"),
+        strict=True,
+    )
+)
+_PARTS = {"value": 0, "lo": 2, "hi": 3}
 
 
-def exposition(knowledge: Knowledge, live_clients: int, dropped_clients: int) -> str:
-    """All metrics as text."""
-    counts, gauges = dict(knowledge.counts()), dict(knowledge.gauges())
-    gauges["live_clients"] = live_clients
+class Metric(NamedTuple):
+    """One number with its labels."""
+
+    labels: Mapping[str, str]
+    value: float
+
+
+def exposition(
+    knowledge: Knowledge, live_clients: int, dropped_clients: int, most_assets: int
+) -> str:
+    """All metrics as text; of more than `most_assets` twins, without those of each asset."""
     lines: list[str] = []
-    for name, says in _COUNTERS.items():
-        lines += _head(f"{name}_total", "counter", says)
-        lines.append(f"slowtime_twin_{name}_total {counts.get(name, 0)}")
-    lines += _head("events_total", "counter", "Events, by kind.")
-    lines += [
-        f'slowtime_twin_events_total{{kind="{name.removeprefix("event_")}"}} {count}'
-        for name, count in sorted(counts.items())
-        if name.startswith("event_")
-    ]
-    lines += _head("refused_total", "counter", "Messages that were refused, by reason.")
-    lines += [
-        f'slowtime_twin_refused_total{{reason="{reason}"}} {count}'
-        for reason, count in knowledge.refused().items()
-    ]
-    lines += _head("live_dropped_total", "counter", "Live clients dropped as too slow.")
-    lines.append(f"slowtime_twin_live_dropped_total {dropped_clients}")
-    for name, says in _GAUGES.items():
-        lines += _head(name, "gauge", says)
-        lines.append(f"slowtime_twin_{name} {gauges.get(name, 0)}")
+    for name, kind, says, metrics in _server(knowledge, live_clients, dropped_clients):
+        lines += _family(f"slowtime_twin_{name}", kind, says, metrics)
+    ids = knowledge.ids()
+    found = _assets(knowledge, ids if len(ids) <= most_assets else [])
+    for name, says in _OF_ASSET.items():
+        lines += _family(f"slowtime_asset_{name}", "gauge", says, found.get(name, []))
     return "\n".join(lines) + "\n"
 
 
-def _head(name: str, kind: str, says: str) -> list[str]:
-    return [f"# HELP slowtime_twin_{name} {says}", f"# TYPE slowtime_twin_{name} {kind}"]
+def _server(
+    knowledge: Knowledge, live_clients: int, dropped_clients: int
+) -> Iterator[tuple[str, str, str, Sequence[Metric]]]:
+    counts, gauges = dict(knowledge.counts()), dict(knowledge.gauges())
+    gauges["live_clients"] = live_clients
+    version = {"version": importlib.metadata.version("slowtime")}
+    yield "build_info", "gauge", "Which software this is.", [Metric(version, 1)]
+    for name, says in _COUNTERS.items():
+        yield f"{name}_total", "counter", says, [Metric({}, counts.get(name, 0))]
+    kinds = [
+        Metric({"kind": name.removeprefix("event_")}, count)
+        for name, count in sorted(counts.items())
+        if name.startswith("event_")
+    ]
+    yield "events_total", "counter", "Events, by kind.", kinds
+    reasons = [Metric({"reason": word}, count) for word, count in knowledge.refused().items()]
+    yield "refused_total", "counter", "Messages that were refused, by reason.", reasons
+    dropped = [Metric({}, dropped_clients)]
+    yield "live_dropped_total", "counter", "Live clients dropped as too slow.", dropped
+    for name, says in _GAUGES.items():
+        yield name, "gauge", says, [Metric({}, gauges.get(name, 0))]
+
+
+def _assets(knowledge: Knowledge, twin_ids: Iterable[str]) -> dict[str, list[Metric]]:
+    found: dict[str, list[Metric]] = {}
+    for twin_id in twin_ids:
+        own = {"site": twin_id.partition(".")[0], "twin": twin_id}
+        for name, labels, value in _of_asset(knowledge, twin_id):
+            found.setdefault(name, []).append(Metric(own | labels, value))
+    return found
+
+
+def _of_asset(
+    knowledge: Knowledge, twin_id: str
+) -> Iterator[tuple[str, dict[str, str], float]]:
+    yield "alive", {}, float(knowledge.alive(twin_id))
+    yield "alarms_raised", {}, float(len(knowledge.raised(twin_id)))
+    heard_ns = knowledge.heard_ns(twin_id)
+    if heard_ns is not None:
+        yield "heard_timestamp_seconds", {}, heard_ns / 1e9
+    latest = knowledge.latest(twin_id, None)
+    if not len(latest.states):
+        return
+    row: Any = latest.states[-1]
+    yield "reading_timestamp_seconds", {}, int(row["t_ns"]) / 1e9
+    yield "slow_time", {"unit": latest.units[-1]}, float(row["slow_time"])
+    yield "valid", {}, float(row["reasons"] == 0)
+    for name, metric in _NAMES.items():
+        numbers = row[name].tolist()
+        if numbers[0] == numbers[0]:
+            for part, index in _PARTS.items():
+                yield metric, {"part": part}, numbers[index]
+    body = latest.bodies[-1] if latest.bodies else None
+    if body is not None:
+        for element, estimate in from_json(body)["elements"].items():
+            for part in _PARTS:
+                labels = {"element": element, "part": part}
+                yield "element_change_ratio", labels, estimate[part]
+
+
+def _family(name: str, kind: str, says: str, metrics: Iterable[Metric]) -> list[str]:
+    lines = [f"# HELP {name} {says}", f"# TYPE {name} {kind}"]
+    for labels, value in metrics:
+        said = ",".join(f'{key}="{_escaped(text)}"' for key, text in labels.items())
+        number = value if isinstance(value, int) else repr(float(value))
+        lines.append(f"{name}{{{said}}} {number}" if said else f"{name} {number}")
+    return lines
+
+
+def _escaped(text: str) -> str:
+    r"""Escape what would end a label's value.
+
+    Examples
+    --------
+    >>> print(_escaped('the "long" beam'))
+    the \"long\" beam
+    """
+    return text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")

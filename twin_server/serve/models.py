@@ -162,6 +162,14 @@ class NormalModel(BaseModel):
     entered: Entered | None = Field(description="While an alarm is raised.")
 
 
+class RaisedModel(BaseModel):
+    """An alarm of the registration that is raised."""
+
+    quantity: str
+    side: Literal["below", "above"]
+    limit: float
+
+
 class TwinModel(OfElements):
     """A twin: its latest state, or that at a moment, and what it is."""
 
@@ -194,6 +202,12 @@ class TwinModel(OfElements):
     valid: bool
     reasons: list[str]
     alive: bool = Field(description="Whether the edge agent is there.")
+    heard_ns: int | None = Field(
+        None,
+        description="When features last came, by this server's clock [ns since 1970-01-01 "
+        "UTC]; null where not since it began.",
+    )
+    raised: list[RaisedModel] = Field(default=[], description="Alarms that are raised now.")
     nominal: dict[str, float] | None = Field(description="None while it is being learnt.")
     normal: list[NormalModel] = Field(
         default=[], description="Under covariates; empty while it is being learnt."
@@ -274,13 +288,91 @@ class ForecastPoint(BaseModel):
     )
 
 
+CROSSING_EXAMPLE: dict[str, Any] = {
+    "quantity": "stiffness_change",
+    "threshold": -0.1,
+    "toward": "below",
+    "source": "alarm",
+    "times": [
+        {"share": 0.1, "slow_time": 1061.2, "ahead": 248.7},
+        {"share": 0.5, "slow_time": 1240.9, "ahead": 428.4},
+        {"share": 0.9, "slow_time": None, "ahead": None},
+    ],
+    "within": 0.83,
+    "already": 0.0,
+    "horizon": 1625.0,
+    "sentence": (
+        "stiffness_change below -0.1: 10 %: by 1061.2, 50 %: by 1240.9, 90 %: not within the "
+        "horizon of 1625. Crossed within it with probability 83 %."
+    ),
+}
+FORECAST_EXAMPLE: dict[str, Any] = {
+    "id": "demo.tower",
+    "since": 812.5,
+    "until": 905.3,
+    "slow_time_unit": "T0",
+    "points": [
+        {
+            "slow_time": 862.5,
+            "stiffness_change": {"value": -0.031, "sd": 0.004, "lo": -0.0388, "hi": -0.0232},
+            "mass_change": None,
+            "elements": {},
+        }
+    ],
+    "crossings": [CROSSING_EXAMPLE],
+    "periods": {"stiffness_change": None},
+    "jumps": {"stiffness_change": []},
+    "valid": True,
+    "reasons": [],
+}
+
+
+class CrossingTime(BaseModel):
+    """By when a threshold has been crossed with a probability."""
+
+    share: float = Field(description="The probability.")
+    slow_time: float | None = Field(description="null: not within the horizon.")
+    ahead: float | None = Field(description="The same, from the last reading on.")
+
+
+class CrossingModel(BaseModel):
+    """When a threshold is first crossed: a distribution."""
+
+    model_config = {"json_schema_extra": {"examples": [CROSSING_EXAMPLE]}}
+
+    quantity: str
+    threshold: float
+    toward: Literal["below", "above"] | None = Field(
+        description="Side that is asked for; null for the one where the quantity is not now."
+    )
+    source: Literal["request", "alarm", "registration"]
+    times: list[CrossingTime]
+    within: float = Field(description="Probability that it is crossed within the horizon.")
+    already: float = Field(description="Probability that it has been crossed by now.")
+    horizon: float = Field(description="Slow time up to which was looked.")
+    sentence: str
+
+
 class ForecastModel(BaseModel):
     """Where a twin is heading."""
+
+    model_config = {"json_schema_extra": {"examples": [FORECAST_EXAMPLE]}}
 
     id: str
     since: float | None = Field(description="Slow time of the last reading.")
     until: float | None = Field(description="Beyond this the forecast repeats its trend.")
+    slow_time_unit: str | None
     points: list[ForecastPoint]
+    crossings: list[CrossingModel] = Field(
+        description="Of each threshold: the one asked for, those of the alarms, and those of "
+        "the registration's `forecast.thresholds`."
+    )
+    periods: dict[str, float | None] = Field(
+        description="After how long each quantity repeats itself; null where it does not."
+    )
+    jumps: dict[str, list[float]] = Field(
+        description="Slow times after which the past of a quantity went elsewhere."
+    )
     valid: bool
     reasons: list[str]
 

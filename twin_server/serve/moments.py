@@ -3,11 +3,25 @@
 import datetime
 import math
 import re
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
+
+from fastapi import Query
+
+from .problems import ProblemError
 
 _EPOCH = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
 _SPACE_BEFORE_OFFSET = re.compile(r" (?=\d\d:?\d\d$)")
 _FRACTION = re.compile(r"\.(\d+)")
+
+
+MomentText = Annotated[
+    str | None,
+    Query(
+        description="RFC 3339 (2026-11-20T12:00:00Z), nanoseconds since 1970-01-01 UTC, or "
+        "slow time (slow:812.5).",
+        examples=["slow:812.5"],
+    ),
+]
 
 
 class Moment(NamedTuple):
@@ -47,6 +61,22 @@ def parse_moment(text: str) -> Moment:
         "2026-11-20T12:00:00Z; nanoseconds since 1970-01-01 UTC, such as "
         "1795176000000000000; or slow time, such as slow:812.5."
     )
+
+
+def moment_of(name: str, text: str | None) -> Moment | None:
+    """Read the moment of a query.
+
+    Raises
+    ------
+    ProblemError
+        Where it is none.
+    """
+    if text is None:
+        return None
+    try:
+        return parse_moment(text)
+    except MomentError as error:
+        raise ProblemError(422, "not-valid", f"At query.{name}, {error}") from error
 
 
 def _from_rfc3339(text: str) -> int:

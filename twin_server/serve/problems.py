@@ -1,6 +1,7 @@
 """Errors as problem documents (RFC 9457): what was given, what is allowed, what to do."""
 
 import logging
+from collections.abc import Mapping
 from http import HTTPStatus
 from typing import Any
 
@@ -24,6 +25,15 @@ class Problem(BaseModel):
     detail: str = Field(examples=["No twin is called lab.beam. Allowed: demo.tower."])
     instance: str = Field(examples=["/api/v1/twins/lab.beam"])
     errors: list[dict[str, Any]] | None = None
+
+
+def answers(says: Mapping[int, str]) -> dict[int | str, dict[str, Any]]:
+    """Describe, for the document, the problems that a route may answer with, by status."""
+    schema = {"$ref": f"#/components/schemas/{Problem.__name__}"}
+    return {
+        status: {"description": text, "content": {MEDIA_TYPE: {"schema": schema}}}
+        for status, text in says.items()
+    }
 
 
 class ProblemError(Exception):

@@ -427,3 +427,18 @@ def test_what_an_edge_still_has_of_a_boot_that_was_closed_without_it_is_reported
     world.alive()
     world.heal()
     assert world.lost == [("b1", 2, 6)]
+
+
+def test_what_is_being_asked_is_not_looked_at_again_but_still_counts(world):
+    world.alive()
+    world.spool = {"b1": {0}}
+    world.arrive(("b1", 0))
+    world.heal()
+    world.arrive(("b1", 2))
+    wants = world.account.wants(world.now_s) + world.account.wants(world.now_s + 100.0)
+    assert len(wants) == 1
+    assert world.account._uneasy == {}
+    assert (world.account.holes, world.account.held) == (1, 1)
+    assert world.account.wants(world.now_s + 200.0) == []
+    world.account.settle(wants[0], None, world.now_s, Change(), sound=False)
+    assert world.account.wants(world.now_s + 300.0) == wants

@@ -3,7 +3,6 @@
 import re
 import sys
 import threading
-import time
 
 import pytest
 
@@ -20,7 +19,7 @@ SLEEPS = TELL + (
     "(here.parent / 'began').touch()\n"
     "sys.stdin.read()\n"
 )
-DEAF = TELL + 'print(\'{"stage": "deaf", "share": 0}\', flush=True)\ntime.sleep(60)\n'
+DEAF = TELL + 'print(\'{"stage": "deaf", "share": 0}\', flush=True)\ntime.sleep(600)\n'
 REFUSES = TELL + "print(json.dumps({'error': 'There is no channel u.'}))\nsys.exit(1)\n"
 DIES = "import os\nos.abort()\n"
 RAMBLES = "print('not json')\n" + DONE
@@ -93,18 +92,17 @@ def test_one_runs_and_tells_how_far_it_has_come_while_others_wait(jobs, eventual
     assert not queue.cancel(99)
 
 
-@pytest.mark.parametrize(("script", "patience_s"), [(SLEEPS, 2.0), (DEAF, 6.0)])
+@pytest.mark.parametrize(("script", "grace_s"), [(SLEEPS, 600.0), (DEAF, 0.5)])
 def test_one_that_is_cancelled_ends_whether_or_not_it_listens(
-    jobs, eventually, script, patience_s
+    jobs, eventually, monkeypatch, script, grace_s
 ):
+    monkeypatch.setattr("twin_server.diagnose.jobs.GRACE_S", grace_s)
     queue = jobs(script)
     queue.give(1)
     assert eventually(lambda: queue.progress(1).stage in ("sleeping", "deaf"))
-    began = time.monotonic()
     assert queue.cancel(1)
     assert eventually(lambda: 1 in queue.told)
     assert queue.told[1].state == "cancelled"
-    assert time.monotonic() - began < patience_s
 
 
 @pytest.mark.parametrize(

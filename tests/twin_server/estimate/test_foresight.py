@@ -8,11 +8,13 @@ from twin_server.estimate import (
     Twin,
     estimate,
     foresee,
+    learn,
     past_of,
     past_of_elements,
 )
 from twin_server.estimate.checkpoint import Known
 from twin_server.registration import Registration
+from twin_server.thresholds import Limit
 
 NOMINAL = {"frequency_hz": 3.0, "damping_ratio": 0.02}
 
@@ -24,8 +26,9 @@ def history(features, **registration):
     return found.states, found.checkpoints[0].known
 
 
-def ahead_of(states, known, *arguments):
-    found = foresee(past_of(states, known), *arguments)
+def ahead_of(states, known, horizon, count, outlooks=None, thresholds=()):
+    past = past_of(states, known)
+    found = foresee(past, outlooks or learn(past), horizon, count, thresholds)
     assert found is not None
     return found
 
@@ -54,8 +57,8 @@ def test_only_what_is_estimated_is_forecast(ageing):
 
 def test_too_few_readings_give_no_forecast(ageing):
     states, known = history(ageing(9), nominal=NOMINAL)
-    assert foresee(past_of(states, known), 1.0, 2) is None
-    assert foresee(past_of(states[:0], known), 1.0, 2) is None
+    assert foresee(past_of(states, known), {}, 1.0, 2) is None
+    assert foresee(past_of(states[:0], known), {}, 1.0, 2) is None
 
 
 def test_a_nominal_in_doubt_is_not_averaged_away(ageing):
@@ -86,10 +89,48 @@ def test_what_was_learnt_once_serves_again(ageing):
     )
 
 
+def test_the_time_to_a_threshold_is_a_distribution_that_holds_when_it_comes(ageing):
+    held, asked = [], Limit("stiffness_change", -0.15, "below")
+    for seed in range(3):
+        states, known = history(ageing(120, seed=seed), nominal=NOMINAL)
+        ahead = ahead_of(states[:60], known, 60.0, 2, thresholds=[asked])
+        ((_, told),) = ahead.crossings
+        true = states["slow_time"][np.argmax(states["truth"][:, 2] <= -0.15)]
+        held.append(told.slow_time[0] - 1.0 <= true <= told.slow_time[2] + 1.0)
+        assert told.shares == (0.1, 0.5, 0.9)
+        assert told.already == 0.0
+    assert sum(held) >= 2
+
+
+def test_a_threshold_may_be_passed_already_or_never_within_the_horizon(ageing):
+    states, known = history(ageing(60), nominal=NOMINAL)
+    limits = [Limit("stiffness_change", at, "below") for at in (-0.01, -0.9)]
+    passed, never = (
+        told for _, told in ahead_of(states, known, 30.0, 2, thresholds=limits).crossings
+    )
+    assert passed.already > 0.99
+    assert passed.slow_time[2] == 59.0
+    assert np.isinf(never.slow_time).all()
+    assert never.horizon == 89.0
+    none = ahead_of(states, known, 30.0, 2, thresholds=[Limit("mass_change", 0.1)])
+    assert none.crossings == ()
+
+
+def test_a_nominal_in_doubt_makes_the_time_to_a_threshold_uncertain(ageing):
+    widths = []
+    for doubt in (0.0, 0.01):
+        nominal = {**NOMINAL, "frequency_relative_sd": doubt}
+        states, known = history(ageing(60), nominal=nominal)
+        limit = [Limit("stiffness_change", -0.3, "below")]
+        ((_, told),) = ahead_of(states, known, 200.0, 2, thresholds=limit).crossings
+        widths.append(min(told.slow_time[2], 259.0) - told.slow_time[0])
+    assert widths[1] > 2 * widths[0]
+
+
 def test_a_twin_that_is_still_learning_has_no_forecast(ageing):
     states, known = history(ageing(12), learn_epochs=50)
     assert known is None
-    assert foresee(past_of(states, Known(3.0, 0.0, 0.02, 0.0)), 1.0, 2) is None
+    assert foresee(past_of(states, Known(3.0, 0.0, 0.02, 0.0)), {}, 1.0, 2) is None
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +149,8 @@ def test_each_element_is_forecast(weakening):
     found, loss = weakening
     bodies = [detail.body for detail in found.details]
     memory = found.checkpoints[0].elements
-    ahead = foresee(past_of_elements(found.states[:60], bodies[:60], memory), 9.0, 9)
+    past = past_of_elements(found.states[:60], bodies[:60], memory)
+    ahead = foresee(past, learn(past), 9.0, 9)
     assert ahead is not None
     assert list(ahead.bands) == ["storey1", "storey2", "storey3"]
     np.testing.assert_allclose(ahead.slow_time, np.arange(60.0, 69.0))
@@ -125,7 +167,7 @@ def test_what_was_learnt_of_elements_is_not_averaged_away(weakening):
     memory = found.checkpoints[0].elements
     assert memory.common_share == pytest.approx(1 / 21)
     past = past_of_elements(found.states, bodies, memory)["storey1"]
-    ahead = foresee({"storey1": past}, 1.0, 1)
+    ahead = foresee({"storey1": past}, learn({"storey1": past}), 1.0, 1)
     assert ahead is not None
     assert ahead.bands["storey1"][0, 1] >= past.common * 0.99
     assert past.common == pytest.approx(np.median(past.sd) / np.sqrt(21), rel=0.1)
@@ -135,5 +177,6 @@ def test_a_twin_of_elements_that_is_still_learning_has_no_forecast(weakening):
     found, _ = weakening
     bodies = [detail.body for detail in found.details]
     memory = found.checkpoints[0].elements
-    assert foresee(past_of_elements(found.states[:20], bodies[:20], memory), 1.0, 2) is None
+    past = past_of_elements(found.states[:20], bodies[:20], memory)
+    assert foresee(past, learn(past), 1.0, 2) is None
     assert past_of_elements(found.states, (), memory) == {}

@@ -1,6 +1,9 @@
 """What is PostgreSQL's own: it goes away, comes back, is shared, and has a password."""
 
 import contextlib
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -12,6 +15,7 @@ from twin_server.persist import (
     PostgresStore,
     StoreError,
     WrongStoreError,
+    postgres,
 )
 
 EVENT = EventRow(0, "lab", "beam", 5, None, False, "{}")
@@ -50,6 +54,31 @@ def test_a_second_server_on_one_schema_is_refused_until_the_first_has_ended(url)
         PostgresStore(url)
     store.close()
     PostgresStore(url).close()
+
+
+def test_a_server_that_starts_as_another_leaves_waits_for_it(url, monkeypatch):
+    asked, store = threading.Event(), PostgresStore(url)
+    monkeypatch.setattr(postgres, "time", Waiting(asked))
+    with ThreadPoolExecutor(1) as server:
+        starting = server.submit(PostgresStore, url)
+        assert asked.wait(60)
+        assert not starting.done()
+        store.close()
+        starting.result(60).close()
+
+
+class Waiting:
+    """A clock that stands, and says when somebody waits by it."""
+
+    def __init__(self, asked):
+        self.asked = asked
+
+    def monotonic(self):
+        return 0.0
+
+    def sleep(self, seconds):
+        self.asked.set()
+        time.sleep(seconds)
 
 
 def test_a_row_that_was_changed_behind_our_back_is_refused(url):

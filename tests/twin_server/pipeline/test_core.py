@@ -322,7 +322,7 @@ def test_what_finds_no_room_is_counted_and_healed(edge, ageing, eventually, tmp_
         pipeline = Pipeline(small, store, bus=bus)
         blocked = threading.Event()
         pipeline.start()
-        holding = threading.Thread(target=pipeline.call, args=(lambda: blocked.wait(5),))
+        holding = threading.Thread(target=pipeline.call, args=(lambda: blocked.wait(60),))
         holding.start()
         beam = edge(MemoryBus(joins=bus))
         for message in ageing(100):
@@ -377,3 +377,29 @@ def test_a_clock_moved_by_hand_judges_messages(tmp_path, features, sample):
     assert store.count("lab.beam") == 1
     assert pipeline.refusals.counts["future_clock"] == 1
     store.close()
+
+
+def test_what_many_edges_answer_at_once_waits_for_the_disk_together(
+    database, settings, ageing, edge, eventually, monkeypatch
+):
+    (message,) = ageing(1)
+    names = [f"a{number}" for number in range(60)]
+    with contextlib.closing(open_store(database())) as store, MemoryBus() as bus:
+        edges = [edge(MemoryBus(joins=bus), asset=name) for name in names]
+        written, write = [], store.write
+
+        def slowly(cut):
+            time.sleep(0.03)
+            written.append(cut)
+            return write(cut)
+
+        monkeypatch.setattr(store, "write", slowly)
+        pipeline = Pipeline(settings, store, bus=bus)
+        pipeline.start()
+        for name, one in zip(names, edges, strict=True):
+            one.make(message.model_copy(update={"asset": name}))
+        assert eventually(lambda: all(store.count(f"lab.{name}") == 1 for name in names))
+        pipeline.stop()
+        for one in edges:
+            one.close()
+    assert len(written) < 30

@@ -28,19 +28,23 @@ print("done", flush=True)
 """
 
 
-@pytest.mark.parametrize("after_s", [0.05, 0.2, 0.5])
-def test_sigkill_and_another_start_give_the_undisturbed_history(
-    tmp_path, ageing, sample, after_s
-):
-    messages = ageing(4000)
-    samples = [sample(message) for message in messages]
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory, ageing, sample):
+    """Samples as they come, and the store of a server that nobody killed."""
+    samples = [sample(message) for message in ageing(4000)]
+    expected = SqliteStore(tmp_path_factory.mktemp("undisturbed") / "twin.sqlite")
+    Pipeline(TwinSettings(), expected).ingest(samples)
     # Out of order here and there, so that a part is held on disk when the end comes.
     for i in range(3, 3990, 11):
         samples[i], samples[i + 4] = samples[i + 4], samples[i]
-    (tmp_path / "messages").write_bytes(b"\n".join(s.payload for s in samples))
-    expected = SqliteStore(tmp_path / "undisturbed.sqlite")
-    Pipeline(TwinSettings(), expected).ingest(map(sample, messages))
+    yield samples, expected
+    expected.close()
 
+
+@pytest.mark.parametrize("after_s", [0.05, 0.2, 0.5])
+def test_sigkill_and_another_start_give_the_undisturbed_history(tmp_path, undisturbed, after_s):
+    samples, expected = undisturbed
+    (tmp_path / "messages").write_bytes(b"\n".join(s.payload for s in samples))
     database = tmp_path / "killed.sqlite"
     arguments = [sys.executable, "-c", CHILD, str(database), str(tmp_path / "messages")]
     with subprocess.Popen(arguments, stdout=subprocess.PIPE) as child:
@@ -59,4 +63,3 @@ def test_sigkill_and_another_start_give_the_undisturbed_history(
         e.body for e in expected.events("lab.beam") if e.derived
     ]
     store.close()
-    expected.close()

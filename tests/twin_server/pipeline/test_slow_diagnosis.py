@@ -1,6 +1,7 @@
 """A diagnosis in slow time: the history says what it follows, and the twin takes it in."""
 
 import json
+import subprocess
 import sys
 
 import numpy as np
@@ -82,6 +83,21 @@ def test_what_the_history_follows_is_named_adopted_and_undone(twin, eventually):
     assert store.digest(ID) == history
     said = [json.loads(row.body)["kind"] for row in store.events(ID)]
     assert [kind for kind in said if kind in ("adopted", "undone")] == ["adopted", "undone"]
+
+
+@pytest.mark.slow
+def test_the_command_says_the_same_of_the_database_while_the_server_has_it(twin, tmp_path):
+    _, store, _ = twin
+    words = ["--history", str(store.path), "--twin", ID, "--out", str(tmp_path / "found")]
+    done = subprocess.run(
+        [sys.executable, "-m", "slowtime_cli", "diagnose", *words],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    report = json.loads((tmp_path / "found/report.json").read_text())
+    assert (report["of"], report["clock"], report["slow_time_unit"]) == (ID, "slow", "d")
+    (effect,) = report["effects"]
+    assert (effect["family"], effect["covariate"]) == ("temperature", "temperature_c")
 
 
 def test_what_follows_no_covariate_is_not_adopted(twin):

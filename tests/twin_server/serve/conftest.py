@@ -63,8 +63,9 @@ def serving(tmp_path_factory, settings):
 
         thread = threading.Thread(target=serve)
         thread.start()
-        assert ready.wait(20)
-        client = httpx.Client(base_url=urls[0], timeout=10)
+        assert ready.wait(60)
+        # What effects do is compiled where nothing has compiled it yet.
+        client = httpx.Client(base_url=urls[0], timeout=60)
         server = Running(urls[0], bus, client, stop, thread, result)
         running.append(server)
         return server
@@ -73,7 +74,7 @@ def serving(tmp_path_factory, settings):
     for server in running:
         server.client.close()
         server.stop.set()
-        server.thread.join(10)
+        server.thread.join(60)
         server.bus.close()
 
 
@@ -110,6 +111,7 @@ ENTERS, LEAVES = 1_000, 2_000
 
 PRETENDS = """
 import json, pathlib, sys, time
+from slowtime_services.reports import Chart, Section, write_page
 here = pathlib.Path(sys.argv[1])
 task = json.loads((here / "task.json").read_text())
 print(json.dumps({"stage": "refitting coulomb at element j2", "share": 0.4}), flush=True)
@@ -119,13 +121,28 @@ model = task["model"]
 model["effects"] = [{"effect": "coulomb", "element": "j2", "friction_n": 0.5}]
 gap = {"nominal": 0.4, "refitted_nominal": 0.2, "augmented": 0.02, "noise_floor": 0.02,
        "steps": [{"effect": "coulomb", "nrmse": 0.02}]}
-effect = {"effect": "coulomb", "family": "friction", "where": {"kind": "element", "id": "j2"}}
+effect = {"effect": "coulomb", "family": "friction", "where": {"kind": "element", "id": "j2"},
+          "parameters": {"friction_n": {"value": 0.5, "sd": 0.01, "unit": "N"}},
+          "probability": 0.98, "sentence": "Dry friction.", "alternatives": [
+              {"effect": "stick_slip", "where": {"kind": "element", "id": "j2"},
+               "probability": 0.02}]}
+where = [{"kind": "element", "id": "j2", "score": 40.0, "p_value": 1e-9, "share": 0.9},
+         {"kind": "element", "id": "j1", "score": 2.0, "p_value": 0.4, "share": 0.1}]
+when = {"times_s": [[0.05, 0.15]], "bands_hz": [[2.0, 4.0]], "amplitude": "More when it moves "
+        "slowly.", "linear": False, "steady": True}
 none = task["order"]["holdout_s"] is not None
 report = {"verdict": "nothing_missing" if none else "missing_effect",
           "sentence": "Nothing is missing." if none else "Dry friction in j2, 0.5 N.",
-          "effects": [] if none else [effect], "experiment": None, "gap": gap}
+          "effects": [] if none else [effect], "experiment": None, "gap": gap,
+          "where": where, "when": when, "undecided": []}
 (here / "report.json").write_text(json.dumps(report))
-(here / "report.html").write_text("<h1>Dry friction</h1><script>document.title='ran'</script>")
+line = lambda name, y: {"name": name, "x": [0.0, 0.1, 0.2], "y": y, "mode": "lines"}
+axes = {"xaxis": {"title": {"text": "campaign time [s]"}},
+        "yaxis": {"title": {"text": "a1 [m/s^2]"}}}
+runs = Chart([line("measured", [0.0, 1.0, 0.5]), line("model as given", [0.0, 0.6, 0.1]),
+              line("augmented", [0.0, 1.0, 0.4])], axes, "Acceleration of m1 (a1) <loud>")
+write_page(here / "report.html", "Dry friction", report["sentence"],
+           [Section("Measured, and what the models say", (), [runs])])
 (here / "augmented.yaml").write_text(json.dumps(model))
 """
 """A diagnosis that has its answer ready; a quick one waits until it is told to stop."""

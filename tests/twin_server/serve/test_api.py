@@ -85,6 +85,67 @@ def test_the_forecast_goes_on_where_the_history_ends(server):
     assert server.get(f"{TWIN}/forecast").json()["points"]
 
 
+def test_the_forecast_says_when_a_threshold_is_reached(server):
+    found = server.get(f"{TWIN}/forecast", threshold=-0.3, horizon=300).json()
+    models.ForecastModel.model_validate(found)
+    (crossing,) = found["crossings"]
+    assert crossing["quantity"] == "stiffness_change"
+    assert crossing["source"] == "request"
+    shares = [time["share"] for time in crossing["times"]]
+    assert shares == [0.1, 0.5, 0.9]
+    median = crossing["times"][1]
+    assert median["slow_time"] == pytest.approx(450.0, abs=60.0)
+    assert median["ahead"] == pytest.approx(median["slow_time"] - 299.0)
+    assert crossing["sentence"].startswith("stiffness_change at -0.3: 10 %: by 4")
+    never = server.get(f"{TWIN}/forecast", threshold=-0.9, horizon=10).json()["crossings"][0]
+    assert [time["slow_time"] for time in never["times"]] == [None] * 3
+    assert "not within the horizon of 309" in never["sentence"]
+    assert server.get(f"{TWIN}/forecast").json()["crossings"] == []
+
+
+def test_thresholds_of_alarms_and_of_the_registration_are_asked_for_each_time(
+    serving, ageing, eventually
+):
+    own = serving()
+    limits = {
+        "alarms": [{"quantity": "stiffness_change", "below": -0.02}],
+        "forecast": {"thresholds": [{"quantity": "stiffness_change", "at": -0.5}]},
+    }
+    body = {"nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02}, **limits}
+    assert own.client.put(TWIN, json=body).status_code == 201
+    own.feed(ageing(40))
+    assert eventually(lambda: own.count() == 40)
+    asked = own.get(f"{TWIN}/forecast", threshold=-0.1).json()["crossings"]
+    assert [one["source"] for one in asked] == ["request", "alarm", "registration"]
+    assert [one["threshold"] for one in asked] == [-0.1, -0.02, -0.5]
+    assert asked[1]["toward"] == "below"
+    wrong = {**body, "forecast": {"thresholds": [{"quantity": "mass", "at": 0.1}]}}
+    refused = own.client.put(TWIN, json=wrong)
+    assert refused.status_code == 422
+    assert "Allowed: frequency_hz" not in refused.text
+    assert "Allowed: stiffness_change, mass_change" in refused.text
+
+
+def test_a_forecast_after_a_restart_is_the_one_that_would_have_been(
+    serving, ageing, tmp_path, eventually
+):
+    path = tmp_path / "twin.sqlite"
+    body = {"nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02}}
+    first = serving(database=path)
+    assert first.client.put(TWIN, json=body).status_code == 201
+    messages = ageing(70)
+    first.feed(messages[:55])
+    assert eventually(lambda: first.count() == 55)
+    assert first.get(f"{TWIN}/forecast").json()["points"]
+    first.feed(messages[55:])
+    assert eventually(lambda: first.count() == 70)
+    before = first.get(f"{TWIN}/forecast", threshold=-0.1).json()
+    first.stop.set()
+    first.thread.join(60)
+    again = serving(database=path)
+    assert again.get(f"{TWIN}/forecast", threshold=-0.1).json() == before
+
+
 def test_events_from_the_first_or_from_a_number_on(server):
     found = server.get(f"{TWIN}/events").json()
     models.EventList.model_validate(found)
@@ -129,6 +190,15 @@ PROBLEMS = [
     ("GET", f"{TWIN}/history?max_points=many", 422, "not-valid", "'many' was given"),
     ("GET", f"{TWIN}/forecast?horizon=-1", 422, "not-valid", "query.horizon"),
     ("GET", f"{TWIN}/forecast?horizon=nan", 422, "not-valid", "query.horizon"),
+    ("GET", f"{TWIN}/forecast?threshold=-2", 422, "not-valid", "query.threshold"),
+    ("GET", f"{TWIN}/forecast?quantity=mass_change", 422, "not-valid", "without a threshold"),
+    (
+        "GET",
+        f"{TWIN}/forecast?threshold=0.1&quantity=mass_change",
+        422,
+        "not-valid",
+        "Allowed: stiffness_change",
+    ),
     ("GET", f"{TWIN}/events?after=-1", 422, "not-valid", "query.after"),
 ]
 
@@ -187,16 +257,38 @@ def test_every_route_is_described_with_an_example(server):
         "/api/v1/twins/{twin_id}/diagnoses/{number}/{name}",
         "/api/v1/twins/{twin_id}/diagnoses/{number}/adopt",
         "/api/v1/twins/{twin_id}/diagnoses/{number}/undo", "/healthz", "/readyz", "/metrics",
-        "/api/v1/session",
+        "/api/v1/session", "/api/v1/twins/{twin_id}/simulate", "/api/v1/asyncapi.json",
+        "/api/v1/twins/{twin_id}/history/export", "/api/v1/twins/{twin_id}/dtdl",
+        "/api/v1/dtdl", "/api/v1/recordings", "/api/v1/recordings/{name}",
+        "/api/v1/recordings/{name}/replay",
     }  # fmt: skip
     for path, methods in document["paths"].items():
         for method, operation in methods.items():
             assert operation["description"], (method, path)
     for name in (
         "State", "TwinModel", "Registration", "ModesModel", "DiagnosisOrder", "DiagnosisModel",
-        "GapModel",
+        "GapModel", "ForecastModel", "CrossingModel", "SimulationOrder", "SimulationModel",
     ):  # fmt: skip
         assert document["components"]["schemas"][name]["examples"]
+
+
+def test_the_document_says_which_token_a_route_wants_and_how_it_refuses(server):
+    document = server.get("/api/v1/openapi.json").json()
+    assert document["components"]["securitySchemes"]["token"]["scheme"] == "bearer"
+    operations = {
+        (method.upper(), path): operation
+        for path, methods in document["paths"].items()
+        for method, operation in methods.items()
+    }
+    free = {of for of, operation in operations.items() if "security" not in operation}
+    # As in docs/access.md, which is what was seen at the door.
+    assert free == {
+        ("GET", "/healthz"), ("GET", "/readyz"), ("DELETE", "/api/v1/session"),
+        ("GET", "/api/v1/asyncapi.json"),
+    }  # fmt: skip
+    deleting = operations["DELETE", "/api/v1/twins/{twin_id}"]
+    assert "admin of the twin's site" in deleting["description"]
+    assert {"204", "401", "403", "404", "429"} <= deleting["responses"].keys()
 
 
 def test_the_page_comes_with_all_it_needs(server):

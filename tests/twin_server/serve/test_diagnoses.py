@@ -102,6 +102,10 @@ def test_a_diagnosis_tells_how_far_it_has_come_and_gives_its_files(learnt):
     assert "sandbox allow-scripts" in page.headers["content-security-policy"]
     assert "Dry friction" in page.text
     assert learnt.server.get(f"{files}/report.json").json() == found["report"]
+    (chart,) = learnt.server.get(f"{files}/charts.json").json()["charts"]
+    assert chart["heading"] == "Measured, and what the models say"
+    assert chart["data"][0]["name"] == "measured"
+    assert chart["words"] == "Acceleration of m1 (a1) <loud>"
     assert "coulomb" in learnt.server.get(f"{files}/augmented.yaml").text
     assert learnt.server.get(f"{files}/holdout.npz").status_code == 404
     listed = learnt.server.get(f"{learnt.twin}/diagnoses").json()["diagnoses"]
@@ -167,7 +171,7 @@ def test_what_was_under_way_when_the_server_died_has_failed(
     first = serving(database, pretender, gap=quiet)
     first.client.put("/api/v1/twins/lab.rig", json={})
     first.stop.set()
-    first.thread.join(10)
+    first.thread.join(60)
     store = SqliteStore(database)
     number = store.add_diagnosis(DiagnosisRow(0, "lab.rig", 1, None, "running", "{}"), 9)
     store.close()

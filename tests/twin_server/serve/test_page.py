@@ -8,14 +8,14 @@ import pytest
 from playwright.sync_api import expect
 
 from slowtime.evolution import Reason
-from twin_server.settings import ServeSettings
 from twin_server.states import LEARNING, NO_DAMPING, NO_MODE, NOT_REPRESENTABLE, sentences
 
 pytestmark = pytest.mark.browser
 
-PATIENCE_MS = 8000
+PATIENCE_MS = 60_000
 REFUSED = "net::ERR_CONNECTION_REFUSED"
-CHARTS = ("frequency_hz", "stiffness_change", "mass_change")
+BEAM = "#lab.beam"
+CHARTS = ("frequency_hz", "damping_ratio", "stiffness_change", "mass_change")
 
 
 def plot(page, quantity, twin_id="lab.beam"):
@@ -54,7 +54,7 @@ def overflow(page):
 
 
 def test_the_page_shows_the_history_to_the_last_number_and_asks_nobody_else(server, visit):
-    page = visit(server)
+    page = visit(server, BEAM)
     has(page, "stiffness_change", "points", 300)
     has(page, "stiffness_change", "forecast", "true")
     points = history(server)
@@ -79,7 +79,7 @@ def test_the_page_shows_the_history_to_the_last_number_and_asks_nobody_else(serv
 
 
 def test_every_number_is_said_in_words_with_its_unit(server, visit):
-    page = visit(server)
+    page = visit(server, BEAM)
     has(page, "stiffness_change", "points", 300)
     last = history(server)[-1]["stiffness_change"]
     label = plot(page, "stiffness_change").get_attribute("aria-label")
@@ -89,11 +89,9 @@ def test_every_number_is_said_in_words_with_its_unit(server, visit):
     expect(twin).to_contain_text("Beam")
     expect(twin).to_contain_text("reading 299 at slow time 299 s")
     expect(twin).to_contain_text("mass is assumed constant")
-    expect(twin.locator("details:not(.diagnosis) summary")).to_contain_text(
-        "Registered by request"
-    )
+    expect(twin.locator(".events summary")).to_contain_text("Registered by request")
     titles = [plot(page, quantity).locator(".ytitle").text_content() for quantity in CHARTS]
-    assert titles == ["frequency [Hz]", "change [%]", "change [%]"]
+    assert titles == ["frequency [Hz]", "damping ratio [%]", "change [%]", "change [%]"]
     for quantity in CHARTS:
         assert plot(page, quantity).locator(".xtitle").text_content() == "slow time [s]"
         assert plot(page, quantity).locator(".ytick").count() >= 3
@@ -104,7 +102,7 @@ def test_what_arrives_is_drawn_from_the_stream_without_a_reload(
 ):
     server = serving()
     filled(server, ageing(30), eventually)
-    page = visit(server)
+    page = visit(server, BEAM)
     has(page, "frequency_hz", "points", 30)
     page.evaluate("window.untouched = true")
     asked = len([url for url in page.requested if "/history" in url])
@@ -122,9 +120,12 @@ def test_a_hostile_name_is_shown_and_not_obeyed(serving, visit, ageing, eventual
     body = {"name": name, "nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02}}
     assert server.client.put("/api/v1/twins/lab.beam", json=body).status_code == 201
     filled(server, ageing(3), eventually)
-    page = visit(server, "#<img src=x onerror=window.hacked=1>")
+    page = visit(server, BEAM)
     has(page, "stiffness_change", "points", 3)
     expect(page.locator("h2", has_text="onerror")).to_have_text(name)
+    page.goto(f"{server.url}/#")
+    expect(page.locator(".card .name")).to_have_text(name)
+    page.goto(f"{server.url}/#<img src=x onerror=window.hacked=1>")
     expect(page.locator("#unknown")).to_contain_text("No twin is called <img")
     assert page.locator("img, main script").count() == 0
     assert page.evaluate("window.hacked") is None
@@ -137,8 +138,8 @@ def test_without_twins_the_page_says_what_to_do_and_a_first_twin_appears_by_itse
     server = serving()
     page = visit(server)
     expect(page.locator("#empty")).to_contain_text("slowtime edge --simulate tower")
-    expect(page.locator("#legend")).to_be_hidden()
     filled(server, ageing(25), eventually)
+    page.get_by_role("link", name="lab.beam").click(timeout=PATIENCE_MS)
     expect(page.locator('[id="lab.beam"] h2')).to_have_text("lab.beam")
     expect(page.locator("#empty")).to_be_hidden()
     has(page, "frequency_hz", "points", 25)
@@ -150,10 +151,10 @@ def test_a_server_that_is_gone_is_said_to_be_and_found_again(
     database = tmp_path / "kept.sqlite"
     server = serving(database)
     filled(server, ageing(25), eventually)
-    page = visit(server)
+    page = visit(server, BEAM)
     has(page, "frequency_hz", "points", 25)
     server.stop.set()
-    server.thread.join(10)
+    server.thread.join(60)
     expect(page.locator("#connection")).to_have_text("connection lost, trying again")
     expect(page.locator("#lost")).to_contain_text("Connection lost, trying again.")
     has(page, "frequency_hz", "points", 25)
@@ -177,7 +178,7 @@ def test_what_is_not_valid_is_drawn_apart_and_explained(
         server.client.put(f"/api/v1/twins/lab.{asset}", json=body)
     filled(server, [*ageing(20), features(20, frequency_hz=1.5)], eventually)
     filled(server, ageing(20, asset="both", loss=0.0), eventually, "lab.both")
-    page = visit(server, viewport={"width": 1200, "height": 1400})
+    page = visit(server, BEAM, viewport={"width": 1200, "height": 1400})
 
     has(page, "stiffness_change", "invalid", 1)
     has(page, "stiffness_change", "points", 20)
@@ -188,7 +189,12 @@ def test_what_is_not_valid_is_drawn_apart_and_explained(
     expect(twin.locator(".pill").first).to_have_text("not valid")
     expect(twin.locator(".reasons")).to_contain_text("outside the recommended range")
     expect(page.locator('[data-key="invalid"]')).to_be_visible()
+    expect(page.locator('[data-key="limit"]')).to_be_visible()
+    limits = "plot => plot.layout.shapes.map(shape => shape.y0)"
+    assert plot(page, "stiffness_change").evaluate(limits) == [-15.0]
+    assert plot(page, "frequency_hz").evaluate(limits) == []
 
+    page.goto(f"{server.url}/#lab.both")
     has(page, "mass_change", "inseparable", 20, "lab.both")
     has(page, "mass_change", "bands", 0, "lab.both")
     both = page.locator('[id="lab.both"]')
@@ -196,15 +202,11 @@ def test_what_is_not_valid_is_drawn_apart_and_explained(
         "mass and stiffness not separately identifiable"
     )
     expect(page.locator('[data-key="inseparable"]')).to_be_visible()
-    expect(page.locator('[data-key="limit"]')).to_be_visible()
-    limits = "plot => plot.layout.shapes.map(shape => shape.y0)"
-    assert plot(page, "stiffness_change").evaluate(limits) == [-15.0]
-    assert plot(page, "frequency_hz").evaluate(limits) == []
     has(page, "frequency_hz", "points", 20, "lab.both")
 
 
 def test_the_page_tells_the_reasons_apart_that_say_nothing_against_the_frequency(server, visit):
-    page = visit(server)
+    page = visit(server, BEAM)
     judged = {
         bit: page.evaluate(
             "async text => (await import('/assets/words.js'))"
@@ -225,7 +227,7 @@ def test_lost_features_break_the_line_and_its_band(
     server = serving(healing=impatient)
     whole = ageing(30)
     filled(server, whole[:12] + whole[18:], eventually)
-    page = visit(server)
+    page = visit(server, BEAM)
     has(page, "frequency_hz", "points", 24)
     has(page, "frequency_hz", "bands", 2)
     assert drawn(page, "frequency_hz")["estimate"]["y"].index(None) == 12
@@ -233,7 +235,9 @@ def test_lost_features_break_the_line_and_its_band(
 
 def test_on_a_phone_nothing_is_wider_than_the_screen(server, visit):
     phone = {"width": 390, "height": 844}
-    page = visit(server, viewport=phone, has_touch=True, is_mobile=True, color_scheme="dark")
+    page = visit(
+        server, BEAM, viewport=phone, has_touch=True, is_mobile=True, color_scheme="dark"
+    )
     has(page, "stiffness_change", "points", 300)
     assert overflow(page) <= 0
     for quantity in CHARTS:
@@ -256,7 +260,7 @@ def contrast(one, other):
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_words_and_lines_stand_out_from_their_ground(server, visit, scheme):
-    page = visit(server, color_scheme=scheme)
+    page = visit(server, BEAM, color_scheme=scheme)
 
     @functools.cache
     def colour(name):
@@ -274,61 +278,21 @@ def test_words_and_lines_stand_out_from_their_ground(server, visit, scheme):
     assert (ground == "rgb(20, 23, 26)") == (scheme == "dark")
 
 
-def test_the_keyboard_reaches_everything(server, visit, eventually):
-    page = visit(server)
-    has(page, "stiffness_change", "points", 300)
-    reached = []
-    for _ in range(9):
-        page.keyboard.press("Tab")
-        reached.append(page.evaluate("document.activeElement.innerText.trim().split('\\n')[0]"))
-        if reached[-1] == "Larger charts":
-            page.keyboard.press("Enter")
-    assert reached[:3] == ["Beam", "Larger charts", "History as JSON"]
-    assert reached[3] == "Diagnosis"
-    assert reached[4].startswith("1 event, last:")
-    assert reached[5:8] == ["Twins as JSON", "OpenAPI", "Metrics"]
-    expect(page.locator("button.quiet")).to_have_attribute("aria-pressed", "true")
-    drawing = plot(page, "frequency_hz").locator(".main-svg").first
-    assert eventually(lambda: drawing.bounding_box()["width"] > 1000)
-    page.set_viewport_size({"width": 600, "height": 900})
-    assert eventually(lambda: drawing.bounding_box()["width"] < 600)
-    assert overflow(page) <= 0
-    has(page, "frequency_hz", "points", 300)
-
-
-def test_many_twins_on_screen_take_two_streams_and_all_go_on(
-    serving, visit, ageing, eventually
-):
-    server = serving(serve=ServeSettings(max_live_clients=2))
-    assets = [f"t{i}" for i in range(5)]
-    for asset in assets:
-        filled(server, ageing(22, asset=asset), eventually, f"lab.{asset}")
-    page = visit(server, viewport={"width": 1200, "height": 2400})
-    for asset in assets:
-        has(page, "frequency_hz", "points", 22, f"lab.{asset}")
-    assert "live_clients 2\n" in server.get("/metrics").text
-    for asset in assets:
-        filled(server, ageing(2, asset=asset, first=22), eventually, f"lab.{asset}")
-    for asset in assets:
-        has(page, "frequency_hz", "points", 24, f"lab.{asset}")
-    assert page.complaints == []
-
-
 def test_a_twin_that_is_deleted_leaves_the_page(serving, visit, ageing, eventually):
     server = serving()
     filled(server, ageing(3), eventually)
-    page = visit(server)
+    page = visit(server, BEAM)
     expect(page.locator("section.twin")).to_have_count(1)
     assert server.client.delete("/api/v1/twins/lab.beam").status_code == 204
     expect(page.locator("section.twin")).to_have_count(0, timeout=PATIENCE_MS)
-    expect(page.locator("#empty")).to_be_visible()
+    expect(page.locator("#unknown")).to_contain_text("No twin is called lab.beam.")
 
 
 def test_a_page_without_its_drawing_library_still_gives_the_numbers(server, browser):
     page = browser.new_page()
     try:
         page.route("**/plotly.min.js", lambda route: route.abort())
-        page.goto(server.url)
+        page.goto(f"{server.url}/{BEAM}")
         expect(page.locator("#undrawn")).to_contain_text("did not load. Reload the page.")
         expect(page.locator('[id="lab.beam"] figcaption').first).to_contain_text("Hz")
     finally:

@@ -4,7 +4,7 @@ The first epochs teach what the structure is like: the model is fitted to it, an
 differs from it later is called a change, so that an error of the model is none.
 """
 
-from .epochs import Found, Reading, follow
+from .epochs import Found, Reading, follow, posterior_of
 from .suspects import Suspect, size
 
-__all__ = ["Found", "Reading", "Suspect", "follow", "size"]
+__all__ = ["Found", "Reading", "Suspect", "follow", "posterior_of", "size"]

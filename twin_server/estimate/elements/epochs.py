@@ -153,6 +153,23 @@ def follow(
     return Found(memory, tuple(readings), tuple(lessons), tuple(verdicts))
 
 
+def posterior_of(
+    memory: Memory, model: Model, message: Features, wanted: Covariates | None = None
+) -> Float[np.ndarray, "parameter parameter"] | None:
+    """Covariance of the logarithms of the free factors, as one epoch tells them.
+
+    None where it tells nothing.
+    """
+    nominal, modes = _Nominal.of(memory, model), seen(message, model)
+    pairs = match(memory.references, modes, message.boot)
+    removed = _removed(message, nominal, wanted)
+    if not pairs or any(one.reasons & st.NO_COVARIATE for one in removed):
+        return None
+    matched = [(nominal.baselines[i], i, modes[j]) for i, j in sorted(pairs.items())]
+    measured = _measured(matched, nominal, removed)
+    return estimate(nominal.structure, measured, model.prior_sd, starts=STARTS).covariance
+
+
 def _taught(
     memory: Memory, message: Features, modes: Sequence[Seen], wanted: Covariates | None
 ) -> tuple[Memory, int]:

@@ -40,13 +40,16 @@ class Rule:
 
 _V1 = "/api/v1"
 _TWIN = f"{_V1}/twins/{{twin_id}}"
+_RECORDING = f"{_V1}/recordings/{{name}}"
 _SEE = [(f"{_TWIN}{more}", Scope.VIEWER) for more in (
-    "", "/history", "/history/hash", "/modes", "/forecast", "/events", "/live",
-    "/gap", "/diagnoses", "/diagnoses/{number}", "/diagnoses/{number}/{name}",
+    "", "/history", "/history/hash", "/history/export", "/dtdl", "/modes", "/forecast",
+    "/events", "/live", "/gap",
+    "/diagnoses", "/diagnoses/{number}", "/diagnoses/{number}/{name}",
 )]  # fmt: skip
 _DO = [
     ("PUT", _TWIN, Scope.OPERATOR),
     ("DELETE", _TWIN, Scope.ADMIN),
+    ("POST", f"{_TWIN}/simulate", Scope.VIEWER),
     ("POST", f"{_TWIN}/diagnoses", Scope.OPERATOR),
     ("DELETE", f"{_TWIN}/diagnoses/{{number}}", Scope.OPERATOR),
     ("POST", f"{_TWIN}/diagnoses/{{number}}/adopt", Scope.OPERATOR),
@@ -59,11 +62,19 @@ POLICY: tuple[Rule, ...] = (
     Rule("GET", "/healthz", Reach.OPEN),
     Rule("GET", "/readyz", Reach.OPEN),
     Rule("GET", f"{_V1}/openapi.json", Reach.OPEN),
+    Rule("GET", f"{_V1}/asyncapi.json", Reach.OPEN),
     Rule("GET", "/metrics", Reach.ALL),
     Rule("GET", f"{_V1}/session", Reach.ANY),
     Rule("POST", f"{_V1}/session", Reach.ANY),
     Rule("DELETE", f"{_V1}/session", Reach.OPEN),
     Rule("GET", f"{_V1}/twins", Reach.LISTED),
+    Rule("GET", f"{_V1}/dtdl", Reach.LISTED),
+    Rule("GET", f"{_V1}/recordings", Reach.LISTED),
+    Rule("GET", _RECORDING, Reach.LISTED),
+    Rule("PUT", _RECORDING, Reach.LISTED, Scope.OPERATOR),
+    Rule("DELETE", _RECORDING, Reach.LISTED, Scope.ADMIN),
+    Rule("POST", f"{_RECORDING}/replay", Reach.LISTED, Scope.OPERATOR),
+    Rule("DELETE", f"{_RECORDING}/replay", Reach.LISTED, Scope.OPERATOR),
     *(Rule("GET", path, Reach.TWIN, scope) for path, scope in _SEE),
     *(Rule(method, path, Reach.TWIN, scope) for method, path, scope in _DO),
 )

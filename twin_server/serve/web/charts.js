@@ -1,5 +1,5 @@
 // One quantity of one twin over slow time, with axes, in a drawing and in words.
-import { colour, rangeOf, sorted, spanOf, tracesOf } from "./traces.js";
+import { colour, placeOf, rangeOf, sorted, spanOf, tracesOf, widened } from "./traces.js";
 import { QUANTITIES, isClock, spoken, unitOf } from "./words.js";
 
 const HEIGHT_PX = 215, WIDE_PX = 300;
@@ -26,13 +26,24 @@ function described({ points }, quantity, assumed) {
   return `${title}, ${points.length} readings from slow time ${from} to ${to} ${unitOf(last)}: ${said}`;
 }
 
+/** A line across all charts at the instant that is looked at. */
+export function instantOf({ at }) {
+  const line = { color: colour("ink"), width: 1.4 };
+  return at ? [{ type: "line", yref: "paper", y0: 0, y1: 1, x0: placeOf(at), x1: placeOf(at), line }] : [];
+}
+
 function limitsOf(twin, quantity) {
   const { scale } = QUANTITIES[quantity], alarms = twin.latest?.registration?.alarms ?? [];
-  return alarms.filter((alarm) => alarm.quantity === quantity).map((alarm) => {
-    const y = scale * (alarm.below ?? alarm.above);
-    const line = { color: colour("bad"), width: 1.4, dash: "dot" };
+  const thresholds = twin.latest?.registration?.forecast?.thresholds ?? [];
+  const drawn = (value, line) => {
+    const y = scale * value;
     return { type: "line", xref: "paper", x0: 0, x1: 1, y0: y, y1: y, line };
-  });
+  };
+  const own = (each) => each.quantity === quantity;
+  return [
+    ...alarms.filter(own).map((alarm) => drawn(alarm.below ?? alarm.above, { color: colour("bad"), width: 1.4, dash: "dot" })),
+    ...thresholds.filter(own).map(({ at }) => drawn(at, { color: colour("ahead"), width: 1.2, dash: "dot" })),
+  ];
 }
 
 function layoutOf(twin, quantity, { width, range, assumed, wide }) {
@@ -53,14 +64,15 @@ function layoutOf(twin, quantity, { width, range, assumed, wide }) {
     font: { color: colour("ink"), size: 11.5, family: "system-ui, sans-serif" },
     xaxis: { ...axis, nticks: 7, range: spanOf(twin), title: { text: along, standoff: 6 } },
     yaxis: { ...axis, nticks: 6, range, title: { text: QUANTITIES[quantity].axis, standoff: 4 } },
-    shapes: limitsOf(twin, quantity), annotations: assumed ? [note] : [],
+    shapes: [...limitsOf(twin, quantity), ...instantOf(twin)], annotations: assumed ? [note] : [],
   };
 }
 
 /** Draw, and give back what there is to see, by the keys of the legend. */
 export async function draw(plot, twin, quantity, wide) {
   const Plotly = await plotly, assumed = Boolean(twin.points.at(-1)?.assumed.includes(quantity));
-  const parts = assumed ? NOTHING : sorted(twin.points, quantity), range = rangeOf(twin.points, quantity, parts);
+  const parts = assumed ? NOTHING : sorted(twin.points, quantity), all = [...twin.points, ...twin.later.slice(1)];
+  const range = widened(rangeOf(all, quantity, assumed || !twin.at ? parts : sorted(all, quantity)), twin, quantity);
   const traces = tracesOf(twin, quantity, parts, range);
   const layout = layoutOf(twin, quantity, { width: plot.clientWidth, range, assumed, wide });
   await Plotly.react(plot, traces, layout, { displayModeBar: false });
@@ -69,10 +81,11 @@ export async function draw(plot, twin, quantity, wide) {
   Object.assign(plot.dataset, {
     points: runs.flat().length, bands: runs.filter((run) => run.length > 1).length, assumed,
     inseparable: apart.inseparable.length, invalid: apart.invalid.length,
-    truth: traces.find((trace) => trace.name === "truth")?.x.length ?? 0, forecast: has("forecast"),
+    truth: traces.find((trace) => trace.name === "truth")?.x.length ?? 0, forecast: has("forecast"), reached: has("time to threshold"),
   });
   return {
-    estimate: has("estimate"), truth: has("truth"), ahead: has("forecast"), limit: layout.shapes.length > 0,
+    estimate: has("estimate"), truth: has("truth"), later: has("what came after"), ahead: has("forecast"), reached: has("time to threshold"),
+    limit: (twin.latest?.registration?.alarms ?? []).some((alarm) => alarm.quantity === quantity),
     inseparable: apart.inseparable.length > 0, invalid: apart.invalid.length > 0,
   };
 }

@@ -1,34 +1,17 @@
 // What the twin's model lacks: the gap while nobody asks, jobs under way, what they found, adopted and undone.
-import { ask, make, number, say } from "./words.js";
+import { findingOf } from "./finding.js";
+import { ask, send } from "./link.js";
+import { Overlay } from "./overlay.js";
+import { draw } from "./svg.js";
+import { button, make, number, say } from "./words.js";
 
-const SVG = "http://www.w3.org/2000/svg", WIDTH = 320, HEIGHT = 64, SHOWN = 60, EVERY_MS = 1500;
+const WIDTH = 320, HEIGHT = 64, SHOWN = 60, EVERY_MS = 1500, UNDER_WAY_MS = 400;
+const UNDER_WAY = ["queued", "running"];
 const STATES = { queued: "waiting", running: "waiting", done: "good", failed: "bad", cancelled: "away" };
 const GAP_STATES = { waiting: "waiting", learning: "waiting", watching: "good", disagreeing: "bad" };
 const CLOCKS = { fast: "model against samples", slow: "history against temperature and load" };
 
 const percent = (x) => `${number(100 * x, x < 0.1 ? 1 : 0)}\u202f%`;
-
-function draw(tag, attributes, text) {
-  const element = document.createElementNS(SVG, tag);
-  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
-  if (text) element.textContent = text;
-  return element;
-}
-
-function button(text, act, name = "act") {
-  const made = make("button", text, name);
-  made.type = "button";
-  made.addEventListener("click", act);
-  return made;
-}
-
-async function send(path, method, body) {
-  const headers = body === undefined ? {} : { "Content-Type": "application/json" };
-  const answer = await fetch(path, { method, headers, body: body && JSON.stringify(body), signal: AbortSignal.timeout(20000) });
-  const said = await answer.json();
-  if (!answer.ok) throw new Error(said.detail || answer.statusText);
-  return said;
-}
 
 /** Both gaps on a scale of powers of ten, and the limit; with what was adopted drawn thick. */
 function gapPicture({ readings, limit, expected }) {
@@ -72,19 +55,17 @@ function gapBars(report) {
 }
 
 export class Diagnosis {
-  constructor(panel) {
-    this.twin = panel.twin;
-    this.root = make("details", undefined, "diagnosis");
+  constructor(twin) {
+    this.twin = twin;
+    this.root = make("div", undefined, "diagnosis");
     this.root.hidden = true;
-    this.summary = make("summary", "Diagnosis");
     [this.pill, this.sentence] = [make("p", "", "pill"), make("p", "", "facts")];
     [this.picture, this.problem, this.jobs] = [make("div", undefined, "picture"), make("p", "", "notice"), make("ol", undefined, "jobs")];
     this.problem.dataset.state = "bad";
     this.problem.setAttribute("role", "alert");
     this.problem.hidden = true;
-    this.root.append(this.summary, this.pill, this.sentence, this.picture, this.tools(), this.problem, this.jobs);
-    [this.rows, this.askedAt, this.asking, this.known] = [new Map(), 0, false, ""];
-    this.root.addEventListener("toggle", () => this.refresh(true));
+    this.root.append(this.pill, this.sentence, this.picture, this.tools(), this.problem, this.jobs);
+    [this.rows, this.askedAt, this.asking, this.underWay] = [new Map(), 0, false, false];
   }
 
   tools() {
@@ -117,18 +98,18 @@ export class Diagnosis {
 
   /** Ask what is new: the gap always, jobs while somebody looks at them. */
   async refresh(now = false) {
-    if (this.asking || (!now && Date.now() - this.askedAt < EVERY_MS)) return;
+    if (this.root.hidden || this.asking || (!now && Date.now() - this.askedAt < EVERY_MS)) return;
     [this.asking, this.askedAt] = [true, Date.now()];
     try {
       const gap = await ask(`${this.twin.base}/gap`);
-      const { diagnoses } = this.root.open || this.root.hidden || now ? await ask(`${this.twin.base}/diagnoses`) : { diagnoses: null };
-      this.root.hidden = false;
       this.tell(gap);
-      if (diagnoses) this.list(diagnoses);
+      this.list((await ask(`${this.twin.base}/diagnoses`)).diagnoses);
     } catch (error) {
       // A server that diagnoses nothing, or is away: the page says the latter elsewhere.
-      if (error.status === 404) this.root.hidden = true;
+      if (error.status === 404) this.sentence.textContent = "This server makes no diagnoses.";
     } finally { this.asking = false; }
+    clearTimeout(this.again);
+    if (this.underWay && !this.root.hidden) this.again = setTimeout(() => this.refresh(true), UNDER_WAY_MS);
   }
 
   tell(gap) {
@@ -138,8 +119,7 @@ export class Diagnosis {
     say(this.pill, off ? "" : GAP_STATES[gap.state], off ? "" : gap.state);
     const usual = gap.expected ? ` Usual: ${percent(gap.expected)}; beyond ${percent(gap.limit)} it is a disagreement.` : "";
     this.sentence.textContent = gap.sentence + usual;
-    const last = gap.readings.at(-1), text = last && !off ? ` \u00b7 gap ${percent(last.in_use)}` : "";
-    this.summary.textContent = `Diagnosis${text}`;
+    const last = gap.readings.at(-1);
     if (last) [this.root.dataset.nominal, this.root.dataset.inUse] = [last.nominal, last.in_use];
     const key = `${last?.t_ns} ${gap.state}`;
     if (this.drawn === key) return;
@@ -159,7 +139,8 @@ export class Diagnosis {
 
   list(diagnoses) {
     const numbers = new Set(diagnoses.map((one) => one.number));
-    for (const [kept, row] of this.rows) if (!numbers.has(kept)) { row.item.remove(); this.rows.delete(kept); }
+    for (const [kept, row] of this.rows) if (!numbers.has(kept)) { row.overlay?.close(); row.item.remove(); this.rows.delete(kept); }
+    this.underWay = diagnoses.some(({ state }) => UNDER_WAY.includes(state));
     const adopted = this.twin.latest?.registration?.adopted?.at(-1)?.diagnosis;
     for (const one of diagnoses.slice().reverse()) {
       const row = this.rows.get(one.number) ?? this.row(one);
@@ -182,7 +163,7 @@ export class Diagnosis {
 
   fill(row, one, adopted) {
     say(row.pill, STATES[one.state], one.state);
-    const under = one.state === "queued" || one.state === "running";
+    const under = UNDER_WAY.includes(one.state);
     row.bar.hidden = !under;
     row.bar.value = one.progress;
     row.stage.textContent = under ? one.stage : one.error;
@@ -202,11 +183,23 @@ export class Diagnosis {
     row.acts.replaceChildren(...acts);
   }
 
+  /** Of the newest, model and measurement are drawn at once. */
   show(row, { report }, base) {
+    const { item } = row;
     const words = make("p", report.sentence, "verdict");
     words.dataset.state = report.effects.length ? "bad" : "good";
-    row.found.append(words, gapBars(report));
-    if (report.experiment) row.found.append(make("p", `What would decide: ${report.experiment}`, "facts"));
+    row.overlay = new Overlay(`${base}/charts.json`, report.when);
+    row.found.append(words, gapBars(report), findingOf(report), row.overlay.root);
+    row.overlay.root.open = item === this.jobs.firstElementChild;
+  }
+
+  /** Other colours, or another width. */
+  redraw() { for (const { overlay } of this.rows.values()) overlay?.draw(); }
+
+  close() {
+    this.root.hidden = true;
+    clearTimeout(this.again);
+    for (const { overlay } of this.rows.values()) overlay?.close();
   }
 
   /** The report draws itself, in a frame that can do nothing else. */

@@ -1,5 +1,5 @@
 // A twin of many elements: which of them has changed, said first, then listed and drawn.
-import { plotly } from "./charts.js";
+import { instantOf, plotly } from "./charts.js";
 import { Modes } from "./modes.js";
 import { colour, faded, placeOf, spanOf } from "./traces.js";
 import { isClock, make, number, slowTime, unitOf } from "./words.js";
@@ -34,7 +34,6 @@ function sentence(word, elements) {
 
 export class Elements {
   constructor(panel) {
-    this.twin = panel.twin;
     this.verdict = make("p", "", "verdict");
     this.verdict.setAttribute("role", "status");
     panel.charts.before(this.verdict);
@@ -42,13 +41,14 @@ export class Elements {
     this.past = this.figure("elements-history", "Changes over slow time");
     panel.charts.append(this.now, this.past);
     this.table = make("table", undefined, "elements");
-    this.modes = new Modes(this.twin);
+    this.modes = new Modes();
     this.tables = make("div", undefined, "tables");
     this.tables.append(this.table, this.modes.root);
     panel.charts.after(this.tables);
   }
 
   remove() {
+    this.modes.close();
     for (const part of [this.verdict, this.now, this.past, this.tables]) part.remove();
   }
 
@@ -68,7 +68,6 @@ export class Elements {
   /** What is known in words; it needs no drawing library. */
   tell(latest) {
     const { elements = {}, suspects = [] } = latest, names = Object.keys(elements);
-    this.modes.tell(latest);
     const said = suspects.map((word) => sentence(word, elements));
     const calm = names.length ? "No element is seen to have changed" : "";
     const text = said.length ? `${said.join("; ")}.` : calm && `${calm}.`;
@@ -111,8 +110,8 @@ export class Elements {
     this.table.hidden = !body.childElementCount;
   }
 
-  async draw(wide) {
-    const Plotly = await plotly, { twin } = this, latest = twin.latest, elements = latest?.elements ?? {};
+  async draw(twin, wide) {
+    const Plotly = await plotly, latest = twin.latest, elements = latest?.elements ?? {};
     const known = twin.points.filter((point) => Object.keys(point.elements ?? {}).length);
     const accused = [...new Set((latest?.suspects ?? []).flatMap((word) => namesIn(word, elements)))];
     const base = (plot) => ({
@@ -125,10 +124,10 @@ export class Elements {
     const [traces, layout, shown] = drawnPast(twin, known, elements, accused, base(this["elements-history"]));
     await Plotly.react(this["elements-history"], traces, layout, quiet);
     this.describe(elements, accused, known, shown);
-    await this.modes.refresh();
+    await this.modes.refresh(twin);
     const has = (end) => traces.some((trace) => trace.name.endsWith(end));
     this["elements-history"].dataset.forecast = has("forecast");
-    return { truth: has("truth"), ahead: has("forecast") };
+    return { truth: has("truth"), ahead: has("forecast"), later: has("what came after") };
   }
 
   describe(elements, accused, known, shown) {
@@ -200,7 +199,7 @@ function ahead({ forecast }, last, name, tint) {
 /** What was read decides the axis, which a forecast may widen by half; what leaves it is cut off. */
 function reachOf(known, shown, accused, forecast) {
   const sure = accused.length ? accused : shown.slice(0, 1);
-  const values = known.flatMap((point) => shown.filter((name) => name in point.elements).flatMap((name) => {
+  const values = known.flatMap((point) => shown.filter((name) => name in (point.elements ?? {})).flatMap((name) => {
     const { value, lo, hi } = point.elements[name], truth = point.truth?.[name];
     return [value, ...(sure.includes(name) ? [lo, hi] : []), ...(truth === undefined ? [] : [truth])];
   }));
@@ -215,6 +214,14 @@ function reachOf(known, shown, accused, forecast) {
   }
   const margin = Math.max(0.08 * (high - low), 0.005);
   return [100 * (low - margin), 100 * (high + margin)];
+}
+
+/** What came after the instant that is looked at. */
+function afterwards({ later }, shown) {
+  return later.length < 2 ? [] : shown.map((name) => ({
+    name: `${name}, what came after`, x: later.map(placeOf), y: later.map((point) => point.elements?.[name] ? 100 * point.elements[name].value : null),
+    mode: "lines", hoverinfo: "skip", line: { color: faded(colour("invalid"), 0.6), width: 1 },
+  }));
 }
 
 function drawnPast(twin, known, elements, accused, base) {
@@ -240,15 +247,16 @@ function drawnPast(twin, known, elements, accused, base) {
     const expected = place < 0 ? coming.slice(1) : coming;
     return [...(place < 0 ? [] : [band]), line, ...(told.length ? [truth] : []), ...expected];
   });
+  traces.unshift(...afterwards(twin, shown));
   const last = known.at(-1), along = last && !isClock(last) ? `slow time [${unitOf(last)}]` : "slow time";
   const notes = shown.filter((name) => accused.includes(name)).map((name) => ({
     text: name, showarrow: false, xanchor: "left", x: 0.02, xref: "paper", yanchor: "bottom", bgcolor: colour("card"),
     y: 100 * elements[name].value, font: { color: colour(TINTS[accused.indexOf(name) % TINTS.length]) },
   }));
   const layout = {
-    ...base, margin: { l: 54, r: 10, t: 8, b: 42 }, annotations: notes,
+    ...base, margin: { l: 54, r: 10, t: 8, b: 42 }, annotations: notes, shapes: instantOf(twin),
     xaxis: { ...axisOf(), zeroline: false, nticks: 7, range: spanOf(twin), title: { text: along, standoff: 6 } },
-    yaxis: { ...axisOf(), nticks: 6, range: reachOf(known, shown, accused, twin.forecast), title: { text: "change [%]", standoff: 4 } },
+    yaxis: { ...axisOf(), nticks: 6, range: reachOf([...known, ...twin.later], shown, accused, twin.forecast), title: { text: "change [%]", standoff: 4 } },
   };
   return [traces, layout, shown];
 }

@@ -1,10 +1,16 @@
-// The part of the page that shows one twin; made once, then kept up to date in place.
-import { draw } from "./charts.js";
+// The view of one twin, its state or its diagnosis; made once, then kept up to date in place.
+import { draw, plotly } from "./charts.js";
 import { Diagnosis } from "./diagnosis.js";
 import { Elements } from "./elements.js";
-import { LEARNING, QUANTITIES, ago, isClock, make, say, slowTime, spoken, standing, whenOf } from "./words.js";
+import { Events } from "./events.js";
+import { limitsPassed } from "./fleet.js";
+import { Outlook } from "./outlook.js";
+import { toTwin } from "./route.js";
+import { Timeline } from "./timeline.js";
+import { WhatIf } from "./whatif.js";
+import { LEARNING, QUANTITIES, ago, make, say, slowTime, spoken, standing } from "./words.js";
 
-const CHARTS = ["frequency_hz", "stiffness_change", "mass_change"];
+const CHARTS = Object.keys(QUANTITIES);
 const STANDING = {
   valid: ["good", "valid"],
   inseparable: ["waiting", "mass and stiffness not separately identifiable"],
@@ -44,33 +50,47 @@ export class Panel {
     this.root = make("section", undefined, "twin");
     this.root.id = twin.id;
     this.root.setAttribute("aria-labelledby", `${twin.id}-name`);
-    this.name = make("h2", twin.id);
-    this.name.id = `${twin.id}-name`;
+    [this.facts, this.seen, this.reading] = [make("p", "", "facts"), make("span"), make("span")];
+    [this.alarm, this.reasons] = [make("p", "", "alarm"), make("ul", undefined, "reasons")];
+    const about = make("p", undefined, "facts");
+    about.append(this.reading, this.seen);
+    this.charts = make("div", undefined, "charts");
+    this.watcher = new ResizeObserver(() => twin.touch());
+    this.watcher.observe(this.charts);
+    this.figures = Object.fromEntries(CHARTS.map((quantity) => [quantity, this.figure(quantity)]));
+    this.quantities = CHARTS;
+    this.elements = null;
+    [this.events, this.outlook] = [new Events(), new Outlook()];
+    [this.timeline, this.whatIf, this.diagnosis] = [new Timeline(twin), new WhatIf(twin), new Diagnosis(twin)];
+    this.state = make("div", undefined, "state");
+    this.state.append(
+      about, this.reasons, this.timeline.root, this.charts, this.outlook.root, this.whatIf.root, this.events.root,
+    );
+    this.root.append(this.heading(), this.alarm, this.facts, this.state, this.diagnosis.root);
+  }
+
+  heading() {
+    const heading = make("div", undefined, "heading"), tools = make("p", undefined, "tools"), rooms = make("nav", undefined, "rooms");
+    this.name = make("h2", this.twin.id);
+    this.name.id = `${this.twin.id}-name`;
     [this.validity, this.edge] = [make("p", "", "pill"), make("p", "", "pill")];
     this.size = make("button", "Larger charts", "quiet");
     this.size.type = "button";
     this.size.setAttribute("aria-pressed", "false");
     this.size.addEventListener("click", () => this.resize());
     const history = make("a", "History as JSON");
-    history.href = `${twin.base}/history`;
-    const heading = make("div", undefined, "heading"), tools = make("p", undefined, "tools");
+    history.href = `${this.twin.base}/history`;
     tools.append(this.size, history);
-    heading.append(this.name, this.validity, this.edge, tools);
-    [this.facts, this.seen, this.reasons] = [make("p", "", "facts"), make("span"), make("ul", undefined, "reasons")];
-    const about = make("p", undefined, "facts");
-    this.reading = make("span");
-    about.append(this.reading, this.seen);
-    this.charts = make("div", undefined, "charts");
-    new ResizeObserver(() => { twin.dirty = true; }).observe(this.charts);
-    this.figures = Object.fromEntries(CHARTS.map((quantity) => [quantity, this.figure(quantity)]));
-    this.quantities = CHARTS;
-    this.elements = null;
-    this.events = make("details");
-    this.summary = make("summary", "No events yet");
-    this.list = make("ol");
-    this.events.append(this.summary, this.list);
-    this.diagnosis = new Diagnosis(this);
-    this.root.append(heading, this.facts, about, this.reasons, this.charts, this.diagnosis.root, this.events);
+    rooms.setAttribute("aria-label", "Of this twin");
+    this.rooms = ["state", "diagnosis"].map((room) => {
+      const link = make("a", room === "state" ? "State" : "Diagnosis");
+      link.href = toTwin(this.twin.id, room);
+      link.dataset.room = room;
+      return link;
+    });
+    rooms.append(...this.rooms);
+    heading.append(this.name, this.validity, this.edge, rooms, tools);
+    return heading;
   }
 
   figure(quantity) {
@@ -91,23 +111,37 @@ export class Panel {
     this.size.setAttribute("aria-pressed", String(wide));
   }
 
+  /** Which room of the twin is shown, at which slow time. */
+  show(room, at) {
+    this.room = room;
+    this.state.hidden = room !== "state";
+    this.diagnosis.root.hidden = room === "state";
+    this.diagnosis.refresh();
+    for (const link of this.rooms) link.dataset.room === room ? link.setAttribute("aria-current", "page") : link.removeAttribute("aria-current");
+    if (at !== null && at !== this.twin.at?.slow_time) this.timeline.want(at);
+    this.twin.touch();
+  }
+
   /** What changes as time goes by, though nothing new arrives. */
   tick() {
-    const { seenAt, latest } = this.twin;
-    const heard = seenAt ? `, last seen ${ago(Date.now() - seenAt)}` : ", not heard of since this page was opened";
-    const text = latest && latest.slow_time !== null ? heard : "";
+    const { latest, at } = this.twin;
+    if (!latest) return;
+    const heard = latest.heard_ns ? `, last seen ${ago(Date.now() - latest.heard_ns / 1e6)}` : ", not heard of since the server began";
+    const text = latest.slow_time !== null && !at ? heard : "";
     if (this.seen.textContent !== text) this.seen.textContent = text;
   }
 
   /** Words first: they need no drawing library. */
   tell() {
-    const { twin } = this, { latest } = twin;
+    const { twin } = this, scene = twin.scene, { latest } = scene;
     if (!latest) return;
     const named = latest.registration.name || twin.id;
     this.name.textContent = named;
     say(this.edge, latest.alive ? "good" : "waiting", latest.alive ? "edge agent is there" : "edge agent is away");
     const begun = latest.slow_time !== null;
     say(this.validity, ...(begun ? STANDING[standing(latest)] : ["waiting", "no features yet"]));
+    const alarm = limitsPassed(latest);
+    say(this.alarm, "bad", alarm && `\u25b2 ${alarm}`);
     const damping = latest.damping_ratio && spoken(latest.damping_ratio, "damping_ratio");
     const facts = [
       named !== twin.id && twin.id,
@@ -127,7 +161,10 @@ export class Panel {
     this.become(latest.registration.changes === "elements");
     for (const quantity of this.quantities) this.number(quantity, latest);
     if (this.elements) this.elements.tell(latest);
-    this.chronicle(latest);
+    this.timeline.tell();
+    this.outlook.tell(scene);
+    this.events.tell(scene);
+    this.whatIf.tell(twin.latest);
     this.tick();
   }
 
@@ -136,7 +173,7 @@ export class Panel {
     if (ofElements === Boolean(this.elements)) return;
     if (!ofElements) this.elements.remove();
     this.elements = ofElements ? new Elements(this) : null;
-    this.quantities = ofElements ? CHARTS.slice(0, 1) : CHARTS;
+    this.quantities = ofElements ? CHARTS.filter((quantity) => QUANTITIES[quantity].measured) : CHARTS;
     for (const quantity of CHARTS) this.figures[quantity].figure.hidden = !this.quantities.includes(quantity);
   }
 
@@ -150,30 +187,31 @@ export class Panel {
     figure.dataset.standing = assumed ? "assumed" : standing(latest);
   }
 
-  chronicle(latest) {
-    const { events } = this.twin, newest = events.at(-1), clock = latest.slow_time !== null && isClock(latest);
-    if (!newest || this.newest === newest.number) return;
-    this.newest = newest.number;
-    const count = events.length > 1 ? `${events.length} events` : "1 event";
-    this.summary.textContent = `${count}, last: ${whenOf(newest, clock)} ${newest.message}`;
-    this.events.dataset.severity = newest.severity;
-    this.list.replaceChildren(...events.slice().reverse().map((event) => {
-      const item = make("li");
-      item.dataset.severity = event.severity;
-      item.append(make("span", whenOf(event, clock), "when"), make("span", event.severity, "severity"), event.message);
-      return item;
-    }));
-  }
-
   /** Gives back which keys of the legend it has drawn. */
   async draw() {
-    const wide = this.root.classList.contains("wide"), found = {};
+    if (this.room !== "state") {
+      this.diagnosis.redraw();
+      return {};
+    }
+    const wide = this.root.classList.contains("wide"), found = {}, { scene } = this.twin;
     for (const quantity of this.quantities) {
-      const drawn = await draw(this.figures[quantity].plot, this.twin, quantity, wide);
+      const drawn = await draw(this.figures[quantity].plot, scene, quantity, wide);
       for (const key of Object.keys(drawn)) found[key] ||= drawn[key];
     }
-    const drawn = this.elements ? await this.elements.draw(wide) : {};
+    const drawn = this.elements ? await this.elements.draw(scene, wide) : {};
     for (const key of Object.keys(drawn)) found[key] ||= drawn[key];
     return found;
+  }
+
+  /** Nothing of it goes on, and nothing of it is held. */
+  async close() {
+    this.twin.unwatch();
+    this.watcher.disconnect();
+    this.timeline.close();
+    this.diagnosis.close();
+    this.elements?.modes.close();
+    this.root.remove();
+    const Plotly = await plotly.catch(() => null);
+    for (const plot of this.root.querySelectorAll(".plot")) Plotly?.purge(plot);
   }
 }

@@ -19,8 +19,8 @@ export function sorted(points, quantity) {
     const kind = standing(point), drawn = point[quantity];
     const broken = !before || point.missing_before > 0 || point.slow_time < before.slow_time;
     before = point;
-    // A frequency is measured, whatever can then be made of it.
-    const sound = drawn && (kind === "valid" || (kind !== "invalid" && quantity === "frequency_hz"));
+    // Frequency and damping are measured, whatever can then be made of them.
+    const sound = drawn && (kind === "valid" || (kind !== "invalid" && QUANTITIES[quantity].measured));
     if (!sound) {
       run = null;
       if (drawn) (apart[kind] ?? apart.invalid).push(point);
@@ -91,6 +91,23 @@ function ahead({ points, forecast }, quantity) {
   return [band("forecast band", [run], quantity, tint), line("forecast", [run], quantity, tint, 1.6)];
 }
 
+/** Along each threshold, from when it is reached with 10 % to when it is with 90 %, as far as that is foretold. */
+function reached({ points, forecast }, quantity) {
+  const { scale } = QUANTITIES[quantity], last = points.at(-1), tint = colour("ahead");
+  const told = (forecast?.crossings ?? []).filter(({ quantity: of, times, already }) => (
+    of === quantity && times[0].slow_time !== null && already < 0.5
+  ));
+  return told.map(({ threshold, times, horizon, sentence }) => {
+    const at = times.map(({ slow_time }) => placeOf({ ...last, slow_time: Math.max(slow_time ?? horizon, last.slow_time) }));
+    const symbol = times.map(({ slow_time }, i) => slow_time === null ? "triangle-right-open" : i === 1 ? "diamond" : "line-ns-open");
+    return {
+      name: "time to threshold", x: at, y: at.map(() => scale * threshold), mode: "lines+markers",
+      line: { color: tint, width: 3 }, marker: { color: tint, size: 9, symbol, line: { width: 2, color: tint } },
+      text: at.map(() => sentence), hovertemplate: "%{text}<extra></extra>",
+    };
+  });
+}
+
 /** The axis follows what is sound: a wild reading is marked at its edge and does not flatten the rest. */
 export function rangeOf(points, quantity, { runs, apart }) {
   const sound = runs.flat(), few = sound.length < points.length / 4;
@@ -110,24 +127,41 @@ export function rangeOf(points, quantity, { runs, apart }) {
   return [low - margin, high + margin];
 }
 
+/** What is foretold may widen an axis by half; what leaves it then is cut off. */
+export function widened([low, high], { points, forecast }, quantity) {
+  const { scale } = QUANTITIES[quantity], last = points.at(-1), room = 0.5 * (high - low);
+  const coming = (forecast?.points ?? []).filter((point) => point[quantity] && point.slow_time >= last.slow_time);
+  if (coming.length < 2 || last.assumed.includes(quantity)) return [low, high];
+  const [least, most] = [Math.min(...coming.map((point) => point[quantity].lo)), Math.max(...coming.map((point) => point[quantity].hi))];
+  return [Math.max(low - room, Math.min(low, scale * least)), Math.min(high + room, Math.max(high, scale * most))];
+}
+
 /** One range of slow time for all charts of a twin, so that they can be read across. */
-export function spanOf({ points, forecast }) {
+export function spanOf({ points, later, forecast }) {
   if (!points.length) return undefined;
-  const [from, to] = ends(points.map((point) => point.slow_time));
+  const [from, to] = ends([...points, ...later].map((point) => point.slow_time));
   const until = Math.max(to, forecast?.points.at(-1).slow_time ?? to, from + 1e-6);
   return [from, until].map((slow_time) => placeOf({ ...points.at(-1), slow_time }));
 }
 
 const SIGNS = { inseparable: ["not told apart", "diamond-open"], invalid: ["not valid", "x-thin-open"] };
 
+/** What came after the instant that is looked at: there, and no more than that. */
+function after({ later }, quantity) {
+  const { runs } = sorted(later, quantity);
+  return later.length > 1 && runs.length ? [line("what came after", runs, quantity, faded(colour("invalid"), 0.6), 1)] : [];
+}
+
 /** All that is drawn of one quantity, from the back to the front. */
 export function tracesOf(twin, quantity, parts, range) {
   const tint = colour("estimate"), { runs, apart } = parts;
   const long = runs.filter((run) => run.length > 1), lone = runs.filter((run) => run.length === 1).flat();
-  const found = [];
+  const found = after(twin, quantity);
   if (long.length) found.push(band("95 % band", long, quantity, tint), line("estimate", long, quantity, tint, 1.3));
   if (lone.length) found.push(markers("estimate", lone, quantity, "circle", tint, range));
-  if (twin.points.length && !twin.points.at(-1).assumed.includes(quantity)) found.push(...ahead(twin, quantity));
+  if (twin.points.length && !twin.points.at(-1).assumed.includes(quantity)) {
+    found.push(...ahead(twin, quantity), ...reached(twin, quantity));
+  }
   for (const [kind, [name, symbol]] of Object.entries(SIGNS)) {
     if (apart[kind].length) found.push(markers(name, apart[kind], quantity, symbol, colour(kind), range));
   }

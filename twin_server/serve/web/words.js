@@ -7,17 +7,26 @@ export function make(tag, text, name) {
   return element;
 }
 
+export function button(text, act) {
+  const made = make("button", text, "act");
+  made.type = "button";
+  made.addEventListener("click", act);
+  return made;
+}
+
 export function say(element, state, text) {
   if (element.dataset.state !== state) element.dataset.state = state;
   if (element.textContent !== text) element.textContent = text;
 }
 
 export const QUANTITIES = {
-  frequency_hz: { title: "Natural frequency", unit: "Hz", scale: 1, axis: "frequency [Hz]" },
+  frequency_hz: { title: "Natural frequency", unit: "Hz", scale: 1, axis: "frequency [Hz]", measured: true },
   stiffness_change: { title: "Stiffness change", unit: "%", scale: 100, axis: "change [%]" },
   mass_change: { title: "Mass change", unit: "%", scale: 100, axis: "change [%]" },
-  damping_ratio: { title: "Damping ratio", unit: "%", scale: 100, axis: "damping ratio [%]" },
+  damping_ratio: { title: "Damping ratio", unit: "%", scale: 100, axis: "damping ratio [%]", measured: true },
 };
+
+export const titleOf = (quantity) => QUANTITIES[quantity]?.title ?? quantity;
 
 const MINUS = "\u2212", NARROW = "\u202f";
 
@@ -74,11 +83,4 @@ export function standing({ valid, reasons }) {
   if (valid) return "valid";
   if (!reasons.every((reason) => LEARNING.test(reason) || INSEPARABLE.test(reason))) return "invalid";
   return reasons.some((reason) => LEARNING.test(reason)) ? "learning" : "inseparable";
-}
-
-export async function ask(path) {
-  const answer = await fetch(path, { headers: { Accept: "application/json" }, signal: AbortSignal.timeout(8000) });
-  const body = await answer.json();
-  if (!answer.ok) throw Object.assign(new Error(body.detail || answer.statusText), { status: answer.status });
-  return body;
 }

@@ -30,12 +30,12 @@ class Passing(Hub):
         return client
 
 
-class NoDiagnoses:
-    """Diagnoses of which there are none."""
+class Nothing:
+    """Diagnoses and recordings of which there are none."""
 
     def __getattr__(self, name):
         def refuse(*_, **__):
-            raise ProblemError(404, "no-such-diagnosis", "There is none.")
+            raise ProblemError(404, "no-such-thing", "There is none.")
 
         return refuse
 
@@ -84,7 +84,8 @@ def door(tmp_path_factory):
         pipeline, store = stack.enter_context(offline_twin(home / "twin.sqlite"))
         for twin_id in ("lab.beam", "other.secret"):
             pipeline.register(twin_id, Registration())
+        hub = Passing(9, 99, 9)
         app = create_app(
-            TwinKnowledge(pipeline, store), Passing(9, 99, 9), settings.serve, NoDiagnoses()
+            TwinKnowledge(pipeline, store), hub, settings.serve, Nothing(), Nothing()
         )
         yield Door(app, guarded(settings).around(app), tokens, words, pipeline)

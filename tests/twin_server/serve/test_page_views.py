@@ -1,0 +1,320 @@
+"""Each view of the page as people meet it: fleet, twin at any instant, what-if, recordings."""
+
+import re
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import expect
+
+from slowtime_schemas.codec import encode
+from slowtime_schemas.streams import FEATURES
+from slowtime_services.record import RecordingWriter
+from twin_server.settings import DiagnoseSettings, GapSettings
+
+pytestmark = pytest.mark.browser
+
+PATIENCE_MS = 60_000
+LOSS = (0.0, -0.08, 0.0)
+FELL = 40
+"""Epoch from which a storey of the frame has lost stiffness."""
+PHONE, DESK = {"width": 375, "height": 800}, {"width": 1200, "height": 900}
+VIEWS = {
+    "fleet": ("#", '.card[data-twin="lab.frame"] .spark'),
+    "state": ("#lab.frame", 'table.modes .moving, [data-quantity="elements"] .main-svg'),
+    "diagnosis": ("#lab.frame/diagnosis", ".diagnosis .orders"),
+    "recordings": ("#recordings", '[data-recording="kept.mcap"]'),
+}
+LOOKS = [("light", DESK), ("dark", PHONE), ("dark", DESK), ("light", PHONE)]
+
+
+@pytest.fixture(scope="module")
+def house(serving, frame, ageing, eventually, tmp_path_factory):
+    """A server with a frame that has weakened, a beam beyond its limit, and a recording."""
+    folder = tmp_path_factory.mktemp("kept")
+    server = serving(diagnose=DiagnoseSettings(recordings=folder), gap=GapSettings(every_s=0.0))
+    made = frame(seed=2)
+    bodies = {
+        "lab.beam": {
+            "name": "Beam",
+            "nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02},
+            "alarms": [{"quantity": "stiffness_change", "below": -0.1}],
+        },
+        "lab.calm": {"nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02}},
+        "lab.frame": made.registration(name="Frame"),
+    }
+    for twin_id, body in bodies.items():
+        assert server.client.put(f"/api/v1/twins/{twin_id}", json=body).status_code == 201
+    server.feed([made.epoch(i, LOSS if i >= FELL else (0.0, 0.0, 0.0)) for i in range(60)])
+    server.feed(ageing(40))
+    server.feed(ageing(30, asset="calm", loss=0.0))
+    for twin_id, count in (("lab.frame", 60), ("lab.beam", 40), ("lab.calm", 30)):
+        assert eventually(lambda i=twin_id, n=count: server.count(i) == n)
+    with RecordingWriter(folder / "kept.mcap") as writer:
+        for message in ageing(5, asset="other"):
+            writer.write(FEATURES, "lab", "other", encode(message), message.t_ns)
+    return server
+
+
+def part(page, selector, twin_id="lab.frame"):
+    return page.locator(f'[id="{twin_id}"] {selector}')
+
+
+def overflow(page):
+    return page.evaluate("document.documentElement.scrollWidth - window.innerWidth")
+
+
+def test_the_fleet_says_of_each_twin_what_matters_the_urgent_first(house, visit, ageing):
+    page = visit(house)
+    cards = page.locator(".card")
+    expect(cards).to_have_count(3, timeout=PATIENCE_MS)
+    names = cards.evaluate_all("all => all.map(card => card.dataset.twin)")
+    assert names == ["lab.beam", "lab.frame", "lab.calm"]
+    beam, frame, calm = cards.nth(0), cards.nth(1), cards.nth(2)
+    expect(beam.locator(".alarm")).to_have_text("▲ Stiffness change is below −10\u202f%")
+    expect(frame.locator(".alarm")).to_have_text("▲ storey2 has changed")
+    expect(frame).to_contain_text("Change of storey2")
+    expect(calm.locator(".alarm")).to_have_text("no alarm")
+    expect(calm.locator(".pill").nth(0)).to_have_text("✓ valid")
+    expect(calm.locator(".pill").nth(1)).to_have_text("○ edge away")
+    expect(calm.locator(".seen")).to_have_text(re.compile(r"last seen \d+ (s|min) ago"))
+    expect(page.locator(".summary")).to_contain_text("3 twins · 2 with an alarm · 3 valid")
+    expect(calm.locator(".sparkplace")).to_have_attribute("data-points", "30")
+    house.feed(ageing(4, asset="calm", first=30, loss=0.0))
+    expect(calm.locator(".sparkplace")).not_to_have_attribute("data-points", "30")
+    assert page.complaints == []
+
+
+def test_at_a_past_instant_everything_shows_that_instant(house, visit):
+    page = visit(house, "#lab.frame")
+    verdict = part(page, ".verdict")
+    expect(verdict).to_contain_text("storey2 has lost", timeout=PATIENCE_MS)
+    slider = page.get_by_role("slider", name="Instant shown")
+    slider.focus()
+    for _ in range(10):
+        page.keyboard.press("PageDown")
+    expect(part(page, ".instant")).to_have_text("At slow time 29 s")
+    assert slider.get_attribute("aria-valuetext") == "At slow time 29 s"
+    page.keyboard.press("ArrowRight")
+    expect(part(page, ".instant")).to_have_text("At slow time 30 s")
+    expect(verdict).to_have_text("No element is seen to have changed.")
+    expect(part(page, ".state")).to_contain_text("reading 30 at slow time 30 s")
+    expect(part(page, ".events")).not_to_contain_text("storey2 has lost")
+    expect(part(page, "table.modes caption")).to_have_text(
+        "Modes at slow time 30 s", timeout=PATIENCE_MS
+    )
+    then = house.get("/api/v1/twins/lab.frame/modes", at="slow:30").json()["modes"]
+    rows = part(page, "table.modes tbody tr")
+    for row, mode in enumerate(then):
+        expect(rows.nth(row)).to_contain_text(f"{mode['frequency_hz']['value']:.4f}")
+    expect(part(page, ".outlook")).to_have_attribute("data-since", "30", timeout=PATIENCE_MS)
+    chart = part(page, '[data-quantity="frequency_hz"]')
+    expect(chart).to_have_attribute("data-points", "31", timeout=PATIENCE_MS)
+    drawn = chart.evaluate(
+        "plot => [plot.data.find(t => t.name === 'what came after').x, plot.layout.shapes]"
+    )
+    assert (drawn[0][0], drawn[0][-1]) == (30, 59)
+    assert [(line["x0"], line["x1"]) for line in drawn[1]] == [(30, 30)]
+
+    page.wait_for_function("() => location.hash === '#lab.frame?at=30'")
+    page.reload()
+    expect(part(page, ".instant")).to_have_text("At slow time 30 s", timeout=PATIENCE_MS)
+    page.get_by_role("button", name="Now").click()
+    expect(verdict).to_contain_text("storey2 has lost")
+    expect(part(page, ".instant")).to_have_text("Now, slow time 59 s")
+    page.wait_for_function("() => location.hash === '#lab.frame'")
+    assert page.complaints == []
+
+
+def test_shapes_move_until_they_are_held(house, visit):
+    page = visit(house, "#lab.frame")
+    shape = part(page, "table.modes .moving").first
+    expect(shape).to_be_visible(timeout=PATIENCE_MS)
+    where = "shape => shape.getAttribute('points')"
+    before = shape.evaluate(where)
+    page.wait_for_function(
+        "before => document.querySelector('.modes .moving').getAttribute('points') !== before",
+        arg=before,
+    )
+    expect(part(page, ".moves")).to_contain_text("times slower than the structure")
+    page.get_by_role("button", name="Hold still").click()
+    held = shape.evaluate(where)
+    page.evaluate("new Promise(done => setTimeout(done, 120))")
+    assert shape.evaluate(where) == held
+    page.emulate_media(reduced_motion="reduce")
+    page.reload()
+    expect(page.get_by_role("button", name="Let them move")).to_be_visible(timeout=PATIENCE_MS)
+    page.emulate_media(reduced_motion="no-preference")
+
+
+def test_what_if_a_load_came_is_answered_with_bands(house, visit):
+    page = visit(house, "#lab.frame")
+    part(page, ".whatif summary").click()
+    form = part(page, ".whatif form")
+    form.get_by_label("Load").select_option("harmonic")
+    expect(form.get_by_label("acting on")).to_contain_text("floor2", timeout=PATIENCE_MS)
+    form.get_by_label("with frequency").fill("2.0")
+    form.get_by_label("lasting").fill("4")
+    form.get_by_label("showing the").select_option("displacement")
+    form.get_by_role("button", name="Run it").click()
+    answer = part(page, ".whatif .answer")
+    expect(answer.locator(".told")).to_contain_text("Peak", timeout=PATIENCE_MS)
+    load = {"kind": "harmonic", "amplitude": 1.0, "frequency_hz": 2.0}
+    order = {"load": load, "on": "base", "quantity": "displacement", "duration_s": 4.0}
+    told = house.client.post("/api/v1/twins/lab.frame/simulate", json=order, timeout=60).json()
+    nodes = list(told["outputs"])
+    assert answer.locator("select option").all_text_contents() == nodes
+    drawn = answer.locator(".plot").evaluate("plot => plot.data.map(t => [t.name, [...t.y]])")
+    response = told["outputs"][nodes[-1]]
+    assert drawn[1] == ["response", response["value"]]
+    assert drawn[0] == ["95 % band", response["lo"] + response["hi"][::-1]]
+    assert answer.locator(".ytitle").text_content() == "displacement [m]"
+    form.get_by_label("lasting").fill("100000")
+    form.get_by_role("button", name="Run it").click()
+    expect(part(page, ".whatif [role=alert]")).to_contain_text("samples", timeout=PATIENCE_MS)
+
+
+def test_a_recording_is_given_got_played_and_deleted(house, visit, ageing, tmp_path):
+    page = visit(house, "#recordings")
+    expect(page.locator('[data-recording="kept.mcap"]')).to_contain_text(
+        "lab.other: 5 features"
+    )
+    wrong, right = tmp_path / "no recording.mcap", tmp_path / "my day.mcap"
+    wrong.write_bytes(b"#!/bin/sh")
+    with RecordingWriter(right) as writer:
+        for message in ageing(20, asset="new"):
+            writer.write(FEATURES, "lab", "new", encode(message), message.t_ns)
+    page.get_by_label("Give a recording").set_input_files(wrong)
+    alert = page.locator(".recordings > [role=alert]")
+    expect(alert).to_contain_text("is not taken in", timeout=PATIENCE_MS)
+    page.get_by_label("Give a recording").set_input_files(right)
+    card = page.locator('[data-recording="my-day.mcap"]')
+    expect(card).to_contain_text("lab.new: 20 features", timeout=PATIENCE_MS)
+    expect(alert).to_be_hidden()
+    with page.expect_download() as given:
+        card.get_by_role("link", name="Download").click()
+    assert given.value.path().read_bytes() == right.read_bytes()
+    card.get_by_role("button", name="Replay").click()
+    expect(card.locator(".replay .pill")).to_have_text("done", timeout=PATIENCE_MS)
+    expect(card.locator(".replay")).to_contain_text("20 of 20 features are in the twins.")
+    page.on("dialog", lambda dialog: dialog.accept())
+    card.get_by_role("button", name="Delete").click()
+    expect(card).to_have_count(0)
+    assert house.client.delete("/api/v1/twins/lab.new").status_code == 204
+    refused = [text for text in page.complaints if "422" not in text]
+    assert refused == []
+
+
+def test_the_keyboard_reaches_everything(house, visit):
+    page = visit(house)
+    expect(page.locator(".card")).to_have_count(3, timeout=PATIENCE_MS)
+
+    def tab(count):
+        said = []
+        for _ in range(count):
+            page.keyboard.press("Tab")
+            said.append(
+                page.evaluate(
+                    "(document.activeElement.ariaLabel || document.activeElement.innerText)"
+                    ".trim().split('\\n')[0]"
+                )
+            )
+        return said
+
+    assert tab(6) == ["slowtime", "Fleet", "Recordings", "Beam", "Frame", "lab.calm"]
+    outline = (
+        page.locator(".card").nth(2).evaluate("card => getComputedStyle(card).outlineStyle")
+    )
+    assert outline == "solid"
+    page.keyboard.press("Enter")
+    expect(part(page, ".timeline", "lab.calm")).to_be_visible(timeout=PATIENCE_MS)
+    page.locator("h1 a").focus()
+    reached = tab(8)
+    assert reached[2:] == [
+        "State", "Diagnosis", "Larger charts", "History as JSON", "Instant shown, in slow time",
+        "What if a load came?",
+    ]  # fmt: skip
+    assert tab(1)[0].startswith("1 event")
+
+
+def test_the_page_follows_one_twin_and_lets_it_go(house, visit, eventually):
+    def clients():
+        return re.findall(r"live_clients (\d+)", house.get("/metrics").text)
+
+    assert eventually(lambda: clients() == ["0"])
+    page = visit(house, "#lab.beam")
+    expect(part(page, ".timeline", "lab.beam")).to_be_visible(timeout=PATIENCE_MS)
+    assert clients() == ["1"]
+    page.goto(f"{house.url}/#lab.calm")
+    expect(part(page, ".timeline", "lab.calm")).to_be_visible(timeout=PATIENCE_MS)
+    expect(page.locator("section.twin")).to_have_count(1)
+    assert eventually(lambda: clients() == ["1"])
+    page.goto(f"{house.url}/#")
+    assert eventually(lambda: clients() == ["0"])
+
+
+KEPT = """async () => {
+  const { Twin } = await import('/assets/twin.js');
+  const { Fleet } = await import('/assets/fleet.js');
+  const { twins: [listed] } = await (await fetch('/api/v1/twins')).json();
+  const twin = new Twin('lab.beam', () => {}), fleet = new Fleet();
+  twin.load = () => { twin.points = twin.points.slice(-1000); };
+  const next = (sequence) => ({ ...listed, sequence, slow_time: sequence });
+  for (let i = 0; i < 5000; i += 1) {
+    twin.arrive(next(i));
+    twin.happen({ number: i, slow_time: i, kind: 'alarm' });
+    if (i % 10) continue;
+    fleet.hear([next(i)]);
+    fleet.cards.get('lab.beam').points.push({ x: i, value: 0, lo: 0, hi: 0 });
+  }
+  return [twin.points.length, twin.events.length, fleet.cards.get('lab.beam').points.length];
+}"""
+
+
+def test_what_the_page_keeps_of_an_endless_stream_is_bounded(house, visit):
+    points, events, spark = visit(house).evaluate(KEPT)
+    assert points <= 2001
+    assert events == 100
+    assert spark <= 402
+
+
+def test_a_history_that_did_not_come_is_asked_for_again(house, visit):
+    page = visit(house)
+    torn = iter([True])
+
+    def once(route):
+        return route.fulfill(status=500) if next(torn, False) else route.continue_()
+
+    page.route("**/history?max_points=1000", once)
+    page.goto(f"{house.url}/#lab.beam")
+    chart = part(page, '[data-quantity="frequency_hz"]', "lab.beam")
+    expect(chart).to_have_attribute("data-points", "40", timeout=PATIENCE_MS)
+    expect(part(page, ".reasons", "lab.beam")).to_be_hidden()
+
+
+def looked_at(page, house, view, scheme, window):
+    """Findings of axe that keep people out, and pixels too wide."""
+    place, shown = VIEWS[view]
+    page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
+    page.set_viewport_size(window)
+    page.goto(f"{house.url}/{place}")
+    expect(page.locator(shown).first).to_be_visible(timeout=PATIENCE_MS)
+    found = Axe().run(page).response["violations"]
+    serious = [
+        (one["id"], node["target"], node.get("failureSummary"))
+        for one in found
+        for node in one["nodes"]
+        if one["impact"] in ("serious", "critical")
+    ]
+    return serious, max(0, overflow(page))
+
+
+@pytest.mark.parametrize(("view", "look"), [("fleet", LOOKS[0]), ("state", LOOKS[1])])
+def test_nothing_of_a_view_keeps_people_out(house, visit, view, look):
+    assert looked_at(visit(house), house, view, *look) == ([], 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize("look", LOOKS)
+def test_nothing_of_any_view_in_any_look_keeps_people_out(house, visit, view, look):
+    assert looked_at(visit(house), house, view, *look) == ([], 0)

@@ -1,0 +1,107 @@
+"""Has the model changed? Each change of a twin is watched for a level that goes elsewhere.
+
+A process is learnt from the readings so far, and now and then anew; `evolution.jumps` asks of
+each reading whether a rival with a jump before one of the last ones is likelier. Once it is,
+the rival takes over, and the past before the jump is let go.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from slowtime.estimation import matern
+from slowtime.evolution import forecast, jumps
+from slowtime.evolution.jumps import RECENT
+
+LEARN = 20
+"""Readings that a process is first learnt from."""
+
+MOST = 200
+"""Of a longer past, as many of the newest."""
+
+JUMP_SD = 0.1
+"""How far a relative change may go at once, typically [1]."""
+
+_GROWN = 1.5
+"""By how much there must be more readings before the process is learnt anew."""
+
+_NO_NOISE = 1e-9
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Noticed:
+    """A change of the model.
+
+    Parameters
+    ----------
+    since
+        Slow time of the last reading before it.
+    size, sd
+        How far the level went [1].
+    odds
+        How much likelier the readings are with it than without [1].
+    """
+
+    since: float
+    size: float
+    sd: float
+    odds: float
+
+
+@dataclasses.dataclass(slots=True)
+class Series:
+    """One quantity that is watched; `take` gives what is noticed.
+
+    Parameters
+    ----------
+    odds
+        Likelihood ratio from which a change is told: the mean number of readings between false
+        alarms is no less.
+    """
+
+    odds: float
+    past: list[tuple[float, float, float]] = dataclasses.field(default_factory=list)
+    learnt_at: int = 0
+    watch: jumps.Watch | None = None
+    state: jumps.Watching | None = None
+
+    def take(self, time: float, value: float, sd: float) -> Noticed | None:
+        """Take in the next reading; one that is not later than the last is passed over."""
+        if self.past and time <= self.past[-1][0]:
+            return None
+        self.past.append((time, value, max(sd, _NO_NOISE)))
+        found = self._step(self.past[-1])
+        if found is None and len(self.past) >= max(LEARN, _GROWN * self.learnt_at) + RECENT:
+            found = self._learn()
+        return found
+
+    def _step(self, reading: tuple[float, float, float]) -> Noticed | None:
+        if self.watch is None or self.state is None:
+            return None
+        self.state, change = self.watch.step(self.state, *reading)
+        if not change.noticed:
+            return None
+        self._go_on_after(change.since)
+        return Noticed(change.since, change.size, change.sd, change.odds)
+
+    def _go_on_after(self, since: float) -> None:
+        """Let the rival that was right take over."""
+        assert self.state is not None
+        assert self.watch is not None
+        self.state = self.watch.taken_over(self.state, since)
+        self.past = [reading for reading in self.past if reading[0] > since]
+        self.learnt_at = 0
+
+    def _learn(self) -> Noticed | None:
+        """Learn from all but the last readings, which may be after a jump, and watch these."""
+        self.past = self.past[-MOST - RECENT :]
+        time, value, sd = np.array(self.past[:-RECENT]).T.copy()
+        self.learnt_at = len(time)
+        outlook = forecast.fit(time, value, sd, process="smooth")
+        self.watch = jumps.Watch(process=outlook.family, jump_sd=JUMP_SD, odds=self.odds)
+        belief, _ = matern.run(outlook.family, time, value, sd, jumps=outlook.jumps)
+        self.state = self.watch.start(belief, np.log(outlook.weights))
+        found = None
+        for reading in self.past[-RECENT:]:
+            found = self._step(reading) or found
+        return found

@@ -1,0 +1,133 @@
+"""A twin and an order in; what it would do under the load, as REST gives it, out."""
+
+import threading
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from twin_server.estimate import (
+    OrderError,
+    Simulated,
+    Today,
+    Twin,
+    UnknownTodayError,
+    simulate,
+    today_of,
+)
+from twin_server.orders import SimulationOrder
+from twin_server.persist import History, Store
+from twin_server.rendering import estimate_objects
+from twin_server.serve import ProblemError
+
+from .records import decoded
+
+PATIENCE_S = 10.0
+"""How long one simulation waits for another."""
+
+_UNITS = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s^2"}
+_ROUND = 7
+
+
+class Simulating:
+    """Runs one simulation at a time: each may fill a processor for seconds."""
+
+    def __init__(self, store: Store) -> None:
+        self._store, self._one = store, threading.Lock()
+
+    def run(
+        self,
+        twin_id: str,
+        twin: Twin,
+        found: History,
+        now: Mapping[str, tuple[float, float]],
+        order: SimulationOrder,
+    ) -> dict[str, Any]:
+        """Give the answer.
+
+        Parameters
+        ----------
+        found
+            The newest states of the twin.
+        now
+            What the forecast believes of each change at its last reading.
+
+        Raises
+        ------
+        ProblemError
+            Where it cannot be run, or others have to be waited for too long.
+        """
+        if not self._one.acquire(timeout=PATIENCE_S):
+            raise ProblemError(
+                503,
+                "busy",
+                "Other simulations are being run. Try again later, or ask for fewer samples.",
+                **{"Retry-After": "5"},
+            )
+        try:
+            last = None
+            if twin.checkpoint.elements is not None and len(found.states):
+                after = found.number[-1], int(found.states["sequence"][-1]) - 1
+                rows = self._store.messages(twin_id, after, 1)
+                last = decoded(rows[0].message) if rows else None
+            today = today_of(
+                twin.registration, twin.checkpoint, found.states, found.bodies, now, last
+            )
+            answer = simulate(today, order)
+        except UnknownTodayError as error:
+            raise ProblemError(409, "not-known-yet", str(error)) from error
+        except OrderError as error:
+            raise ProblemError(422, "not-valid", str(error)) from error
+        finally:
+            self._one.release()
+        unit = found.boots[found.number[-1]][1]
+        return _told(twin_id, twin, today, unit, order, answer)
+
+
+def _told(
+    twin_id: str, twin: Twin, today: Today, unit: str, order: SimulationOrder, found: Simulated
+) -> dict[str, Any]:
+    model = twin.registration.model
+    angle = model is not None and model.unit_of_coordinate == "rad"
+    own = _UNITS[order.quantity].replace("m", "rad") if angle else _UNITS[order.quantity]
+    base = "rad/s^2" if angle else "m/s^2"
+    bands, names = found.bands, found.outputs
+    parts = {"value": bands.mean, "sd": bands.sd, "lo": bands.lo, "hi": bands.hi}
+    peaks, means = (estimate_objects(table.tolist()) for table in (bands.peak, bands.rms))
+    return {
+        "id": twin_id,
+        "slow_time": today.slow_time,
+        "slow_time_unit": unit,
+        "on": order.on,
+        "load_unit": base if order.on == "base" else ("N m" if angle else "N"),
+        "quantity": order.quantity,
+        "unit": own,
+        "frame": "absolute" if order.quantity == "acceleration" else "relative_to_base",
+        "rate_hz": found.rate_hz,
+        "draws": found.draws,
+        "level": order.level,
+        "seed": order.seed,
+        "t_s": _rounded(found.times.tolist()),
+        "load": _rounded(found.load.tolist()),
+        "outputs": {
+            name: {
+                **{key: _rounded(table[:, i].tolist()) for key, table in parts.items()},
+                "peak": peaks[i],
+                "rms": means[i],
+            }
+            for i, name in enumerate(names)
+        },
+        "today": {
+            "changes": {
+                name: {"value": value, "sd": sd} for name, (value, sd) in today.changes.items()
+            },
+            "frequencies_hz": estimate_objects(found.frequencies.tolist()),
+            "damping_ratios": estimate_objects(found.dampings.tolist()),
+        },
+        "assumed": list(today.assumed),
+        "valid": not found.reasons,
+        "reasons": list(found.reasons),
+    }
+
+
+def _rounded(numbers: Sequence[float]) -> list[float]:
+    """Numbers with as many digits as a band deserves: an answer holds many of them."""
+    return [float(f"{number:.{_ROUND}g}") for number in numbers]

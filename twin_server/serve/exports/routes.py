@@ -1,0 +1,106 @@
+"""Routes that give what a twin knows to other tools, as files."""
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Query, Request, Response
+from pydantic_core import from_json, to_json
+from starlette.responses import StreamingResponse
+
+from slowtime_schemas.quantities import Name
+from twin_server.registration import Registration
+from twin_server.rendering import state_objects
+from twin_server.serve import problems
+from twin_server.serve.access.principals import principal_of
+from twin_server.serve.knowledge import Knowledge
+from twin_server.serve.moments import MomentText, moment_of
+from twin_server.serve.problems import ProblemError
+from twin_server.serve.registered import TwinId
+
+from .dtdl import Asset, graph
+from .tables import Format, NotInstalledError, columns_of, pages_of, written
+
+MEDIA_TYPES: dict[Format, str] = {
+    "csv": "text/csv; charset=utf-8",
+    "parquet": "application/vnd.apache.parquet",
+}
+_PROBLEMS = problems.answers({404: "No such twin", 422: "A parameter that is not valid"})
+
+
+def assets_of(knowledge: Knowledge, twin_ids: Iterable[str]) -> Iterator[Asset]:
+    """Twins as the graph tells of them."""
+    for twin_id in twin_ids:
+        registration = knowledge.registration(twin_id)
+        if registration is not None:
+            latest = knowledge.latest(twin_id, None)
+            told = state_objects(
+                latest.states, twin_id, latest.boots, latest.units, latest.bodies
+            )
+            state = next(map(from_json, told), {"valid": False})
+            alive = knowledge.alive(twin_id)
+            yield Asset(twin_id, registration, state | {"alive": alive})
+
+
+def routes(knowledge: Knowledge, known: Callable[[str], Registration]) -> APIRouter:
+    """Make the routes."""
+    api = APIRouter(tags=["exports"])
+    Known = Annotated[Registration, Depends(known)]
+
+    def given(twin_ids: Iterable[str], name: str) -> Response:
+        whole = graph(list(assets_of(knowledge, twin_ids)))
+        headers = _file(f"{name}.dtdl.json")
+        return Response(to_json(whole), headers=headers, media_type="application/json")
+
+    @api.get(
+        "/twins/{twin_id}/history/export",
+        response_class=Response,
+        responses={
+            200: {
+                "description": "One row a state, with a heading.",
+                "content": {kind.partition(";")[0]: {} for kind in MEDIA_TYPES.values()},
+            },
+            **_PROBLEMS,
+            **problems.answers({501: "A format that this server was not installed with"}),
+        },
+    )
+    def history(
+        twin_id: TwinId,
+        registration: Known,
+        form: Annotated[Format, Query(alias="format")] = "csv",
+        start: MomentText = None,
+        end: MomentText = None,
+    ) -> Response:
+        """Give all states from `start` to `end` as a table: none is left out."""
+        pages = pages_of(knowledge, twin_id, moment_of("start", start), moment_of("end", end))
+        try:
+            table = written(pages, columns_of(registration), form, twin_id)
+        except NotInstalledError as error:
+            raise ProblemError(501, "not-installed", str(error)) from error
+        return StreamingResponse(
+            table, media_type=MEDIA_TYPES[form], headers=_file(f"{twin_id}.{form}")
+        )
+
+    @api.get("/twins/{twin_id}/dtdl", response_class=Response, responses=_PROBLEMS)
+    def one(twin_id: TwinId, registration: Known) -> Response:
+        """Give a twin, the parts of its model and their relations, with DTDL v3 models."""
+        return given([twin_id], twin_id)
+
+    @api.get(
+        "/dtdl",
+        response_class=Response,
+        responses=problems.answers({422: "A site that cannot be called so"}),
+    )
+    def sites(
+        request: Request,
+        site: Annotated[Name | None, Query(description="Of this site alone.")] = None,
+    ) -> Response:
+        """Give sites, their twins and all relations as one graph, with DTDL v3 models."""
+        seen = filter(principal_of(request.scope).sees, knowledge.ids())
+        of_site = [i for i in seen if site is None or i.partition(".")[0] == site]
+        return given(of_site, site or "sites")
+
+    return api
+
+
+def _file(name: str) -> dict[str, str]:
+    return {"Content-Disposition": f'attachment; filename="{name}"'}

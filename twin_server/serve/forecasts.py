@@ -1,0 +1,215 @@
+"""Where a twin is heading, at the door: bands, and when thresholds are reached."""
+
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from fastapi import APIRouter, Depends, Query, Response
+from pydantic import Field
+from pydantic_core import to_json
+
+from slowtime.evolution.crossing import Crossing
+from twin_server.registration import Registration
+from twin_server.rendering import estimate_objects
+from twin_server.settings import ServeSettings
+from twin_server.thresholds import Limit
+
+from . import models, problems
+from .knowledge import Knowledge
+from .moments import Moment, MomentText, moment_of
+from .problems import ProblemError
+from .registered import TwinId
+
+_PROBLEMS = problems.answers(
+    {
+        404: "No such twin",
+        422: "A parameter that is not valid",
+    }
+)
+_OF_THE_WHOLE = ("stiffness_change", "mass_change")
+_TOO_FEW = (
+    "There are too few valid readings to forecast from. Wait for more of them, or look at the "
+    "reasons of the latest states."
+)
+
+Finite = Annotated[float, Field(gt=0, le=1e300, allow_inf_nan=False)]
+Change = Annotated[float, Field(ge=-1.0, le=1e6, allow_inf_nan=False)]
+Side = Literal["below", "above"]
+
+
+def routes(
+    knowledge: Knowledge, settings: ServeSettings, known: Callable[[str], Registration]
+) -> APIRouter:
+    """Make the routes.
+
+    Parameters
+    ----------
+    known
+        Gives the registration of the twin in the path, or raises.
+    """
+    api = APIRouter(tags=["twins"])
+
+    Known = Annotated[Registration, Depends(known)]
+
+    @api.get(
+        "/twins/{twin_id}/forecast", response_model=models.ForecastModel, responses=_PROBLEMS
+    )
+    def forecast(
+        twin_id: TwinId,
+        registration: Known,
+        horizon: Annotated[
+            Finite | None,
+            Query(
+                description="How far ahead, in slow time; by default as registered, or a "
+                "quarter of the past for bands and all of it for thresholds."
+            ),
+        ] = None,
+        count: Annotated[
+            int, Query(alias="points", ge=1, le=settings.max_forecast_points)
+        ] = 40,
+        threshold: Annotated[
+            Change | None,
+            Query(
+                description="When is this change reached? Beside those of the registration.",
+                examples=[-0.2],
+            ),
+        ] = None,
+        quantity: Annotated[
+            str | None,
+            Query(description="Of which quantity; needed where several are estimated."),
+        ] = None,
+        toward: Annotated[
+            Side | None, Query(description="By default the side where it is not now.")
+        ] = None,
+        at: MomentText = None,
+    ) -> Response:
+        """Stiffness and mass change, or each element's, up to `horizon` after the last.
+
+        With `at`, as it would have been foretold at that moment, from what came until then.
+
+        And of each threshold the time by which it is reached with 10, 50 and 90 %, or that it
+        is not within the horizon.
+        """
+        body = foretell(
+            knowledge, twin_id, registration, horizon, count,
+            threshold=threshold, quantity=quantity, toward=toward, at=moment_of("at", at),
+        )  # fmt: skip
+        return Response(to_json(body), media_type="application/json")
+
+    return api
+
+
+def foretell(
+    knowledge: Knowledge,
+    twin_id: str,
+    registration: Registration,
+    horizon: float | None = None,
+    count: int = 40,
+    *,
+    threshold: float | None = None,
+    quantity: str | None = None,
+    toward: Side | None = None,
+    at: Moment | None = None,
+) -> dict[str, Any]:
+    """Give the forecast as REST does.
+
+    Raises
+    ------
+    ProblemError
+        Where a threshold is of nothing that is estimated.
+    """
+    asked: list[tuple[str, Limit]] = []
+    if threshold is not None:
+        name = _quantity(registration, quantity)
+        asked.append(("request", Limit(name, threshold, toward)))
+    elif quantity is not None or toward is not None:
+        raise ProblemError(
+            422,
+            "not-valid",
+            "quantity or toward was given without a threshold. Give threshold as well, such "
+            "as threshold=-0.2.",
+        )
+    for limit in registration.thresholds():
+        asked.append(("registration" if limit.toward is None else "alarm", limit))
+    return _forecast(knowledge, twin_id, horizon, count, asked, at)
+
+
+def _quantity(registration: Registration, given: str | None) -> str:
+    """Name what a threshold is of."""
+    if registration.changes == "elements":
+        allowed: Sequence[str] = registration.structure().free
+    else:
+        both = registration.changes == "both"
+        allowed = _OF_THE_WHOLE if both else (f"{registration.changes}_change",)
+    if given is None and len(allowed) == 1:
+        return allowed[0]
+    if given is None or given not in allowed:
+        raise ProblemError(
+            422,
+            "not-valid",
+            f"At query.quantity, {given!r:.80} was given. Allowed: {', '.join(allowed)}.",
+        )
+    return given
+
+
+def _forecast(
+    knowledge: Knowledge,
+    twin_id: str,
+    horizon: float | None,
+    count: int,
+    asked: Sequence[tuple[str, Limit]],
+    at: Moment | None,
+) -> dict[str, Any]:
+    outlook = knowledge.outlook(twin_id, horizon, count, [limit for _, limit in asked], at)
+    if outlook is None:
+        none = dict.fromkeys(("since", "until", "slow_time_unit"))
+        empty: dict[str, Any] = {"points": [], "crossings": [], "periods": {}, "jumps": {}}
+        return {"id": twin_id, **none, **empty, "valid": False, "reasons": [_TOO_FEW]}
+    rows = [None] * len(outlook.slow_time)
+    of_each = {name: estimate_objects(band.tolist()) for name, band in outlook.bands.items()}
+    elements = [name for name in of_each if name not in _OF_THE_WHOLE]
+    sources = {limit: source for source, limit in reversed(asked)}
+    return {
+        "id": twin_id,
+        "since": outlook.since,
+        "until": outlook.until,
+        "slow_time_unit": outlook.unit,
+        "points": [
+            {
+                "slow_time": time,
+                **{name: of_each.get(name, rows)[row] for name in _OF_THE_WHOLE},
+                "elements": {name: of_each[name][row] for name in elements},
+            }
+            for row, time in enumerate(outlook.slow_time.tolist())
+        ],
+        "crossings": [
+            _crossing(sources[limit], limit, crossing, outlook.since)
+            for limit, crossing in outlook.crossings
+        ],
+        "periods": outlook.periods,
+        "jumps": outlook.jumps,
+        "valid": not outlook.reasons,
+        "reasons": list(outlook.reasons),
+    }
+
+
+def _crossing(source: str, limit: Limit, crossing: Crossing, since: float) -> dict[str, Any]:
+    side = "at" if limit.toward is None else limit.toward
+    return {
+        "quantity": limit.quantity,
+        "threshold": limit.at,
+        "toward": limit.toward,
+        "source": source,
+        "times": [
+            {
+                "share": share,
+                "slow_time": at if np.isfinite(at) else None,
+                "ahead": at - since if np.isfinite(at) else None,
+            }
+            for share, at in zip(crossing.shares, crossing.slow_time.tolist(), strict=True)
+        ],
+        "within": crossing.probability,
+        "already": crossing.already,
+        "horizon": crossing.horizon,
+        "sentence": f"{limit.quantity} {side} {limit.at:g}: {crossing.words()}",
+    }

@@ -1,0 +1,192 @@
+// All twins at a glance: what each is, whether it is to be relied on, when it was last heard of, what is wrong.
+import { ask } from "./link.js";
+import { toTwin } from "./route.js";
+import { sparkline } from "./sparkline.js";
+import { ago, button, make, say, spoken, standing, titleOf } from "./words.js";
+
+const SPARK_POINTS = 200, MOST_CARDS = 100, FINDABLE = 9, RELOAD_MS = 60000;
+const WORD = {
+  valid: ["good", "\u2713 valid"], learning: ["waiting", "\u2026 learning"],
+  inseparable: ["waiting", "\u25c7 mass and stiffness look alike"], invalid: ["bad", "\u2715 not valid"],
+  none: ["waiting", "\u2026 no features yet"],
+};
+const ORDER = { alarm: 0, bad: 1, waiting: 2, good: 3 };
+
+/** Which limits of alarms are passed, in a few words; nothing where none is. */
+export function limitsPassed({ raised = [] }) {
+  const said = raised.map(({ quantity, side, limit }) => {
+    const [size, unit] = quantity === "frequency_hz" ? [limit, "Hz"] : [100 * limit, "%"];
+    return `${titleOf(quantity)} is ${side} ${`${+size.toPrecision(3)}`.replace("-", "\u2212")}\u202f${unit}`;
+  });
+  return said.join("; ");
+}
+
+/** What is wrong with a structure. */
+function alarmOf({ suspects = [], normal = [], ...state }) {
+  const unexplained = normal.some(({ entered }) => entered) && "a change that temperature and load do not explain";
+  return [limitsPassed(state), ...suspects.map((word) => `${word} has changed`), unexplained].filter(Boolean).join("; ");
+}
+
+/** The quantity that tells most of a twin: what it estimates, or of a twin of elements the worst of them. */
+function headlineOf(state) {
+  const { elements = {}, suspects = [], assumed } = state;
+  const accused = suspects.flatMap((word) => word.split(/ or | and /)).find((name) => name in elements);
+  if (accused) return { name: accused, title: `Change of ${accused}`, quantity: "stiffness_change", pick: (point) => point.elements?.[accused] };
+  const quantity = ["stiffness_change", "mass_change"].find((name) => state[name] && !assumed.includes(name)) ?? "frequency_hz";
+  return { name: quantity, title: titleOf(quantity), quantity, pick: (point) => point[quantity] };
+}
+
+class Card {
+  constructor(id) {
+    Object.assign(this, { id, points: [], loadedAt: 0, loading: false, onScreen: false, of: "" });
+    this.root = make("li", undefined, "card");
+    this.root.dataset.twin = id;
+    [this.link, this.sub, this.alarm] = [make("a", id, "name"), make("span", "", "facts"), make("p", "", "alarm")];
+    this.link.href = toTwin(id);
+    [this.validity, this.edge, this.seen] = [make("span", "", "pill"), make("span", "", "pill"), make("span", "", "facts seen")];
+    [this.title, this.value, this.interval] = [make("span", "", "title"), make("strong", "\u2013"), make("span", "", "interval")];
+    this.picture = make("div", undefined, "sparkplace");
+    const head = make("div", undefined, "cardhead"), states = make("p", undefined, "states"), told = make("p", undefined, "told");
+    head.append(this.link, this.sub);
+    states.append(this.validity, this.edge, this.seen);
+    told.append(this.title, this.value, this.interval);
+    this.root.append(head, states, this.alarm, told, this.picture);
+  }
+
+  tell(state) {
+    const before = this.state, begun = state.slow_time !== null, said = alarmOf(state);
+    this.state = state;
+    const name = state.registration.name || this.id;
+    if (this.link.textContent !== name) this.link.textContent = name;
+    this.sub.textContent = name === this.id ? "" : this.id;
+    say(this.validity, ...WORD[begun ? standing(state) : "none"]);
+    say(this.edge, state.alive ? "good" : "away", state.alive ? "\u25cf edge there" : "\u25cb edge away");
+    say(this.alarm, said ? "bad" : "good", said ? `\u25b2 ${said}` : begun ? "no alarm" : "");
+    this.urgency = said ? "alarm" : begun ? WORD[standing(state)][0] : "waiting";
+    this.root.dataset.urgency = this.urgency;
+    this.headline(state);
+    if (begun && before && (before.sequence !== state.sequence || before.boot !== state.boot)) this.add(state);
+    this.tick();
+  }
+
+  headline(state) {
+    const head = headlineOf(state), estimate = head.pick(state);
+    if (head.name !== this.of) [this.of, this.points, this.loadedAt] = [head.name, [], 0];
+    this.head = head;
+    const [value, interval] = estimate ? spoken(estimate, head.quantity) : ["\u2013", ""];
+    this.title.textContent = head.title;
+    this.value.textContent = value;
+    this.interval.textContent = interval && `95\u202f%: ${interval}`;
+  }
+
+  pointOf(state) {
+    const estimate = this.head.pick(state);
+    return estimate && { x: state.slow_time, ...estimate };
+  }
+
+  /** New readings are added at the end; once there are too many, each second one goes. */
+  add(state) {
+    const point = this.pointOf(state);
+    if (point && this.points.length) this.points.push(point);
+    if (this.points.length > 2 * SPARK_POINTS) this.points = this.points.filter((_, i) => i % 2 === this.points.length % 2);
+    this.draw();
+  }
+
+  async load() {
+    if (this.loading || !this.state || this.state.slow_time === null || Date.now() - this.loadedAt < RELOAD_MS) return;
+    [this.loading, this.loadedAt] = [true, Date.now()];
+    const path = `/api/v1/twins/${encodeURIComponent(this.id)}/history?max_points=${SPARK_POINTS}`;
+    const { points } = await ask(path).catch(() => ({ points: [] }));
+    this.points = points.map((point) => this.pointOf(point)).filter(Boolean);
+    this.loading = false;
+    this.draw();
+  }
+
+  draw() {
+    if (!this.onScreen) return;
+    const words = `${this.head.title} over the last ${this.points.length} readings shown: now ${this.value.textContent}`;
+    this.picture.replaceChildren(sparkline(this.points, words));
+    this.picture.dataset.points = this.points.length;
+  }
+
+  /** What changes as time goes by, though nothing arrives. */
+  tick() {
+    const { heard_ns: heard, slow_time: slow } = this.state;
+    const text = slow === null ? "" : heard ? `last seen ${ago(Date.now() - heard / 1e6)}` : "not heard of since the server began";
+    if (this.seen.textContent !== text) this.seen.textContent = text;
+  }
+}
+
+export class Fleet {
+  constructor() {
+    Object.assign(this, { cards: new Map(), states: [], most: MOST_CARDS, wanted: "" });
+    this.root = make("section", undefined, "fleet");
+    this.root.setAttribute("aria-label", "Fleet");
+    [this.title, this.summary] = [make("h2", "Fleet"), make("p", "", "facts summary")];
+    this.find = make("input");
+    Object.assign(this.find, { type: "search", placeholder: "Find a twin", autocomplete: "off" });
+    this.find.setAttribute("aria-label", "Find a twin by its name");
+    this.find.addEventListener("input", () => { this.wanted = this.find.value.trim().toLowerCase(); this.arrange(); });
+    this.list = make("ul", undefined, "cards");
+    this.more = button("Show more", () => { this.most += MOST_CARDS; this.arrange(); });
+    const head = make("div", undefined, "heading");
+    head.append(this.title, this.summary, this.find);
+    this.root.append(head, this.list, this.more);
+    this.watcher = new IntersectionObserver((entries) => {
+      for (const { target, isIntersecting } of entries) this.see(this.cards.get(target.dataset.twin), isIntersecting);
+    }, { rootMargin: "200px" });
+  }
+
+  see(card, onScreen) {
+    if (!card) return;
+    card.onScreen = onScreen;
+    if (onScreen) { card.load(); card.draw(); }
+  }
+
+  hear(states) {
+    this.states = states;
+    this.arrange();
+  }
+
+  /** What is urgent comes first; among equals the order of registration stays, so that nothing jumps about. */
+  arrange() {
+    const states = this.states.filter(({ id, registration }) => `${id} ${registration.name ?? ""}`.toLowerCase().includes(this.wanted));
+    const urgency = (state) => alarmOf(state) ? 0 : state.slow_time === null ? 2 : ORDER[WORD[standing(state)][0]];
+    const shown = states.toSorted((a, b) => urgency(a) - urgency(b)).slice(0, this.most), there = new Set(shown.map(({ id }) => id));
+    for (const [id, card] of this.cards) if (!there.has(id)) this.drop(id, card);
+    shown.forEach((state, i) => {
+      const card = this.cards.get(state.id) ?? this.add(state.id);
+      card.tell(state);
+      if (card.onScreen) card.load();
+      if (this.list.children[i] !== card.root) this.list.insertBefore(card.root, this.list.children[i] ?? null);
+    });
+    this.more.hidden = states.length <= this.most;
+    this.find.hidden = this.states.length < FINDABLE;
+    this.count(states.length);
+  }
+
+  count(found) {
+    const of = (holds) => this.states.filter(holds).length, alarms = of((state) => alarmOf(state));
+    const said = [
+      `${this.states.length} ${this.states.length === 1 ? "twin" : "twins"}`, alarms ? `${alarms} with an alarm` : "no alarm",
+      `${of(({ valid }) => valid)} valid`, `${of(({ alive }) => alive)} with their edge agent there`,
+      this.wanted && `${found} found`,
+    ];
+    say(this.summary, alarms ? "bad" : "good", said.filter(Boolean).join(" \u00b7 "));
+  }
+
+  add(id) {
+    const card = new Card(id);
+    this.cards.set(id, card);
+    this.watcher.observe(card.root);
+    return card;
+  }
+
+  drop(id, card) {
+    this.watcher.unobserve(card.root);
+    card.root.remove();
+    this.cards.delete(id);
+  }
+
+  tick() { for (const card of this.cards.values()) card.tick(); }
+}

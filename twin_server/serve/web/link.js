@@ -1,0 +1,23 @@
+// Questions to the server, and what it says when it will not answer them.
+
+const PATIENCE_MS = 8000, ORDER_MS = 60000;
+
+/** What came back, or an error that says what to do. */
+async function fetched(path, options, patience) {
+  try {
+    const response = await fetch(path, { ...options, signal: AbortSignal.timeout(patience) });
+    if (response.ok) return await response.json();
+    const { detail } = await response.json().catch(() => ({}));
+    throw Object.assign(new Error(detail || response.statusText), { status: response.status });
+  } catch (error) {
+    if (error.name !== "TimeoutError") throw error;
+    throw new Error(`The server has not answered for ${patience / 1000} s. It may be busy: try again.`);
+  }
+}
+
+export const ask = (path, patience = PATIENCE_MS) => fetched(path, { headers: { Accept: "application/json" } }, patience);
+
+export function send(path, method, body) {
+  const headers = body === undefined ? {} : { "Content-Type": "application/json" };
+  return fetched(path, { method, headers, body: body && JSON.stringify(body) }, ORDER_MS);
+}

@@ -1,0 +1,62 @@
+// Where a twin is heading, in words: when each threshold is reached, and how far the readings say anything.
+import { make, number, slowTime, titleOf } from "./words.js";
+
+const NARROW = "\u202f";
+const percent = (x, places = 0) => `${number(100 * x, places)}${NARROW}%`;
+const few = (x) => `${+(100 * x).toPrecision(3)}`.replace("-", "\u2212");
+
+/** "Stiffness change below −30 %" */
+function asked({ quantity, threshold, toward }) {
+  return `${titleOf(quantity)} ${toward ?? "reaches"} ${few(threshold)}${NARROW}%`;
+}
+
+function row(crossing, since, at) {
+  const row = make("tr"), title = make("th", asked(crossing));
+  title.scope = "row";
+  row.dataset.of = crossing.quantity;
+  row.dataset.threshold = crossing.threshold;
+  row.dataset.source = crossing.source;
+  const passed = crossing.already > 0.5;
+  const cells = crossing.times.map(({ slow_time }) => {
+    const said = slow_time === null ? "not within the horizon" : passed && slow_time <= since ? "passed" : at(slow_time);
+    return make("td", said);
+  });
+  row.append(title, ...cells, make("td", `${percent(crossing.within)} by ${at(crossing.horizon)}`));
+  row.setAttribute("aria-label", crossing.sentence);
+  return row;
+}
+
+export class Outlook {
+  constructor() {
+    this.root = make("div", undefined, "outlook");
+    this.table = make("table", undefined, "crossings");
+    this.note = make("p", "", "facts");
+    const head = make("thead"), row = make("tr");
+    for (const title of ["time to a threshold", `10${NARROW}%`, `50${NARROW}%`, `90${NARROW}%`, "within the horizon"]) {
+      const cell = make("th", title);
+      cell.scope = "col";
+      row.append(cell);
+    }
+    head.append(row);
+    this.body = make("tbody");
+    this.table.append(make("caption", "Where it is heading"), head, this.body);
+    this.root.append(this.table, this.note);
+    this.root.hidden = true;
+  }
+
+  tell({ forecast, latest }) {
+    this.root.hidden = !forecast;
+    if (!forecast || this.told === forecast) return;
+    this.told = forecast;
+    const at = (slow_time) => slowTime({ ...latest, slow_time });
+    this.table.hidden = !forecast.crossings.length;
+    this.body.replaceChildren(...forecast.crossings.map((crossing) => row(crossing, forecast.since, at)));
+    const period = Object.entries(forecast.periods).filter(([, length]) => length)
+      .map(([name, length]) => `${titleOf(name)} comes again after ${+length.toPrecision(4)}`);
+    const jumps = Object.entries(forecast.jumps).filter(([, times]) => times.length)
+      .map(([name, times]) => `${titleOf(name)} went elsewhere after ${times.map(at).join(" and ")}`);
+    const until = `The forecast repeats its trend beyond slow time ${at(forecast.until)}`;
+    this.note.textContent = [...period, ...jumps, until].join(" \u00b7 ");
+    this.root.dataset.since = forecast.since;
+  }
+}

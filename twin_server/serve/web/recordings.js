@@ -1,0 +1,160 @@
+// Recordings that the server keeps: given to it, got from it, played to its twins.
+import { ask, send } from "./link.js";
+import { toTwin } from "./route.js";
+import { upload } from "./upload.js";
+import { button, make, number, say } from "./words.js";
+
+const BASE = "/api/v1/recordings", PLAYING_MS = 700;
+const PACES = [["", "as fast as they take it in"], ["1", "as it was"], ["10", "10 times as fast"], ["100", "100 times as fast"]];
+const STATES = { playing: "waiting", done: "good", stopped: "away", failed: "bad" };
+
+function sizeOf(bytes) {
+  for (const [size, unit] of [[1e9, "GB"], [1e6, "MB"], [1e3, "kB"]]) if (bytes >= size) return `${number(bytes / size, 1)}\u202f${unit}`;
+  return `${bytes}\u202fbytes`;
+}
+
+function spanOf({ start_ns: start, end_ns: end }) {
+  if (start === null || !end) return "";
+  const seconds = (end - start) / 1e9, [size, unit] = [[86400, "d"], [3600, "h"], [60, "min"], [1, "s"]].find(([each]) => seconds >= each) ?? [1, "s"];
+  return `${new Date(start / 1e6).toLocaleString()}, ${number(seconds / size, 1)}\u202f${unit}`;
+}
+
+/** What the server would make of the name: letters, digits, dots and dashes. */
+const nameOf = (file) => file.name.replace(/[^A-Za-z0-9._-]+/g, "-").replace(/^[^A-Za-z0-9]+/, "");
+
+export class Recordings {
+  constructor() {
+    this.rows = new Map();
+    this.root = make("section", undefined, "recordings");
+    this.root.setAttribute("aria-label", "Recordings");
+    this.root.hidden = true;
+    this.problem = make("p", "", "notice");
+    this.problem.dataset.state = "bad";
+    this.problem.setAttribute("role", "alert");
+    this.problem.hidden = true;
+    this.none = make("div", undefined, "notice");
+    this.none.hidden = true;
+    [this.told, this.list] = [make("p", "", "facts"), make("ul", undefined, "cards wide-cards")];
+    this.told.setAttribute("role", "status");
+    const head = make("div", undefined, "heading");
+    head.append(make("h2", "Recordings"), this.told);
+    this.root.append(head, this.giving(), this.problem, this.none, this.list);
+  }
+
+  giving() {
+    this.drop = make("div", undefined, "drop");
+    const label = make("label", "Give a recording (.mcap), or drop it here ");
+    this.file = make("input");
+    Object.assign(this.file, { type: "file", accept: ".mcap" });
+    this.file.addEventListener("change", () => this.give(this.file.files[0]));
+    label.append(this.file);
+    [this.bar, this.way] = [make("progress"), make("span", "", "facts")];
+    this.bar.max = 1;
+    this.bar.hidden = true;
+    this.bar.setAttribute("aria-label", "How far the recording has come");
+    this.drop.append(label, this.bar, this.way);
+    this.drop.addEventListener("dragover", (event) => { event.preventDefault(); this.drop.dataset.over = true; });
+    this.drop.addEventListener("dragleave", () => { delete this.drop.dataset.over; });
+    this.drop.addEventListener("drop", (event) => {
+      event.preventDefault();
+      delete this.drop.dataset.over;
+      this.give(event.dataTransfer.files[0]);
+    });
+    return this.drop;
+  }
+
+  async give(file) {
+    if (!file) return;
+    [this.bar.hidden, this.file.disabled] = [false, true];
+    this.way.textContent = `${file.name}, ${sizeOf(file.size)}`;
+    await this.attempt(() => upload(`${BASE}/${encodeURIComponent(nameOf(file))}`, file, (share) => {
+      this.bar.value = share;
+      if (share === 1) this.way.textContent = `${file.name} is being read to its end \u2026`;
+    }));
+    [this.bar.hidden, this.file.disabled, this.file.value, this.way.textContent] = [true, false, "", ""];
+  }
+
+  /** Do something whose answer is the list as it is then, or say why not. */
+  async attempt(act) {
+    this.problem.hidden = true;
+    try { this.tell(await act()); } catch (error) {
+      this.problem.textContent = error.message;
+      this.problem.hidden = false;
+    }
+  }
+
+  async refresh() {
+    clearTimeout(this.again);
+    const found = await ask(BASE).catch(() => null);
+    if (found) this.tell(found);
+  }
+
+  tell({ kept, max_bytes: most, recordings }) {
+    this.drop.hidden = !kept;
+    this.none.hidden = recordings.length > 0;
+    this.none.textContent = kept
+      ? "No recordings yet. Make one with slowtime record --out FILE.mcap, or turn other files into one with slowtime import, and give it here."
+      : "This server keeps no recordings. Start it with slowtime twin --recordings FOLDER to give, get and play them here.";
+    say(this.told, "", kept ? `${recordings.length} kept, up to ${sizeOf(most)} each` : "");
+    const names = new Set(recordings.map(({ name }) => name));
+    for (const [name, row] of this.rows) if (!names.has(name)) { row.root.remove(); this.rows.delete(name); }
+    recordings.forEach((one, i) => {
+      const row = this.rows.get(one.name) ?? this.row(one);
+      this.fill(row, one);
+      if (this.list.children[i] !== row.root) this.list.insertBefore(row.root, this.list.children[i] ?? null);
+    });
+    clearTimeout(this.again);
+    const playing = recordings.some(({ replay }) => replay?.state === "playing");
+    if (playing && !this.root.hidden) this.again = setTimeout(() => this.refresh(), PLAYING_MS);
+  }
+
+  row({ name }) {
+    const root = make("li", undefined, "card"), path = `${BASE}/${encodeURIComponent(name)}`, acts = make("p", undefined, "acts");
+    root.dataset.recording = name;
+    const [about, inside, problem, replay] = ["facts", "facts", "alarm", "replay"].map((kind) => make("p", "", kind));
+    const pace = make("select"), paced = make("label", "at ", "field"), get = make("a", "Download", "act");
+    get.href = path;
+    get.download = name;
+    for (const [value, text] of PACES) {
+      const option = make("option", text);
+      option.value = value;
+      pace.append(option);
+    }
+    paced.append(pace);
+    const play = button("Replay", () => this.attempt(() => send(`${path}/replay`, "POST", pace.value ? { speed: Number(pace.value) } : {})));
+    const stop = button("Stop", () => this.attempt(() => send(`${path}/replay`, "DELETE")));
+    const drop = button("Delete", () => {
+      if (confirm(`Delete ${name}? It may be the only copy.`)) this.attempt(() => send(path, "DELETE"));
+    });
+    const [pill, bar, said] = [make("span", "", "pill"), make("progress"), make("span", "", "facts")];
+    bar.setAttribute("aria-label", `How far ${name} has been played`);
+    replay.append(pill, bar, said);
+    acts.append(get, play, paced, stop, drop);
+    root.append(make("h3", name), about, inside, problem, replay, acts);
+    const row = { root, about, inside, problem, replay, pill, bar, said, play, paced, stop, drop };
+    this.rows.set(name, row);
+    return row;
+  }
+
+  fill(row, one) {
+    row.about.textContent = [sizeOf(one.bytes), spanOf(one)].filter(Boolean).join(" \u00b7 ");
+    const twins = one.twins.map((id) => {
+      const link = make("a", id);
+      link.href = toTwin(id);
+      return link;
+    });
+    const counts = Object.entries(one.messages).map(([stream, count]) => `${count.toLocaleString("en")} ${stream}`).join(", ");
+    row.inside.replaceChildren(...twins.flatMap((link, i) => i ? [", ", link] : [link]), counts && `: ${counts}`);
+    say(row.problem, "bad", one.problem ? `\u25b2 ${one.problem}` : "");
+    const { replay } = one, playing = replay?.state === "playing";
+    row.replay.hidden = !replay;
+    if (replay) {
+      say(row.pill, STATES[replay.state], replay.state);
+      Object.assign(row.bar, { max: Math.max(1, replay.total), value: replay.done, hidden: !playing });
+      say(row.said, "", replay.sentence);
+    }
+    for (const control of [row.play, row.paced]) control.hidden = playing || Boolean(one.problem);
+    row.stop.hidden = !playing;
+    row.drop.hidden = playing;
+  }
+}

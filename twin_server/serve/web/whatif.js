@@ -1,0 +1,141 @@
+// What would the twin do under a load? A form, and the response with its bands.
+import { plotly } from "./charts.js";
+import { send } from "./link.js";
+import { colour, faded } from "./traces.js";
+import { make, number } from "./words.js";
+
+const HEIGHT_PX = 240, NARROW = "\u202f";
+const LOADS = {
+  harmonic: { text: "a cosine", of: "amplitude", frequency: true },
+  step: { text: "a step", of: "amplitude" },
+  white: { text: "white noise", of: "psd" },
+};
+const UNITS = { displacement: "m", velocity: "m/s", acceleration: "m/s\u00b2" };
+
+/** A number with as many digits as its error leaves, in powers of ten where it is small or large. */
+function figure({ value, lo, hi }) {
+  const size = Math.floor(Math.log10(Math.max(Math.abs(value), 1e-300))), scale = size < -2 || size > 4 ? 10 ** -size : 1;
+  const many = Math.min(6, Math.max(0, 1 - Math.floor(Math.log10(Math.max((hi - lo) * scale, 1e-5)))));
+  const power = scale === 1 ? "" : ` \u00b7 10${String(size).replace(/[-\d]/g, (c) => "⁰¹²³⁴⁵⁶⁷⁸⁹"[c] ?? "⁻")}`;
+  return [`${number(value * scale, many)}${power}`, `${number(lo * scale, many)} to ${number(hi * scale, many)}${power}`];
+}
+
+function field(text, control, unit) {
+  const label = make("label", text, "field");
+  label.append(control);
+  if (unit) label.append(unit);
+  return label;
+}
+
+/** Offer `[value, text]` pairs; what was chosen stays chosen where it still can be. */
+function offer(select, options) {
+  const before = select.value;
+  select.replaceChildren(...options.map(([value, text]) => new Option(text, value)));
+  if (options.some(([value]) => value === before)) select.value = before;
+  return select;
+}
+
+const choice = (options) => offer(make("select"), options);
+
+function numeric(value, min) {
+  const input = make("input");
+  Object.assign(input, { type: "number", step: "any", value, required: true });
+  if (min !== undefined) input.min = min;
+  return input;
+}
+
+export class WhatIf {
+  constructor(twin) {
+    Object.assign(this, { twin, answer: null, nodes: "" });
+    this.root = make("details", undefined, "whatif");
+    this.form = make("form");
+    this.load = choice(Object.entries(LOADS).map(([kind, { text }]) => [kind, text]));
+    this.on = choice([["base", "the base"]]);
+    this.size = numeric(1);
+    [this.unit, this.frequency, this.seconds] = [make("span", "", "unit"), numeric(1, 0.001), numeric(5, 0.1)];
+    this.quantity = choice(Object.entries(UNITS).map(([name, unit]) => [name, `${name} [${unit}]`]));
+    this.rated = field("with frequency", this.frequency, "Hz");
+    this.run = make("button", "Run it", "act");
+    this.form.append(
+      field("Load", this.load), field("acting on", this.on), field("of size", this.size, this.unit), this.rated,
+      field("lasting", this.seconds, "s"), field("showing the", this.quantity), this.run,
+    );
+    this.form.addEventListener("submit", (event) => { event.preventDefault(); this.ask(); });
+    for (const control of [this.load, this.on]) control.addEventListener("change", () => this.fit());
+    this.problem = make("p", "", "notice");
+    this.problem.dataset.state = "bad";
+    this.problem.setAttribute("role", "alert");
+    this.problem.hidden = true;
+    this.result = make("div", undefined, "answer");
+    this.result.hidden = true;
+    this.node = choice([]);
+    this.node.addEventListener("change", () => this.draw());
+    this.plot = make("div", undefined, "plot");
+    this.plot.setAttribute("role", "img");
+    [this.told, this.assumed] = [make("p", "", "told"), make("p", "", "facts")];
+    this.result.append(field("Response of ", this.node), this.told, this.plot, this.assumed);
+    const note = make("p", "The twin of today is run from rest, whatever instant is shown above; the band is of what is not known of it.", "facts");
+    this.root.append(make("summary", "What if a load came?"), note, this.form, this.problem, this.result);
+    this.fit();
+  }
+
+  /** Offers the nodes of the model, and begins where it hurts: at the lowest frequency. */
+  tell({ registration, frequency_hz: frequency, modes = [] }) {
+    const nodes = (registration.model?.nodes ?? []).map(({ id }) => id), own = registration.model ? nodes : registration.nominal?.mass_kg ? ["mass"] : [];
+    if (this.nodes !== own.join()) {
+      this.nodes = own.join();
+      offer(this.on, [["base", "the base"], ...own.map((id) => [id, id])]);
+      this.fit();
+    }
+    const lowest = modes[0]?.frequency_hz ?? frequency;
+    if (!this.begun && lowest) [this.frequency.value, this.begun] = [+lowest.value.toPrecision(3), true];
+  }
+
+  fit() {
+    const base = this.on.value === "base", unit = base ? "m/s\u00b2" : "N";
+    this.rated.hidden = !LOADS[this.load.value].frequency;
+    this.unit.textContent = this.load.value === "white" ? `(${unit})\u00b2/Hz` : unit;
+  }
+
+  async ask() {
+    const kind = this.load.value, load = { kind, [LOADS[kind].of]: Number(this.size.value) };
+    if (LOADS[kind].frequency) load.frequency_hz = Number(this.frequency.value);
+    const order = { load, on: this.on.value, quantity: this.quantity.value, duration_s: Number(this.seconds.value) };
+    this.problem.hidden = true;
+    [this.run.disabled, this.run.textContent] = [true, "Running \u2026"];
+    try {
+      this.answer = await send(`${this.twin.base}/simulate`, "POST", order);
+      const names = Object.keys(this.answer.outputs), begins = !this.node.value;
+      offer(this.node, names.map((name) => [name, name]));
+      if (begins) this.node.value = names.at(-1);
+      this.result.hidden = false;
+      await this.draw();
+    } catch (error) {
+      this.problem.textContent = error.message;
+      this.problem.hidden = false;
+    } finally { [this.run.disabled, this.run.textContent] = [false, "Run it"]; }
+  }
+
+  async draw() {
+    const { answer } = this, response = answer.outputs[this.node.value], unit = UNITS[answer.quantity];
+    const [peak, around] = figure(response.peak), [rms] = figure(response.rms);
+    this.told.replaceChildren(
+      "Peak ", make("strong", `${peak}${NARROW}${unit}`), make("span", ` 95${NARROW}%: ${around}${NARROW}${unit} · rms ${rms}${NARROW}${unit}`, "interval"),
+    );
+    this.assumed.textContent = [...answer.reasons, ...answer.assumed.map((each) => `Taken for granted: ${each}`)].join(". ");
+    this.plot.setAttribute("aria-label", `${answer.quantity} of ${this.node.value} over ${answer.t_s.at(-1)} s: peak ${peak} ${unit}, 95 % ${around}`);
+    const t = answer.t_s, tint = colour("estimate"), Plotly = await plotly;
+    const axis = { gridcolor: colour("line"), zerolinecolor: colour("line"), ticks: "outside", tickcolor: colour("line") };
+    const band = {
+      name: "95 % band", x: [...t, ...t.toReversed()], y: [...response.lo, ...response.hi.toReversed()], mode: "lines",
+      fill: "toself", fillcolor: faded(tint, 0.28), line: { width: 0 }, hoverinfo: "skip",
+    };
+    const line = { name: "response", x: t, y: response.value, mode: "lines", line: { color: tint, width: 1.4 } };
+    await Plotly.react(this.plot, [band, line], {
+      width: this.plot.clientWidth, height: HEIGHT_PX, margin: { l: 60, r: 10, t: 8, b: 42 }, showlegend: false,
+      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: colour("ink"), size: 11.5, family: "system-ui, sans-serif" },
+      xaxis: { ...axis, title: { text: "time [s]", standoff: 6 } }, yaxis: { ...axis, title: { text: `${answer.quantity} [${unit}]`, standoff: 4 } },
+    }, { displayModeBar: false });
+    this.plot.dataset.samples = t.length;
+  }
+}
