@@ -10,8 +10,11 @@ from typing import NamedTuple
 import click
 from pydantic import ValidationError
 
+from slowtime_services.logs import Format, formatter
+
 from . import version
 from .faults import readable
+from .trying import FIRST, HEADING, TRY, with_try
 
 
 class Verb(NamedTuple):
@@ -48,12 +51,16 @@ VERBS = {
     "check": Verb("keeping:check", "Look through a twin's database for damage."),
     "backup": Verb("keeping:backup", "Copy a twin's database while the server writes it."),
     "restore": Verb("keeping:restore", "Put a backup in the place of a twin's database."),
+    "export": Verb("exporting:export", "Write what a twin knows as CSV, Parquet or DTDL."),
     "record": Verb("recording:record", "Record what travels on the bus into an MCAP file."),
     "replay": Verb(
         "recording:replay", "Play a recording again and print the hash of its history."
     ),
     "recover": Verb(
         "recovering:recover", "Make a recording sound again that was cut short or not closed."
+    ),
+    "layout": Verb(
+        "viewing:layout", "Write a layout for Foxglove or Lichtblick that fits a recording."
     ),
     "import": Verb(
         "importing:import_", "Turn a text, NumPy or MATLAB record into an MCAP recording."
@@ -72,6 +79,10 @@ VERBS = {
     "evolve": Verb(
         "evolving:evolve", "Tell how stiffness and mass have changed, from frequencies."
     ),
+    "forecast": Verb(
+        "foreseeing:forecast", "Tell where a twin is heading, and when a threshold is reached."
+    ),
+    "whatif": Verb("foreseeing:whatif", "Run today's twin under a load, with bands."),
 }
 ROOMS = (
     "edge_agent", "slowtime", "slowtime_cli", "slowtime_schemas", "slowtime_services",
@@ -94,6 +105,8 @@ class Verbs(click.Group):
         command: click.Command = getattr(
             importlib.import_module(f"slowtime_cli.{module}"), name
         )
+        if HEADING not in (command.epilog or ""):
+            command.epilog = with_try(command.epilog, TRY[cmd_name])
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -105,28 +118,36 @@ class Verbs(click.Group):
 @click.group(
     cls=Verbs,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 96},
-    epilog="""\b
+    epilog=with_try(
+        """\b
 Examples:
   slowtime demo                                    the whole house, on this machine
   slowtime identify record.csv --rate-hz 200       natural frequency and damping of a record
   slowtime twin & slowtime edge --simulate tower   the same flow, process by process
 """,
+        FIRST,
+    ),
 )
 @click.version_option(version(), "-V", "--version", prog_name="slowtime")
 @click.option("-v", "--verbose", count=True, help="Say more; twice to hear the libraries too.")
 @click.option("-q", "--quiet", is_flag=True, help="Say only what went wrong.")
-def app(verbose: int, quiet: bool) -> None:
+@click.option(
+    "--log-format",
+    type=click.Choice(["text", "json"]),
+    default="text",
+    envvar="SLOWTIME_LOG_FORMAT",
+    help="How processes log: lines for people, or one JSON object a line.",
+)
+def app(verbose: int, quiet: bool, log_format: Format) -> None:
     """Digital twin for things that vibrate.
 
     An edge agent turns acceleration into natural frequencies and damping; a twin server turns
     those into the evolution of stiffness and mass in slow time, with uncertainty.
     """
     level = logging.DEBUG if verbose > 1 else logging.INFO
-    logging.basicConfig(
-        level=logging.ERROR if quiet else level,
-        stream=sys.stderr,
-        format="%(asctime)s %(levelname)-7s %(name)s: %(message)s",
-    )
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(formatter(log_format))
+    logging.basicConfig(level=logging.ERROR if quiet else level, handlers=[handler])
     for room in ROOMS if verbose and not quiet else ():
         logging.getLogger(room).setLevel(logging.DEBUG)
 

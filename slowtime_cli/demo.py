@@ -1,33 +1,34 @@
 """The verb `demo`: the whole house in one go, in accelerated slow time."""
 
-import json
 import socket
 import tempfile
 import time
-import urllib.error
-import urllib.request
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
+from slowtime_services.client import Client
+
 from .children import Children, children
 from .options import Number, OutFile
 from .structures import EPOCHS_PER_S, STRUCTURES, registration
 from .terminal import INTERRUPTED, Stop, plural, until_signalled
 
+WHOLE = {"max_points": 100_000}
 LOOK_AT = """
   Simulated structures grow old in front of you, {rate:g} epochs a second:
     demo.tower   loses stiffness (eq. 5.12), heard under ambient excitation
     demo.tank    is filled and emptied (eq. 5.13): its mass changes
     demo.wing    both at once, from hammer tests: frequency and damping tell them apart
 {more}  Look at the bands: 95 % intervals. The dashed line is what only the simulator knows.
+  To the right is the forecast, and below the charts when a threshold will be reached.
 
   The same in numbers:
     curl {url}/api/v1/twins
     curl '{url}/api/v1/twins/demo.tower/history?max_points=500'
-    curl '{url}/api/v1/twins/demo.tower/forecast?horizon=100'
+    curl '{url}/api/v1/twins/demo.tower/forecast?threshold=-0.3'
 """
 FRAME = """\
     demo.frame   three sensors on three storeys, one of which weakens after epoch 30: the
@@ -158,13 +159,16 @@ def _run(
             str(port),
             "--database",
             str(home / "twin.sqlite"),
+            "--recordings",
+            str(home / "recordings"),
         ],
     )
-    _wait_until_ready(family, url, stop)
+    client = Client(url)
+    _wait_until_ready(family, client, stop)
     if stop.is_set():
         return
     for name in names:
-        _put(f"{url}/api/v1/twins/demo.{name}", registration(name))
+        client.register(f"demo.{name}", registration(name))
     if recording is not None:
         family.start("recorder", ["record", "--connect", endpoint, "--out", str(recording)])
         _wait_for_file(family, recording, stop)
@@ -190,9 +194,7 @@ def _run(
     if stop.is_set():
         click.echo("\nEnding ...")
     for name in names:
-        click.echo(
-            summary(name, _get(f"{url}/api/v1/twins/demo.{name}/history?max_points=100000"))
-        )
+        click.echo(summary(name, client.json("GET", f"/twins/demo.{name}/history", WHOLE)))
 
 
 def _look_at(url: str, names: Sequence[str], epochs_per_s: float) -> str:
@@ -243,19 +245,16 @@ def _estimates(point: dict[str, Any]) -> dict[str, dict[str, float]]:
     return whole | (point.get("elements") or {})
 
 
-def _wait_until_ready(family: Children, url: str, stop: Stop, patience_s: float = 60.0) -> None:
+def _wait_until_ready(
+    family: Children, client: Client, stop: Stop, patience_s: float = 60.0
+) -> None:
     deadline = time.monotonic() + patience_s
     while not stop.wait(0.1):
         family.check()
-        try:
-            _get(f"{url}/readyz")
-        except (urllib.error.URLError, ConnectionError, ValueError):
-            if time.monotonic() > deadline:
-                raise RuntimeError(
-                    f"The twin server was not ready after {patience_s:g} s."
-                ) from None
-        else:
+        if client.ready():
             return
+        if time.monotonic() > deadline:
+            raise RuntimeError(f"The twin server was not ready after {patience_s:g} s.")
 
 
 def _wait_for_file(family: Children, path: Path, stop: Stop, patience_s: float = 20.0) -> None:
@@ -264,19 +263,6 @@ def _wait_for_file(family: Children, path: Path, stop: Stop, patience_s: float =
         family.check()
         if time.monotonic() > deadline:
             raise RuntimeError(f"The recorder did not begin {path} within {patience_s:g} s.")
-
-
-def _get(url: str) -> dict[str, Any]:
-    with urllib.request.urlopen(url, timeout=10) as answer:
-        body: dict[str, Any] = json.loads(answer.read())
-    return body
-
-
-def _put(url: str, body: dict[str, Any]) -> None:
-    request = urllib.request.Request(
-        url, json.dumps(body).encode(), {"Content-Type": "application/json"}, method="PUT"
-    )
-    urllib.request.urlopen(request, timeout=10).close()
 
 
 def _taken(port: int) -> bool:

@@ -10,6 +10,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from slowtime.discrepancy.diagnosis import Diagnosis
 from slowtime_schemas.diagnosis_file import DiagnosisFile, Where
 from slowtime_services.diagnose import diagnose_records, read_any, roles_of, write_results
+from slowtime_services.diagnose.run import PATIENCE_S
 from slowtime_services.diagnose.sources import split
 from slowtime_services.diagnose.words import number
 from slowtime_services.effects import known
@@ -45,10 +46,21 @@ RECORD = RecordName()
 Examples:
   slowtime diagnose rig.yaml low.csv high.csv --holdout other.csv --out found
   slowtime diagnose drive.yaml DATA_EMPS.mat --channel "force=gtau*vir" --channel x=qm
+  slowtime diagnose --history twin.sqlite --twin lab.beam --out found
+  slowtime diagnose --history bridge.csv
 """
 )
-@click.argument("model", type=IN)
-@click.argument("records", nargs=-1, required=True, type=RECORD, metavar="RECORD...")
+@click.argument("model", type=IN, required=False)
+@click.argument("records", nargs=-1, type=RECORD, metavar="RECORD...")
+@click.option(
+    "--history",
+    type=str,
+    metavar="STORE|FILE",
+    help="Instead of a model and records: what a twin's database, .csv or .npz tells of slow "
+    "time; columns slow_time, and stiffness_change, frequency_ratio or frequency_hz, each with "
+    "_sd where known; all others are what it may follow.",
+)
+@click.option("--twin", metavar="SITE.ASSET", help="Which twin of the database.")
 @click.option(
     "--holdout",
     multiple=True,
@@ -84,19 +96,31 @@ Examples:
     "--rate-hz", type=POSITIVE, help="Samples per second, where the files do not say."
 )
 @click.option(
+    "--patience",
+    "patience_s",
+    type=POSITIVE,
+    default=PATIENCE_S,
+    show_default=True,
+    metavar="SECONDS",
+    help="Processor time after which no more laws are tried.",
+)
+@click.option(
     "--unchecked",
     is_flag=True,
     help="Take records as they are, even where sizes point to a wrong unit or wire.",
 )
 def diagnose(
-    model: Path,
+    model: Path | None,
     records: tuple[str, ...],
+    history: str | None,
+    twin: str | None,
     holdout: tuple[str, ...],
     out: Path,
     quick: bool,
     effects: tuple[Path, ...],
     channels: tuple[str, ...],
     rate_hz: float | None,
+    patience_s: float,
     unchecked: bool,
 ) -> None:
     """Find what a model lacks, where and how much, from records of it.
@@ -105,7 +129,24 @@ def diagnose(
     discovery. Records carry the channels of the model by name, in one clock; each may be
     MCAP, text with a header, .npz with t or rate_hz, or MATLAB. FILE@FROM:TO is a part of
     one, in seconds from its beginning.
+
+    With --history, find what the slow changes of a twin follow: temperature, load, time, a
+    step. What is found is adopted through the twin's page or its REST interface (`clock:
+    slow`), by which the same diagnosis may be ordered.
     """
+    if history is not None:
+        if model is not None or records:
+            raise click.UsageError("--history takes no MODEL and no RECORD. Leave them out.")
+        # Only then: it brings the whole server along, which takes half a second.
+        from .looking_back import look_back
+
+        with _stages() as progress:
+            look_back(history, twin, out, progress)
+        return
+    if model is None or not records:
+        raise click.UsageError(
+            "Give a MODEL and at least one RECORD of it, or --history with a twin's database."
+        )
     kinds = known(effects)
     description = read_description(model, kinds)
     if not description.sensors:
@@ -118,7 +159,7 @@ def diagnose(
     with _stages() as progress:
         found, document = diagnose_records(
             description, learnt, judged, roles=roles, kinds=kinds, quick=quick,
-            unchecked=unchecked, progress=progress,
+            unchecked=unchecked, progress=progress, patience_s=patience_s,
         )  # fmt: skip
     for text in document.notes:
         note(text)

@@ -5,9 +5,9 @@ import csv
 import json
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import click
 from pydantic import ValidationError
@@ -26,11 +26,66 @@ from .offline import offline_twin
 from .options import POSITIVE, STDOUT, Name, Number, OutFile
 from .terminal import note, show, write_json
 
+F = TypeVar("F", bound=Callable[..., Any])
 SITE, ASSET = "offline", "record"
 NEEDED = ("slow_time", "frequency_hz", "frequency_sd")
 OPTIONAL = ("damping_ratio", "damping_sd")
 ROWS = 40
 """As many of the epochs as a person will look at."""
+
+
+Changes = Literal["stiffness", "mass", "both"]
+AS_BUILT = (
+    click.option(
+        "--changes",
+        type=click.Choice(["stiffness", "mass", "both"]),
+        default="stiffness",
+        show_default=True,
+        help="What may change; the rest is assumed to stay.",
+    ),
+    click.option(
+        "--nominal-hz",
+        type=POSITIVE,
+        help="Natural frequency as built.  [default: learnt from the first epochs]",
+    ),
+    click.option(
+        "--nominal-damping",
+        type=Number(0, 1, max_open=True),
+        help="Damping ratio as built.",
+    ),
+    click.option(
+        "--learn-epochs",
+        type=click.IntRange(min=2),
+        default=20,
+        show_default=True,
+        help="Epochs from which the nominal model is learnt.",
+    ),
+)
+"""What a twin of one mode is told of its structure."""
+
+
+def as_built(function: F) -> F:
+    """Add the options of `AS_BUILT`."""
+    for decorate in reversed(AS_BUILT):
+        function = decorate(function)
+    return function
+
+
+def registration_of(
+    changes: Changes,
+    nominal_hz: float | None,
+    nominal_damping: float | None,
+    learn_epochs: int,
+) -> Registration:
+    """Make a registration of them."""
+    if nominal_damping is not None and nominal_hz is None:
+        raise click.UsageError("--nominal-damping goes with --nominal-hz.")
+    nominal = (
+        None
+        if nominal_hz is None
+        else Nominal(frequency_hz=nominal_hz, damping_ratio=nominal_damping)
+    )
+    return Registration(changes=changes, nominal=nominal, learn_epochs=learn_epochs)
 
 
 @click.command(
@@ -45,30 +100,7 @@ frequency_hz, frequency_sd and, where the damping is known, damping_ratio and da
 """
 )
 @click.argument("source", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@click.option(
-    "--changes",
-    type=click.Choice(["stiffness", "mass", "both"]),
-    default="stiffness",
-    show_default=True,
-    help="What may change; the rest is assumed to stay.",
-)
-@click.option(
-    "--nominal-hz",
-    type=POSITIVE,
-    help="Natural frequency as built.  [default: learnt from the first epochs]",
-)
-@click.option(
-    "--nominal-damping",
-    type=Number(0, 1, max_open=True),
-    help="Damping ratio as built.",
-)
-@click.option(
-    "--learn-epochs",
-    type=click.IntRange(min=2),
-    default=20,
-    show_default=True,
-    help="Epochs from which the nominal model is learnt.",
-)
+@as_built
 @click.option(
     "--asset", type=Name(parts=2), help="SITE.ASSET, where a recording holds several."
 )
@@ -79,7 +111,7 @@ frequency_hz, frequency_sd and, where the damping is known, damping_ratio and da
 )
 def evolve(
     source: Path,
-    changes: Literal["stiffness", "mass", "both"],
+    changes: Changes,
     nominal_hz: float | None,
     nominal_damping: float | None,
     learn_epochs: int,
@@ -91,15 +123,8 @@ def evolve(
     SOURCE is what `slowtime identify --window-s` wrote, an MCAP recording of features, or a
     text file. Each epoch is judged by its own standard deviation.
     """
-    if nominal_damping is not None and nominal_hz is None:
-        raise click.UsageError("--nominal-damping goes with --nominal-hz.")
-    nominal = (
-        None
-        if nominal_hz is None
-        else Nominal(frequency_hz=nominal_hz, damping_ratio=nominal_damping)
-    )
-    registration = Registration(changes=changes, nominal=nominal, learn_epochs=learn_epochs)
-    twin_id, samples = _samples(source, asset)
+    registration = registration_of(changes, nominal_hz, nominal_damping, learn_epochs)
+    twin_id, samples = samples_of(source, asset)
     with offline_twin() as (pipeline, store):
         pipeline.register(twin_id, registration)
         pipeline.ingest(samples)
@@ -120,7 +145,8 @@ def evolve(
         write_json(out, {"points": states})
 
 
-def _samples(source: Path, asset: str | None) -> tuple[str, Iterator[Sample]]:
+def samples_of(source: Path, asset: str | None) -> tuple[str, Iterator[Sample]]:
+    """Features of a file, as the bus would have brought them, and the twin they are of."""
     if source.suffix.lower() == ".mcap":
         return _of_recording(source, asset)
     if asset is not None:

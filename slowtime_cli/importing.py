@@ -7,15 +7,12 @@ import numpy as np
 
 from slowtime_schemas.raw import RawHeader, encode_raw
 from slowtime_schemas.streams import RAW
-from slowtime_services.files import Record
+from slowtime_services.files import UNDATED_NS, Record
 from slowtime_services.record import RecordingWriter
 
 from .options import POSITIVE, Instant, Name, OutFile
 from .reading import record_flags
 from .terminal import bar, note, removed_unless_finished
-
-UNDATED_NS = 946_684_800_000_000_000
-"""2000-01-01 UTC: when a record begins that does not say when it began."""
 
 
 @click.command(

@@ -196,6 +196,11 @@ underscores); flags overrule the environment, which overrules the file.
     help="SQLite file of the history, or postgresql://user@host/name.  [default: twin.sqlite]",
 )
 @click.option(
+    "--recordings",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder of recordings (MCAP) that the page takes, gives and plays.",
+)
+@click.option(
     "--register",
     "registrations",
     type=CONFIG,
@@ -226,6 +231,7 @@ def twin(
     host: str | None,
     port: int | None,
     database: Path | str | None,
+    recordings: Path | None,
     registrations: Path | None,
     tokens: Path | None,
     tls_certificate: Path | None,
@@ -259,6 +265,7 @@ def twin(
                 port=port,
                 database=database,
                 registrations=registrations,
+                diagnose={"recordings": recordings} if recordings else None,
                 connect=_endpoints(connect, config, credentials),
                 credentials=credentials,
                 access=access or None,

@@ -1,9 +1,6 @@
 """The verbs `record` and `replay`: from the bus to a file, and back."""
 
-import json
 import math
-import os
-import urllib.request
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
@@ -24,6 +21,7 @@ from slowtime_schemas.streams import (
     parse_key,
 )
 from slowtime_services.bus import Sample
+from slowtime_services.client import AnswerError, Client, UnreachableError
 from slowtime_services.record import Recorder, Recording, free_path
 from slowtime_services.replay import Progress, contents, raw_blocks, read_recording
 from slowtime_services.replay import replay as replay_file
@@ -214,23 +212,12 @@ def _onto_the_bus(
 
 
 def _asked_of(server: str, asset: str) -> Mapping[str, object]:
-    url = f"{server.rstrip('/')}/api/v1/twins/{asset}/history/hash"
     try:
-        request = urllib.request.Request(url, headers=_who())
-        with urllib.request.urlopen(request, timeout=30) as answer:
-            digest: dict[str, object] = json.loads(answer.read())
-    except (OSError, ValueError) as error:
+        return Client(server).digest(asset).model_dump()
+    except (AnswerError, UnreachableError, ValueError) as error:
         raise click.UsageError(
-            f"--server {server} did not tell the hash of {asset}: {error}. Give the "
-            "address of a running twin server, such as http://127.0.0.1:8000."
+            f"--server {server} did not tell the hash of {asset}: {error}"
         ) from error
-    return digest
-
-
-def _who() -> dict[str, str]:
-    """Whose question it is; from the environment, since others may read arguments."""
-    token = os.environ.get("SLOWTIME_TOKEN")
-    return {"Authorization": f"Bearer {token}"} if token else {}
 
 
 def _share(tell: Callable[[float], None]) -> Callable[[Progress], None]:

@@ -93,6 +93,18 @@ METHODS = {
 }
 """How each is identified at the edge."""
 
+THRESHOLDS = {
+    "tower": ("stiffness_change", -0.3),
+    "tank": ("mass_change", 0.2),
+    "wing": ("stiffness_change", -0.3),
+    "frame": ("elements", -0.2),
+    "bridge": ("stiffness_change", -0.1),
+}
+"""When is this change reached?"""
+
+REPEATING = ("tank", "wing")
+"""Known to come again: what is filled is emptied, and that is no change of the model."""
+
 EPOCHS_PER_S = {"tower": 5.0, "tank": 5.0, "wing": 5.0, "frame": 1.0, "bridge": 5.0}
 """How fast each grows old; all modes of three channels take most of a second to identify."""
 
@@ -111,16 +123,23 @@ def registration(name: str) -> dict[str, Any]:
     twin is told nothing but to learn for a year what the temperature does.
     """
     built = STRUCTURES[name]
+    quantity, at = THRESHOLDS[name]
+    asked: dict[str, Any] = {"thresholds": [{"quantity": quantity, "at": at}]}
+    if name in REPEATING:
+        asked["process"] = "repeating"
     if name == "frame":
-        return {"changes": CHANGES[name], "model": _model(structure(name))}
+        model = _model(structure(name))
+        return {"changes": CHANGES[name], "model": model, "forecast": asked}
     if name == "bridge":
         a_year = {"train_span": WEATHER["period"] - 1.0, "train_epochs": 300}
         return {
             "changes": CHANGES[name],
             "covariates": {"names": ["temperature_c"], **a_year},
+            "forecast": asked,
         }
     body: dict[str, Any] = {
         "changes": CHANGES[name],
+        "forecast": asked,
         "nominal": {
             "frequency_hz": built["frequency_hz"],
             "damping_ratio": built["damping_ratio"],

@@ -48,7 +48,7 @@ def catches(pid: int, number: int) -> bool:
 )
 def test_ctrl_c_is_heard_while_a_router_is_waited_for(start, arguments, status):
     process = start("-v", *arguments, "--connect", NOBODY)
-    deadline = time.monotonic() + 20
+    deadline = time.monotonic() + 60
     while not catches(process.pid, signal.SIGTERM):
         assert process.poll() is None
         assert time.monotonic() < deadline
@@ -56,7 +56,7 @@ def test_ctrl_c_is_heard_while_a_router_is_waited_for(start, arguments, status):
     time.sleep(0.5)  # until Zenoh has begun to look for the router
     began = time.monotonic()
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=20)
+    out, err = process.communicate(timeout=60)
     assert (process.returncode, out) == (status, ""), err
     assert "Traceback" not in err
     assert time.monotonic() - began < 5

@@ -43,7 +43,9 @@ def test_a_missing_effect_is_named_with_its_size_and_closes_the_gap(tmp_path, mo
     )
     assert done.returncode == 0
     assert done.stderr == "note: judge.npz does not say when it begins: taken to be time 0.\n"
-    assert done.stdout.startswith("missing effect: Cubic hardening at element j")
+    assert done.stdout.startswith(
+        "missing effect: Cubic hardening (cubic_hardening) at element j"
+    )
     report = json.loads((tmp_path / "found/report.json").read_text())
     (effect,) = report["effects"]
     k3 = effect["parameters"]["k3_n_per_m3"]

@@ -1,13 +1,19 @@
 """Examples are promises: those in the help of every verb parse, and the short ones run."""
 
 import itertools
+import os
 import re
 import shlex
+import subprocess
+import sys
+from pathlib import Path
 
 import click
 import pytest
 
 from slowtime_cli.__main__ import VERBS, app
+from slowtime_cli.trying import FIRST, HEADING, LASTING, TRY
+from tests.docs.tutorials import can_run
 
 FILE = re.compile(r"[\w.-]+\.(csv|txt|npy|npz|mat|mcap|json|toml|yaml|sqlite|pem)")
 RUN = ("simulate", "identify", "evolve")
@@ -34,7 +40,7 @@ def examples(epilog: str) -> list[list[str]]:
 
 
 def of_help(name: str) -> list[list[str]]:
-    return examples(verb(name).epilog or "")
+    return examples((verb(name).epilog or "").partition(HEADING)[0])
 
 
 def parse(arguments: list[str]) -> None:
@@ -106,3 +112,41 @@ def test_the_short_examples_run_one_after_the_other(run, tmp_path):
     assert set(done) == set(RUN)
     assert len(done) >= 4
     assert (tmp_path / "states.json").exists()
+
+
+@pytest.mark.parametrize("name", VERBS)
+def test_every_help_ends_with_a_line_to_paste_that_parses(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "house").mkdir()
+    (tmp_path / "house/twin.sqlite").touch()
+    ends = (verb(name).epilog or "").partition(HEADING)[2]
+    found = examples(re.sub(r"\\\n\s+", "", ends).replace(";", "&"))
+    assert name in [example[0] for example in found]
+    for arguments in found:
+        parse(arguments)
+
+
+def test_the_first_help_ends_with_a_line_to_paste():
+    pasted = (app.epilog or "").partition(HEADING)[2]
+    assert pasted.replace("\\", "").split() == FIRST.split()
+
+
+@pytest.mark.slow
+@pytest.mark.system
+@pytest.mark.parametrize("name", ["--help", *TRY])
+def test_what_a_help_ends_with_works_when_pasted(name, tmp_path):
+    if reason := can_run():
+        pytest.skip(reason)
+    command = app if name == "--help" else verb(name)
+    (tmp_path / ".typed").write_text((command.epilog or "").partition(HEADING)[2])
+    patience = 25 if name in LASTING else 300
+    shell = f"ip link set lo up; timeout -s INT -k 9 {patience} bash -m ./.typed"
+    place = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    done = subprocess.run(
+        ["unshare", "-rn", "--kill-child", "--pid", "--fork", "bash", "-c", shell],
+        cwd=tmp_path, capture_output=True, text=True, check=False, timeout=330,
+        env=os.environ | {"PATH": place, "OPENBLAS_NUM_THREADS": "1"},
+    )  # fmt: skip
+    assert done.returncode in ((0, 124, 137) if name in LASTING else (0,)), done
+    assert "Error" not in done.stderr
+    assert "Traceback" not in done.stderr

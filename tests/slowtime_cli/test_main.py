@@ -90,11 +90,11 @@ def test_what_failed_of_ours_can_be_seen_in_full(monkeypatch):
 
 def test_the_installed_command_leaves_with_the_same_statuses(start, record):
     refused = start("identify", "missing.csv")
-    out, err = refused.communicate(timeout=30)
+    out, err = refused.communicate(timeout=60)
     assert (refused.returncode, out) == (2, "")
     assert "File 'missing.csv' does not exist" in err
     good = start("identify", record, "--out", "-")
-    out, err = good.communicate(timeout=30)
+    out, err = good.communicate(timeout=60)
     assert (good.returncode, err) == (0, "")
     assert out.startswith("{")
 
@@ -105,7 +105,7 @@ def test_ctrl_c_ends_a_job_with_130_and_one_sentence(start, tmp_path):
     process = start("identify", "endless.csv")
     with (tmp_path / "endless.csv").open("w"):  # opens once the command reads
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=30)
+        out, err = process.communicate(timeout=60)
     # The terminal's own ^C gets a line of its own.
     assert (process.returncode, out, err) == (130, "", "\nslowtime: Ended by Ctrl-C.\n")
 

@@ -36,3 +36,28 @@ def test_the_silverbox_is_named_from_its_multisines_and_foreseen_beyond_them(tmp
             for name in ("refitted_nominal", "augmented")
         }
     assert left["augmented"] <= 3e-3 < 10e-3 < left["refitted_nominal"]
+
+
+@pytest.mark.data
+@pytest.mark.slow
+def test_the_friction_of_a_drive_that_nothing_holds_is_named(tmp_path, data):
+    """Only the file's facts are told: what the force is made of, roughly how heavy it is."""
+    shutil.copy(TUTORIALS / "emps.yaml", tmp_path)
+    learnt, pulses = data / "emps/DATA_EMPS.mat", data / "emps/DATA_EMPS_PULSES.mat"
+    words = ["emps.yaml", str(learnt), "--holdout", str(pulses)]
+    roles = ["--channel", "force=gtau*vir", "--channel", "x=qm"]
+    done = subprocess.run(
+        [sys.executable, "-m", "slowtime_cli", "diagnose", *words, *roles],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    report = json.loads((tmp_path / "diagnosis/report.json").read_text())
+    first = report["effects"][0]
+    assert report["verdict"] == "missing_effect"
+    assert (first["effect"], first["where"]["id"]) == ("coulomb", "guide")
+    # Janot, Gautier and Brunot 2019: 20.39 N.
+    assert first["parameters"]["friction_n"]["value"] == pytest.approx(20.4, rel=0.05)
+    assert [effect["effect"] for effect in report["effects"]] == ["coulomb", "input_bias"]
+    assert report["effects"][1]["parameters"]["bias"]["value"] == pytest.approx(3.165, rel=0.05)
+    gap = report["gap"]
+    assert gap["augmented"] < 0.5 * min(gap["nominal"], gap["refitted_nominal"])

@@ -1,0 +1,55 @@
+"""For each verb a line that works when pasted into an empty folder; its help ends with it."""
+
+_HOUSE = "slowtime demo --duration 30 --data house --record house.mcap"
+_RECORD = "slowtime simulate --structure tower --epochs 25 --seed 1 --out tower.mcap"
+_MODES = f"{_RECORD} && slowtime identify tower.mcap --window-s 60 --hop-s 60 --out modes.json"
+
+TRY: dict[str, str] = {
+    "demo": "slowtime demo --duration 30",
+    "edge": f"{_RECORD} && slowtime edge --recording tower.mcap --speed 0",
+    "twin": "slowtime router & slowtime twin",
+    "router": "slowtime router",
+    "keys": "slowtime keys make lab --asset beam && slowtime keys list",
+    "tokens": "slowtime tokens add ann --scope viewer --site lab && slowtime tokens list",
+    "status": "slowtime router & sleep 5; slowtime status; kill %1",
+    "check": f"{_HOUSE} && slowtime check house/twin.sqlite",
+    "backup": f"{_HOUSE} && slowtime backup house/twin.sqlite --out monday.sqlite",
+    "restore": f"{_HOUSE} && slowtime backup house/twin.sqlite --out monday.sqlite && "
+    "slowtime restore monday.sqlite --database house/twin.sqlite",
+    "export": f"{_HOUSE} && slowtime export house/twin.sqlite --asset demo.tower --out a.csv",
+    "record": "slowtime router & sleep 5; "
+    "slowtime record --out house.mcap --duration 5; kill %1",
+    "replay": f"{_HOUSE} && slowtime replay house.mcap --into again.sqlite",
+    "recover": f"{_RECORD} && head -c 100000 tower.mcap > torn.mcap; "
+    "slowtime recover torn.mcap --out sound.mcap",
+    "layout": f"{_HOUSE} && slowtime layout house.mcap --out house.json",
+    "import": "seq 2000 | awk '{print sin($1 * 0.3)}' > record.csv && "
+    "slowtime import record.csv --rate-hz 100 --out record.mcap",
+    "identify": f"{_RECORD} && slowtime identify tower.mcap",
+    "simulate": _RECORD,
+    "diagnose": "(echo slow_time,frequency_hz,frequency_sd,temperature_c; seq 200 | "
+    """awk '{print $1 "," 4 - 0.03 * sin($1 / 20) + 0.007 * (rand() - 0.5) ",0.002," """
+    """10 * sin($1 / 20)}') > bridge.csv && """
+    "slowtime diagnose --history bridge.csv --out found",
+    "evolve": f"{_MODES} && slowtime evolve modes.json --nominal-hz 5",
+    "forecast": f"{_MODES} && slowtime forecast modes.json --nominal-hz 5 --threshold -0.1",
+    "whatif": f"{_MODES} && slowtime whatif modes.json --nominal-hz 5 --nominal-damping 0.01 "
+    "--load step --amplitude 1",
+}
+FIRST = f"{_RECORD} && slowtime identify tower.mcap"
+LASTING = ("twin", "router")
+"""Those whose line goes on until Ctrl-C."""
+
+HEADING = "Try it in an empty folder:"
+
+
+def with_try(epilog: str | None, line: str) -> str:
+    r"""End a help with a line to paste, each of its commands in a line of its own.
+
+    Examples
+    --------
+    >>> with_try("Well.", "slowtime a && slowtime b").split()[-6:]
+    ['slowtime', 'a', '&&', '\\', 'slowtime', 'b']
+    """
+    pasted = line.replace(" && ", " && \\\n    ").replace("; slowtime", ";\n  slowtime")
+    return f"{(epilog or '').rstrip()}\n\n\b\n{HEADING}\n  {pasted}\n"

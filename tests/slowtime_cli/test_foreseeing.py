@@ -1,0 +1,133 @@
+"""`forecast` and `whatif`: what REST answers, of a file or of a running server."""
+
+import json
+import threading
+
+import numpy as np
+import pytest
+
+from slowtime_services.bus import MemoryBus
+from twin_server.__main__ import run as run_server
+from twin_server.serve import models, simulations
+from twin_server.settings import TwinSettings
+
+NOMINAL = ("--nominal-hz", 5, "--nominal-damping", 0.01)
+LOAD = ("--load", "harmonic", "--amplitude", 0.5, "--frequency-hz", 4.5, "--draws", 20)
+
+
+@pytest.fixture
+def softening(tmp_path, monkeypatch):
+    """A text of frequencies that lose 0.3 % of their stiffness an epoch, 60 of them."""
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(3)
+    lines = ["slow_time,frequency_hz,frequency_sd,damping_ratio,damping_sd"]
+    for i in range(60):
+        frequency = 5.0 * np.sqrt(1 - 0.003 * i) + 0.003 * rng.standard_normal()
+        lines.append(f"{i},{frequency:.6f},0.003,0.011,0.001")
+    (tmp_path / "frequencies.csv").write_text("\n".join(lines) + "\n")
+    return "frequencies.csv"
+
+
+@pytest.fixture
+def server(tmp_path):
+    """A running twin server, without twins that have features."""
+    stop, ready, urls = threading.Event(), threading.Event(), []
+
+    def told(url):
+        urls.append(url)
+        ready.set()
+
+    settings = TwinSettings(database=tmp_path / "twin.sqlite", port=0)
+    bus = MemoryBus()
+    more = {"bus": bus, "stop": stop, "ready": told}
+    thread = threading.Thread(target=run_server, args=(settings,), kwargs=more)
+    thread.start()
+    assert ready.wait(60)
+    yield urls[0]
+    stop.set()
+    thread.join(60)
+    bus.close()
+
+
+def test_a_forecast_says_where_it_is_heading_and_when_a_threshold_is_reached(run, softening):
+    done = run("forecast", softening, *NOMINAL, "--threshold", -0.24, "--out", "ahead.json")
+    assert done.status == 0, done.err
+    with open("ahead.json") as file:
+        body = json.load(file)
+    models.ForecastModel.model_validate(body)
+    assert body["since"] == 59.0
+    median = body["crossings"][0]["times"][1]["slow_time"]
+    assert median == pytest.approx(80.0, abs=6.0)
+    head, *rows = done.out.splitlines()
+    assert head.split("\t") == ["slow_time", "quantity", "value", "sd", "lo", "hi"]
+    assert len(rows) == 20
+    assert "note: stiffness_change at -0.24: 10 %: by" in done.err
+    never = run("forecast", softening, *NOMINAL, "--threshold", -0.9, "--out", "-")
+    assert never.json["crossings"][0]["times"][0]["slow_time"] is None
+
+
+def test_what_if_runs_the_twin_of_the_last_epoch(run, softening):
+    done = run("whatif", softening, *NOMINAL, *LOAD, "--duration", 2, "--out", "-")
+    assert done.status == 0, done.err
+    simulations.SimulationModel.model_validate(done.json)
+    (frequency,) = done.json["today"]["frequencies_hz"]
+    assert frequency["value"] == pytest.approx(5.0 * np.sqrt(1 - 0.003 * 59), rel=0.003)
+    assert done.json["today"]["damping_ratios"][0]["value"] == pytest.approx(0.011, rel=0.02)
+    lines = run("whatif", softening, *NOMINAL, *LOAD, "--duration", 2).out.splitlines()
+    assert lines[0].split("\t")[:4] == ["t_s", "load", "mass_value", "mass_sd"]
+    assert len(lines) == 1 + len(done.json["t_s"])
+
+
+def test_a_recorded_load_is_read_from_a_file(run, softening):
+    np.savetxt("quake.csv", np.sin(np.arange(200) / 9.0), header="base", fmt="%.6f")
+    shaken = ("--load", "recorded", "--record", "quake.csv", "--rate-hz", 100)
+    done = run("whatif", softening, *NOMINAL, *shaken, "--draws", 20, "--out", "-")
+    assert done.status == 0, done.err
+    np.testing.assert_allclose(done.json["load"], np.sin(np.arange(200) / 9.0), atol=1e-6)
+    assert done.json["rate_hz"] == 100.0
+
+
+def test_a_registration_of_its_own_brings_mass_and_thresholds(run, softening):
+    nominal = {"mass_kg": 2.0, "damping_n_s_per_m": 1.3, "stiffness_n_per_m": 1973.9}
+    limits = {"thresholds": [{"quantity": "stiffness_change", "at": -0.3}]}
+    known = {"offline.record": {"nominal": nominal, "forecast": limits}}
+    with open("twins.json", "w") as file:
+        json.dump(known, file)
+    told = run("forecast", softening, "--registration", "twins.json", "--out", "-").json
+    assert [one["source"] for one in told["crossings"]] == ["registration"]
+    pushed = ("--load", "step", "--amplitude", 10, "--on", "mass", "--draws", 20)
+    asked = ("--registration", "twins.json", *pushed, "--quantity", "displacement")
+    out = run("whatif", softening, *asked, "--out", "-").json["outputs"]["mass"]
+    still = 10.0 / (1973.9 * (1 - 0.003 * 59))
+    assert np.mean(out["value"]) == pytest.approx(still, rel=0.1)
+
+
+def test_a_running_server_is_asked_and_its_refusal_is_told(run, server, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    beam = ("--server", server, "--asset", "lab.beam")
+    done = run("forecast", *beam)
+    assert done.status == 2
+    assert "No twin is called lab.beam" in done.err
+    done = run("whatif", *beam, *LOAD)
+    assert done.status == 2
+    assert "No twin is called lab.beam" in done.err
+    away = run("forecast", "--server", "http://127.0.0.1:1", "--asset", "lab.beam")
+    assert "did not answer" in away.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("forecast",), "Give SOURCE, or --server URL"),
+        (("forecast", "frequencies.csv", "--server", "http://x"), "exclude each other"),
+        (("forecast", "--server", "http://x"), "--server needs --asset"),
+        (("forecast", "frequencies.csv", "--quantity", "mass_change"), "without a threshold"),
+        (("forecast", "frequencies.csv", "--nominal-damping", "0.1"), "goes with --nominal-hz"),
+        (("whatif", "frequencies.csv", "--load", "recorded"), "needs --record"),
+        (("whatif", "frequencies.csv", "--load", "harmonic"), "amplitude"),
+        (("whatif", "frequencies.csv", *LOAD, "--channel", "a"), "go with --load recorded"),
+        (("whatif", "frequencies.csv", *LOAD, "--on", "mass"), "nominal.mass_kg"),
+    ],
+)
+def test_what_cannot_be_asked_is_refused_with_what_to_do(refused, softening, arguments, says):
+    assert says in refused(*arguments)
