@@ -4,16 +4,24 @@ import os
 import shutil
 from pathlib import Path
 
+import jaxtyping
 import pytest
 from hypothesis import settings
 
+from tests.shapes import jaxtyped
+
+# Before anything of the house is imported, which is where each function is wrapped.
+vars(jaxtyping)["jaxtyped"] = jaxtyped
+
 # The default suite takes the same examples each time; `make test-slow` looks for new ones.
-settings.register_profile("seeded", derandomize=True)
+# How long one takes says nothing on a busy machine.
+settings.register_profile("seeded", derandomize=True, deadline=None)
 settings.load_profile("seeded")
 
 ROOT = Path(__file__).parents[1]
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-PATIENCE_MS = 8000
+PATIENCE_MS = 60_000
+WINDOW = {"width": 1200, "height": 900}
 
 
 def _folder() -> Path:
@@ -56,15 +64,26 @@ def browser():
         launched.close()
 
 
-@pytest.fixture
-def visit(browser):
-    """Open pages, each in a fresh profile, that keep what was requested and complained of."""
-    contexts = []
+@pytest.fixture(scope="module")
+def _context(browser):
+    """A profile that the pages of a module share: the drawing library is read once."""
+    context = browser.new_context(viewport=WINDOW)
+    yield context
+    context.close()
 
-    def go(server, fragment="", **profile):
-        context = browser.new_context(**{"viewport": {"width": 1200, "height": 900}, **profile})
-        contexts.append(context)
+
+@pytest.fixture
+def visit(browser, _context):
+    """Open pages that keep what was requested and complained of; one asked for with a profile
+    of its own has it for itself, all others share one without cookies.
+    """
+    opened = []
+
+    def go(server, fragment="", viewport=WINDOW, **profile):
+        context = browser.new_context(viewport=viewport, **profile) if profile else _context
         page = context.new_page()
+        opened.append(context if profile else page)
+        page.set_viewport_size(viewport)
         page.set_default_timeout(PATIENCE_MS)
         page.requested, page.complaints = [], []
         page.on("request", lambda request: page.requested.append(request.url))
@@ -74,5 +93,6 @@ def visit(browser):
         return page
 
     yield go
-    for context in contexts:
-        context.close()
+    for one in opened:
+        one.close()
+    _context.clear_cookies()

@@ -10,7 +10,7 @@ from .design import GROUPS
 from .loop import close_loop, generate_pairs, tabulate_pairs
 from .peers import PEERS, peer
 from .running import Trial, diagnose, generate, run_all, score
-from .tables import leaves, tabulate, text_of
+from .tables import beside, leaves, tabulate, text_of
 
 
 def main(words: list[str] | None = None) -> int:
@@ -40,7 +40,18 @@ def main(words: list[str] | None = None) -> int:
         )
         (out / f"{trial.name}.txt").write_text(text)
         print(text)
+        print(_compared(out))
     return 0
+
+
+def _compared(out: Path) -> str:
+    """Put all tools that were scored on these cases beside each other, ours first."""
+    scored = [path for path in sorted(out.glob("*.json")) if not path.stem.endswith("-pairs")]
+    scored.sort(key=lambda path: path.stem != "slowtime")
+    told = {path.stem: json.loads(path.read_text())["tables"] for path in scored}
+    text = beside(told)
+    (out / "beside.txt").write_text(text)
+    return text
 
 
 def _pairs(out: Path, count: int, seed: int, trial: Trial) -> None:

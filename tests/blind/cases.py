@@ -14,7 +14,7 @@ from .unexplained import unexplained
 from .world import ON_BASE, Plan, Taken, World, to_json
 
 PILOT_S = 12.0
-TRIES = 12
+DESIGNS, TRIES = 8, 12
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -45,14 +45,20 @@ def draw_cases(count: int, seed: int, only: str | None = None) -> list[tuple[str
 
 
 def build(name: str, design: Design, seed: int) -> Case:
-    """Draw worlds until one carries its effects well, and take its records."""
-    for attempt in range(TRIES):
-        rng = np.random.default_rng([seed, attempt])
-        try:
-            return _build(name, design, rng)
-        except (Diverged, Unfit):
-            continue
-    raise RuntimeError(f"{design} could not be built in {TRIES} tries.")
+    """Draw worlds until one carries its effects well, and take its records.
+
+    Where none does, the same effects are asked for otherwise.
+    """
+    for again in range(DESIGNS):
+        for attempt in range(again * TRIES, (again + 1) * TRIES):
+            rng = np.random.default_rng([seed, attempt])
+            try:
+                return _build(name, design, rng)
+            except (Diverged, Unfit):
+                continue
+        other = np.random.default_rng([seed, again, 1])
+        design = draw_design(design.group, design.kinds, other)
+    raise RuntimeError(f"{design.kinds} could not be built by {DESIGNS} designs.")
 
 
 class Unfit(ValueError):

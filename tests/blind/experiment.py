@@ -4,7 +4,7 @@
 
     {"level_factor": 3.0,           # times the strongest record that was learnt from
      "band_hz": [1.0, 40.0],        # as before where not given
-     "excitation": "random",        # or multisine, sweep, sine
+     "excitation": "random",        # or multisine, sweep, sine, free_decay (one blow)
      "duration_s": 30.0,
      "start_s": 300.0,              # campaign time; else `start_part` of the campaign
      "add_sensors": [{...}],        # entries as under `sensors` of the model file
@@ -77,7 +77,11 @@ def perform(out: Path, name: str, request: Request, new_name: str) -> Path:
     new_folder.mkdir(parents=True)
     new_sealed.mkdir(parents=True)
     listing = json.loads((folder / "case.json").read_text())
-    resting = tuple(entry["channel"] for entry in request.add_inputs)
+    told = dataclasses.replace(
+        world, sensors=after.sensors, driven=(*world.driven, *_nodes(request))
+    )
+    # Whatever the request calls a force: the laboratory's own name is in model and records.
+    resting = told.channels()[len(world.driven) :]
     copied = {
         old: _copy(folder / old, new_folder, resting)
         for old in [*listing["records"], listing["holdout"]]
@@ -96,9 +100,6 @@ def perform(out: Path, name: str, request: Request, new_name: str) -> Path:
     file = f"{plan.seed % 2**24:06x}.npz"
     np.savez(new_folder / file, **({"t": taken.times} | columns))
     records = [*(copied[old] for old in listing["records"]), file]
-    told = dataclasses.replace(
-        world, sensors=after.sensors, driven=(*world.driven, *_nodes(request))
-    )
     (new_folder / "model.yaml").write_text(model_text(told))
     held = {"model": "model.yaml", "records": records, "holdout": copied[listing["holdout"]]}
     (new_folder / "case.json").write_text(json.dumps(held, indent=1))

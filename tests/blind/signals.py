@@ -51,8 +51,13 @@ def excitation(
     rate_hz: float,
     rng: np.random.Generator,
 ) -> Array:
-    """Values at the knots, of unit root mean square: random, multisine, sweep or sine."""
+    """Values at the knots, of unit root mean square: random, multisine, sweep or sine.
+
+    Or a single blow, twenty times that high, as short as the upper end of the band asks.
+    """
     count = math.ceil(seconds * rate_hz) + 1
+    if kind == "free_decay":
+        return _blow(band_hz, count, rate_hz)
     makers = {"random": _random, "multisine": _multisine, "sweep": _sweep, "sine": _sine}
     values = makers[kind](band_hz, count, rate_hz, rng)
     return np.asarray(values / np.sqrt(np.mean(values**2)))
@@ -103,3 +108,10 @@ def _sine(
 ) -> Array:
     times = np.arange(count) / rate_hz
     return np.asarray(np.sin(2 * np.pi * np.mean(band_hz) * times + rng.uniform(0, 2 * np.pi)))
+
+
+def _blow(band_hz: tuple[float, float], count: int, rate_hz: float) -> Array:
+    length = math.ceil(rate_hz / band_hz[1])
+    values = np.zeros(count)
+    values[:length] = 20.0 * np.sin(np.pi * np.arange(length) / length) ** 2
+    return values

@@ -270,3 +270,50 @@ def _said(one: dict[str, Any]) -> str:
 
 def _few(one: dict[str, Any]) -> str:
     return f"{one['right']}/{one['of']}" if one["of"] else "-"
+
+
+BESIDE = {
+    "physics named exactly": "naming physics exact",
+    "  the family": "naming physics family",
+    "  the place": "naming physics place",
+    "faults named exactly": "naming faults exact",
+    "below 10 dB, exactly": "naming weak exact",
+    "nothing missing, but claimed": "nothing discovery_claimed",
+    "only constants, said so": "nothing parameters_only_right",
+    "outside: unknown or undecided": "outside unknown_or_undecided",
+    "  sure of a wrong family": "outside sure_of_a_wrong_family",
+    "two at once: both": "two both",
+    "unseen record at the floor": "gap at_the_floor",
+    "worse than the nominal": "gap worse_than_nominal",
+    "leading number, median error": "numbers median_error",
+    "  within its 95 % interval": "numbers covered",
+    "p of 0.9 and more: right": "calibration",
+    "CPU median [s]": "cost cpu_seconds median",
+    "CPU worst [s]": "cost cpu_seconds worst",
+    "memory, worst [MiB]": "cost mebibytes worst",
+}
+"""What is told of several tools beside each other, and where it stands in the tables."""
+
+
+def beside(tables: dict[str, dict[str, Any]]) -> str:
+    """Write the figures of several tools on the same cases into one table."""
+    names = list(tables)
+    lines = [f"{'':32}" + "".join(f"{name:>24}" for name in names)]
+    lines.append(f"{'cases':32}" + "".join(f"{tables[n]['cases']:>24}" for n in names))
+    for label, way in BESIDE.items():
+        cells = [_told(_at(tables[name], way.split())) for name in names]
+        lines.append(f"{label:32}" + "".join(f"{cell:>24}" for cell in cells))
+    return "\n".join(lines) + "\n"
+
+
+def _at(tables: Any, way: list[str]) -> Any:
+    for step in way:
+        tables = tables.get(step) if isinstance(tables, dict) else None
+    # Of the bins of stated probability, the last holds all that are sure.
+    return tables[-1] if isinstance(tables, list) else tables
+
+
+def _told(value: Any) -> str:
+    if isinstance(value, dict):
+        return _said(value)
+    return "-" if value is None else f"{value:.4g}"

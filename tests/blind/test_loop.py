@@ -62,8 +62,13 @@ def test_the_loop_is_closed_by_the_proposed_experiment(pair_case):
     assert tables["decided_of_all"]["share"] == 1
 
 
-def test_a_known_force_separates_mass_from_stiffness(pair_case):
-    folder = perform(pair_case, "000000aa", Request.from_report(MASS.deciding), "000000bb")
+@pytest.mark.parametrize(("name", "called"), [("000000c1", "f1"), ("000000c2", "f_m1")])
+def test_a_known_force_separates_mass_from_stiffness(pair_case, name, called):
+    wanted = Request.from_report(MASS.deciding)
+    wanted = dataclasses.replace(
+        wanted, add_inputs=tuple(entry | {"channel": called} for entry in wanted.add_inputs)
+    )
+    folder = perform(pair_case, "000000aa", wanted, name)
     listing = json.loads((folder / "case.json").read_text())
     description = read_description(folder / "model.yaml")
     assert [entry.channel for entry in description.inputs] == ["ab", "f1"]

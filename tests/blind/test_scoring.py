@@ -11,7 +11,7 @@ from tests.blind.answers import judge
 from tests.blind.cases import draw_cases
 from tests.blind.laws import LAWS
 from tests.blind.running import Trial, run_one, score
-from tests.blind.tables import rate, tabulate, text_of
+from tests.blind.tables import BESIDE, beside, rate, tabulate, text_of
 
 HOLDOUT = (
     "import sys, json, numpy, pathlib; a = sys.argv; "
@@ -184,6 +184,21 @@ def test_the_tables_hold_every_figure_and_print(sealed):
     text = text_of(tables)
     assert "coulomb" in text
     assert json.dumps(tables)
+
+
+def test_tools_stand_beside_each_other_in_one_table(sealed):
+    truth = truth_of(["coulomb"], "listed")
+    ours = {"cpu_seconds": 3.5} | judge(truth, report_of(truth), sealed, sealed)
+    theirs = {"cpu_seconds": 1.5} | judge(truth, None, sealed, sealed)
+    lines = beside({"slowtime": tabulate([ours]), "peer": tabulate([theirs])}).splitlines()
+    assert lines[0].split() == ["slowtime", "peer"]
+    named = next(line for line in lines if line.startswith("physics named exactly"))
+    assert "100.0 % (3-100) of 1" in named
+    assert "0.0 % (0-98) of 1" in named
+    assert next(line for line in lines if line.startswith("CPU worst")).split()[-2:] == [
+        "3.5", "1.5",
+    ]  # fmt: skip
+    assert len(lines) == 2 + len(BESIDE)
 
 
 def test_intervals_are_those_of_the_binomial_law():

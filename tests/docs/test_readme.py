@@ -6,14 +6,14 @@ import shlex
 from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
-import click
 import numpy as np
 import pytest
 
 from slowtime.dynamics.oscillator import Oscillator
 from slowtime.dynamics.stepping import ambient_acceleration
-from slowtime_cli.__main__ import app, main
+from slowtime_cli.__main__ import main
 from slowtime_cli.offline import offline_twin
+from tests.docs.commands import parse
 from twin_server.pipeline import TwinKnowledge
 from twin_server.serve import Hub, create_app
 from twin_server.settings import ServeSettings
@@ -41,12 +41,7 @@ def test_the_readme_shows_the_command():
 @pytest.mark.parametrize("arguments", of_slowtime(), ids=" ".join)
 def test_every_command_of_the_readme_parses(arguments, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for word in arguments:
-        if re.fullmatch(r"[\w-]+\.\w+", word):
-            (tmp_path / word).touch()
-    command = app.get_command(click.Context(app), arguments[0])
-    assert command is not None
-    command.make_context(arguments[0], list(arguments[1:])).close()
+    parse(arguments, tmp_path)
 
 
 def test_the_offline_commands_of_the_readme_run_one_after_the_other(tmp_path, monkeypatch):

@@ -1,13 +1,31 @@
 """Faults by seed: ``python -m tests.faults --cases 200 --seed 1 --seconds 60 --jobs 4``."""
 
 import argparse
+import contextlib
 import shutil
 import sys
+import tempfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
+
+import pytest
+
+from tests.postgres import schema_of, server
 
 from .house import context
 from .run import Outcome, run_many
-from .schedule import plan
+from .schedule import Plan, plan
+
+
+@contextlib.contextmanager
+def databases(postgres: bool) -> Iterator[Callable[[Plan], str | None]]:
+    """Give the database of each plan: a file of its own, or a schema of one PostgreSQL."""
+    if not postgres:
+        yield lambda plan: None
+        return
+    with tempfile.TemporaryDirectory(prefix="slowtime-pg-") as folder:
+        with server(Path(folder) / "pg") as url:
+            yield lambda plan: schema_of(url, f"seed_{plan.seed}")
 
 
 def main() -> int:
@@ -18,6 +36,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--jobs", type=int, default=4)
     parser.add_argument("--out", type=Path, default=Path("var/faults"))
+    parser.add_argument("--postgres", action="store_true", help="in place of SQLite")
     parser.add_argument("--show", action="store_true", help="print the schedules only")
     given = parser.parse_args()
     plans = [plan(seed, given.seconds) for seed in range(given.seed, given.seed + given.cases)]
@@ -36,7 +55,12 @@ def main() -> int:
         elif outcome.said:
             print(*(f"    {said}" for said in outcome.said), sep="\n", flush=True)
 
-    outcomes = run_many(plans, given.out, given.jobs, tell)
+    try:
+        with databases(given.postgres) as database:
+            outcomes = run_many(plans, given.out, given.jobs, tell, database)
+    except pytest.skip.Exception as missing:
+        print(missing)
+        return 2
     failed = sorted(outcome.plan.seed for outcome in outcomes if outcome.faults)
     accounts = [outcome.verdict for outcome in outcomes if outcome.verdict]
     print(

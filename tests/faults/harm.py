@@ -5,16 +5,15 @@ import json
 import random
 import signal
 import socket
-import sqlite3
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
 from urllib.parse import urlparse
 
 from slowtime_schemas.streams import FEATURES, HEALTH, ROOT
 from slowtime_services.bus import BusUnreachableError, ZenohBus
 
+from .history import hold
 from .house import House
 from .schedule import RATE_HZ, Fault
 
@@ -95,24 +94,7 @@ def _disk(fault: Fault, house: House) -> Undo:
 
 
 def _lock(fault: Fault, house: House) -> Undo:
-    """Hold the database as an impolite backup or a curious person would."""
-    if "://" in house.database or not Path(house.database).exists():
-        return _nothing
-    holder = sqlite3.connect(
-        house.database, isolation_level=None, check_same_thread=False, timeout=2.0
-    )
-    try:
-        holder.execute("begin immediate")
-    except sqlite3.OperationalError:
-        holder.close()
-        return _nothing
-
-    def over() -> None:
-        with contextlib.suppress(sqlite3.Error):
-            holder.execute("rollback")
-        holder.close()
-
-    return over
+    return hold(house.database)
 
 
 def _poison(fault: Fault, house: House) -> Undo:

@@ -1,25 +1,17 @@
 """One seed: faults as scheduled, peace, the account, and a comparison with a quiet life."""
 
-import contextlib
 import heapq
 import itertools
-import json
-import sqlite3
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from slowtime_schemas.streams import FEATURES
-from slowtime_services.bus import Sample
-from slowtime_services.clock import HandClock
-from twin_server.persist import SqliteStore
-from twin_server.pipeline import Pipeline
-from twin_server.settings import TwinSettings
-
 from .harm import Undo, inflict
+from .history import differences, look
 from .house import House
-from .ledger import Key, Seen, Verdict, judge
+from .ledger import Verdict, judge
 from .schedule import ASSETS, Plan
 
 CALM_S = 4.0
@@ -27,9 +19,6 @@ CALM_S = 4.0
 
 PEACE_S = 90.0
 """How long everything may take to heal once nothing goes wrong any more."""
-
-LATER_NS = 4 * 10**18
-"""Far in the future: the quiet life judges no clock a second time."""
 
 
 class Outcome(NamedTuple):
@@ -75,7 +64,7 @@ def run(plan: Plan, home: Path, database: str | None = None) -> Outcome:
         statuses = house.end()
         faults += [f"{name} ended with {s}" for name, s in statuses.items() if s != 0]
         if not faults:
-            faults += differences(Path(database), home / "quiet.sqlite")
+            faults += differences(database, home / "quiet.sqlite")
     except Exception as error:
         faults.append(f"the harness failed: {error!r}")
     finally:
@@ -123,58 +112,13 @@ def _heal(house: House) -> tuple[Verdict, float]:
             return verdict, took_s
 
 
-def look(database: str) -> Seen:
-    """Read history and losses straight from the database, by other code than the server's."""
-    history: list[tuple[Key, bytes]] = []
-    lost: list[tuple[str, str, int, int, str]] = []
-    with contextlib.suppress(sqlite3.OperationalError):
-        with contextlib.closing(
-            sqlite3.connect(f"file:{database}?mode=ro", uri=True, timeout=5.0)
-        ) as reader:
-            for asset, boot, sequence, message in reader.execute(
-                "select asset, boot, id & ((1 << 40) - 1), message from features "
-                "join runs on number = id >> 40"
-            ):
-                history.append(((asset, boot, sequence), bytes(message)))
-            for asset, body in reader.execute("select asset, body from events"):
-                event = json.loads(body)
-                if event["kind"] == "features_lost":
-                    why = event["details"]
-                    lost.append((asset, why["boot"], why["first"], why["last"], why["why"]))
-    return Seen(history, lost)
-
-
-def differences(database: Path, quiet: Path) -> list[str]:
-    """Give the same features to a server that nothing ever happens to; say what differs."""
-    suffered, calm = SqliteStore(database), SqliteStore(quiet)
-    try:
-        pipeline = Pipeline(TwinSettings(), calm, clock=HandClock(LATER_NS))
-        for asset in ASSETS:
-            rows = suffered.messages(f"lab.{asset}", (0, -1), 10**9)
-            key = FEATURES.key("lab", asset)
-            pipeline.ingest(Sample(key, row.message, None, True) for row in rows)
-        pipeline.give_up()
-        found = []
-        for asset in ASSETS:
-            twin_id = f"lab.{asset}"
-            for what, ours, theirs in (
-                ("states", suffered.digest(twin_id), calm.digest(twin_id)),
-                ("checkpoint", suffered.twin(twin_id), calm.twin(twin_id)),
-                ("events", _derived(suffered, twin_id), _derived(calm, twin_id)),
-            ):
-                if ours != theirs:
-                    found.append(f"{what} of {twin_id} differ from those of a quiet life")
-        return found
-    finally:
-        suffered.close()
-        calm.close()
-
-
-def _derived(store: SqliteStore, twin_id: str) -> list[str]:
-    return [event.body for event in store.events(twin_id, limit=10**6) if event.derived]
-
-
-def run_many(plans: list[Plan], home: Path, jobs: int, tell: object) -> list[Outcome]:
+def run_many(
+    plans: list[Plan],
+    home: Path,
+    jobs: int,
+    tell: object,
+    database: Callable[[Plan], str | None] = lambda plan: None,
+) -> list[Outcome]:
     """Run plans, so many at a time; most of the time all of them wait."""
     outcomes: list[Outcome] = []
     left = iter(plans)
@@ -186,7 +130,7 @@ def run_many(plans: list[Plan], home: Path, jobs: int, tell: object) -> list[Out
                 plan = next(left, None)
             if plan is None:
                 return
-            outcome = run(plan, home / str(plan.seed))
+            outcome = run(plan, home / str(plan.seed), database(plan))
             with lock:
                 outcomes.append(outcome)
                 tell(outcome)  # type: ignore[operator]

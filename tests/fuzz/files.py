@@ -19,6 +19,7 @@ from slowtime_services.models import read_model
 from slowtime_services.record import RecordingWriter, recover
 from slowtime_services.replay import contents, raw_blocks, read_recording
 
+from .apart import children
 from .mutate import mutated
 from .wire import GOOD, NOW_NS
 
@@ -106,7 +107,7 @@ def in_time() -> Iterator[None]:
 def run(cases: int, seed: int, kinds: tuple[str, ...] = tuple(GOOD_FILES)) -> dict[str, int]:
     """Read `cases` files; how many of each kind were read and refused. Raises all else."""
     rng, counts = random.Random(seed), dict[str, int]()
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, children():
         for number in range(cases):
             kind = kinds[number % len(kinds)]
             path = Path(folder) / f"handed-in{kind}"

@@ -1,6 +1,7 @@
 """Bytes that were good, made bad: bits, spans, lengths, and what JSON can say at its worst."""
 
 import random
+import re
 from collections.abc import Sequence
 
 WORST = (
@@ -47,7 +48,7 @@ def _change(body: bytearray, good: Sequence[bytes], rng: random.Random) -> None:
 
 def _value(body: bytearray, rng: random.Random) -> None:
     """Put something in the place of what stands after a colon, as JSON and YAML have it."""
-    colons = [i for i, byte in enumerate(body) if byte == ord(":")]
+    colons = [found.start() for found in re.finditer(b":", body)]
     if not colons:
         return
     begin = rng.choice(colons) + 1

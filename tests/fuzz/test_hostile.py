@@ -16,7 +16,7 @@ import zstandard
 from mcap.records import Chunk
 from mcap.writer import CompressionType, IndexType, Writer
 
-from slowtime_services.files import read_record
+from slowtime_services.files import RecordError, read_record
 from slowtime_services.models import read_model
 from slowtime_services.record import chunks, recover
 from slowtime_services.record.chunks import plain
@@ -183,3 +183,15 @@ def test_a_table_made_to_take_for_ever_does_not(text):
         except ValueError as error:
             said = str(error)
     assert len(said) < 5_000
+
+
+def test_a_refusal_is_not_as_long_as_what_it_refuses(tmp_path):
+    """The two names that an archive gives its member differ, and one is 30,000 bytes long."""
+    path = tmp_path / "a.npz"
+    np.savez(path, acc=np.zeros(4000))
+    content = bytearray(path.read_bytes())
+    content[26:28] = (30_000).to_bytes(2, "little")
+    path.write_bytes(content)
+    with pytest.raises(RecordError, match=r"cannot be read as \.npz") as refused:
+        read_record(path)
+    assert len(str(refused.value)) < 1_000

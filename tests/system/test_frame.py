@@ -38,7 +38,7 @@ def test_the_page_names_the_storey_that_loses_stiffness(house, visit):
     house.twin()
     learn = {"learn_epochs": 10, "confirm_readings": 2}
     house.put("/api/v1/twins/lab.frame", {"changes": "elements", "model": model, **learn})
-    page = visit(house)
+    page = visit(house, "#lab.frame")
     expect(page.locator('[id="lab.frame"]')).to_contain_text("no features yet")
     page.evaluate("window.untouched = true")
     house.edge(EDGE)

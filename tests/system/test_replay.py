@@ -46,7 +46,7 @@ def test_a_recording_gives_the_same_history_at_any_speed_and_the_same_features(h
                     "kind": "simulated",
                     "every_s": 0.1,
                     "structure": structure(
-                        60,
+                        30,
                         seed=seed,
                         stiffness={"kind": "linear", "rate": -0.002},
                         sensor={"spikes_per_epoch": 0.5, "dropouts_per_epoch": 0.3},
@@ -57,7 +57,7 @@ def test_a_recording_gives_the_same_history_at_any_speed_and_the_same_features(h
         )
     assert house.wait("mast") == 0
     assert house.wait("deck") == 0
-    house.until(lambda: len(house.history("lab.deck")) == 60, "the last epochs")
+    house.until(lambda: len(house.history("lab.deck")) == 30, "the last epochs")
     original = {
         twin: house.get(f"/api/v1/twins/{twin}/history/hash")["sha256"]
         for twin in ("lab.mast", "lab.deck")
@@ -79,4 +79,4 @@ def test_a_recording_gives_the_same_history_at_any_speed_and_the_same_features(h
         assert hashes(said) == original
         assert house.end("twin") == 0
 
-    assert "120 of 120 features identical" in slowtime("replay", str(recording), "--edge")
+    assert "60 of 60 features identical" in slowtime("replay", str(recording), "--edge")
