@@ -8,7 +8,7 @@ BIN := .venv/bin
 export OPENBLAS_NUM_THREADS ?= 1
 PIP_INSTALL := $(BIN)/python -m pip --disable-pip-version-check --quiet install -c constraints.txt
 
-.PHONY: demo test test-slow blind blind-pairs blind-slow peers faults load check bench gallery surrogates figures docs clean help
+.PHONY: demo test test-slow blind blind-pairs blind-slow peers peers-torch faults load check bench tutorials gallery surrogates figures docs pictures clean help
 
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
@@ -30,6 +30,9 @@ blind-pairs: .venv/dev  ## what cannot be decided, the experiment proposed, and 
 	$(BIN)/python -m tests.blind pairs --cases $(or $(N),28) --seed $(or $(SEED),1) --out var/blind/pairs-$(or $(SEED),1)
 
 peers: .venv-peers/ready  ## other tools to compare with, in an environment of their own
+
+peers-torch: .venv-peers/ready  ## GPyTorch beside them, for `make bench`: 5 GB
+	.venv-peers/bin/python -m pip --disable-pip-version-check --quiet install -c constraints.txt -e '.[peers-torch]'
 
 blind-slow: .venv/dev  ## hidden histories by the hundred: what is named, what is made up; SEED=1 CASES=100
 	$(BIN)/python -m tests.slowtime.discrepancy.slow.battery --seed $(or $(SEED),1) --cases $(or $(CASES),100)
@@ -61,6 +64,9 @@ load: .venv/dev  ## ten thousand assets on this machine: loss, latencies, memory
 bench: .venv/dev .venv-peers/ready  ## every figure of speed, memory and accuracy, as ratios, also to peers
 	$(BIN)/python -m benchmarks
 
+tutorials: .venv/dev  ## each tutorial typed to the letter in an empty folder; ONLY="first_hour or court"
+	$(BIN)/python -m pytest -q -m slow tests/docs/test_tutorials.py -k "$(or $(ONLY),tutorial)"
+
 gallery: .venv/dev  ## twelve hidden effects from the command line to the report; pictures in docs/gallery
 	$(BIN)/python docs/gallery/build.py
 
@@ -88,6 +94,11 @@ figures: .venv/dev  ## draw the book's figures into docs/figures
 	@echo "Setting up .venv-peers ..."
 	@$(BIN)/python -m venv .venv-peers
 	@.venv-peers/bin/python -m pip --disable-pip-version-check --quiet install -c constraints.txt -e '.[peers]' && touch $@
+
+pictures: .venv/dev  ## take the pictures of the page, in every view, into docs
+	$(BIN)/python docs/figures/page.py
+	$(BIN)/python docs/figures/frame.py
+	$(BIN)/python docs/figures/diagnosis.py
 
 clean:  ## remove what the other words have made
 	rm -rf .venv .venv-peers .venv-audit var build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -24,8 +24,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import zenoh
 
+from slowtime.evolution import (
+    mass_from_frequency,
+    stiffness_and_mass,
+    stiffness_from_frequency,
+)
 from slowtime_schemas.codec import decode, encode
 from slowtime_schemas.messages import Features, Mode, Quality
 from slowtime_schemas.quantities import Quantity
@@ -36,7 +42,7 @@ from twin_server.persist import SqliteStore
 from twin_server.pipeline import Pipeline
 from twin_server.settings import TwinSettings
 
-from .transport import bare_config, free_port
+from .transport import bare_config, free_port, seconds
 
 ASSETS = 100
 EACH, FIRST = 425, 25
@@ -283,6 +289,29 @@ def tell_wire() -> None:
         )
 
 
+def compare_estimates(readings: int = 1000) -> None:
+    """Print what making readings into changes costs, beside validating as many messages."""
+    rng = np.random.default_rng(1)
+    ratio, zeta = rng.normal(0.95, 0.02, readings), rng.normal(0.02, 0.001, readings)
+    payload = encode(message("beam", 1))
+
+    def read() -> None:
+        for _ in range(readings):
+            Features.model_validate_json(payload)
+
+    estimates: dict[str, Callable[[], object]] = {
+        "stiffness": lambda: stiffness_from_frequency(ratio, 0.001),
+        "mass": lambda: mass_from_frequency(ratio, 0.001),
+        "both": lambda: stiffness_and_mass(ratio, 0.001, zeta, 0.05, damping_ratio_0=0.02),
+    }
+    floor, *own = seconds(read, *estimates.values(), rounds=5)
+    for name, took in zip(estimates, own, strict=True):
+        print(
+            f"estimate of {name}, {readings:,} readings: {1e3 * took:.2f} ms, "
+            f"{took / floor:.3f} of validating as many messages"
+        )
+
+
 def tell_memory(folder: Path) -> None:
     """Memory of a thousand twins, by a process that holds them and one that holds none."""
     grown = []
@@ -332,6 +361,7 @@ def main() -> None:
             compare_latency(endpoint, Path(folder))
             tell_memory(Path(folder))
         tell_wire()
+        compare_estimates()
     finally:
         router.terminate()
         router.wait()

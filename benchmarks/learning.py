@@ -1,8 +1,7 @@
 """Filters and streaming processes: speed beside peers in the same run, and bands that hold.
 
-Run `python -m benchmarks.learning`. A peer that is not installed is left out, and that is said;
-`make bench` installs scikit-learn and filterpy into .venv-peers. GPyTorch brings all of PyTorch
-along and is compared with where it happens to be there.
+Run `python -m benchmarks.learning`. A peer that is not installed is left out, and that is said:
+`make bench` installs scikit-learn and filterpy into .venv-peers, `make peers-torch` GPyTorch.
 """
 
 import dataclasses

@@ -7,11 +7,11 @@ is of all modes of a case together; errors are divided by the uncertainty law (`
 no noise, no neighbours, the whole spectrum), which two modes as close as their bandwidth
 cannot reach.
 
-Three methods read the same records: `identify_modes`; covariance-driven subspaces alone, at the
-order, of many, whose errors turn out least, which nobody could know from one record; and the
-fast Bayesian FFT from the frequencies that `identify_modes` found. Seeds are the numbers of the
-runs. Sensors of the long chain stand where no two neighbouring modes look alike (MAC below
-0.2); evenly spaced ones would see modes 8 and 9 in one and the same shape.
+Three methods read the same records: `identify_modes`; subspaces alone, past and future whitened
+as there, at the order, of many, whose errors turn out least, which nobody could know from one
+record; and the fast Bayesian FFT from the frequencies that `identify_modes` found. Seeds are
+the numbers of the runs. Sensors of the long chain stand where no two neighbouring modes look
+alike (MAC below 0.2); evenly spaced ones would see modes 8 and 9 in one and the same shape.
 
 `--out FILE` writes what each run found as a line of JSON, and makes no run that is there anew.
 """
@@ -58,7 +58,7 @@ SSI_LIMIT, BAYES_LIMIT = 1.3, 1.15
 
 ROWS = 24
 ORDERS_BEYOND = range(2, 26, 4)
-"""Block rows of the plain subspaces, and states of their models beyond those of the modes."""
+"""Block rows of the subspaces alone, and states of their models beyond those of the modes."""
 
 AUTOMATIC, SUBSPACES, BAYES = "identify_modes", "subspaces alone", "Bayesian FFT"
 
@@ -222,7 +222,9 @@ def run(case: Case, seed: int) -> Run:
     found[AUTOMATIC] = _structural(result.modes), time.process_time() - begun
     begun = time.process_time()
     orders = _orders(case)
-    poles = ssi_covariance(record, case.rate_hz, block_rows=ROWS, orders=orders, shapes=False)
+    poles = ssi_covariance(
+        record, case.rate_hz, block_rows=ROWS, orders=orders, shapes=False, weighting="both"
+    )
     spent = time.process_time() - begun
     found |= {f"{SUBSPACES} {order}": (_of_order(poles, order), spent) for order in orders}
     begun = time.process_time()

@@ -21,7 +21,7 @@ from playwright.sync_api import Locator, expect, sync_playwright
 DOCS = Path(__file__).parents[1]
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 MOST_BYTES = 400_000
-PATIENCE_MS = 180_000
+PATIENCE_MS = 240_000
 SECONDS = 10.0
 TWIN = "lab.rig"
 MODEL: dict[str, Any] = {
@@ -47,7 +47,7 @@ MODEL: dict[str, Any] = {
 STRUCTURE = {
     "kind": "model", "model": MODEL, "seconds": SECONDS, "interval_s": SECONDS,
     "rate_hz": 100.0, "input_rms": 5.0, "band_hz": [0.5, 15.0], "sensor": {"noise": 0.02},
-    "effects": [{"effect": "coulomb", "element": "j2", "friction_n": 1.5}], "enters": 60,
+    "effects": [{"effect": "coulomb", "element": "j2", "friction_n": 1.5}], "enters": 160,
 }  # fmt: skip
 REGISTRATION = {
     "name": "Rig",
@@ -114,10 +114,9 @@ def _pictures(url: str) -> None:
             locale="en-GB",
             timezone_id="UTC",
         )
-        page.goto(url)
+        page.goto(f"{url}/#{TWIN}/diagnosis")
         room = page.locator(f'[id="{TWIN}"] .diagnosis')
         expect(room).to_have_attribute("data-gap", "disagreeing", timeout=PATIENCE_MS)
-        room.locator("summary").click()
         page.wait_for_timeout(8_000)
         room.get_by_role("button", name="Ask what the model lacks").click()
         job = room.locator(".jobs > li").first

@@ -105,7 +105,7 @@ def take(url: str, out: Path) -> None:
             locale="en-GB",
             timezone_id="UTC",
         )
-        page.goto(url)
+        page.goto(f"{url}/#demo.frame")
         panel = page.locator('[id="demo.frame"]')
         expect(panel.locator(".verdict")).to_have_text(re.compile("storey2 has lost"))
         past = panel.locator('[data-quantity="elements-history"]')
