@@ -108,7 +108,7 @@ def test_a_router_that_is_killed_and_comes_back_costs_no_feature(tmp_path):
             )
             assert (held["first"], held["last"]) == (0, wanted - 1)
             again = twin.ask(
-                request_key("lab", "beam", "features"), {"boot": held["boot"]}, timeout_s=10.0
+                request_key("lab", "beam", "features"), {"boot": held["boot"]}, timeout_s=60.0
             )
             kept = [sample.payload for sample in again]
             assert [Features.model_validate_json(p).sequence for p in kept] == [*range(wanted)]

@@ -65,8 +65,9 @@ def traced(tmp_path_factory):
         run_edge(edge_settings(folder), bus=edge_bus, stop=threading.Event(), traces=traces)
         url = f"{urls[0]}/api/v1/twins/lab.mast"
         headers = {"traceparent": PARENT}
-        assert httpx.get(url, headers=headers).status_code == 200
-        assert httpx.get(f"{urls[0]}/api/v1/twins/lab.nobody").status_code == 404
+        assert httpx.get(url, headers=headers, timeout=60).status_code == 200
+        nobody = httpx.get(f"{urls[0]}/api/v1/twins/lab.nobody", timeout=60)
+        assert nobody.status_code == 404
     finally:
         stop.set()
         thread.join(60)

@@ -37,7 +37,7 @@ def test_an_item_larger_than_the_inbox_passes_when_it_is_alone():
 def test_a_waiting_worker_wakes_for_an_item_and_for_the_end():
     inbox, taken = Inbox[int](), []
     worker = threading.Thread(
-        target=lambda: taken.extend([inbox.take(timeout_s=5), inbox.take(timeout_s=None)])
+        target=lambda: taken.extend([inbox.take(timeout_s=60), inbox.take(timeout_s=None)])
     )
     worker.start()
     inbox.put(1)

@@ -40,7 +40,7 @@ def join(router, authority):
 
     def connect(folder, mode="client"):
         options = Credentials.read(authority.home / folder, at_any_time=True).client_options()
-        bus = ZenohBus(mode, [router], options=options, open_timeout_s=1.0)
+        bus = ZenohBus(mode, [router], options=options, open_timeout_s=60.0)
         joined.append(bus)
         return bus
 

@@ -63,7 +63,7 @@ class Ledger:
             return
         self.asked += 1
         parameters = {"boot": run[2], "first": str(missing[0]), "last": str(missing[-1])}
-        for answer in self.bus.ask(request_key(*run[:2], "features"), parameters, timeout_s=5):
+        for answer in self.bus.ask(request_key(*run[:2], "features"), parameters, timeout_s=60):
             message = decode_sample(answer.key, answer.payload)
             assert isinstance(message, Features)
             self.accept(message, answer.payload)

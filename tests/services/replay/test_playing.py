@@ -48,10 +48,10 @@ def test_a_slow_receiver_loses_nothing(buses, house, ledger):
 def test_a_lost_acknowledgement_is_asked_for_again(buses, house, ledger):
     path, expected = house(200)
     twin = ledger(buses[1], mute=52)
-    played = replay(path, buses[0], speed=math.inf, window=50, patience_s=20.0)
+    played = replay(path, buses[0], speed=math.inf, window=50, patience_s=60.0)
     assert twin.kept == expected
     assert played.complete
-    assert played.duration_s < 20.0
+    assert played.duration_s < 60.0
 
 
 def test_what_the_receiver_missed_it_can_ask_for_the_lost_end_too(buses, house, ledger):
@@ -126,7 +126,7 @@ def test_where_nobody_confirms_it_plays_on_and_says_so(house):
     assert len(got) == played.features == 250
     assert played.acknowledged == 0
     assert not played.complete
-    assert played.duration_s < 5
+    assert played.duration_s < 25  # not 0.2 s for each of 250
 
 
 def _stamp(now_ns, keep, _sample):

@@ -120,7 +120,9 @@ def test_channels_that_say_the_same_are_as_good_as_one():
     alone = identify_modes(motion[:, 0], RATE)
     again = identify_modes(np.repeat(motion, 3, axis=1), RATE)
     assert len(alone.structural) == 3
-    np.testing.assert_allclose(values(again.modes), values(alone.modes), rtol=5e-3)
+    # Three that are one leave directions of rounding alone, other ones on other machines.
+    sd = np.array([(m.frequency_hz.sd, m.damping_ratio.sd) for m in alone.modes])
+    assert (np.abs(values(again.modes) - values(alone.modes)) <= 0.25 * sd).all()
 
 
 def test_the_record_is_left_as_it_was_and_tells_the_same_again(record, result):

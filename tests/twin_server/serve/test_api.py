@@ -365,7 +365,7 @@ def test_not_ready_says_what_is_wrong(serving):
 
 def test_nonsense_on_the_socket_does_not_end_the_server(server):
     host, port = server.url.removeprefix("http://").split(":")
-    with socket.create_connection((host, int(port)), 5) as raw:
+    with socket.create_connection((host, int(port)), 60) as raw:
         raw.sendall(b"\x16\x03\x01 not http at all\r\n\r\n")
         assert raw.recv(100).startswith(b"HTTP/1.1 400")
     assert server.get("/healthz").status_code == 200

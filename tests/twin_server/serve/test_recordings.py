@@ -194,7 +194,9 @@ def test_who_asks_sees_only_what_is_all_of_their_sites(serving, ageing, tmp_path
 
     def ask(who, method, path="", **more):
         headers = {"Authorization": f"Bearer {words[who]}"}
-        return httpx.request(method, f"{server.url}{BASE}{path}", headers=headers, **more)
+        return httpx.request(
+            method, f"{server.url}{BASE}{path}", headers=headers, timeout=60, **more
+        )
 
     beyond = ask("other", "PUT", "/lab.mcap", content=content)
     assert (beyond.status_code, list(folder.iterdir())) == (403, [])

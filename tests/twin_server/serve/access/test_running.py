@@ -56,7 +56,7 @@ def test_a_stream_ends_with_its_token(guarded_server, tokens, monkeypatch, agein
         tokens.revoke(word.split("_")[1])
         rest = list(lines)  # comes to an end
     assert not any(line.startswith("event: state") for line in rest[-1:])
-    again = httpx.get(f"{guarded_server.url}{TWIN}", headers=headers)
+    again = httpx.get(f"{guarded_server.url}{TWIN}", headers=headers, timeout=60)
     assert again.status_code == 401
     assert again.json()["detail"].startswith("The token lets nobody in. It is revoked.")
 
@@ -148,16 +148,13 @@ def test_beyond_this_machine_it_speaks_tls(tmp_path, tokens, admin):
         url = urls[0].replace("0.0.0.0", "127.0.0.1")
         assert url.startswith("https://")
         trust = ssl.create_default_context(cafile=str(folder / "ca.pem"))
-        answer = httpx.get(
-            f"{url}/api/v1/twins", headers={"Authorization": f"Bearer {admin}"}, verify=trust
-        )
-        assert answer.status_code == 200
-        begun = httpx.post(
-            f"{url}/api/v1/session", headers={"Authorization": f"Bearer {admin}"}, verify=trust
-        )
+        headers = {"Authorization": f"Bearer {admin}"}
+        with httpx.Client(base_url=url, headers=headers, verify=trust, timeout=60) as client:
+            assert client.get("/api/v1/twins").status_code == 200
+            begun = client.post("/api/v1/session")
         assert "Secure" in begun.headers["set-cookie"]
         with pytest.raises(httpx.HTTPError):
-            httpx.get(f"{url.replace('https', 'http')}/healthz")
+            httpx.get(f"{url.replace('https', 'http')}/healthz", timeout=60)
     finally:
         stop.set()
         thread.join(60)
