@@ -26,9 +26,11 @@ from .gap import (
 )
 from .locate import Located, character
 from .naming import Named, misfit
+from .patchwork import humbled, pieces_of_one
 from .records import Campaign, Trial
 from .refit import Fit
 from .screen import Finding, screen
+from .unlinked import Link
 from .values import with_values
 from .verdict import FALSE_ALARM, fault_of, moved_of, verdict_of
 
@@ -41,8 +43,8 @@ FORETOLD, BY_ONE = 1.01, 0.1
 """Error over that of noise alone at which a record that was never seen is met: whatever the
 others leave, what explains this is not unknown; and share of the error of the refitted model
 to which one law alone has to bring it down, where noise is so low that no law ever meets it."""
-MANY, PATCHED = 3, 0.8
-"""Laws from which on a model is patchwork; chance that such a one holds the right ones."""
+HALF = 0.5
+"""Share of what was missing that is left where nothing that was named was near."""
 CLOSED = 0.9
 """Share to which an error has to fall before it is said to; the floor is met within as much."""
 
@@ -72,6 +74,8 @@ class Found:
         Element at which no law that was named can be what is there.
     near
         Whether what is undecided may be a law near the one named, and not known.
+    link
+        A spring that the model has not got, and that explains more than what was named.
     """
 
     fits: list[Fit]
@@ -89,6 +93,7 @@ class Found:
     ended: bool = False
     refuted: Place | None = None
     near: bool = False
+    link: Link | None = None
 
 
 def report(
@@ -112,9 +117,10 @@ def report(
     foretold = bool(campaign.holdout and found.answers) and _foretold(
         found, [float(step.error.mean()) for step in steps], floor, kinds
     )
-    unknown = found.refuted is not None
+    unknown = found.refuted is not None or found.link is not None
     unknown = unknown or (not found.undecided and not foretold and _unknown(found))
-    answers = _once([*(() if unknown else humbled(found)), *faults])
+    sure = humbled(found.answers, len(found.fits) - 1, kinds)
+    answers = _once([*(() if unknown else sure), *faults])
     verdict, sentence = _word(found, answers, first, kinds)
     if unknown:
         verdict, sentence = "unknown_effect", _unnamed(found, kinds)
@@ -155,7 +161,7 @@ def report(
             *(
                 (f"Nearest: {a.sentence}" for a in found.answers)
                 if unknown
-                else _besides(found)
+                else (*_pieced(found, kinds), *_besides(found))
             ),
         ),
     )
@@ -211,14 +217,12 @@ def _besides(found: Found) -> tuple[str, ...]:
     )
 
 
-def humbled(found: Found) -> list[Answer]:
-    """Give the answers, less sure where it took many laws: they may be one that is unknown."""
-    if len(found.fits) - 1 < MANY:
-        return found.answers
-    return [
-        dataclasses.replace(answer, probability=PATCHED * answer.probability)
-        for answer in found.answers
-    ]
+def _pieced(found: Found, kinds: Mapping[str, Kind]) -> tuple[str, ...]:
+    """Say of two curves at one place that they may be one that is not known."""
+    return tuple(
+        f"Two laws over the {variable} at {place} may be one that is none of those known here."
+        for place, variable in pieces_of_one(found.answers, kinds).items()
+    )
 
 
 def _once(answers: Sequence[Answer]) -> list[Answer]:
@@ -256,10 +260,22 @@ def _unnamed(found: Found, kinds: Mapping[str, Kind]) -> str:
     near = " with ".join(
         f"{kinds[a.effect.kind].words} at {a.effect.place}" for a in found.answers
     )
+    if found.link is not None:
+        return (
+            f"Something is missing between {' and '.join(found.link.between)}, which nothing "
+            f"joins in the model: {found.link} explains more than any effect known here. If "
+            "there may be one, add it to the model and look again."
+            + (f" The nearest effect is {near}." if near else "")
+        )
     place, but = found.refuted, "follows another curve"
     if place is None:
-        assert found.left is not None
-        place, but = found.left.best, "leaves more than the noise"
+        # What was named without explaining much tells nothing of where to look.
+        first, rest = found.located, found.left
+        assert first is not None
+        assert rest is not None
+        far = _still_left(found) > HALF
+        place, but = (first if far else rest).best, "leaves more than the noise"
+        near = "" if far else near
     return (
         f"Something is missing at {place} that is none of the effects known here; "
         "its force is drawn as it was recovered."

@@ -1,24 +1,30 @@
 """A campaign in, its diagnosis out: screen, refit, locate, name, refit, judge."""
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping
 
 from slowtime.dynamics.effects import Kind, catalogue
 from slowtime.dynamics.plant import Plant
 
-from .answer import MANY, UNWHITE, Found, report
+from .answer import BY_ONE, UNWHITE, Found, report
 from .between import found_holds, held_as
-from .diagnosis import Diagnosis, Rival
+from .diagnosis import Diagnosis, Named, Rival
 from .floating import offsets, with_offsets
 from .gap import whiteness
 from .misled import unmisled
+from .naming import evidence
+from .patchwork import MANY
 from .pruning import pruned
 from .records import Campaign, Trial
 from .refit import refit
 from .refuted import refuted
 from .screen import screen
 from .search import EXPLAINED, Search, search
+from .unbent import unbent
 from .undriven import diagnose_undriven
+from .unlinked import best_link, instead_of
+from .verdict import LEAST_GAIN
 from .watch import Progress, Stop, Watch
 
 EITHER = 0.5
@@ -77,6 +83,7 @@ def diagnose(
         campaign = dataclasses.replace(campaign, description=held)
     unmisled(found, campaign)
     _prune(found, found.trials, known)
+    _link(found, len(start.effects), known, tell)
     _refute(found, len(start.effects), known)
     if len(start.effects) > len(campaign.description.effects):
         told = offsets(found.fits[-1], campaign.description, known)
@@ -97,6 +104,39 @@ def _prune(found: Found, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]) -
         found.undecided, found.pair = (), None
 
 
+def _link(found: Found, first: int, kinds: Mapping[str, Kind], tell: Watch) -> None:
+    """Take back a hidden oscillator, or that no law is known, where a spring explains it."""
+    last = found.fits[-1]
+    if found.ended or found.holds is not None or len(last.states) != len(found.trials):
+        return
+    for number, answer in enumerate(found.answers):
+        latest = number == len(found.answers) - 1 and len(found.fits) == number + 2
+        before = found.fits[-2] if latest else None
+        link = instead_of(last, first + number, before, found.trials, kinds)
+        lead = -math.inf if link is None else link.named.score - evidence(last, kinds)
+        if lead > LEAST_GAIN:
+            found.link, found.undecided, found.pair = link, (), None
+            return
+        if lead > -LEAST_GAIN and not found.undecided:
+            _doubt(found, number, answer)
+    worst = found.fits[0].chi2_in_band
+    if last.chi2_in_band < EXPLAINED or tell.hurries or found.undecided:
+        return
+    link = best_link(unbent(found.fits[0], found.trials), None, found.trials, kinds, tell)
+    if link is not None and link.named.fit.chi2_in_band < min(
+        BY_ONE * worst, last.chi2_in_band
+    ):
+        found.link = link
+
+
+def _doubt(found: Found, number: int, answer: Named) -> None:
+    """Hold a law for no likelier than one that is not known."""
+    found.near = True
+    found.answers[number] = dataclasses.replace(answer, probability=EITHER)
+    rival = Rival(answer.effect.kind, answer.effect.place, EITHER)
+    found.undecided = (*found.undecided, rival)
+
+
 def _refute(found: Found, first: int, kinds: Mapping[str, Kind]) -> None:
     """Be sure of no law that does nothing of its own, and take none that is refuted.
 
@@ -115,9 +155,5 @@ def _refute(found: Found, first: int, kinds: Mapping[str, Kind]) -> None:
     if not doubt.idle:
         found.refuted = doubt.place
         return
-    found.near = True
     for number in doubt.idle:
-        unsure = dataclasses.replace(found.answers[number - first], probability=EITHER)
-        found.answers[number - first] = unsure
-        rival = Rival(unsure.effect.kind, unsure.effect.place, EITHER)
-        found.undecided = (*found.undecided, rival)
+        _doubt(found, number - first, found.answers[number - first])

@@ -1,6 +1,7 @@
 """Linear additions: stiffness lost, damping or mass gained, a hidden oscillator."""
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -9,6 +10,11 @@ from .kind import Hidden, Kind, Motion, Parameter, Shape, Square, Values
 
 _NONE = np.zeros((1, 1))
 _TIE = np.array([[1.0, -1.0], [-1.0, 1.0]])
+
+RINGS = 0.3
+"""Damping ratio up to which a hidden mass swings by itself: beyond that it dies within a
+period, and does what any branch does that gives way in time. Den Hartog's absorbers have 0.27
+at most, up to a hidden mass of a quarter of the node's."""
 
 
 def damped(p: Values) -> tuple[Square, Square, Square]:
@@ -31,6 +37,12 @@ def ridden(p: Values) -> tuple[Square, Square, Square]:
     mass, frequency, damping = p
     stiffness = mass * (2 * math.pi * frequency) ** 2
     return np.diag([0.0, mass]), damping * _TIE, stiffness * _TIE
+
+
+def rings(parameters: Mapping[str, float], motion: Motion) -> bool:
+    """Whether a hidden mass swings by itself rather than lags."""
+    critical = 4 * math.pi * parameters["frequency_hz"] * parameters["mass_kg"]
+    return parameters["damping_n_s_per_m"] <= RINGS * critical
 
 
 def resonances(motion: Motion) -> list[Shape]:
@@ -114,5 +126,6 @@ KINDS = (
         strength="mass_kg",
         scales=("damping_n_s_per_m",),
         shapes=resonances,
+        shown=rings,
     ),
 )

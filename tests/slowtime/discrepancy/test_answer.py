@@ -5,11 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from slowtime.discrepancy.answer import Found, humbled
 from slowtime.discrepancy.naming import Named, evidence
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refit import refit
-from slowtime.discrepancy.verdict import DECIDED, answer_of, rivals_within, shares_of
+from slowtime.discrepancy.verdict import rivals_within, shares_of
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Input, Sensor
 from slowtime.dynamics.effects import Effect, Place, catalogue
@@ -32,23 +31,13 @@ def named():
     seen = plant.simulate(plant.values, push, 64.0) + 1e-5 * rng.standard_normal((200, 1))
     trials = (Trial(inputs=push, outputs=seen, rate_hz=64.0),)
     fit = refit(plant, trials, horizons=(1.0,))
-    return Named(effect, plant.description, fit, evidence(fit, KINDS)), trials
-
-
-def test_what_takes_many_laws_is_never_sure(named):
-    one, trials = named
-    answer = answer_of([one], [1.0], KINDS)
-    two = Found([one.fit] * 3, trials, answers=[answer] * 2)
-    assert [a.probability for a in humbled(two)] == [1.0, 1.0]
-    three = Found([one.fit] * 4, trials, answers=[answer] * 3)
-    assert all(a.probability < DECIDED for a in humbled(three))
+    return Named(effect, plant.description, fit, evidence(fit, KINDS))
 
 
 def test_constants_that_may_be_off_take_their_share(named):
-    one, _ = named
-    assert shares_of([one]) == [1.0]
-    (share,) = shares_of([one], [one.score])
+    assert shares_of([named]) == [1.0]
+    (share,) = shares_of([named], [named.score])
     assert share == pytest.approx(0.5)
-    lesser = dataclasses.replace(one, score=one.score - 100.0)
-    shares = shares_of([one, lesser], [one.score])
-    assert [rival.effect for rival in rivals_within([one, lesser], shares)] == ["added_mass"]
+    lesser = dataclasses.replace(named, score=named.score - 100.0)
+    shares = shares_of([named, lesser], [named.score])
+    assert [rival.effect for rival in rivals_within([named, lesser], shares)] == ["added_mass"]

@@ -1,0 +1,71 @@
+"""What was found, law by law, in; how sure one can be where several may stand for one, out.
+
+Enough laws follow any motion, and two curves of one elongation any third. Such a model may
+foretell as well as the right one; what it names is what was at hand.
+"""
+
+import dataclasses
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+import numpy as np
+
+from slowtime.dynamics.effects import Effect, Friction, Kind, Law, Motion, Place, force_along
+
+from .diagnosis import Named as Answer
+
+MANY, PATCHED = 3, 0.8
+"""Laws from which on a model is patchwork; chance that such a one holds the right ones."""
+
+Variable = Literal["elongation", "speed"]
+_GRID = np.array([-1.0, -0.3, 0.2, 1.0])
+
+
+def humbled(answers: Sequence[Answer], count: int, kinds: Mapping[str, Kind]) -> list[Answer]:
+    """Give the answers, less sure where they may be patchwork for a law that is unknown.
+
+    Parameters
+    ----------
+    count
+        Of the effects that were added, those not told included.
+    """
+    pieced = pieces_of_one(answers, kinds)
+    return [
+        dataclasses.replace(answer, probability=PATCHED * answer.probability)
+        if count >= MANY or answer.effect.place in pieced
+        else answer
+        for answer in answers
+    ]
+
+
+def pieces_of_one(
+    answers: Sequence[Answer], kinds: Mapping[str, Kind]
+) -> dict[Place, Variable]:
+    """Elements at which two laws are curves over one and the same variable."""
+    found: dict[Place, Variable] = {}
+    for one, other in itertools.combinations(answers, 2):
+        variable = variable_of(one.effect, kinds)
+        same = variable == variable_of(other.effect, kinds)
+        if variable is not None and same and one.effect.place == other.effect.place:
+            found[one.effect.place] = variable
+    return found
+
+
+def variable_of(effect: Effect, kinds: Mapping[str, Kind]) -> Variable | None:
+    """Say of what a law is a curve; None where it remembers, takes both, or changes in time."""
+    kind = kinds[effect.kind]
+    action = kind.action
+    timed = kind.quadrature is not None or (isinstance(action, Law) and bool(action.switches))
+    if timed or not isinstance(action, Law | Friction):
+        return None
+    if isinstance(action, Law) and action.rates:
+        return None
+    lengths = [effect.parameters[p.name] for p in kind.parameters if p.unit == "m"]
+    scale = 2 * max(map(abs, lengths), default=1.0)
+    e, v, t = np.meshgrid(scale * _GRID, _GRID, 1 + _GRID, indexing="ij")
+    motion = Motion(e=e.ravel(), v=v.ravel(), a=np.zeros(e.size), times=t.ravel())
+    force = force_along(kind, effect.parameters, motion).reshape(e.shape)
+    if np.all(force == force[:, :1, :1]):
+        return "elongation"
+    return "speed" if np.all(force == force[:1, :, :1]) else None

@@ -1,0 +1,55 @@
+"""Laws that may be pieces of one."""
+
+import pytest
+
+from slowtime.discrepancy.diagnosis import Named
+from slowtime.discrepancy.patchwork import humbled, pieces_of_one, variable_of
+from slowtime.discrepancy.verdict import DECIDED
+from slowtime.dynamics.effects import Effect, Friction, Hidden, Law, Place, catalogue
+
+KINDS = catalogue()
+HERE, THERE = Place("element", "j1"), Place("element", "j2")
+
+ALONG = {
+    "cubic_hardening": "elongation",
+    "cubic_softening": "elongation",
+    "quadratic_stiffness": "elongation",
+    "saturating_stiffness": "elongation",
+    "gap_symmetric": "elongation",
+    "gap_one_sided": "elongation",
+    "pendulum_sine": "elongation",
+    "coulomb": "speed",
+    "stribeck": "speed",
+    "quadratic_damping": "speed",
+}
+"""The laws that are curves; all others remember, take both, change in time, or are no laws."""
+
+
+def law_of(name, place=HERE):
+    # Of a size at which none is flat.
+    parameters = {p.name: p.choices[0] if p.choices else 0.3 + 0.1 * i
+                  for i, p in enumerate(KINDS[name].parameters)}  # fmt: skip
+    if name == "cubic_softening":
+        parameters = {"k3_n_per_m3": -2.0}
+    return Named(Effect(name, place, parameters), KINDS[name].family, {}, 1.0, (), "")
+
+
+@pytest.mark.parametrize("name", sorted(KINDS))
+def test_each_kind_is_known_for_the_variable_it_is_a_curve_of(name):
+    assert variable_of(law_of(name).effect, KINDS) == ALONG.get(name)
+    assert name not in ALONG or isinstance(KINDS[name].action, Law | Friction | Hidden)
+
+
+def test_what_takes_many_laws_is_never_sure():
+    answers = [law_of("cubic_hardening"), law_of("coulomb"), law_of("bouc_wen", THERE)]
+    assert [a.probability for a in humbled(answers[:2], 2, KINDS)] == [1.0, 1.0]
+    assert all(a.probability < DECIDED for a in humbled(answers, 3, KINDS))
+
+
+def test_two_curves_of_one_elongation_may_be_one_that_is_unknown():
+    two = [law_of("cubic_hardening"), law_of("saturating_stiffness")]
+    assert pieces_of_one(two, KINDS) == {HERE: "elongation"}
+    assert all(a.probability < DECIDED for a in humbled(two, 2, KINDS))
+    apart = [law_of("cubic_hardening"), law_of("saturating_stiffness", THERE)]
+    assert pieces_of_one(apart, KINDS) == {}
+    assert [a.probability for a in humbled(apart, 2, KINDS)] == [1.0, 1.0]

@@ -1,0 +1,114 @@
+"""Springs that the model has not got, between nodes that nothing joins in it."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from slowtime.discrepancy.diagnose import diagnose
+from slowtime.discrepancy.naming import refitted
+from slowtime.discrepancy.records import Campaign, Trial
+from slowtime.discrepancy.refit import refit
+from slowtime.discrepancy.unlinked import best_link, instead_of
+from slowtime.dynamics.builders import chain
+from slowtime.dynamics.description import Input, Sensor, Spring, Tolerance
+from slowtime.dynamics.effects import Effect, Place, catalogue
+from slowtime.dynamics.plant import Plant
+
+KINDS = catalogue()
+STIFFNESS, RATE, SECONDS = 160.0, 64.0, 20.0
+RIG = dataclasses.replace(
+    chain([2.0, 1.5, 1.2], [1800.0, 1500.0, 1200.0], dampings_n_s_per_m=[1.5, 1.5, 1.2]),
+    inputs=(Input(channel="f", kind="force", node="m1", unit="N"),),
+    sensors=tuple(
+        Sensor(channel=f"a{i}", quantity="acceleration", node=f"m{i}", unit="m/s^2")
+        for i in (1, 2, 3)
+    ),
+    tolerance=Tolerance(stiffness=0.02, damping=0.15),
+)
+OSCILLATOR = {"mass_kg": 0.2, "frequency_hz": 2.2, "damping_n_s_per_m": 0.15}
+
+
+def recorded(truth, seed, noise=0.01):
+    rng = np.random.default_rng(seed)
+    plant = Plant.of(truth, kinds=KINDS)
+    for level in (1.0, 2.0, 1.5):
+        push = level * rng.standard_normal((round(SECONDS * RATE), 1))
+        clean = plant.simulate(plant.values, push, RATE)
+        seen = clean + noise * clean.std(axis=0) * rng.standard_normal(clean.shape)
+        yield Trial(inputs=push, outputs=seen, rate_hz=RATE)
+
+
+@pytest.fixture(scope="module", params=[("base", "m3"), ("m1", "m3")])
+def linked(request):
+    spring = Spring(id="tie", between=request.param, stiffness_n_per_m=STIFFNESS)
+    truth = dataclasses.replace(RIG, elements=(*RIG.elements, spring))
+    return request.param, tuple(recorded(truth, 5))
+
+
+@pytest.fixture(scope="module")
+def ridden():
+    effect = Effect("extra_dof", Place("node", "m2"), OSCILLATOR)
+    return tuple(recorded(dataclasses.replace(RIG, effects=(effect.entry(),)), 6))
+
+
+def test_of_all_springs_that_there_might_be_the_right_one_is_found(linked):
+    between, trials = linked
+    link = best_link(refit(Plant.of(RIG, kinds=KINDS), trials), None, trials, KINDS)
+    assert link is not None
+    assert link.between == between
+    assert abs(link.stiffness - STIFFNESS) < 4 * link.sd < 0.2 * STIFFNESS
+    assert link.named.fit.chi2_in_band < 1.2
+    assert f"between {between[0]} and {between[1]}" in str(link)
+
+
+def oscillator_for(trials, node):
+    before = refit(Plant.of(RIG, kinds=KINDS), trials)
+    named = refitted(
+        before, Effect("extra_dof", Place("node", node), OSCILLATOR), trials, KINDS, None
+    )
+    assert named is not None
+    return named, before
+
+
+def test_a_spring_does_better_than_an_oscillator_in_its_place(linked):
+    between, trials = linked
+    named, before = oscillator_for(trials, between[1])
+    link = instead_of(named.fit, 0, before, trials, KINDS)
+    assert link is not None
+    assert link.between == between
+    assert link.named.score > named.score
+    again = instead_of(named.fit, 0, None, trials, KINDS)
+    assert again is not None
+    assert again.stiffness == pytest.approx(link.stiffness, rel=1e-3)
+
+
+def test_no_spring_does_what_an_oscillator_does(ridden):
+    named, before = oscillator_for(ridden, "m2")
+    link = instead_of(named.fit, 0, before, ridden, KINDS)
+    assert link is None or link.named.score < named.score - 100
+    assert named.fit.chi2_in_band < 1.2
+
+
+def test_what_sits_on_no_node_has_no_spring_in_its_place(ridden):
+    effect = Effect("stiffness_loss", Place("element", RIG.elements[0].id), {"dk_n_per_m": 1.0})
+    plant = Plant.of(dataclasses.replace(RIG, effects=(effect.entry(),)), kinds=KINDS)
+    fit = refit(plant, ridden, horizons=(1.0,))
+    assert instead_of(fit, 0, None, ridden, KINDS) is None
+
+
+@pytest.mark.slow
+def test_the_answer_says_between_which_nodes_it_is(linked):
+    between, trials = linked
+    campaign = Campaign(description=RIG, trials=trials[:2], holdout=trials[2:])
+    found = diagnose(campaign)
+    assert found.verdict == "unknown_effect"
+    assert f"between {between[0]} and {between[1]}" in found.sentence
+    assert "add it to the model" in found.sentence
+
+
+@pytest.mark.slow
+def test_a_hidden_oscillator_keeps_its_name(ridden):
+    found = diagnose(Campaign(description=RIG, trials=ridden[:2], holdout=ridden[2:]))
+    assert [named.effect.kind for named in found.effects] == ["extra_dof"]
+    assert found.effects[0].probability > 0.9
