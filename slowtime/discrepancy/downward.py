@@ -11,23 +11,21 @@ from collections.abc import Mapping, Sequence
 from slowtime.dynamics.effects import Kind, Unmeasured
 
 from .adding import free_run
-from .candidates import Candidate, Label, label_of
+from .candidates import Candidate, label_of
 from .equivalent import equivalents
 from .naming import Named
 from .records import Trial
 from .refit import Fit
 
-ROUNDS = 3
-"""How often one goes further down."""
 IN_TURN, NEAREST = 3, 3
-"""Labels of each round: the next in turn, and those that come nearest in a free run."""
-LEAVES, MOST = 1.5, 0.1
-"""Mean square over the noise, in band, from which one goes on; and share of that without any
-law, from which one does so more than once."""
+"""Labels that are given: the next in turn, and those that come nearest in a free run."""
+LEAVES, MOST = 1.5, 0.6
+"""Mean square over the noise, in band, and share of that without any law, from which one goes
+further down: what explains more may be one of two laws, and the other is looked for first."""
 
 
 class Downward:
-    """Gives more labels to refit, for as long as the best leaves much.
+    """Gives more labels to refit, once, where the best leaves most of what was missing.
 
     Parameters
     ----------
@@ -59,25 +57,17 @@ class Downward:
             and not isinstance(kinds[one.effect.kind].action, Unmeasured)
         ]
         self._bent, self._before, self._trials, self._kinds = bent, before, trials, kinds
-        self._left: dict[Label, float] = {}
-        self._rounds = 0
+        self._gone = False
 
     def __call__(self, found: Sequence[Named]) -> list[Candidate]:
-        """Give the next labels; none where what was refitted is enough."""
+        """Give the next labels; none where what was refitted is enough, or they were given."""
         least = min((one.fit.chi2_in_band for one in found), default=math.inf)
-        most = self._bent.chi2_in_band
-        enough = LEAVES if not self._rounds else max(LEAVES, MOST * most)
-        if least < enough or self._rounds == ROUNDS:
+        if self._gone or least < max(LEAVES, MOST * self._bent.chi2_in_band):
             return []
-        self._rounds += 1
-        first: list[Candidate] = []
-        if self._rounds == 1:
-            for one in self._rest:
-                run = free_run(self._before, one.effect, one.start, self._trials, self._kinds)
-                self._left[label_of(one.effect)] = run
-            first = equivalents(self._bent, self._trials, self._kinds)[:NEAREST]
+        self._gone = True
         batch, others = self._rest[:IN_TURN], self._rest[IN_TURN:]
-        batch += sorted(others, key=lambda one: self._left[label_of(one.effect)])[:NEAREST]
-        taken = {label_of(one.effect) for one in batch}
-        self._rest = [one for one in self._rest if label_of(one.effect) not in taken]
-        return [*first, *batch]
+        batch += sorted(others, key=self._run_with)[:NEAREST]
+        return [*equivalents(self._bent, self._trials, self._kinds)[:NEAREST], *batch]
+
+    def _run_with(self, one: Candidate) -> float:
+        return free_run(self._before, one.effect, one.start, self._trials, self._kinds)

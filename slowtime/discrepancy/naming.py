@@ -1,6 +1,7 @@
 """Laws that were proposed, in; each refitted with all constants to the free run, out."""
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
@@ -25,7 +26,7 @@ from .candidates import Candidate, Label, Start, label_of
 from .floor import Noise
 from .gap import whiteness
 from .records import Trial
-from .refit import Fit, refit, shot, weights_of
+from .refit import Fit, GivenUp, refit, shot, weights_of
 from .shapes import is_factor, like_constant
 from .values import with_values
 
@@ -150,6 +151,7 @@ def refitted(
     *,
     start: Start | None = None,
     shooting: bool = False,
+    late: Callable[[], bool] | None = None,
 ) -> Named | None:
     """Add one effect to the model of a fit, and fit all of it to the free run again.
 
@@ -167,7 +169,7 @@ def refitted(
                 values = np.array([
                     v if name[0] == "effect" else entry.value for v, (name, entry) in entries
                 ])  # fmt: skip
-            short, states = shot(plant, trials, before.noise, values)
+            short, states = shot(plant, trials, before.noise, values, late)
             values = short.values
         fit = refit(
             plant,
@@ -177,9 +179,10 @@ def refitted(
             states=states,
             horizons=(0.4, 1.0),
             beat=beat,
+            late=late,
         )
         fit = _switched(fit, trials, kinds, beat)
-    except (np.linalg.LinAlgError, FloatingPointError):
+    except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
         return None
     if not math.isfinite(fit.cost):
         return None
@@ -259,9 +262,10 @@ def refit_all(
         if tick(label.effect, number):
             break
         beat = min((n.fit.cost for n in found), default=None)
+        late = functools.partial(_late, tick, label.effect, number)
         named = refitted(
             before, label.effect, trials, kinds, noise, beat,
-            start=label.start, shooting=shooting,
+            start=label.start, shooting=shooting, late=late,
         )  # fmt: skip
         if named is None:
             continue
@@ -283,6 +287,10 @@ def refit_all(
     for one in sorted(found, key=lambda n: -n.score):
         best.setdefault(label_of(one.effect), one)
     return _heard_again(list(best.values()), trials, kinds)
+
+
+def _late(tick: Tick, effect: Effect, number: int) -> bool:
+    return bool(tick(effect, number))
 
 
 def _and_more(
@@ -361,8 +369,10 @@ def _heard_again(
         )
     except FloatingPointError:
         return found
-    again = [dataclasses.replace(best, fit=fit, score=evidence(fit, kinds))]
-    again += [rescored(one, fit, trials, kinds) for one in found[1:]]
+    heard = dataclasses.replace(best, fit=fit, score=evidence(fit, kinds))
+    if not _shown(heard, trials, kinds):
+        return _heard_again(found[1:], trials, kinds)
+    again = [heard, *(rescored(one, fit, trials, kinds) for one in found[1:])]
     return sorted(again, key=lambda n: -n.score)
 
 

@@ -100,8 +100,9 @@ def search(first: Fit, trials: tuple[Trial, ...], how: Search) -> Found:
     if how.quick:
         _go_on(found, how, 0)
         return found
-    one = _next(found, how, 0)
-    two = None if _done(found) else _with_pair(found, first, trials, how)
+    held = unbent(first, trials)
+    one = _next(found, how, 0, held)
+    two = None if _done(found) else _with_pair(found, held, trials, how)
     if two is not None:
         found = two
     elif one and not _ends(found, how, 0):
@@ -109,7 +110,7 @@ def search(first: Fit, trials: tuple[Trial, ...], how: Search) -> Found:
     cut = len(found.trials) != len(trials)
     if not found.named or found.holds is not None or cut or _done(found):
         return found
-    for other in _others(found, how):
+    for other in _others(found, held, how):
         if _done(found):
             break
         if how.tell.hurries:
@@ -117,7 +118,7 @@ def search(first: Fit, trials: tuple[Trial, ...], how: Search) -> Found:
             break
         branch = Found([first], trials, located=found.located)
         bent = bool(moved_of(first))
-        if _accept(branch, unbent(first, trials), [other], trials, how, pulled=bent):
+        if _accept(branch, held, [other], trials, how, pulled=bent):
             _go_on(branch, how, 1)
             found = _better(found, branch, how.kinds)
     return found
@@ -150,12 +151,11 @@ def _ends(found: Found, how: Search, number: int) -> bool:
 
 
 def _with_pair(
-    found: Found, first: Fit, trials: tuple[Trial, ...], how: Search
+    found: Found, before: Fit, trials: tuple[Trial, ...], how: Search
 ) -> Found | None:
     """Begin with two laws at once, where both leave nothing and the best of all leaves much."""
     if found.located is None or found.holds is not None or how.tell.hurries:
         return None
-    before = unbent(first, trials)
     good: list[tuple[Candidate, Named]] = []
     for one, other in pairs(before, found.located, found.tried, how.kinds):
         how.tell(f"refitting {one.effect.kind} and {other.effect.kind}", 0.35)
@@ -163,8 +163,9 @@ def _with_pair(
         noise = good[0][1].fit.noise if good else None
         enough = EXPLAINED * before.data
         both = refitted(
-            known, other.effect, trials, how.kinds, noise, enough, start=other.start
-        )
+            known, other.effect, trials, how.kinds, noise, enough,
+            start=other.start, late=lambda: how.tell.hurries,
+        )  # fmt: skip
         if both is not None and both.fit.chi2_in_band < EXPLAINED:
             good.append((one, both))
     good.sort(key=lambda pair: -pair[1].score)
@@ -175,7 +176,11 @@ def _with_pair(
     if alone is None:
         return None
     branch = Found(
-        [first, alone.fit], trials, located=found.located, named=found.named, tried=found.tried
+        [found.fits[0], alone.fit],
+        trials,
+        located=found.located,
+        named=found.named,
+        tried=found.tried,
     )
     branch.answers.append(answer_of([alone], [1.0], how.kinds))
     if not _accept(branch, alone.fit, [both], trials, how, pulled=False):
@@ -208,7 +213,7 @@ def _share(found: Found, pairs: Sequence[tuple[Label, Label]], named: Sequence[N
             found.pair = tuple(named[:2])
 
 
-def _others(found: Found, how: Search) -> Iterator[Named]:
+def _others(found: Found, before: Fit, how: Search) -> Iterator[Named]:
     """Labels with which one might have begun: the second found, the next best, what is left."""
     first, *rest = found.named
     second = [answer.effect for answer in found.answers[1:2]]
@@ -219,7 +224,7 @@ def _others(found: Found, how: Search) -> Iterator[Named]:
         else:
             own = [c for c in found.tried if label_of(c.effect) == label_of(effect)]
             label = own[0] if own else Candidate(effect, 0.0, 0.0, 0.0)
-            yield from _refitted(found, [label], how)
+            yield from _refitted(found, before, [label], how)
     kin = how.kinds[first.effect.kind].family
     apart = (
         one
@@ -231,17 +236,16 @@ def _others(found: Found, how: Search) -> Iterator[Named]:
     done = {label_of(effect) for effect in seen}
     down = [c for c in found.tried if label_of(c.effect) not in done][:DOWN]
     for label in down:
-        for named in _refitted(found, [label], how):
+        for named in _refitted(found, before, [label], how):
             if named.fit.cost < first.fit.cost:
                 yield named
 
 
-def _refitted(found: Found, labels: list[Candidate], how: Search) -> list[Named]:
+def _refitted(found: Found, before: Fit, labels: list[Candidate], how: Search) -> list[Named]:
     def tick(effect: Effect, _: int) -> bool:
         how.tell(f"refitting {effect.kind} at {effect.place}", 0.85)
         return how.tell.hurries
 
-    before = unbent(found.fits[0], found.trials)
     return refit_all(before, labels, found.trials, how.kinds, tick)
 
 
@@ -276,13 +280,19 @@ def _better(found: Found, branch: Found, kinds: Mapping[str, Kind]) -> Found:
     )
 
 
-def _next(found: Found, how: Search, number: int) -> bool:
-    """Look for one more effect; False where there is none."""
+def _next(found: Found, how: Search, number: int, held: Fit | None = None) -> bool:
+    """Look for one more effect; False where there is none.
+
+    Parameters
+    ----------
+    held
+        The last fit with its constants held to their tolerances, where that is known.
+    """
     before = found.fits[-1]
     pulled = bool(moved_of(before))
     if found.answers and not pulled and whiteness(before) > SILENT:
         return False
-    held = unbent(before, found.trials)
+    held = held or unbent(before, found.trials)
     if _after(found, held, how, number, pulled=pulled):
         return True
     # Another effect that is still missing may be what bends them, and needs them so.

@@ -35,9 +35,10 @@ def wandering(located: Located, kinds: Mapping[str, Kind]) -> Answer | None:
         return None
     lowest = float(undamped_modes(assemble(located.linear.description)).frequency_hz[0])
     slow = whole = 0.0
-    courses = []
+    courses, errors = [], []
     for number, trial in enumerate(located.trials):
         off = located.latent(place, number).force
+        errors.append(off)
         power = np.abs(np.fft.rfft(off)) ** 2
         power[0] /= 2
         frequency = np.fft.rfftfreq(len(off), 1 / trial.rate_hz)
@@ -47,6 +48,9 @@ def wandering(located: Located, kinds: Mapping[str, Kind]) -> Answer | None:
         courses.append(float(slope))
     if not slow > SHARE * whole:
         return None
+    every = np.concatenate(errors)
+    if float(every.mean()) ** 2 > SHARE * float(np.mean(every**2)):
+        return None  # the same at all times: that is no course, and a law knows it
     kind = kinds[KIND]
     name = next(p.name for p in kind.parameters if p.fitted)
     size = float(np.mean(courses))

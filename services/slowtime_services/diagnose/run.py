@@ -17,7 +17,7 @@ from .roles import Roles
 from .sense import refuse_nonsense
 from .sources import Source
 
-PATIENCE_S = 60.0
+PATIENCE_S = 58.0
 """Processor time after which no more laws are tried; a last one may take half as long again."""
 
 

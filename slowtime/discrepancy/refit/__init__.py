@@ -3,6 +3,17 @@
 from .fit import Fit, refit
 from .pieces import pieces, shot
 from .prior import Prior, prior_of
+from .solve import GivenUp
 from .weights import Weights, weights_of
 
-__all__ = ["Fit", "Prior", "Weights", "pieces", "prior_of", "refit", "shot", "weights_of"]
+__all__ = [
+    "Fit",
+    "GivenUp",
+    "Prior",
+    "Weights",
+    "pieces",
+    "prior_of",
+    "refit",
+    "shot",
+    "weights_of",
+]

@@ -1,7 +1,7 @@
 """The whole refit: horizons that grow, noise that is looked at again, and its account."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -114,6 +114,7 @@ def refit(
     horizons: Sequence[float] = HORIZONS,
     beat: float | None = None,
     within: float = np.inf,
+    late: Callable[[], bool] | None = None,
 ) -> Fit:
     """Fit constants and initial states to the error of the free run.
 
@@ -134,6 +135,8 @@ def refit(
         Cost of another model: what will not come near it is given up.
     within
         Tolerances by which constants of the structure may move at most.
+    late
+        Once true, `GivenUp` is raised.
 
     Returns
     -------
@@ -163,18 +166,18 @@ def refit(
     heard = noise or _heard(plant, records, point, silent)
     for horizon in horizons[:-1]:
         counts = tuple(prev_fast_len(max(int(horizon * n), min(FEWEST, n))) for n in whole)
-        point = descend(problem_of(counts, heard), point)[0]
+        point = descend(problem_of(counts, heard), point, late=late)[0]
     if noise is None:
-        point = descend(problem_of(whole, heard), point)[0]
+        point = descend(problem_of(whole, heard), point, late=late)[0]
         heard = _heard(plant, records, point, silent)
     problem = problem_of(whole, heard)
-    best, normal, spread = descend(problem, point, beat)
+    best, normal, spread = descend(problem, point, beat, late)
     # Growing horizons may have led astray; from the start itself there is only down.
     if costed(problem, _full(start, normal), spread).cost < best.cost:
-        best, normal, spread = descend(problem, start, beat)
+        best, normal, spread = descend(problem, start, beat, late)
     if leads(plant, heard):
         problem = dataclasses.replace(problem, led=_led(problem, heard))
-        best, normal, _ = descend(problem, best, beat)
+        best, normal, _ = descend(problem, best, beat, late)
     return _account(problem, records, best, normal, heard, silent)
 
 

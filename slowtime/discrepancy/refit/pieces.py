@@ -7,7 +7,7 @@ there to the whole.
 """
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -31,6 +31,7 @@ def shot(
     trials: Sequence[Trial],
     noise: Noise,
     values: Float[np.ndarray, " parameter"],
+    late: Callable[[], bool] | None = None,
 ) -> tuple[Fit, list[State]]:
     """Fit pieces of records; give that fit, and the first state of each record.
 
@@ -40,6 +41,8 @@ def shot(
         Of the records.
     values
         To start from.
+    late
+        Once true, `GivenUp` is raised.
     """
     cut, origin = pieces(plant, trials)
     own = Noise(
@@ -47,7 +50,9 @@ def shot(
         relative_sd=tuple(noise.relative_sd[i] for i in origin),
     )
     starts = _followed(plant, cut, origin, own, values)
-    found = refit(plant, cut, noise=own, values=values, states=starts, horizons=(1.0,))
+    found = refit(
+        plant, cut, noise=own, values=values, states=starts, horizons=(1.0,), late=late
+    )
     return found, [found.states[origin.index(i)] for i in range(len(trials))]
 
 

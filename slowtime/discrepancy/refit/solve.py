@@ -1,6 +1,7 @@
 """Least squares on the error of the free run, by Levenberg's and Marquardt's method."""
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 import scipy.linalg
@@ -20,6 +21,9 @@ COARSE = 2e-5
 """The same, relative to chi squared."""
 WRONG, CREEPING = 3.0, 1e-3
 """Chi squared per datum beyond which a model is wrong anyway, and the same of that part."""
+SLOW, TWICE = 1e-2, 2
+"""Share of that part by which a step is slow; so many slow ones in turn are the end: a wrong
+model creeps along its valleys to nowhere, and a right one gains much with every step."""
 PATIENCE, LEAPS = 3, 10.0
 """Steps before a fit may be called hopeless; how many more like the last it may hope for."""
 RAISED, LEAST_DAMPING = 4.0, 1e-5
@@ -28,6 +32,10 @@ BROAD = 3.0
 """Initial states may, a priori, explain so many times what was measured."""
 
 State = Float[np.ndarray, " state"]
+
+
+class GivenUp(Exception):
+    """It was too late to go on."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -158,7 +166,10 @@ def normal_at(
 
 
 def descend(
-    problem: Problem, start: Point, beat: float | None = None
+    problem: Problem,
+    start: Point,
+    beat: float | None = None,
+    late: Callable[[], bool] | None = None,
 ) -> tuple[Point, Normal, tuple[State, ...]]:
     """Go down from a start until nothing is gained; never end above it.
 
@@ -167,13 +178,17 @@ def descend(
     beat
         Cost that is to be reached: where steps have become so small that it will not, that
         is the end.
+    late
+        Once true, `GivenUp` is raised.
     """
     normal, spread = normal_at(problem, start)
     full = tuple(state if state.size else np.zeros(normal.states) for state in start.states)
     point = costed(problem, dataclasses.replace(start, states=full), spread)
-    damping, raised = 1e-6, RAISED
+    damping, raised, slow = 1e-6, RAISED, 0
     data = sum(weights.data for weights in problem.weights)
     for number in range(MOST_STEPS):
+        if late is not None and late():
+            raise GivenUp
         beyond = point.cost - WRONG * data
         enough = FINE + COARSE * point.cost + CREEPING * max(beyond, 0.0)
         while True:
@@ -186,9 +201,10 @@ def descend(
         if not tried.cost < point.cost:
             break
         before, won, point = point, point.cost - tried.cost, tried
+        slow = slow + 1 if won < SLOW * beyond else 0
         hopeless = beat is not None and number >= PATIENCE and point.cost - LEAPS * won > beat
         # Where no more was to be had, slopes are what they were.
-        if max(won, gain) < enough or hopeless:
+        if max(won, gain) < enough or hopeless or slow == TWICE:
             break
         try:
             normal, _ = normal_at(problem, point, spread)

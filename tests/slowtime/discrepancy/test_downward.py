@@ -9,7 +9,7 @@ import scipy.ndimage
 
 from slowtime.discrepancy.adding import free_run
 from slowtime.discrepancy.candidates import Candidate, Start, candidates, mirrored
-from slowtime.discrepancy.downward import IN_TURN, NEAREST, ROUNDS, Downward
+from slowtime.discrepancy.downward import IN_TURN, NEAREST, Downward
 from slowtime.discrepancy.equivalent import equivalents
 from slowtime.discrepancy.gap import free_runs
 from slowtime.discrepancy.locate import locate
@@ -131,7 +131,7 @@ def test_further_down_come_the_next_in_turn_and_what_a_free_run_comes_nearest_wi
     assert more([]) == []
 
 
-def test_labels_end_where_one_leaves_little_or_there_were_rounds_enough(far_off):
+def test_labels_are_given_once_and_where_one_leaves_little_never(far_off):
     bent, before, tried, trials = far_off
     named = refit_all(before, tried[-1:], trials, KINDS, nothing)
     assert named[0].fit.chi2_in_band < 1.5
@@ -143,10 +143,10 @@ def test_labels_end_where_one_leaves_little_or_there_were_rounds_enough(far_off)
     ]
     bent = refit(Plant.of(THREE, kinds=KINDS), recorded(THREE, ()))
     more = Downward(bent, bent, many, [], recorded(THREE, ()), KINDS)
-    batches = [more([]) for _ in range(ROUNDS + 1)]
-    assert [bool(batch) for batch in batches] == [True] * ROUNDS + [False]
-    labels = [(one.effect.kind, one.effect.place) for batch in batches for one in batch]
-    assert len(set(labels)) == len(labels) == ROUNDS * (IN_TURN + NEAREST)
+    batch = more([])
+    assert more([]) == []
+    labels = [(one.effect.kind, one.effect.place) for one in batch]
+    assert len(set(labels)) == len(labels) == IN_TURN + NEAREST
 
 
 def test_more_labels_are_refitted_when_the_first_are_done(far_off):

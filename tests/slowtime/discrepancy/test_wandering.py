@@ -1,0 +1,68 @@
+"""Sensors that are off, slowly, on no course; and those that are off by a constant."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from slowtime.discrepancy.locate import locate
+from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.refit import refit
+from slowtime.discrepancy.wandering import wandering
+from slowtime.dynamics.builders import chain
+from slowtime.dynamics.description import Input, Sensor, Tolerance
+from slowtime.dynamics.effects import Place, catalogue
+from slowtime.dynamics.plant import Plant
+
+KINDS = catalogue()
+RATE, SAMPLES = 64.0, 1280
+RIG = dataclasses.replace(
+    chain([2.0, 1.5], [1800.0, 1500.0], dampings_n_s_per_m=[1.5, 1.5]),
+    inputs=(Input(channel="f", kind="force", node="m1", unit="N"),),
+    sensors=tuple(
+        Sensor(channel=f"a{i}", quantity="acceleration", node=f"m{i}", unit="m/s^2")
+        for i in (1, 2)
+    ),
+    tolerance=Tolerance(stiffness=0.02, damping=0.15),
+)
+
+
+def walk(rng, _):
+    return np.cumsum(rng.standard_normal(SAMPLES)) / np.sqrt(SAMPLES)
+
+
+def within_each_record(_rng, _):
+    return np.linspace(0.0, 1.5, SAMPLES)
+
+
+def over_the_campaign(_rng, number):
+    return np.linspace(0.6 * number, 0.6 * (number + 1), SAMPLES)
+
+
+def constant(_rng, _):
+    return np.full(SAMPLES, 0.7)
+
+
+def located(course):
+    rng, plant = np.random.default_rng(4), Plant.of(RIG, kinds=KINDS)
+    trials = []
+    for number in range(2):
+        push = rng.standard_normal((SAMPLES, 1))
+        seen = plant.simulate(plant.values, push, RATE)
+        scale = seen.std(axis=0)
+        seen = seen + 0.01 * scale * rng.standard_normal(seen.shape)
+        seen[:, 1] += scale[1] * course(rng, number)
+        start_s = 30.0 * number
+        trials.append(Trial(inputs=push, outputs=seen, rate_hz=RATE, start_s=start_s))
+    return locate(refit(plant, tuple(trials)), tuple(trials))
+
+
+@pytest.mark.parametrize("course", [walk, within_each_record, over_the_campaign])
+def test_what_is_off_slowly_is_a_drift(course):
+    answer = wandering(located(course), KINDS)
+    assert answer is not None
+    assert (answer.effect.kind, answer.effect.place) == ("sensor_drift", Place("sensor", "a2"))
+
+
+def test_what_is_off_by_the_same_at_all_times_is_none():
+    assert wandering(located(constant), KINDS) is None
