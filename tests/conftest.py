@@ -49,7 +49,9 @@ def tables() -> Path:
 def browser():
     """A Chromium, of this machine or of playwright's own."""
     # Most tests need none, and it takes a while to import.
-    from playwright.sync_api import sync_playwright
+    from playwright.sync_api import expect, sync_playwright
+
+    expect.set_options(timeout=PATIENCE_MS)
 
     with sync_playwright() as playwright:
         own = Path(playwright.chromium.executable_path)

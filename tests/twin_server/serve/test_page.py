@@ -12,7 +12,6 @@ from twin_server.states import LEARNING, NO_DAMPING, NO_MODE, NOT_REPRESENTABLE,
 
 pytestmark = pytest.mark.browser
 
-PATIENCE_MS = 60_000
 REFUSED = "net::ERR_CONNECTION_REFUSED"
 BEAM = "#lab.beam"
 CHARTS = ("frequency_hz", "damping_ratio", "stiffness_change", "mass_change")
@@ -24,9 +23,7 @@ def plot(page, quantity, twin_id="lab.beam"):
 
 def drawn(page, quantity, twin_id="lab.beam"):
     """Wait until `quantity` is drawn, and give its traces by name."""
-    expect(plot(page, quantity, twin_id)).to_have_attribute(
-        "data-assumed", re.compile(".+"), timeout=PATIENCE_MS
-    )
+    expect(plot(page, quantity, twin_id)).to_have_attribute("data-assumed", re.compile(".+"))
     traces = plot(page, quantity, twin_id).evaluate(
         "plot => plot.data.map(t => ({name: t.name, x: [...t.x], y: [...t.y], "
         "symbol: t.marker && t.marker.symbol}))"
@@ -36,7 +33,7 @@ def drawn(page, quantity, twin_id="lab.beam"):
 
 def has(page, quantity, name, value, twin_id="lab.beam"):
     where = plot(page, quantity, twin_id)
-    expect(where).to_have_attribute(f"data-{name}", str(value), timeout=PATIENCE_MS)
+    expect(where).to_have_attribute(f"data-{name}", str(value))
 
 
 def history(server, twin_id="lab.beam"):
@@ -139,7 +136,7 @@ def test_without_twins_the_page_says_what_to_do_and_a_first_twin_appears_by_itse
     page = visit(server)
     expect(page.locator("#empty")).to_contain_text("slowtime edge --simulate tower")
     filled(server, ageing(25), eventually)
-    page.get_by_role("link", name="lab.beam").click(timeout=PATIENCE_MS)
+    page.get_by_role("link", name="lab.beam").click()
     expect(page.locator('[id="lab.beam"] h2')).to_have_text("lab.beam")
     expect(page.locator("#empty")).to_be_hidden()
     has(page, "frequency_hz", "points", 25)
@@ -160,7 +157,7 @@ def test_a_server_that_is_gone_is_said_to_be_and_found_again(
     has(page, "frequency_hz", "points", 25)
     again = serving(database, port=int(server.url.rsplit(":", 1)[1]))
     filled(again, ageing(5, first=25), eventually)
-    expect(page.locator("#connection")).to_have_text("live", timeout=PATIENCE_MS)
+    expect(page.locator("#connection")).to_have_text("live")
     expect(page.locator("#lost")).to_be_hidden()
     has(page, "frequency_hz", "points", 30)
     assert [text for text in page.complaints if REFUSED not in text] == []
@@ -284,7 +281,7 @@ def test_a_twin_that_is_deleted_leaves_the_page(serving, visit, ageing, eventual
     page = visit(server, BEAM)
     expect(page.locator("section.twin")).to_have_count(1)
     assert server.client.delete("/api/v1/twins/lab.beam").status_code == 204
-    expect(page.locator("section.twin")).to_have_count(0, timeout=PATIENCE_MS)
+    expect(page.locator("section.twin")).to_have_count(0)
     expect(page.locator("#unknown")).to_contain_text("No twin is called lab.beam.")
 
 

@@ -7,29 +7,25 @@ from playwright.sync_api import expect
 
 pytestmark = pytest.mark.browser
 
-PATIENCE_MS = 60_000
-
 
 def test_what_the_model_lacks_is_asked_for_adopted_and_undone_on_the_page(resting, visit):
     page = visit(resting.server, "#lab.rig/diagnosis")
     room = page.locator('[id="lab.rig"] .diagnosis')
-    expect(room).to_be_visible(timeout=PATIENCE_MS)
+    expect(room).to_be_visible()
 
     room.get_by_label("quick").check()
     room.get_by_role("button", name="Ask what the model lacks").click()
     job = room.locator(".jobs > li").first
-    expect(job.locator(".pill")).to_have_text("running", timeout=PATIENCE_MS)
+    expect(job.locator(".pill")).to_have_text("running")
     expect(job.locator(".stage")).to_have_text("refitting coulomb at element j2")
     assert float(job.locator("progress").get_attribute("value")) == 0.4
     job.get_by_role("button", name="Cancel").click()
-    expect(job.locator(".pill")).to_have_text("cancelled", timeout=PATIENCE_MS)
+    expect(job.locator(".pill")).to_have_text("cancelled")
 
     room.get_by_label("quick").uncheck()
     room.get_by_role("button", name="Ask what the model lacks").click()
     job = room.locator(".jobs > li").first
-    expect(job.locator(".verdict")).to_have_text(
-        "Dry friction in j2, 0.5 N.", timeout=PATIENCE_MS
-    )
+    expect(job.locator(".verdict")).to_have_text("Dry friction in j2, 0.5 N.")
     bars = job.locator("table.bars tr")
     expect(bars).to_have_count(4)
     expect(bars.nth(2)).to_contain_text("with coulomb")
@@ -51,10 +47,10 @@ def test_what_the_model_lacks_is_asked_for_adopted_and_undone_on_the_page(restin
 
     job.get_by_role("button", name="Adopt").click()
     undo = job.get_by_role("button", name="Undo")
-    expect(undo).to_be_visible(timeout=PATIENCE_MS)
+    expect(undo).to_be_visible()
     expect(job.locator(".acts")).to_contain_text("adopted")
     undo.click()
-    expect(job.get_by_role("button", name="Adopt")).to_be_visible(timeout=PATIENCE_MS)
+    expect(job.get_by_role("button", name="Adopt")).to_be_visible()
     assert resting.kinds()[-3:] == ["diagnosed", "adopted", "undone"]
     assert page.complaints == []
 
@@ -62,8 +58,8 @@ def test_what_the_model_lacks_is_asked_for_adopted_and_undone_on_the_page(restin
 def test_what_cannot_be_asked_is_said_on_the_page(resting, visit):
     page = visit(resting.server, "#lab.rig/diagnosis")
     room = page.locator('[id="lab.rig"] .diagnosis')
-    expect(room).to_be_visible(timeout=PATIENCE_MS)
+    expect(room).to_be_visible()
     room.get_by_role("button", name="Ask what the history follows").click()
     expect(room.get_by_role("alert")).to_contain_text(
-        re.compile("A diagnosis in slow time needs"), timeout=PATIENCE_MS
+        re.compile("A diagnosis in slow time needs")
     )

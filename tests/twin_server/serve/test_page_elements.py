@@ -35,20 +35,20 @@ def test_the_page_names_the_storey_that_loses_stiffness_while_it_looks_on(
     server, made = frames
     page = visit(server, FRAME)
     verdict = part(page, ".verdict")
-    expect(verdict).to_have_text("No element is seen to have changed.", timeout=PATIENCE_MS)
+    expect(verdict).to_have_text("No element is seen to have changed.")
     expect(part(page, "table.elements tbody tr")).to_have_count(3)
     chart = part(page, '[data-quantity="elements"]')
-    expect(chart).to_have_attribute("data-suspects", "", timeout=PATIENCE_MS)
+    expect(chart).to_have_attribute("data-suspects", "")
 
     server.feed([made.epoch(i, LOSS) for i in range(40, 60)])
-    expect(verdict).to_have_text(SIZE, timeout=PATIENCE_MS)
+    expect(verdict).to_have_text(SIZE)
     expect(verdict).to_have_attribute("role", "status")
     changed = part(page, 'table.elements tr[data-changed="true"]')
     expect(changed).to_have_count(1)
     expect(changed).to_contain_text("storey2")
     expect(part(page, "details.events")).to_contain_text("storey2 has lost")
 
-    expect(chart).to_have_attribute("data-suspects", "storey2", timeout=PATIENCE_MS)
+    expect(chart).to_have_attribute("data-suspects", "storey2")
     assert "storey2 −" in chart.get_attribute("aria-label")
     drawn = chart.evaluate("plot => [plot.data[0].y, plot.data[0].x, plot.layout.shapes]")
     assert drawn[0] == ["storey1", "storey2", "storey3"]
@@ -60,7 +60,7 @@ def test_the_page_names_the_storey_that_loses_stiffness_while_it_looks_on(
     ]
 
     past = part(page, '[data-quantity="elements-history"]')
-    expect(past).to_have_attribute("data-points", "40", timeout=PATIENCE_MS)
+    expect(past).to_have_attribute("data-points", "40")
     names = past.evaluate("plot => plot.data.map(t => t.name)")
     assert [n for n in names if n in ("storey2 band", "storey2", "storey2 truth")] == [
         "storey2 band", "storey2", "storey2 truth",
@@ -89,7 +89,7 @@ def test_modes_are_listed_with_their_errors_and_drawn_with_their_shapes(frames, 
     server, _ = frames
     page = visit(server, FRAME)
     rows = part(page, "table.modes tbody tr")
-    expect(rows).to_have_count(3, timeout=PATIENCE_MS)
+    expect(rows).to_have_count(3)
     found = server.get("/api/v1/twins/lab.frame/modes").json()
     for place, mode in enumerate(found["modes"]):
         row = rows.nth(place)
@@ -109,7 +109,7 @@ def test_modes_are_listed_with_their_errors_and_drawn_with_their_shapes(frames, 
 def test_the_page_fits_a_telephone(frames, visit):
     server, _ = frames
     page = visit(server, FRAME, viewport={"width": 390, "height": 800})
-    expect(part(page, "table.modes tbody tr")).to_have_count(3, timeout=PATIENCE_MS)
+    expect(part(page, "table.modes tbody tr")).to_have_count(3)
     assert page.evaluate("document.documentElement.scrollWidth - window.innerWidth") <= 0
     assert page.complaints == []
 
@@ -120,12 +120,12 @@ def test_a_twin_may_become_one_of_elements_and_go_back(serving, frame, visit, ev
     assert eventually(lambda: server.count("lab.frame") == 30)
     page = visit(server, FRAME)
     stiffness = part(page, '[data-quantity="stiffness_change"]')
-    expect(stiffness).to_be_visible(timeout=PATIENCE_MS)
+    expect(stiffness).to_be_visible()
     server.client.put("/api/v1/twins/lab.frame", json=made.registration())
-    expect(part(page, ".verdict")).to_have_text(re.compile("No element"), timeout=PATIENCE_MS)
+    expect(part(page, ".verdict")).to_have_text(re.compile("No element"))
     expect(stiffness).to_be_hidden()
     server.client.put("/api/v1/twins/lab.frame", json={"changes": "stiffness"})
-    expect(stiffness).to_be_visible(timeout=PATIENCE_MS)
+    expect(stiffness).to_be_visible()
     expect(part(page, ".verdict")).to_have_count(0)
 
 
@@ -144,13 +144,13 @@ def test_the_page_says_what_the_weather_does_not_explain(serving, features, visi
     assert eventually(lambda: server.count() == 50)
     page = visit(server, "#lab.beam")
     twin = page.locator('[id="lab.beam"]')
-    expect(twin).to_contain_text("learning what temperature_c does", timeout=PATIENCE_MS)
+    expect(twin).to_contain_text("learning what temperature_c does")
     expect(twin.locator(".pill").first).to_have_text("learning the nominal model")
     server.feed(made[50:])
-    expect(twin).to_contain_text("temperature_c taken out (linear)", timeout=PATIENCE_MS)
+    expect(twin).to_contain_text("temperature_c taken out (linear)")
     said = re.compile(
         r"Not explained by .* since slow time (69|70|71): stiffness change −[56]\."
     )
-    expect(twin.locator(".reasons")).to_contain_text(said, timeout=PATIENCE_MS)
+    expect(twin.locator(".reasons")).to_contain_text(said)
     expect(twin.locator("details.events")).to_have_attribute("data-severity", "alarm")
     assert page.complaints == []

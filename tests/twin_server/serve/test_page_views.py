@@ -13,7 +13,6 @@ from twin_server.settings import DiagnoseSettings, GapSettings
 
 pytestmark = pytest.mark.browser
 
-PATIENCE_MS = 60_000
 LOSS = (0.0, -0.08, 0.0)
 FELL = 40
 """Epoch from which a storey of the frame has lost stiffness."""
@@ -66,7 +65,7 @@ def overflow(page):
 def test_the_fleet_says_of_each_twin_what_matters_the_urgent_first(house, visit, ageing):
     page = visit(house)
     cards = page.locator(".card")
-    expect(cards).to_have_count(3, timeout=PATIENCE_MS)
+    expect(cards).to_have_count(3)
     names = cards.evaluate_all("all => all.map(card => card.dataset.twin)")
     assert names == ["lab.beam", "lab.frame", "lab.calm"]
     beam, frame, calm = cards.nth(0), cards.nth(1), cards.nth(2)
@@ -87,7 +86,7 @@ def test_the_fleet_says_of_each_twin_what_matters_the_urgent_first(house, visit,
 def test_at_a_past_instant_everything_shows_that_instant(house, visit):
     page = visit(house, "#lab.frame")
     verdict = part(page, ".verdict")
-    expect(verdict).to_contain_text("storey2 has lost", timeout=PATIENCE_MS)
+    expect(verdict).to_contain_text("storey2 has lost")
     slider = page.get_by_role("slider", name="Instant shown")
     slider.focus()
     for _ in range(10):
@@ -99,16 +98,14 @@ def test_at_a_past_instant_everything_shows_that_instant(house, visit):
     expect(verdict).to_have_text("No element is seen to have changed.")
     expect(part(page, ".state")).to_contain_text("reading 30 at slow time 30 s")
     expect(part(page, ".events")).not_to_contain_text("storey2 has lost")
-    expect(part(page, "table.modes caption")).to_have_text(
-        "Modes at slow time 30 s", timeout=PATIENCE_MS
-    )
+    expect(part(page, "table.modes caption")).to_have_text("Modes at slow time 30 s")
     then = house.get("/api/v1/twins/lab.frame/modes", at="slow:30").json()["modes"]
     rows = part(page, "table.modes tbody tr")
     for row, mode in enumerate(then):
         expect(rows.nth(row)).to_contain_text(f"{mode['frequency_hz']['value']:.4f}")
-    expect(part(page, ".outlook")).to_have_attribute("data-since", "30", timeout=PATIENCE_MS)
+    expect(part(page, ".outlook")).to_have_attribute("data-since", "30")
     chart = part(page, '[data-quantity="frequency_hz"]')
-    expect(chart).to_have_attribute("data-points", "31", timeout=PATIENCE_MS)
+    expect(chart).to_have_attribute("data-points", "31")
     drawn = chart.evaluate(
         "plot => [plot.data.find(t => t.name === 'what came after').x, plot.layout.shapes]"
     )
@@ -117,7 +114,7 @@ def test_at_a_past_instant_everything_shows_that_instant(house, visit):
 
     page.wait_for_function("() => location.hash === '#lab.frame?at=30'")
     page.reload()
-    expect(part(page, ".instant")).to_have_text("At slow time 30 s", timeout=PATIENCE_MS)
+    expect(part(page, ".instant")).to_have_text("At slow time 30 s")
     page.get_by_role("button", name="Now").click()
     expect(verdict).to_contain_text("storey2 has lost")
     expect(part(page, ".instant")).to_have_text("Now, slow time 59 s")
@@ -128,7 +125,7 @@ def test_at_a_past_instant_everything_shows_that_instant(house, visit):
 def test_shapes_move_until_they_are_held(house, visit):
     page = visit(house, "#lab.frame")
     shape = part(page, "table.modes .moving").first
-    expect(shape).to_be_visible(timeout=PATIENCE_MS)
+    expect(shape).to_be_visible()
     where = "shape => shape.getAttribute('points')"
     before = shape.evaluate(where)
     page.wait_for_function(
@@ -142,7 +139,7 @@ def test_shapes_move_until_they_are_held(house, visit):
     assert shape.evaluate(where) == held
     page.emulate_media(reduced_motion="reduce")
     page.reload()
-    expect(page.get_by_role("button", name="Let them move")).to_be_visible(timeout=PATIENCE_MS)
+    expect(page.get_by_role("button", name="Let them move")).to_be_visible()
     page.emulate_media(reduced_motion="no-preference")
 
 
@@ -151,13 +148,13 @@ def test_what_if_a_load_came_is_answered_with_bands(house, visit):
     part(page, ".whatif summary").click()
     form = part(page, ".whatif form")
     form.get_by_label("Load").select_option("harmonic")
-    expect(form.get_by_label("acting on")).to_contain_text("floor2", timeout=PATIENCE_MS)
+    expect(form.get_by_label("acting on")).to_contain_text("floor2")
     form.get_by_label("with frequency").fill("2.0")
     form.get_by_label("lasting").fill("4")
     form.get_by_label("showing the").select_option("displacement")
     form.get_by_role("button", name="Run it").click()
     answer = part(page, ".whatif .answer")
-    expect(answer.locator(".told")).to_contain_text("Peak", timeout=PATIENCE_MS)
+    expect(answer.locator(".told")).to_contain_text("Peak")
     load = {"kind": "harmonic", "amplitude": 1.0, "frequency_hz": 2.0}
     order = {"load": load, "on": "base", "quantity": "displacement", "duration_s": 4.0}
     told = house.client.post("/api/v1/twins/lab.frame/simulate", json=order, timeout=60).json()
@@ -170,7 +167,7 @@ def test_what_if_a_load_came_is_answered_with_bands(house, visit):
     assert answer.locator(".ytitle").text_content() == "displacement [m]"
     form.get_by_label("lasting").fill("100000")
     form.get_by_role("button", name="Run it").click()
-    expect(part(page, ".whatif [role=alert]")).to_contain_text("samples", timeout=PATIENCE_MS)
+    expect(part(page, ".whatif [role=alert]")).to_contain_text("samples")
 
 
 def test_a_recording_is_given_got_played_and_deleted(house, visit, ageing, tmp_path):
@@ -185,16 +182,16 @@ def test_a_recording_is_given_got_played_and_deleted(house, visit, ageing, tmp_p
             writer.write(FEATURES, "lab", "new", encode(message), message.t_ns)
     page.get_by_label("Give a recording").set_input_files(wrong)
     alert = page.locator(".recordings > [role=alert]")
-    expect(alert).to_contain_text("is not taken in", timeout=PATIENCE_MS)
+    expect(alert).to_contain_text("is not taken in")
     page.get_by_label("Give a recording").set_input_files(right)
     card = page.locator('[data-recording="my-day.mcap"]')
-    expect(card).to_contain_text("lab.new: 20 features", timeout=PATIENCE_MS)
+    expect(card).to_contain_text("lab.new: 20 features")
     expect(alert).to_be_hidden()
     with page.expect_download() as given:
         card.get_by_role("link", name="Download").click()
     assert given.value.path().read_bytes() == right.read_bytes()
     card.get_by_role("button", name="Replay").click()
-    expect(card.locator(".replay .pill")).to_have_text("done", timeout=PATIENCE_MS)
+    expect(card.locator(".replay .pill")).to_have_text("done")
     expect(card.locator(".replay")).to_contain_text("20 of 20 features are in the twins.")
     page.on("dialog", lambda dialog: dialog.accept())
     card.get_by_role("button", name="Delete").click()
@@ -206,7 +203,7 @@ def test_a_recording_is_given_got_played_and_deleted(house, visit, ageing, tmp_p
 
 def test_the_keyboard_reaches_everything(house, visit):
     page = visit(house)
-    expect(page.locator(".card")).to_have_count(3, timeout=PATIENCE_MS)
+    expect(page.locator(".card")).to_have_count(3)
 
     def tab(count):
         said = []
@@ -226,7 +223,7 @@ def test_the_keyboard_reaches_everything(house, visit):
     )
     assert outline == "solid"
     page.keyboard.press("Enter")
-    expect(part(page, ".timeline", "lab.calm")).to_be_visible(timeout=PATIENCE_MS)
+    expect(part(page, ".timeline", "lab.calm")).to_be_visible()
     page.locator("h1 a").focus()
     reached = tab(8)
     assert reached[2:] == [
@@ -242,10 +239,10 @@ def test_the_page_follows_one_twin_and_lets_it_go(house, visit, eventually):
 
     assert eventually(lambda: clients() == ["0"])
     page = visit(house, "#lab.beam")
-    expect(part(page, ".timeline", "lab.beam")).to_be_visible(timeout=PATIENCE_MS)
+    expect(part(page, ".timeline", "lab.beam")).to_be_visible()
     assert clients() == ["1"]
     page.goto(f"{house.url}/#lab.calm")
-    expect(part(page, ".timeline", "lab.calm")).to_be_visible(timeout=PATIENCE_MS)
+    expect(part(page, ".timeline", "lab.calm")).to_be_visible()
     expect(page.locator("section.twin")).to_have_count(1)
     assert eventually(lambda: clients() == ["1"])
     page.goto(f"{house.url}/#")
@@ -287,7 +284,7 @@ def test_a_history_that_did_not_come_is_asked_for_again(house, visit):
     page.route("**/history?max_points=1000", once)
     page.goto(f"{house.url}/#lab.beam")
     chart = part(page, '[data-quantity="frequency_hz"]', "lab.beam")
-    expect(chart).to_have_attribute("data-points", "40", timeout=PATIENCE_MS)
+    expect(chart).to_have_attribute("data-points", "40")
     expect(part(page, ".reasons", "lab.beam")).to_be_hidden()
 
 
@@ -297,7 +294,7 @@ def looked_at(page, house, view, scheme, window):
     page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
     page.set_viewport_size(window)
     page.goto(f"{house.url}/{place}")
-    expect(page.locator(shown).first).to_be_visible(timeout=PATIENCE_MS)
+    expect(page.locator(shown).first).to_be_visible()
     found = Axe().run(page).response["violations"]
     serious = [
         (one["id"], node["target"], node.get("failureSummary"))
