@@ -262,10 +262,9 @@ def _unnamed(found: Found, kinds: Mapping[str, Kind]) -> str:
     )
     if found.link is not None:
         return (
-            f"Something is missing between {' and '.join(found.link.between)}, which nothing "
-            f"joins in the model: {found.link} explains more than any effect known here. If "
-            "there may be one, add it to the model and look again."
-            + (f" The nearest effect is {near}." if near else "")
+            f"Something is missing that the model has no element for: {found.link} explains "
+            "more than any effect known here. If there may be one, add it to the model and "
+            "look again." + (f" The nearest effect is {near}." if near else "")
         )
     place, but = found.refuted, "follows another curve"
     if place is None:

@@ -12,6 +12,15 @@ import pytest
 TUTORIALS = Path(__file__).parents[2] / "docs/tutorials"
 
 
+def diagnosed(folder, *words):
+    done = subprocess.run(
+        [sys.executable, "-m", "slowtime_cli", "diagnose", *words],
+        cwd=folder, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return json.loads((folder / "diagnosis/report.json").read_text())
+
+
 @pytest.mark.data
 @pytest.mark.slow
 def test_the_silverbox_is_named_from_its_multisines_and_foreseen_beyond_them(tmp_path, data):
@@ -19,12 +28,7 @@ def test_the_silverbox_is_named_from_its_multisines_and_foreseen_beyond_them(tmp
     shutil.copy(TUTORIALS / "silverbox.yaml", tmp_path)
     record = data / "silverbox/SNLS80mV.csv"
     words = ["silverbox.yaml", f"{record}@66.5:82", "--holdout", f"{record}@:65.5"]
-    done = subprocess.run(
-        [sys.executable, "-m", "slowtime_cli", "diagnose", *words, "--rate-hz", "610.35"],
-        cwd=tmp_path, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    report = json.loads((tmp_path / "diagnosis/report.json").read_text())
+    report = diagnosed(tmp_path, *words, "--rate-hz", "610.35")
     first = report["effects"][0]
     assert report["verdict"] == "missing_effect"
     assert (first["effect"], first["where"]["id"]) == ("cubic_hardening", "spring")
@@ -46,12 +50,7 @@ def test_the_friction_of_a_drive_that_nothing_holds_is_named(tmp_path, data):
     learnt, pulses = data / "emps/DATA_EMPS.mat", data / "emps/DATA_EMPS_PULSES.mat"
     words = ["emps.yaml", str(learnt), "--holdout", str(pulses)]
     roles = ["--channel", "force=gtau*vir", "--channel", "x=qm"]
-    done = subprocess.run(
-        [sys.executable, "-m", "slowtime_cli", "diagnose", *words, *roles],
-        cwd=tmp_path, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    report = json.loads((tmp_path / "diagnosis/report.json").read_text())
+    report = diagnosed(tmp_path, *words, *roles)
     first = report["effects"][0]
     assert report["verdict"] == "missing_effect"
     assert (first["effect"], first["where"]["id"]) == ("coulomb", "guide")

@@ -131,6 +131,16 @@ def test_further_down_come_the_next_in_turn_and_what_a_free_run_comes_nearest_wi
     assert more([]) == []
 
 
+@pytest.mark.parametrize(("share", "goes_down"), [(0.59, False), (0.61, True)])
+def test_where_a_law_explains_much_another_is_looked_for_beside_it(far_off, share, goes_down):
+    bent, before, tried, trials = far_off
+    (named,) = refit_all(before, tried[-1:], trials, KINDS, nothing)
+    left = dataclasses.replace(named.fit, chi2_in_band=share * bent.chi2_in_band)
+    best = dataclasses.replace(named, fit=left)
+    more = Downward(bent, before, tried, tried[:1], trials, KINDS)
+    assert bool(more([best])) is goes_down
+
+
 def test_labels_are_given_once_and_where_one_leaves_little_never(far_off):
     bent, before, tried, trials = far_off
     named = refit_all(before, tried[-1:], trials, KINDS, nothing)

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from slowtime.discrepancy import naming
 from slowtime.discrepancy import search as searching
 from slowtime.discrepancy.answer import Found
 from slowtime.discrepancy.candidates import Candidate, candidates
@@ -12,7 +13,7 @@ from slowtime.discrepancy.locate import locate
 from slowtime.discrepancy.naming import refit_all
 from slowtime.discrepancy.paired import pairs
 from slowtime.discrepancy.records import Trial
-from slowtime.discrepancy.refit import pieces, refit
+from slowtime.discrepancy.refit import GivenUp, pieces, refit
 from slowtime.discrepancy.search import Search, search
 from slowtime.discrepancy.unbent import WITHIN, unbent
 from slowtime.discrepancy.verdict import answer_of
@@ -176,6 +177,32 @@ def test_an_account_with_an_effect_is_weighed_against_one_without(shared):
     found = Found([first], trials)
     assert searching._better(found, branch, KINDS).answers[0].effect.kind == "cubic_hardening"
     assert searching._better(found, Found([first], trials), KINDS) is found
+
+
+def test_a_refit_is_given_up_once_it_is_late(shared):
+    trials, first, *_ = shared
+    asked = []
+
+    def late():
+        asked.append(len(asked))
+        return len(asked) > 1
+
+    with pytest.raises(GivenUp):
+        refit(first.plant, trials, late=late)
+    assert len(asked) == 2
+    label = [Candidate(SOFT, 0.0, 0.0, 0.0)]
+    ticks = iter([False, True])  # in time when it begins
+    assert refit_all(first, label, trials, KINDS, lambda *_: next(ticks)) == []
+
+
+def test_a_law_that_the_last_look_at_the_noise_leaves_unseen_is_not_named(shared):
+    trials, first, *_ = shared
+    cubic = refit_all(first, [Candidate(SOFT, 0.0, 0.0, 0.0)], trials, KINDS, lambda *_: False)
+    far = dataclasses.replace(cubic[0], fit=dataclasses.replace(cubic[0].fit, chi2_in_band=9.0))
+    name = far.effect.kind
+    unseen = KINDS | {name: dataclasses.replace(KINDS[name], shown=lambda *_: False)}
+    assert [one.effect.kind for one in naming._heard_again([far], trials, KINDS)] == [name]
+    assert naming._heard_again([far], trials, unseen) == []
 
 
 def test_what_inputs_do_between_samples_is_not_asked_of_pieces(shared, monkeypatch):

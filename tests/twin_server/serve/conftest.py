@@ -270,3 +270,19 @@ def resting(serving, pretender, eventually):
         made.edge.hear(epoch)
     yield made
     made.edge.close()
+
+
+@pytest.fixture(scope="module")
+def beam_and_frame(serving, ageing, frame, eventually):
+    """Start a server with a twin of one mode, registered as asked, and one of many elements."""
+
+    def start(**registration):
+        own, framed = serving(), frame()
+        own.client.put("/api/v1/twins/lab.beam", json=registration)
+        own.client.put("/api/v1/twins/lab.frame", json=framed.registration(learn_epochs=2))
+        own.feed(ageing(60))
+        own.feed(framed.epoch(i) for i in range(4))
+        assert eventually(lambda: (own.count(), own.count("lab.frame")) == (60, 4))
+        return own
+
+    return start

@@ -34,15 +34,8 @@ def expressions():
 
 
 @pytest.fixture(scope="module")
-def house(serving, ageing, frame, eventually):
-    own = serving()
-    framed = frame()
-    own.client.put("/api/v1/twins/lab.beam", json={"changes": "both"})
-    own.client.put("/api/v1/twins/lab.frame", json=framed.registration(learn_epochs=2))
-    own.feed(ageing(60))
-    own.feed(framed.epoch(i) for i in range(4))
-    assert eventually(lambda: (own.count(), own.count("lab.frame")) == (60, 4))
-    return own
+def house(beam_and_frame):
+    return beam_and_frame(changes="both")
 
 
 @pytest.fixture(scope="module")

@@ -12,19 +12,11 @@ NOT_BASE = re.compile(r"_(ms|minutes|hours|hz|khz|percent|kilo|milli|nanoseconds
 
 
 @pytest.fixture(scope="module")
-def whole(serving, ageing, frame, eventually):
-    own = serving()
-    body = {
-        "nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02},
-        "alarms": [{"quantity": "stiffness_change", "below": -0.1}],
-    }
-    framed = frame()
-    own.client.put("/api/v1/twins/lab.beam", json=body)
-    own.client.put("/api/v1/twins/lab.frame", json=framed.registration(learn_epochs=2))
-    own.feed(ageing(60))
-    own.feed(framed.epoch(i) for i in range(4))
-    assert eventually(lambda: (own.count(), own.count("lab.frame")) == (60, 4))
-    return own
+def whole(beam_and_frame):
+    return beam_and_frame(
+        nominal={"frequency_hz": 3.0, "damping_ratio": 0.02},
+        alarms=[{"quantity": "stiffness_change", "below": -0.1}],
+    )
 
 
 @pytest.fixture(scope="module")

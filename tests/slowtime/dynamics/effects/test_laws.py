@@ -229,3 +229,15 @@ def test_friction_that_has_not_been_seen_to_fall_is_no_stribeck_curve(
     motion = Motion(e=np.sin(times), v=np.cos(times), a=-np.sin(times), times=times)
     numbers = {"friction_n": 1.0, "static_n": static_n, "vs_m_per_s": vs_m_per_s}
     assert catalogue()["stribeck"].shown(numbers, motion) is is_shown
+
+
+@pytest.mark.parametrize(("ratio", "is_shown"), [(0.0, True), (0.29, True), (0.31, False)])
+def test_what_dies_within_a_period_is_no_hidden_oscillator(ratio, is_shown):
+    times = np.linspace(0.0, 10.0, 2001)
+    motion = Motion(e=np.sin(times), v=np.cos(times), a=-np.sin(times), times=times)
+    numbers = {
+        "mass_kg": 0.2,
+        "frequency_hz": 3.0,
+        "damping_n_s_per_m": ratio * 2 * 0.2 * 2 * np.pi * 3.0,
+    }
+    assert catalogue()["extra_dof"].shown(numbers, motion) is is_shown
