@@ -181,7 +181,7 @@ def test_an_account_with_an_effect_is_weighed_against_one_without(shared):
 
 def test_a_refit_is_given_up_once_it_is_late(shared):
     trials, first, *_ = shared
-    asked = []
+    asked: list[int] = []
 
     def late():
         asked.append(len(asked))
