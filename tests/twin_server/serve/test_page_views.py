@@ -92,7 +92,7 @@ def test_at_a_past_instant_everything_shows_that_instant(house, visit):
     for _ in range(10):
         page.keyboard.press("PageDown")
     expect(part(page, ".instant")).to_have_text("At slow time 29 s")
-    assert slider.get_attribute("aria-valuetext") == "At slow time 29 s"
+    expect(slider).to_have_attribute("aria-valuetext", "At slow time 29 s")
     page.keyboard.press("ArrowRight")
     expect(part(page, ".instant")).to_have_text("At slow time 30 s")
     expect(verdict).to_have_text("No element is seen to have changed.")
@@ -119,6 +119,21 @@ def test_at_a_past_instant_everything_shows_that_instant(house, visit):
     expect(verdict).to_contain_text("storey2 has lost")
     expect(part(page, ".instant")).to_have_text("Now, slow time 59 s")
     page.wait_for_function("() => location.hash === '#lab.frame'")
+    assert page.complaints == []
+
+
+def test_who_travels_is_not_thrown_back_to_the_last_halt(house, visit):
+    page = visit(house, "#lab.frame?at=29")
+    instant = part(page, ".instant")
+    expect(instant).to_have_text("At slow time 29 s")
+    # What the address says between two halts, when the list of twins comes in again.
+    page.evaluate("history.replaceState(null, '', '#lab.frame?at=41')")
+    for _ in range(2):
+        page.wait_for_event("response", lambda answer: answer.url.endswith("/api/v1/twins"))
+    page.evaluate("new Promise(requestAnimationFrame)")
+    expect(instant).to_have_text("At slow time 29 s")
+    page.evaluate("location.hash = '#lab.frame?at=30'")
+    expect(instant).to_have_text("At slow time 30 s")
     assert page.complaints == []
 
 

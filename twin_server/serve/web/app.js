@@ -21,7 +21,8 @@ function changed() {
   requestAnimationFrame(() => { telling = false; panel?.tell(); });
 }
 
-function enter() {
+/** Only an address that is new moves the instant: while somebody travels, the address still says the last halt. */
+function enter(arrived = false) {
   place = where(location.hash);
   const ofTwin = place.id !== null, state = known?.find(({ id }) => id === place.id);
   if (panel && !(state && panel.twin.id === place.id)) {
@@ -30,11 +31,12 @@ function enter() {
   }
   if (state && !panel) {
     panel = new Panel(new Twin(place.id, changed));
+    arrived = true;
     $("view").append(panel.root);
   }
   if (panel) {
     panel.twin.hear(state);
-    panel.show(place.view, place.at);
+    panel.show(place.view, arrived ? place.at : null);
   }
   fleet.root.hidden = place.view !== "fleet" || !known?.length;
   recordings.root.hidden = place.view !== "recordings";
@@ -121,7 +123,7 @@ $("view").append(fleet.root, recordings.root);
 plotly.catch((error) => { $("undrawn").textContent = error.message; $("undrawn").hidden = false; });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => panel?.twin.touch());
 document.addEventListener("visibilitychange", () => { document.hidden ? follow() : refresh(); });
-addEventListener("hashchange", () => { enter(); scrollTo(0, 0); });
+addEventListener("hashchange", () => { enter(true); scrollTo(0, 0); });
 $("token-form").addEventListener("submit", identify);
 setInterval(draw, DRAW_MS);
 keepAsking();

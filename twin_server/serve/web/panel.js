@@ -111,7 +111,7 @@ export class Panel {
     this.size.setAttribute("aria-pressed", String(wide));
   }
 
-  /** Which room of the twin is shown, at which slow time. */
+  /** Which room of the twin is shown, at which slow time if one is asked for. */
   show(room, at) {
     this.room = room;
     this.state.hidden = room !== "state";
