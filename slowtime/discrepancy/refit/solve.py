@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 import scipy.linalg
+import scipy.optimize
 from jaxtyping import Float
 
 from slowtime.discrepancy.records import Trial
@@ -32,6 +33,7 @@ BROAD = 3.0
 """Initial states may, a priori, explain so many times what was measured."""
 
 State = Float[np.ndarray, " state"]
+Moves = Float[np.ndarray, " free"]
 
 
 class GivenUp(Exception):
@@ -191,9 +193,9 @@ def descend(
             raise GivenUp
         beyond = point.cost - WRONG * data
         enough = FINE + COARSE * point.cost + CREEPING * max(beyond, 0.0)
+        room = _room(problem, point)
         while True:
-            step = _step(normal, damping)
-            gain = float(normal.gradient @ step)
+            step, gain = _step(normal, damping, *room)
             tried = costed(problem, _moved(problem, point, step, normal.states), spread)
             if tried.cost <= point.cost or gain < enough or damping > 1e8:
                 break
@@ -218,29 +220,43 @@ def descend(
     return point, normal, spread
 
 
-def _step(normal: Normal, damping: float) -> Float[np.ndarray, " unknown"]:
+def _room(problem: Problem, point: Point) -> tuple[Moves, Moves]:
+    """Farthest moves of the constants: half way to a bound, and half of a scale."""
+    prior = problem.prior
+    here = point.values[list(prior.index)]
+    low = np.maximum((prior.low - here) / 2, -prior.scale / 2)
+    return low, np.minimum((prior.high - here) / 2, prior.scale / 2)
+
+
+def _step(
+    normal: Normal, damping: float, low: Moves, high: Moves
+) -> tuple[Float[np.ndarray, " unknown"], float]:
+    """Give the best step within the room of the constants, and the gain that it foretells.
+
+    Those that would go too far stop where they have to, and the others where it is best then.
+    """
     diagonal = np.maximum(np.diag(normal.matrix), np.finfo(float).tiny)
     scale = 1 / np.sqrt(diagonal)
     inner = normal.matrix * np.outer(scale, scale)
     inner[np.diag_indices_from(inner)] += damping + 1e-12
-    return np.asarray(
-        scale * scipy.linalg.solve(inner, scale * normal.gradient, assume_a="pos")
-    )
+    down = scale * normal.gradient
+    least, most = (np.full(len(scale), far) for far in (-np.inf, np.inf))
+    least[: len(low)], most[: len(high)] = low / scale[: len(low)], high / scale[: len(high)]
+    factor = scipy.linalg.cholesky(inner, lower=True)
+    right = scipy.linalg.solve_triangular(factor, down, lower=True)
+    step = scipy.linalg.solve_triangular(factor.T, right)
+    if ((step < least) | (step > most)).any():
+        step = scipy.optimize.lsq_linear(factor.T, right, (least, most), method="bvls").x
+    return np.asarray(scale * step), float(step @ (2 * down - inner @ step))
 
 
 def _moved(
     problem: Problem, point: Point, step: Float[np.ndarray, " unknown"], states: int
 ) -> Point:
-    """Step, but no further than half way to a bound, nor by more than half of a scale."""
-    prior = problem.prior
+    prior, free = problem.prior, len(problem.prior.names)
     values = point.values.copy()
-    here = values[list(prior.index)]
-    move = np.clip(step[: len(here)], -prior.scale / 2, prior.scale / 2)
-    there = np.clip(here + move, (here + prior.low) / 2, (here + prior.high) / 2)
-    values[list(prior.index)] = there
-    parts = (
-        step[len(here) :].reshape(-1, states) if states else [np.zeros(0)] * len(point.states)
-    )
+    values[list(prior.index)] += step[:free]
+    parts = step[free:].reshape(-1, states) if states else [np.zeros(0)] * len(point.states)
     moved = tuple(old + new for old, new in zip(point.states, parts, strict=True))
     return Point(values=values, states=moved)
 

@@ -1,11 +1,14 @@
 import dataclasses
 from typing import Any
 
+import hypothesis
 import numpy as np
 import pytest
+from hypothesis import strategies as st
 
 from slowtime.discrepancy.floor.colour import white_noise
 from slowtime.discrepancy.refit import prior_of, refit
+from slowtime.discrepancy.refit.solve import Normal, _step
 from slowtime.discrepancy.values import with_values
 from slowtime.dynamics.description import Tolerance
 from slowtime.dynamics.plant import Plant
@@ -141,3 +144,24 @@ def test_what_is_left_widens_what_the_records_tell_and_not_what_is_claimed(clean
     free = dataclasses.replace(fit.prior, sd=np.full_like(fit.prior.sd, np.inf))
     unclaimed = dataclasses.replace(fit, prior=free, chi2_in_band=9.0)
     np.testing.assert_allclose(unclaimed.widened_sd, 3 * fit.sd, rtol=1e-6)
+
+
+@hypothesis.given(
+    seed=st.integers(0, 2**32 - 1), free=st.integers(1, 8), wide=st.floats(0.01, 3)
+)
+def test_a_step_is_the_best_that_its_room_allows(seed, free, wide):
+    rng = np.random.default_rng(seed)
+    slopes = rng.standard_normal((2 * free + 4, free + 2)) * rng.uniform(0.01, 100, free + 2)
+    left = rng.standard_normal(len(slopes))
+    normal = Normal(matrix=slopes.T @ slopes, gradient=slopes.T @ left, states=2)
+    room = wide * rng.uniform(0, 1, (2, free)) / np.linalg.norm(slopes[:, :free], axis=0)
+    step, gain = _step(normal, 0.0, -room[0], room[1])
+    assert (-room[0] * (1 + 1e-9) <= step[:free]).all()
+    assert (step[:free] <= room[1] * (1 + 1e-9)).all()
+    assert gain == pytest.approx(left @ left - np.sum((left - slopes @ step) ** 2), abs=1e-6)
+    # Karush, Kuhn, Tucker: nothing more is to be had but beyond a bound.
+    slope = slopes.T @ (left - slopes @ step) / np.linalg.norm(slopes, axis=0)
+    up = np.r_[step[:free] > room[1] * (1 - 1e-6), False, False]
+    down = np.r_[step[:free] < -room[0] * (1 - 1e-6), False, False]
+    assert (slope[~up] < 1e-6).all()
+    assert (slope[~down] > -1e-6).all()
