@@ -20,7 +20,7 @@ from slowtime.dynamics.effects import Effect, Kind, Place
 from .floor import floats
 from .locate import Group, Located
 from .refit import Fit
-from .shapes import best_of, gained, is_factor, made_by, retuned
+from .shapes import best_of, gained, made_by, retuned
 from .space import Forces, Space
 
 MORE, LITTLE = 1.5, 0.2
@@ -33,6 +33,8 @@ OFFSET, GAIN = "input_bias", "input_gain"
 SEVERAL = 3.0
 """What a free force at the best place leaves, over the noise, from which one force alone is not
 what is missing; then no place is passed over for that."""
+WEAK = 0.1
+"""Share of what a force at the best place explains, below which a place is passed over then."""
 HOPELESS = 5.0
 """Times the chi squared of the best law that a place must leave, to be passed over."""
 
@@ -85,8 +87,12 @@ def candidates(fit: Fit, located: Located, kinds: Mapping[str, Kind]) -> list[Ca
     least = math.inf
     fits = [kind for kind in kinds.values() if can_be(kind, located)]
     leaving = min(group.left for group in located.groups)
+    most = max(group.score for group in located.groups)
     for group in located.groups:
-        worse = leaving < SEVERAL and group.left > MORE * leaving + LITTLE
+        if leaving < SEVERAL:
+            worse = group.left > MORE * leaving + LITTLE
+        else:
+            worse = group.score < WEAK * most
         if worse or elsewhere(located, group) > HOPELESS * least:
             continue
         for place in group.places:
@@ -138,10 +144,10 @@ def mirrored(
     labels: Sequence[Candidate], tried: Sequence[Candidate], kinds: Mapping[str, Kind]
 ) -> list[Candidate]:
     """Give what one sensor alone cannot tell from a label: the input's factor or its own."""
-    known = next((one for one in labels if is_factor(kinds[one.effect.kind])), None)
+    known = next((one for one in labels if kinds[one.effect.kind].is_factor), None)
     if known is None:
         return []
-    factors = [one.effect for one in tried if is_factor(kinds[one.effect.kind])]
+    factors = [one.effect for one in tried if kinds[one.effect.kind].is_factor]
     every = {one.place.kind: one for one in reversed(factors)}
     (by,) = known.effect.parameters.values()
     others = [one for where, one in every.items() if where != known.effect.place.kind]

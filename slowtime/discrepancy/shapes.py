@@ -437,15 +437,3 @@ def like_constant(kind: Kind) -> bool:
     """Whether a kind does what a constant of its place does: the constant's tolerance tells."""
     action = kind.action
     return isinstance(action, Hidden) and not action.coordinates and len(kind.names) == 1
-
-
-def is_factor(kind: Kind) -> bool:
-    """Whether a kind multiplies the series of an input or of a sensor by its one number."""
-    action = kind.action
-    if not isinstance(action, InputChange | SensorChange) or len(kind.names) != 1:
-        return False
-    times = np.linspace(0.0, 1.0, 65)
-    series = 3.0 * np.sin(7.0 * times)
-    return all(
-        np.allclose(action.act(series, times, np.array([by])), by * series) for by in (1.0, 2.0)
-    )

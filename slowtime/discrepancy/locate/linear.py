@@ -119,7 +119,8 @@ class Linear:
     def of_plant(cls, plant: Plant, values: Float[np.ndarray, " parameter"]) -> "Linear":
         """Take the linear part of a plant, with what its effects add to it.
 
-        Hidden coordinates of effects come after those of the description.
+        Hidden coordinates of effects come after those of the description; a factor of a sensor
+        is one of its scale.
         """
         named = dict(zip(plant.parameters, values.tolist(), strict=True))
         kinds = [plant.kinds[effect.kind] for effect in plant.effects]
@@ -135,7 +136,14 @@ class Linear:
             influence=np.array([not name.endswith(ROTATION) for name in names], float),
             base_mass=whole[0, :free, free],
         )
-        return cls._over(with_values(plant.description, linear), structure)
+        over = cls._over(with_values(plant.description, linear), structure)
+        # What a sensor tells too much or too little, it tells of a force that is missing too.
+        scale = over.scale.copy()
+        for number, (effect, kind) in enumerate(zip(plant.effects, kinds, strict=True)):
+            if kind.where == "sensor" and kind.is_factor:
+                channel = [s.channel for s in plant.description.sensors].index(effect.place.id)
+                scale[channel] *= named["effect", number, kind.names[0]]
+        return dataclasses.replace(over, scale=scale)
 
     @classmethod
     def _over(cls, description: Description, structure: Structure) -> "Linear":

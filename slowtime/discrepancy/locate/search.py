@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refit import Fit
-from slowtime.dynamics.effects import Place
+from slowtime.dynamics.effects import Place, SensorChange
 
 from .latent import ROUNDS, Explained, Followed, Solver
 from .linear import Linear, Source
@@ -55,7 +55,7 @@ def locate(fit: Fit, trials: Sequence[Trial], among: Sequence[Place] | None = No
     lines = tuple(
         lines_of(linear, trial, residual, run, fit.noise, i, REACH * fit.silent_above_hz)
         for i, (trial, residual, run) in enumerate(
-            zip(records, fit.residual, runs, strict=True)
+            zip(records, _timely(fit, records), runs, strict=True)
         )
     )
     families = _families(linear, lines[0])
@@ -152,6 +152,23 @@ def _motion(fit: Fit, trial: Trial, number: int) -> Float[np.ndarray, "order tim
     return np.stack(
         [run.states[:, :dofs], run.states[:, dofs : 2 * dofs], run.rates[:, dofs : 2 * dofs]]
     )
+
+
+def _timely(fit: Fit, trials: tuple[Trial, ...]) -> list[Float[np.ndarray, "time sensor"]]:
+    """Residual of each trial; where a clock was found wrong, as a right one tells it."""
+    values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
+    channels = [sensor.channel for sensor in fit.plant.description.sensors]
+    found = [residual.copy() for residual in fit.residual]
+    for number, effect in enumerate(fit.plant.effects):
+        kind = fit.plant.kinds[effect.kind]
+        if not isinstance(kind.action, SensorChange) or kind.action.undo is None:
+            continue
+        own = np.array([values["effect", number, name] for name in kind.names])
+        at = channels.index(effect.place.id)
+        for trial, residual in zip(trials, found, strict=True):
+            times = trial.start_s + np.arange(len(residual)) / trial.rate_hz
+            residual[:, at] = kind.action.undo(residual[:, at], times, own)
+    return found
 
 
 def _linear_names(fit: Fit) -> list[tuple[int, tuple[str, str]]]:

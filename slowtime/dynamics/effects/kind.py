@@ -167,10 +167,14 @@ class SensorChange:
         several: the last axis is time.
     affine
         Whether it is linear in the series, but for a constant.
+    undo
+        The same the other way round, for a difference of two series told: when it was there.
+        None where it is told at its own time.
     """
 
     act: Callable[[Several, Series, Values], Several]
     affine: bool = True
+    undo: Callable[[Several, Series, Values], Several] | None = None
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -288,6 +292,19 @@ class Kind:
         if isinstance(self.action, Law):
             return len(self.action.rates)
         return 2 * self.action.coordinates if isinstance(self.action, Hidden) else 0
+
+    @property
+    def is_factor(self) -> bool:
+        """Whether it multiplies the series of an input or of a sensor by its one number."""
+        action = self.action
+        if not isinstance(action, InputChange | SensorChange) or len(self.names) != 1:
+            return False
+        times = np.linspace(0.0, 1.0, 65)
+        series = 3.0 * np.sin(7.0 * times)
+        return all(
+            np.allclose(action.act(series, times, np.array([by])), by * series)
+            for by in (1.0, 2.0)
+        )
 
     def parameter(self, name: str) -> Parameter:
         """Look up a parameter by name."""

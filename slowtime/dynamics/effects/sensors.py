@@ -47,6 +47,11 @@ def timed(series: Several, times: Series, p: Values) -> Several:
     return at_instants(series, (times - times[0]) * (1.0 + p[0]) * rate_hz)
 
 
+def retimed(series: Several, times: Series, p: Values) -> Several:
+    """Series as a right clock would have sampled it."""
+    return timed(series, times, np.array([-p[0] / (1.0 + p[0])]))
+
+
 def _kind(
     name: str,
     title: str,
@@ -148,7 +153,7 @@ KINDS = (
         "Sensor clock off",
         "told(t) = true(t0 + (t − t0)(1 + skew))",
         "The sensor's clock runs fast or slow against the others.",
-        SensorChange(act=timed),
+        SensorChange(act=timed, undo=retimed),
         Parameter(name="skew", unit="", meaning="relative error", low=-0.2, high=0.2),
     ),
 )

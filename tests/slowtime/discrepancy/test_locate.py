@@ -13,6 +13,7 @@ from slowtime.discrepancy.locate.tuned import Known, Tuned
 from slowtime.discrepancy.refit import refit
 from slowtime.dynamics.description import Description, Input, Node, Sensor
 from slowtime.dynamics.effects import Place
+from slowtime.dynamics.effects.sensors import timed
 from slowtime.dynamics.plant import Plant
 from slowtime.signals.spectra import transform
 
@@ -268,18 +269,22 @@ def test_a_trial_of_noise_alone_has_series_and_spectrum_of_one_scale(campaign):
     assert lines.series(lines.residual) == pytest.approx(trials[0].outputs)
 
 
-def test_transfers_have_the_hidden_coordinates_of_the_reference_in_them(campaign):
+HIDDEN = {
+    "effect": "extra_dof",
+    "node": "m1",
+    "mass_kg": 0.2,
+    "frequency_hz": 5.0,
+    "damping_n_s_per_m": 0.4,
+}
+TURNED = {"effect": "sensor_gain", "sensor": "a1", "gain": -0.6}
+
+
+@pytest.mark.parametrize("effect", [HIDDEN, TURNED], ids=lambda one: one["effect"])
+def test_transfers_have_the_linear_effects_of_the_reference_in_them(campaign, effect):
     rig, trials = campaign(4, masses=2, seconds=20.0, levels=(1.0,), mode="accelerations")
-    hidden = {
-        "effect": "extra_dof",
-        "node": "m1",
-        "mass_kg": 0.2,
-        "frequency_hz": 5.0,
-        "damping_n_s_per_m": 0.4,
-    }
     pushed = Input(channel="w", kind="force", node="m1", unit="N")
     description = dataclasses.replace(
-        rig.description, effects=(hidden,), inputs=(*rig.description.inputs, pushed)
+        rig.description, effects=(effect,), inputs=(*rig.description.inputs, pushed)
     )
     plant, drive = Plant.of(description), trials[0].inputs
     still = np.concatenate([drive, 0 * drive], axis=1)
@@ -288,7 +293,8 @@ def test_transfers_have_the_hidden_coordinates_of_the_reference_in_them(campaign
     runs = [plant.run(plant.values, inputs, 64.0) for inputs in (still, both)]
     linear = Linear.of_plant(plant, plant.values)
     known = Known.of(linear, (("stiffness", "j0"),), np.zeros(1), np.ones(1))
-    motion = np.stack([runs[0].states[:, :3], runs[0].states[:, 3:6], runs[0].rates[:, 3:6]])
+    rest, moving = np.split(runs[0].states, 2, axis=1)
+    motion = np.stack([rest, moving, np.split(runs[0].rates, 2, axis=1)[1]])
     more = runs[1].outputs - runs[0].outputs
     noise = white_noise([[1.0] * 2])
     lines = lines_of(linear, trial, more, motion, noise, 0, 14.0)
@@ -296,10 +302,29 @@ def test_transfers_have_the_hidden_coordinates_of_the_reference_in_them(campaign
     source = next(s for s in linear.sources() if s.place == Place("node", "m1"))
     force = transform(drive, 64.0)[1][: len(lines.frequency_hz)]
     miss = lines.residual - tuned.transfer(source) * force
-    decays = np.concatenate([tuned.decays.real, tuned.decays.imag]).reshape(-1, 6)
+    decays = np.concatenate([tuned.decays.real, tuned.decays.imag])
+    decays = decays.reshape(-1, runs[0].states.shape[1])
     left = np.concatenate([miss.real, miss.imag]).reshape(-1)
     left = left - decays @ np.linalg.lstsq(decays, left, rcond=None)[0]
     assert np.linalg.norm(left) < 0.01 * np.linalg.norm(lines.residual)
+
+
+def test_what_a_wrong_clock_tells_of_a_missing_force_is_put_where_it_was(campaign, wrong):
+    missing = wrong(element=1, force=cubic)
+    rig, trials = campaign(6, missing, masses=2, seconds=30.0, mode="states")
+    skew = np.array([0.006])
+
+    def told(trial):
+        times = np.arange(len(trial.outputs)) / trial.rate_hz
+        late = timed(trial.outputs[:, 0], times, skew)
+        return dataclasses.replace(trial, outputs=np.column_stack([late, trial.outputs[:, 1:]]))
+
+    late = tuple(told(trial) for trial in trials)
+    effect = {"effect": "sensor_clock", "sensor": "x1", "skew": 0.006}
+    plant = Plant.of(dataclasses.replace(rig.description, effects=(effect,)))
+    found = locate(refit(plant, late), late)
+    assert found.groups[0].places[0] == Place("element", "j1")
+    assert found.groups[0].left < 1.5
 
 
 def test_a_motion_that_grows_beyond_bounds_is_followed_no_further(campaign, wrong, monkeypatch):
