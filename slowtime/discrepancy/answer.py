@@ -53,6 +53,12 @@ NOT_HELD_OUT = (
     "fitted to the rest. Hold one out to see how far the model can be trusted elsewhere."
 )
 NEARER = " Constants known better than their tolerance would tell, or another level."
+WRONG = 3.0
+"""Mean square over the noise, in band, up to which the noise may be what was taken wrongly."""
+LOUD = (
+    "What is left is not of the colour that the noise was taken to have, but no record shows "
+    "it as an error: it is noise, or far below it."
+)
 HURRIED = "Time ran out before every law was tried; --patience gives it more."
 
 
@@ -76,6 +82,8 @@ class Found:
         Whether what is undecided may be a law near the one named, and not known.
     link
         A spring that the model has not got, and that explains more than what was named.
+    both
+        An account that begins with two laws at once, and explains all.
     """
 
     fits: list[Fit]
@@ -94,6 +102,7 @@ class Found:
     refuted: Place | None = None
     near: bool = False
     link: Link | None = None
+    both: "Found | None" = None
 
 
 def report(
@@ -114,11 +123,13 @@ def report(
     heard = noise_on(last, tests, steps[-1].runs)
     floor = floor_of(tests, heard)
     faults = [a for f in findings if (a := fault_of(f, kinds)) is not None]
+    errors = [float(step.error.mean()) for step in steps]
     foretold = bool(campaign.holdout and found.answers) and _foretold(
-        found, [float(step.error.mean()) for step in steps], floor, kinds
+        found, errors, floor, kinds
     )
     unknown = found.refuted is not None or found.link is not None
-    unknown = unknown or (not found.undecided and not foretold and _unknown(found))
+    loud = bool(campaign.holdout) and _loud(found, errors, floor)
+    unknown = unknown or (not (found.undecided or foretold or loud) and _unknown(found))
     sure = humbled(found.answers, len(found.fits) - 1, kinds)
     answers = _once([*(() if unknown else sure), *faults])
     verdict, sentence = _word(found, answers, first, kinds)
@@ -163,6 +174,7 @@ def report(
                 if unknown
                 else (*_pieced(found, kinds), *_besides(found))
             ),
+            *((LOUD,) if loud and not unknown and _unknown(found) else ()),
         ),
     )
 
@@ -176,6 +188,15 @@ def _foretold(
     return errors[-1] <= FORETOLD * floor or (
         len(laws) == 1 and errors[-1] <= BY_ONE * errors[0]
     )
+
+
+def _loud(found: Found, errors: Sequence[float], floor: float) -> bool:
+    """Whether nothing was found, and a record never seen is met as well as its noise allows.
+
+    What is left is then noise of another colour than it was taken to have.
+    """
+    little = found.fits[-1].chi2_in_band < WRONG
+    return not found.answers and little and CLOSED * errors[-1] <= floor
 
 
 def _unknown(found: Found) -> bool:

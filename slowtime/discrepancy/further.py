@@ -13,7 +13,7 @@ import numpy as np
 from slowtime.dynamics.effects import Kind
 
 from .candidates import Candidate, Label, label_of
-from .naming import Named, Tick, evidence, refit_all, rescored
+from .naming import Named, Tick, evidence, misfit, refit_all, rescored
 from .records import Trial
 from .refit import Fit
 
@@ -47,19 +47,20 @@ def shot_too(
     found = list(named)
     if not found or found[0].fit.chi2_in_band <= FAR_OFF:
         return found
-    anew = [dataclasses.replace(one, start=None) for one in _astray(labels, found) if one.start]
+
+    def astray() -> list[Candidate]:
+        left = {label_of(one.effect): misfit(one.fit, before.noise, trials) for one in found}
+        least = min(left.values())
+        return [
+            one
+            for one in labels[:FOREMOST]
+            if left.get(label_of(one.effect), np.inf) > SHORT_OF * one.cost < SHORT_OF * least
+        ]
+
+    anew = [dataclasses.replace(one, start=None) for one in astray() if one.start]
     found = _joined(found, refit_all(before, anew, trials, kinds, tick), trials, kinds)
-    more = refit_all(before, _astray(labels, found), trials, kinds, tick, shooting=True)
+    more = refit_all(before, astray(), trials, kinds, tick, shooting=True)
     return _joined(found, more, trials, kinds)
-
-
-def _astray(labels: Sequence[Candidate], found: Sequence[Named]) -> list[Candidate]:
-    reached = {label_of(one.effect): one.fit.cost for one in found}
-    return [
-        one
-        for one in labels[:FOREMOST]
-        if reached.get(label_of(one.effect), np.inf) > SHORT_OF * one.cost
-    ]
 
 
 def in_pieces(named: Sequence[Named], kinds: Mapping[str, Kind]) -> list[Named]:

@@ -27,7 +27,7 @@ from .floor import Noise
 from .gap import whiteness
 from .records import Trial
 from .refit import Fit, GivenUp, refit, shot, weights_of
-from .shapes import is_factor, like_constant
+from .shapes import like_constant
 from .values import with_values
 
 KEPT = 6
@@ -43,6 +43,9 @@ WHITE = 1e-3
 BEHIND, LITTLE = 5.0, 0.01
 """Times its chi squared along the force, and share of that without any, from which others are
 then given up."""
+MAIN, LESS = 0.5, 1.5
+"""Share of chi squared that one leaves which explains half of what is missing; times that from
+which others are given up that leave more along the force: the rest is another effect's."""
 LOUDER = 4.0
 """Standard deviations of chi squared about 1 from which the noise is listened to again."""
 
@@ -245,7 +248,8 @@ def refit_all(
 
     Where these are done, `more` may give others, for what there is so far.
 
-    Once one leaves nothing, others are given up that were far behind it along the force.
+    Once one leaves nothing, others are given up that were far behind it along the force; once
+    one leaves little, others that would leave more.
     By `shooting`, each is fitted to pieces first: that leads to the right minimum where an
     effect is strong, and costs more.
     """
@@ -280,6 +284,8 @@ def refit_all(
         if any(whiteness(fit) > WHITE for fit in (named.fit, named.shot) if fit is not None):
             enough = min(enough, max(BEHIND * label.cost, LITTLE * label.bare) + FAR)
             reached = min(reached, *(fit.cost for fit in (named.fit, named.shot) if fit))
+        elif (left := misfit(named.fit, before.noise, trials)) < MAIN * label.bare:
+            enough = min(enough, LESS * max(left, label.cost) + FAR)
     if not any(whiteness(one.fit) > WHITE for one in found):
         # No simpler law does the same.
         found += [one for one in idle if whiteness(one.fit) > WHITE]
@@ -330,7 +336,7 @@ def _only(kind: Kind) -> str | None:
 
 def _nothing(kind: Kind) -> float:
     """Value at which a kind of one number does nothing: 1 for factors, 0 for all else."""
-    return 1.0 if is_factor(kind) else 0.0
+    return 1.0 if kind.is_factor else 0.0
 
 
 def _shown(named: Named, trials: Sequence[Trial], kinds: Mapping[str, Kind]) -> bool:

@@ -2,7 +2,8 @@
 
 Of two laws at one place neither explains much by itself, and the one that explains most alone
 need not be one of them. Along the motion recovered there all are linear in their strengths, so
-that every pair of them is compared by the products of their forces with each other.
+that every pair of them is compared by the products of their forces with each other. A tone has
+the frequency that it was found with, and any phase.
 """
 
 import dataclasses
@@ -12,9 +13,17 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.dynamics.effects import Effect, Friction, Hidden, Kind, Law, force_along
+from slowtime.dynamics.effects import (
+    Effect,
+    Friction,
+    Hidden,
+    Kind,
+    Law,
+    Place,
+    force_along,
+)
 
-from .candidates import SEVERAL, Candidate, can_be, start_with
+from .candidates import SEVERAL, Candidate, Label, can_be, label_of, start_with
 from .locate import Group, Located
 from .refit import Fit
 from .shapes import possible, scanned, sized
@@ -58,44 +67,55 @@ class _Column:
 
 
 def pairs(
-    fit: Fit, located: Located, tried: Sequence[Candidate], kinds: Mapping[str, Kind]
+    fit: Fit,
+    located: Located,
+    tried: Sequence[Candidate],
+    reached: Mapping[Label, float],
+    kinds: Mapping[str, Kind],
 ) -> list[tuple[Candidate, Candidate]]:
     """Give pairs of laws that leave less than half of what the best law leaves; best first.
 
     The second carries where the free run with both may start from.
+
+    Parameters
+    ----------
+    reached
+        Chi squared that those leave which were refitted: some promised more than they hold.
     """
     group = located.groups[0]
     if not tried or group.left > SEVERAL:
         return []
-    columns = list(_columns(fit, located, group, kinds))
-    if len(columns) < 2:
+    spaces = _spaces(fit, located, group)
+    columns = list(_columns(spaces, located, tried, kinds))
+    if not columns:
         return []
     space = columns[0].space
     forces = _lines(columns)
     inner, seen = space.normal(forces)
     heard = np.flatnonzero(np.diag(inner) > HEARD * space.power(forces))
     columns, inner, seen = [columns[i] for i in heard], inner[np.ix_(heard, heard)], seen[heard]
-    size = np.sqrt(np.maximum(np.diag(inner), np.finfo(float).tiny))
-    across, along = inner / np.outer(size, size), seen / size
-    own = 1 - np.minimum(across**2, ALIKE)
-    first = (along[:, None] - across * along) / own
-    gain = first * along[:, None] + first.T * along
+    bar = BETTER * min(reached.get(label_of(one.effect), one.cost) for one in tried)
+    least = space.bare - bar
+    tones = [
+        one.effect
+        for one in tried
+        if kinds[one.effect.kind].quadrature is not None and one.effect.place in spaces
+    ]
+    both = [
+        *_of_laws(columns, inner, seen, least),
+        *_with_tones(spaces, columns, tones[:MOST], least, kinds),
+    ]
     data = sum(2 * lines.residual.size for lines in located.lines)
-    found: dict[tuple[object, ...], tuple[Candidate, Candidate]] = {}
-    bar = BETTER * min(one.cost for one in tried)
-    for i, j in _best_first(gain, space.bare - bar):
-        one, other = columns[i], columns[j]
-        label = (one.kind.name, one.space.place, other.kind.name, other.space.place)
-        if one.kind is other.kind or abs(across[i, j]) > math.sqrt(ALIKE) or label in found:
+    found: dict[tuple[Label, ...], tuple[Candidate, Candidate]] = {}
+    for gain, pair in sorted(both, key=lambda one: -one[0]):
+        effects = [effect for column in pair if (effect := column.effect) is not None]
+        label = tuple(label_of(effect) for effect in effects)
+        if len(effects) < 2 or label in found:
             continue
-        both = (one.sized(first[i, j] / size[i]), other.sized(first[j, i] / size[j]))
-        effects = [effect for column in both if (effect := column.effect) is not None]
-        if len(effects) < 2:
-            continue
-        cost = space.bare - float(gain[i, j])
-        numbers = sum(p.fitted for column in both for p in column.kind.parameters)
+        cost = space.bare - gain
+        numbers = sum(p.fitted for column in pair for p in column.kind.parameters)
         score = -cost / 2 - numbers / 2 * math.log(data)
-        made = [forces.sum(axis=1, keepdims=True) for forces in _lines(both)]
+        made = [forces.sum(axis=1, keepdims=True) for forces in _lines(pair)]
         start = start_with(fit, made, space)
         one_of, other_of = (Candidate(e, cost, score, space.bare, start) for e in effects)
         found[label] = one_of, other_of
@@ -104,22 +124,108 @@ def pairs(
     return list(found.values())
 
 
-def _columns(
-    fit: Fit, located: Located, group: Group, kinds: Mapping[str, Kind]
-) -> Iterator[_Column]:
-    """Every law that its strength scales, in every shape, at every place of a group."""
-    directions = {source.place: source.force for source in located.linear.sources()}
-    reference = None
-    laws = [kind for kind in kinds.values() if _scales(kind) and can_be(kind, located)]
-    for place in group.places:
-        own = [kind for kind in laws if kind.where == place.kind]
-        if not own or place.kind not in ("element", "node"):
+def _of_laws(
+    columns: Sequence[_Column],
+    inner: Float[np.ndarray, "column column"],
+    seen: Float[np.ndarray, " column"],
+    least: float,
+) -> Iterator[tuple[float, tuple[_Column, _Column]]]:
+    """Pairs of columns that gain more than the least, the best of each pair of labels."""
+    size = np.sqrt(np.maximum(np.diag(inner), np.finfo(float).tiny))
+    across, along = inner / np.outer(size, size), seen / size
+    own = 1 - np.minimum(across**2, ALIKE)
+    first = (along[:, None] - across * along) / own
+    gain = first * along[:, None] + first.T * along
+    done: set[tuple[object, ...]] = set()
+    for i, j in _best_first(gain, least):
+        one, other = columns[i], columns[j]
+        label = (one.kind.name, one.space.place, other.kind.name, other.space.place)
+        if one.kind is other.kind or abs(across[i, j]) > math.sqrt(ALIKE) or label in done:
             continue
-        space = Space(fit, located, place)
-        reference = reference or space
-        sign = float(np.sign(directions[place] @ directions[reference.place]))
-        for kind in own:
-            for parameters in scanned(kind, space):
+        both = (one.sized(first[i, j] / size[i]), other.sized(first[j, i] / size[j]))
+        if any(column.effect is None for column in both):
+            continue
+        done.add(label)
+        yield float(gain[i, j]), both
+        if len(done) == MOST:
+            return
+
+
+def _with_tones(
+    spaces: Mapping[Place, tuple[Space, float]],
+    columns: Sequence[_Column],
+    tones: Sequence[Effect],
+    least: float,
+    kinds: Mapping[str, Kind],
+) -> Iterator[tuple[float, tuple[_Column, _Column]]]:
+    """Give the best law beside each tone, whose frequency is known and whose phase is not."""
+    space = columns[0].space
+    for tone in tones:
+        kind = kinds[tone.kind]
+        if kind.quadrature is None or kind.strength is None:
+            continue
+        own, sign = spaces[tone.place]
+        turned = [
+            _Column(
+                kind, {**tone.parameters, kind.strength: 1.0, kind.quadrature: turn}, sign, own
+            )
+            for turn in (0.0, math.pi / 2)
+        ]
+        inner, seen = space.normal(_lines([*turned, *columns]))
+        square, cross = inner[:2, :2], inner[2:, :2]
+        alone = np.linalg.solve(square, seen[:2])
+        left = seen[2:] - cross @ alone
+        apart = np.linalg.solve(square, cross.T).T
+        size = np.diag(inner)[2:] - np.sum(cross * apart, axis=1)
+        heard = size > (1 - ALIKE) * np.diag(inner)[2:]
+        gains = np.where(heard, left**2 / np.where(heard, size, 1.0), 0.0)
+        for best in np.argsort(-gains, kind="stable").tolist():
+            gain = float(gains[best] + seen[:2] @ alone)
+            if gain <= least:
+                break
+            strength = float(left[best] / max(size[best], np.finfo(float).tiny))
+            law, quarters = columns[best].sized(strength), alone - strength * apart[best]
+            if not heard[best] or law.kind is kind or law.effect is None:
+                continue
+            heights = {
+                kind.strength: float(np.hypot(*quarters)),
+                kind.quadrature: float(np.arctan2(quarters[1], quarters[0])),
+            }
+            whole = {**tone.parameters, **heights}
+            yield gain, (dataclasses.replace(turned[0], parameters=whole), law)
+            break
+
+
+def _spaces(fit: Fit, located: Located, group: Group) -> dict[Place, tuple[Space, float]]:
+    """Elements and nodes of a group, and how a force there points against the first's."""
+    directions = {source.place: source.force for source in located.linear.sources()}
+    places = [place for place in group.places if place.kind in ("element", "node")]
+    return {
+        place: (
+            Space(fit, located, place),
+            float(np.sign(directions[place] @ directions[places[0]])),
+        )
+        for place in places
+    }
+
+
+def _columns(
+    spaces: Mapping[Place, tuple[Space, float]],
+    located: Located,
+    tried: Sequence[Candidate],
+    kinds: Mapping[str, Kind],
+) -> Iterator[_Column]:
+    """Every law that its strength scales, in every shape, at every place of a group.
+
+    And as it was found: a jump lies between the instants that are tried.
+    """
+    laws = [kind for kind in kinds.values() if _scales(kind) and can_be(kind, located)]
+    for place, (space, sign) in spaces.items():
+        for kind in laws:
+            if kind.where != place.kind:
+                continue
+            here = (one.effect for one in tried if label_of(one.effect) == (kind.name, place))
+            for parameters in (*scanned(kind, space), *(dict(e.parameters) for e in here)):
                 yield _Column(kind, parameters, sign, space)
 
 

@@ -42,7 +42,8 @@ def pruned(
         return chain, kept
     own = len(fits[0].plant.effects)
     number = 0
-    while number < len(kept) and len(kept) > 1:
+    # The last was found with all others in place.
+    while 1 < len(kept) > number + (len(kept) == len(answers)):
         less = without(chain[-1], own + number, trials, kinds)
         if less is None or _gain(chain[-1], less, trials, kinds) >= LEAST_GAIN:
             number += 1
@@ -71,7 +72,9 @@ def without(
         [known.get(before(name), entry.value) for name, entry in plant.entries.items()]
     )
     try:
-        found = refit(plant, trials, noise=fit.noise, values=values, horizons=(1.0,))
+        found = refit(
+            plant, trials, noise=fit.noise, values=values, horizons=(1.0,), beat=fit.cost
+        )
     except (np.linalg.LinAlgError, FloatingPointError):
         return None
     return found if math.isfinite(found.cost) else None
@@ -79,10 +82,12 @@ def without(
 
 def _gain(more: Fit, less: Fit, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]) -> float:
     """Log evidence that the larger model has over the smaller, by the noise of the larger."""
-    same = refit(
-        more.plant, trials, noise=less.noise, values=more.values, states=more.states,
-        horizons=(1.0,),
-    )  # fmt: skip
+    same = more
+    if less.noise is not more.noise:
+        same = refit(
+            more.plant, trials, noise=less.noise, values=more.values, states=more.states,
+            horizons=(1.0,),
+        )  # fmt: skip
     return evidence(same, kinds) - evidence(less, kinds)
 
 

@@ -29,6 +29,7 @@ from .naming import (
     Named,
     chosen,
     evidence,
+    misfit,
     refit_all,
     refitted,
     rescored,
@@ -67,6 +68,8 @@ FLAW = 0.003
 """Share of what was missing at first, of which one does not begin again either."""
 ANEW, DOWN = 2, 6
 """Labels that were refitted, and labels further down, with which one begins again."""
+SPECK = 0.01
+"""Share of what is missing, by which a first effect that explains no more is not what is."""
 LEAST_SHARE = 1e-6
 """Probability from which a rival is told."""
 
@@ -102,9 +105,8 @@ def search(first: Fit, trials: tuple[Trial, ...], how: Search) -> Found:
         return found
     held = unbent(first, trials)
     one = _next(found, how, 0, held)
-    two = None if _done(found) else _with_pair(found, held, trials, how)
-    if two is not None:
-        found = two
+    if found.both is not None:
+        found = found.both
     elif one and not _ends(found, how, 0):
         _go_on(found, how, 1)
     cut = len(found.trials) != len(trials)
@@ -154,10 +156,16 @@ def _with_pair(
     found: Found, before: Fit, trials: tuple[Trial, ...], how: Search
 ) -> Found | None:
     """Begin with two laws at once, where both leave nothing and the best of all leaves much."""
-    if found.located is None or found.holds is not None or how.tell.hurries:
+    best = found.named[0].fit if found.named else before
+    if best.chi2_in_band < EXPLAINED or whiteness(best) > UNWHITE:
+        return None
+    if found.located is None or how.tell.hurries:
         return None
     good: list[tuple[Candidate, Named]] = []
-    for one, other in pairs(before, found.located, found.tried, how.kinds):
+    reached = {
+        label_of(one.effect): misfit(one.fit, before.noise, trials) for one in found.named
+    }
+    for one, other in pairs(before, found.located, found.tried, reached, how.kinds):
         how.tell(f"refitting {one.effect.kind} and {other.effect.kind}", 0.35)
         known = carrying(before, one.effect, how.kinds)
         noise = good[0][1].fit.noise if good else None
@@ -177,7 +185,7 @@ def _with_pair(
         return None
     branch = Found(
         [found.fits[0], alone.fit],
-        trials,
+        found.trials,
         located=found.located,
         named=found.named,
         tried=found.tried,
@@ -334,8 +342,19 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
         return tell.hurries and (number > 0 or i > 0 or bool(named))
 
     bent = found.fits[-1]
-    down = None if number or how.quick else Downward(bent, before, tried, labels, trials, kinds)
-    named = refit_all(before, labels, trials, kinds, tick, more=down)
+    first = not (number or how.quick)
+    down = Downward(bent, before, tried, labels, trials, kinds)
+
+    def more(so_far: Sequence[Named]) -> list[Candidate]:
+        if not first or found.both is not None:
+            return []
+        found.named, found.tried = tuple(sorted(so_far, key=lambda n: -n.score)), tuple(tried)
+        found.both = _with_pair(found, before, trials, how)
+        return down(so_far) if found.both is None else []
+
+    named = refit_all(before, labels, trials, kinds, tick, more=more)
+    if found.both is not None:
+        return True
     if not named or whiteness(named[0].fit) < UNWHITE:
         drift = wandering(located, kinds)
         if drift is not None:
@@ -407,6 +426,10 @@ def _accept(
         return False
     # Long records tell the least flaw of what was found first from noise.
     if found.answers and not pulled and bar.cost - best.fit.cost < FAINT * bar.data:
+        return False
+    # Noise that is louder than it was taken to be leaves much, and any law a speck less.
+    gained, missing = bar.cost - best.fit.cost, bar.cost - bar.data
+    if not found.answers and not pulled and gained < SPECK * missing:
         return False
     # That constants were claimed too well is an answer too, and has its share.
     besides = [_retuned(bar)] if pulled else []

@@ -12,6 +12,9 @@ from slowtime.dynamics.effects import Effect, Hidden, Kind, Place
 FARTHEST = 100.0
 """Factor by which a factor may move: nothing at all explains whatever masses may vanish."""
 
+LIGHTEST = 0.05
+"""Share of its mass that a node keeps: one that weighs next to nothing explains whatever."""
+
 Name = tuple[str, str] | tuple[str, int, str]
 """("stiffness", "j1"), ("damping", "j1"), ("mass", "m1"), or ("effect", 0, "friction_n")."""
 
@@ -92,4 +95,4 @@ def lowest(description: Description, place: Place, kind: Kind) -> float:
         return -math.inf
     gained = float(action.matrices(np.ones(1))[0][0, 0])
     mass = next(node.mass_kg for node in description.nodes if node.id == place.id)
-    return -mass / gained if gained > 0 and mass > 0 else -math.inf
+    return -(1 - LIGHTEST) * mass / gained if gained > 0 and mass > 0 else -math.inf

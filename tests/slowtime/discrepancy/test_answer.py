@@ -5,12 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 
+from slowtime.discrepancy.answer import LOUD, Found, report
+from slowtime.discrepancy.locate import locate
 from slowtime.discrepancy.naming import Named, evidence
-from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refit import refit
 from slowtime.discrepancy.verdict import rivals_within, shares_of
 from slowtime.dynamics.builders import chain
-from slowtime.dynamics.description import Input, Sensor
+from slowtime.dynamics.description import Input, Sensor, Tolerance
 from slowtime.dynamics.effects import Effect, Place, catalogue
 from slowtime.dynamics.plant import Plant
 
@@ -41,3 +43,42 @@ def test_constants_that_may_be_off_take_their_share(named):
     lesser = dataclasses.replace(named, score=named.score - 100.0)
     shares = shares_of([named, lesser], [named.score])
     assert [rival.effect for rival in rivals_within([named, lesser], shares)] == ["added_mass"]
+
+
+@pytest.mark.parametrize(
+    ("unseen", "verdict"), [(0.0, "nothing_missing"), (2.0, "unknown_effect")]
+)
+def test_noise_of_another_colour_is_no_discovery_where_no_record_shows_an_error(
+    unseen, verdict
+):
+    rng = np.random.default_rng(4)
+    rig = dataclasses.replace(
+        chain([2.0], [800.0], dampings_n_s_per_m=[1.6]),
+        inputs=(Input(channel="f", kind="force", node="m1", unit="N"),),
+        sensors=(Sensor(channel="x", quantity="displacement", node="m1", unit="m"),),
+        tolerance=Tolerance(stiffness=0.01, damping=0.1),
+    )
+    plant = Plant.of(rig)
+
+    def record(more):
+        push = rng.standard_normal((400, 1))
+        clean = plant.simulate(plant.values, push + more * rng.standard_normal((400, 1)), 64.0)
+        noise = 0.05 * clean.std() * rng.standard_normal(clean.shape)
+        return Trial(inputs=push, outputs=clean + noise, rate_hz=64.0)
+
+    trials = (record(0.0), record(0.0))
+    fit = refit(plant, trials)
+    loud = dataclasses.replace(fit, chi2_in_band=2.4, in_band_sd=0.02)
+    left = locate(fit, trials)
+    sure = dataclasses.replace(left.groups[0], p_value=0.0)
+    left = dataclasses.replace(left, groups=(sure, *left.groups[1:]))
+    found = Found([loud], trials, located=left, left=left)
+    told = report(
+        Campaign(description=rig, trials=trials, holdout=(record(unseen),)),
+        trials,
+        (),
+        found,
+        KINDS,
+    )
+    assert told.verdict == verdict
+    assert (LOUD in told.notes) == (unseen == 0.0)

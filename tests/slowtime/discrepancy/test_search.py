@@ -8,7 +8,7 @@ import pytest
 from slowtime.discrepancy import naming
 from slowtime.discrepancy import search as searching
 from slowtime.discrepancy.answer import Found
-from slowtime.discrepancy.candidates import Candidate, candidates
+from slowtime.discrepancy.candidates import Candidate, candidates, label_of
 from slowtime.discrepancy.locate import locate
 from slowtime.discrepancy.naming import refit_all
 from slowtime.discrepancy.paired import pairs
@@ -129,7 +129,7 @@ def shared():
 
 def test_two_laws_at_one_place_are_found_together(shared):
     _, first, located, tried = shared
-    (one, other), *_ = pairs(first, located, tried, KINDS)
+    (one, other), *_ = pairs(first, located, tried, {}, KINDS)
     assert {one.effect.kind, other.effect.kind} == {"coulomb", "cubic_hardening"}
     assert {one.effect.place, other.effect.place} == {SECOND}
     sizes = {e.effect.kind: next(iter(e.effect.parameters.values())) for e in (one, other)}
@@ -138,11 +138,55 @@ def test_two_laws_at_one_place_are_found_together(shared):
     assert other.cost < 0.5 * tried[0].cost
 
 
+def test_a_tone_beside_a_law_is_found_with_it_whatever_its_phase():
+    one = dataclasses.replace(
+        chain([2.0], [800.0], dampings_n_s_per_m=[1.6]),
+        inputs=TWO.inputs,
+        sensors=TWO.sensors[:2],
+        tolerance=TWO.tolerance,
+    )
+    kinds = {**KINDS, "harmonic_force": catalogue()["harmonic_force"]}
+    hum = {"amplitude_n": 6.0, "frequency_hz": 2.2, "phase_rad": 1.1}
+    place, node = Place("element", one.elements[0].id), Place("node", "m1")
+    effects = (
+        Effect("harmonic_force", node, hum),
+        Effect("coulomb", place, {"friction_n": 2.0}),
+    )
+    trials = seen(effects, of=one, samples=1000)
+    first = unbent(refit(Plant.of(one, kinds=kinds), trials), trials)
+    located = locate(first, trials)
+    (tone, law), *_ = pairs(first, located, candidates(first, located, kinds), {}, kinds)
+    assert [c.effect.kind for c in (tone, law)] == ["harmonic_force", "coulomb"]
+    assert law.effect.parameters["friction_n"] == pytest.approx(2.0, rel=0.1)
+    assert tone.effect.parameters == pytest.approx(hum, rel=0.05)
+
+
+def test_what_promised_more_than_it_holds_is_no_bar_to_a_pair(shared):
+    _, first, located, tried = shared
+    boast = dataclasses.replace(tried[0], cost=1.0)
+    tried = [boast, *tried[1:]]
+    assert not pairs(first, located, tried, {}, KINDS)
+    assert pairs(first, located, tried, {label_of(boast.effect): 1e9}, KINDS)
+
+
+def test_once_one_explains_half_those_that_would_leave_more_are_given_up():
+    trials = seen((dataclasses.replace(CUBIC, parameters={"k3_n_per_m3": 8e4}), DRAG))
+    first = unbent(refit(Plant.of(TWO, kinds=KINDS), trials), trials)
+    labels = candidates(first, locate(first, trials), KINDS)
+    asked: list[Effect] = []
+    found = refit_all(first, labels, trials, KINDS, lambda effect, _: asked.append(effect))
+    left = min(naming.misfit(one.fit, first.noise, trials) for one in found)
+    assert 3 * first.data < left < naming.MAIN * labels[0].bare
+    far = {label_of(c.effect) for c in labels if c.cost > 2 * max(left, labels[0].cost)}
+    assert far
+    assert far.isdisjoint(map(label_of, asked))
+
+
 def test_one_law_that_explains_all_is_not_made_two():
     trials = seen((CUBIC,))
     first = unbent(refit(Plant.of(TWO, kinds=KINDS), trials), trials)
     located = locate(first, trials)
-    assert not pairs(first, located, candidates(first, located, KINDS), KINDS)
+    assert not pairs(first, located, candidates(first, located, KINDS), {}, KINDS)
 
 
 def test_two_laws_at_one_place_are_told_with_their_probabilities(shared):
