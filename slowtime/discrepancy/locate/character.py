@@ -25,6 +25,12 @@ THROUGHOUT = 0.9
 LINEAR = 0.015
 """Share of a force's power that a linear relation may leave, its noise apart."""
 
+LINES = 6
+"""Lines of a band at least, over all trials, of which two go into its relation."""
+
+QUIET = 0.03
+"""Share of the greatest power up to which there is hardly any force."""
+
 BENT = 0.3
 """Difference of the exponent from 1 that contradicts a linear relation."""
 
@@ -58,7 +64,8 @@ class Character:
     elongation, rate
         Motion along the place while it acts [m], [m/s]; of sensors and inputs, the reading.
     onset
-        Size of elongation below which there is hardly any force; 0 where there is none such.
+        Size of elongation below which there is hardly any force; 0 where there is none such,
+        or the force is in proportion.
     linear_share
         Of the force's power, what one filter of the motion gives, the same in all trials.
     linear
@@ -126,7 +133,7 @@ def character(located: Located, place: Place) -> Character:
         bands_hz=_bands(located, place),
         elongation=_range([m.motion.e[a] for m, a in zip(latents, acting, strict=True)]),
         rate=_range([m.motion.v[a] for m, a in zip(latents, acting, strict=True)]),
-        onset=_onset(centred),
+        onset=_onset(centred) if exponent[0] > 1 + BENT else 0.0,
         linear_share=share,
         linear=linear and not abs(exponent[0] - 1) > max(3 * exponent[1], BENT),
         static_share=surface.share,
@@ -234,8 +241,9 @@ def _onset(latents: Sequence[Latent]) -> float:
     count = np.bincount(bins, minlength=len(edges) - 1)
     power = np.bincount(bins, force, minlength=len(edges) - 1) / np.maximum(count, 1)
     # Estimates are blurred in time, so that the quiet part keeps a little of the loud one.
-    quiet = power < max(2 * noise, 0.02 * power.max())
-    below = int(np.argmin(quiet)) if not quiet.all() else 0
+    so_far = np.cumsum(power * count) / np.maximum(np.cumsum(count), 1)
+    quiet = np.flatnonzero(so_far < max(2 * noise, QUIET * power.max()))
+    below = int(quiet[-1]) + 1 if 0 < len(quiet) < len(so_far) else 0
     return float(edges[below]) if below >= 3 else 0.0
 
 
@@ -254,7 +262,7 @@ def _linear(located: Located, place: Place, latents: Sequence[Latent]) -> tuple[
         float(np.sqrt(noises[0].sum() * located.lines[0].frequency_hz[1])), 1e-300
     )
     noise = float(np.concatenate(noises).sum()) * scale**2
-    edges = np.unique(np.geomspace(max(grid[grid > 0].min(), 1e-9), grid.max() * 1.001, 60))
+    edges = _edges(grid)
     left = used = 0.0
     for low, high in itertools.pairwise(edges):
         own = (grid >= low) & (grid < high)
@@ -271,6 +279,18 @@ def _linear(located: Located, place: Place, latents: Sequence[Latent]) -> tuple[
     excess = max(left - noise, 0.0)
     share = float(np.clip(1 - excess / true, 0, 1))
     return share, bool(excess < max(LINEAR * true, 0.1 * noise))
+
+
+def _edges(grid: Float[np.ndarray, " line"]) -> list[float]:
+    """Bands of constant relative width, but for those that would have too few lines."""
+    lines = np.sort(grid[grid > 0])
+    first, *others, last = np.geomspace(lines[0], lines[-1] * 1.001, 60).tolist()
+    edges = [first]
+    for edge in others:
+        below = np.searchsorted(lines, [edges[-1], edge])
+        if min(below[1] - below[0], len(lines) - below[1]) >= LINES:
+            edges.append(edge)
+    return [*edges, last]
 
 
 def _tapered(series: Series, lines: TrialLines) -> np.ndarray:
