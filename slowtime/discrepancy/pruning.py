@@ -42,8 +42,7 @@ def pruned(
         return chain, kept
     own = len(fits[0].plant.effects)
     number = 0
-    # The last was found with all others in place.
-    while 1 < len(kept) > number + (len(kept) == len(answers)):
+    while number < len(kept) and len(kept) > 1:
         less = without(chain[-1], own + number, trials, kinds)
         if less is None or _gain(chain[-1], less, trials, kinds) >= LEAST_GAIN:
             number += 1

@@ -218,7 +218,7 @@ class Linear:
         if np.linalg.cond(modes) < APART:
             gains = scale / (1 + 1e-9 - np.multiply.outer(poles, back))
             starts = np.linalg.solve(modes, ended)
-            return FreeSpectra(self, modes, gains[:, :, None] * starts[:, None, :])
+            return FreeSpectra(self, modes + 0j, gains[:, :, None] * starts[:, None, :])
         inner = (1 + 1e-9) * rest - step * back[:, None, None]
         states = np.linalg.solve(inner, ended[None]) * scale[:, None, None]
         return FreeSpectra(self, rest + 0j, np.moveaxis(states, 1, 0))

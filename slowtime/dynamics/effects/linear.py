@@ -16,6 +16,9 @@ RINGS = 0.3
 period, and does what any branch does that gives way in time. Den Hartog's absorbers have 0.27
 at most, up to a hidden mass of a quarter of the node's."""
 
+SAME = 0.1
+"""Relative difference of two frequencies about which one looks at the same ones."""
+
 
 def damped(p: Values) -> tuple[Square, Square, Square]:
     """Damping that is added [N s/m]."""
@@ -48,9 +51,12 @@ def rings(parameters: Mapping[str, float], motion: Motion) -> bool:
 def resonances(motion: Motion) -> list[Shape]:
     """Frequencies about those at which the place moves most, with light and heavy damping.
 
-    And some above them all: what swings there is seen as a mass, and yet is more.
+    By acceleration and by speed: of many modes, the slow ones show in the latter. And some
+    above them all: what swings there is seen as a mass, and yet is more.
     """
     lines = lines_hz(motion.a, motion.times, 4)
+    slow = lines_hz(motion.v, motion.times, 2)
+    lines += [one for one in slow if all(abs(one - line) > SAME * line for line in lines)]
     every = [line * beside for line in lines for beside in (0.8, 0.95, 1.05, 1.25)]
     every += [max(lines) * above for above in (1.6, 2.0, 2.6) if lines]
     return [

@@ -245,8 +245,9 @@ def test_a_law_that_the_last_look_at_the_noise_leaves_unseen_is_not_named(shared
     far = dataclasses.replace(cubic[0], fit=dataclasses.replace(cubic[0].fit, chi2_in_band=9.0))
     name = far.effect.kind
     unseen = KINDS | {name: dataclasses.replace(KINDS[name], shown=lambda *_: False)}
-    assert [one.effect.kind for one in naming._heard_again([far], trials, KINDS)] == [name]
-    assert naming._heard_again([far], trials, unseen) == []
+    (told,) = naming._heard_again(far.fit, [far], trials, KINDS)
+    assert told.effect.kind == name
+    assert naming._heard_again(far.fit, [far], trials, unseen) == []
 
 
 def test_what_inputs_do_between_samples_is_not_asked_of_pieces(shared, monkeypatch):
