@@ -28,7 +28,7 @@ from .locate import Located, character
 from .naming import Named, misfit
 from .patchwork import humbled, pieces_of_one
 from .records import Campaign, Trial
-from .refit import Fit
+from .refit import WRONG, Fit
 from .screen import Finding, screen
 from .unlinked import Link
 from .values import with_values
@@ -53,8 +53,6 @@ NOT_HELD_OUT = (
     "fitted to the rest. Hold one out to see how far the model can be trusted elsewhere."
 )
 NEARER = " Constants known better than their tolerance would tell, or another level."
-WRONG = 3.0
-"""Mean square over the noise, in band, up to which the noise may be what was taken wrongly."""
 LOUD = (
     "What is left is not of the colour that the noise was taken to have, but no record shows "
     "it as an error: it is noise, or far below it."

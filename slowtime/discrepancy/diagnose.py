@@ -20,11 +20,11 @@ from .records import Campaign, Trial
 from .refit import refit
 from .refuted import refuted
 from .screen import screen
-from .search import EXPLAINED, Search, search
+from .search import Search, search
 from .unbent import unbent
 from .undriven import diagnose_undriven
 from .unlinked import best_link, instead_of
-from .verdict import LEAST_GAIN
+from .verdict import EXPLAINED, LEAST_GAIN
 from .watch import Progress, Stop, Watch
 
 EITHER = 0.5

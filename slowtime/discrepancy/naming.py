@@ -26,7 +26,7 @@ from .candidates import Candidate, Label, Start, label_of
 from .floor import Noise
 from .gap import whiteness
 from .records import Trial
-from .refit import Fit, GivenUp, refit, shot, weights_of
+from .refit import WRONG, Fit, GivenUp, refit, shot, weights_of
 from .shapes import like_constant
 from .values import with_values
 
@@ -46,9 +46,9 @@ then given up."""
 MAIN, LESS = 0.5, 1.5
 """Share of chi squared that one leaves which explains half of what is missing; times that from
 which others are given up that leave more along the force: the rest is another effect's."""
-WRONG, NEARLY = 3.0, 0.1
-"""Mean square over the noise, in band, and share of what was missing, between which the best
-may be right, and in a minimum of its own: it is fitted anew, to ever longer parts."""
+NEARLY = 0.1
+"""Share of what was missing below which the best, as wrong as it is, may be right and in a
+minimum of its own: it is fitted anew, to ever longer parts."""
 LOUDER = 4.0
 """Standard deviations of chi squared about 1 from which the noise is listened to again."""
 

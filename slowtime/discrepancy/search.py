@@ -10,18 +10,14 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
-import numpy as np
+from slowtime.dynamics.effects import Effect, Kind
 
-from slowtime.dynamics.effects import Effect, Kind, Law
-
-from .adding import carrying
+from .accepting import accept, bends_twice, ended
 from .answer import UNWHITE, Found
-from .between import FAINT, Hold, held_instead, with_holds
-from .candidates import Candidate, Label, candidates, label_of, mirrored
-from .diagnosis import Named as Answer
-from .diagnosis import Rival
+from .between import Hold
+from .candidates import Candidate, candidates, label_of, mirrored
 from .downward import Downward
-from .further import in_pieces, left_by, shot_too
+from .further import left_by, shot_too
 from .gap import whiteness
 from .locate import locate
 from .naming import (
@@ -29,29 +25,16 @@ from .naming import (
     Named,
     chosen,
     evidence,
-    misfit,
     refit_all,
-    refitted,
     rescored,
-    stands,
 )
 from .outrun import within
-from .paired import pairs
 from .records import Trial
-from .refit import Fit, pieces, refit
+from .refit import Fit
 from .shaken import base_answer, follows, placed
-from .shapes import like_constant
+from .together import together
 from .unbent import unbent
-from .verdict import (
-    DECIDED,
-    FALSE_ALARM,
-    LEAST_GAIN,
-    TEMPER,
-    answer_of,
-    moved_of,
-    rivals_within,
-    shares_of,
-)
+from .verdict import EXPLAINED, FALSE_ALARM, LEAST_GAIN, TEMPER, moved_of
 from .wandering import wandering
 from .watch import Watch
 
@@ -62,16 +45,10 @@ MOST, LATER, TWICE = 3, 3, 2
 where what is left is left at a place that has an effect already."""
 HASTY = 3
 """Labels refitted where it is to be quick."""
-EXPLAINED = 1.5
-"""Mean square over the noise, in band, up to which one does not begin again."""
 FLAW = 0.003
 """Share of what was missing at first, of which one does not begin again either."""
 ANEW, DOWN = 2, 6
 """Labels that were refitted, and labels further down, with which one begins again."""
-SPECK = 0.01
-"""Share of what is missing, by which a first effect that explains no more is not what is."""
-LEAST_SHARE = 1e-6
-"""Probability from which a rival is told."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -107,6 +84,8 @@ def search(first: Fit, trials: tuple[Trial, ...], how: Search) -> Found:
     one = _next(found, how, 0, held)
     if found.both is not None:
         found = found.both
+        if not _ends(found, how, 1):
+            _go_on(found, how, 2)
     elif one and not _ends(found, how, 0):
         _go_on(found, how, 1)
     cut = len(found.trials) != len(trials)
@@ -120,7 +99,7 @@ def search(first: Fit, trials: tuple[Trial, ...], how: Search) -> Found:
             break
         branch = Found([first], trials, located=found.located)
         bent = bool(moved_of(first))
-        if _accept(branch, held, [other], trials, how, pulled=bent):
+        if accept(branch, held, [other], trials, how.kinds, how.stated, pulled=bent):
             _go_on(branch, how, 1)
             found = _better(found, branch, how.kinds)
     return found
@@ -150,75 +129,6 @@ def _ends(found: Found, how: Search, number: int) -> bool:
     how.tell("looking at what is left", 0.9)
     found.left = locate(found.fits[-1], found.trials)
     return True
-
-
-def _with_pair(
-    found: Found, before: Fit, trials: tuple[Trial, ...], how: Search
-) -> Found | None:
-    """Begin with two laws at once, where both leave nothing and the best of all leaves much."""
-    best = found.named[0].fit if found.named else before
-    if best.chi2_in_band < EXPLAINED or whiteness(best) > UNWHITE:
-        return None
-    if found.located is None or how.tell.hurries:
-        return None
-    good: list[tuple[Candidate, Named]] = []
-    reached = {
-        label_of(one.effect): misfit(one.fit, before.noise, trials) for one in found.named
-    }
-    for one, other in pairs(before, found.located, found.tried, reached, how.kinds):
-        how.tell(f"refitting {one.effect.kind} and {other.effect.kind}", 0.35)
-        known = carrying(before, one.effect, how.kinds)
-        noise = good[0][1].fit.noise if good else None
-        enough = EXPLAINED * before.data
-        both = refitted(
-            known, other.effect, trials, how.kinds, noise, enough,
-            start=other.start, late=lambda: how.tell.hurries,
-        )  # fmt: skip
-        if both is not None and both.fit.chi2_in_band < EXPLAINED:
-            good.append((one, both))
-    good.sort(key=lambda pair: -pair[1].score)
-    if not good:
-        return None
-    one, both = good[0]
-    alone = refitted(before, one.effect, trials, how.kinds, both.fit.noise)
-    if alone is None:
-        return None
-    branch = Found(
-        [found.fits[0], alone.fit],
-        found.trials,
-        located=found.located,
-        named=found.named,
-        tried=found.tried,
-    )
-    branch.answers.append(answer_of([alone], [1.0], how.kinds))
-    if not _accept(branch, alone.fit, [both], trials, how, pulled=False):
-        return None
-    _share(
-        branch,
-        [(label_of(first.effect), label_of(named.effect)) for first, named in good],
-        [named for _, named in good],
-    )
-    if not _ends(branch, how, 1):
-        _go_on(branch, how, 2)
-    return branch
-
-
-def _share(found: Found, pairs: Sequence[tuple[Label, Label]], named: Sequence[Named]) -> None:
-    """Give each of two laws the probability of all pairs that it is one of."""
-    shares = shares_of(named)
-    for number, answer in enumerate(found.answers):
-        label = label_of(answer.effect)
-        rivals = tuple(
-            Rival(*other, share)
-            for pair, share in zip(pairs, shares, strict=True)
-            for other in pair
-            if label not in pair and other not in pairs[0] and share > LEAST_SHARE
-        )
-        sure = sum(s for pair, s in zip(pairs, shares, strict=True) if label in pair)
-        found.answers[number] = dataclasses.replace(answer, probability=sure, rivals=rivals)
-        if sure < DECIDED and not found.undecided:
-            found.undecided = (Rival(*label, sure), *rivals)
-            found.pair = tuple(named[:2])
 
 
 def _others(found: Found, before: Fit, how: Search) -> Iterator[Named]:
@@ -324,10 +234,10 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
     based = located.base_first()
     shaken = base_answer(based, tried, kinds, first=number == 0)
     if shaken is not None and placed(based, tried):
-        return _ended(found, before, shaken, kinds)
+        return ended(found, before, shaken, kinds)
     # Twice at one place: what no single law explains there is more likely a law unknown.
     again = any(a.effect.place in located.groups[0].places for a in found.answers)
-    tried = [one for one in tried if not _bends_twice(one.effect, found.answers, kinds)]
+    tried = [one for one in tried if not bends_twice(one.effect, found.answers, kinds)]
     most = HASTY if how.quick else KEPT
     labels = chosen(tried, (TWICE if again else LATER) if number else most)
     channels = tuple(s.channel for s in before.plant.description.sensors)
@@ -349,7 +259,7 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
         if not first or found.both is not None:
             return []
         found.named, found.tried = tuple(sorted(so_far, key=lambda n: -n.score)), tuple(tried)
-        found.both = _with_pair(found, before, trials, how)
+        found.both = together(found, before, trials, kinds, how.stated, tell)
         return down(so_far) if found.both is None else []
 
     named = refit_all(before, labels, trials, kinds, tick, more=more)
@@ -361,114 +271,13 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
             # Its course is no law's: a free run is better off without.
             still = dict.fromkeys(drift.effect.parameters, 0.0)
             silent = dataclasses.replace(drift.effect, parameters=still)
-            return _ended(found, before, drift, kinds, silent)
+            return ended(found, before, drift, kinds, silent)
         # What is as slow as that is a sensor's, though the base would do the same.
         if shaken is not None and not (named and follows(named[0].fit, before, trials)):
-            return _ended(found, before, shaken, kinds)
+            return ended(found, before, shaken, kinds)
     if not how.quick:
         named = shot_too(before, labels, named, trials, kinds, tick)
     if number == 0:
         found.named, found.tried = tuple(named), tuple(tried)
     twice = again and not any(one.effect.place.kind == "sensor" for one in named[:1])
-    return _accept(found, before, named, trials, how, pulled=pulled, twice=twice)
-
-
-def _ended(
-    found: Found,
-    before: Fit,
-    answer: Answer,
-    kinds: Mapping[str, Kind],
-    carried: Effect | None = None,
-) -> bool:
-    """Take what no law follows, and look no further; False, as there is no more."""
-    found.answers.append(answer)
-    found.fits.append(carrying(before, carried or answer.effect, kinds))
-    found.left, found.ended = None, True
-    return False
-
-
-def _accept(
-    found: Found,
-    before: Fit,
-    named: Sequence[Named],
-    trials: tuple[Trial, ...],
-    how: Search,
-    *,
-    pulled: bool,
-    twice: bool = False,
-) -> bool:
-    """Take the best of what was refitted, if it is worth it; whether it was."""
-    kinds = how.kinds
-    channels = tuple(s.channel for s in before.plant.description.sensors)
-    short = in_pieces(named, kinds)
-    states = before.states
-    if short:
-        named = short
-        found.trials = trials = pieces(before.plant, trials)[0]
-        states = tuple(np.zeros(0) for _ in trials)
-    named = [one for one in named if stands(one, trials, kinds)]
-    if not named:
-        return False
-    best = named[0]
-    bar = refit(
-        before.plant, trials, noise=best.fit.noise, values=before.values,
-        states=states, horizons=(1.0,),
-    )  # fmt: skip
-    cut = any(len(fit.states) != len(trials) for fit in found.fits)
-    holds = None if cut else held_instead(best.fit, bar, trials, kinds, how.stated)
-    if holds is not None:
-        found.holds = holds
-        found.fits = [with_holds(fit, holds, found.trials, kinds) for fit in found.fits]
-        return True
-    # Where a constant has left its tolerance, something is missing; the question is what.
-    least = 0.0 if pulled and like_constant(kinds[best.effect.kind]) else LEAST_GAIN
-    if best.score - _bare(bar) < least:
-        return False
-    # Long records tell the least flaw of what was found first from noise.
-    if found.answers and not pulled and bar.cost - best.fit.cost < FAINT * bar.data:
-        return False
-    # Noise that is louder than it was taken to be leaves much, and any law a speck less.
-    gained, missing = bar.cost - best.fit.cost, bar.cost - bar.data
-    if not found.answers and not pulled and gained < SPECK * missing:
-        return False
-    # That constants were claimed too well is an answer too, and has its share.
-    besides = [_retuned(bar)] if pulled else []
-    shares = shares_of(named, besides)
-    if sum(shares) < 1 - DECIDED:
-        return False
-    if twice and whiteness(best.fit) < UNWHITE:
-        return False
-    found.fits.append(best.fit)
-    found.trials = within(found.trials, channels, (best.effect,), kinds)
-    found.answers.append(answer_of(named, shares, kinds))
-    if shares[0] < DECIDED and not found.undecided:
-        found.undecided = rivals_within(named, shares)
-        found.pair = tuple(named[: len(found.undecided)])
-        found.retuned = bool(besides) and 1 - sum(shares) > 1 - DECIDED
-    return True
-
-
-def _bends_twice(effect: Effect, answers: Sequence[Answer], kinds: Mapping[str, Kind]) -> bool:
-    """Whether an effect is of the family of one found at its place: a curve in pieces."""
-    kind = kinds[effect.kind]
-    switched = isinstance(kind.action, Law) and bool(kind.action.switches)
-    if kind.quadrature is not None or switched:
-        return False
-    return any(
-        answer.effect.place == effect.place and answer.family == kind.family
-        for answer in answers
-    )
-
-
-def _retuned(fit: Fit) -> float:
-    """Log evidence of constants whose tolerance was stated five times too small."""
-    pulls = np.array([p for name, p in fit.pulls.items() if name[0] != "effect"])
-    wide = 5.0
-    relief = pulls**2 / 2 * (1 - wide**-2) - np.log(wide)
-    return _bare(fit) + float(relief.sum())
-
-
-def _bare(fit: Fit) -> float:
-    """Log evidence of a fit whose effects stand."""
-    numbers = sum(name[0] == "effect" for name in fit.prior.names)
-    return float(-fit.cost / 2 - numbers / 2 * np.log(fit.data))
+    return accept(found, before, named, trials, kinds, how.stated, pulled=pulled, twice=twice)

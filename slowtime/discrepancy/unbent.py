@@ -2,12 +2,9 @@
 
 import numpy as np
 
-from slowtime.discrepancy.records import Trial
+from .records import Trial
+from .refit import WRONG, Fit, refit
 
-from .refit import Fit, refit
-
-WRONG = 3.0
-"""Mean square over the noise, in band, from which a model is wrong and not a little off."""
 BENT, WITHIN = 5.0, 3.0
 """Tolerances by which no constant is off that was claimed in good faith; those it is left."""
 

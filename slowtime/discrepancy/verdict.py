@@ -16,6 +16,10 @@ DECIDED = 0.9
 """Probability from which a name is given."""
 FALSE_ALARM = 1e-4
 """Chance at which a force found somewhere is taken for one."""
+EXPLAINED = 1.5
+"""Mean square over the noise, in band, up to which a model is taken to explain the records."""
+LEAST_SHARE = 1e-6
+"""Probability from which a rival is told."""
 LEAST_GAIN = 6.0
 """Log evidence that an effect has to bring."""
 MOVED = 3.3
@@ -54,7 +58,7 @@ def answer_of(
     rivals = tuple(
         Rival(n.effect.kind, n.effect.place, p)
         for n, p in zip(found[1:], shares[1:], strict=True)
-        if p > 1e-6
+        if p > LEAST_SHARE
     )
     numbers = numbers_of(best.fit, len(best.description.effects) - 1)
     kind = kinds[effect.kind]

@@ -3,10 +3,11 @@
 from .fit import Fit, refit
 from .pieces import pieces, shot
 from .prior import Prior, prior_of
-from .solve import GivenUp
+from .solve import WRONG, GivenUp
 from .weights import Weights, weights_of
 
 __all__ = [
+    "WRONG",
     "Fit",
     "GivenUp",
     "Prior",

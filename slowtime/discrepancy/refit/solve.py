@@ -20,8 +20,10 @@ FINE = 0.02
 """Expected gain in chi squared below which a step is not worth taking."""
 COARSE = 2e-5
 """The same, relative to chi squared."""
-WRONG, CREEPING = 3.0, 1e-3
-"""Chi squared per datum beyond which a model is wrong anyway, and the same of that part."""
+WRONG = 3.0
+"""Mean square over the noise from which a model is wrong and not a little off."""
+CREEPING = 1e-3
+"""Expected gain below which a step is not worth taking, as a share of what is beyond that."""
 SLOW, TWICE = 1e-2, 2
 """Share of that part by which a step is slow; so many slow ones in turn are the end: a wrong
 model creeps along its valleys to nowhere, and a right one gains much with every step."""

@@ -1,0 +1,139 @@
+"""What was refitted, in; whether it is what is missing, and the account with it, out."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from slowtime.dynamics.effects import Effect, Kind, Law
+
+from .adding import carrying
+from .answer import UNWHITE, Found
+from .between import FAINT, Hold, held_instead, with_holds
+from .diagnosis import Named as Answer
+from .further import in_pieces
+from .gap import whiteness
+from .naming import Named, stands
+from .outrun import within
+from .records import Trial
+from .refit import Fit, pieces, refit
+from .shapes import like_constant
+from .verdict import DECIDED, LEAST_GAIN, answer_of, rivals_within, shares_of
+
+SPECK = 0.01
+"""Share of what is missing, by which a first effect that explains no more is not what is."""
+WIDE = 5.0
+"""Times that a tolerance may have been stated too small."""
+
+
+def accept(
+    found: Found,
+    before: Fit,
+    named: Sequence[Named],
+    trials: tuple[Trial, ...],
+    kinds: Mapping[str, Kind],
+    stated: tuple[Hold, ...] | None,
+    *,
+    pulled: bool,
+    twice: bool = False,
+) -> bool:
+    """Take the best of what was refitted, if it is worth it; whether it was.
+
+    Parameters
+    ----------
+    before
+        The fit that they were added to.
+    named
+        What was refitted, the best first.
+    stated
+        What the model says of its inputs between samples; as it stands where not given.
+    pulled
+        Whether constants have left their tolerances: that alone says that something is missing.
+    twice
+        Whether their place has an effect already.
+    """
+    channels = tuple(s.channel for s in before.plant.description.sensors)
+    short = in_pieces(named, kinds)
+    states = before.states
+    if short:
+        named = short
+        found.trials = trials = pieces(before.plant, trials)[0]
+        states = tuple(np.zeros(0) for _ in trials)
+    named = [one for one in named if stands(one, trials, kinds)]
+    if not named:
+        return False
+    best = named[0]
+    bar = refit(
+        before.plant, trials, noise=best.fit.noise, values=before.values,
+        states=states, horizons=(1.0,),
+    )  # fmt: skip
+    cut = any(len(fit.states) != len(trials) for fit in found.fits)
+    holds = None if cut else held_instead(best.fit, bar, trials, kinds, stated)
+    if holds is not None:
+        found.holds = holds
+        found.fits = [with_holds(fit, holds, found.trials, kinds) for fit in found.fits]
+        return True
+    # Where a constant has left its tolerance, something is missing; the question is what.
+    least = 0.0 if pulled and like_constant(kinds[best.effect.kind]) else LEAST_GAIN
+    if best.score - _bare(bar) < least:
+        return False
+    # Long records tell the least flaw of what was found first from noise.
+    if found.answers and not pulled and bar.cost - best.fit.cost < FAINT * bar.data:
+        return False
+    # Noise that is louder than it was taken to be leaves much, and any law a speck less.
+    gained, missing = bar.cost - best.fit.cost, bar.cost - bar.data
+    if not found.answers and not pulled and gained < SPECK * missing:
+        return False
+    # That constants were claimed too well is an answer too, and has its share.
+    besides = [_retuned(bar)] if pulled else []
+    shares = shares_of(named, besides)
+    if sum(shares) < 1 - DECIDED:
+        return False
+    if twice and whiteness(best.fit) < UNWHITE:
+        return False
+    found.fits.append(best.fit)
+    found.trials = within(found.trials, channels, (best.effect,), kinds)
+    found.answers.append(answer_of(named, shares, kinds))
+    if shares[0] < DECIDED and not found.undecided:
+        found.undecided = rivals_within(named, shares)
+        found.pair = tuple(named[: len(found.undecided)])
+        found.retuned = bool(besides) and 1 - sum(shares) > 1 - DECIDED
+    return True
+
+
+def ended(
+    found: Found,
+    before: Fit,
+    answer: Answer,
+    kinds: Mapping[str, Kind],
+    carried: Effect | None = None,
+) -> bool:
+    """Take what no law follows, and look no further; False, as there is no more."""
+    found.answers.append(answer)
+    found.fits.append(carrying(before, carried or answer.effect, kinds))
+    found.left, found.ended = None, True
+    return False
+
+
+def bends_twice(effect: Effect, answers: Sequence[Answer], kinds: Mapping[str, Kind]) -> bool:
+    """Whether an effect is of the family of one found at its place: a curve in pieces."""
+    kind = kinds[effect.kind]
+    switched = isinstance(kind.action, Law) and bool(kind.action.switches)
+    if kind.quadrature is not None or switched:
+        return False
+    return any(
+        answer.effect.place == effect.place and answer.family == kind.family
+        for answer in answers
+    )
+
+
+def _retuned(fit: Fit) -> float:
+    """Log evidence of constants whose tolerance was stated too small."""
+    pulls = np.array([p for name, p in fit.pulls.items() if name[0] != "effect"])
+    relief = pulls**2 / 2 * (1 - WIDE**-2) - np.log(WIDE)
+    return _bare(fit) + float(relief.sum())
+
+
+def _bare(fit: Fit) -> float:
+    """Log evidence of a fit whose effects stand."""
+    numbers = sum(name[0] == "effect" for name in fit.prior.names)
+    return float(-fit.cost / 2 - numbers / 2 * np.log(fit.data))
