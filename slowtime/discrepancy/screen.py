@@ -25,6 +25,9 @@ SHORTEST = 6
 PILE = 4
 """Clipping puts at least so many samples on the extreme, and so many times its neighbour's."""
 
+DIGIT = float(np.finfo(np.float32).eps)
+"""Relative resolution of a level: recorders keep no more."""
+
 SENTENCES = {
     "missing": "has no numbers in",
     "constant": "never changes in",
@@ -44,8 +47,11 @@ class Finding:
         Campaign times between which it lasts, each with its end [s].
     share
         Of the samples of the channel.
-    level
-        Size of the samples concerned, in the channel's unit; 0 where they have none.
+    level, level_sd
+        Size of the samples concerned, in the channel's unit, and how well that is known; 0
+        where they have none.
+    instant_sd
+        How well an end of a span is known: it lies between two samples [s].
     """
 
     fault: Fault
@@ -53,6 +59,8 @@ class Finding:
     spans_s: tuple[tuple[float, float], ...]
     share: float
     level: float = 0.0
+    level_sd: float = 0.0
+    instant_sd: float = 0.0
 
     @property
     def sentence(self) -> str:
@@ -184,10 +192,14 @@ def _finding(
         for first, last in edges.reshape(-1, 2)
     )
     column = np.abs(samples[bad])
+    told = bool(np.isfinite(column).all())
+    level = float(np.median(column)) if told else 0.0
     return Finding(
         fault=fault,
         channel=channel,
         spans_s=spans,
         share=float(bad.mean()),
-        level=float(np.median(column)) if np.isfinite(column).all() else 0.0,
+        level=level,
+        level_sd=float(np.hypot(column.std(), DIGIT * level)) if told else 0.0,
+        instant_sd=1 / (trial.rate_hz * math.sqrt(3)),
     )

@@ -1,5 +1,6 @@
 """Refitted models in; how probable each is, which word that makes, and sentences, out."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -132,11 +133,20 @@ def fault_of(finding: Finding, kinds: Mapping[str, Kind]) -> Answer | None:
         if lost
         else {p.name: finding.level for p in kinds[name].parameters[:1]}
     )
+    ends = finding.instant_sd
+    sds = (
+        {"from_s": ends, "for_s": math.sqrt(2) * ends}
+        if lost
+        else dict.fromkeys(parameters, finding.level_sd)
+    )
     units = {p.name: p.unit for p in kinds[name].parameters}
     return Answer(
         effect=Effect(name, place, parameters),
         family=kinds[name].family,
-        numbers={key: Number(value, 0.0, units[key]) for key, value in parameters.items()},
+        numbers={
+            key: Number(value, sds.get(key, 0.0), units[key])
+            for key, value in parameters.items()
+        },
         probability=0.99,
         rivals=(),
         sentence=finding.sentence,

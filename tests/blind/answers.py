@@ -161,10 +161,12 @@ def _numbers(truth: Truth, row: dict[str, Any], report: Report) -> dict[str, Any
     factor = truth["world"]["campaign_s"] / span if span else 1.0
     true, value = effect["parameters"][name], estimate["value"] * factor
     sd = (estimate.get("sd") or 0.0) * abs(factor)
+    off = abs(value - true)
     return {
         "leading": name,
-        "leading_error": abs(value - true) / abs(true),
-        "leading_z": abs(value - true) / sd if sd > 0 else float("inf"),
+        "leading_error": off / abs(true),
+        # An interval of no width holds what it is at, and nothing else.
+        "leading_z": off / sd if sd > 0 else float("inf") if off else 0.0,
     }
 
 

@@ -43,6 +43,20 @@ def test_a_value_that_stays_is_masked_to_the_sample(value, fault):
     assert set(np.flatnonzero(~result.trial.used)) == set(range(1000, 1080))
 
 
+def test_an_instant_is_known_to_a_sample_and_a_level_to_its_scatter():
+    samples = wave()
+    samples[1000:1080] = 0.0
+    (silent,) = screened(samples).findings
+    # An end that lies anywhere between two samples, told as the later of them.
+    assert silent.instant_sd == pytest.approx(1 / RATE / np.sqrt(3))
+    assert (silent.level, silent.level_sd) == (0.0, 0.0)
+    (clipped,) = screened(np.clip(wave(), -0.8, 0.8)).findings
+    assert clipped.level == 0.8
+    assert clipped.level_sd == pytest.approx(0.8 * np.finfo(np.float32).eps)
+    (uneven,) = screened(np.clip(wave(), -0.80, 0.79)).findings
+    assert uneven.level_sd == pytest.approx(0.005, rel=0.1)
+
+
 def test_clipping_is_found_on_either_side_and_masked():
     samples = wave()
     for clipped in (np.minimum(samples, 0.8), np.maximum(samples, -0.8)):
