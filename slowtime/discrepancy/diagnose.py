@@ -9,6 +9,7 @@ from slowtime.dynamics.plant import Plant
 
 from .answer import BY_ONE, UNWHITE, Found, report
 from .between import found_holds, held_as
+from .bottom import at_bottom
 from .diagnosis import Diagnosis, Named, Rival
 from .floating import offsets, with_offsets
 from .gap import whiteness
@@ -85,6 +86,8 @@ def diagnose(
     _prune(found, found.trials, known)
     _link(found, len(start.effects), known, tell)
     _refute(found, len(start.effects), known)
+    if not tell.hurries:
+        at_bottom(found, len(start.effects), known)
     if len(start.effects) > len(campaign.description.effects):
         told = offsets(found.fits[-1], campaign.description, known)
         # What the model lacks without its offsets, too, is the gap that is shown.

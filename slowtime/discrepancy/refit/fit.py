@@ -115,6 +115,7 @@ def refit(
     beat: float | None = None,
     within: float = np.inf,
     late: Callable[[], bool] | None = None,
+    fine: bool = False,
 ) -> Fit:
     """Fit constants and initial states to the error of the free run.
 
@@ -137,6 +138,8 @@ def refit(
         Tolerances by which constants of the structure may move at most.
     late
         Once true, `GivenUp` is raised.
+    fine
+        To the very bottom, which takes longer and changes no verdict, only numbers.
 
     Returns
     -------
@@ -171,13 +174,13 @@ def refit(
         point = descend(problem_of(whole, heard), point, late=late)[0]
         heard = _heard(plant, records, point, silent)
     problem = problem_of(whole, heard)
-    best, normal, spread = descend(problem, point, beat, late)
+    best, normal, spread = descend(problem, point, beat, late, fine=fine)
     # Growing horizons may have led astray; from the start itself there is only down.
     if costed(problem, _full(start, normal), spread).cost < best.cost:
-        best, normal, spread = descend(problem, start, beat, late)
+        best, normal, spread = descend(problem, start, beat, late, fine=fine)
     if leads(plant, heard):
         problem = dataclasses.replace(problem, led=_led(problem, heard))
-        best, normal, _ = descend(problem, best, beat, late)
+        best, normal, _ = descend(problem, best, beat, late, fine=fine)
     return _account(problem, records, best, normal, heard, silent)
 
 

@@ -31,6 +31,10 @@ PATIENCE, LEAPS = 3, 10.0
 """Steps before a fit may be called hopeless; how many more like the last it may hope for."""
 RAISED, LEAST_DAMPING = 4.0, 1e-5
 """Times the damping after a step in vain, twice as much after each further; and its least."""
+LITTLE_DAMPING = 1e-6
+"""Damping at the start."""
+STRIDES = 6
+"""Whole steps that are taken, up or down, before one looks whether they led down."""
 BROAD = 3.0
 """Initial states may, a priori, explain so many times what was measured."""
 
@@ -174,6 +178,8 @@ def descend(
     start: Point,
     beat: float | None = None,
     late: Callable[[], bool] | None = None,
+    *,
+    fine: bool = False,
 ) -> tuple[Point, Normal, tuple[State, ...]]:
     """Go down from a start until nothing is gained; never end above it.
 
@@ -184,17 +190,24 @@ def descend(
         is the end.
     late
         Once true, `GivenUp` is raised.
+    fine
+        To where a step gains nothing at all: along what the records hardly tell, a little of
+        chi squared is a standard deviation.
     """
     normal, spread = normal_at(problem, start)
     full = tuple(state if state.size else np.zeros(normal.states) for state in start.states)
     point = costed(problem, dataclasses.replace(start, states=full), spread)
-    damping, raised, slow = 1e-6, RAISED, 0
+    if fine:
+        point, normal = _leapt(problem, point, normal, spread)
+    damping, raised, slow = LITTLE_DAMPING, RAISED, 0
     data = sum(weights.data for weights in problem.weights)
     for number in range(MOST_STEPS):
         if late is not None and late():
             raise GivenUp
         beyond = point.cost - WRONG * data
-        enough = FINE + COARSE * point.cost + CREEPING * max(beyond, 0.0)
+        enough = FINE
+        if not fine:
+            enough += COARSE * point.cost + CREEPING * max(beyond, 0.0)
         room = _room(problem, point)
         while True:
             step, gain = _step(normal, damping, *room)
@@ -220,6 +233,30 @@ def descend(
         damping *= max(1 / 9, 1 - (2 * min(won / gain, 1.0) - 1) ** 3)
         raised = RAISED
     return point, normal, spread
+
+
+def _leapt(
+    problem: Problem, start: Point, normal: Normal, spread: tuple[State, ...]
+) -> tuple[Point, Normal]:
+    """Follow a narrow valley that bends, where each step by itself leads up its side.
+
+    Of two numbers that the records tell only together, such as a factor and a length whose
+    square divides it, the next step puts right by how much they part; after Grippo, Lampariello
+    and Lucidi (1986), what counts is where a few of them end.
+    """
+    point, last = start, normal
+    for _ in range(STRIDES):
+        step, gain = _step(last, 0.0, *_room(problem, point))
+        if gain < FINE:
+            break
+        point = costed(problem, _moved(problem, point, step, last.states), spread)
+        if not np.isfinite(point.cost):
+            return start, normal
+        try:
+            last, _ = normal_at(problem, point, spread)
+        except FloatingPointError:
+            return start, normal
+    return (point, last) if point.cost < start.cost else (start, normal)
 
 
 def _room(problem: Problem, point: Point) -> tuple[Moves, Moves]:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import strategies as st
 
 from slowtime.discrepancy.floor.colour import white_noise
-from slowtime.discrepancy.refit import prior_of, refit
+from slowtime.discrepancy.refit import prior_of, refit, solve
 from slowtime.discrepancy.refit.solve import Normal, _step
 from slowtime.discrepancy.values import with_values
 from slowtime.dynamics.description import Tolerance
@@ -88,6 +88,39 @@ def test_an_effect_with_its_law_is_fitted_to_the_noise(campaign, wrong):
     assert fit.sd[i] < 0.05 * 4e5
     assert fit.chi2_in_band == pytest.approx(1.0, abs=4 * fit.in_band_sd)
     assert refit(plant_of(rig), trials).chi2_in_band > 3
+
+
+def test_numbers_that_are_told_only_together_end_where_the_claim_of_one_puts_them(
+    campaign, wrong, monkeypatch
+):
+    # The records tell the sum of two dampings, and a factor over the square of a length.
+    sings = wrong(element=0, force=lambda e, v, t: 1.6 * ((e / 1e-3) ** 2 - 1) * v)
+    rig, trials = campaign(3, sings, masses=1, seconds=8.0, snr_db=60.0)
+    entry = {"effect": "van_der_pol", "element": "j0", "cn_n_s_per_m": 1.6, "e0_m": 1e-3}
+    plant = Plant.of(dataclasses.replace(rig.description, effects=(entry,)))
+    bottom = refit(plant, trials)
+    damping, factor, length = (
+        plant.parameters.index(name)
+        for name in (("damping", "j0"), ("effect", 0, "cn_n_s_per_m"), ("effect", 0, "e0_m"))
+    )
+    sd = bottom.prior.sd[bottom.prior.names.index(("damping", "j0"))]
+    # What is little beside chi squared of so many samples.
+    monkeypatch.setattr(solve, "COARSE", 10.0 / bottom.cost)
+    for away in (-1.5, 1.5):
+        values = bottom.values.copy()
+        values[damping] += away * sd
+        values[factor] += away * sd
+        values[length] *= np.sqrt(values[factor] / bottom.values[factor])
+        fits = [
+            refit(
+                plant, trials, noise=bottom.noise, values=values, states=bottom.states,
+                horizons=(1.0,), fine=fine,
+            )
+            for fine in (False, True)
+        ]  # fmt: skip
+        plain, fine = (fit.pulls["damping", "j0"] for fit in fits)
+        assert abs(plain) > 1
+        assert abs(fine) < 0.01
 
 
 def test_masked_samples_do_not_matter(campaign):
