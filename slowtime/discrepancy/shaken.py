@@ -10,7 +10,7 @@ from slowtime.dynamics.effects import Effect, Kind, Unmeasured
 from .candidates import SEVERAL, Candidate
 from .diagnosis import Named as Answer
 from .diagnosis import Number
-from .locate import Located
+from .locate import Located, character
 from .records import Trial
 from .refit import Fit, refit
 from .verdict import FALSE_ALARM, LEAST_GAIN, TEMPER, sentence_of
@@ -19,6 +19,9 @@ PLACED = 1.2
 """Times what an unknown motion of the base leaves that any other force must leave."""
 SIZE_SD = 0.05
 """Relative standard deviation of the size of a random motion, as recovered in band."""
+MADE = 0.9
+"""Share of the force on an element that a curve of its own motion gives, from which it is made
+there: pushed from outside, a resonance reached 0.8."""
 BY_LAWS, BY_SOME = 0.6, 0.2
 """Share of a gain that some law may explain of what nobody within the structure makes; and
 where that is not all that is missing."""
@@ -58,6 +61,11 @@ def base_answer(
     share = BY_SOME if several else BY_LAWS
     if several or group.twins:
         if made > likelihood - (1 - share) * group.score:
+            return None
+    if group.twins or several:
+        near = [g for g in located.groups[1:] if g.left < PLACED * group.left]
+        elements = [p for g in near for p in g.places if p.kind == "element"]
+        if any(character(located, place).static_share > MADE for place in elements):
             return None
     kind = unmeasured[0]
     assert kind.strength is not None

@@ -215,6 +215,23 @@ def test_friction_to_the_ground_is_not_taken_for_a_motion_of_it():
     assert [(a.effect.kind, a.effect.place) for a in found.answers] == [("coulomb", GROUND)]
 
 
+def test_a_force_that_its_own_motion_makes_is_no_motion_of_the_ground():
+    """Whatever the law, and though none is known that does it."""
+    sensors = tuple(
+        Sensor(channel=f"a{i}", quantity="acceleration", node=f"m{i}", unit="m/s^2")
+        for i in (1, 2, 3)
+    )
+    every = dataclasses.replace(THREE, sensors=sensors)
+    few = {name: KINDS[name] for name in ("base_motion", "added_mass")}
+    trials = recorded(
+        every, (Effect("cubic_hardening", GROUND, {"k3_n_per_m3": 3e5}),), seconds=16.0
+    )
+    found = search(refit(Plant.of(every, kinds=few), trials), trials, Search(few, Watch()))
+    assert found.located is not None
+    assert found.located.groups[0].places[0].kind == "base"
+    assert "base_motion" not in [answer.effect.kind for answer in found.answers]
+
+
 def test_one_sensors_factor_is_a_rival_also_where_it_was_tried_and_fared_badly():
     known = Effect("input_gain", Place("input", "u"), {"gain": 1.4})
     own = Effect("sensor_gain", Place("sensor", "x"), {"gain": 1.1})
