@@ -292,7 +292,7 @@ def _unnamed(found: Found, kinds: Mapping[str, Kind]) -> str:
         assert first is not None
         assert rest is not None
         far = _still_left(found) > HALF
-        place, but = (first if far else rest).best, "leaves more than the noise"
+        place, but = (first if far else rest).inside, "leaves more than the noise"
         near = "" if far else near
     return (
         f"Something is missing at {place} that is none of the effects known here; "
@@ -364,7 +364,7 @@ def _surface(
     refuted: Place | None,
 ) -> Surface | None:
     """Force at the place of the first effect, or of none, as recovered before any was in."""
-    place = answers[0].effect.place if answers else refuted or located.best
+    place = answers[0].effect.place if answers else refuted or located.inside
     if place.kind not in ("element", "node"):
         return None
     latents = [located.latent(place, i) for i in range(len(located.trials))]

@@ -10,18 +10,16 @@ from slowtime.dynamics.effects import Effect, Kind, Unmeasured
 from .candidates import SEVERAL, Candidate
 from .diagnosis import Named as Answer
 from .diagnosis import Number
-from .locate import Located, character
+from .locate import PLACED, Character, Located, character
 from .records import Trial
 from .refit import Fit, refit
 from .verdict import FALSE_ALARM, LEAST_GAIN, TEMPER, sentence_of
 
-PLACED = 1.2
-"""Times what an unknown motion of the base leaves that any other force must leave."""
 SIZE_SD = 0.05
 """Relative standard deviation of the size of a random motion, as recovered in band."""
-MADE = 0.9
-"""Share of the force on an element that a curve of its own motion gives, from which it is made
-there: pushed from outside, a resonance reached 0.8."""
+MADE, CURVED = 0.9, 0.1
+"""Share of a force that a surface over the motion where it acts gives, from which it is made
+there; by how much that is more than any filter of the motion gives, from which it is too."""
 BY_LAWS, BY_SOME = 0.6, 0.2
 """Share of a gain that some law may explain of what nobody within the structure makes; and
 where that is not all that is missing."""
@@ -65,7 +63,7 @@ def base_answer(
     if group.twins or several:
         near = [g for g in located.groups[1:] if g.left < PLACED * group.left]
         elements = [p for g in near for p in g.places if p.kind == "element"]
-        if any(character(located, place).static_share > MADE for place in elements):
+        if any(_made(character(located, place)) for place in elements):
             return None
     kind = unmeasured[0]
     assert kind.strength is not None
@@ -81,6 +79,16 @@ def base_answer(
         rivals=(),
         sentence=sentence_of(kind, place, numbers),
     )
+
+
+def _made(there: Character) -> bool:
+    """Whether a force is a function of the motion where it acts, as none from outside would be.
+
+    In proportion to it is any force that is much slower, or much narrower in band, than the
+    structure answers.
+    """
+    curved = there.static_share > min(MADE, there.linear_share + CURVED)
+    return curved and not there.linear
 
 
 def placed(located: Located, tried: Sequence[Candidate]) -> bool:

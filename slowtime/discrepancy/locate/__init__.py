@@ -2,10 +2,11 @@
 
 from .character import Character, character
 from .linear import Linear, Source
-from .located import Group, Latent, Located
+from .located import PLACED, Group, Latent, Located
 from .search import locate
 
 __all__ = [
+    "PLACED",
     "Character",
     "Group",
     "Latent",

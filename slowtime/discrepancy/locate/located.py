@@ -15,6 +15,8 @@ from .lines import TrialLines
 
 ALLOWED = 2.0
 """Tolerances by which a constant may move before that counts as force."""
+PLACED = 1.2
+"""Times what the best place leaves that any other must leave, for it to be the place."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -123,6 +125,14 @@ class Located:
     def best(self) -> Place:
         """Place of the greatest likelihood."""
         return self.groups[0].places[0]
+
+    @property
+    def inside(self) -> Place:
+        """The best place; of the structure itself, where one does as well as the base."""
+        best = self.groups[0]
+        near = [g for g in self.groups if g.left < PLACED * best.left]
+        own = [p for g in near for p in g.places if p.kind in ("element", "node")]
+        return own[0] if own and self.best.kind == "base" else self.best
 
     @property
     def p_value(self) -> float:
