@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from slowtime.dynamics.effects import Effect, Kind, Unmeasured
+from slowtime.dynamics.effects import Effect, Kind, Place, Unmeasured
 
 from .candidates import SEVERAL, Candidate
 from .diagnosis import Named as Answer
@@ -67,18 +67,29 @@ def base_answer(
             return None
     kind = unmeasured[0]
     assert kind.strength is not None
-    forces = [located.latent(place, i).force for i in range(len(located.trials))]
-    power = float(np.mean(np.concatenate(forces) ** 2))
-    size = math.sqrt(power)
-    numbers = {kind.strength: Number(size, SIZE_SD * size, kind.parameter(kind.strength).unit)}
+    size = _size(located, place, kind.parameter(kind.strength).unit)
+    numbers = {kind.strength: size}
     return Answer(
-        effect=Effect(kind.name, place, {kind.strength: size}),
+        effect=Effect(kind.name, place, {kind.strength: size.value}),
         family=kind.family,
         numbers=numbers,
         probability=float(1 / (1 + math.exp(-min(TEMPER * lead, 50.0)))),
         rivals=(),
         sentence=sentence_of(kind, place, numbers),
     )
+
+
+def _size(located: Located, place: Place, unit: str) -> Number:
+    """Root mean square of a random force, each record counting as far as it tells of it.
+
+    How much of the recovered power is the sensors' noise is what is not known of it.
+    """
+    latents = [located.latent(place, i) for i in range(len(located.trials))]
+    weights = np.array([latent.sd for latent in latents]) ** -2.0
+    power = np.average([np.mean(latent.force**2) for latent in latents], weights=weights)
+    noise = np.average([latent.noise_sd**2 for latent in latents], weights=weights)
+    size = math.sqrt(power)
+    return Number(size, math.hypot(SIZE_SD * size, noise / (2 * size)), unit)
 
 
 def _made(there: Character) -> bool:

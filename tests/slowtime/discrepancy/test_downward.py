@@ -316,3 +316,30 @@ def test_a_slow_error_of_the_only_sensor_is_its_drift_and_no_motion_of_the_base(
     seen = tuple(trials)
     found = search(refit(Plant.of(one, kinds=few), seen), seen, Search(few, Watch()))
     assert [answer.effect.kind for answer in found.answers] == ["sensor_drift"]
+
+
+def test_the_size_of_a_motion_of_the_base_is_told_by_the_records_that_show_it():
+    sensors = tuple(
+        Sensor(channel=f"a{i}", quantity="acceleration", node=f"m{i}", unit="m/s^2")
+        for i in (1, 2, 3)
+    )
+    every = dataclasses.replace(THREE, sensors=sensors)
+    few = {name: KINDS[name] for name in ("base_motion", "added_mass")}
+    plant = Plant.of(every, kinds=few)
+    rng = np.random.default_rng(11)
+    trials = []
+    for loud in (0.01, 3.0):
+        push, shake = (
+            level * np.convolve(rng.standard_normal(2000), np.hanning(9) / 2, "same")
+            for level in (3.0, 2.0)
+        )
+        clean = plant.simulate(plant.values, push[:, None], RATE, base=shake)
+        noise = loud * clean.std(axis=0) * rng.standard_normal(clean.shape)
+        trials.append(Trial(inputs=push[:, None], outputs=clean + noise, rate_hz=RATE))
+    seen = tuple(trials)
+    found = search(refit(plant, seen), seen, Search(few, Watch()))
+    (answer,) = found.answers
+    told = answer.numbers["rms_m_per_s2"]
+    assert answer.effect.kind == "base_motion"
+    assert abs(told.value - 2.0 * np.sqrt(np.sum(np.hanning(9) ** 2) / 4)) < 2 * told.sd
+    assert told.sd < 0.1 * told.value
