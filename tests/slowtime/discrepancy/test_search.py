@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from slowtime.discrepancy import naming
+from slowtime.discrepancy import accepting, naming
 from slowtime.discrepancy import search as searching
 from slowtime.discrepancy.answer import Found
 from slowtime.discrepancy.candidates import Candidate, candidates, label_of
@@ -254,12 +254,12 @@ def test_what_inputs_do_between_samples_is_not_asked_of_pieces(shared, monkeypat
     trials, first, *_ = shared
     late = refit_all(first, [Candidate(SOFT, 0.0, 0.0, 0.0)], trials, KINDS, lambda *_: False)
     cut, _ = pieces(first.plant, trials)
-    monkeypatch.setattr(searching, "held_instead", lambda *_: pytest.fail("it was asked"))
+    monkeypatch.setattr(accepting, "held_instead", lambda *_: pytest.fail("it was asked"))
     found = Found([first], cut)
     whole = refit(late[0].fit.plant, cut, values=late[0].fit.values, horizons=(1.0,))
     named = [dataclasses.replace(late[0], fit=whole)]
     before = refit(first.plant, cut, values=first.values, horizons=(1.0,))
-    assert searching._accept(found, before, named, cut, Search(KINDS, Watch()), pulled=False)
+    assert accepting.accept(found, before, named, cut, KINDS, None, pulled=False)
 
 
 def test_a_law_that_is_near_the_end_of_its_range_is_named_where_nothing_simpler_is_there():
