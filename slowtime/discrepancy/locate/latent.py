@@ -28,6 +28,8 @@ ENOUGH = 0.5
 STRIDE = 0.3
 """Largest change of a constant in one round."""
 RIDGE = 1e-9
+ROUNDED = 1e-12
+"""Share of a sum of squares that its difference from another as large cannot tell from none."""
 
 OfLine = Float[np.ndarray, " frequency"]
 
@@ -186,6 +188,7 @@ class Solver:
         states = whites[0].columns.shape[2] - 1 - constants
         size = constants + states * len(self.trials)
         matrix, right, total = np.zeros((size, size)), np.zeros(size), 0.0
+        whole = np.zeros(size)
         for i, trial in enumerate(self.trials):
             rise = 1 + variances[i] * signals[i]
             # Woodbury: what lies along the force counts less, by one product a line.
@@ -194,12 +197,15 @@ class Solver:
             where = np.r_[0:constants, constants + i * states : constants + (i + 1) * states]
             matrix[np.ix_(where, where)] += 2 * inner[:-1, :-1]
             right[where] += 2 * inner[:-1, -1]
+            whole[where] += 2 * np.diag(whites[i].inner)[:-1]
             total -= inner[-1, -1] + float(trial.weight @ np.log(rise))
         known = np.arange(constants)
         off = (self.known.ahead + change) / self.known.sd
         matrix[known, known] += 1 / self.known.sd**2
         right[known] -= off / self.known.sd
         total -= float(np.sum(off**2)) / 2
+        # Where the force takes all of a column, rounding may leave less than nothing of it.
+        matrix[np.diag_indices(size)] += np.maximum(ROUNDED * whole - np.diag(matrix), 0.0)
         scale = 1 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
         inner = matrix * np.outer(scale, scale) + RIDGE * np.eye(size)
         found = scale * scipy.linalg.solve(inner, scale * right, assume_a="pos")

@@ -338,3 +338,18 @@ def test_a_motion_that_grows_beyond_bounds_is_followed_no_further(campaign, wron
     rubs = wrong(element=1, force=friction)
     _, _, result = located(campaign, 3, rubs, masses=2, seconds=10.0, levels=(1.0,))
     assert Place("element", "j1") in result.groups[0].places
+
+
+@pytest.mark.parametrize("density", [1e-12, 1e-20, 1e-28])
+def test_a_force_beside_which_noise_is_next_to_nothing_is_located(campaign, wrong, density):
+    """Of all that it takes part in, rounding leaves less than nothing."""
+    quintic = wrong(element=0, force=lambda e, v, t: 3e12 * e**5)
+    rig, trials = campaign(
+        9, quintic, masses=1, mode="accelerations", levels=(2.0,), seconds=8.0
+    )
+    noise = white_noise([[density]])
+    fit = refit(Plant.of(rig.description), trials, noise=noise, free=())
+    found = locate(fit, trials)
+    first, place = found.groups[0], Place("element", "j0")
+    assert place in (*first.places, *first.twins)
+    assert np.isfinite(found.latent(place, 0).force).all()
