@@ -154,6 +154,15 @@ def test_a_drift_told_for_another_span_is_carried_over_to_the_campaign(sealed):
     assert row["leading_z"] == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize(("off", "score"), [(0.0, 0.0), (1e-9, np.inf)])
+def test_an_interval_of_no_width_holds_only_what_it_is_at(off, score, sealed):
+    truth = truth_of(("coulomb",), "listed")
+    report, (effect,) = report_of(truth), truth["effects"]
+    value = effect["parameters"][effect["leading"]] + off
+    report["effects"][0]["parameters"][effect["leading"]] = {"value": value, "sd": 0.0}
+    assert judge(truth, report, sealed, sealed)["leading_z"] == score
+
+
 def test_the_run_on_the_held_out_record_counts_before_what_the_report_says(sealed):
     truth = truth_of(("coulomb",), "listed")
     with np.load(sealed / "clean.npz") as kept:

@@ -10,7 +10,8 @@ from slowtime.discrepancy.locate import locate
 from slowtime.discrepancy.naming import Named, evidence
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refit import refit
-from slowtime.discrepancy.verdict import rivals_within, shares_of
+from slowtime.discrepancy.screen import Finding
+from slowtime.discrepancy.verdict import fault_of, rivals_within, shares_of
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Input, Sensor, Tolerance
 from slowtime.dynamics.effects import Effect, Place, catalogue
@@ -82,3 +83,18 @@ def test_noise_of_another_colour_is_no_discovery_where_no_record_shows_an_error(
     )
     assert told.verdict == verdict
     assert (LOUD in told.notes) == (unseen == 0.0)
+
+
+@pytest.mark.parametrize(
+    ("fault", "told"),
+    [("clipped", {"clip": 0.2}), ("zero", {"from_s": 0.3, "for_s": 0.3 * 2**0.5, "held": 0.0})],
+)
+def test_what_a_screen_reads_off_a_channel_is_told_with_its_error(fault, told):
+    finding = Finding(
+        fault=fault, channel="x", spans_s=((1.0, 3.0),), share=0.1, level=5.0, level_sd=0.2,
+        instant_sd=0.3,
+    )  # fmt: skip
+    answer = fault_of(finding, KINDS)
+    assert answer is not None
+    sds = {name: number.sd for name, number in answer.numbers.items()}
+    assert sds == pytest.approx(told)

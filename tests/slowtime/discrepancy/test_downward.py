@@ -12,12 +12,12 @@ from slowtime.discrepancy.candidates import Candidate, Start, candidates, mirror
 from slowtime.discrepancy.downward import IN_TURN, NEAREST, Downward
 from slowtime.discrepancy.equivalent import equivalents
 from slowtime.discrepancy.gap import free_runs
-from slowtime.discrepancy.locate import locate
+from slowtime.discrepancy.locate import character, locate
 from slowtime.discrepancy.naming import chosen, refit_all
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refit import refit
 from slowtime.discrepancy.search import Search, search
-from slowtime.discrepancy.shaken import follows
+from slowtime.discrepancy.shaken import _made, follows
 from slowtime.discrepancy.unbent import unbent
 from slowtime.discrepancy.watch import Watch
 from slowtime.dynamics.builders import chain
@@ -33,6 +33,13 @@ THREE = dataclasses.replace(
     inputs=(Input(channel="u", kind="force", node="m3", unit="N"),),
     sensors=(Sensor(channel="a3", quantity="acceleration", node="m3", unit="m/s^2"),),
     tolerance=Tolerance(stiffness=0.02, damping=0.1),
+)
+EVERY = dataclasses.replace(
+    THREE,
+    sensors=tuple(
+        Sensor(channel=f"a{i}", quantity="acceleration", node=f"m{i}", unit="m/s^2")
+        for i in (1, 2, 3)
+    ),
 )
 GROUND, MIDDLE, TOP = (Place("element", element.id) for element in THREE.elements)
 
@@ -201,35 +208,42 @@ def test_what_a_law_explains_by_half_in_a_free_run_is_no_motion_of_the_base(far_
 
 def test_friction_to_the_ground_is_not_taken_for_a_motion_of_it():
     """Any force of the ground's spring is some motion of the ground."""
-    sensors = tuple(
-        Sensor(channel=f"a{i}", quantity="acceleration", node=f"m{i}", unit="m/s^2")
-        for i in (1, 2, 3)
-    )
-    every = dataclasses.replace(THREE, sensors=sensors)
     few = {name: KINDS[name] for name in ("coulomb", "base_motion", "added_mass")}
     trials = recorded(
-        every, (Effect("coulomb", GROUND, {"friction_n": 2.0}),), level=4.0, seconds=8.0
+        EVERY, (Effect("coulomb", GROUND, {"friction_n": 2.0}),), level=4.0, seconds=8.0
     )
-    first = refit(Plant.of(every, kinds=few), trials)
+    first = refit(Plant.of(EVERY, kinds=few), trials)
     found = search(first, trials, Search(few, Watch()))
     assert [(a.effect.kind, a.effect.place) for a in found.answers] == [("coulomb", GROUND)]
 
 
 def test_a_force_that_its_own_motion_makes_is_no_motion_of_the_ground():
     """Whatever the law, and though none is known that does it."""
-    sensors = tuple(
-        Sensor(channel=f"a{i}", quantity="acceleration", node=f"m{i}", unit="m/s^2")
-        for i in (1, 2, 3)
-    )
-    every = dataclasses.replace(THREE, sensors=sensors)
     few = {name: KINDS[name] for name in ("base_motion", "added_mass")}
     trials = recorded(
-        every, (Effect("cubic_hardening", GROUND, {"k3_n_per_m3": 3e5}),), seconds=16.0
+        EVERY, (Effect("cubic_hardening", GROUND, {"k3_n_per_m3": 3e5}),), seconds=16.0
     )
-    found = search(refit(Plant.of(every, kinds=few), trials), trials, Search(few, Watch()))
+    found = search(refit(Plant.of(EVERY, kinds=few), trials), trials, Search(few, Watch()))
     assert found.located is not None
-    assert found.located.groups[0].places[0].kind == "base"
+    assert found.located.best.kind == "base"
+    assert found.located.inside == GROUND
     assert "base_motion" not in [answer.effect.kind for answer in found.answers]
+
+
+@pytest.mark.parametrize(
+    ("surface", "filtered", "linear", "made"),
+    [(0.97, 0.91, False, True), (0.7, 0.47, False, True), (0.7, 0.65, False, False),
+     (0.99, 1.0, True, False), (0.2, 0.95, False, False)],
+)  # fmt: skip
+def test_what_bends_with_the_motion_where_it_acts_is_made_there(
+    surface, filtered, linear, made
+):
+    trials = recorded(THREE, (Effect("coulomb", GROUND, {"friction_n": 1.5}),), seconds=4.0)
+    located = locate(refit(Plant.of(THREE, kinds=KINDS), trials), trials)
+    there = dataclasses.replace(
+        character(located, GROUND), static_share=surface, linear_share=filtered, linear=linear
+    )
+    assert _made(there) is made
 
 
 def test_one_sensors_factor_is_a_rival_also_where_it_was_tried_and_fared_badly():
@@ -243,16 +257,11 @@ def test_one_sensors_factor_is_a_rival_also_where_it_was_tried_and_fared_badly()
 
 @pytest.mark.parametrize("times", [0.7, 1.3, 2.2])
 def test_a_hidden_oscillator_is_found_among_the_modes_and_above_them_all(times):
-    sensors = tuple(
-        Sensor(channel=f"x{i}", quantity="acceleration", node=f"m{i}", unit="m/s^2")
-        for i in (1, 2, 3)
-    )
-    every = dataclasses.replace(THREE, sensors=sensors)
     highest = 6.1
     rides = {"mass_kg": 0.3, "frequency_hz": times * highest, "damping_n_s_per_m": 0.6}
     effect = Effect("extra_dof", Place("node", "m3"), rides)
-    trials = recorded(every, (effect,))
-    before = unbent(refit(Plant.of(every, kinds=KINDS), trials), trials)
+    trials = recorded(EVERY, (effect,))
+    before = unbent(refit(Plant.of(EVERY, kinds=KINDS), trials), trials)
     tried = candidates(before, locate(before, trials), KINDS)
     best = max((one for one in tried if one.effect.kind == "extra_dof"), key=lambda c: c.score)
     assert best.effect.place == effect.place
@@ -276,14 +285,8 @@ def test_a_record_that_begins_in_motion_is_begun_so_though_friction_holds():
 
 @pytest.mark.parametrize("measured", [False, True])
 def test_a_motion_of_the_base_is_unmeasured_only_where_it_is_no_input(measured):
-    sensors = tuple(
-        Sensor(channel=f"a{i}", quantity="acceleration", node=f"m{i}", unit="m/s^2")
-        for i in (1, 2, 3)
-    )
     ground = Input(channel="u", kind="base_acceleration", unit="m/s^2")
-    every = dataclasses.replace(
-        THREE, sensors=sensors, inputs=(ground,) if measured else THREE.inputs
-    )
+    every = dataclasses.replace(EVERY, inputs=(ground,)) if measured else EVERY
     few = {name: KINDS[name] for name in ("base_motion", "added_mass")}
     plant = Plant.of(every, kinds=few)
     rng = np.random.default_rng(8)
@@ -319,13 +322,8 @@ def test_a_slow_error_of_the_only_sensor_is_its_drift_and_no_motion_of_the_base(
 
 
 def test_the_size_of_a_motion_of_the_base_is_told_by_the_records_that_show_it():
-    sensors = tuple(
-        Sensor(channel=f"a{i}", quantity="acceleration", node=f"m{i}", unit="m/s^2")
-        for i in (1, 2, 3)
-    )
-    every = dataclasses.replace(THREE, sensors=sensors)
     few = {name: KINDS[name] for name in ("base_motion", "added_mass")}
-    plant = Plant.of(every, kinds=few)
+    plant = Plant.of(EVERY, kinds=few)
     rng = np.random.default_rng(11)
     trials = []
     for loud in (0.01, 3.0):
