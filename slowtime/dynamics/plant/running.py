@@ -8,13 +8,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from slowtime.dynamics.description import Beam, Description
-from slowtime.dynamics.effects import Effect, Kind, Law, Motion, Place
+from slowtime.dynamics.effects import Effect, Kind, Motion, Place
 
 from .kernel import Now, System, march, places
+from .made import Asked, is_linear, system_of
 from .matrices import Matrices
 from .names import Name
 from .sensing import Ear, acting, base_of, ears_of, held, told
-from .system import Layout, Stack, big_matrices, state_matrices
+from .system import Layout
 
 TOLERANCE = 3e-4
 """By how much the parabola of a force may miss the force at the beginning of a step, over the
@@ -85,13 +86,19 @@ def run(
     holds += [hold] * (acts.shape[1] - len(holds))
     holds += [holds[column] for _, column, _ in driven]
     coefficients = held(columns, holds) if holds else np.zeros((samples, 0, 1))
-    linear = [name for name in asked if _is_linear(name, matrices)]
-    laws = [name for name in asked if name in layout.law_names]
-    order = (*linear, *laws, *(name for name, _, _ in driven))
-    triples = [matrices.at(values, list(kinds))]
-    triples += [matrices.slope(name, values, list(kinds)) for name in linear]
-    stacks = state_matrices(layout, matrices.names, triples, unmeasured=base is not None)
-    system = _system(layout, stacks, values, kinds, order, interval, coefficients, driven)
+    wish = Asked(
+        layout=layout,
+        matrices=matrices,
+        kinds=tuple(kinds),
+        values=tuple(values.items()),
+        linear=tuple(name for name in asked if is_linear(name, matrices)),
+        laws=tuple(name for name in asked if name in layout.law_names),
+        driven=tuple((name, column) for name, column, _ in driven),
+        interval=interval,
+        powers=coefficients.shape[2],
+        unmeasured=base is not None,
+    )
+    system, order = system_of(wish), wish.order
     slopes = len(order) + layout.states if free is not None else 0
     now = _now(system, state0, len(order), slopes, coefficients.shape[1])
     states, rates = (np.full((samples, layout.states), np.nan) for _ in range(2))
@@ -122,7 +129,7 @@ def run(
     if steps < 0:
         heard[:, -steps:] = np.nan
     shaken, shaking = _base(description, coefficients, driven, base is not None)
-    ground = base_of(shaken, interval).motion
+    ground = base_of(shaken, interval).motion if any(ear.absolute for ear in ears) else ()
     outputs = np.zeros((samples, len(ears)))
     for k, ear in enumerate(ears):
         if ear.coordinate is not None:
@@ -142,7 +149,7 @@ def run(
         states=states,
         rates=rates,
         forces=forces,
-        base=ground[2][:, 0],
+        base=shaken[:, 0, 0],
         times=times,
         steps=int(steps),
     )
@@ -170,55 +177,6 @@ def motions(description: Description, names: Sequence[str], found: Run) -> dict[
                 e=q[:, k], v=v[:, k], a=a[:, k] + found.base, times=found.times
             )
     return {Place(kind, name): motion for (kind, name), motion in seen.items()}  # type: ignore[arg-type]
-
-
-def _is_linear(name: Name, matrices: Matrices) -> bool:
-    return name[0] in ("stiffness", "damping", "mass") or (
-        name[0] == "effect" and name[1] in matrices.hidden
-    )
-
-
-def _system(
-    layout: Layout,
-    stacks: tuple[Stack, Stack, Stack],
-    values: Mapping[Name, float],
-    kinds: Sequence[Kind],
-    order: Sequence[Name],
-    interval: float,
-    coefficients: Float[np.ndarray, "time input power"],
-    driven: Sequence[tuple[Name, int, Float[np.ndarray, " time"]]],
-) -> System:
-    a, b_u, b_y = stacks
-    whole = np.concatenate(stacks, axis=2)
-    big, slope_big = big_matrices(layout, a, b_u, b_y, interval, coefficients.shape[2])
-    jumps = [
-        ("effect", i, name)
-        for i, kind in enumerate(kinds)
-        if isinstance(kind.action, Law)
-        for name in kind.action.switches
-    ]
-
-    def columns(names: Sequence[Name | None]) -> Int[np.ndarray, " name"]:
-        found = [order.index(name) if name in order else -1 for name in names]
-        return np.array(found, dtype=np.int64)
-
-    # Differences would step across an instant at which a law jumps.
-    smooth = columns([None if name in jumps else name for name in layout.law_names])
-    through = [(order.index(name), column) for name, column, _ in driven]
-    return System(
-        table=layout.table,
-        laws=layout.laws,
-        p=np.array([values[name] for name in layout.law_names]),
-        column=smooth,
-        jumps=np.array([values[name] for name in jumps]),
-        jump_columns=columns(jumps),
-        driven=np.array(through, dtype=np.int64).reshape(-1, 2),
-        seeing=layout.seeing,
-        matrix=np.ascontiguousarray(whole[0]),
-        slope_matrix=np.ascontiguousarray(np.moveaxis(whole[1:], 0, 2)),
-        big=big,
-        slope_big=slope_big,
-    )
 
 
 def _now(

@@ -1,6 +1,7 @@
 """States in, what sensors tell out; and inputs as recorded in, as they act out."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Literal
 
@@ -20,6 +21,8 @@ Values = Float[np.ndarray, " parameter"]
 Several = Float[np.ndarray, "*any time"]
 Act = Callable[[Several, Series, Values], Several]
 Polynomials = Float[np.ndarray, "time input power"]
+KEPT = 16
+"""Inputs whose polynomials are kept."""
 NUDGE = 1e-6
 """Relative step of central differences of what inputs and sensors do."""
 
@@ -69,10 +72,16 @@ def held(columns: Float[np.ndarray, "time input"], holds: Sequence[str]) -> Poly
     """Find the polynomials between samples of every input, with the powers that are used."""
     powers = max({"zero": 1, "first": 2}.get(hold, 6) for hold in holds)
     found = [
-        polynomials(column, hold)[:, :powers]
+        _polynomials(column.tobytes(), hold)[:, :powers]
         for column, hold in zip(columns.T, holds, strict=True)
     ]
     return np.ascontiguousarray(np.stack(found, axis=1))
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _polynomials(column: bytes, hold: str) -> Float[np.ndarray, "time power"]:
+    """Find polynomials once for all runs of a record."""
+    return polynomials(np.frombuffer(column), hold)
 
 
 def base_of(along: Float[np.ndarray, "time power slope"], interval: float) -> Base:

@@ -161,7 +161,7 @@ def big_matrices(
     """Lay out steps of every level as the compiled code wants them: see `kernel.System`."""
     deep = len(layout.laws) > 0
     inputs, channels = b_u.shape[2], b_y.shape[2]
-    levels = levels_of(
+    steps = levels_of(
         a,
         np.concatenate([b_u, b_y], axis=2),
         interval,
@@ -169,26 +169,22 @@ def big_matrices(
         deep=deep,
     )
     states, seen = a.shape[1], layout.seeing
-    rows, columns = states + 3 * len(seen), states + inputs * powers + 3 * channels
-    big = np.zeros((len(levels), len(a), rows, columns))
+    count, points = steps.pushed.shape[:2]
+    fractions = np.array(RADAU)[:, None] ** np.arange(steps.pushed.shape[4])
+    scaled = steps.pushed * fractions[:, None, None, :, None]
     parabolas = np.linalg.inv(np.array(RADAU)[:, None] ** np.arange(3))
-    for level, steps in enumerate(levels):
-        for point, fraction in enumerate(RADAU):
-            own = np.zeros((len(a), states, columns))
-            own[:, :, :states] = steps.kept[point]
-            scaled = np.array(
-                [fraction**j * steps.pushed[j, point] for j in range(len(steps.pushed))]
-            )
-            for i in range(inputs):
-                at = states + i * powers
-                own[:, :, at : at + powers] = np.moveaxis(scaled[:powers, :, :, i], 0, 2)
-            if channels:
-                forces = np.einsum("jpsc,jq->psqc", scaled[:3, :, :, inputs:], parabolas)
-                own[:, :, states + inputs * powers :] = forces.reshape(len(a), states, -1)
-            at = states + point * len(seen)
-            big[level, :, at : at + len(seen)] = seen @ own
-            if point == 2:
-                big[level, :, :states] = own
+    shape = (count, points, len(a), states)
+    own = np.concatenate(
+        [
+            steps.kept,
+            scaled[..., :powers, :inputs].swapaxes(4, 5).reshape(*shape, inputs * powers),
+            scaled[..., :3, inputs:].reshape(*shape, 3 * channels)
+            @ np.kron(parabolas, np.eye(channels)),
+        ],
+        axis=4,
+    )
+    ahead = np.moveaxis(seen @ own, 1, 2).reshape(count, len(a), -1, own.shape[4])
+    big = np.concatenate([own[:, 2], ahead], axis=2)
     slopes = np.ascontiguousarray(np.moveaxis(big[:, 1:], 1, 3))
     return np.ascontiguousarray(big[:, 0]), slopes
 
