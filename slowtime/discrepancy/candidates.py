@@ -130,14 +130,7 @@ def start_with(fit: Fit, forces: list[Forces], space: Space) -> Start:
     for name, value in constants.items():
         if not 1 / FARTHEST < value / means[name] < FARTHEST:
             constants[name] = means[name]
-    located, explained = space.located, space.located.group(space.place).explained
-    names = located.linear.structure.names
-    own = [("displacement", n) for n in names] + [("velocity", n) for n in names]
-    states = [
-        dict(zip(own, located.motion(explained, i)[:2, 0].ravel().tolist(), strict=True))
-        for i in range(len(located.trials))
-    ]
-    return Start(constants, states)
+    return Start(constants, space.states)
 
 
 def mirrored(

@@ -47,6 +47,7 @@ from the best of them."""
 
 Shape = Mapping[str, float]
 Column = Float[np.ndarray, "time column"]
+Values = Float[np.ndarray, " value"]
 
 
 @runtime_checkable
@@ -220,7 +221,7 @@ def _best_shape(
     unit = 1.0 if kind.strength is None else _unit(kind)
     whole = [dict(shape) | _scaled(kind, shape, unit) for shape in shapes]
     forces = space.lines_of(
-        np.stack([force_along(kind, p, motion) for p in whole], axis=1) for motion in motions
+        np.array([force_along(kind, p, motion) for p in whole]).T for motion in motions
     )
     strengths, gains = space.one(forces)
     for parameters, strength, gain in zip(whole, strengths, gains, strict=True):
@@ -240,26 +241,29 @@ def _best_quadrature(
     """Of a phase, by its two quadratures; `shapes` must not be empty."""
     assert kind.quadrature is not None
     assert kind.strength is not None
-    best: tuple[Effect, float] | None = None
-    for shape in shapes:
-        pair = [
-            dict(shape) | {kind.quadrature: turn, kind.strength: 1.0}
-            for turn in (0.0, math.pi / 2)
-        ]
-        forces = space.lines_of(
-            np.stack([force_along(kind, p, motion) for p in pair], axis=1) for motion in motions
-        )
-        inner, seen = space.normal(forces)
-        strength = np.linalg.lstsq(inner, seen, rcond=1e-9)[0]
-        gain = float(strength @ seen)
-        if best is None or gain > best[1]:
-            found = dict(shape) | {
-                kind.strength: float(np.hypot(*strength)),
-                kind.quadrature: float(np.arctan2(strength[1], strength[0])),
-            }
-            best = Effect(kind.name, space.place, found), gain
+    whole = [
+        dict(shape) | {kind.quadrature: turn, kind.strength: 1.0}
+        for shape in shapes
+        for turn in (0.0, math.pi / 2)
+    ]
+    forces = space.lines_of(
+        np.array([force_along(kind, p, motion) for p in whole]).T for motion in motions
+    )
+    inner, seen = space.normal(forces)
+    best: tuple[float, Shape, Values] | None = None
+    for number, shape in enumerate(shapes):
+        own = slice(2 * number, 2 * number + 2)
+        strength = np.linalg.lstsq(inner[own, own], seen[own], rcond=1e-9)[0]
+        gain = float(strength @ seen[own])
+        if best is None or gain > best[0]:
+            best = gain, shape, strength
     assert best is not None
-    return best
+    gain, shape, strength = best
+    found = dict(shape) | {
+        kind.strength: float(np.hypot(*strength)),
+        kind.quadrature: float(np.arctan2(strength[1], strength[0])),
+    }
+    return Effect(kind.name, space.place, found), gain
 
 
 def _best_change(

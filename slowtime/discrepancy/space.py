@@ -1,5 +1,6 @@
 """A place in; how much any force there would explain at the sensors, out."""
 
+import functools
 from collections.abc import Iterable
 
 import numpy as np
@@ -81,12 +82,23 @@ class Space:
         deviation = known.ahead + change + (self.solved * self.scale)[:constants]
         self.sd, self.pulls = known.sd, deviation / known.sd
 
+    @functools.cached_property
+    def states(self) -> list[dict[tuple[str, str], float]]:
+        """Initial state of each trial, by its names, that goes with the force found here."""
+        located, names = self.located, self.located.linear.structure.names
+        own = [("displacement", n) for n in names] + [("velocity", n) for n in names]
+        explained = located.group(self.place).explained
+        begun = [located.motion(explained, i)[:2, 0] for i in range(len(located.trials))]
+        return [dict(zip(own, one.ravel().tolist(), strict=True)) for one in begun]
+
     def lines_of(self, series: Iterable[Float[np.ndarray, "time column"]]) -> list[Forces]:
         """Spectra of forces, trial by trial; of one that grew beyond bounds, nothing."""
         whole = list(series)
         fine = np.all([(np.abs(one) < BEYOND).all(axis=0) for one in whole], axis=0)
         return [
-            transform(np.where(fine, one, 0.0), lines.rate_hz)[1][: len(lines.frequency_hz)]
+            transform(one if fine.all() else np.where(fine, one, 0.0), lines.rate_hz)[1][
+                : len(lines.frequency_hz)
+            ]
             for one, lines in zip(whole, self.located.lines, strict=True)
         ]
 

@@ -71,7 +71,8 @@ def transform(
     count = len(samples)
     window = sps.get_window(taper, count)
     scale = np.sqrt(2.0 / (rate_hz * (window @ window)))
-    coefficients = scale * fft.rfft(samples * window[:, None], axis=0)
+    tapered = samples if taper == "boxcar" else samples * window[:, None]
+    coefficients = scale * fft.rfft(tapered, axis=0)
     coefficients[0] /= np.sqrt(2.0)
     if count % 2 == 0:
         coefficients[-1] /= np.sqrt(2.0)

@@ -1,13 +1,11 @@
 """A known motion in, the force of an effect along it out."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Int
-
-from slowtime.dynamics.simulation import simulate_structure
-from slowtime.dynamics.structure import Structure
+import scipy.linalg
+from jaxtyping import Float, Int
 
 from .compiled import call_law, compiled, law_address
 from .kind import Friction, Hidden, Kind, Law, Motion, Series, Values
@@ -120,14 +118,52 @@ def _hidden(kind: Kind, motion: Motion, values: Values) -> Series:
     carried = np.ones(len(mass))
     # Hidden coordinates against the place: what carrying them along takes, drives them.
     drive = [matrix[1:] @ carried for matrix in (mass, damping, stiffness)]
-    rider = Structure(mass=inner[0], damping=inner[1], stiffness=inner[2])
     pushed = -sum(
         np.multiply.outer(series, one) for series, one in zip(along, drive, strict=True)
     )
     rate_hz = (len(motion.times) - 1) / (motion.times[-1] - motion.times[0])
-    r, v, a = simulate_structure(rider, pushed, rate_hz, hold="first")
+    r, v, a = _ridden(inner, np.asarray(pushed), rate_hz)
     whole = [float(matrix[0] @ carried) for matrix in (mass, damping, stiffness)]
     force = (
         np.array(whole) @ along + a @ mass[0, 1:] + v @ damping[0, 1:] + r @ stiffness[0, 1:]
     )
     return np.asarray(-force)
+
+
+def _ridden(
+    matrices: Sequence[Float[np.ndarray, "own own"]],
+    force: Float[np.ndarray, "time own"],
+    rate_hz: float,
+) -> tuple[Float[np.ndarray, "time own"], ...]:
+    """Motion from rest, velocity and acceleration under a force straight between samples.
+
+    What `simulate_structure` gives, without modes: there are few coordinates, and many runs.
+    """
+    size = force.shape[1]
+    mass, damping, stiffness = matrices
+    flow = np.zeros((4 * size, 4 * size))
+    flow[:size, size : 2 * size] = np.eye(size) / rate_hz
+    by_force = np.linalg.solve(
+        mass, np.concatenate([-stiffness, -damping, np.eye(size)], axis=1)
+    )
+    flow[size : 2 * size, : 3 * size] = by_force / rate_hz
+    flow[2 * size : 3 * size, 3 * size :] = np.eye(size)
+    moved = scipy.linalg.expm(flow)[: 2 * size]
+    kept, constant, ramp = np.split(moved, [2 * size, 3 * size], axis=1)
+    state = np.zeros((len(force), 2 * size))
+    come = force[:-1] @ (constant - ramp).T + force[1:] @ ramp.T
+    _step_on(np.ascontiguousarray(kept), come, state)
+    r, v = state[:, :size], state[:, size:]
+    return r, v, np.concatenate([state, force], axis=1) @ by_force.T
+
+
+@compiled
+def _step_on(kept: Any, come: Any, state: Any) -> None:
+    """Move a state from sample to sample by what it keeps and what comes."""
+    size = len(kept)
+    for k in range(len(come)):
+        for i in range(size):
+            total = come[k, i]
+            for j in range(size):
+                total += kept[i, j] * state[k, j]
+            state[k + 1, i] = total
