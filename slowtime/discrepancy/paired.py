@@ -23,7 +23,16 @@ from slowtime.dynamics.effects import (
     force_along,
 )
 
-from .candidates import SEVERAL, Candidate, Label, can_be, label_of, start_with
+from .candidates import (
+    LITTLE,
+    MORE,
+    SEVERAL,
+    Candidate,
+    Label,
+    can_be,
+    label_of,
+    start_with,
+)
 from .locate import Group, Located
 from .refit import Fit
 from .shapes import possible, scanned, sized
@@ -82,8 +91,8 @@ def pairs(
     reached
         Chi squared that those leave which were refitted: some promised more than they hold.
     """
-    group = located.groups[0]
-    if not tried or group.left > SEVERAL:
+    group = _acted_on(located)
+    if not tried or group is None:
         return []
     spaces = _spaces(fit, located, group)
     columns = list(_columns(spaces, located, tried, kinds))
@@ -194,6 +203,17 @@ def _with_tones(
             whole = {**tone.parameters, **heights}
             yield gain, (dataclasses.replace(turned[0], parameters=whole), law)
             break
+
+
+def _acted_on(located: Located) -> Group | None:
+    """Give the best group where a law may act, if it explains as much as the best of all.
+
+    With one mass, the base and its sensor explain all that a force on the mass does.
+    """
+    most = min(SEVERAL, MORE * located.groups[0].left + LITTLE)
+    laws = (g for g in located.groups if any(p.kind in ("element", "node") for p in g.places))
+    group = next(laws, None)
+    return group if group is not None and group.left <= most else None
 
 
 def _spaces(fit: Fit, located: Located, group: Group) -> dict[Place, tuple[Space, float]]:
