@@ -40,6 +40,7 @@ def diagnose(
     progress: Progress | None = None,
     stop: Stop | None = None,
     late: Callable[[], bool] | None = None,
+    over: Callable[[], bool] | None = None,
 ) -> Diagnosis:
     """Say what a model lacks, where, how much, and how sure that is.
 
@@ -56,9 +57,11 @@ def diagnose(
     stop
         Once set, `slowtime.discrepancy.watch.Cancelled` is raised.
     late
-        Once true, no more laws are tried: what was found by then is the answer.
+        Once true, no more laws are tried than those that come near the best along the force.
+    over
+        Once true, none are: what was found by then is the answer. With `late`, where not given.
     """
-    tell = Watch(progress, stop, late)
+    tell = Watch(progress, stop, late, over)
     known = catalogue() if kinds is None else kinds
     tell("screening channels", 0.0)
     screened = [screen(trial, campaign.channels) for trial in campaign.trials]

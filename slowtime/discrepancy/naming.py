@@ -260,6 +260,7 @@ def refit_all(
     found: list[Named] = []
     idle: list[Named] = []
     enough = reached = math.inf
+    stopped = False
     for number, label in enumerate(_and_more(labels, found, more)):
         kind = kinds[label.effect.kind]
         if isinstance(kind.action, Unmeasured) or label.cost > enough:
@@ -267,6 +268,7 @@ def refit_all(
         if _straight(kind) and label.cost > BEHIND * reached + FAR:
             continue
         if tick(label.effect, number):
+            stopped = True
             break
         beat = min((n.fit.cost for n in found), default=None)
         late = functools.partial(_late, tick, label.effect, number)
@@ -295,7 +297,7 @@ def refit_all(
     best: dict[Label, Named] = {}
     for one in sorted(found, key=lambda n: -n.score):
         best.setdefault(label_of(one.effect), one)
-    return _heard_again(before, list(best.values()), trials, kinds)
+    return _heard_again(before, list(best.values()), trials, kinds, anew=not stopped)
 
 
 def _late(tick: Tick, effect: Effect, number: int) -> bool:
@@ -362,25 +364,33 @@ def _shown(named: Named, trials: Sequence[Trial], kinds: Mapping[str, Kind]) -> 
 
 
 def _heard_again(
-    before: Fit, found: list[Named], trials: Sequence[Trial], kinds: Mapping[str, Kind]
+    before: Fit,
+    found: list[Named],
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+    *,
+    anew: bool,
 ) -> list[Named]:
-    """Judge all by the noise that the best leaves, where they were fitted to another."""
+    """Judge all by the noise that the best leaves, where they were fitted to another.
+
+    Where that is far from noise, the best is fitted `anew`, from where its model stands.
+    """
     if not found or abs(found[0].fit.chi2_in_band - 1) < LOUDER * found[0].fit.in_band_sd:
         return found
     best = found[0]
     plant, values, states = best.fit.plant, best.fit.values, best.fit.states
     try:
         fit = refit(plant, trials, values=values, states=states, horizons=(1.0,))
-        if WRONG < fit.chi2_in_band < NEARLY * before.chi2_in_band:
+        if anew and WRONG < fit.chi2_in_band < NEARLY * before.chi2_in_band:
             # One period off over a long record, the misfit has a minimum too.
-            anew = refit(plant, trials, values=values)
-            better = misfit(anew, fit.noise, trials) < misfit(fit, fit.noise, trials)
-            fit = anew if better else fit
+            other = refit(plant, trials, values=values)
+            better = misfit(other, fit.noise, trials) < misfit(fit, fit.noise, trials)
+            fit = other if better else fit
     except FloatingPointError:
         return found
     heard = dataclasses.replace(best, fit=fit, score=evidence(fit, kinds))
     if not _shown(heard, trials, kinds):
-        return _heard_again(before, found[1:], trials, kinds)
+        return _heard_again(before, found[1:], trials, kinds, anew=anew)
     again = [heard, *(rescored(one, fit, trials, kinds) for one in found[1:])]
     return sorted(again, key=lambda n: -n.score)
 

@@ -43,6 +43,9 @@ SILENT = 0.01
 MOST, LATER, TWICE = 3, 3, 2
 """Effects that are looked for, one after the other; labels refitted for the later ones, and
 where what is left is left at a place that has an effect already."""
+APART = 2.0
+"""Times what the best leaves along the force, from which others are not tried once it is late.
+"""
 HASTY = 3
 """Labels refitted where it is to be quick."""
 FLAW = 0.003
@@ -123,7 +126,8 @@ def _go_on(found: Found, how: Search, begun: int) -> None:
 def _ends(found: Found, how: Search, number: int) -> bool:
     """Whether what was found is to be enough; then, what it leaves."""
     found.hurried = how.tell.hurries
-    if not found.hurried and number < how.most - 1:
+    enough = found.hurried and (how.tell.ends or _done(found))
+    if not enough and number < how.most - 1:
         return False
     # What the last effect leaves, not what there was before it.
     how.tell("looking at what is left", 0.9)
@@ -230,6 +234,7 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
     if located.p_value > FALSE_ALARM and not pulled:
         return False
     tell("trying effects", share + 0.05)
+    hasty = number > 0 and tell.hurries
     tried = candidates(before, located, kinds)
     based = located.base_first()
     shaken = base_answer(based, tried, kinds, first=number == 0)
@@ -240,14 +245,20 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
     tried = [one for one in tried if not bends_twice(one.effect, found.answers, kinds)]
     most = HASTY if how.quick else KEPT
     labels = chosen(tried, (TWICE if again else LATER) if number else most)
+    if hasty:
+        labels = [one for one in labels if one.cost < APART * labels[0].cost]
     channels = tuple(s.channel for s in before.plant.description.sensors)
     if len(channels) == 1:
         labels += mirrored(labels, tried, kinds)
     trials = within(found.trials, channels, (one.effect for one in labels), kinds)
     named: list[Named] = []
+    cut: list[bool] = []
 
     def tick(effect: Effect, i: int) -> bool:
         tell(f"refitting {effect.kind} at {effect.place}", share + 0.08 + 0.18 * i / most)
+        if hasty:
+            cut.append(tell.ends)
+            return cut[-1]
         # One law at least is tried: what it leaves tells whether there is one.
         return tell.hurries and (number > 0 or i > 0 or bool(named))
 
@@ -275,7 +286,9 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
         # What is as slow as that is a sensor's, though the base would do the same.
         if shaken is not None and not (named and follows(named[0].fit, before, trials)):
             return ended(found, before, shaken, kinds)
-    if not how.quick:
+    if any(cut):
+        return False  # which of them it is was not seen
+    if not (how.quick or hasty):
         named = shot_too(before, labels, named, trials, kinds, tick)
     if number == 0:
         found.named, found.tried = tuple(named), tuple(tried)

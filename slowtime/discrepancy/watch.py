@@ -27,6 +27,7 @@ class Watch:
     progress: Progress | None = None
     stop: Stop | None = None
     late: Callable[[], bool] | None = None
+    over: Callable[[], bool] | None = None
     far: float = 0.0
 
     def __call__(self, stage: str, share: float) -> None:
@@ -39,5 +40,10 @@ class Watch:
 
     @property
     def hurries(self) -> bool:
-        """Whether nothing more should be tried."""
+        """Whether only the likeliest should still be tried."""
         return self.late is not None and self.late()
+
+    @property
+    def ends(self) -> bool:
+        """Whether nothing more should be tried at all."""
+        return self.hurries if self.over is None else self.over()

@@ -17,8 +17,10 @@ from .roles import Roles
 from .sense import refuse_nonsense
 from .sources import Source
 
-PATIENCE_S = 58.0
-"""Processor time after which no more laws are tried; a last one may take half as long again."""
+PATIENCE_S = 70.0
+"""Processor time after which no more laws are tried."""
+LATE = 0.7
+"""Share of it after which only the likeliest are still tried."""
 
 
 def diagnose_records(
@@ -61,14 +63,20 @@ def diagnose_records(
     """
     begun, spent = time.monotonic(), time.thread_time()
 
-    def late() -> bool:
-        return time.thread_time() - spent > patience_s
+    def used() -> float:
+        return time.thread_time() - spent
 
     given = gather(description, records, holdout, roles)
     if not unchecked:
         refuse_nonsense(given.campaign, given.origins, kinds)
     found = diagnose(
-        given.campaign, kinds=kinds, quick=quick, progress=progress, stop=stop, late=late
+        given.campaign,
+        kinds=kinds,
+        quick=quick,
+        progress=progress,
+        stop=stop,
+        late=lambda: used() > LATE * patience_s,
+        over=lambda: used() > patience_s,
     )
     found = dataclasses.replace(found, seconds=time.monotonic() - begun)
     document = document_of(

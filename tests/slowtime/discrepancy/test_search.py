@@ -68,9 +68,9 @@ def seen(effects, *, of=TWO, count=2, samples=500, seed=3):
     return tuple(found)
 
 
-def named(trials, late=None):
+def named(trials, late=None, over=None, progress=None):
     first = refit(Plant.of(TWO, kinds=KINDS), trials)
-    return search(first, trials, Search(KINDS, Watch(late=late)))
+    return search(first, trials, Search(KINDS, Watch(progress, late=late, over=over)))
 
 
 @pytest.mark.parametrize(
@@ -89,6 +89,26 @@ def test_who_is_out_of_time_gets_what_was_found_by_then():
     found = named(seen((CUBIC, DRAG)), late=lambda: True)
     assert found.hurried
     assert len(found.answers) <= 1
+
+
+def test_once_it_is_late_the_likeliest_are_still_tried():
+    found = named(seen((CUBIC, DRAG)), late=lambda: True, over=lambda: False)
+    assert found.hurried
+    assert {a.effect.kind for a in found.answers} == {CUBIC.kind, DRAG.kind}
+    assert found.fits[-1].chi2_in_band < 1.2
+
+
+def test_what_was_not_tried_with_its_rivals_is_not_named():
+    """Time is over while the second effect is sought."""
+    stages: list[str] = []
+    found = named(
+        seen((CUBIC, DRAG)),
+        late=lambda: True,
+        over=lambda: stages.count("trying effects") == 2,
+        progress=lambda stage, _: stages.append(stage),
+    )
+    assert len(found.answers) == 1
+    assert found.hurried
 
 
 def test_constants_that_make_up_for_what_is_missing_are_held_to_their_tolerances():
@@ -136,6 +156,20 @@ def test_two_laws_at_one_place_are_found_together(shared):
     assert sizes["cubic_hardening"] == pytest.approx(6e4, rel=0.05)
     assert sizes["coulomb"] == pytest.approx(1.5, rel=0.1)
     assert other.cost < 0.5 * tried[0].cost
+
+
+def test_a_base_that_explains_no_more_than_a_force_does_not_hide_two_laws(shared):
+    _, first, located, tried = shared
+    best = located.groups[0]
+    base = dataclasses.replace(best, places=(Place("base", "base"),), score=best.score + 30.0)
+    told = dataclasses.replace(located, groups=(base, *located.groups))
+    assert [c.effect for c in pairs(first, told, tried, {}, KINDS)[0]] == [
+        c.effect for c in pairs(first, located, tried, {}, KINDS)[0]
+    ]
+    # Where it explains far more, no law at an element does what is left.
+    louder = dataclasses.replace(best, left=3 * best.left)
+    told = dataclasses.replace(located, groups=(base, louder, *located.groups[1:]))
+    assert not pairs(first, told, tried, {}, KINDS)
 
 
 def test_a_tone_beside_a_law_is_found_with_it_whatever_its_phase():
@@ -245,9 +279,28 @@ def test_a_law_that_the_last_look_at_the_noise_leaves_unseen_is_not_named(shared
     far = dataclasses.replace(cubic[0], fit=dataclasses.replace(cubic[0].fit, chi2_in_band=9.0))
     name = far.effect.kind
     unseen = KINDS | {name: dataclasses.replace(KINDS[name], shown=lambda *_: False)}
-    (told,) = naming._heard_again(far.fit, [far], trials, KINDS)
+    (told,) = naming._heard_again(far.fit, [far], trials, KINDS, anew=True)
     assert told.effect.kind == name
-    assert naming._heard_again(far.fit, [far], trials, unseen) == []
+    assert naming._heard_again(far.fit, [far], trials, unseen, anew=True) == []
+
+
+@pytest.mark.parametrize(("anew", "times"), [(True, 2), (False, 1)])
+def test_who_is_late_does_not_fit_the_best_from_the_beginning_again(
+    shared, monkeypatch, anew, times
+):
+    trials, first, *_ = shared
+    loud = dataclasses.replace(first, chi2_in_band=99.0)
+    before = dataclasses.replace(first, chi2_in_band=1e4)
+    asked: list[object] = []
+
+    def again(*_, **how):
+        asked.append(how)
+        return loud
+
+    monkeypatch.setattr(naming, "refit", again)
+    named = naming.Named(SOFT, first.plant.description, loud, 0.0)
+    naming._heard_again(before, [named], trials, KINDS, anew=anew)
+    assert len(asked) == times
 
 
 def test_what_inputs_do_between_samples_is_not_asked_of_pieces(shared, monkeypatch):
