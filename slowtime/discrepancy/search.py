@@ -256,11 +256,10 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
 
     def tick(effect: Effect, i: int) -> bool:
         tell(f"refitting {effect.kind} at {effect.place}", share + 0.08 + 0.18 * i / most)
-        if hasty:
-            cut.append(tell.ends)
-            return cut[-1]
         # One law at least is tried: what it leaves tells whether there is one.
-        return tell.hurries and (number > 0 or i > 0 or bool(named))
+        must = number == 0 and i == 0 and not named
+        cut.append(tell.ends if hasty else tell.hurries and not must)
+        return cut[-1]
 
     bent = found.fits[-1]
     first = not (number or how.quick)
@@ -276,6 +275,8 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
     named = refit_all(before, labels, trials, kinds, tick, more=more)
     if found.both is not None:
         return True
+    if any(cut) and (hasty or not named):
+        return False  # which of them it is was not seen
     if not named or whiteness(named[0].fit) < UNWHITE:
         drift = wandering(located, kinds)
         if drift is not None:
@@ -286,8 +287,6 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
         # What is as slow as that is a sensor's, though the base would do the same.
         if shaken is not None and not (named and follows(named[0].fit, before, trials)):
             return ended(found, before, shaken, kinds)
-    if any(cut):
-        return False  # which of them it is was not seen
     if not (how.quick or hasty):
         named = shot_too(before, labels, named, trials, kinds, tick)
     if number == 0:

@@ -98,8 +98,13 @@ def test_once_it_is_late_the_likeliest_are_still_tried():
     assert found.fits[-1].chi2_in_band < 1.2
 
 
-def test_what_was_not_tried_with_its_rivals_is_not_named():
-    """Time is over while the second effect is sought."""
+@pytest.mark.parametrize("shaken", [False, True])
+def test_what_was_not_tried_with_its_rivals_is_not_named(monkeypatch, shaken):
+    """Time is over while the second effect is sought; be it a motion of the base."""
+    if shaken:
+        monkeypatch.setattr(searching, "base_answer", lambda *_, first: None if first else True)
+        monkeypatch.setattr(searching, "placed", lambda *_: False)
+        monkeypatch.setattr(searching, "ended", lambda *_: pytest.fail("it was named"))
     stages: list[str] = []
     found = named(
         seen((CUBIC, DRAG)),
