@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 from typing import Literal
 
 import numpy as np
+import scipy.ndimage
 from jaxtyping import Bool, Float, Int
 
 from .records import Trial
@@ -24,6 +25,10 @@ SHORTEST = 6
 
 PILE = 4
 """Clipping puts at least so many samples on the extreme, and so many times its neighbour's."""
+
+NEAR, NORMAL = 4.0, 0.6745
+"""Standard deviations of a channel's noise within which noise decides whether a sample is cut
+off; median of what is normal, by its standard deviation."""
 
 DIGIT = float(np.finfo(np.float32).eps)
 """Relative resolution of a level: recorders keep no more."""
@@ -107,7 +112,7 @@ def screen(trial: Trial, channels: Sequence[str] = ()) -> Screened:
             continue  # not measured in this record: no fault of the channel
         for fault, bad in _faults(samples, still):
             findings.append(_finding(trial, fault, name, bad, samples))
-            use[:, i] &= ~bad
+            use[:, i] &= ~(_beside(bad, samples) if fault == "clipped" else bad)
     return Screened(trial=dataclasses.replace(trial, use=use), findings=tuple(findings))
 
 
@@ -174,6 +179,24 @@ def _clipped(
         if counts[extreme] >= PILE * max(neighbours):
             found |= samples == levels[extreme]
     return found
+
+
+def _beside(
+    clipped: Bool[np.ndarray, " time"], samples: Float[np.ndarray, " time"]
+) -> Bool[np.ndarray, " time"]:
+    """Find samples that were cut off, and those beside them as near as noise may bring.
+
+    Of these only the ones are there that noise made smaller: what is left would seem to have
+    been pulled down at every peak.
+    """
+    bend = np.diff(samples, 3)
+    noise = np.median(np.abs(bend[np.isfinite(bend)])) / (NORMAL * math.sqrt(20.0))
+    found = np.zeros(len(samples), dtype=bool)
+    for level in np.unique(samples[clipped]):
+        near = np.abs(samples - level) <= NEAR * noise
+        at = clipped & (samples == level)
+        found |= scipy.ndimage.binary_propagation(at, mask=at | near)
+    return np.asarray(scipy.ndimage.binary_dilation(found))
 
 
 def _finding(

@@ -62,7 +62,11 @@ def test_clipping_is_found_on_either_side_and_masked():
     for clipped in (np.minimum(samples, 0.8), np.maximum(samples, -0.8)):
         result = screened(clipped)
         assert [finding.fault for finding in result.findings] == ["clipped"]
-        assert np.array_equal(~result.trial.used[:, 0], np.abs(clipped) == 0.8)
+        level, used = np.abs(clipped) == 0.8, result.trial.used[:, 0]
+        assert not used[level].any()
+        # What lies beside a peak is left out with it, and nothing else.
+        assert not used[np.flatnonzero(level[1:] & ~level[:-1])].any()
+        assert used[np.abs(clipped) < 0.6].all()
 
 
 def test_numbers_that_are_none_are_told_and_masked():
@@ -94,3 +98,25 @@ def test_the_record_itself_is_left_as_it_was():
     trial = Trial(inputs=np.zeros((3000, 0)), outputs=samples[:, None], rate_hz=RATE)
     screen(trial)
     assert trial.used.all()
+
+
+@pytest.mark.parametrize("noise", [0.003, 0.03])
+def test_what_is_left_beside_a_clipped_peak_is_not_what_noise_pulled_down(noise):
+    rng = np.random.default_rng(4)
+    clean = np.sin(0.05 * np.arange(40_000.0))
+    level = 0.8
+    wrong = np.clip(clean + noise * rng.standard_normal(len(clean)), -level, level)
+    trial = Trial(inputs=np.zeros((len(clean), 0)), outputs=wrong[:, None], rate_hz=100.0)
+    screened = screen(trial, ["x"])
+    (finding,) = screened.findings
+    assert finding.fault == "clipped"
+    assert finding.share == pytest.approx(np.mean(np.abs(wrong) == level))
+    beside = np.abs(np.abs(clean) - level) < 3 * noise
+    left = (wrong - clean) * np.sign(clean)
+
+    def bias(use):
+        seen = left[use & beside]
+        return seen.mean() / (noise / np.sqrt(max(len(seen), 1))) if len(seen) > 3 else 0.0
+
+    assert abs(bias(screened.trial.used[:, 0])) < 4.0
+    assert bias(np.abs(wrong) < level) < -6.0
