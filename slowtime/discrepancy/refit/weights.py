@@ -106,10 +106,13 @@ def weights_of(trial: Trial, noise: Noise, number: int, *, samples: int = 0) -> 
     count = samples or len(trial.outputs)
     use = trial.used[:count].astype(float)
     frequency = np.asarray(np.fft.rfftfreq(count, 1 / trial.rate_hz), dtype=float)
-    density = noise.weighing(number, frequency)
+    density = np.broadcast_to(noise.weighing(number, frequency), (len(frequency), use.shape[1]))
     white = noise.drift is None and all(colour.low == 0 for colour in noise.colours[number])
     if noise.drift is not None:
         use = use * np.stack([_eased(column) for column in use.T], axis=1)
+    elif not white:
+        holes = [_leaked(one, column) for one, column in zip(density.T, use.T, strict=True)]
+        density = np.stack(holes, axis=1)
     return Weights(
         rate_hz=trial.rate_hz,
         frequency_hz=frequency,
@@ -117,6 +120,22 @@ def weights_of(trial: Trial, noise: Noise, number: int, *, samples: int = 0) -> 
         factors=np.sqrt(2.0 / (density * np.maximum(np.mean(use**2, axis=0), 1 / count))),
         white=np.sqrt(density[0] * trial.rate_hz / 2) if white else None,
     )
+
+
+def _leaked(
+    density: Float[np.ndarray, " frequency"], use: Float[np.ndarray, " time"]
+) -> Float[np.ndarray, " frequency"]:
+    """Density of noise in which holes are cut: steep noise leaks through them to all lines.
+
+    What is expected of the squared spectrum of samples :math:`m_t n_t`: the autocovariance of
+    the noise, times that of the mask.
+    """
+    if use.all() or not use.any():
+        return density
+    count = len(use)
+    alike = scipy.fft.irfft(np.abs(scipy.fft.rfft(use)) ** 2, count)
+    cut = scipy.fft.rfft(scipy.fft.irfft(density, count) * alike).real
+    return np.asarray(np.maximum(cut / alike[0], np.finfo(float).tiny))
 
 
 def _eased(use: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
