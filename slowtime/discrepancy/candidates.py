@@ -90,7 +90,7 @@ def candidates(fit: Fit, located: Located, kinds: Mapping[str, Kind]) -> list[Ca
     most = max(group.score for group in located.groups)
     for group in located.groups:
         if leaving < SEVERAL:
-            worse = group.left > MORE * leaving + LITTLE
+            worse = group.left > MORE * max(leaving, 1.0) + LITTLE
         else:
             worse = group.score < WEAK * most
         if worse or elsewhere(located, group) > HOPELESS * least:

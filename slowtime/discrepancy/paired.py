@@ -210,7 +210,7 @@ def _acted_on(located: Located) -> Group | None:
 
     With one mass, the base and its sensor explain all that a force on the mass does.
     """
-    most = min(SEVERAL, MORE * located.groups[0].left + LITTLE)
+    most = min(SEVERAL, MORE * max(located.groups[0].left, 1.0) + LITTLE)
     laws = (g for g in located.groups if any(p.kind in ("element", "node") for p in g.places))
     group = next(laws, None)
     return group if group is not None and group.left <= most else None

@@ -15,7 +15,7 @@ from slowtime.dynamics.effects import Effect, Kind
 from .accepting import accept, bends_twice, ended
 from .answer import UNWHITE, Found
 from .between import Hold
-from .candidates import Candidate, candidates, label_of, mirrored
+from .candidates import SEVERAL, Candidate, candidates, label_of, mirrored
 from .downward import Downward
 from .further import left_by, shot_too
 from .gap import whiteness
@@ -47,7 +47,7 @@ APART = 2.0
 """Times what the best leaves along the force, from which others are not tried once it is late.
 """
 HASTY = 3
-"""Labels refitted where it is to be quick."""
+"""Labels refitted where it is to be quick, and where more than one effect is missing."""
 FLAW = 0.003
 """Share of what was missing at first, of which one does not begin again either."""
 ANEW, DOWN = 2, 6
@@ -243,7 +243,9 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
     # Twice at one place: what no single law explains there is more likely a law unknown.
     again = any(a.effect.place in located.groups[0].places for a in found.answers)
     tried = [one for one in tried if not bends_twice(one.effect, found.answers, kinds)]
-    most = HASTY if how.quick else KEPT
+    # No force at one place does it: which of two comes first matters less than both.
+    several = located.groups[0].left > SEVERAL
+    most = HASTY if how.quick or several else KEPT
     labels = chosen(tried, (TWICE if again else LATER) if number else most)
     if hasty:
         labels = [one for one in labels if one.cost < APART * labels[0].cost]
@@ -270,7 +272,7 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
             return []
         found.named, found.tried = tuple(sorted(so_far, key=lambda n: -n.score)), tuple(tried)
         found.both = together(found, before, trials, kinds, how.stated, tell)
-        return down(so_far) if found.both is None else []
+        return down(so_far) if found.both is None and not several else []
 
     named = refit_all(before, labels, trials, kinds, tick, more=more)
     if found.both is not None:

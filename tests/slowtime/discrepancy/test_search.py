@@ -177,6 +177,24 @@ def test_a_base_that_explains_no_more_than_a_force_does_not_hide_two_laws(shared
     assert not pairs(first, told, tried, {}, KINDS)
 
 
+def test_what_leaves_less_than_noise_is_no_reason_to_pass_over_what_leaves_little_more(shared):
+    _, first, located, _ = shared
+    here, *others = located.groups
+    other = next(g for g in others if g.places[0].kind == "element")
+
+    def tried(least, left):
+        groups = (
+            dataclasses.replace(other, left=least),
+            dataclasses.replace(here, left=left),
+        )
+        told = dataclasses.replace(located, groups=groups)
+        return {one.effect.place for one in candidates(first, told, KINDS)}
+
+    assert here.places[0] in tried(0.7, 1.6)
+    assert here.places[0] not in tried(0.7, 1.8)
+    assert here.places[0] in tried(1.2, 1.9)
+
+
 def test_a_tone_beside_a_law_is_found_with_it_whatever_its_phase():
     one = dataclasses.replace(
         chain([2.0], [800.0], dampings_n_s_per_m=[1.6]),
