@@ -72,7 +72,11 @@ def plain_process(time, value, sd, later):
 
 
 def evolutions(runs):
-    """Shares covered, scores of ours, of persistence and of a plain process; crossings held."""
+    """Shares covered, scores of ours, of persistence and of a plain process; crossings held.
+
+    Last, how often they are to be held: an interval that begins at the last reading, or ends
+    beyond the horizon, leaves out nothing on that side.
+    """
     rows = []
     for i in range(runs):
         name = list(KINDS)[i % 4]
@@ -103,6 +107,9 @@ def evolutions(runs):
                 np.abs(true - value[PAST][-1]).mean(),
                 scores.crps(true, *other).mean(),
                 told.slow_time[0] <= when and after <= told.slow_time[1],
+                0.95
+                + 0.025 * (told.slow_time[0] <= TIME[PAST][-1])
+                + 0.025 * np.isinf(told.slow_time[1]),
             )
         )
     return np.array(rows, dtype=float)
@@ -113,14 +120,14 @@ def evolutions(runs):
 def test_bands_hold_what_comes_and_score_better_than_persistence_and_a_plain_process(runs):
     rows = evolutions(runs)
     # Counts over counts, which a mean of shares misses by its last digit.
-    cover, ours, stay, plain, crossed = rows.mean(axis=0).round(9)
+    cover, ours, stay, plain, crossed, stated = rows.mean(axis=0).round(9)
     by_kind = {name: rows[i::4].mean(axis=0).round(4) for i, name in enumerate(KINDS)}
     print(f"{runs} evolutions: {rows.mean(axis=0).round(4)}; {by_kind}")
     least, most = (0.90, 0.98) if runs > 50 else (0.75, 1.0)
     assert least <= cover <= most
     assert ours < stay
     assert ours < plain
-    assert least <= crossed
+    assert abs(crossed - stated) <= 3 * np.sqrt(stated * (1 - stated) / runs)
     if runs > 50:
         assert all(own[1] < min(own[2], own[3]) for own in by_kind.values())
 
