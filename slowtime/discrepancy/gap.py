@@ -85,18 +85,39 @@ def _begun(fit: Fit, part: Trial, noise: Noise) -> Float[np.ndarray, " state"]:
     bare = Plant.of(dataclasses.replace(plant.description, effects=()), kinds=plant.kinds)
     known = dict(zip(plant.parameters, values.tolist(), strict=True))
     own = np.array([known[name] for name in bare.parameters])
-    straight = refit(bare, (part,), free=[], noise=noise, values=own, horizons=(1.0,))
-    if not plant.effects:
-        return straight.states[0]
-    state = dict(zip(bare.state_names, straight.states[0].tolist(), strict=False))
-    starts = [None, [np.array([state.get(name, 0.0) for name in plant.state_names])]]
-    found = [
-        refit(
-            plant, (part,), free=[], noise=noise, values=values, states=start, horizons=(1.0,)
+    straight = _settled(bare, part, noise, own, None)
+    found = [straight]
+    if plant.effects:
+        state = (
+            {}
+            if straight is None
+            else dict(zip(bare.state_names, straight.states[0].tolist(), strict=False))
         )
-        for start in starts
-    ]  # fmt: skip
-    return min(found, key=lambda one: one.cost).states[0]
+        begun = np.array([state.get(name, 0.0) for name in plant.state_names])
+        found = [_settled(plant, part, noise, values, start) for start in (None, [begun])]
+    ended = [one for one in found if one is not None]
+    if not ended:
+        return np.zeros(len(plant.state_names))
+    return min(ended, key=lambda one: one.cost).states[0]
+
+
+def _settled(
+    plant: Plant,
+    part: Trial,
+    noise: Noise,
+    values: Float[np.ndarray, " parameter"],
+    states: Sequence[Float[np.ndarray, " state"]] | None,
+) -> Fit | None:
+    """Fit initial states alone; None where the motion grows beyond bounds from any.
+
+    A law may hold what would run away without it.
+    """
+    try:
+        return refit(
+            plant, (part,), free=[], noise=noise, values=values, states=states, horizons=(1.0,)
+        )
+    except FloatingPointError:
+        return None
 
 
 def errors(trials: Sequence[Trial], runs: Sequence[Series]) -> Float[np.ndarray, " sensor"]:

@@ -8,7 +8,7 @@ import pytest
 from slowtime.discrepancy.adding import carrying
 from slowtime.discrepancy.answer import Found
 from slowtime.discrepancy.diagnosis import Named
-from slowtime.discrepancy.gap import on_heads
+from slowtime.discrepancy.gap import errors, free_runs, on_heads
 from slowtime.discrepancy.locate import Located
 from slowtime.discrepancy.misled import unmisled
 from slowtime.discrepancy.records import Campaign, Trial
@@ -83,3 +83,19 @@ def test_tails_are_judged_by_numbers_that_never_saw_them(found):
     told, same = on_heads(first, (spoilt,)), on_heads(first, (trial,))
     np.testing.assert_array_equal(told.values, same.values)
     assert refit(first.plant, (spoilt,)).values[0] != pytest.approx(same.values[0], rel=1e-6)
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_constants_that_would_run_away_end_no_diagnosis(found, held):
+    """As dampers do that have made up for a law: only with it they stand."""
+    first, trial = found.fits[0], recorded(3)
+    size = 100.0 * ONE.nodes[0].mass_kg
+    more = Effect("viscous_damping", PLACE, {"dc_n_s_per_m": size}).entry()
+    plant = Plant.of(dataclasses.replace(ONE, effects=(more,) if held else ()))
+    values = plant.values
+    at = plant.parameters.index(("damping", PLACE.id))
+    values[at] -= size
+    (run,) = free_runs(dataclasses.replace(first, plant=plant, values=values), (trial,))
+    assert np.isfinite(run).all() == held
+    error = float(errors((trial,), [run])[0])
+    assert error < 0.01 if held else error == 1e6
