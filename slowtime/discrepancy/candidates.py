@@ -90,7 +90,7 @@ def candidates(fit: Fit, located: Located, kinds: Mapping[str, Kind]) -> list[Ca
     most = max(group.score for group in located.groups)
     for group in located.groups:
         if leaving < SEVERAL:
-            worse = group.left > MORE * max(leaving, 1.0) + LITTLE
+            worse = group.left > no_worse(leaving)
         else:
             worse = group.score < WEAK * most
         if worse or elsewhere(located, group) > HOPELESS * least:
@@ -116,6 +116,14 @@ def candidates(fit: Fit, located: Located, kinds: Mapping[str, Kind]) -> list[Ca
         for c in found[:STARTED]
     ]
     return [*foremost, *found[STARTED:]]
+
+
+def no_worse(least: float) -> float:
+    """Give what a place may leave, over the noise, beside one that leaves the least.
+
+    What leaves less than noise explains noise, too, and is no measure.
+    """
+    return MORE * max(least, 1.0) + LITTLE
 
 
 def _start(fit: Fit, effect: Effect, kinds: Mapping[str, Kind], space: Space) -> Start:

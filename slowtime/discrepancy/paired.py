@@ -23,16 +23,7 @@ from slowtime.dynamics.effects import (
     force_along,
 )
 
-from .candidates import (
-    LITTLE,
-    MORE,
-    SEVERAL,
-    Candidate,
-    Label,
-    can_be,
-    label_of,
-    start_with,
-)
+from .candidates import SEVERAL, Candidate, Label, can_be, label_of, no_worse, start_with
 from .locate import Group, Located
 from .refit import Fit
 from .shapes import possible, scanned, sized
@@ -210,7 +201,7 @@ def _acted_on(located: Located) -> Group | None:
 
     With one mass, the base and its sensor explain all that a force on the mass does.
     """
-    most = min(SEVERAL, MORE * max(located.groups[0].left, 1.0) + LITTLE)
+    most = min(SEVERAL, no_worse(located.groups[0].left))
     laws = (g for g in located.groups if any(p.kind in ("element", "node") for p in g.places))
     group = next(laws, None)
     return group if group is not None and group.left <= most else None

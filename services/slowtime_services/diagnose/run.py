@@ -53,8 +53,8 @@ def diagnose_records(
     stop
         Once set, `slowtime.discrepancy.watch.Cancelled` is raised.
     patience_s
-        Of the processor; once it is used up, what is being fitted is finished, and that is the
-        answer.
+        Of the processor; once it is used up, what is being fitted is given up, and what was
+        found by then is the answer. In the last part of it only the likeliest are tried.
 
     Raises
     ------

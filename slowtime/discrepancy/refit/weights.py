@@ -106,7 +106,7 @@ def weights_of(trial: Trial, noise: Noise, number: int, *, samples: int = 0) -> 
     count = samples or len(trial.outputs)
     use = trial.used[:count].astype(float)
     frequency = np.asarray(np.fft.rfftfreq(count, 1 / trial.rate_hz), dtype=float)
-    density = np.broadcast_to(noise.weighing(number, frequency), (len(frequency), use.shape[1]))
+    density = noise.weighing(number, frequency)
     white = noise.drift is None and all(colour.low == 0 for colour in noise.colours[number])
     if noise.drift is not None:
         use = use * np.stack([_eased(column) for column in use.T], axis=1)

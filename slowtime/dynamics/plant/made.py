@@ -61,12 +61,6 @@ class Asked:
         return (*self.linear, *self.laws, *(name for name, _ in self.driven))
 
 
-def system_of(asked: Asked) -> System:
-    """Make a system, or give one that was made; what a run may write on is its own."""
-    made = _made(asked)
-    return made._replace(p=made.p.copy())
-
-
 def is_linear(name: Name, matrices: Matrices) -> bool:
     """Tell whether a parameter is one of the matrices."""
     return name[0] in ("stiffness", "damping", "mass") or (
@@ -75,7 +69,12 @@ def is_linear(name: Name, matrices: Matrices) -> bool:
 
 
 @functools.lru_cache(maxsize=KEPT)
-def _made(asked: Asked) -> System:
+def system_of(asked: Asked) -> System:
+    """Make a system, or give one that was made: a run leaves all of it as it was.
+
+    While it varies a parameter of a law to differentiate it, no other run goes on: compiled
+    code holds the interpreter.
+    """
     layout, values, order = asked.layout, dict(asked.values), asked.order
     triples = _triples(asked, values)
     a, b_u, b_y = state_matrices(

@@ -7,7 +7,7 @@ import scipy.special
 
 from slowtime.dynamics.effects import Effect, Place
 from slowtime.dynamics.plant.levels import levels_of
-from slowtime.dynamics.plant.made import KEPT, _made
+from slowtime.dynamics.plant.made import KEPT, system_of
 
 RATE = 200.0
 
@@ -34,9 +34,9 @@ def test_runs_in_any_order_give_what_each_gives_alone(bent, push):
     ]
     alone = []
     for values, rate, names in asked:
-        _made.cache_clear()
+        system_of.cache_clear()
         alone.append(slopes(bent, values, pushed, rate, names))
-    _made.cache_clear()
+    system_of.cache_clear()
     order = np.random.default_rng(3).integers(len(asked), size=3 * len(asked))
     for k in order:
         values, rate, names = asked[k]
@@ -44,19 +44,19 @@ def test_runs_in_any_order_give_what_each_gives_alone(bent, push):
 
 
 def test_records_at_the_same_values_share_one_system(bent, push):
-    _made.cache_clear()
+    system_of.cache_clear()
     for samples in (100, 150, 200):
         bent.simulate(bent.values, push(samples), RATE)
-    assert _made.cache_info().misses == 1
-    assert _made.cache_info().hits == 2
+    assert system_of.cache_info().misses == 1
+    assert system_of.cache_info().hits == 2
 
 
 def test_plants_with_the_same_numbers_keep_apart(rig, push):
-    _made.cache_clear()
+    system_of.cache_clear()
     one, other = rig(), rig()
     for plant in (one, other):
         plant.simulate(plant.values, push(50), RATE)
-    assert _made.cache_info().misses == 2
+    assert system_of.cache_info().misses == 2
 
 
 @pytest.mark.parametrize("powers", [1, 2, 6])
