@@ -6,9 +6,11 @@ PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
 BIN := .venv/bin
 # As the command does: small matrices, and sums that do not depend on the machine.
 export OPENBLAS_NUM_THREADS ?= 1
+# Processes are started by the dozen under test: each module is compiled once.
+unexport PYTHONDONTWRITEBYTECODE
 PIP_INSTALL := $(BIN)/python -m pip --disable-pip-version-check --quiet install -c constraints.txt
 
-.PHONY: demo test test-slow blind blind-pairs blind-slow peers peers-torch faults load check bench tutorials gallery surrogates figures docs pictures clean help
+.PHONY: demo test test-long test-slow blind blind-pairs blind-slow peers peers-torch faults load check bench tutorials gallery surrogates figures docs pictures clean help
 
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
@@ -17,9 +19,12 @@ demo: .venv/run  ## router, edges, twin and page on http://127.0.0.1:$(PORT); DU
 	@$(BIN)/slowtime demo --port $(PORT) --duration $(DURATION)
 
 test: .venv/dev  ## the default suite, under five minutes
-	$(BIN)/python -m pytest -q -n 3 --dist loadfile --no-loadscope-reorder -m "not slow"
+	$(BIN)/python -m pytest -q -n 3 --dist loadfile --no-loadscope-reorder -m "not slow and not long"
 
-test-slow: .venv/dev  ## what takes longer: statistics over hundreds of runs
+test-long: .venv/dev  ## what takes longer: whole flows, pages and searches, some 15 minutes
+	$(BIN)/python -m pytest -q -n 3 --dist loadfile --no-loadscope-reorder -m "long and not slow"
+
+test-slow: .venv/dev  ## what takes hours: statistics over hundreds of runs
 	$(BIN)/python -m pytest -q -m slow --hypothesis-profile=default
 
 blind: .venv/dev  ## hidden effects by the hundred, diagnosed and scored; N=300 SEED=1 JOBS=1, PEER=pysindy-weak
@@ -52,7 +57,7 @@ check: .venv/dev  ## format, lint, strict types, import contracts, docs tests
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest -q -m "not slow" tests/docs
+	$(BIN)/python -m pytest -q -m "not slow and not long" tests/docs
 
 faults: .venv/dev  ## real processes killed, frozen, cut off and lied to, and the account after; N=200 SEED=1 SECONDS=60 JOBS=4
 	$(BIN)/python -m tests.faults --cases $(or $(N),200) --seed $(or $(SEED),1) --seconds $(or $(SECONDS),60) \

@@ -40,7 +40,7 @@ def server(folder: Path) -> Iterator[str]:
 
     def run(*words: str) -> None:
         done = subprocess.run(
-            [*as_user, *words], cwd=folder, capture_output=True, text=True, timeout=60
+            [*as_user, *words], cwd=folder, capture_output=True, text=True, timeout=300
         )
         if done.returncode:
             pytest.skip(

@@ -34,6 +34,7 @@ def read(path):
     return record_of(path) if path.suffix == ".mcap" else read_record(path)
 
 
+@pytest.mark.long
 def test_equal_seeds_give_equal_bytes(battery, tmp_path):
     out, cases = battery
     first = short_cases()[0]
@@ -130,6 +131,7 @@ def test_a_battery_holds_every_group():
     assert groups == set(GROUPS)
 
 
+@pytest.mark.long
 def test_the_generator_knows_nothing_of_the_simulator_under_trial():
     code = (
         "import sys, tests.blind.files, tests.blind.running; "

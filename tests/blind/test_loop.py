@@ -62,6 +62,7 @@ def test_the_loop_is_closed_by_the_proposed_experiment(pair_case):
     assert tables["decided_of_all"]["share"] == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "called"), [("000000c1", "f1"), ("000000c2", "f_m1")])
 def test_a_known_force_separates_mass_from_stiffness(pair_case, name, called):
     wanted = Request.from_report(MASS.deciding)

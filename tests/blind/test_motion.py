@@ -131,6 +131,7 @@ def test_a_pendulum_swings_as_long_as_the_elliptic_integral_says():
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["coulomb", "stribeck", "wedge_friction"])
 def test_what_goes_into_a_sliding_rig_is_stored_or_lost(name):
     effect = of_kind(name)

@@ -217,6 +217,7 @@ def test_intervals_are_those_of_the_binomial_law():
     assert (half["low"], half["high"]) == pytest.approx((0.18709, 0.81291), abs=1e-5)
 
 
+@pytest.mark.long
 def test_a_command_is_run_in_the_case_folder_and_measured(battery):
     out, cases = battery
     name = next(iter(cases))
@@ -232,6 +233,7 @@ def test_a_command_is_run_in_the_case_folder_and_measured(battery):
     assert "sealed" not in words.replace(str(Path(out)), "")
 
 
+@pytest.mark.long
 def test_a_command_without_end_is_ended(battery, tmp_path):
     out, cases = battery
     trial = Trial("slow", (sys.executable, "-c", "import time; time.sleep(60)"), 0.3)

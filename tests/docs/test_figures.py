@@ -82,6 +82,7 @@ def test_a_caption_says_what_differs_from_the_print(chapter, name):
     assert "{" not in text
 
 
+@pytest.mark.long
 def test_the_pictures_are_drawn_from_these_data(chapter, tmp_path):
     pytest.importorskip("matplotlib")
     lines = chapter.FIGURES["figure_5_3"]()
@@ -106,6 +107,7 @@ def test_exact_data_give_back_the_truth_in_figures_5_3_and_5_5(chapter):
         assert off == pytest.approx(9.9e-4, rel=0.05)
 
 
+@pytest.mark.long
 def test_over_many_draws_smoothing_halves_the_error_and_5_30_does_not_lessen_it(chapter):
     times, errors, inside = chapter.COARSE, [], []
     truth = chapter.stiffness_change(times)
@@ -127,6 +129,7 @@ def test_over_many_draws_smoothing_halves_the_error_and_5_30_does_not_lessen_it(
     assert np.mean(inside) == pytest.approx(0.95, abs=0.04)
 
 
+@pytest.mark.long
 def test_over_many_draws_a_jumping_mass_is_smoothed_a_little_and_honestly(chapter):
     times, errors, inside = chapter.FINE, [], []
     truth = chapter.mass_change(times)

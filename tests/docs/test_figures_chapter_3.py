@@ -63,6 +63,7 @@ def test_a_caption_begins_with_its_number(chapter, name):
     assert chapter.CAPTIONS[name].startswith(f"Figure {number}. ")
 
 
+@pytest.mark.long
 def test_the_pictures_are_drawn_from_these_data(chapter, tmp_path):
     pytest.importorskip("matplotlib")
     chapter.draw("figure_3_3", chapter.figure_3_3(), tmp_path / "a.png")

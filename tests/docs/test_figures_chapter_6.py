@@ -47,6 +47,7 @@ def test_there_is_nothing_but_these_figures(chapter):
     assert set(chapter.CAPTIONS) == set(chapter.PANELS) == set(NAMES)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
 def test_the_data_behind_a_figure_come_out_of_the_library_again(drawn, name):
     kept = stored(name)
@@ -64,6 +65,7 @@ def test_the_data_behind_a_figure_come_out_of_the_library_again(drawn, name):
             )
 
 
+@pytest.mark.long
 def test_what_the_captions_say_is_so(chapter, drawn):
     model, learnt = drawn["figure_6_1"][:2]
     assert np.abs(learnt.value - model.value).max() < 1e-3

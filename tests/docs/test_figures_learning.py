@@ -51,6 +51,7 @@ def numbers(rows, column):
     return np.array([float(row[column] or "nan") for row in rows])
 
 
+@pytest.mark.long
 @figures
 def test_the_data_behind_a_figure_come_out_of_the_library_again(figure, name):
     kept, lines = stored(name), figure(name)[1]
@@ -66,6 +67,7 @@ def test_the_data_behind_a_figure_come_out_of_the_library_again(figure, name):
             np.testing.assert_allclose(numbers(rows, column), expected, rtol=0, atol=10 * close)
 
 
+@pytest.mark.long
 @figures
 def test_a_figure_is_a_picture_of_some_size_with_a_caption(figure, name):
     head = (FOLDER / f"{name}.png").read_bytes()[:24]

@@ -119,6 +119,7 @@ def test_signals_end_the_agent_and_their_handlers_come_back():
     assert signal.getsignal(signal.SIGTERM) is before
 
 
+@pytest.mark.long
 @pytest.mark.system
 def test_the_process_runs_without_a_router_and_ends_at_once_when_asked(tmp_path):
     environment = {
@@ -144,9 +145,10 @@ def test_the_process_runs_without_a_router_and_ends_at_once_when_asked(tmp_path)
     assert path.stat().st_size > 500
 
 
+@pytest.mark.long
 def test_wrong_settings_are_said_in_words_and_end_with_status_2(tmp_path):
     command = [sys.executable, "-m", "edge_agent", "--input.kind", "telepathy"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 2
     assert "telepathy" in done.stderr
     assert "Traceback" not in done.stderr

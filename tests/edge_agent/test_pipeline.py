@@ -131,6 +131,7 @@ def close(one, other):
             assert x.frequency_hz.sd == pytest.approx(y.frequency_hz.sd, rel=1e-6)
 
 
+@pytest.mark.long
 @settings(max_examples=12, deadline=None)
 @given(where=st.sets(st.integers(1, 6999), max_size=12))
 def test_cutting_a_stream_anywhere_changes_no_feature(where):
@@ -318,6 +319,7 @@ def test_a_source_that_breaks_ends_the_agent_but_not_before_its_features_are_tol
     assert len(heard) == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("dtype", ["<f4", "<f8"])
 def test_a_rerun_over_recorded_raw_blocks_gives_the_same_bytes(tmp_path, dtype):
     structure = STRUCTURE.model_copy(update={"sensor": Sensor(spikes_per_epoch=2, dtype=dtype)})

@@ -242,6 +242,7 @@ def structural(message):
             yield 1 + int(np.argmin(np.abs(true - found.frequency_hz.value))), found
 
 
+@pytest.mark.long
 def test_the_modes_of_an_ageing_frame_keep_their_names_and_the_machine_has_none(told):
     assert [message.sequence for message in told] == list(range(6))
     names: dict[int, int] = {}
@@ -260,6 +261,7 @@ def test_the_modes_of_an_ageing_frame_keep_their_names_and_the_machine_has_none(
     assert sorted(names) == sorted(names.values()) == [1, 2, 3]
 
 
+@pytest.mark.long
 def test_shapes_of_an_ageing_frame_are_those_of_its_matrices(told):
     for message in told:
         k1, k2, k3 = (
@@ -275,6 +277,7 @@ def test_shapes_of_an_ageing_frame_are_those_of_its_matrices(told):
             assert (off < 5 * np.array(found.shape.sd) + 0.01).all()
 
 
+@pytest.mark.long
 def test_cutting_epochs_changes_no_mode(epochs, told):
     cut = [
         dataclasses.replace(
@@ -294,6 +297,7 @@ def test_cutting_epochs_changes_no_mode(epochs, told):
             assert a.shape.re == pytest.approx(b.shape.re, abs=1e-4)
 
 
+@pytest.mark.long
 def test_a_rerun_of_recorded_blocks_gives_the_same_bytes_shapes_and_names(epochs, told):
     recorded = [
         encode_raw(*raw_message(block, ORIGIN, number))

@@ -114,6 +114,7 @@ for number in range(10**9):
 """
 
 
+@pytest.mark.long
 def test_a_process_that_is_killed_loses_nothing_that_append_has_returned_from(tmp_path):
     rng = random.Random(1)
     for boot in ("b0", "b1"):

@@ -227,6 +227,7 @@ def test_pickled_objects_are_never_opened(tmp_path):
             read_record(tmp_path / name, rate_hz=1.0)
 
 
+@pytest.mark.long
 def test_matlab_of_both_versions_says_the_same(tmp_path):
     clock = np.arange(200)[:, None] / 256
     scipy.io.savemat(tmp_path / "v5.mat", {"t": clock, "a": SAMPLES[:, :1], "gain": 2.0})

@@ -12,6 +12,7 @@ from slowtime_services import router
 from slowtime_services.bus import BusUnreachableError, ZenohBus
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_router_process_ends_cleanly_on_a_signal(free_port, eventually, number):
     there = f"tcp/127.0.0.1:{free_port()}"

@@ -37,6 +37,7 @@ def catches(pid: int, number: int) -> bool:
     return bool(int(words[words.index("SigCgt:") + 1], 16) >> (number - 1) & 1)
 
 
+@pytest.mark.long
 @pytest.mark.system
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs /proc")
 @pytest.mark.parametrize(
@@ -47,8 +48,9 @@ def catches(pid: int, number: int) -> bool:
     ],
 )
 def test_ctrl_c_is_heard_while_a_router_is_waited_for(start, arguments, status):
+    started = time.monotonic()
     process = start("-v", *arguments, "--connect", NOBODY)
-    deadline = time.monotonic() + 60
+    deadline = started + 300
     while not catches(process.pid, signal.SIGTERM):
         assert process.poll() is None
         assert time.monotonic() < deadline
@@ -56,7 +58,8 @@ def test_ctrl_c_is_heard_while_a_router_is_waited_for(start, arguments, status):
     time.sleep(0.5)  # until Zenoh has begun to look for the router
     began = time.monotonic()
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=300)
     assert (process.returncode, out) == (status, ""), err
     assert "Traceback" not in err
-    assert time.monotonic() - began < 5
+    # It goes faster than it waits for a router, and on a slow machine than it came.
+    assert time.monotonic() - began < max(5.0, began - started)

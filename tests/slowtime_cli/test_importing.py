@@ -12,6 +12,7 @@ def modes(run, *arguments):
     return done.json["modes"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["csv", "npy", "npz", "v5.mat", "v73.mat"])
 def test_what_is_imported_is_identified_as_the_file_itself(
     run, record, samples, clock, tmp_path, kind

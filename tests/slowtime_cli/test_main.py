@@ -88,28 +88,31 @@ def test_what_failed_of_ours_can_be_seen_in_full(monkeypatch):
         command.main(["demo"])
 
 
+@pytest.mark.long
 def test_the_installed_command_leaves_with_the_same_statuses(start, record):
     refused = start("identify", "missing.csv")
-    out, err = refused.communicate(timeout=60)
+    out, err = refused.communicate(timeout=300)
     assert (refused.returncode, out) == (2, "")
     assert "File 'missing.csv' does not exist" in err
     good = start("identify", record, "--out", "-")
-    out, err = good.communicate(timeout=60)
+    out, err = good.communicate(timeout=300)
     assert (good.returncode, err) == (0, "")
     assert out.startswith("{")
 
 
+@pytest.mark.long
 def test_ctrl_c_ends_a_job_with_130_and_one_sentence(start, tmp_path):
     # Reading from a pipe that nobody writes to is work that does not end.
     os.mkfifo(tmp_path / "endless.csv")
     process = start("identify", "endless.csv")
     with (tmp_path / "endless.csv").open("w"):  # opens once the command reads
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=60)
+        out, err = process.communicate(timeout=300)
     # The terminal's own ^C gets a line of its own.
     assert (process.returncode, out, err) == (130, "", "\nslowtime: Ended by Ctrl-C.\n")
 
 
+@pytest.mark.long
 def test_a_reader_that_leaves_early_is_no_error_to_speak_of(record):
     pipe = subprocess.run(
         f"{sys.executable} -m slowtime_cli identify {record} --out - | true",

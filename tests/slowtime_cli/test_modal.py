@@ -54,12 +54,14 @@ def check(found):
     return modes
 
 
+@pytest.mark.long
 def test_a_record_of_many_channels_gives_all_modes_with_shapes_and_errors(run, vibration):
     done = run("identify", vibration, "--rate-hz", "40", "--out", "-")
     assert done.status == 0
     check(done.json)
 
 
+@pytest.mark.long
 def test_a_model_is_compared_mode_by_mode(run, vibration, tmp_path):
     write_model(tmp_path / "model.yaml", frame(3610.0))
     arguments = ("--rate-hz", "40", "--model", "model.yaml", "--out", "-")
@@ -70,6 +72,7 @@ def test_a_model_is_compared_mode_by_mode(run, vibration, tmp_path):
         assert mode["model"]["mac"] > 0.99
 
 
+@pytest.mark.long
 def test_a_report_stands_alone_and_shows_every_mode(run, vibration, tmp_path):
     done = run("identify", vibration, "--rate-hz", "40", "--report", "out.html")
     assert done.status == 0
@@ -94,6 +97,7 @@ def test_what_does_not_go_together_is_said(refused, vibration):
     assert "go with --method modes" in said
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", ["bayes", "efdd", "fdd"])
 def test_other_methods_find_the_same_modes(run, vibration, tmp_path, method):
     flags = ("--rate-hz", "40", "--method", method, "--out", "found.json")

@@ -77,16 +77,17 @@ def test_ctrl_c_ends_edge_and_router_cleanly_and_status_sees_them(run, start, ro
     absent = run("status", "--connect", router, "--asset", "demo.wing", "--timeout-s", "0.2")
     assert (absent.status, absent.out) == (1, "demo.wing is not alive; the router answers.\n")
     edge.send_signal(signal.SIGINT)
-    out, err = edge.communicate(timeout=60)
+    out, err = edge.communicate(timeout=300)
     assert (edge.returncode, out) == (0, "")
     assert "Traceback" not in err
 
 
+@pytest.mark.long
 @pytest.mark.system
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_router_told_to_end_ends_with_success(start, port, number):
     router = start("-q", "router", "--listen", f"tcp/127.0.0.1:{port}")
     assert router.stdout.readline() == f"Router on tcp/127.0.0.1:{port}\n"
     router.send_signal(number)
-    out, err = router.communicate(timeout=60)
+    out, err = router.communicate(timeout=300)
     assert (router.returncode, out, err) == (0, "", "")

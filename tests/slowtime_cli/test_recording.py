@@ -85,13 +85,14 @@ def test_what_cannot_be_recorded_is_refused_before_a_router_is_waited_for(refuse
     assert time.monotonic() - began < 5
 
 
+@pytest.mark.long
 @pytest.mark.system
 def test_what_travels_is_recorded_and_ctrl_c_ends_both_ends(start, router, recorded, tmp_path):
     heard: list[Sample] = []
     with ZenohBus("client", [router]) as bus:
         bus.subscribe(FEATURES.key("*", "*"), heard.append)
         recorder = start("record", "--out", "new.mcap", "--connect", router)
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 300
         while not (tmp_path / "new.mcap").exists():
             assert time.monotonic() < deadline
             time.sleep(0.02)
@@ -102,11 +103,11 @@ def test_what_travels_is_recorded_and_ctrl_c_ends_both_ends(start, router, recor
             time.sleep(0.02)
         time.sleep(1.0)
         player.send_signal(signal.SIGINT)
-        said, _ = player.communicate(timeout=60)
+        said, _ = player.communicate(timeout=300)
         assert player.returncode == 130
         assert "features in" in said
     recorder.send_signal(signal.SIGINT)
-    said, err = recorder.communicate(timeout=60)
+    said, err = recorder.communicate(timeout=300)
     # To record until Ctrl-C is what it was asked for.
     assert recorder.returncode == 0
     assert "Traceback" not in err

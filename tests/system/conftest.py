@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-PATIENCE_S = 60.0
+PATIENCE_S = 300.0
 
 
 def free_port() -> int:
@@ -87,7 +87,7 @@ class House:
 
     def get(self, path: str) -> Any:
         try:
-            with urllib.request.urlopen(self.url + path, timeout=60) as answer:
+            with urllib.request.urlopen(self.url + path, timeout=300) as answer:
                 return json.loads(answer.read())
         except (urllib.error.URLError, ConnectionError):
             return None
@@ -99,7 +99,7 @@ class House:
             {"Content-Type": "application/json"},
             method="PUT",
         )
-        urllib.request.urlopen(request, timeout=60).close()
+        urllib.request.urlopen(request, timeout=300).close()
 
     def history(self, twin_id: str) -> list[dict[str, Any]]:
         found = self.get(f"/api/v1/twins/{twin_id}/history?max_points=100000")

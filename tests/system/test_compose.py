@@ -58,7 +58,7 @@ def house(port):
     try:
         _compose("up", "-d", "--build", port=port)
         client = Client(f"http://127.0.0.1:{port}")
-        assert _until(client.ready, 180.0), _compose("ps", port=port)
+        assert _until(client.ready, 600.0), _compose("ps", port=port)
         yield client
     finally:
         _compose("down", "-v", "--timeout", "8", port=port)

@@ -27,6 +27,7 @@ LISTENED_TO = {
 }
 
 
+@pytest.mark.long
 def test_a_dead_router_and_a_killed_twin_lose_and_double_nothing(house, capsys):
     house.router()
     house.twin()

@@ -30,6 +30,7 @@ EDGE = {
 STOREYS = ("storey1", "storey2", "storey3")
 
 
+@pytest.mark.long
 def test_the_page_names_the_storey_that_loses_stiffness(house, visit):
     frame = SimulatedFrame(**STRUCTURE)
     model = model_file_of(frame.description).model_dump(mode="json", exclude_defaults=True)

@@ -25,6 +25,7 @@ def structure(epochs: int, **more: object) -> dict[str, object]:
     return {"epochs": epochs, "seconds": 30.0, "rate_hz": 50.0} | more
 
 
+@pytest.mark.long
 def test_a_recording_gives_the_same_history_at_any_speed_and_the_same_features(house, tmp_path):
     house.router()
     house.twin()

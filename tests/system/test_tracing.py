@@ -65,8 +65,8 @@ def traced(tmp_path_factory):
         run_edge(edge_settings(folder), bus=edge_bus, stop=threading.Event(), traces=traces)
         url = f"{urls[0]}/api/v1/twins/lab.mast"
         headers = {"traceparent": PARENT}
-        assert httpx.get(url, headers=headers, timeout=60).status_code == 200
-        nobody = httpx.get(f"{urls[0]}/api/v1/twins/lab.nobody", timeout=60)
+        assert httpx.get(url, headers=headers, timeout=300).status_code == 200
+        nobody = httpx.get(f"{urls[0]}/api/v1/twins/lab.nobody", timeout=300)
         assert nobody.status_code == 404
     finally:
         stop.set()
@@ -80,6 +80,7 @@ def by_sequence(spans, name):
     return {span.attributes["slowtime.sequence"]: span for span in found}
 
 
+@pytest.mark.long
 def test_each_epoch_is_one_trace_from_the_edge_into_the_twin(traced):
     spans, _ = traced
     at_edge, in_twin = by_sequence(spans, EDGE), by_sequence(spans, TWIN)
@@ -96,6 +97,7 @@ def test_each_epoch_is_one_trace_from_the_edge_into_the_twin(traced):
         assert span.attributes["slowtime.twin"] == "lab.mast"
 
 
+@pytest.mark.long
 def test_a_request_is_of_the_callers_trace_and_linked_to_the_features_it_rests_on(traced):
     spans, _ = traced
     asked, refused = (s for s in spans if s.name == "GET /api/v1/twins/{twin_id}")
@@ -109,6 +111,7 @@ def test_a_request_is_of_the_callers_trace_and_linked_to_the_features_it_rests_o
     assert refused.links == ()
 
 
+@pytest.mark.long
 def test_what_travels_is_the_same_with_traces_as_without(traced, tmp_path):
     _, heard = traced
     bus = MemoryBus()

@@ -40,6 +40,7 @@ def follow(messages, body):
     return found.states, found.notices[0], found.checkpoints[0]
 
 
+@pytest.mark.long
 def test_the_crack_is_found_and_sized_and_the_weather_is_not_taken_for_one(told):
     body = registration("bridge")
     body["covariates"] |= {"train_span": YEAR - 1.0, "train_epochs": 50}
@@ -62,6 +63,7 @@ def test_the_crack_is_found_and_sized_and_the_weather_is_not_taken_for_one(told)
     assert set(judged["truth"][:, 2].tolist()) == {0.0, -0.03}
 
 
+@pytest.mark.long
 def test_without_covariates_the_weather_is_all_that_is_seen(told):
     states, notices, _ = follow(told, {"changes": "stiffness", "learn_epochs": 20})
     change = states["stiffness_change"][20:, 0]

@@ -25,7 +25,9 @@ sys.exit(run(settings, bus=MemoryBus(), ready=lambda url: print(url, flush=True)
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize(
+    "number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.long)]
+)
 def test_a_signal_ends_it_cleanly_with_status_0(tmp_path, number):
     arguments = [sys.executable, "-c", CHILD, str(tmp_path / "twin.sqlite")]
     environment = {k: v for k, v in os.environ.items() if not k.startswith("SLOWTIME_TWIN_")}
@@ -39,7 +41,7 @@ def test_a_signal_ends_it_cleanly_with_status_0(tmp_path, number):
         with urllib.request.urlopen(f"{url}/api/v1/twins", timeout=30) as answer:
             assert answer.read() == b'{"twins":[]}'
         child.send_signal(number)
-        _, said = child.communicate(timeout=60)
+        _, said = child.communicate(timeout=300)
     assert child.returncode == 0, said
     assert "Traceback" not in said
 

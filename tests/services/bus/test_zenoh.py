@@ -22,6 +22,7 @@ def heard(bus, payload, got):
     return bool(got)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("ending", "status"),
     [("pass", 0), ("sys.exit(3)", 3), ("raise RuntimeError", 1), ("bus.close()", 0)],
@@ -38,7 +39,7 @@ def test_a_process_ends_even_if_it_forgot_to_close_its_bus(endpoint, ending, sta
     """
     done = subprocess.run(
         [sys.executable, "-c", textwrap.dedent(script)],
-        timeout=60,
+        timeout=300,
         capture_output=True,
         text=True,
         check=False,

@@ -128,6 +128,7 @@ def test_run_reports_until_it_is_stopped(tmp_path):
     assert reports[-1] == {"features": 1}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("after_s", [2.6])
 def test_a_recorder_killed_loses_at_most_a_second(tmp_path, endpoint, features_of, after_s):
     path = tmp_path / "killed.mcap"

@@ -36,6 +36,7 @@ def test_everything_arrives_once_and_in_order(buses, house, ledger):
     assert all(twin.replayed)
 
 
+@pytest.mark.long
 def test_a_slow_receiver_loses_nothing(buses, house, ledger):
     path, expected = house(400)
     twin = ledger(buses[1], per_s=1000, inbox_items=150)
@@ -54,6 +55,7 @@ def test_a_lost_acknowledgement_is_asked_for_again(buses, house, ledger):
     assert played.duration_s < 60.0
 
 
+@pytest.mark.long
 def test_what_the_receiver_missed_it_can_ask_for_the_lost_end_too(buses, house, ledger):
     path, expected = house(300)
     twin = ledger(buses[1], deaf=[3, 17, 18, 299, 339])
@@ -91,6 +93,7 @@ def test_the_account_lists_only_what_has_been_played(house, ledger):
     assert seen[2][1] == [{"boot": "f1", "first": 40, "last": 42}]
 
 
+@pytest.mark.long
 def test_what_has_not_been_played_is_not_answered(house):
     path, _ = house(100)
     bus = MemoryBus()

@@ -67,6 +67,7 @@ def results():
     return [compared(shaken(seed, (1.02, 0.97))) for seed in range(4)]
 
 
+@pytest.mark.long
 def test_constants_strengths_and_noise_come_out_within_their_errors(results):
     scores = [(r.values[:2] - np.array([900 * 1.02, 800 * 0.97])) / r.sd[:2] for r in results]
     assert np.abs(scores).max() < 3.5
@@ -77,6 +78,7 @@ def test_constants_strengths_and_noise_come_out_within_their_errors(results):
     assert noise == pytest.approx(2 * NOISE**2 / RATE, rel=0.3)
 
 
+@pytest.mark.long
 def test_a_model_that_lacks_nothing_is_not_accused(results):
     assert min(r.p_value for r in results) > 1e-3
     assert [r.missed() for r in results] == [()] * 4

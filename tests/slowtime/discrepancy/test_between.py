@@ -51,6 +51,7 @@ def asked(trial):
     return found_holds(refit(Plant.of(rig(), kinds=KINDS), [trial]), [trial], KINDS)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "hold", ["zero", pytest.param("first", marks=pytest.mark.slow), "band_limited"]
 )

@@ -40,6 +40,7 @@ def told(trials, **more):
     return answer.numbers["k3_n_per_m3"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("late", [False, True])
 def test_what_is_told_is_what_the_last_refit_found_unless_it_is_late(trials, monkeypatch, late):
     found = []

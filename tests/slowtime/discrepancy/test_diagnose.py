@@ -76,6 +76,7 @@ def test_where_nothing_is_missing_nothing_is_named(campaign):
     assert found.gap.augmented <= 1.02 * found.gap.nominal
 
 
+@pytest.mark.long
 def test_a_sensor_that_fell_silent_is_the_verdict(campaign):
     rig, trials = campaign(13, masses=1, levels=(1.0, 2.0, 1.5), seconds=10.0)
     outputs = trials[0].outputs.copy()
@@ -133,6 +134,7 @@ def test_a_constant_that_moved_alone_is_named_where_it_is(campaign, wrong):
     assert abs(number.value - LOSS) < 4 * number.sd
 
 
+@pytest.mark.long
 def test_a_shaken_mass_cannot_tell_a_softer_spring_from_a_heavier_mass(campaign, wrong):
     rig, trials = campaign(
         17,

@@ -64,6 +64,7 @@ def nothing(effect, number):
     pass
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "effect",
     [
@@ -206,6 +207,7 @@ def test_what_a_law_explains_by_half_in_a_free_run_is_no_motion_of_the_base(far_
     assert not any(follows(one.fit, before, trials) for one in drag)
 
 
+@pytest.mark.long
 def test_friction_to_the_ground_is_not_taken_for_a_motion_of_it():
     """Any force of the ground's spring is some motion of the ground."""
     few = {name: KINDS[name] for name in ("coulomb", "base_motion", "added_mass")}
@@ -217,6 +219,7 @@ def test_friction_to_the_ground_is_not_taken_for_a_motion_of_it():
     assert [(a.effect.kind, a.effect.place) for a in found.answers] == [("coulomb", GROUND)]
 
 
+@pytest.mark.long
 def test_a_force_that_its_own_motion_makes_is_no_motion_of_the_ground():
     """Whatever the law, and though none is known that does it."""
     few = {name: KINDS[name] for name in ("base_motion", "added_mass")}
@@ -230,6 +233,7 @@ def test_a_force_that_its_own_motion_makes_is_no_motion_of_the_ground():
     assert "base_motion" not in [answer.effect.kind for answer in found.answers]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("surface", "filtered", "linear", "made"),
     [(0.97, 0.91, False, True), (0.7, 0.47, False, True), (0.7, 0.65, False, False),
@@ -255,6 +259,7 @@ def test_one_sensors_factor_is_a_rival_also_where_it_was_tried_and_fared_badly()
     assert mirror.cost == 10.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("times", [0.7, 1.3, 2.2])
 def test_a_hidden_oscillator_is_found_among_the_modes_and_above_them_all(times):
     highest = 6.1
@@ -283,6 +288,7 @@ def test_a_record_that_begins_in_motion_is_begun_so_though_friction_holds():
     assert error < 0.05
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("measured", [False, True])
 def test_a_motion_of_the_base_is_unmeasured_only_where_it_is_no_input(measured):
     ground = Input(channel="u", kind="base_acceleration", unit="m/s^2")
@@ -321,6 +327,7 @@ def test_a_slow_error_of_the_only_sensor_is_its_drift_and_no_motion_of_the_base(
     assert [answer.effect.kind for answer in found.answers] == ["sensor_drift"]
 
 
+@pytest.mark.long
 def test_the_size_of_a_motion_of_the_base_is_told_by_the_records_that_show_it():
     few = {name: KINDS[name] for name in ("base_motion", "added_mass")}
     plant = Plant.of(EVERY, kinds=few)

@@ -70,6 +70,7 @@ def found(campaign, wrong):
     }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", CASES)
 def test_the_place_is_found_from_whatever_is_measured(found, name):
     place, (_, _, result) = found[name]
@@ -82,6 +83,7 @@ def test_the_place_is_found_from_whatever_is_measured(found, name):
     assert others[0].score < 0.99 * best.score
 
 
+@pytest.mark.long
 def test_places_that_the_sensors_cannot_tell_apart_are_named_together(found):
     _, (_, _, result) = found["base"]
     assert Place("node", "m1") in result.group(Place("element", "j0")).places
@@ -90,6 +92,7 @@ def test_places_that_the_sensors_cannot_tell_apart_are_named_together(found):
     assert whole.group(Place("element", "j0")).twins == ()
 
 
+@pytest.mark.long
 def test_the_base_comes_before_its_twins_and_before_nothing_else(found):
     _, (_, _, result) = found["base"]
     others = [g for g in result.groups if Place("base", "base") not in g.places]
@@ -159,6 +162,7 @@ def test_nothing_is_found_where_nothing_is_missing(campaign, wrong):
         assert result.p_value > 1e-3
 
 
+@pytest.mark.long
 def test_gaps_in_a_channel_do_not_hide_the_place(campaign, wrong):
     rig, trials = campaign(3, wrong(element=1, force=cubic), mode="accelerations", seconds=10.0)
     use = np.ones(trials[0].outputs.shape, dtype=bool)
@@ -279,6 +283,7 @@ HIDDEN = {
 TURNED = {"effect": "sensor_gain", "sensor": "a1", "gain": -0.6}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("effect", [HIDDEN, TURNED], ids=lambda one: one["effect"])
 def test_transfers_have_the_linear_effects_of_the_reference_in_them(campaign, effect):
     rig, trials = campaign(4, masses=2, seconds=20.0, levels=(1.0,), mode="accelerations")
@@ -309,6 +314,7 @@ def test_transfers_have_the_linear_effects_of_the_reference_in_them(campaign, ef
     assert np.linalg.norm(left) < 0.01 * np.linalg.norm(lines.residual)
 
 
+@pytest.mark.long
 def test_what_a_wrong_clock_tells_of_a_missing_force_is_put_where_it_was(campaign, wrong):
     missing = wrong(element=1, force=cubic)
     rig, trials = campaign(6, missing, masses=2, seconds=30.0, mode="states")
@@ -327,6 +333,7 @@ def test_what_a_wrong_clock_tells_of_a_missing_force_is_put_where_it_was(campaig
     assert found.groups[0].left < 1.5
 
 
+@pytest.mark.long
 def test_a_motion_that_grows_beyond_bounds_is_followed_no_further(campaign, wrong, monkeypatch):
     def away(self, found):
         self.white = [
@@ -340,6 +347,7 @@ def test_a_motion_that_grows_beyond_bounds_is_followed_no_further(campaign, wron
     assert Place("element", "j1") in result.groups[0].places
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("density", [1e-12, 1e-20, 1e-28])
 def test_a_force_beside_which_noise_is_next_to_nothing_is_located(campaign, wrong, density):
     """Of all that it takes part in, rounding leaves less than nothing."""

@@ -66,6 +66,7 @@ def test_pulls_are_in_units_of_what_the_model_claims(clean):
     assert fit.pulls["stiffness", "j0"] == pytest.approx(moved / 0.05)
 
 
+@pytest.mark.long
 def test_a_refit_never_ends_above_its_start(campaign, wrong):
     gap = wrong(element=0, force=lambda e, v, t: 2e4 * np.sign(e) * max(abs(e) - 5e-3, 0))
     rig, trials = campaign(4, gap, masses=1, levels=(2.0,), seconds=8.0)
@@ -77,6 +78,7 @@ def test_a_refit_never_ends_above_its_start(campaign, wrong):
         assert fit.cost < 0.9 * start.cost
 
 
+@pytest.mark.long
 def test_an_effect_with_its_law_is_fitted_to_the_noise(campaign, wrong):
     cubic = wrong(element=0, force=lambda e, v, t: 4e5 * e**3)
     rig, trials = campaign(5, cubic, masses=1, mode="accelerations", seconds=8.0)
@@ -90,6 +92,7 @@ def test_an_effect_with_its_law_is_fitted_to_the_noise(campaign, wrong):
     assert refit(plant_of(rig), trials).chi2_in_band > 3
 
 
+@pytest.mark.long
 def test_numbers_that_are_told_only_together_end_where_the_claim_of_one_puts_them(
     campaign, wrong, monkeypatch
 ):

@@ -14,7 +14,7 @@ from slowtime.discrepancy.naming import refit_all
 from slowtime.discrepancy.paired import pairs
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refit import GivenUp, pieces, refit
-from slowtime.discrepancy.search import Search, search
+from slowtime.discrepancy.search import LATER, Search, search
 from slowtime.discrepancy.unbent import WITHIN, unbent
 from slowtime.discrepancy.verdict import answer_of
 from slowtime.discrepancy.watch import Watch
@@ -73,6 +73,7 @@ def named(trials, late=None, over=None, progress=None):
     return search(first, trials, Search(KINDS, Watch(progress, late=late, over=over)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "effects",
     [(CUBIC, DRAG), pytest.param((LATE, CUBIC), marks=pytest.mark.slow)],
@@ -85,12 +86,49 @@ def test_both_of_two_effects_are_found(effects):
     assert found.fits[-1].chi2_in_band < 1.2
 
 
+@pytest.mark.long
 def test_who_is_out_of_time_gets_what_was_found_by_then():
+    """That is one, be there no time at all: what it leaves tells whether there is any."""
     found = named(seen((CUBIC, DRAG)), late=lambda: True)
     assert found.hurried
-    assert len(found.answers) <= 1
+    assert len(found.answers) == 1
 
 
+@pytest.fixture
+def refitted(monkeypatch):
+    """Labels that each round of a search sets out to refit."""
+    rounds: list[int] = []
+
+    def counted(before, labels, *more, **how):
+        rounds.append(len(labels))
+        return refit_all(before, labels, *more, **how)
+
+    monkeypatch.setattr(searching, "refit_all", counted)
+    return rounds
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("apart", "labels"), [(1.001, 1), (1e9, LATER)])
+def test_once_it_is_late_only_those_that_come_near_the_best_are_tried(
+    monkeypatch, refitted, apart, labels
+):
+    monkeypatch.setattr(searching, "APART", apart)
+    named(seen((CUBIC, DRAG)), late=lambda: True, over=lambda: len(refitted) > 1)
+    assert refitted[1] == labels
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("several", [0.0, 1e9])
+def test_where_several_are_missing_fewer_are_refitted_before_the_next_is_sought(
+    monkeypatch, refitted, several
+):
+    monkeypatch.setattr(searching, "SEVERAL", several)
+    monkeypatch.setattr(searching, "HASTY", 1)
+    named(seen((CUBIC, DRAG)), late=lambda: bool(refitted))
+    assert (refitted[0] == 1) == (several == 0.0)
+
+
+@pytest.mark.long
 def test_once_it_is_late_the_likeliest_are_still_tried():
     found = named(seen((CUBIC, DRAG)), late=lambda: True, over=lambda: False)
     assert found.hurried
@@ -98,6 +136,7 @@ def test_once_it_is_late_the_likeliest_are_still_tried():
     assert found.fits[-1].chi2_in_band < 1.2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("shaken", [False, True])
 def test_what_was_not_tried_with_its_rivals_is_not_named(monkeypatch, shaken):
     """Time is over while the second effect is sought; be it a motion of the base."""
@@ -195,6 +234,7 @@ def test_what_leaves_less_than_noise_is_no_reason_to_pass_over_what_leaves_littl
     assert here.places[0] in tried(1.2, 1.9)
 
 
+@pytest.mark.long
 def test_a_tone_beside_a_law_is_found_with_it_whatever_its_phase():
     one = dataclasses.replace(
         chain([2.0], [800.0], dampings_n_s_per_m=[1.6]),
@@ -226,6 +266,7 @@ def test_what_promised_more_than_it_holds_is_no_bar_to_a_pair(shared):
     assert pairs(first, located, tried, {label_of(boast.effect): 1e9}, KINDS)
 
 
+@pytest.mark.long
 def test_once_one_explains_half_those_that_would_leave_more_are_given_up():
     trials = seen((dataclasses.replace(CUBIC, parameters={"k3_n_per_m3": 8e4}), DRAG))
     first = unbent(refit(Plant.of(TWO, kinds=KINDS), trials), trials)
@@ -246,6 +287,7 @@ def test_one_law_that_explains_all_is_not_made_two():
     assert not pairs(first, located, candidates(first, located, KINDS), {}, KINDS)
 
 
+@pytest.mark.long
 def test_two_laws_at_one_place_are_told_with_their_probabilities(shared):
     trials = shared[0]
     found = named(trials)
@@ -296,6 +338,7 @@ def test_a_refit_is_given_up_once_it_is_late(shared):
     assert refit_all(first, label, trials, KINDS, lambda *_: next(ticks)) == []
 
 
+@pytest.mark.long
 def test_a_law_that_the_last_look_at_the_noise_leaves_unseen_is_not_named(shared):
     trials, first, *_ = shared
     cubic = refit_all(first, [Candidate(SOFT, 0.0, 0.0, 0.0)], trials, KINDS, lambda *_: False)
@@ -326,6 +369,7 @@ def test_who_is_late_does_not_fit_the_best_from_the_beginning_again(
     assert len(asked) == times
 
 
+@pytest.mark.long
 def test_what_inputs_do_between_samples_is_not_asked_of_pieces(shared, monkeypatch):
     trials, first, *_ = shared
     late = refit_all(first, [Candidate(SOFT, 0.0, 0.0, 0.0)], trials, KINDS, lambda *_: False)
@@ -338,6 +382,7 @@ def test_what_inputs_do_between_samples_is_not_asked_of_pieces(shared, monkeypat
     assert accepting.accept(found, before, named, cut, KINDS, None, pulled=False)
 
 
+@pytest.mark.long
 def test_a_law_that_is_near_the_end_of_its_range_is_named_where_nothing_simpler_is_there():
     kinds = {"van_der_pol": catalogue()["van_der_pol"]}
     sings = Effect("van_der_pol", SECOND, {"cn_n_s_per_m": 0.05, "e0_m": 0.004})

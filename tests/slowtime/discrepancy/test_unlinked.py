@@ -52,6 +52,7 @@ def ridden():
     return tuple(recorded(dataclasses.replace(RIG, effects=(effect.entry(),)), 6))
 
 
+@pytest.mark.long
 def test_of_all_springs_that_there_might_be_the_right_one_is_found(linked):
     between, trials = linked
     link = best_link(refit(Plant.of(RIG, kinds=KINDS), trials), None, trials, KINDS)
@@ -71,6 +72,7 @@ def oscillator_for(trials, node):
     return named, before
 
 
+@pytest.mark.long
 def test_a_spring_does_better_than_an_oscillator_in_its_place(linked):
     between, trials = linked
     named, before = oscillator_for(trials, between[1])

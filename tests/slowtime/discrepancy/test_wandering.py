@@ -57,6 +57,7 @@ def located(course):
     return locate(refit(plant, tuple(trials)), tuple(trials))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("course", [walk, within_each_record, over_the_campaign])
 def test_what_is_off_slowly_is_a_drift(course):
     answer = wandering(located(course), KINDS)

@@ -1,11 +1,15 @@
 """What noise is expected to be once holes are cut into it, against noise with holes."""
 
 import numpy as np
+import pytest
 import scipy.signal as sps
 
+from slowtime.discrepancy.floor import Colour, Noise
+from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.refit import weights_of
 from slowtime.discrepancy.refit.weights import _leaked
 
-SAMPLES, POLE = 1200, 0.95
+SAMPLES, POLE, RATE = 1200, 0.95, 100.0
 
 
 def density():
@@ -38,3 +42,25 @@ def test_white_noise_does_not_leak_and_without_holes_nothing_does():
     )
     for whole in (np.ones(SAMPLES), np.zeros(SAMPLES)):
         np.testing.assert_array_equal(_leaked(density(), whole), density())
+
+
+def test_residuals_with_holes_are_weighed_by_what_is_expected_of_them():
+    """As loud as it is said to be, in its low lines and in its high ones."""
+    gone = np.random.default_rng(6).random(SAMPLES) < 0.02
+    use = np.convolve(gone, np.ones(4), "same") < 0.5
+    # A pole near one is a low pass of the first order, as long as its corner is low.
+    colour = Colour(white=1e-6, low=1.0, corner_hz=0.5, slope=2.0)
+    noise = Noise(colours=((colour,),), relative_sd=((0.0,),))
+    frequency = np.fft.rfftfreq(SAMPLES, 1 / RATE).astype(np.float64)
+    root = np.sqrt(noise.weighing(0, frequency)[:, 0] * RATE * SAMPLES / 4)
+    rng, by_line = np.random.default_rng(7), []
+    for _ in range(200):
+        lines = root * (rng.standard_normal((2, len(root))) * [[1], [1j]]).sum(axis=0)
+        left = np.fft.irfft(lines, SAMPLES)[:, None]
+        trial = Trial(
+            inputs=np.zeros((SAMPLES, 0)), outputs=left, rate_hz=RATE, use=use[:, None]
+        )
+        by_line.append(weights_of(trial, noise, 0).by_line(np.where(trial.used, left, 0.0)))
+    power = np.mean(by_line, axis=0)[1:-1, 0] / 2
+    for band in np.array_split(power, 10):
+        assert band.mean() == pytest.approx(1.0, abs=0.1)

@@ -167,6 +167,7 @@ def test_the_ambient_record_has_the_density_the_theory_says(family):
         assert abs(found[1].conj() - expected[0, 1]) < 0.08 * level
 
 
+@pytest.mark.long
 def test_the_line_at_half_the_sampling_rate_has_half_the_power_of_its_neighbours():
     """Seen where the record is so short, and the density so steep, that it is most of all."""
     one = np.ones((1, 1))

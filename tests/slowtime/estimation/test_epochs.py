@@ -75,6 +75,7 @@ def campaign(name, seed, days, passes=2):
     return error / found.log_sd[:, : 2 * count], found.value[:, : 2 * count] - truth, found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", CASES)
 def test_every_constant_is_found_within_its_band_as_often_as_the_band_says(name):
     days = DAYS[::20] if name == "two" else DAYS[::50]
@@ -125,6 +126,7 @@ def bad_starts(runs, seed):
     return found, values[:, true.where(one.free)], one
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("runs", [40, pytest.param(1000, marks=pytest.mark.slow)])
 def test_noise_gaps_spikes_and_bad_starts_break_nothing(runs):
     found, truth, _ = bad_starts(runs, 43)
@@ -142,6 +144,7 @@ def test_the_interval_holds_the_value_and_keeps_the_sign_of_what_is_negative():
     assert (found.value[:, 3] < 0).all()
 
 
+@pytest.mark.long
 def test_what_the_record_alone_tells_does_not_hang_on_the_prior():
     true = Springs.of(examples.two_masses())
     values = examples.aged(true, DAYS[::50])

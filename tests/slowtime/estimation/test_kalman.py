@@ -71,6 +71,7 @@ def test_filter_and_smoother_are_the_batch_posterior(missing):
         np.testing.assert_allclose(found.covariance, c, atol=1e-12)
 
 
+@pytest.mark.long
 def test_if_the_model_is_right_the_mean_surprise_is_the_dimension_of_a_reading():
     rng = np.random.default_rng(72)
     kalman = model(rng)

@@ -171,6 +171,7 @@ def test_very_close_readings_do_no_harm_to_the_smoother():
     np.testing.assert_allclose(found.sd, 0.1 / np.sqrt(300), rtol=0.02)
 
 
+@pytest.mark.long
 def test_what_is_carried_on_from_a_reading_is_as_small_after_thousands_as_at_first():
     process = SlowProcess(length=4.0, sd=0.8, level_sd=2.0)
     belief = process.start(0.0)
@@ -180,6 +181,7 @@ def test_what_is_carried_on_from_a_reading_is_as_small_after_thousands_as_at_fir
     assert len(pickle.dumps(belief)) == at_first
 
 
+@pytest.mark.long
 @SMOOTHNESS
 def test_hyperparameters_are_found_again_and_no_neighbour_is_likelier(smoothness):
     rng = np.random.default_rng(86)
@@ -200,6 +202,7 @@ def test_hyperparameters_are_found_again_and_no_neighbour_is_likelier(smoothness
             assert matern.log_likelihood(other, time, value, sd) < found.log_likelihood + 0.05
 
 
+@pytest.mark.long
 def test_the_bands_of_the_smoother_cover():
     rng = np.random.default_rng(87)
     inside = []

@@ -212,6 +212,7 @@ def test_a_stream_kept_on_disk_and_cut_anywhere_goes_on_the_same(name):
     assert np.linalg.eigvalsh(belief.covariance).min() > -1e-12
 
 
+@pytest.mark.long
 def test_what_was_learnt_is_likelier_than_what_it_came_from_and_near_the_truth():
     rng = np.random.default_rng(27)
     truth = Matern(length=6.0, sd=0.8) + Cosine(period=11.0, sd=1.0)

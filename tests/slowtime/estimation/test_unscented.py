@@ -123,6 +123,7 @@ def test_states_and_parameters_together_are_the_augmented_filter():
     np.testing.assert_allclose(one.covariance, two.covariance)
 
 
+@pytest.mark.long
 def test_the_size_of_both_noises_is_learnt_from_innovations():
     rng = np.random.default_rng(13)
     level = np.cumsum(0.3 * rng.standard_normal(600))

@@ -48,6 +48,7 @@ def twin():
     return learnt(71, days, 16), days
 
 
+@pytest.mark.long
 def test_neighbours_in_slow_time_make_the_constants_better_and_the_bands_hold(twin):
     (ageing, values), days = twin
     for i, name in enumerate(FREE[:2]):
@@ -60,6 +61,7 @@ def test_neighbours_in_slow_time_make_the_constants_better_and_the_bands_hold(tw
         assert np.abs(ahead.value / values[16:, i] - 1).max() < 0.05
 
 
+@pytest.mark.long
 def test_what_is_to_come_lies_within_the_band_of_the_response(twin):
     (ageing, values), days = twin
     rng = np.random.default_rng(72)

@@ -98,6 +98,7 @@ def found(years, normal):
     return delay, len(false), at_alarm, watch.entry(state)
 
 
+@pytest.mark.long
 def test_a_loss_of_2_percent_is_found_under_a_swing_of_8_percent():
     years = two_years(3, per_day=2)
     normal = learn_normal(*years.part(~years.late))
@@ -271,6 +272,7 @@ LAWS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("law", LAWS)
 def test_the_law_is_chosen_by_evidence(law):
     rng = np.random.default_rng(5)
@@ -285,6 +287,7 @@ def test_the_law_is_chosen_by_evidence(law):
     assert np.std(removed) / 5.0 < 0.0012
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("where", [0, 300, 599])
 def test_wrong_readings_are_not_learnt_from_wherever_they_are(where):
     rng = np.random.default_rng(9)
@@ -322,6 +325,7 @@ def test_a_great_loss_is_believed_at_the_third_reading():
     assert entry.since == 51.0
 
 
+@pytest.mark.long
 def test_what_cannot_be_judged_leaves_the_evidence_and_says_why():
     years = two_years(1, per_day=1)
     normal = learn_normal(*years.part(~years.late))

@@ -47,6 +47,7 @@ def test_the_bands_cover_each_kind_of_history(name):
     assert 0.88 <= covered(HISTORIES[name], 92, 150) <= 0.985
 
 
+@pytest.mark.long
 def test_the_book_s_loss_of_stiffness_is_forecast_within_its_band():
     truth = np.exp(-4e-4 * TIME) * (1 + 0.05 * np.cos(2e-2 * TIME)) / 1.05 - 1
     assert covered(lambda rng: truth, 93, 3) > 0.9

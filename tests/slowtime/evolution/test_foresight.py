@@ -132,6 +132,7 @@ def test_bands_hold_what_comes_and_score_better_than_persistence_and_a_plain_pro
         assert all(own[1] < min(own[2], own[3]) for own in by_kind.values())
 
 
+@pytest.mark.long
 def test_a_history_that_repeats_itself_is_known_by_its_period():
     rng = np.random.default_rng(51)
     value = 0.05 * np.cos(2 * np.pi * TIME / 130.0) + 0.01 * rng.standard_normal(len(TIME))
@@ -160,6 +161,7 @@ def test_a_sawtooth_is_known_by_its_teeth_and_its_drops_are_no_jumps():
     assert ours < 0.25 * theirs
 
 
+@pytest.mark.long
 def test_a_single_jump_is_no_tooth_and_teeth_are_found_where_they_are():
     rng = np.random.default_rng(59)
     sd = np.full(90, 0.01)
@@ -231,6 +233,7 @@ def test_the_twin_says_within_five_epochs_that_the_model_has_changed(seed):
     assert change.odds > 1000
 
 
+@pytest.mark.long
 def test_false_alarms_are_rarer_than_the_odds_say_and_outliers_raise_none():
     rng = np.random.default_rng(55)
     process = SlowProcess(length=30.0, sd=0.02, level_sd=1.0, slope_sd=0.01)

@@ -63,6 +63,7 @@ def test_two_scales_over_twenty_seeds(count):
         assert better > 0.9
 
 
+@pytest.mark.long
 def test_the_long_scale_is_told_from_the_short_one():
     time, truth, value, sd = series(201, 3)
     parts = scales.additive(time, value, sd)
@@ -77,6 +78,7 @@ def test_the_long_scale_is_told_from_the_short_one():
     assert period == pytest.approx(2 * np.pi / 0.15, rel=0.01)
 
 
+@pytest.mark.long
 def test_a_smooth_wave_has_no_teeth():
     rng = np.random.default_rng(8)
     time, sd = np.arange(80.0), np.full(80, 0.02)
@@ -86,6 +88,7 @@ def test_a_smooth_wave_has_no_teeth():
     assert rms(parts.short - wave) < 0.02
 
 
+@pytest.mark.long
 def test_where_nothing_repeats_itself_the_short_scale_is_rough():
     rng = np.random.default_rng(61)
     time = np.arange(80.0)
@@ -95,6 +98,7 @@ def test_where_nothing_repeats_itself_the_short_scale_is_rough():
     assert np.isfinite(parts.log_predictive)
 
 
+@pytest.mark.long
 def test_a_mixture_gives_each_regime_its_expert():
     rng = np.random.default_rng(62)
     time = np.arange(90.0)

@@ -33,6 +33,7 @@ def bound(**case):
     return ambient_bound(z, cycles, snr=case.get("snr", 1e3), reach=min(60.0, 0.9 / z))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", [{}, {"z": 0.04, "snr": 100.0}])
 def test_errors_reach_the_bound_with_the_floor_fitted_and_are_what_is_said(case):
     for error, limit in zip(scores(120, 1, **case), bound(**case), strict=True):
@@ -52,6 +53,7 @@ def test_coverage_and_rmse_hold_over_five_hundred_runs(f, z, rate, snr):
         assert 0.92 < np.mean(np.abs(error[:, 0]) < 1.96 * error[:, 1]) < 0.975
 
 
+@pytest.mark.long
 def test_leakage_does_not_bias_damping_where_a_half_bandwidth_is_three_bins():
     _, damping = scores(150, 3, seconds=30.0, snr=1e4)
     assert abs(damping[:, 0].mean()) < 0.3 * damping[:, 0].std()
@@ -107,6 +109,7 @@ def test_displacement_has_its_own_shape():
     assert abs(found.damping_ratio.value - z) < 3.5 * found.damping_ratio.sd
 
 
+@pytest.mark.long
 def test_noise_alone_is_flagged():
     rng = np.random.default_rng(9)
     flagged = [
@@ -116,6 +119,7 @@ def test_noise_alone_is_flagged():
     assert np.mean(flagged) > 0.9
 
 
+@pytest.mark.long
 def test_the_peak_agrees_with_the_likelihood_within_a_few_of_its_own_errors():
     frequency, damping = scores(60, 10, identify=peak, z=0.02, seconds=120.0)
     law = ambient_law(0.02, 1200.0)

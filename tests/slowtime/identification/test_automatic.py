@@ -86,6 +86,7 @@ def test_the_line_of_a_machine_is_told_as_such_and_called_no_mode(result):
     )
 
 
+@pytest.mark.long
 def test_lines_without_a_structure_show_no_modes():
     rng = np.random.default_rng(2)
     both = line(1.3, 9000) + 0.5 * line(3.7, 9000)
@@ -96,6 +97,7 @@ def test_lines_without_a_structure_show_no_modes():
     )
 
 
+@pytest.mark.long
 def test_scale_and_order_of_the_channels_do_not_matter(record, result):
     units, order = np.array([1e-6, 3.0, 1e5]), [2, 0, 1]
     other = identify_modes((record * units)[:, order], RATE)
@@ -105,6 +107,7 @@ def test_scale_and_order_of_the_channels_do_not_matter(record, result):
         assert mac(mode.shape, (plain.shape * units)[order]) == pytest.approx(1.0, abs=1e-5)
 
 
+@pytest.mark.long
 def test_channels_that_do_not_move_are_left_out_and_have_no_part_in_a_shape(record, result):
     dead = np.column_stack([np.full(len(record), 7.0), record])
     other = identify_modes(dead, RATE)
@@ -125,6 +128,7 @@ def test_channels_that_say_the_same_are_as_good_as_one():
     assert (np.abs(values(again.modes) - values(alone.modes)) <= 0.25 * sd).all()
 
 
+@pytest.mark.long
 def test_the_record_is_left_as_it_was_and_tells_the_same_again(record, result):
     before = record.copy()
     again = identify_modes(record, RATE)
@@ -132,12 +136,14 @@ def test_the_record_is_left_as_it_was_and_tells_the_same_again(record, result):
     np.testing.assert_array_equal(values(again.modes), values(result.modes))
 
 
+@pytest.mark.long
 def test_two_modes_three_percent_apart_are_two():
     structure = row(4, frequencies=[1.0, 2.0, 2.06, 3.5])
     found = identify_modes(heard(structure, 1000.0, np.random.default_rng(4)), RATE)
     np.testing.assert_allclose(values(found.structural)[:, 0], truth(structure), rtol=5e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 def test_noise_of_whatever_colour_shows_no_modes(seed):
     rng = np.random.default_rng(seed)
@@ -147,6 +153,7 @@ def test_noise_of_whatever_colour_shows_no_modes(seed):
         assert identify_modes(noise, 50.0).modes == ()
 
 
+@pytest.mark.long
 def test_a_short_window_of_a_frame_shows_all_its_modes_every_time():
     floors, storeys = [1000.0, 1000.0, 800.0], [1.2e6, 1.0e6, 0.8e6]
     omega = undamped_modes(assemble(shear_frame(floors, storeys))).angular_frequency
@@ -162,6 +169,7 @@ def test_a_short_window_of_a_frame_shows_all_its_modes_every_time():
         )
 
 
+@pytest.mark.long
 def test_a_band_and_a_number_of_modes_are_kept_to(record, result):
     inside = identify_modes(record, RATE, band_hz=(2.0, 5.0))
     assert len(inside.structural) == 2
@@ -213,6 +221,7 @@ def test_errors_are_what_is_said_over_many_records():
     assert (np.mean(np.abs(errors) < 1.96, axis=(0, 1)) > 0.9).all()
 
 
+@pytest.mark.long
 @pytest.mark.data
 @pytest.mark.parametrize("number", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_the_steel_frame_shows_its_published_modes_and_no_others(data, number):

@@ -88,6 +88,7 @@ def test_a_fit_to_what_a_model_predicts_finds_the_model():
     assert lost < 0.05
 
 
+@pytest.mark.long
 def test_the_poles_scatter_by_what_the_covariance_says():
     truth, rng = model(length=LENGTH), np.random.default_rng(2)
     errors = []

@@ -103,6 +103,7 @@ def tally(case, seeds, **record):
     return np.array(over_law), np.array(of_f), np.array(of_z)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "runs"),
     [
@@ -166,6 +167,7 @@ def pair(coherence):
     )
 
 
+@pytest.mark.long
 def test_the_score_of_coherence_is_chi_squared_where_forces_have_nothing_in_common():
     rng, alone = np.random.default_rng(1), pair(0.0)
     scores = np.array([coherence_score(drawn(rng, alone), alone) for _ in range(200)])
@@ -195,6 +197,7 @@ def close(one, other):
             assert new.sd == pytest.approx(old.sd, rel=5e-2)
 
 
+@pytest.mark.long
 def test_shapes_are_of_unit_norm_and_off_by_as_much_as_they_say(short):
     case, _, modes = short
     for mode in modes:

@@ -15,6 +15,7 @@ def transfer(hz, natural_hz, damping, derivatives):
     return 2 * damping * (s / omega) ** derivatives * omega**2 / below
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("derivatives", [0, 1, 2])
 def test_cross_periodograms_are_spectra_smoothed_by_the_length_of_the_record(derivatives):
     duration, natural, damping = 60.0, (3.0, 3.04), (0.004, 0.008)

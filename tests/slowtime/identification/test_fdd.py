@@ -54,6 +54,7 @@ def test_every_peak_is_found_and_nothing_else():
             assert mac(mode.shape, shape) > 0.99
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("colour", [0.0, 0.9, -0.7])
 def test_noise_has_no_modes(colour):
     found = 0
@@ -63,6 +64,7 @@ def test_noise_has_no_modes(colour):
     assert found <= 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", [fdd, efdd])
 def test_a_few_frequencies_and_dampings_are_as_near_as_they_say(method):
     of_f, of_z, over_law = errors(method, 8)
@@ -84,6 +86,7 @@ def test_intervals_hold(method, damping):
         assert abs(np.mean(of_z)) < 0.3
 
 
+@pytest.mark.long
 def test_shapes_are_off_by_as_much_as_they_say():
     off, said = [], []
     for seed in range(12):

@@ -52,6 +52,7 @@ def struck(rng, f, z, at, count):
     return acceleration / np.abs(acceleration).max() + 1e-3 * rng.standard_normal(count)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("at", [0, 100, 200])
 def test_a_blow_anywhere_in_the_first_half_is_read_from_where_it_rings(at):
     rng = np.random.default_rng(2)
@@ -63,6 +64,7 @@ def test_a_blow_anywhere_in_the_first_half_is_read_from_where_it_rings(at):
         assert found.frequency_hz.sd < 0.1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("f", "z", "at", "snr"), [(26.0, 0.009, 100, 1e4), (30.0, 0.003, 0, 300.0)]
 )
@@ -79,6 +81,7 @@ def test_the_stretch_that_was_chosen_for_its_small_error_does_not_understate_it(
     assert np.all((spread > 0.7) & (spread < 1.3))
 
 
+@pytest.mark.long
 def test_a_steady_response_is_read_as_ambient():
     rng = np.random.default_rng(3)
     scores = []
@@ -92,6 +95,7 @@ def test_a_steady_response_is_read_as_ambient():
     assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 1.5
 
 
+@pytest.mark.long
 def test_a_stronger_second_mode_is_not_taken_for_the_first():
     rng = np.random.default_rng(4)
     for _ in range(10):
@@ -165,6 +169,7 @@ def test_every_method_answers_alike_and_changes_nothing(method):
     np.testing.assert_array_equal(record, before)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("epochs", "low", "high"), [(100, 0.9, 0.99), pytest.param(400, 0.92, 0.98, marks=SLOW)]
 )

@@ -38,6 +38,7 @@ def kind(record, f, **settings):
     return judge(record, RATE, np.array([f]), **settings)[0].kind
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("f", "z", "seconds"), [(8.0, 0.002, 120.0), (3.0, 0.0005, 400.0)])
 def test_drawn_envelopes_are_scattered_like_those_of_simulated_records(f, z, seconds):
     rng = np.random.default_rng(1)
@@ -89,6 +90,7 @@ def test_a_lightly_damped_mode_is_no_harmonic(f, seconds):
     assert {kind(mode(rng, f, 0.002, seconds), f) for _ in range(15)} == {"structural"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "line", [{}, {"swell": 0.3}, {"wander": 1e-3}, {"wander": 5e-3}], ids=str
 )
@@ -112,6 +114,7 @@ def test_a_line_as_loud_as_the_mode_it_sits_beside_is_told_from_it(beside):
     assert (line.kind, own.kind) == ("harmonic", "structural")
 
 
+@pytest.mark.long
 def test_the_frequency_of_a_tone_is_as_good_as_it_says():
     rng = np.random.default_rng(7)
     scores = []
@@ -180,6 +183,7 @@ def test_structures_and_noise_have_no_harmonics(modes):
         assert find_harmonics(record, RATE) == ((), ())
 
 
+@pytest.mark.long
 def test_the_highest_peaks_of_long_noise_in_many_channels_are_no_lines():
     rng = np.random.default_rng(15)
     for _ in range(4):

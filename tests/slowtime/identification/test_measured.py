@@ -51,6 +51,7 @@ def rows(path, window_s, hop_s=None, offset=0):
         yield start, end, truth, inside
 
 
+@pytest.mark.long
 @pytest.mark.data
 @pytest.mark.parametrize(
     ("window_s", "offset"), [(1.0, 0), pytest.param(0.5, 301, marks=pytest.mark.slow)]
@@ -73,6 +74,7 @@ def test_the_first_frequency_is_right_on_every_dwell_however_windows_fall(
     assert seen >= 9
 
 
+@pytest.mark.long
 @pytest.mark.data
 @pytest.mark.parametrize("trial", FIRST_OF_ALL)
 def test_no_window_at_all_jumps_to_the_second_mode(data, trial):
@@ -84,6 +86,7 @@ def test_no_window_at_all_jumps_to_the_second_mode(data, trial):
     assert max(found) < 45.0
 
 
+@pytest.mark.long
 @pytest.mark.data
 def test_the_published_modes_of_the_steel_frame_are_found(data):
     record = np.load(data / "steel_frame" / "measurement_1.npy")[:, 3:5]

@@ -213,6 +213,7 @@ def test_references_that_a_set_up_lacks_are_refused():
         merge([])
 
 
+@pytest.mark.long
 def test_two_set_ups_of_a_simulated_structure_give_its_shapes():
     stiffness = 2 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1)
     stiffness[-1, -1] = 1.0
@@ -241,6 +242,7 @@ def test_two_set_ups_of_a_simulated_structure_give_its_shapes():
         assert abs(each.mode.frequency_hz.value - hz) < 4 * each.mode.frequency_hz.sd
 
 
+@pytest.mark.long
 @pytest.mark.data
 def test_two_set_ups_of_a_real_frame_are_one_structure():
     root = Path(__file__).parents[3]

@@ -36,6 +36,7 @@ def test_every_method_finds_modes_and_lines(heard, method):
     assert len(result.spectrum_hz) == len(result.singular_values)
 
 
+@pytest.mark.long
 def test_poles_of_the_diagram_belong_to_the_modes_they_are_near(heard):
     samples, rate = heard
     result = by_method(samples, rate, method="bayes")

@@ -80,6 +80,7 @@ def apart(ours, theirs):
     ]
 
 
+@pytest.mark.long
 def test_modes_of_a_stream_are_those_of_the_whole_record_within_their_standard_deviations():
     samples = record(seconds=6000)
     recursive = dataclasses.replace(RECURSIVE, every_s=5900.0)
@@ -174,6 +175,7 @@ def test_a_stream_with_many_gaps_still_tells_its_modes():
     ]
 
 
+@pytest.mark.long
 def test_what_is_forgotten_has_no_say_and_what_is_not_has():
     seconds = 1600
     later = ambient_structure(

@@ -136,6 +136,7 @@ def check_campaign(seed, count=2000):
     return brought
 
 
+@pytest.mark.long
 def test_no_identity_is_swapped_or_invented_in_a_year_of_epochs():
     check_campaign(0, count=700)
 
@@ -256,6 +257,7 @@ def test_the_order_in_which_modes_are_listed_does_not_matter():
     assert [t.identities for t in forth] == [t.identities[::-1] for t in back]
 
 
+@pytest.mark.long
 def test_a_state_that_was_pickled_goes_on_the_same_and_steps_change_no_state():
     epochs = campaign(2, count=160).epochs
     whole, _ = run(epochs)

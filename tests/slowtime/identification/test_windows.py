@@ -16,6 +16,7 @@ def hopping(rng):
     return record + 2e-3 * rng.standard_normal(len(record))
 
 
+@pytest.mark.long
 def test_windows_follow_a_jump_and_claim_nothing_in_silence():
     epochs = identify_windows(hopping(np.random.default_rng(1)), RATE, window_s=1.0)
     assert [epoch.start_s for epoch in epochs] == pytest.approx(np.arange(0, 5.01, 0.25))
@@ -28,6 +29,7 @@ def test_windows_follow_a_jump_and_claim_nothing_in_silence():
             assert epoch.modes[0].frequency_hz.value == pytest.approx(truth, abs=0.1)
 
 
+@pytest.mark.long
 def test_the_steps_of_the_tracker_give_what_the_whole_record_gives():
     record = hopping(np.random.default_rng(2))
     epochs = identify_windows(record, RATE, window_s=1.0, hop_s=0.5, follow=True)

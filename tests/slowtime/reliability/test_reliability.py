@@ -54,6 +54,7 @@ def runs(method, name, count, **settings):
     return values, held, told
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", list(CASES))
 def test_subset_simulation_is_right_on_average_and_knows_its_error(name):
     values, held, told = runs(subset_simulation, name, 30, samples=1000)

@@ -35,6 +35,7 @@ def test_a_ramp_is_seen_late_by_the_stated_lag(window, a):
     assert last.lag == pytest.approx(MedianEwma(window=window, a=a).lag, rel=1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("length", [1, 2, 4, 30])
 def test_the_stated_sd_is_that_of_the_noise_left(length):
     rng = np.random.default_rng(3)

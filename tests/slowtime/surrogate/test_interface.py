@@ -180,6 +180,7 @@ def test_every_warning_is_of_one_family():
         assert issubclass(one, SurrogateWarning)
 
 
+@pytest.mark.long
 def test_a_process_that_needs_no_surrogate_does_without_scikit_learn_or_says_what_to_install():
     code = (
         "import sys, slowtime.surrogate, edge_agent.__main__\n"

@@ -105,6 +105,7 @@ def kinds(notices):
     return [notice.kind for notice in notices]
 
 
+@pytest.mark.long
 def test_a_loss_of_2_percent_is_found_within_14_days_under_a_swing_of_8_percent(
     years, followed
 ):
@@ -160,6 +161,7 @@ def test_without_covariates_the_alarm_is_useless(years):
     assert blind_to_the_loss(years, begin(learn_epochs=300)) < 0.25
 
 
+@pytest.mark.long
 def test_without_covariates_the_weather_alone_raises_alarms(features):
     years = TwoYears(features, 3, loss=0.0)
     limit = [{"quantity": "stiffness_change", "below": LOSS / 2}]
@@ -188,6 +190,7 @@ def test_while_it_trains_a_twin_says_so_and_estimates_nothing(years, followed):
     assert not any(n.row < 364 for n in notices)
 
 
+@pytest.mark.long
 @settings(max_examples=2, deadline=None)
 @given(cuts=st.sets(st.integers(1, 139), max_size=5))
 def test_cutting_the_stream_anywhere_changes_no_bit(features, cuts):
@@ -335,6 +338,7 @@ def swaying(made, count, losses, seed):
     return messages
 
 
+@pytest.mark.long
 def test_the_storey_that_weakens_is_named_whatever_the_weather(frame):
     made = frame(seed=3)
     losses = lambda i: (0.0, -0.08 if i >= 90 else 0.0, 0.0)  # noqa: E731
@@ -366,6 +370,7 @@ def test_the_storey_that_weakens_is_named_whatever_the_weather(frame):
     assert abs(sizes.mean() + 0.08) > 0.012 or sizes.std() > 0.01
 
 
+@pytest.mark.long
 def test_cutting_the_stream_of_a_frame_in_the_weather_changes_no_bit(frame):
     made = frame(seed=4)
     messages = swaying(made, 56, lambda i: (0.0, 0.0, 0.0), 4)

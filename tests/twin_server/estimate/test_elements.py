@@ -64,6 +64,7 @@ def weakened(frame):
     return features, run(twin, features)
 
 
+@pytest.mark.long
 def test_the_storey_that_lost_stiffness_is_named_and_sized(weakened):
     _, (states, bodies, _, notices) = weakened
     assert (states["reasons"][20:] == 0).all()
@@ -80,6 +81,7 @@ def test_the_storey_that_lost_stiffness_is_named_and_sized(weakened):
     assert alarms == [(62, "storey2")]
 
 
+@pytest.mark.long
 def test_the_truth_a_simulator_knows_is_shown_and_not_looked_at(weakened, frame):
     features, (_, bodies, _, _) = weakened
     assert told(bodies)[70]["truth"] == dict(zip(STOREYS, LOSS, strict=True))
@@ -116,6 +118,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(frame, seeds, lowest, hig
     assert lowest < np.mean(held) < highest
 
 
+@pytest.mark.long
 @settings(max_examples=2, deadline=None)
 @given(cuts=st.sets(st.integers(1, 22), max_size=6))
 def test_cutting_the_stream_anywhere_changes_no_bit(frame, cuts):
@@ -197,6 +200,7 @@ def symmetric(shapes):
     return model_file_of(built).model_dump(mode="json"), epoch
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("shapes", "word"), [(False, "k1 or k4"), (True, "k1")])
 def test_what_cannot_be_told_is_said_and_not_guessed(frame, shapes, word):
     model, epoch = symmetric(shapes)

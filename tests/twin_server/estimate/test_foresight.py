@@ -33,6 +33,7 @@ def ahead_of(states, known, horizon, count, outlooks=None, thresholds=()):
     return found
 
 
+@pytest.mark.long
 def test_the_band_holds_what_comes(ageing):
     held = []
     for seed in range(8):
@@ -145,6 +146,7 @@ def weakening(frame):
     return found, np.array(loss)
 
 
+@pytest.mark.long
 def test_each_element_is_forecast(weakening):
     found, loss = weakening
     bodies = [detail.body for detail in found.details]
@@ -161,6 +163,7 @@ def test_each_element_is_forecast(weakening):
     assert ahead.bands["storey2"][-1, 0] < ahead.bands["storey2"][0, 0] - 0.01
 
 
+@pytest.mark.long
 def test_what_was_learnt_of_elements_is_not_averaged_away(weakening):
     found, _ = weakening
     bodies = [detail.body for detail in found.details]
@@ -173,6 +176,7 @@ def test_what_was_learnt_of_elements_is_not_averaged_away(weakening):
     assert past.common == pytest.approx(np.median(past.sd) / np.sqrt(21), rel=0.1)
 
 
+@pytest.mark.long
 def test_a_twin_of_elements_that_is_still_learning_has_no_forecast(weakening):
     found, _ = weakening
     bodies = [detail.body for detail in found.details]

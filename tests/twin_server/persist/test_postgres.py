@@ -48,6 +48,7 @@ def test_a_database_that_goes_away_is_written_again_once_it_is_back(url, postgre
     store.close()
 
 
+@pytest.mark.long
 def test_a_second_server_on_one_schema_is_refused_until_the_first_has_ended(url):
     store = PostgresStore(url)
     with pytest.raises(WrongStoreError, match=r"in use by another twin server\. End that one"):

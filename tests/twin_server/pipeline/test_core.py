@@ -204,6 +204,7 @@ def test_registering_anew_gives_the_history_of_having_known_before(
     assert kinds.count("nominal_learnt") == (0 if "nominal" in later else 1)
 
 
+@pytest.mark.long
 def test_a_twin_in_the_weather_has_one_history_however_it_came_by_it(
     features, sample, tmp_path, database
 ):

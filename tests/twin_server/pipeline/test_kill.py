@@ -41,7 +41,10 @@ def undisturbed(tmp_path_factory, ageing, sample):
     expected.close()
 
 
-@pytest.mark.parametrize("after_s", [0.05, 0.2, 0.5])
+@pytest.mark.parametrize(
+    "after_s",
+    [0.2, *(pytest.param(after_s, marks=pytest.mark.long) for after_s in (0.05, 0.5))],
+)
 def test_sigkill_and_another_start_give_the_undisturbed_history(tmp_path, undisturbed, after_s):
     samples, expected = undisturbed
     (tmp_path / "messages").write_bytes(b"\n".join(s.payload for s in samples))

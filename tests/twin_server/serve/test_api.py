@@ -75,6 +75,7 @@ def test_a_twin_as_it_was(server):
     assert "no features at that moment" in before["reasons"][0]
 
 
+@pytest.mark.long
 def test_the_forecast_goes_on_where_the_history_ends(server):
     found = server.get(f"{TWIN}/forecast", horizon=30, points=3).json()
     models.ForecastModel.model_validate(found)
@@ -126,6 +127,7 @@ def test_thresholds_of_alarms_and_of_the_registration_are_asked_for_each_time(
     assert "Allowed: stiffness_change, mass_change" in refused.text
 
 
+@pytest.mark.long
 def test_a_forecast_after_a_restart_is_the_one_that_would_have_been(
     serving, ageing, tmp_path, eventually
 ):
@@ -385,6 +387,7 @@ def framed(serving, frame, eventually):
     return started
 
 
+@pytest.mark.long
 def test_a_twin_of_elements_tells_what_changed_and_its_modes(framed):
     twin = framed.get(FRAME).json()
     known = models.TwinModel.model_validate(twin)
@@ -399,6 +402,7 @@ def test_a_twin_of_elements_tells_what_changed_and_its_modes(framed):
     assert {mode["shape"] for mode in listed["modes"]} == {None}
 
 
+@pytest.mark.long
 def test_modes_come_with_shapes_and_with_what_was_learnt(framed, server):
     found = models.ModesModel.model_validate(framed.get(f"{FRAME}/modes").json())
     assert [mode.model_mode for mode in found.modes] == [0, 1, 2]
@@ -446,6 +450,7 @@ def test_what_changed_is_told_once_and_by_name(framed):
     assert by_kind["alarm"]["message"].startswith("storey2 below -0.05 with 97.5% certainty")
 
 
+@pytest.mark.long
 def test_each_element_is_forecast(framed):
     asked = framed.get(f"{FRAME}/forecast", horizon=10, points=5).json()
     forecast = models.ForecastModel.model_validate(asked)
@@ -460,6 +465,7 @@ def test_each_element_is_forecast(framed):
     assert again == asked
 
 
+@pytest.mark.long
 def test_what_is_normal_is_told_and_what_has_entered(serving, features, eventually):
     server, rng = serving(), np.random.default_rng(1)
     weather = {"names": ["temperature_c"], "train_epochs": 60}

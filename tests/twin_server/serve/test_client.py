@@ -48,6 +48,7 @@ def test_a_twin_and_its_history_come_typed(client, server):
     assert client.twin(TWIN, at="slow:41.7").slow_time == 41.0
 
 
+@pytest.mark.long
 def test_forecast_events_digest_and_graph_come_typed(client, server):
     forecast = client.forecast(TWIN, horizon=50, points=3, threshold=-0.3)
     assert len(forecast.points) == 3

@@ -25,6 +25,7 @@ def done(server, **order):
     return found
 
 
+@pytest.mark.long
 def test_friction_opens_the_gap_and_what_is_adopted_closes_it_until_it_is_undone(learnt):
     usual = models.GapModel.model_validate(learnt.gap())
     assert usual.state == "watching"
@@ -56,6 +57,7 @@ def test_friction_opens_the_gap_and_what_is_adopted_closes_it_until_it_is_undone
     assert learnt.gap()["state"] == "watching"
 
 
+@pytest.mark.long
 def test_what_is_adopted_is_part_of_the_registration_and_undone_leaves_no_trace(learnt):
     before = learnt.server.get(learnt.twin).json()["registration"]
     number = done(learnt)["number"]

@@ -16,11 +16,13 @@ def test_the_openapi_document_is_one_by_its_own_schema(openapi):
     assert [str(e)[:300] for e in OpenAPIV31SpecValidator(openapi).iter_errors()] == []
 
 
+@pytest.mark.long
 def test_a_document_with_a_fault_is_no_openapi_document(openapi):
     broken = openapi | {"paths": {"/x": {"get": {"responses": {"200": {"discription": 1}}}}}}
     assert not OpenAPIV31SpecValidator(broken).is_valid()
 
 
+@pytest.mark.long
 def test_the_asyncapi_document_is_served(server):
     answer = server.get("/api/v1/asyncapi.json")
     assert answer.headers["content-type"] == "application/json"

@@ -20,18 +20,21 @@ def aged(serving, ageing, eventually):
     messages = ageing(80, loss=0.2)
     server.feed(messages[:60])
     assert eventually(lambda: server.count() == 60)
-    foretold = server.client.get(f"{TWIN}/forecast", timeout=60).json()
+    foretold = server.client.get(f"{TWIN}/forecast", timeout=300).json()
     server.feed(messages[60:])
     assert eventually(lambda: server.count() == 80)
     return server, before, foretold
 
 
+@pytest.mark.long
 def test_what_was_foretold_at_a_past_instant_is_foretold_again(aged):
     server, _, foretold = aged
-    again = server.client.get(f"{TWIN}/forecast", params={"at": "slow:59.5"}, timeout=60).json()
+    again = server.client.get(
+        f"{TWIN}/forecast", params={"at": "slow:59.5"}, timeout=300
+    ).json()
     assert again == foretold
     assert again["since"] == 59.0
-    now = server.client.get(f"{TWIN}/forecast", timeout=60).json()
+    now = server.client.get(f"{TWIN}/forecast", timeout=300).json()
     assert now["since"] == 79.0
     early = server.get(f"{TWIN}/forecast", at="slow:-1").json()
     assert early["points"] == []

@@ -75,6 +75,7 @@ def test_the_page_shows_the_history_to_the_last_number_and_asks_nobody_else(serv
     assert {url for url in page.requested if not url.startswith(("data:", server.url))} == set()
 
 
+@pytest.mark.long
 def test_every_number_is_said_in_words_with_its_unit(server, visit):
     page = visit(server, BEAM)
     has(page, "stiffness_change", "points", 300)
@@ -94,6 +95,7 @@ def test_every_number_is_said_in_words_with_its_unit(server, visit):
         assert plot(page, quantity).locator(".ytick").count() >= 3
 
 
+@pytest.mark.long
 def test_what_arrives_is_drawn_from_the_stream_without_a_reload(
     serving, visit, ageing, eventually
 ):
@@ -129,6 +131,7 @@ def test_a_hostile_name_is_shown_and_not_obeyed(serving, visit, ageing, eventual
     assert page.complaints == []
 
 
+@pytest.mark.long
 def test_without_twins_the_page_says_what_to_do_and_a_first_twin_appears_by_itself(
     serving, visit, ageing, eventually
 ):
@@ -142,6 +145,7 @@ def test_without_twins_the_page_says_what_to_do_and_a_first_twin_appears_by_itse
     has(page, "frequency_hz", "points", 25)
 
 
+@pytest.mark.long
 def test_a_server_that_is_gone_is_said_to_be_and_found_again(
     serving, visit, ageing, eventually, tmp_path
 ):
@@ -163,6 +167,7 @@ def test_a_server_that_is_gone_is_said_to_be_and_found_again(
     assert [text for text in page.complaints if REFUSED not in text] == []
 
 
+@pytest.mark.long
 def test_what_is_not_valid_is_drawn_apart_and_explained(
     serving, visit, ageing, features, eventually
 ):
@@ -202,6 +207,7 @@ def test_what_is_not_valid_is_drawn_apart_and_explained(
     has(page, "frequency_hz", "points", 20, "lab.both")
 
 
+@pytest.mark.long
 def test_the_page_tells_the_reasons_apart_that_say_nothing_against_the_frequency(server, visit):
     page = visit(server, BEAM)
     judged = {
@@ -217,6 +223,7 @@ def test_the_page_tells_the_reasons_apart_that_say_nothing_against_the_frequency
     assert judged == expected | {LEARNING: "learning"}
 
 
+@pytest.mark.long
 def test_lost_features_break_the_line_and_its_band(
     serving, visit, ageing, eventually, settings
 ):
@@ -230,6 +237,7 @@ def test_lost_features_break_the_line_and_its_band(
     assert drawn(page, "frequency_hz")["estimate"]["y"].index(None) == 12
 
 
+@pytest.mark.long
 def test_on_a_phone_nothing_is_wider_than_the_screen(server, visit):
     phone = {"width": 390, "height": 844}
     page = visit(
@@ -255,6 +263,7 @@ def contrast(one, other):
     return (high + 0.05) / (low + 0.05)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_words_and_lines_stand_out_from_their_ground(server, visit, scheme):
     page = visit(server, BEAM, color_scheme=scheme)
@@ -275,6 +284,7 @@ def test_words_and_lines_stand_out_from_their_ground(server, visit, scheme):
     assert (ground == "rgb(20, 23, 26)") == (scheme == "dark")
 
 
+@pytest.mark.long
 def test_a_twin_that_is_deleted_leaves_the_page(serving, visit, ageing, eventually):
     server = serving()
     filled(server, ageing(3), eventually)
@@ -285,6 +295,7 @@ def test_a_twin_that_is_deleted_leaves_the_page(serving, visit, ageing, eventual
     expect(page.locator("#unknown")).to_contain_text("No twin is called lab.beam.")
 
 
+@pytest.mark.long
 def test_a_page_without_its_drawing_library_still_gives_the_numbers(server, browser):
     page = browser.new_page()
     try:

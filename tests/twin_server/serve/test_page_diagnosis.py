@@ -8,6 +8,7 @@ from playwright.sync_api import expect
 pytestmark = pytest.mark.browser
 
 
+@pytest.mark.long
 def test_what_the_model_lacks_is_asked_for_adopted_and_undone_on_the_page(resting, visit):
     page = visit(resting.server, "#lab.rig/diagnosis")
     room = page.locator('[id="lab.rig"] .diagnosis')
@@ -55,6 +56,7 @@ def test_what_the_model_lacks_is_asked_for_adopted_and_undone_on_the_page(restin
     assert page.complaints == []
 
 
+@pytest.mark.long
 def test_what_cannot_be_asked_is_said_on_the_page(resting, visit):
     page = visit(resting.server, "#lab.rig/diagnosis")
     room = page.locator('[id="lab.rig"] .diagnosis')

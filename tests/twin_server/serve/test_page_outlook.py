@@ -22,6 +22,7 @@ def part(page, selector):
     return page.locator(f'[id="lab.beam"] {selector}')
 
 
+@pytest.mark.long
 def test_time_to_threshold_and_bands_move_as_readings_arrive(
     serving, visit, ageing, eventually
 ):
@@ -31,7 +32,7 @@ def test_time_to_threshold_and_bands_move_as_readings_arrive(
     messages = ageing(64, loss=0.26)
     server.feed(messages[:40])
     assert eventually(lambda: server.count() == 40)
-    assert server.client.get(f"{TWIN}/forecast", timeout=60).json()["valid"] is not None
+    assert server.client.get(f"{TWIN}/forecast", timeout=300).json()["valid"] is not None
     page = visit(server, "#lab.beam")
     rows = part(page, ".crossings tbody tr")
     expect(rows).to_have_count(2)

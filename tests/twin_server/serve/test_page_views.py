@@ -62,6 +62,7 @@ def overflow(page):
     return page.evaluate("document.documentElement.scrollWidth - window.innerWidth")
 
 
+@pytest.mark.long
 def test_the_fleet_says_of_each_twin_what_matters_the_urgent_first(house, visit, ageing):
     page = visit(house)
     cards = page.locator(".card")
@@ -83,6 +84,7 @@ def test_the_fleet_says_of_each_twin_what_matters_the_urgent_first(house, visit,
     assert page.complaints == []
 
 
+@pytest.mark.long
 def test_at_a_past_instant_everything_shows_that_instant(house, visit):
     page = visit(house, "#lab.frame")
     verdict = part(page, ".verdict")
@@ -122,6 +124,7 @@ def test_at_a_past_instant_everything_shows_that_instant(house, visit):
     assert page.complaints == []
 
 
+@pytest.mark.long
 def test_who_travels_is_not_thrown_back_to_the_last_halt(house, visit):
     page = visit(house, "#lab.frame?at=29")
     instant = part(page, ".instant")
@@ -137,6 +140,7 @@ def test_who_travels_is_not_thrown_back_to_the_last_halt(house, visit):
     assert page.complaints == []
 
 
+@pytest.mark.long
 def test_shapes_move_until_they_are_held(house, visit):
     page = visit(house, "#lab.frame")
     shape = part(page, "table.modes .moving").first
@@ -158,6 +162,7 @@ def test_shapes_move_until_they_are_held(house, visit):
     page.emulate_media(reduced_motion="no-preference")
 
 
+@pytest.mark.long
 def test_what_if_a_load_came_is_answered_with_bands(house, visit):
     page = visit(house, "#lab.frame")
     part(page, ".whatif summary").click()
@@ -172,7 +177,7 @@ def test_what_if_a_load_came_is_answered_with_bands(house, visit):
     expect(answer.locator(".told")).to_contain_text("Peak")
     load = {"kind": "harmonic", "amplitude": 1.0, "frequency_hz": 2.0}
     order = {"load": load, "on": "base", "quantity": "displacement", "duration_s": 4.0}
-    told = house.client.post("/api/v1/twins/lab.frame/simulate", json=order, timeout=60).json()
+    told = house.client.post("/api/v1/twins/lab.frame/simulate", json=order, timeout=300).json()
     nodes = list(told["outputs"])
     assert answer.locator("select option").all_text_contents() == nodes
     drawn = answer.locator(".plot").evaluate("plot => plot.data.map(t => [t.name, [...t.y]])")
@@ -185,6 +190,7 @@ def test_what_if_a_load_came_is_answered_with_bands(house, visit):
     expect(part(page, ".whatif [role=alert]")).to_contain_text("samples")
 
 
+@pytest.mark.long
 def test_a_recording_is_given_got_played_and_deleted(house, visit, ageing, tmp_path):
     page = visit(house, "#recordings")
     expect(page.locator('[data-recording="kept.mcap"]')).to_contain_text(
@@ -248,6 +254,7 @@ def test_the_keyboard_reaches_everything(house, visit):
     assert tab(1)[0].startswith("1 event")
 
 
+@pytest.mark.long
 def test_the_page_follows_one_twin_and_lets_it_go(house, visit, eventually):
     def clients():
         return re.findall(r"live_clients (\d+)", house.get("/metrics").text)
@@ -282,6 +289,7 @@ KEPT = """async () => {
 }"""
 
 
+@pytest.mark.long
 def test_what_the_page_keeps_of_an_endless_stream_is_bounded(house, visit):
     points, events, spark = visit(house).evaluate(KEPT)
     assert points <= 2001
@@ -289,6 +297,7 @@ def test_what_the_page_keeps_of_an_endless_stream_is_bounded(house, visit):
     assert spark <= 402
 
 
+@pytest.mark.long
 def test_a_history_that_did_not_come_is_asked_for_again(house, visit):
     page = visit(house)
     torn = iter([True])

@@ -105,6 +105,7 @@ def bomb():
     return out.getvalue()
 
 
+@pytest.mark.long
 def test_what_is_hostile_or_torn_is_refused_and_leaves_nothing(keeper, ageing, tmp_path):
     server, folder = keeper
     sound = recording(tmp_path / "a.mcap", ageing(40))
@@ -166,6 +167,7 @@ def test_a_recording_is_never_replaced_and_never_too_large(keeper, ageing, tmp_p
     assert not list(folder.glob("*.partial"))
 
 
+@pytest.mark.long
 def test_a_server_that_keeps_none_says_what_to_do(server):
     assert server.get(BASE).json()["kept"] is False
     answer = put(server, "a.mcap", b"x")
@@ -173,6 +175,7 @@ def test_a_server_that_keeps_none_says_what_to_do(server):
     assert "--recordings FOLDER" in answer.json()["detail"]
 
 
+@pytest.mark.long
 def test_who_asks_sees_only_what_is_all_of_their_sites(serving, ageing, tmp_path):
     folder, day = tmp_path / "kept", datetime.timedelta(days=1)
     folder.mkdir()
@@ -195,7 +198,7 @@ def test_who_asks_sees_only_what_is_all_of_their_sites(serving, ageing, tmp_path
     def ask(who, method, path="", **more):
         headers = {"Authorization": f"Bearer {words[who]}"}
         return httpx.request(
-            method, f"{server.url}{BASE}{path}", headers=headers, timeout=60, **more
+            method, f"{server.url}{BASE}{path}", headers=headers, timeout=300, **more
         )
 
     beyond = ask("other", "PUT", "/lab.mcap", content=content)

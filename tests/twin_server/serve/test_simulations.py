@@ -43,6 +43,7 @@ def framed(serving, frame, eventually):
     return started
 
 
+@pytest.mark.long
 def test_the_twin_that_is_run_is_that_of_today(server):
     body = asked(server, SHAKEN)
     assert body["slow_time"] == 299.0
@@ -59,6 +60,7 @@ def test_the_twin_that_is_run_is_that_of_today(server):
     assert body["valid"] is True
 
 
+@pytest.mark.long
 def test_bands_hold_the_truth_and_are_the_wider_the_nearer_to_resonance(server):
     order = SHAKEN | {"quantity": "displacement", "duration_s": 10.0, "rate_hz": 60.0}
     near = asked(server, order)
@@ -93,6 +95,7 @@ def test_a_recorded_load_is_run_sample_by_sample(server):
     assert body["outputs"]["mass"]["value"][0] == 0.0
 
 
+@pytest.mark.long
 def test_a_frame_bends_where_it_is_weak_and_its_elements_err_together(framed):
     order = PUSHED | {"quantity": "displacement", "duration_s": 60.0, "rate_hz": 60.0}
     body = asked(framed, order | {"draws": 60, "outputs": ["floor1", "floor3"]}, FRAME)
@@ -110,6 +113,7 @@ def test_a_frame_bends_where_it_is_weak_and_its_elements_err_together(framed):
     assert body["load_unit"] == "N"
 
 
+@pytest.mark.long
 def test_a_model_with_effects_is_run_with_them(serving, ageing, eventually):
     """Friction that holds the load leaves nothing to be heard; without it there is motion."""
     own = serving()

@@ -53,6 +53,7 @@ def _past(case):
     return case.time[:k], case.value[:k], case.sd[:k], battery.covariates(case, 0, k)
 
 
+@pytest.mark.long
 def test_a_slope_over_temperature_is_told_with_its_unit_and_its_doubt():
     warmth = weather()
     report = diagnose(-0.0011 * warmth + noise(), slow.Covariate("temperature", warmth, "°C"))
@@ -86,6 +87,7 @@ def test_a_sawtooth_that_falls_back_when_it_likes_is_one_effect():
     assert parameter(report, "last_reset_time").measured.value == pytest.approx(128.0, abs=2.0)
 
 
+@pytest.mark.long
 def test_covariates_that_move_together_are_undecided_until_they_part():
     warmth = weather()
     value = -0.0011 * warmth + noise()
@@ -106,6 +108,7 @@ def test_of_covariates_that_move_apart_the_right_one_is_named():
     assert [e.effect for e in report.effects] == ["temperature_linear"]
 
 
+@pytest.mark.long
 def test_a_dependence_that_no_law_draws_is_unknown_and_its_curve_is_shown():
     warmth = weather()
     wave = 0.008 * np.sin(warmth / 2.2)
@@ -135,6 +138,7 @@ def test_a_wrong_reading_on_the_coldest_day_is_no_law_of_cold_days():
     assert report.effects == ()
 
 
+@pytest.mark.long
 def test_another_mode_read_in_the_place_of_this_one_is_a_fault_of_the_sensor():
     value = noise()
     odd = np.random.default_rng(3).choice(len(DAY), 10, replace=False)
@@ -145,6 +149,7 @@ def test_another_mode_read_in_the_place_of_this_one_is_a_fault_of_the_sensor():
     assert set(report.swapped) == set(DAY[odd])
 
 
+@pytest.mark.long
 def test_a_mode_that_leaves_the_others_is_a_fault_of_its_sensor():
     three = np.column_stack([noise(seed) for seed in range(3)])
     three[100:, 1] += 0.01

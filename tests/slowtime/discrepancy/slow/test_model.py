@@ -26,6 +26,7 @@ def told(warmth):
     return (slow.Covariate("temperature", warmth, "°C"),)
 
 
+@pytest.mark.long
 def test_what_is_adopted_foretells_better_and_undone_it_does_not(adopted):
     report, time, value, sd, warmth = adopted
     model = slow.adopt(report)
@@ -39,6 +40,7 @@ def test_what_is_adopted_foretells_better_and_undone_it_does_not(adopted):
         slow.undo(nominal)
 
 
+@pytest.mark.long
 def test_following_without_readings_is_forecasting(adopted):
     report, time, _, sd, warmth = adopted
     model = slow.adopt(report)

@@ -35,6 +35,7 @@ def tried(path, **environment):
     return float(done.stdout)
 
 
+@pytest.mark.long
 def test_code_is_kept_in_a_folder_of_ones_own_choice(tmp_path):
     assert tried(ROOT, NUMBA_CACHE_DIR=str(tmp_path)) == 40.0
     kept = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nbc")}

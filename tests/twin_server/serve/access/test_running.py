@@ -47,7 +47,7 @@ def test_a_stream_ends_with_its_token(guarded_server, tokens, monkeypatch, agein
     word = tokens.add("ann", "viewer", ["lab"], DAY)
     headers = {"Authorization": f"Bearer {word}"}
     with httpx.stream(
-        "GET", f"{guarded_server.url}{TWIN}/live", headers=headers, timeout=60
+        "GET", f"{guarded_server.url}{TWIN}/live", headers=headers, timeout=300
     ) as stream:
         lines = stream.iter_lines()
         assert next(lines).startswith("retry:")
@@ -56,14 +56,14 @@ def test_a_stream_ends_with_its_token(guarded_server, tokens, monkeypatch, agein
         tokens.revoke(word.split("_")[1])
         rest = list(lines)  # comes to an end
     assert not any(line.startswith("event: state") for line in rest[-1:])
-    again = httpx.get(f"{guarded_server.url}{TWIN}", headers=headers, timeout=60)
+    again = httpx.get(f"{guarded_server.url}{TWIN}", headers=headers, timeout=300)
     assert again.status_code == 401
     assert again.json()["detail"].startswith("The token lets nobody in. It is revoked.")
 
 
 def test_a_cookie_is_good_for_a_stream_as_of_a_page(guarded_server, tokens):
     word = tokens.add("ann", "viewer", ["lab"], DAY)
-    with httpx.Client(base_url=guarded_server.url, timeout=60) as page:
+    with httpx.Client(base_url=guarded_server.url, timeout=300) as page:
         begun = page.post("/api/v1/session", headers={"Authorization": f"Bearer {word}"})
         assert begun.status_code == 200
         assert page.get(TWIN).status_code == 200
@@ -149,12 +149,12 @@ def test_beyond_this_machine_it_speaks_tls(tmp_path, tokens, admin):
         assert url.startswith("https://")
         trust = ssl.create_default_context(cafile=str(folder / "ca.pem"))
         headers = {"Authorization": f"Bearer {admin}"}
-        with httpx.Client(base_url=url, headers=headers, verify=trust, timeout=60) as client:
+        with httpx.Client(base_url=url, headers=headers, verify=trust, timeout=300) as client:
             assert client.get("/api/v1/twins").status_code == 200
             begun = client.post("/api/v1/session")
         assert "Secure" in begun.headers["set-cookie"]
         with pytest.raises(httpx.HTTPError):
-            httpx.get(f"{url.replace('https', 'http')}/healthz", timeout=60)
+            httpx.get(f"{url.replace('https', 'http')}/healthz", timeout=300)
     finally:
         stop.set()
         thread.join(60)
@@ -170,7 +170,7 @@ def test_a_server_that_strangers_could_ask_does_not_start(tmp_path, caplog):
 
 def test_a_head_that_never_ends_is_cut_off(guarded_server):
     where = httpx.URL(guarded_server.url)
-    with socket.create_connection((where.host, where.port), timeout=60) as line:
+    with socket.create_connection((where.host, where.port), timeout=300) as line:
         line.sendall(b"GET /healthz HTTP/1.1\r\nHost: 127.0.0.1\r\nX: ")
         with pytest.raises(OSError, match=r"reset|pipe"):
             line.sendall(b"y" * (1 << 25))
@@ -180,6 +180,7 @@ def test_a_head_that_never_ends_is_cut_off(guarded_server):
         assert guarded_server.client.get("/healthz", headers=long).status_code == 200
 
 
+@pytest.mark.long
 @pytest.mark.browser
 def test_the_page_asks_for_a_token_and_shows_its_twins(guarded_server, tokens, visit):
     from playwright.sync_api import expect

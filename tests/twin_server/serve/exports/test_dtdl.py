@@ -145,11 +145,13 @@ def whole(house):
     return house.get("/api/v1/dtdl", site="lab").json()
 
 
+@pytest.mark.long
 def test_the_models_keep_the_rules_of_dtdl(whole):
     assert violations(whole["digitalTwinsModels"]) == []
     assert len(whole["digitalTwinsModels"]) == 7
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("breaks", "says"),
     [
@@ -172,6 +174,7 @@ def test_the_check_finds_what_breaks_a_rule(whole, breaks, says):
     assert any(says in fault for fault in violations(broken))
 
 
+@pytest.mark.long
 def test_every_twin_has_what_its_interface_says_and_nothing_else(whole):
     graph = whole["digitalTwinsGraph"]
     interfaces = whole["digitalTwinsModels"]

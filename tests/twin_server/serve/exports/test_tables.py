@@ -25,6 +25,7 @@ def rows_of_parquet(answer):
     return table.to_pylist()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("twin_id", ["lab.beam", "lab.frame"])
 def test_every_number_of_the_history_is_in_the_parquet_file(house, points, twin_id):
     rows, expected = (
@@ -43,6 +44,7 @@ def test_every_number_of_the_history_is_in_the_parquet_file(house, points, twin_
             assert of_it == told
 
 
+@pytest.mark.long
 def test_csv_and_parquet_say_the_same(house):
     of_csv = rows_of_csv(exported(house, "lab.frame"))
     of_parquet = rows_of_parquet(exported(house, "lab.frame", format="parquet"))
@@ -61,6 +63,7 @@ def test_csv_and_parquet_say_the_same(house):
     assert of_csv[0]["time"] == "2026-01-01T00:00:00.000000000Z"
 
 
+@pytest.mark.long
 def test_a_table_is_cut_where_it_is_asked_for(house):
     cut = rows_of_csv(exported(house, "lab.beam", start="slow:10", end="slow:12"))
     assert [row["sequence"] for row in cut] == ["10", "11", "12"]
@@ -79,6 +82,7 @@ def test_pages_join_without_a_seam(house, points, monkeypatch):
     assert [row["sequence"] for row in of_parquet] == list(range(300))
 
 
+@pytest.mark.long
 def test_without_pyarrow_the_server_says_what_to_install(house, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     answer = exported(house, "lab.beam", format="parquet")

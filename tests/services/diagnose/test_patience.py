@@ -1,0 +1,37 @@
+"""When a diagnosis is told that it is late, and when that it is over."""
+
+import types
+
+import pytest
+
+from slowtime.dynamics.builders import chain
+from slowtime_services.diagnose import run
+
+
+class Heard(Exception):
+    """What the search was told is known; the rest of it is not run."""
+
+
+@pytest.mark.parametrize("patience_s", [10.0, run.PATIENCE_S])
+def test_it_is_late_before_it_is_over_by_the_time_of_its_own_thread(monkeypatch, patience_s):
+    spent, told = [5.0], {}
+
+    def heard(_, **how):
+        told.update(how)
+        raise Heard
+
+    clock = types.SimpleNamespace(monotonic=lambda: 0.0, thread_time=lambda: spent[0])
+    monkeypatch.setattr(run, "time", clock)
+    monkeypatch.setattr(run, "gather", lambda *_: types.SimpleNamespace(campaign=None))
+    monkeypatch.setattr(run, "diagnose", heard)
+    with pytest.raises(Heard):
+        run.diagnose_records(chain([1.0], [1.0]), [], patience_s=patience_s, unchecked=True)
+    for share, late, over in (
+        (0.0, False, False),
+        (0.69, False, False),
+        (0.71, True, False),
+        (0.99, True, False),
+        (1.01, True, True),
+    ):
+        spent[0] = 5.0 + share * patience_s
+        assert (told["late"](), told["over"]()) == (late, over)
