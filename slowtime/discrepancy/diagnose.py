@@ -103,6 +103,8 @@ def diagnose(
 
 def _prune(found: Found, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]) -> None:
     """Forget effects that the later ones have made needless, and doubts about them."""
+    if found.ended:
+        return  # what no law follows is in the model as a word only: nothing needs it
     told = {(a.effect.kind, a.effect.place) for a in found.answers}
     found.fits, found.answers = pruned(found.fits, found.answers, trials, kinds)
     gone = told - {(a.effect.kind, a.effect.place) for a in found.answers}

@@ -10,12 +10,15 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
+import numpy as np
+
 from slowtime.dynamics.effects import Effect, Kind
 
 from .accepting import accept, bends_twice, ended
 from .answer import UNWHITE, Found
 from .between import Hold
 from .candidates import SEVERAL, Candidate, candidates, label_of, mirrored
+from .diagnosis import Named as Answer
 from .downward import Downward
 from .further import left_by, shot_too
 from .gap import whiteness
@@ -30,7 +33,7 @@ from .naming import (
 )
 from .outrun import within
 from .records import Trial
-from .refit import Fit
+from .refit import Fit, refit
 from .shaken import base_answer, follows, placed
 from .together import together
 from .unbent import unbent
@@ -121,6 +124,33 @@ def _go_on(found: Found, how: Search, begun: int) -> None:
     for number in range(begun, how.most):
         if not _next(found, how, number) or _ends(found, how, number):
             return
+
+
+def _by_the_others(found: Found, before: Fit, drift: Answer, how: Search, number: int) -> Fit:
+    """Look for what is missing beside a sensor that wanders, by all that the others say.
+
+    Gives the last fit: the one before, where there are no others, or nothing else is missing.
+    """
+    trials = _unheard(before, found.trials, drift.effect.place.id)
+    if how.tell.hurries or not any(trial.used.any() for trial in trials):
+        return before
+    first = refit(before.plant, trials, values=before.values)
+    rest = Found([first], trials)
+    _go_on(rest, how, number + 1)
+    found.hurried |= rest.hurried
+    if not rest.answers:
+        return before
+    found.trials = rest.trials
+    found.fits += rest.fits[1:]
+    found.answers += rest.answers
+    found.undecided, found.pair, found.retuned = rest.undecided, rest.pair, rest.retuned
+    return rest.fits[-1]
+
+
+def _unheard(fit: Fit, trials: Sequence[Trial], channel: str) -> tuple[Trial, ...]:
+    """Take what one sensor says out of records."""
+    heard = np.array([s.channel != channel for s in fit.plant.description.sensors])
+    return tuple(dataclasses.replace(trial, use=trial.used & heard) for trial in trials)
 
 
 def _ends(found: Found, how: Search, number: int) -> bool:
@@ -285,6 +315,7 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
             # Its course is no law's: a free run is better off without.
             still = dict.fromkeys(drift.effect.parameters, 0.0)
             silent = dataclasses.replace(drift.effect, parameters=still)
+            before = _by_the_others(found, before, drift, how, number)
             return ended(found, before, drift, kinds, silent)
         # What is as slow as that is a sensor's, though the base would do the same.
         if shaken is not None and not (named and follows(named[0].fit, before, trials)):

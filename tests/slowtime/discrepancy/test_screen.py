@@ -100,10 +100,11 @@ def test_the_record_itself_is_left_as_it_was():
     assert trial.used.all()
 
 
+@pytest.mark.parametrize("step", [0.05, 0.005])
 @pytest.mark.parametrize("noise", [0.003, 0.03])
-def test_what_is_left_beside_a_clipped_peak_is_not_what_noise_pulled_down(noise):
+def test_what_is_left_beside_a_clipped_peak_is_not_what_noise_pulled_down(noise, step):
     rng = np.random.default_rng(4)
-    clean = np.sin(0.05 * np.arange(40_000.0))
+    clean = np.sin(step * np.arange(40_000.0))
     level = 0.8
     wrong = np.clip(clean + noise * rng.standard_normal(len(clean)), -level, level)
     trial = Trial(inputs=np.zeros((len(clean), 0)), outputs=wrong[:, None], rate_hz=100.0)

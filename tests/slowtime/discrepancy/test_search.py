@@ -94,6 +94,26 @@ def test_who_is_out_of_time_gets_what_was_found_by_then():
     assert len(found.answers) == 1
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("effects", [(), (CUBIC,)], ids=["nothing", "law"])
+def test_beside_a_sensor_that_wanders_the_others_are_heard(effects):
+    kinds = KINDS | {"sensor_drift": catalogue()["sensor_drift"]}
+    trials = []
+    for number, trial in enumerate(seen(effects)):
+        wrong = trial.outputs.copy()
+        course = np.sin(np.linspace(0.0, 9.0, len(wrong)) + number)
+        wrong[:, 3] += 6.0 * wrong[:, 3].std() * course
+        trials.append(dataclasses.replace(trial, outputs=wrong))
+    first = refit(Plant.of(TWO, kinds=kinds), tuple(trials))
+    found = search(first, tuple(trials), Search(kinds, Watch()))
+    told = [(answer.effect.kind, answer.effect.place.id) for answer in found.answers]
+    assert told == [*((e.kind, e.place.id) for e in effects), ("sensor_drift", "v_m2")]
+    assert found.ended
+    assert [len(fit.plant.effects) for fit in found.fits] == list(range(len(told) + 1))
+    if effects:
+        assert found.answers[0].numbers["k3_n_per_m3"].value == pytest.approx(2e4, rel=0.05)
+
+
 @pytest.fixture
 def refitted(monkeypatch):
     """Labels that each round of a search sets out to refit."""
