@@ -74,6 +74,9 @@ class Found:
         Labels of the first effect: those refitted, and all, the best first.
     ended
         What is left follows no law: nothing more is to be found.
+    unheard
+        Whether the sensor of the last answer is left out of the records: it wanders on no
+        course, and the others told of more.
     refuted
         Element at which no law that was named can be what is there.
     near
@@ -97,6 +100,7 @@ class Found:
     named: tuple[Named, ...] = ()
     tried: tuple[Candidate, ...] = ()
     ended: bool = False
+    unheard: bool = False
     refuted: Place | None = None
     near: bool = False
     link: Link | None = None

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from slowtime.dynamics.effects import Kind, catalogue
 from slowtime.dynamics.plant import Plant
 
+from .adding import carrying, effects_of
 from .answer import BY_ONE, UNWHITE, Found, report
 from .between import found_holds, held_as
 from .bottom import at_bottom
@@ -103,10 +104,14 @@ def diagnose(
 
 def _prune(found: Found, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]) -> None:
     """Forget effects that the later ones have made needless, and doubts about them."""
-    if found.ended:
-        return  # what no law follows is in the model as a word only: nothing needs it
     told = {(a.effect.kind, a.effect.place) for a in found.answers}
-    found.fits, found.answers = pruned(found.fits, found.answers, trials, kinds)
+    if found.unheard:
+        # What a sensor that is not heard does explains nothing, and stays.
+        drift, last = found.answers[-1], effects_of(found.fits[-1].plant.description)[-1]
+        fits, answers = pruned(found.fits[:-1], found.answers[:-1], trials, kinds)
+        found.fits, found.answers = [*fits, carrying(fits[-1], last, kinds)], [*answers, drift]
+    else:
+        found.fits, found.answers = pruned(found.fits, found.answers, trials, kinds)
     gone = told - {(a.effect.kind, a.effect.place) for a in found.answers}
     if any((rival.effect, rival.place) in gone for rival in found.undecided[:1]):
         found.undecided, found.pair = (), None

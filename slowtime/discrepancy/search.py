@@ -17,7 +17,7 @@ from slowtime.dynamics.effects import Effect, Kind
 from .accepting import accept, bends_twice, ended
 from .answer import UNWHITE, Found
 from .between import Hold
-from .candidates import SEVERAL, Candidate, candidates, label_of, mirrored
+from .candidates import SEVERAL, Candidate, Label, candidates, label_of, mirrored
 from .diagnosis import Named as Answer
 from .downward import Downward
 from .further import left_by, shot_too
@@ -126,6 +126,13 @@ def _go_on(found: Found, how: Search, begun: int) -> None:
             return
 
 
+def _near_first(labels: list[Candidate]) -> tuple[list[Candidate], set[Label]]:
+    """Put labels last that are far behind the best along the force; and say which they are."""
+    reach = APART * min((one.cost for one in labels), default=0.0)
+    far = {label_of(one.effect) for one in labels if one.cost >= reach}
+    return sorted(labels, key=lambda one: label_of(one.effect) in far), far
+
+
 def _by_the_others(found: Found, before: Fit, drift: Answer, how: Search, number: int) -> Fit:
     """Look for what is missing beside a sensor that wanders, by all that the others say.
 
@@ -140,7 +147,7 @@ def _by_the_others(found: Found, before: Fit, drift: Answer, how: Search, number
     found.hurried |= rest.hurried
     if not rest.answers:
         return before
-    found.trials = rest.trials
+    found.trials, found.unheard = rest.trials, True
     found.fits += rest.fits[1:]
     found.answers += rest.answers
     found.undecided, found.pair, found.retuned = rest.undecided, rest.pair, rest.retuned
@@ -264,7 +271,6 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
     if located.p_value > FALSE_ALARM and not pulled:
         return False
     tell("trying effects", share + 0.05)
-    hasty = number > 0 and tell.hurries
     tried = candidates(before, located, kinds)
     based = located.base_first()
     shaken = base_answer(based, tried, kinds, first=number == 0)
@@ -277,8 +283,7 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
     several = located.groups[0].left > SEVERAL
     most = HASTY if how.quick or several else KEPT
     labels = chosen(tried, (TWICE if again else LATER) if number else most)
-    if hasty:
-        labels = [one for one in labels if one.cost < APART * labels[0].cost]
+    labels, far = _near_first(labels) if number else (labels, set())
     channels = tuple(s.channel for s in before.plant.description.sensors)
     if len(channels) == 1:
         labels += mirrored(labels, tried, kinds)
@@ -288,9 +293,11 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
 
     def tick(effect: Effect, i: int) -> bool:
         tell(f"refitting {effect.kind} at {effect.place}", share + 0.08 + 0.18 * i / most)
+        if label_of(effect) in far:
+            return tell.hurries
         # One law at least is tried: what it leaves tells whether there is one.
         must = number == 0 and i == 0 and not named
-        cut.append(tell.ends if hasty else tell.hurries and not must)
+        cut.append(tell.ends if number else tell.hurries and not must)
         return cut[-1]
 
     bent = found.fits[-1]
@@ -307,7 +314,7 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
     named = refit_all(before, labels, trials, kinds, tick, more=more)
     if found.both is not None:
         return True
-    if any(cut) and (hasty or not named):
+    if any(cut) and (number or not named):
         return False  # which of them it is was not seen
     if not named or whiteness(named[0].fit) < UNWHITE:
         drift = wandering(located, kinds)
@@ -320,7 +327,7 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
         # What is as slow as that is a sensor's, though the base would do the same.
         if shaken is not None and not (named and follows(named[0].fit, before, trials)):
             return ended(found, before, shaken, kinds)
-    if not (how.quick or hasty):
+    if not (how.quick or (number and tell.hurries)):
         named = shot_too(before, labels, named, trials, kinds, tick)
     if number == 0:
         found.named, found.tried = tuple(named), tuple(tried)

@@ -14,7 +14,7 @@ from slowtime.discrepancy.naming import refit_all
 from slowtime.discrepancy.paired import pairs
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refit import GivenUp, pieces, refit
-from slowtime.discrepancy.search import LATER, Search, search
+from slowtime.discrepancy.search import Search, search
 from slowtime.discrepancy.unbent import WITHIN, unbent
 from slowtime.discrepancy.verdict import answer_of
 from slowtime.discrepancy.watch import Watch
@@ -115,37 +115,50 @@ def test_beside_a_sensor_that_wanders_the_others_are_heard(effects):
 
 
 @pytest.fixture
-def refitted(monkeypatch):
-    """Labels that each round of a search sets out to refit."""
-    rounds: list[int] = []
+def rounds(monkeypatch):
+    """Of each round of refits: the labels set out with, and those of them begun."""
+    told: list[tuple[int, set[str]]] = []
 
-    def counted(before, labels, *more, **how):
-        rounds.append(len(labels))
-        return refit_all(before, labels, *more, **how)
+    def counted(before, labels, trials, kinds, tick, **how):
+        begun: set[str] = set()
+        told.append((len(labels), begun))
+
+        def ticked(effect, number):
+            stop = tick(effect, number)
+            begun.update([] if stop else [str(label_of(effect))])
+            return stop
+
+        return refit_all(before, labels, trials, kinds, ticked, **how)
 
     monkeypatch.setattr(searching, "refit_all", counted)
-    return rounds
+    return told
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("apart", "labels"), [(1.001, 1), (1e9, LATER)])
+@pytest.mark.parametrize("within", [False, True], ids=["before", "within"])
+@pytest.mark.parametrize("apart", [1.001, 1e9])
 def test_once_it_is_late_only_those_that_come_near_the_best_are_tried(
-    monkeypatch, refitted, apart, labels
+    monkeypatch, rounds, apart, within
 ):
+    """Be it late before the round begins, or while its first label is refitted."""
     monkeypatch.setattr(searching, "APART", apart)
-    named(seen((CUBIC, DRAG)), late=lambda: True, over=lambda: len(refitted) > 1)
-    assert refitted[1] == labels
+    named(
+        seen((CUBIC, DRAG)),
+        late=lambda: len(rounds) > 1 and (not within or bool(rounds[1][1])),
+        over=lambda: len(rounds) > 2,
+    )
+    assert (len(rounds[1][1]) == 1) == (apart < 2)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("several", [0.0, 1e9])
 def test_where_several_are_missing_fewer_are_refitted_before_the_next_is_sought(
-    monkeypatch, refitted, several
+    monkeypatch, rounds, several
 ):
     monkeypatch.setattr(searching, "SEVERAL", several)
     monkeypatch.setattr(searching, "HASTY", 1)
-    named(seen((CUBIC, DRAG)), late=lambda: bool(refitted))
-    assert (refitted[0] == 1) == (several == 0.0)
+    named(seen((CUBIC, DRAG)), late=lambda: bool(rounds))
+    assert (rounds[0][0] == 1) == (several == 0.0)
 
 
 @pytest.mark.long
