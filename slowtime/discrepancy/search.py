@@ -25,6 +25,7 @@ from .gap import whiteness
 from .locate import locate
 from .naming import (
     KEPT,
+    WHITE,
     Named,
     chosen,
     evidence,
@@ -126,11 +127,23 @@ def _go_on(found: Found, how: Search, begun: int) -> None:
             return
 
 
-def _near_first(labels: list[Candidate]) -> tuple[list[Candidate], set[Label]]:
-    """Put labels last that are far behind the best along the force; and say which they are."""
+def _near_first(
+    labels: list[Candidate], kinds: Mapping[str, Kind]
+) -> tuple[list[Candidate], set[Label]]:
+    """Put labels of few numbers first, those far behind the best last; say which these are."""
     reach = APART * min((one.cost for one in labels), default=0.0)
     far = {label_of(one.effect) for one in labels if one.cost >= reach}
-    return sorted(labels, key=lambda one: label_of(one.effect) in far), far
+
+    def turn(one: Candidate) -> tuple[bool, int]:
+        return label_of(one.effect) in far, len(kinds[one.effect.kind].names)
+
+    return sorted(labels, key=turn), far
+
+
+def _is_enough(best: Named, untried: Effect, kinds: Mapping[str, Kind]) -> bool:
+    """Whether one explains all, by fewer numbers than the first that was not tried has."""
+    numbers = len(kinds[best.effect.kind].names), len(kinds[untried.kind].names)
+    return whiteness(best.fit) > WHITE and numbers[0] < numbers[1]
 
 
 def _by_the_others(found: Found, before: Fit, drift: Answer, how: Search, number: int) -> Fit:
@@ -283,13 +296,13 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
     several = located.groups[0].left > SEVERAL
     most = HASTY if how.quick or several else KEPT
     labels = chosen(tried, (TWICE if again else LATER) if number else most)
-    labels, far = _near_first(labels) if number else (labels, set())
+    labels, far = _near_first(labels, kinds) if number else (labels, set())
     channels = tuple(s.channel for s in before.plant.description.sensors)
     if len(channels) == 1:
         labels += mirrored(labels, tried, kinds)
     trials = within(found.trials, channels, (one.effect for one in labels), kinds)
     named: list[Named] = []
-    cut: list[bool] = []
+    cut: list[Effect] = []
 
     def tick(effect: Effect, i: int) -> bool:
         tell(f"refitting {effect.kind} at {effect.place}", share + 0.08 + 0.18 * i / most)
@@ -297,8 +310,9 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
             return tell.hurries
         # One law at least is tried: what it leaves tells whether there is one.
         must = number == 0 and i == 0 and not named
-        cut.append(tell.ends if number else tell.hurries and not must)
-        return cut[-1]
+        stop = tell.ends if number else tell.hurries and not must
+        cut.extend([effect] if stop else [])
+        return stop
 
     bent = found.fits[-1]
     first = not (number or how.quick)
@@ -314,7 +328,7 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
     named = refit_all(before, labels, trials, kinds, tick, more=more)
     if found.both is not None:
         return True
-    if any(cut) and (number or not named):
+    if cut and not (named and (number == 0 or _is_enough(named[0], cut[0], kinds))):
         return False  # which of them it is was not seen
     if not named or whiteness(named[0].fit) < UNWHITE:
         drift = wandering(located, kinds)

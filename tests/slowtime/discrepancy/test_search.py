@@ -10,7 +10,7 @@ from slowtime.discrepancy import search as searching
 from slowtime.discrepancy.answer import Found
 from slowtime.discrepancy.candidates import Candidate, candidates, label_of
 from slowtime.discrepancy.locate import locate
-from slowtime.discrepancy.naming import refit_all
+from slowtime.discrepancy.naming import Named, refit_all
 from slowtime.discrepancy.paired import pairs
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refit import GivenUp, pieces, refit
@@ -148,6 +148,28 @@ def test_once_it_is_late_only_those_that_come_near_the_best_are_tried(
         over=lambda: len(rounds) > 2,
     )
     assert (len(rounds[1][1]) == 1) == (apart < 2)
+
+
+@pytest.mark.parametrize(
+    ("untried", "chance", "enough"),
+    [("bouc_wen", 0.2, True), ("bouc_wen", 1e-9, False), ("quadratic_damping", 0.2, False)],
+    ids=["fewer", "fewer that leave more", "as many"],
+)
+def test_what_explains_all_needs_no_rival_of_more_numbers(monkeypatch, untried, chance, enough):
+    monkeypatch.setattr(searching, "whiteness", lambda _: chance)
+    best = Named(CUBIC, TWO, refit(Plant.of(TWO, kinds=KINDS), seen(())), 0.0)
+    rival = dataclasses.replace(CUBIC, kind=untried)
+    assert searching._is_enough(best, rival, catalogue()) == enough
+
+
+def test_those_of_few_numbers_come_first_and_last_what_is_far_behind():
+    found = [
+        Candidate(Effect(kind, SECOND, {}), cost, 0.0, 0.0)
+        for kind, cost in (("bouc_wen", 10.0), ("coulomb", 11.0), ("cubic_hardening", 30.0))
+    ]
+    ordered, far = searching._near_first(found, catalogue())
+    assert [one.effect.kind for one in ordered] == ["coulomb", "bouc_wen", "cubic_hardening"]
+    assert far == {("cubic_hardening", SECOND)}
 
 
 @pytest.mark.long
