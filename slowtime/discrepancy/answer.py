@@ -75,8 +75,8 @@ class Found:
     ended
         What is left follows no law: nothing more is to be found.
     unheard
-        Whether the sensor of the last answer is left out of the records: it wanders on no
-        course, and the others told of more.
+        Whether answers before the last were told by the other sensors alone: that of the last
+        wanders on no course.
     refuted
         Element at which no law that was named can be what is there.
     near

@@ -31,15 +31,19 @@ def judged(trials: tuple[Trial, ...], holdout: tuple[Trial, ...]) -> tuple[Trial
 
 
 def tail_of(trial: Trial) -> Trial:
-    """Last third of a record."""
-    return trial.part(len(trial.outputs) * 2 // 3, len(trial.outputs))
+    """Last third of a record; all of one that is too short for that, as a piece may be."""
+    begun = len(trial.outputs) * 2 // 3
+    if len(trial.outputs) - begun < FEWEST:
+        return trial
+    return trial.part(begun, len(trial.outputs))
 
 
 def on_heads(fit: Fit, trials: Sequence[Trial]) -> Fit:
     """Fit the same model to all but the tails of records; leave it where that cannot be."""
-    heads = [trial.part(0, len(trial.outputs) * 2 // 3) for trial in trials]
-    if any(len(head.outputs) < FEWEST for head in heads):
+    ends = [len(trial.outputs) * 2 // 3 for trial in trials]
+    if min(ends) < FEWEST:
         return fit
+    heads = [trial.part(0, end) for trial, end in zip(trials, ends, strict=True)]
     states = fit.states if len(fit.states) == len(heads) else None
     try:
         found = refit(

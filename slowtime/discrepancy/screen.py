@@ -26,9 +26,10 @@ SHORTEST = 6
 PILE = 4
 """Clipping puts at least so many samples on the extreme, and so many times its neighbour's."""
 
-NEAR, NORMAL = 4.0, 0.6745
+NEAR, MOST, NORMAL = 4.0, 0.1, 0.6745
 """Standard deviations of a channel's noise within which noise decides whether a sample is cut
-off; median of what is normal, by its standard deviation."""
+off, and the most of the channel's range that this may be; median of what is normal, by its
+standard deviation."""
 
 DIGIT = float(np.finfo(np.float32).eps)
 """Relative resolution of a level: recorders keep no more."""
@@ -190,10 +191,13 @@ def _beside(
     been pulled down at every peak.
     """
     bend = np.diff(samples, 3)
-    noise = np.median(np.abs(bend[np.isfinite(bend)])) / (NORMAL * math.sqrt(20.0))
+    bend = np.abs(bend[np.isfinite(bend)])
+    noise = np.median(bend) / (NORMAL * math.sqrt(20.0)) if len(bend) else 0.0
+    # Where a signal turns within a few samples, it bends more than its noise does.
+    reach = min(NEAR * noise, MOST * np.ptp(samples[np.isfinite(samples)]))
     found = np.zeros(len(samples), dtype=bool)
     for level in np.unique(samples[clipped]):
-        near = np.abs(samples - level) <= NEAR * noise
+        near = np.abs(samples - level) <= reach
         at = clipped & (samples == level)
         found |= scipy.ndimage.binary_propagation(at, mask=at | near)
     return np.asarray(scipy.ndimage.binary_dilation(found))

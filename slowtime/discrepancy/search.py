@@ -34,12 +34,12 @@ from .naming import (
 )
 from .outrun import within
 from .records import Trial
-from .refit import Fit, refit
+from .refit import Fit, GivenUp, refit
 from .shaken import base_answer, follows, placed
 from .together import together
 from .unbent import unbent
 from .verdict import EXPLAINED, FALSE_ALARM, LEAST_GAIN, TEMPER, moved_of
-from .wandering import wandering
+from .wandering import loud_again, unheard, wandering
 from .watch import Watch
 
 SILENT = 0.01
@@ -135,15 +135,20 @@ def _near_first(
     far = {label_of(one.effect) for one in labels if one.cost >= reach}
 
     def turn(one: Candidate) -> tuple[bool, int]:
-        return label_of(one.effect) in far, len(kinds[one.effect.kind].names)
+        return label_of(one.effect) in far, _numbers(kinds[one.effect.kind])
 
     return sorted(labels, key=turn), far
 
 
+def _numbers(kind: Kind) -> int:
+    """How many numbers of a kind are fitted."""
+    return sum(parameter.fitted for parameter in kind.parameters)
+
+
 def _is_enough(best: Named, untried: Effect, kinds: Mapping[str, Kind]) -> bool:
     """Whether one explains all, by fewer numbers than the first that was not tried has."""
-    numbers = len(kinds[best.effect.kind].names), len(kinds[untried.kind].names)
-    return whiteness(best.fit) > WHITE and numbers[0] < numbers[1]
+    fewer = _numbers(kinds[best.effect.kind]) < _numbers(kinds[untried.kind])
+    return fewer and whiteness(best.fit) > WHITE
 
 
 def _by_the_others(found: Found, before: Fit, drift: Answer, how: Search, number: int) -> Fit:
@@ -151,26 +156,35 @@ def _by_the_others(found: Found, before: Fit, drift: Answer, how: Search, number
 
     Gives the last fit: the one before, where there are no others, or nothing else is missing.
     """
-    trials = _unheard(before, found.trials, drift.effect.place.id)
-    if how.tell.hurries or not any(trial.used.any() for trial in trials):
+    place = drift.effect.place
+    trials = unheard(before, found.trials, place.id)
+    known = any(answer.effect.place == place for answer in found.answers)
+    if known or number + 1 >= how.most or not any(trial.used.any() for trial in trials):
         return before
-    first = refit(before.plant, trials, values=before.values)
-    rest = Found([first], trials)
+    try:
+        first = refit(
+            before.plant, trials, values=before.values, states=before.states,
+            horizons=(1.0,), late=lambda: how.tell.hurries,
+        )  # fmt: skip
+    except GivenUp:
+        found.hurried = True
+        return before
+    except (np.linalg.LinAlgError, FloatingPointError):
+        return before
+    rest = Found([first], trials, answers=list(found.answers))
     _go_on(rest, how, number + 1)
     found.hurried |= rest.hurried
-    if not rest.answers:
+    fresh = rest.answers[len(found.answers) :]
+    cut = len(rest.trials) != len(trials)
+    if not fresh or rest.ended or rest.holds is not None or cut:
         return before
-    found.trials, found.unheard = rest.trials, True
-    found.fits += rest.fits[1:]
-    found.answers += rest.answers
-    found.undecided, found.pair, found.retuned = rest.undecided, rest.pair, rest.retuned
-    return rest.fits[-1]
-
-
-def _unheard(fit: Fit, trials: Sequence[Trial], channel: str) -> tuple[Trial, ...]:
-    """Take what one sensor says out of records."""
-    heard = np.array([s.channel != channel for s in fit.plant.description.sensors])
-    return tuple(dataclasses.replace(trial, use=trial.used & heard) for trial in trials)
+    found.unheard = True
+    found.located = found.located if found.answers else rest.located
+    found.answers += fresh
+    found.fits += [loud_again(fit, before, place.id) for fit in rest.fits[1:]]
+    if not found.undecided:
+        found.undecided, found.pair, found.retuned = rest.undecided, rest.pair, rest.retuned
+    return found.fits[-1]
 
 
 def _ends(found: Found, how: Search, number: int) -> bool:
@@ -223,6 +237,8 @@ def _refitted(found: Found, before: Fit, labels: list[Candidate], how: Search) -
 
 def _better(found: Found, branch: Found, kinds: Mapping[str, Kind]) -> Found:
     """Give the likelier of two accounts, by the noise of the one that leaves least."""
+    if branch.unheard or found.unheard:
+        return found  # what one of them does not hear, it does not leave either
     if len(found.trials) != len(branch.trials):
         # One of them is judged by pieces of records: nothing less would have explained them.
         return branch if _done(branch) else found
@@ -329,6 +345,7 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
     if found.both is not None:
         return True
     if cut and not (named and (number == 0 or _is_enough(named[0], cut[0], kinds))):
+        found.hurried = True
         return False  # which of them it is was not seen
     if not named or whiteness(named[0].fit) < UNWHITE:
         drift = wandering(located, kinds)
@@ -342,7 +359,9 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
         if shaken is not None and not (named and follows(named[0].fit, before, trials)):
             return ended(found, before, shaken, kinds)
     if not (how.quick or (number and tell.hurries)):
-        named = shot_too(before, labels, named, trials, kinds, tick)
+        named = shot_too(
+            before, sorted(labels, key=lambda one: -one.score), named, trials, kinds, tick
+        )
     if number == 0:
         found.named, found.tried = tuple(named), tuple(tried)
     twice = again and not any(one.effect.place.kind == "sensor" for one in named[:1])

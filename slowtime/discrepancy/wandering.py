@@ -1,6 +1,8 @@
 """A sensor that is off, slowly, on no course that a law would know: drift all the same."""
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import TypeVar
 
 import numpy as np
 
@@ -11,7 +13,11 @@ from slowtime.dynamics.modes import undamped_modes
 from .diagnosis import Named as Answer
 from .diagnosis import Number
 from .locate import Located
+from .records import Trial
+from .refit import Fit
 from .verdict import FALSE_ALARM, sentence_of
+
+T = TypeVar("T")
 
 KIND = "sensor_drift"
 BELOW, SHARE = 0.3, 0.9
@@ -69,3 +75,30 @@ def wandering(located: Located, kinds: Mapping[str, Kind]) -> Answer | None:
 def _accelerometer(located: Located, place: Place) -> bool:
     sensors = located.linear.description.sensors
     return next(s for s in sensors if s.channel == place.id).quantity == "acceleration"
+
+
+def unheard(fit: Fit, trials: Sequence[Trial], channel: str) -> tuple[Trial, ...]:
+    """Take what one sensor says out of records."""
+    heard = np.array([s.channel != channel for s in fit.plant.description.sensors])
+    return tuple(dataclasses.replace(trial, use=trial.used & heard) for trial in trials)
+
+
+def loud_again(fit: Fit, before: Fit, channel: str) -> Fit:
+    """Give a sensor that was not heard the noise that it had before."""
+    own = [s.channel == channel for s in fit.plant.description.sensors]
+    noise = dataclasses.replace(
+        fit.noise,
+        colours=_mixed(fit.noise.colours, before.noise.colours, own),
+        relative_sd=_mixed(fit.noise.relative_sd, before.noise.relative_sd, own),
+    )
+    return dataclasses.replace(fit, noise=noise)
+
+
+def _mixed(
+    rows: tuple[tuple[T, ...], ...], others: tuple[tuple[T, ...], ...], own: Sequence[bool]
+) -> tuple[tuple[T, ...], ...]:
+    """Take some columns of one table, and the rest of another."""
+    return tuple(
+        tuple(b if other else a for a, b, other in zip(*pair, own, strict=True))
+        for pair in zip(rows, others, strict=True)
+    )

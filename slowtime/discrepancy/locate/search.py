@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refit import Fit
@@ -234,14 +234,24 @@ def _share(trials: tuple[TrialLines, ...], found: Explained) -> float:
     """Share of the power beyond noise that the force explains."""
     before = after = 0.0
     for trial, force in zip(trials, found.forces, strict=True):
-        before += float(np.sum(np.abs(force.left) ** 2 / trial.noise - 1))
-        after += float(np.sum(force.noise_power() / trial.noise - 1))
+        heard = _heard(trial)
+        before += float(np.sum((np.abs(force.left) ** 2 / trial.noise - 1)[:, heard]))
+        after += float(np.sum((force.noise_power() / trial.noise - 1)[:, heard]))
     return float(np.clip(1 - after / before, 0, 1)) if before > 0 else 0.0
 
 
+def _heard(trial: TrialLines) -> Bool[np.ndarray, " sensor"]:
+    """Sensors of which any sample is used."""
+    if trial.gaps is None:
+        return np.ones(trial.noise.shape[1], dtype=bool)
+    return np.asarray(~trial.gaps.all(axis=0))
+
+
 def _left(trials: tuple[TrialLines, ...], found: Explained) -> float:
-    """Mean expected power of what is left, over that of the noise."""
+    """Mean expected power of what is left over that of the noise, of sensors that are heard."""
     power = [
-        (f.noise_power() / t.noise).mean() for t, f in zip(trials, found.forces, strict=True)
+        (f.noise_power() / t.noise)[:, _heard(t)].mean()
+        for t, f in zip(trials, found.forces, strict=True)
+        if _heard(t).any()
     ]
-    return float(np.mean(power))
+    return float(np.mean(power)) if power else 1.0

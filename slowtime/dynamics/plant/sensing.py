@@ -21,8 +21,8 @@ Values = Float[np.ndarray, " parameter"]
 Several = Float[np.ndarray, "*any time"]
 Act = Callable[[Several, Series, Values], Several]
 Polynomials = Float[np.ndarray, "time input power"]
-KEPT = 16
-"""Inputs whose polynomials are kept."""
+KEPT, LONG = 16, 100_000
+"""Inputs whose polynomials are kept, and samples of one from which they are not."""
 NUDGE = 1e-6
 """Relative step of central differences of what inputs and sensors do."""
 
@@ -72,16 +72,18 @@ def held(columns: Float[np.ndarray, "time input"], holds: Sequence[str]) -> Poly
     """Find the polynomials between samples of every input, with the powers that are used."""
     powers = max({"zero": 1, "first": 2}.get(hold, 6) for hold in holds)
     found = [
-        _polynomials(column.tobytes(), hold)[:, :powers]
+        _kept(column.tobytes(), hold, powers)
+        if len(column) < LONG
+        else polynomials(np.ascontiguousarray(column), hold)[:, :powers]
         for column, hold in zip(columns.T, holds, strict=True)
     ]
     return np.ascontiguousarray(np.stack(found, axis=1))
 
 
 @functools.lru_cache(maxsize=KEPT)
-def _polynomials(column: bytes, hold: str) -> Float[np.ndarray, "time power"]:
-    """Find polynomials once for all runs of a record."""
-    return polynomials(np.frombuffer(column), hold)
+def _kept(column: bytes, hold: str, powers: int) -> Float[np.ndarray, "time power"]:
+    """Find polynomials once for all runs of a record, with no more powers than are used."""
+    return polynomials(np.frombuffer(column), hold)[:, :powers].copy()
 
 
 def base_of(along: Float[np.ndarray, "time power slope"], interval: float) -> Base:

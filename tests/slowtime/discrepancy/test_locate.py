@@ -175,6 +175,18 @@ def test_gaps_in_a_channel_do_not_hide_the_place(campaign, wrong):
         result.group(Place("element", "none"))
 
 
+def test_a_sensor_that_says_nothing_does_not_lessen_what_the_others_leave(campaign, wrong):
+    rig, trials = campaign(3, wrong(element=1, force=cubic), mode="states", seconds=10.0)
+    heard = np.arange(trials[0].outputs.shape[1]) % 3 == 0
+    deaf = [
+        dataclasses.replace(trial, use=np.tile(heard, (len(trial.outputs), 1)))
+        for trial in trials
+    ]
+    result = locate(refit(Plant.of(rig.description), deaf), deaf)
+    right = next(g for g in result.groups if Place("element", "j1") in (*g.places, *g.twins))
+    assert right.left > 0.7
+
+
 def test_free_decays_have_the_spectrum_of_what_is_run(campaign):
     rig, _ = campaign(0, masses=2, seconds=1.0, levels=(1.0,))
     linear = Linear.of(rig.description)

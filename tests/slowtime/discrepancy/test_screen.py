@@ -121,3 +121,19 @@ def test_what_is_left_beside_a_clipped_peak_is_not_what_noise_pulled_down(noise,
 
     assert abs(bias(screened.trial.used[:, 0])) < 4.0
     assert bias(np.abs(wrong) < level) < -6.0
+
+
+@pytest.mark.parametrize("step", [0.2, 0.8, 1.5, 2.0])
+def test_however_fast_it_moves_no_more_is_masked_than_lies_beside_a_peak(step):
+    rng = np.random.default_rng(9)
+    clean = np.sin(step * np.arange(3000.0)) + 0.002 * rng.standard_normal(3000)
+    result = screened(np.clip(clean, -0.98, 0.98))
+    clipped = np.mean(np.abs(clean) > 0.98)
+    assert [finding.fault for finding in result.findings] == ["clipped"]
+    assert 1 - result.trial.used.mean() < 4 * clipped
+
+
+def test_where_every_other_sample_is_missing_nothing_is_said_of_noise():
+    samples = np.clip(wave(), -0.8, 0.8)
+    samples[::2] = np.nan
+    assert "clipped" in found(samples)

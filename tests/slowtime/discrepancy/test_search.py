@@ -9,6 +9,8 @@ from slowtime.discrepancy import accepting, naming
 from slowtime.discrepancy import search as searching
 from slowtime.discrepancy.answer import Found
 from slowtime.discrepancy.candidates import Candidate, candidates, label_of
+from slowtime.discrepancy.diagnose import _prune
+from slowtime.discrepancy.diagnosis import Named as Answer
 from slowtime.discrepancy.locate import locate
 from slowtime.discrepancy.naming import Named, refit_all
 from slowtime.discrepancy.paired import pairs
@@ -112,6 +114,26 @@ def test_beside_a_sensor_that_wanders_the_others_are_heard(effects):
     assert [len(fit.plant.effects) for fit in found.fits] == list(range(len(told) + 1))
     if effects:
         assert found.answers[0].numbers["k3_n_per_m3"].value == pytest.approx(2e4, rel=0.05)
+
+
+def test_a_wandering_that_stands_behind_a_law_is_not_forgotten():
+    kinds = KINDS | {"sensor_drift": catalogue()["sensor_drift"]}
+    trials = seen((CUBIC,))
+    first = refit(Plant.of(TWO, kinds=kinds), trials)
+    law = refit(
+        Plant.of(dataclasses.replace(TWO, effects=(CUBIC.entry(),)), kinds=kinds), trials
+    )
+    still = Effect("sensor_drift", Place("sensor", "v_m2"), {"drift_total": 0.0})
+    found = Found([first, law], trials, answers=[answer_about(CUBIC, kinds)])
+    accepting.ended(found, law, answer_about(still, kinds), kinds, still)
+    _prune(found, trials, kinds)
+    assert [a.effect.kind for a in found.answers] == ["cubic_hardening", "sensor_drift"]
+    assert [len(fit.plant.effects) for fit in found.fits] == [0, 1, 2]
+
+
+def answer_about(effect, kinds):
+    family = kinds[effect.kind].family
+    return Answer(effect, family, numbers={}, probability=0.95, rivals=(), sentence="so")
 
 
 @pytest.fixture

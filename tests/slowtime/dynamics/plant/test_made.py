@@ -6,6 +6,7 @@ import scipy.linalg
 import scipy.special
 
 from slowtime.dynamics.effects import Effect, Place
+from slowtime.dynamics.plant import sensing
 from slowtime.dynamics.plant.levels import levels_of
 from slowtime.dynamics.plant.made import KEPT, system_of
 
@@ -93,3 +94,15 @@ def test_every_level_is_the_exponential_of_its_own_step(powers, deep):
         slope = [(u - d) / (2 * nudge) for u, d in zip(above, below, strict=True)]
         np.testing.assert_allclose(steps.kept[level, 2, 1], slope[0], atol=1e-8)
         np.testing.assert_allclose(steps.pushed[level, 2, 1], slope[1], atol=1e-8)
+
+
+@pytest.mark.parametrize("hold", ["zero", "first", "band_limited"])
+def test_inputs_too_long_to_be_kept_are_the_same_between_samples(monkeypatch, hold):
+    columns = np.random.default_rng(2).standard_normal((300, 2))
+    sensing._kept.cache_clear()
+    kept = sensing.held(columns, (hold, "zero"))
+    assert sensing._kept.cache_info().currsize == 2
+    monkeypatch.setattr(sensing, "LONG", 300)
+    sensing._kept.cache_clear()
+    np.testing.assert_array_equal(sensing.held(columns, (hold, "zero")), kept)
+    assert sensing._kept.cache_info().currsize == 0
