@@ -171,14 +171,19 @@ def _runs(
 def _clipped(
     samples: Float[np.ndarray, " time"], there: Float[np.ndarray, " finite"]
 ) -> Bool[np.ndarray, " time"]:
-    """Find samples on an extreme value that occurs far more often than the value next to it."""
+    """Find samples on an extreme value that occurs far more often than the value next to it.
+
+    And not in one row: a channel that is held at its highest once is stuck there.
+    """
     found = np.zeros(len(samples), dtype=bool)
     levels, counts = np.unique(there, return_counts=True)
     if len(levels) < 2 * PILE:
         return found
     for extreme, neighbours in ((0, counts[1:PILE]), (-1, counts[-PILE:-1])):
-        if counts[extreme] >= PILE * max(neighbours):
-            found |= samples == levels[extreme]
+        at = samples == levels[extreme]
+        rows = int(at[0]) + np.count_nonzero(at[1:] & ~at[:-1])
+        if counts[extreme] >= PILE * max(neighbours) and rows > 1:
+            found |= at
     return found
 
 

@@ -137,3 +137,11 @@ def test_where_every_other_sample_is_missing_nothing_is_said_of_noise():
     samples = np.clip(wave(), -0.8, 0.8)
     samples[::2] = np.nan
     assert "clipped" in found(samples)
+
+
+@pytest.mark.parametrize("others", [[], [700]])
+def test_who_is_stuck_at_the_highest_value_is_not_cut_off_there(others):
+    samples = wave()
+    for begin in (int(np.argmax(samples)), *others):
+        samples[begin : begin + 60] = samples[begin]
+    assert found(samples) == ["stuck"]
