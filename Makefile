@@ -18,10 +18,10 @@ help:  ## this list
 demo: .venv/run  ## router, edges, twin and page on http://127.0.0.1:$(PORT); DURATION=0 until Ctrl-C
 	@$(BIN)/slowtime demo --port $(PORT) --duration $(DURATION)
 
-test: .venv/dev  ## the default suite, under five minutes
+test: .venv/dev  ## the default suite, five minutes or so on two cores
 	$(BIN)/python -m pytest -q -n 3 --dist loadfile --no-loadscope-reorder -m "not slow and not long"
 
-test-long: .venv/dev  ## what takes longer: whole flows, pages and searches, some 15 minutes
+test-long: .venv/dev  ## what takes longer: whole flows, pages and searches
 	$(BIN)/python -m pytest -q -n 3 --dist loadfile --no-loadscope-reorder -m "long and not slow"
 
 test-slow: .venv/dev  ## what takes hours: statistics over hundreds of runs

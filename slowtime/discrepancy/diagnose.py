@@ -107,7 +107,8 @@ def _prune(found: Found, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]) -
     told = {(a.effect.kind, a.effect.place) for a in found.answers}
     places = [answer.effect.place for answer in found.answers]
     if found.ended and places[-1].kind == "sensor" and places.count(places[-1]) == 1:
-        # A wandering is in the model as a word only, which explains nothing, and stays.
+        # A wandering is in the model as a word only, which explains nothing, and stays; unless
+        # another fault of its sensor was named, which a drift may make needless.
         drift, last = found.answers[-1], effects_of(found.fits[-1].plant.description)[-1]
         fits, answers = pruned(found.fits[:-1], found.answers[:-1], trials, kinds)
         found.fits, found.answers = [*fits, carrying(fits[-1], last, kinds)], [*answers, drift]

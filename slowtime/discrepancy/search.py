@@ -312,10 +312,10 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
     several = located.groups[0].left > SEVERAL
     most = HASTY if how.quick or several else KEPT
     labels = chosen(tried, (TWICE if again else LATER) if number else most)
-    labels, far = _near_first(labels, kinds) if number else (labels, set())
     channels = tuple(s.channel for s in before.plant.description.sensors)
     if len(channels) == 1:
         labels += mirrored(labels, tried, kinds)
+    in_turn, far = _near_first(labels, kinds) if number else (labels, set())
     trials = within(found.trials, channels, (one.effect for one in labels), kinds)
     named: list[Named] = []
     cut: list[Effect] = []
@@ -341,7 +341,7 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
         found.both = together(found, before, trials, kinds, how.stated, tell)
         return down(so_far) if found.both is None and not several else []
 
-    named = refit_all(before, labels, trials, kinds, tick, more=more)
+    named = refit_all(before, in_turn, trials, kinds, tick, more=more)
     if found.both is not None:
         return True
     if cut and not (named and (number == 0 or _is_enough(named[0], cut[0], kinds))):
@@ -359,9 +359,7 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
         if shaken is not None and not (named and follows(named[0].fit, before, trials)):
             return ended(found, before, shaken, kinds)
     if not (how.quick or (number and tell.hurries)):
-        named = shot_too(
-            before, sorted(labels, key=lambda one: -one.score), named, trials, kinds, tick
-        )
+        named = shot_too(before, labels, named, trials, kinds, tick)
     if number == 0:
         found.named, found.tried = tuple(named), tuple(tried)
     twice = again and not any(one.effect.place.kind == "sensor" for one in named[:1])

@@ -12,7 +12,7 @@ from slowtime.discrepancy.candidates import Candidate, candidates, label_of
 from slowtime.discrepancy.diagnose import _prune
 from slowtime.discrepancy.diagnosis import Named as Answer
 from slowtime.discrepancy.locate import locate
-from slowtime.discrepancy.naming import Named, refit_all
+from slowtime.discrepancy.naming import refit_all
 from slowtime.discrepancy.paired import pairs
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refit import GivenUp, pieces, refit
@@ -89,14 +89,6 @@ def test_both_of_two_effects_are_found(effects):
 
 
 @pytest.mark.long
-def test_who_is_out_of_time_gets_what_was_found_by_then():
-    """That is one, be there no time at all: what it leaves tells whether there is any."""
-    found = named(seen((CUBIC, DRAG)), late=lambda: True)
-    assert found.hurried
-    assert len(found.answers) == 1
-
-
-@pytest.mark.long
 @pytest.mark.parametrize("effects", [(), (CUBIC,)], ids=["nothing", "law"])
 def test_beside_a_sensor_that_wanders_the_others_are_heard(effects):
     kinds = KINDS | {"sensor_drift": catalogue()["sensor_drift"]}
@@ -134,102 +126,6 @@ def test_a_wandering_that_stands_behind_a_law_is_not_forgotten():
 def answer_about(effect, kinds):
     family = kinds[effect.kind].family
     return Answer(effect, family, numbers={}, probability=0.95, rivals=(), sentence="so")
-
-
-@pytest.fixture
-def rounds(monkeypatch):
-    """Of each round of refits: the labels set out with, and those of them begun."""
-    told: list[tuple[int, set[str]]] = []
-
-    def counted(before, labels, trials, kinds, tick, **how):
-        begun: set[str] = set()
-        told.append((len(labels), begun))
-
-        def ticked(effect, number):
-            stop = tick(effect, number)
-            begun.update([] if stop else [str(label_of(effect))])
-            return stop
-
-        return refit_all(before, labels, trials, kinds, ticked, **how)
-
-    monkeypatch.setattr(searching, "refit_all", counted)
-    return told
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("within", [False, True], ids=["before", "within"])
-@pytest.mark.parametrize("apart", [1.001, 1e9])
-def test_once_it_is_late_only_those_that_come_near_the_best_are_tried(
-    monkeypatch, rounds, apart, within
-):
-    """Be it late before the round begins, or while its first label is refitted."""
-    monkeypatch.setattr(searching, "APART", apart)
-    named(
-        seen((CUBIC, DRAG)),
-        late=lambda: len(rounds) > 1 and (not within or bool(rounds[1][1])),
-        over=lambda: len(rounds) > 2,
-    )
-    assert (len(rounds[1][1]) == 1) == (apart < 2)
-
-
-@pytest.mark.parametrize(
-    ("untried", "chance", "enough"),
-    [("bouc_wen", 0.2, True), ("bouc_wen", 1e-9, False), ("quadratic_damping", 0.2, False)],
-    ids=["fewer", "fewer that leave more", "as many"],
-)
-def test_what_explains_all_needs_no_rival_of_more_numbers(monkeypatch, untried, chance, enough):
-    monkeypatch.setattr(searching, "whiteness", lambda _: chance)
-    best = Named(CUBIC, TWO, refit(Plant.of(TWO, kinds=KINDS), seen(())), 0.0)
-    rival = dataclasses.replace(CUBIC, kind=untried)
-    assert searching._is_enough(best, rival, catalogue()) == enough
-
-
-def test_those_of_few_numbers_come_first_and_last_what_is_far_behind():
-    found = [
-        Candidate(Effect(kind, SECOND, {}), cost, 0.0, 0.0)
-        for kind, cost in (("bouc_wen", 10.0), ("coulomb", 11.0), ("cubic_hardening", 30.0))
-    ]
-    ordered, far = searching._near_first(found, catalogue())
-    assert [one.effect.kind for one in ordered] == ["coulomb", "bouc_wen", "cubic_hardening"]
-    assert far == {("cubic_hardening", SECOND)}
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("several", [0.0, 1e9])
-def test_where_several_are_missing_fewer_are_refitted_before_the_next_is_sought(
-    monkeypatch, rounds, several
-):
-    monkeypatch.setattr(searching, "SEVERAL", several)
-    monkeypatch.setattr(searching, "HASTY", 1)
-    named(seen((CUBIC, DRAG)), late=lambda: bool(rounds))
-    assert (rounds[0][0] == 1) == (several == 0.0)
-
-
-@pytest.mark.long
-def test_once_it_is_late_the_likeliest_are_still_tried():
-    found = named(seen((CUBIC, DRAG)), late=lambda: True, over=lambda: False)
-    assert found.hurried
-    assert {a.effect.kind for a in found.answers} == {CUBIC.kind, DRAG.kind}
-    assert found.fits[-1].chi2_in_band < 1.2
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("shaken", [False, True])
-def test_what_was_not_tried_with_its_rivals_is_not_named(monkeypatch, shaken):
-    """Time is over while the second effect is sought; be it a motion of the base."""
-    if shaken:
-        monkeypatch.setattr(searching, "base_answer", lambda *_, first: None if first else True)
-        monkeypatch.setattr(searching, "placed", lambda *_: False)
-        monkeypatch.setattr(searching, "ended", lambda *_: pytest.fail("it was named"))
-    stages: list[str] = []
-    found = named(
-        seen((CUBIC, DRAG)),
-        late=lambda: True,
-        over=lambda: stages.count("trying effects") == 2,
-        progress=lambda stage, _: stages.append(stage),
-    )
-    assert len(found.answers) == 1
-    assert found.hurried
 
 
 def test_constants_that_make_up_for_what_is_missing_are_held_to_their_tolerances():

@@ -8,7 +8,7 @@ import pytest
 from slowtime.discrepancy.locate import locate
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refit import refit
-from slowtime.discrepancy.wandering import wandering
+from slowtime.discrepancy.wandering import loud_again, unheard, wandering
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Input, Sensor, Tolerance
 from slowtime.dynamics.effects import Place, catalogue
@@ -67,3 +67,20 @@ def test_what_is_off_slowly_is_a_drift(course):
 
 def test_what_is_off_by_the_same_at_all_times_is_none():
     assert wandering(located(constant), KINDS) is None
+
+
+def test_a_sensor_that_was_not_heard_gets_its_noise_back_and_no_other_does():
+    rng, plant = np.random.default_rng(5), Plant.of(RIG, kinds=KINDS)
+    push = rng.standard_normal((SAMPLES, 1))
+    seen = plant.simulate(plant.values, push, RATE)
+    seen = seen + [0.01, 0.03] * rng.standard_normal(seen.shape)
+    trials = (Trial(inputs=push, outputs=seen, rate_hz=RATE),)
+    before = refit(plant, trials)
+    deaf = unheard(before, trials, "a2")
+    assert deaf[0].used[:, 0].all()
+    assert not deaf[0].used[:, 1].any()
+    fit = refit(plant, deaf)
+    again = loud_again(fit, before, "a2")
+    assert fit.noise.sd(0, RATE)[1] > 100 * before.noise.sd(0, RATE)[1]
+    assert again.noise.colours[0] == (fit.noise.colours[0][0], before.noise.colours[0][1])
+    assert again.noise.relative_sd[0][1] == before.noise.relative_sd[0][1]
