@@ -293,6 +293,9 @@ def test_an_account_with_an_effect_is_weighed_against_one_without(shared):
     found = Found([first], trials)
     assert searching._better(found, branch, KINDS).answers[0].effect.kind == "cubic_hardening"
     assert searching._better(found, Found([first], trials), KINDS) is found
+    # An account that leaves a sensor out leaves less, and is none the likelier.
+    branch.unheard = True
+    assert searching._better(found, branch, KINDS) is found
 
 
 def test_a_refit_is_given_up_once_it_is_late(shared):
