@@ -11,6 +11,7 @@ from slowtime.dynamics.effects import Place
 from slowtime.signals.spectra import transform
 
 from .locate import Located
+from .locate.latent import products
 from .locate.tuned import Known, Tuned
 from .refit import Fit
 
@@ -49,15 +50,10 @@ class Space:
             residual = one.residual + lines.filling(explained + one.decays @ force.state)
             scale = np.sqrt(lines.noise)[:, :, None]
             whole = np.concatenate(
-                [
-                    one.columns(known, motion, base),
-                    one.decays / scale,
-                    residual[:, :, None] / scale,
-                ],
-                axis=2,
+                [one.columns(known, motion, base), one.decays, residual[:, :, None]], axis=2
             )
-            flat = (np.sqrt(2.0) * whole).reshape(-1, whole.shape[2])
-            inner = (flat.conj().T @ flat).real
+            whole /= scale
+            inner = 2 * products(whole.reshape(-1, whole.shape[2]))
             at = np.r_[0:constants, constants + i * states : constants + (i + 1) * states]
             matrix[np.ix_(at, at)] += inner[:-1, :-1]
             right[at] += inner[:-1, -1]

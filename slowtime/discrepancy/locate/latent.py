@@ -59,11 +59,22 @@ class Whitened:
         residual: Lines,
     ) -> "Whitened":
         """Weigh what constants do along a motion, decays and residual."""
-        free = np.concatenate([tuned.decays, residual[:, :, None]], axis=2)
-        free /= np.sqrt(tuned.trial.noise)[:, :, None]
-        both = np.concatenate([tuned.columns(known, motion, base), free], axis=2)
-        flat = both.reshape(-1, both.shape[2])
-        return cls(both, (flat.conj().T @ flat).real)
+        constants = len(known.sd)
+        both = np.empty((*residual.shape, constants + tuned.decays.shape[2] + 1), complex)
+        both[:, :, :constants] = tuned.columns(known, motion, base)
+        both[:, :, constants:-1] = tuned.decays
+        both[:, :, -1] = residual
+        both /= np.sqrt(tuned.trial.noise)[:, :, None]
+        return cls(both, products(both.reshape(-1, both.shape[2])))
+
+
+def products(
+    columns: Complex[np.ndarray, "row column"],
+) -> Float[np.ndarray, "column column"]:
+    """Real part of the products of columns with each other, by half the work of all of it."""
+    parts = np.ascontiguousarray(columns).view(float)
+    both = parts.T @ parts
+    return np.asarray(both[0::2, 0::2] + both[1::2, 1::2])
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -193,7 +204,7 @@ class Solver:
             rise = 1 + variances[i] * signals[i]
             # Woodbury: what lies along the force counts less, by one product a line.
             along = alongs[i] * np.sqrt(variances[i] / rise)[:, None]
-            inner = whites[i].inner - (along.conj().T @ along).real
+            inner = whites[i].inner - products(along)
             where = np.r_[0:constants, constants + i * states : constants + (i + 1) * states]
             matrix[np.ix_(where, where)] += 2 * inner[:-1, :-1]
             right[where] += 2 * inner[:-1, -1]

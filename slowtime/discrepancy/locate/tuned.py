@@ -134,12 +134,12 @@ class Tuned:
         return np.asarray(self.sensed @ source.force + source.base * carried)
 
     def columns(self, known: Known, motion: Moved, base: np.ndarray) -> Columns:
-        """Give what a whole of each constant adds to the sensors along a motion, over noise."""
+        """Give what a whole of each constant adds to the sensors along a motion."""
         inner = in_space(self.linear, motion, base)
         pulled = np.empty((*motion.shape[1:], len(known.sd)), dtype=complex)
         for i, (matrix, order) in enumerate(zip(known.matrices, known.orders, strict=True)):
             pulled[:, :, i] = -inner[order] @ matrix.T
-        return np.asarray(self.sensed @ pulled / np.sqrt(self.trial.noise)[:, :, None])
+        return np.asarray(self.sensed @ pulled)
 
     def moving(
         self,

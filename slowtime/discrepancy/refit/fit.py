@@ -20,13 +20,16 @@ from slowtime.dynamics.plant import Name, Plant
 
 from .lead import Led, leads
 from .prior import Prior, prior_of
-from .solve import Normal, Point, Problem, costed, descend, outputs_at, residual_at
+from .solve import GivenUp, Normal, Point, Problem, costed, descend, outputs_at
 from .weights import weights_of
 
 HORIZONS = (0.15, 0.4, 1.0)
 """Shares of each record that are fitted one after the other: the whole has more minima."""
 
 FEWEST = 64
+FORLORN = 10.0
+"""Times its share of the cost to beat that a model may leave of the first part of the records.
+"""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -133,7 +136,8 @@ def refit(
     horizons
         Growing shares of each record, the last of them 1.
     beat
-        Cost of another model: what will not come near it is given up.
+        Cost of another model: what will not come near it is given up; by `GivenUp`, where the
+        first part of the records tells so.
     within
         Tolerances by which constants of the structure may move at most.
     late
@@ -169,14 +173,18 @@ def refit(
     heard = noise or _heard(plant, records, point, silent)
     for horizon in horizons[:-1]:
         counts = tuple(prev_fast_len(max(int(horizon * n), min(FEWEST, n))) for n in whole)
-        point = descend(problem_of(counts, heard), point, late=late)[0]
+        goal = None if beat is None else beat * sum(counts) / sum(whole)
+        point = descend(problem_of(counts, heard), point, goal, late)[0]
+        if goal is not None and point.cost > FORLORN * goal:
+            raise GivenUp
     if noise is None:
         point = descend(problem_of(whole, heard), point, late=late)[0]
         heard = _heard(plant, records, point, silent)
     problem = problem_of(whole, heard)
     best, normal, spread = descend(problem, point, beat, late, fine=fine)
     # Growing horizons may have led astray; from the start itself there is only down.
-    if costed(problem, _full(start, normal), spread).cost < best.cost:
+    moved = point is not start
+    if moved and costed(problem, _full(start, normal), spread).cost < best.cost:
         best, normal, spread = descend(problem, start, beat, late, fine=fine)
     if leads(plant, heard):
         problem = dataclasses.replace(problem, led=_led(problem, heard))
@@ -224,10 +232,10 @@ def _account(
     noise: Noise,
     silent: float,
 ) -> Fit:
-    residual = tuple(residual_at(problem, i, best) for i in range(len(records)))
-    outputs = tuple(
-        np.where(trial.used, trial.measured - left, outputs_at(problem, i, best))
-        for i, (trial, left) in enumerate(zip(records, residual, strict=True))
+    outputs = tuple(outputs_at(problem, i, best) for i in range(len(records)))
+    residual = tuple(
+        np.where(trial.used, trial.measured - told, 0.0)
+        for trial, told in zip(records, outputs, strict=True)
     )
     lines = [w.by_line(r) for w, r in zip(problem.weights, residual, strict=True)]
     inside = [w.frequency_hz <= silent for w in problem.weights]

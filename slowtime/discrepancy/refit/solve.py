@@ -43,7 +43,7 @@ Moves = Float[np.ndarray, " free"]
 
 
 class GivenUp(Exception):
-    """It was too late to go on."""
+    """It was too late to go on, or there was nothing to hope for."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -81,8 +81,15 @@ class Point:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Normal:
-    """Normal equations at a point: free constants first, then the states of each trial."""
+    """Normal equations at a point: free constants first, then the states of each trial.
 
+    Parameters
+    ----------
+    cost
+        Of the point: chi squared of the residuals and of the priors.
+    """
+
+    cost: float
     matrix: Float[np.ndarray, "unknown unknown"]
     gradient: Float[np.ndarray, " unknown"]
     states: int
@@ -107,15 +114,6 @@ def outputs_at(problem: Problem, number: int, point: Point) -> Float[np.ndarray,
     )
 
 
-def residual_at(
-    problem: Problem, number: int, point: Point
-) -> Float[np.ndarray, "time sensor"]:
-    """Give what one trial leaves, zero where a sample is not used."""
-    trial, outputs = problem.trials[number], outputs_at(problem, number, point)
-    used, measured = trial.used[: len(outputs)], trial.measured[: len(outputs)]
-    return np.asarray(np.where(used, measured - outputs, 0.0))
-
-
 def costed(problem: Problem, point: Point, spread: tuple[State, ...]) -> Point:
     """Give a point its cost: chi squared of the residuals and of the priors."""
     free = point.values[list(problem.prior.index)]
@@ -137,6 +135,7 @@ def normal_at(
 ) -> tuple[Normal, tuple[State, ...]]:
     """Linearise at a point; `spread` of the initial states is made where not given."""
     prior, made = problem.prior, []
+    cost = prior.cost(point.values[list(prior.index)])
     products: list[Float[np.ndarray, "column column"]] = []
     free = len(prior.names)
     for number, (trial, weights) in enumerate(
@@ -153,6 +152,9 @@ def normal_at(
         products.append(weights.products(trial.measured[: len(outputs)] - outputs, slopes))
         sizes = np.diag(products[-1])[free:-1]
         made.append(spread[number] if spread else _spread(sizes, weights, trial))
+        cost += float(products[-1][-1, -1])
+        if point.states[number].size:
+            cost += float(np.sum((point.states[number] / made[-1]) ** 2))
     states = len(products[0]) - 1 - free
     size = free + states * len(products)
     matrix, gradient = np.zeros((size, size)), np.zeros(size)
@@ -170,7 +172,7 @@ def normal_at(
     gradient[known] += (prior.mean - point.values[list(prior.index)]) / prior.sd**2
     if not (np.isfinite(matrix).all() and np.isfinite(gradient).all()):
         raise FloatingPointError("The free run, or a slope of it, grew beyond bounds.")
-    return Normal(matrix=matrix, gradient=gradient, states=states), tuple(made)
+    return Normal(cost=cost, matrix=matrix, gradient=gradient, states=states), tuple(made)
 
 
 def descend(
@@ -196,7 +198,7 @@ def descend(
     """
     normal, spread = normal_at(problem, start)
     full = tuple(state if state.size else np.zeros(normal.states) for state in start.states)
-    point = costed(problem, dataclasses.replace(start, states=full), spread)
+    point = dataclasses.replace(start, states=full, cost=normal.cost)
     if fine:
         point, normal = _leapt(problem, point, normal, spread)
     damping, raised, slow = LITTLE_DAMPING, RAISED, 0

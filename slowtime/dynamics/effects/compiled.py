@@ -12,6 +12,7 @@ from typing import Any, ParamSpec, TypeVar, cast
 import numba
 from llvmlite import ir
 from numba import types
+from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
@@ -24,6 +25,8 @@ number out."""
 
 _REAL = types.float64
 _OPTIONS = {"error_model": "numpy", "_nrt": False}
+ROUND = 8
+"""Numbers that `sum_rows` takes at a time."""
 _POINTER = types.CPointer(types.float64)
 _SIGNATURE = _REAL(_REAL, _REAL, _REAL, _POINTER, _POINTER)
 
@@ -115,6 +118,55 @@ def view_of(kind: Any, axes: int) -> Any:
         return array(table, row), generate
 
     return intrinsic(view)
+
+
+def _sum_rows(
+    typing_context: Any,
+    found: Any,
+    start: Any,
+    shares: Any,
+    count: Any,
+    rows: Any,
+    width: Any,
+) -> Any:
+    whole, real = types.int64, ir.DoubleType()
+    several = ir.VectorType(real, ROUND)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        found, start, shares, count, rows, width = arguments
+
+        def place(address: Any, kind: Any) -> Any:
+            return builder.inttoptr(address, ir.PointerType(kind))
+
+        total = cgutils.alloca_once(builder, several)
+        builder.store(builder.load(place(start, several), align=8), total)
+        step = builder.mul(width, _constant(8))
+        with cgutils.for_range(builder, count) as loop:
+            at = builder.add(shares, builder.mul(loop.index, _constant(8)))
+            share = builder.load(place(at, real), align=8)
+            first = builder.insert_element(ir.Constant(several, ir.Undefined), share, _lane(0))
+            every = ir.Constant(ir.VectorType(ir.IntType(32), ROUND), [0] * ROUND)
+            alike = builder.shuffle_vector(first, ir.Constant(several, ir.Undefined), every)
+            at = builder.add(rows, builder.mul(loop.index, step))
+            more = builder.fmul(alike, builder.load(place(at, several), align=8))
+            builder.store(builder.fadd(builder.load(total), more), total)
+        builder.store(builder.load(total), place(found, several), align=8)
+        return context.get_dummy_value()
+
+    return types.none(whole, whole, whole, whole, whole, whole), generate
+
+
+sum_rows: Any = intrinsic(inspect.unwrap(_sum_rows))
+"""In compiled code, sum a round of columns: (found, start, shares, count, rows, width).
+
+All but `count` of rows and their `width` are addresses: of `ROUND` numbers each, the rows'
+first ones `width` numbers apart, and of one share for each row. Written out, because loops so
+short are not worth it to the compiler; with no number of columns known, it makes none of them.
+"""
+
+
+def _lane(number: int) -> Any:
+    return ir.Constant(ir.IntType(32), number)
 
 
 def _constant(number: int) -> Any:

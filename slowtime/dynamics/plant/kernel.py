@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from slowtime.dynamics.effects.compiled import call_law, compiled, view_of
+from slowtime.dynamics.effects.compiled import ROUND, call_law, compiled, sum_rows, view_of
 
 Reals = np.ndarray[Any, np.dtype[np.float64]]
 Whole = np.ndarray[Any, np.dtype[np.int64]]
@@ -55,9 +55,12 @@ class System(NamedTuple):
     `matrix` gives the rate of the state by (state; input; force). `big` does so for a step,
     for each level, a sample interval halved so many times: rows (state at the end; what is
     seen at the three points), columns (state; input by power of time; force by point and
-    channel). `column` says which slope belongs to a law's parameter, or -1; `jumps` the
-    instants at which laws jump, and `jump_columns` the slope of each, or -1. Inputs beyond
-    those of the matrices drive slopes only: `driven` says which, and through which input.
+    channel). What is `by_column` has the columns of another in its rows, which zeros make
+    longer. Slopes of `matrix` and `big` to linear parameters have a row for each column of
+    these, and in it (row; parameter), whole rounds of parameters. `column` says which slope
+    belongs to a law's parameter, or -1; `jumps` the instants at which laws jump, and
+    `jump_columns` the slope of each, or -1. Inputs beyond those of the matrices drive slopes
+    only: `driven` says which, and through which input.
     """
 
     table: Whole
@@ -72,13 +75,18 @@ class System(NamedTuple):
     slope_matrix: Reals
     big: Reals
     slope_big: Reals
+    by_column: Reals
+    matrix_by_column: Reals
+    seeing_by_column: Reals
 
 
 class Now(NamedTuple):
     """What a run changes, and room for it: state, slopes, modes, the largest values so far.
 
     A mode is 1 or -1 for friction that slides, by direction, and 0 where it sticks. `v` is
-    (state; input; force), `g` the same over a step, as `big` has it.
+    (state; input; force), `g` the same over a step, as `big` has it. Slopes are as many as
+    `padded` makes them, those beyond what is asked zero; `by_linear` is what linear parameters
+    do by themselves, `nought` a round of zeros.
     """
 
     x: Reals
@@ -96,12 +104,12 @@ class Now(NamedTuple):
     by_seen: Reals
     by_parameter: Reals
     g: Reals
-    slope_g: Reals
     room: Reals
     slope_room: Reals
     y: Reals
     points: Reals
     newton: Reals
+    inverse: Reals
     right: Reals
     slope_right: Reals
     part: Reals
@@ -114,6 +122,13 @@ class Now(NamedTuple):
     s_1: Reals
     before: Reals
     moved: Reals
+    by_linear: Reals
+    nought: Reals
+
+
+def padded(count: int) -> int:
+    """Make a number of slopes one of whole rounds."""
+    return -(-count // ROUND) * ROUND
 
 
 def places(system: System, now: Now) -> Whole:
@@ -144,19 +159,19 @@ def places(system: System, now: Now) -> Whole:
     SLOPE_MATRIX,
     BIG,
     SLOPE_BIG,
-) = range(12)
-(X, S, MODES, LARGEST_Y, LARGEST_W, V, SLOPE_V, RATE, SLOPE_RATE, W, SLOPE_W) = range(12, 23)
-(LIMIT, BY_SEEN, BY_PARAMETER, G, SLOPE_G, ROOM, SLOPE_ROOM, Y, POINTS, NEWTON, RIGHT) = range(
-    23, 34
-)
-(SLOPE_RIGHT, PART, STUCK, STUCK_RIGHT, STUCK_SLOPE, X_0, S_0, X_1, S_1, BEFORE, MOVED) = range(
-    34, 45
-)
+    BY_COLUMN,
+    MATRIX_BY_COLUMN,
+    SEEING_BY_COLUMN,
+) = range(15)
+(X, S, MODES, LARGEST_Y, LARGEST_W, V, SLOPE_V, RATE, SLOPE_RATE, W, SLOPE_W) = range(15, 26)
+(LIMIT, BY_SEEN, BY_PARAMETER, G, ROOM, SLOPE_ROOM, Y, POINTS, NEWTON, INVERSE) = range(26, 36)
+(RIGHT, SLOPE_RIGHT, PART, STUCK, STUCK_RIGHT, STUCK_SLOPE, X_0, S_0, X_1, S_1) = range(36, 46)
+BEFORE, MOVED, BY_LINEAR, NOUGHT = range(46, 50)
 """Rows of that table."""
 
 
 line, grid = view_of(numba.float64, 1), view_of(numba.float64, 2)
-cube, block = view_of(numba.float64, 3), view_of(numba.float64, 4)
+cube = view_of(numba.float64, 3)
 whole_line, whole_grid = view_of(numba.int64, 1), view_of(numba.int64, 2)
 """From that table and a row, the array: of real numbers by axes, and of whole ones."""
 
@@ -165,6 +180,42 @@ whole_line, whole_grid = view_of(numba.int64, 1), view_of(numba.int64, 2)
 def plain(number: int) -> int:
     """Hide a number from the compiler, which would compile what is called anew for it."""
     return number * 1
+
+
+@compiled
+def address(matrix: Reals, row: int, column: int) -> int:
+    """Where a number of a matrix stands in memory."""
+    return int(matrix.ctypes.data + 8 * (row * matrix.shape[1] + column))
+
+
+@compiled
+def by_linear(store: Whole, shares: Reals, slopes: Reals) -> None:
+    """Find what linear parameters do by themselves: slopes of a matrix, times its columns."""
+    found, nought = line(store, BY_LINEAR), line(store, NOUGHT)
+    width = slopes.shape[1]
+    for i in range(0, width, ROUND):
+        sum_rows(
+            found.ctypes.data + 8 * i,
+            nought.ctypes.data,
+            shares.ctypes.data,
+            len(slopes),
+            address(slopes, plain(0), i),
+            width,
+        )
+
+
+@compiled
+def carry(store: Whole, matrix: Reals, linear: int, slope: Reals, found: Reals) -> None:
+    """Find the slopes of what a matrix makes of the state, and add those of `by_linear`."""
+    own, nought = line(store, BY_LINEAR), line(store, NOUGHT)
+    states, width = slope.shape
+    for r in range(len(found)):
+        for j in range(0, width, ROUND):
+            start = nought.ctypes.data
+            if j < linear:
+                start = own.ctypes.data + 8 * (r * linear + j)
+            shares, rows = address(matrix, r, plain(0)), address(slope, plain(0), j)
+            sum_rows(address(found, r, j), start, shares, states, rows, width)
 
 
 @compiled
@@ -259,18 +310,20 @@ def spread_slopes(
     """Chain rule from what is seen (rows from `at` on) to forces; of what sticks, nothing."""
     table, column = whole_grid(store, TABLE), whole_line(store, COLUMN)
     modes, by_seen = line(store, MODES), cube(store, BY_SEEN)
-    by_parameter = grid(store, BY_PARAMETER)
+    by_parameter, nought = grid(store, BY_PARAMETER), line(store, NOUGHT)
     for i in range(len(table)):
         channel = table[i, CHANNEL]
         for c in range(channel, channel + 1 + table[i, STATES]):
-            for j in range(slope_y.shape[1]):
-                slope_y[first + c, j] = 0.0
+            count = 2 + table[i, STATES]
             if table[i, FRICTION] == 1 and modes[i] == 0.0:
+                count = 0
+            shares = by_seen.ctypes.data + 8 * (point * by_seen.shape[1] + c) * by_seen.shape[2]
+            for j in range(0, slope_y.shape[1], ROUND):
+                rows = address(slope_w, at + table[i, SEEN], j)
+                found = address(slope_y, first + c, j)
+                sum_rows(found, nought.ctypes.data, shares, count, rows, slope_y.shape[1])
+            if count == 0:
                 continue
-            for k in range(2 + table[i, STATES]):
-                share = by_seen[point, c, k]
-                for j in range(slope_y.shape[1]):
-                    slope_y[first + c, j] += share * slope_w[at + table[i, SEEN] + k, j]
             for k in range(table[i, COUNT]):
                 j = column[table[i, FIRST] + k]
                 if j >= 0:
@@ -318,21 +371,21 @@ def stick(store: Whole, rates: Reals, v: Reals, right: Reals) -> None:
 @compiled
 def see(store: Whole, x: Reals) -> None:
     """Tell what laws see of a state."""
-    seeing, w = grid(store, SEEING), line(store, W)
-    for o in range(len(w)):
-        w[o] = 0.0
-        for k in range(len(x)):
-            w[o] += seeing[o, k] * x[k]
+    seeing, w, nought = grid(store, SEEING_BY_COLUMN), line(store, W), line(store, NOUGHT)
+    width = seeing.shape[1]
+    for o in range(0, len(w), ROUND):
+        found, rows = w.ctypes.data + 8 * o, address(seeing, plain(0), o)
+        sum_rows(found, nought.ctypes.data, x.ctypes.data, len(x), rows, width)
 
 
 @compiled
 def flow(store: Whole, x: Reals, t: float, coefficients: Reals, s: float) -> None:
     """Find forces at one instant, those of sticking too, and the rate of the state."""
     table, laws = whole_grid(store, TABLE), whole_line(store, LAWS)
-    matrix, modes = grid(store, MATRIX), line(store, MODES)
-    v, rate = grid(store, V), grid(store, RATE)
+    matrix, modes = grid(store, MATRIX_BY_COLUMN), line(store, MODES)
+    v, rate, nought = grid(store, V), grid(store, RATE), line(store, NOUGHT)
     w, stuck_right = line(store, W), grid(store, STUCK_RIGHT)
-    states, all_of = len(x), matrix.shape[1]
+    states, all_of = len(x), len(matrix)
     first = all_of - len(laws)
     see(store, x)
     forces(store, modes, w, t, v, first)
@@ -346,11 +399,10 @@ def flow(store: Whole, x: Reals, t: float, coefficients: Reals, s: float) -> Non
         v[states + i, 0] = value
     for k in range(states):
         v[k, 0] = x[k]
-    for k in range(states):
-        total = 0.0
-        for r in range(all_of):
-            total += matrix[k, r] * v[r, 0]
-        rate[k, 0] = total
+    width = matrix.shape[1]
+    for k in range(0, states, ROUND):
+        found, rows = rate.ctypes.data + 8 * k, address(matrix, plain(0), k)
+        sum_rows(found, nought.ctypes.data, v.ctypes.data, all_of, rows, width)
     stick(store, rate, v, stuck_right)
 
 
@@ -359,16 +411,19 @@ def slopes_of_flow(store: Whole, slope: Reals, t: float, coefficients: Reals, s:
     """Find slopes of what `flow` has just told."""
     laws, driven = whole_line(store, LAWS), whole_grid(store, DRIVEN)
     seeing, matrix = grid(store, SEEING), grid(store, MATRIX)
-    slope_matrix, v = cube(store, SLOPE_MATRIX), grid(store, V)
+    slope_matrix = grid(store, SLOPE_MATRIX)
     slope_v, slope_rate = grid(store, SLOPE_V), grid(store, SLOPE_RATE)
     w, slope_w = line(store, W), grid(store, SLOPE_W)
     stuck_slope = grid(store, STUCK_SLOPE)
     states, slopes = slope.shape
-    linear, all_of = slope_matrix.shape[2], matrix.shape[1]
-    first = all_of - len(laws)
-    for k in range(first):
-        for j in range(slopes):
-            slope_v[k, j] = slope[k, j] if k < states else 0.0
+    channels, all_of = len(laws), matrix.shape[1]
+    first = all_of - channels
+    by_linear(store, line(store, V), slope_matrix)
+    carry(store, matrix, slope_matrix.shape[1] // states, slope, slope_rate)
+    if len(driven) > 0:
+        for k in range(states, first):
+            for j in range(slopes):
+                slope_v[k, j] = 0.0
     for i in range(len(driven)):
         value = 0.0
         for j in range(coefficients.shape[1] - 1, -1, -1):
@@ -384,16 +439,14 @@ def slopes_of_flow(store: Whole, slope: Reals, t: float, coefficients: Reals, s:
                 for j in range(slopes):
                     slope_w[o, j] += share * slope[k, j]
     spread_slopes(store, plain(0), slope_w, plain(0), slope_v, first)
+    # Most inputs do not hang on any parameter.
+    moving = plain(states) if len(driven) > 0 else first
     for k in range(states):
-        for j in range(slopes):
-            slope_rate[k, j] = 0.0
-        for r in range(all_of):
-            share, value = matrix[k, r], v[r, 0]
+        for r in range(moving, all_of):
+            share = matrix[k, r]
             if share != 0.0:
                 for j in range(slopes):
                     slope_rate[k, j] += share * slope_v[r, j]
-            for j in range(linear):
-                slope_rate[k, j] += slope_matrix[k, r, j] * value
     stick(store, slope_rate, slope_v, stuck_slope)
 
 
@@ -569,11 +622,12 @@ def switch(
 
 @compiled
 def newton_matrix(store: Whole, level: int) -> None:
-    """Differentiate (force - law) at the three points by the forces there."""
+    """Differentiate (force - law) at the three points by the forces there; the inverse too."""
     table, laws = whole_grid(store, TABLE), whole_line(store, LAWS)
     big, x = cube(store, BIG)[level], line(store, X)
     modes, w = line(store, MODES), line(store, W)
     by_seen, newton = cube(store, BY_SEEN), grid(store, NEWTON)
+    inverse = grid(store, INVERSE)
     channels = len(laws)
     first = big.shape[1] - 3 * channels
     for point in range(3):
@@ -590,6 +644,10 @@ def newton_matrix(store: Whole, level: int) -> None:
                     for q in range(2 + table[i, STATES]):
                         total -= by_seen[point, c, q] * big[seen + q, first + k]
                     newton[r, k] = total
+    for r in range(3 * channels):
+        for k in range(3 * channels):
+            inverse[r, k] = 1.0 if k == r else 0.0
+    solve(newton, inverse, 3 * channels)
 
 
 @compiled
@@ -606,19 +664,20 @@ def collocate(store: Whole, level: int, t: float, h: float, tolerance: float) ->
     v, w = grid(store, V), line(store, W)
     g, room = line(store, G), line(store, ROOM)
     y, points = line(store, Y), grid(store, POINTS)
-    newton, right = grid(store, NEWTON), grid(store, RIGHT)
+    inverse, right = grid(store, INVERSE), grid(store, RIGHT)
+    by_column, nought = cube(store, BY_COLUMN)[level], line(store, NOUGHT)
     part = grid(store, PART)
     states, seen_count, channels = len(x), len(w), len(laws)
-    first = big.shape[1] - 3 * channels
+    first, width = big.shape[1] - 3 * channels, by_column.shape[1]
     for k in range(states):
         g[k] = x[k]
-    for k in range(first - states):
-        g[states + k] = part[k // part.shape[1], k % part.shape[1]]
-    for r in range(len(room)):
-        total = 0.0
-        for k in range(first):
-            total += big[r, k] * g[k]
-        room[r] = total
+    powers = part.shape[1]
+    for i in range((first - states) // powers if powers > 0 else 0):
+        for k in range(powers):
+            g[states + i * powers + k] = part[i, k]
+    for r in range(0, len(room), ROUND):
+        found, rows = room.ctypes.data + 8 * r, address(by_column, plain(0), r)
+        sum_rows(found, nought.ctypes.data, g.ctypes.data, first, rows, width)
     if channels == 0:
         return 0.0
     flow(store, x, t, part, 0.0)
@@ -627,13 +686,11 @@ def collocate(store: Whole, level: int, t: float, h: float, tolerance: float) ->
         y[r] = v[left + r % channels, 0]
     most = np.inf
     for trial in range(12):
+        for o in range(0, 3 * seen_count, ROUND):
+            found, start = points.ctypes.data + 8 * o, room.ctypes.data + 8 * (states + o)
+            rows = address(by_column, first, states + o)
+            sum_rows(found, start, y.ctypes.data, 3 * channels, rows, width)
         for point in range(3):
-            at = states + point * seen_count
-            for o in range(seen_count):
-                total = room[at + o]
-                for q in range(3 * channels):
-                    total += big[at + o, first + q] * y[q]
-                points[point, o] = total
             if trial == 0 or trial == 4:
                 slopes_of_laws(store, points[point], t + RADAU[point] * h, point)
             forces(
@@ -650,12 +707,15 @@ def collocate(store: Whole, level: int, t: float, h: float, tolerance: float) ->
             for i in range(len(table)):
                 if table[i, FRICTION] == 1 and modes[i] == 0.0:
                     r, speed = point * channels + table[i, CHANNEL], table[i, SEEN] + 1
-                    right[r, 0] = points[point, speed] / big[at + speed, first + r]
-        newton_matrix(store, level)
-        solve(newton, right, 3 * channels)
+                    row = states + point * seen_count + speed
+                    right[r, 0] = points[point, speed] / big[row, first + r]
+        if trial == 0 or trial == 4:
+            newton_matrix(store, level)
         most = 0.0
         for r in range(3 * channels):
-            change = right[r, 0]
+            change = 0.0
+            for k in range(3 * channels):
+                change += inverse[r, k] * right[k, 0]
             y[r] -= change
             largest = max(largest_y[r % channels], abs(y[r]))
             if change != 0.0:
@@ -685,55 +745,50 @@ def collocate(store: Whole, level: int, t: float, h: float, tolerance: float) ->
 
 
 @compiled
+def drive(store: Whole, level: int) -> None:
+    """Add what inputs that hang on parameters do to the slopes of a step."""
+    driven, big = whole_grid(store, DRIVEN), cube(store, BIG)[level]
+    part, slope_room = grid(store, PART), grid(store, SLOPE_ROOM)
+    states, powers = len(line(store, X)), part.shape[1]
+    inputs = len(part) - len(driven)
+    for i in range(len(driven)):
+        at = states + driven[i, 1] * powers
+        for r in range(len(slope_room)):
+            for k in range(powers):
+                slope_room[r, driven[i, 0]] += big[r, at + k] * part[inputs + i, k]
+
+
+@compiled
 def advance(store: Whole, level: int, t: float, h: float) -> None:
     """Take the step that `collocate` found: state, and slopes."""
     table, laws = whole_grid(store, TABLE), whole_line(store, LAWS)
     driven, big = whole_grid(store, DRIVEN), cube(store, BIG)[level]
-    slope_big, x = block(store, SLOPE_BIG)[level], line(store, X)
+    slope_big, x = cube(store, SLOPE_BIG)[level], line(store, X)
     slope, modes = grid(store, S), line(store, MODES)
     largest_y, largest_w = line(store, LARGEST_Y), line(store, LARGEST_W)
-    w, g = line(store, W), line(store, G)
-    slope_g, room = grid(store, SLOPE_G), line(store, ROOM)
+    w, g, room = line(store, W), line(store, G), line(store, ROOM)
     slope_room, y = grid(store, SLOPE_ROOM), line(store, Y)
-    points, newton = grid(store, POINTS), grid(store, NEWTON)
-    slope_right, part = grid(store, SLOPE_RIGHT), grid(store, PART)
+    points, inverse = grid(store, POINTS), grid(store, INVERSE)
+    by_column, slope_right = cube(store, BY_COLUMN)[level], grid(store, SLOPE_RIGHT)
     states, seen_count, channels = len(x), len(w), len(laws)
-    slopes, linear, first = slope.shape[1], slope_big.shape[2], big.shape[1] - 3 * channels
+    slopes, first = slope.shape[1], big.shape[1] - 3 * channels
     for r in range(3 * channels):
         g[first + r] = y[r]
         c = r % channels
         largest_y[c] = max(largest_y[c], abs(y[r]))
     for o in range(seen_count):
         largest_w[o] = max(largest_w[o], abs(points[2, o]))
-    for k in range(states):
-        total = room[k]
-        for q in range(first, first + 3 * channels):
-            total += big[k, q] * g[q]
-        x[k] = total
+    for k in range(0, states, ROUND):
+        rows = address(by_column, first, k)
+        found, start = x.ctypes.data + 8 * k, room.ctypes.data + 8 * k
+        sum_rows(found, start, y.ctypes.data, 3 * channels, rows, by_column.shape[1])
     if slopes == 0:
         return
-    for k in range(first):
-        for j in range(slopes):
-            slope_g[k, j] = slope[k, j] if k < states else 0.0
-    powers = part.shape[1]
-    inputs = (first - states) // powers
-    for i in range(len(driven)):
-        for k in range(powers):
-            at = states + driven[i, 1] * powers + k
-            slope_g[at, driven[i, 0]] += part[inputs + i, k]
+    by_linear(store, g, slope_big)
+    carry(store, big, slope_big.shape[1] // len(room), slope, slope_room)
     # Most inputs do not hang on any parameter.
-    moving = first if len(driven) > 0 else states
-    for r in range(len(room)):
-        for j in range(slopes):
-            slope_room[r, j] = 0.0
-        for k in range(first + 3 * channels):
-            value = g[k]
-            for j in range(linear):
-                slope_room[r, j] += slope_big[r, k, j] * value
-            if k < moving:
-                share = big[r, k]
-                for j in range(slopes):
-                    slope_room[r, j] += share * slope_g[k, j]
+    if len(driven) > 0:
+        drive(store, level)
     for point in range(3):
         at = states + point * seen_count
         slopes_of_laws(store, points[point], t + RADAU[point] * h, point)
@@ -746,14 +801,16 @@ def advance(store: Whole, level: int, t: float, h: float) -> None:
                     slope_right[r, j] = -share
     if channels > 0:
         newton_matrix(store, level)
-        solve(newton, slope_right, 3 * channels)
+    # The forces have done their work: their place takes what the inverse makes of a row.
     for k in range(states):
-        for j in range(slopes):
-            slope[k, j] = slope_room[k, j]
         for q in range(3 * channels):
-            share = big[k, first + q]
-            for j in range(slopes):
-                slope[k, j] += share * slope_right[q, j]
+            total = 0.0
+            for r in range(3 * channels):
+                total += big[k, first + r] * inverse[r, q]
+            y[q] = total
+        for j in range(0, slopes, ROUND):
+            rows, start = address(slope_right, plain(0), j), address(slope_room, k, j)
+            sum_rows(address(slope, k, j), start, y.ctypes.data, 3 * channels, rows, slopes)
 
 
 @compiled
@@ -763,6 +820,8 @@ def shift(coefficients: Reals, s: float, width: float, part: Reals) -> None:
     for i in range(inputs):
         for j in range(powers):
             part[i, j] = coefficients[i, j]
+        if width == 1.0:
+            continue
         # Horner's scheme, once for each power.
         for j in range(powers):
             for k in range(powers - 2, j - 1, -1):
@@ -801,7 +860,7 @@ def march(
     x, slope = line(store, X), grid(store, S)
     v, rate, slope_rate = grid(store, V), grid(store, RATE), grid(store, SLOPE_RATE)
     part = grid(store, PART)
-    samples, channels, slopes = len(coefficients), len(laws), slope.shape[1]
+    samples, channels, slopes = len(coefficients), len(laws), len(target)
     quick = plain(0)
     for k in range(len(ears)):
         if ears[k, 0] >= 0:

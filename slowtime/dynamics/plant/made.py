@@ -16,7 +16,7 @@ from slowtime.dynamics.effects import Kind, Law
 from .kernel import System
 from .matrices import Matrices, Triple
 from .names import Name
-from .system import Layout, big_matrices, state_matrices
+from .system import Layout, big_matrices, slopes_by_column, state_matrices, turned
 
 KEPT = 4
 """Systems that are kept: with and without slopes, at two sampling rates."""
@@ -106,9 +106,12 @@ def system_of(asked: Asked) -> System:
         driven=np.array(through, dtype=np.int64).reshape(-1, 2),
         seeing=layout.seeing,
         matrix=np.ascontiguousarray(whole[0]),
-        slope_matrix=np.ascontiguousarray(np.moveaxis(whole[1:], 0, 2)),
+        slope_matrix=slopes_by_column(whole[1:]),
         big=big,
         slope_big=slope_big,
+        by_column=turned(big),
+        matrix_by_column=turned(whole[0]),
+        seeing_by_column=turned(layout.seeing),
     )
 
 

@@ -9,8 +9,9 @@ from jaxtyping import Float, Int
 
 from slowtime.dynamics.description import Beam, Description
 from slowtime.dynamics.effects import Effect, Kind, Motion, Place
+from slowtime.dynamics.effects.compiled import ROUND
 
-from .kernel import Now, System, march, places
+from .kernel import Now, System, march, padded, places
 from .made import Asked, is_linear, system_of
 from .matrices import Matrices
 from .names import Name
@@ -189,35 +190,36 @@ def _now(
     size, channels, seen = len(state0), len(system.laws), len(system.seeing)
     rows, columns = system.big.shape[1], system.big.shape[2]
     powers = (columns - size - 3 * channels) // max(system.matrix.shape[1] - size - channels, 1)
-    slope = np.zeros((size, slopes))
+    slope = np.zeros((size, padded(slopes)))
     if slopes:
-        slope[:, before:] = np.eye(size)
+        slope[:, before:slopes] = np.eye(size)
+    slopes = padded(slopes)
     speeds = system.seeing @ state0
     modes = [np.sign(speeds[row[2] + 1]) if row[0] else 0.0 for row in system.table]
     widest = int(max([2, *(max(2 + row[3], row[5]) for row in system.table)]))
     frictions = int(system.table[:, 0].sum())
     return Now(
-        x=np.array(state0, dtype=float),
+        x=_roomy(np.asarray(state0, dtype=float)),
         s=slope,
         modes=np.array(modes, dtype=float),
         largest_y=np.zeros(channels),
         largest_w=np.zeros(seen),
         v=np.zeros((system.matrix.shape[1], 1)),
         slope_v=np.zeros((system.matrix.shape[1], slopes)),
-        rate=np.zeros((size, 1)),
+        rate=_roomy(np.zeros(size))[:, None],
         slope_rate=np.zeros((size, slopes)),
-        w=np.zeros(seen),
+        w=_roomy(np.zeros(seen)),
         slope_w=np.zeros((seen, slopes)),
         limit=np.zeros((channels, 1)),
         by_seen=np.zeros((3, channels, widest)),
         by_parameter=np.zeros((channels, widest)),
         g=np.zeros(columns),
-        slope_g=np.zeros((columns, slopes)),
-        room=np.zeros(rows),
+        room=_roomy(np.zeros(rows)),
         slope_room=np.zeros((rows, slopes)),
         y=np.zeros(3 * channels),
-        points=np.zeros((3, seen)),
+        points=_roomy(np.zeros(3 * seen)).reshape(3, seen),
         newton=np.zeros((3 * channels, 3 * channels)),
+        inverse=np.zeros((3 * channels, 3 * channels)),
         right=np.zeros((3 * channels, 1)),
         slope_right=np.zeros((3 * channels, slopes)),
         part=np.zeros((inputs, powers)),
@@ -230,7 +232,16 @@ def _now(
         s_1=np.zeros((size, slopes)),
         before=np.zeros(size),
         moved=np.zeros(slopes),
+        by_linear=np.zeros(max(system.slope_big.shape[2], system.slope_matrix.shape[1])),
+        nought=np.zeros(ROUND),
     )
+
+
+def _roomy(values: Float[np.ndarray, " number"]) -> Float[np.ndarray, " number"]:
+    """Copy numbers to where whole rounds of them may be written."""
+    found = np.zeros(padded(len(values)) + ROUND)[: len(values)]
+    found[:] = values
+    return found
 
 
 def _heard_by(ears: Sequence[Ear], dofs: int) -> Int[np.ndarray, "sensor 2"]:

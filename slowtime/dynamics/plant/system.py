@@ -13,10 +13,10 @@ from jaxtyping import Float, Int
 
 from slowtime.dynamics.description import Description, places
 from slowtime.dynamics.effects import Effect, Friction, Kind, Law
-from slowtime.dynamics.effects.compiled import law_address
+from slowtime.dynamics.effects.compiled import ROUND, law_address
 from slowtime.dynamics.parts import ROTATION
 
-from .kernel import RADAU
+from .kernel import RADAU, padded
 from .levels import levels_of, product
 from .matrices import Triple, along
 from .names import Name
@@ -157,7 +157,7 @@ def state_matrices(
 
 def big_matrices(
     layout: Layout, a: Stack, b_u: Stack, b_y: Stack, interval: float, powers: int
-) -> tuple[Float[np.ndarray, "level row column"], Float[np.ndarray, "level row column linear"]]:
+) -> tuple[Float[np.ndarray, "level row column"], Float[np.ndarray, "level column spread"]]:
     """Lay out steps of every level as the compiled code wants them: see `kernel.System`."""
     deep = len(layout.laws) > 0
     inputs, channels = b_u.shape[2], b_y.shape[2]
@@ -185,8 +185,27 @@ def big_matrices(
     )
     ahead = np.moveaxis(seen @ own, 1, 2).reshape(count, len(a), -1, own.shape[4])
     big = np.concatenate([own[:, 2], ahead], axis=2)
-    slopes = np.ascontiguousarray(np.moveaxis(big[:, 1:], 1, 3))
-    return np.ascontiguousarray(big[:, 0]), slopes
+    return np.ascontiguousarray(big[:, 0]), slopes_by_column(big[:, 1:])
+
+
+def turned(
+    matrices: Float[np.ndarray, "*level row column"],
+) -> Float[np.ndarray, "*level column longer"]:
+    """Turn matrices, their rows made whole rounds; a round may begin at any of them."""
+    *levels, rows, columns = matrices.shape
+    found = np.zeros((*levels, columns, padded(rows) + ROUND))
+    found[..., :rows] = np.swapaxes(matrices, -1, -2)
+    return found
+
+
+def slopes_by_column(
+    slopes: Float[np.ndarray, "*level linear row column"],
+) -> Float[np.ndarray, "*level column spread"]:
+    """Lay out the slopes of matrices as the compiled code wants them: see `kernel.System`."""
+    *levels, linear, rows, columns = slopes.shape
+    found = np.zeros((*levels, columns, rows, padded(linear)))
+    found[..., :linear] = np.moveaxis(slopes, (-3, -1), (-1, -3))
+    return found.reshape(*levels, columns, -1)
 
 
 def _internal(kind: Kind) -> int:

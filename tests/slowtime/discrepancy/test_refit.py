@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from slowtime.discrepancy.floor.colour import white_noise
 from slowtime.discrepancy.refit import prior_of, refit, solve
 from slowtime.discrepancy.refit.solve import Normal, _step
+from slowtime.discrepancy.refit.weights import weights_of
 from slowtime.discrepancy.values import with_values
 from slowtime.dynamics.description import Tolerance
 from slowtime.dynamics.plant import Plant
@@ -76,6 +77,32 @@ def test_a_refit_never_ends_above_its_start(campaign, wrong):
         fit = refit(plant_of(rig), trials, noise=noise, horizons=horizons)
         assert fit.cost <= start.cost
         assert fit.cost < 0.9 * start.cost
+
+
+def test_what_is_far_from_the_best_on_a_first_part_is_given_up_there(campaign):
+    rig, trials = campaign(8, masses=1, seconds=8.0, levels=(1.0,))
+    plant = plant_of(rig)
+    right = refit(plant, trials)
+    wrong = with_values(rig.description, {("stiffness", "j0"): 2 * rig.stiffnesses[0]})
+    wrong = dataclasses.replace(wrong, tolerance=Tolerance(stiffness=1e-6, damping=0.1))
+    rest: dict[str, Any] = {"noise": right.noise, "horizons": (0.4, 1.0)}
+    assert refit(Plant.of(wrong), trials, **rest).cost > 100 * right.cost
+    with pytest.raises(solve.GivenUp):
+        refit(Plant.of(wrong), trials, **rest, beat=right.cost)
+    assert refit(plant, trials, **rest, beat=right.cost).cost <= 1.01 * right.cost
+
+
+def test_a_point_costs_the_same_with_slopes_and_without(clean):
+    for _, trials, fit in clean:
+        weights = tuple(weights_of(t, fit.noise, i) for i, t in enumerate(trials))
+        problem = solve.Problem(
+            plant=fit.plant, prior=fit.prior, trials=tuple(trials), weights=weights,
+            samples=tuple(len(t.outputs) for t in trials),
+        )  # fmt: skip
+        point = solve.Point(values=1.01 * fit.values, states=fit.states)
+        normal, spread = solve.normal_at(problem, point)
+        alone = solve.costed(problem, point, spread).cost
+        assert normal.cost == pytest.approx(alone, rel=1e-9)
 
 
 @pytest.mark.long
@@ -189,7 +216,7 @@ def test_a_step_is_the_best_that_its_room_allows(seed, free, wide):
     rng = np.random.default_rng(seed)
     slopes = rng.standard_normal((2 * free + 4, free + 2)) * rng.uniform(0.01, 100, free + 2)
     left = rng.standard_normal(len(slopes))
-    normal = Normal(matrix=slopes.T @ slopes, gradient=slopes.T @ left, states=2)
+    normal = Normal(cost=0.0, matrix=slopes.T @ slopes, gradient=slopes.T @ left, states=2)
     room = wide * rng.uniform(0, 1, (2, free)) / np.linalg.norm(slopes[:, :free], axis=0)
     step, gain = _step(normal, 0.0, -room[0], room[1])
     assert (-room[0] * (1 + 1e-9) <= step[:free]).all()
