@@ -159,9 +159,9 @@ def _sum_rows(
 sum_rows: Any = intrinsic(inspect.unwrap(_sum_rows))
 """In compiled code, sum a round of columns: (found, start, shares, count, rows, width).
 
-All but `count` of rows and their `width` are addresses: of `ROUND` numbers each, the rows'
-first ones `width` numbers apart, and of one share for each row. Written out, because loops so
-short are not worth it to the compiler; with no number of columns known, it makes none of them.
+Found are `ROUND` numbers: those at `start`, and `count` rows, each times its share. All but
+`count` and `width`, by how many numbers rows are apart, are addresses. Written out by vectors,
+since the compiler makes none of a loop that may be as short as this.
 """
 
 

@@ -621,8 +621,8 @@ def switch(
 
 
 @compiled
-def newton_matrix(store: Whole, level: int) -> None:
-    """Differentiate (force - law) at the three points by the forces there; the inverse too."""
+def newton_inverse(store: Whole, level: int) -> None:
+    """Differentiate (force - law) at the three points by the forces there, and invert that."""
     table, laws = whole_grid(store, TABLE), whole_line(store, LAWS)
     big, x = cube(store, BIG)[level], line(store, X)
     modes, w = line(store, MODES), line(store, W)
@@ -710,7 +710,7 @@ def collocate(store: Whole, level: int, t: float, h: float, tolerance: float) ->
                     row = states + point * seen_count + speed
                     right[r, 0] = points[point, speed] / big[row, first + r]
         if trial == 0 or trial == 4:
-            newton_matrix(store, level)
+            newton_inverse(store, level)
         most = 0.0
         for r in range(3 * channels):
             change = 0.0
@@ -800,7 +800,7 @@ def advance(store: Whole, level: int, t: float, h: float) -> None:
                     share = slope_room[speed, j] / big[speed, first + r]
                     slope_right[r, j] = -share
     if channels > 0:
-        newton_matrix(store, level)
+        newton_inverse(store, level)
     # The forces have done their work: their place takes what the inverse makes of a row.
     for k in range(states):
         for q in range(3 * channels):

@@ -5,6 +5,7 @@ import dataclasses
 import pytest
 
 from slowtime.discrepancy import search as searching
+from slowtime.discrepancy.answer import Found
 from slowtime.discrepancy.candidates import Candidate, label_of
 from slowtime.discrepancy.naming import Named, refit_all
 from slowtime.discrepancy.refit import refit
@@ -138,4 +139,12 @@ def test_what_was_not_tried_with_its_rivals_is_not_named(monkeypatch, shaken):
         progress=lambda stage, _: stages.append(stage),
     )
     assert len(found.answers) == 1
+    assert found.hurried
+
+
+def test_who_has_no_time_left_says_that_more_was_not_tried():
+    trials = seen((CUBIC,))
+    first = refit(Plant.of(TWO, kinds=KINDS), trials)
+    found, late = Found([first], trials), Watch(late=lambda: True, over=lambda: True)
+    assert not searching._after(found, first, Search(KINDS, late), 1, pulled=True)
     assert found.hurried

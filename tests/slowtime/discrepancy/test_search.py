@@ -123,6 +123,79 @@ def test_a_wandering_that_stands_behind_a_law_is_not_forgotten():
     assert [len(fit.plant.effects) for fit in found.fits] == [0, 1, 2]
 
 
+@pytest.fixture
+def beside(monkeypatch):
+    """Look beside a sensor that wanders; what is found there is made up by a function."""
+    kinds = KINDS | {"sensor_drift": catalogue()["sensor_drift"]}
+    trials = seen((CUBIC,))
+    first = refit(Plant.of(TWO, kinds=kinds), trials)
+    law = refit(
+        Plant.of(dataclasses.replace(TWO, effects=(CUBIC.entry(),)), kinds=kinds), trials
+    )
+    still = Effect("sensor_drift", Place("sensor", "v_m2"), {"drift_total": 0.0})
+
+    def looked(change, *, found=None, number=0):
+        def going_on(rest, how, begun):
+            rest.answers.append(answer_about(CUBIC, kinds))
+            rest.fits.append(law)
+            change(rest)
+
+        found = found or Found([first], trials)
+        monkeypatch.setattr(searching, "_go_on", going_on)
+        how = Search(kinds, Watch())
+        last = searching._by_the_others(found, first, answer_about(still, kinds), how, number)
+        return found, last is not first
+
+    return looked
+
+
+def test_what_the_others_tell_is_taken_with_all_that_goes_with_it(beside):
+    found, told = beside(lambda _: None)
+    assert told
+    assert found.unheard
+    assert [a.effect.kind for a in found.answers] == ["cubic_hardening"]
+    assert len(found.fits) == 2
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda rest: rest.answers.clear(),
+        lambda rest: setattr(rest, "ended", True),
+        lambda rest: setattr(rest, "holds", ("first",)),
+        lambda rest: setattr(rest, "trials", rest.trials[:1]),
+    ],
+    ids=["nothing", "no law", "a hold", "records cut"],
+)
+def test_what_does_not_go_with_a_wandering_sensor_is_not_taken(beside, change):
+    found, told = beside(change)
+    assert not told
+    assert not found.unheard
+    assert not found.answers
+    assert len(found.fits) == 1
+
+
+def test_nobody_looks_beside_a_sensor_twice_nor_for_more_than_is_looked_for(beside):
+    assert not beside(lambda _: pytest.fail("it was looked for"), number=searching.MOST - 1)[1]
+    found, _ = beside(lambda rest: rest.answers.clear())
+    found.answers = [answer_about(Effect("sensor_gain", Place("sensor", "v_m2"), {}), KINDS)]
+    assert not beside(lambda _: pytest.fail("it was looked for"), found=found)[1]
+
+
+@pytest.mark.parametrize("error", [GivenUp, FloatingPointError])
+def test_where_the_others_cannot_be_fitted_the_wandering_stands_alone(
+    monkeypatch, beside, error
+):
+    def failing(*_, **how):
+        assert not how["late"]()
+        raise error
+
+    monkeypatch.setattr(searching, "refit", failing)
+    found, told = beside(lambda _: pytest.fail("it went on"))
+    assert not told
+    assert found.hurried == (error is GivenUp)
+
+
 def answer_about(effect, kinds):
     family = kinds[effect.kind].family
     return Answer(effect, family, numbers={}, probability=0.95, rivals=(), sentence="so")

@@ -6,9 +6,12 @@ import scipy.linalg
 import scipy.special
 
 from slowtime.dynamics.effects import Effect, Place
+from slowtime.dynamics.effects.compiled import ROUND
 from slowtime.dynamics.plant import sensing
 from slowtime.dynamics.plant.levels import levels_of
 from slowtime.dynamics.plant.made import KEPT, system_of
+from slowtime.dynamics.plant.running import _roomy
+from slowtime.dynamics.plant.system import turned
 
 RATE = 200.0
 
@@ -106,3 +109,15 @@ def test_inputs_too_long_to_be_kept_are_the_same_between_samples(monkeypatch, ho
     sensing._kept.cache_clear()
     np.testing.assert_array_equal(sensing.held(columns, (hold, "zero")), kept)
     assert sensing._kept.cache_info().currsize == 0
+
+
+@pytest.mark.parametrize("rows", range(1, 2 * ROUND + 2))
+def test_a_round_that_begins_at_any_row_stays_within_its_place(rows):
+    matrix = np.arange(3.0 * rows).reshape(rows, 3) + 1.0
+    found, room = turned(matrix), _roomy(np.arange(rows) + 1.0)
+    assert np.array_equal(found[:, :rows], matrix.T)
+    assert not found[:, rows:].any()
+    assert found.shape[1] >= rows - 1 + ROUND
+    assert room.base is not None
+    assert room.base.size >= rows - 1 + ROUND
+    assert room.tolist() == (np.arange(rows) + 1.0).tolist()
