@@ -85,9 +85,12 @@ def accept(
         return False
     # That constants were claimed too well is an answer too, and has its share.
     besides = [_retuned(bar)] if pulled else []
-    shares = shares_of(named, besides)
+    shares = shares_of(named, kinds, besides, bar)
     if sum(shares) < 1 - DECIDED:
         return False
+    order = sorted(range(len(named)), key=lambda i: -shares[i])
+    named, shares = [named[i] for i in order], [shares[i] for i in order]
+    best = named[0]
     if twice and whiteness(best.fit) < UNWHITE:
         return False
     found.fits.append(best.fit)

@@ -15,6 +15,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Effect, Kind, Place
 
 from .floor import floats
@@ -85,7 +86,8 @@ def candidates(fit: Fit, located: Located, kinds: Mapping[str, Kind]) -> list[Ca
     found: list[Candidate] = []
     spaces: dict[Place, Space] = {}
     least = math.inf
-    fits = [kind for kind in kinds.values() if can_be(kind, located)]
+    described = located.linear.description
+    fits = [kind for kind in kinds.values() if can_be(kind, described)]
     leaving = min(group.left for group in located.groups)
     most = max(group.score for group in located.groups)
     for group in located.groups:
@@ -175,12 +177,11 @@ def elsewhere(located: Located, group: Group) -> float:
     return total
 
 
-def can_be(kind: Kind, located: Located) -> bool:
+def can_be(kind: Kind, description: Description) -> bool:
     """Whether a kind can be at all: what is per radian acts on angles."""
     if kind.name == OFFSET:
         return False  # one with a bias of sensors, where a structure stands; else fitted anyway
-    description = located.linear.description
     if kind.name == GAIN and len(description.inputs) == 1 and floats(description):
         return False  # one with all masses and dampers being so much smaller
     angular = any("/rad" in parameter.unit for parameter in kind.parameters)
-    return not angular or located.linear.description.unit_of_coordinate == "rad"
+    return not angular or description.unit_of_coordinate == "rad"

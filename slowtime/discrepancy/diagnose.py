@@ -26,7 +26,7 @@ from .search import Search, search
 from .unbent import unbent
 from .undriven import diagnose_undriven
 from .unlinked import best_link, instead_of
-from .verdict import EXPLAINED, LEAST_GAIN
+from .verdict import EXPLAINED, LEAST_GAIN, doubts_about
 from .watch import Progress, Stop, Watch
 
 EITHER = 0.5
@@ -116,7 +116,8 @@ def _prune(found: Found, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]) -
         found.fits, found.answers = pruned(found.fits, found.answers, trials, kinds)
     gone = told - {(a.effect.kind, a.effect.place) for a in found.answers}
     if any((rival.effect, rival.place) in gone for rival in found.undecided[:1]):
-        found.undecided, found.pair = (), None
+        left = (doubts_about(answer) for answer in found.answers)
+        found.undecided, found.pair = next((doubt for doubt in left if doubt), ()), None
 
 
 def _link(found: Found, first: int, kinds: Mapping[str, Kind], tell: Watch) -> None:

@@ -6,6 +6,7 @@ constants that a fit bends to make up for a law tell of it too: what they add at
 that fit. Each law so has its strength, and a free run says which comes nearest.
 """
 
+import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -23,7 +24,7 @@ from slowtime.dynamics.effects import (
 )
 
 from .adding import free_run
-from .candidates import Candidate, Start
+from .candidates import Candidate, Start, can_be, label_of
 from .records import Trial
 from .refit import Fit
 from .shapes import joined, possible, sized
@@ -34,6 +35,8 @@ ALIKE = 0.9
 what bent them."""
 SHAPES, ELEMENTS = 12, 2
 """Shapes of each law of which a free run is made; elements, those first that bent most."""
+INSTEAD = 4
+"""Laws that are given where constants leave nothing, those that come nearest."""
 
 
 def equivalents(
@@ -57,6 +60,8 @@ def equivalents(
         motions = [run[place] for run in runs]
         start = _start(bent, place)
         for kind in kinds.values():
+            if not can_be(kind, bent.plant.description):
+                continue
             nearest = min(
                 (
                     (free_run(bent, effect, start, trials, kinds), i, effect)
@@ -70,6 +75,24 @@ def equivalents(
             score = -nearest[0] / 2 - numbers / 2 * math.log(data)
             found.append(Candidate(nearest[2], nearest[0], score, math.inf, start))
     return sorted(found, key=lambda one: -one.score)
+
+
+def instead_of_constants(
+    bent: Fit, labels: Sequence[Candidate], trials: Sequence[Trial], kinds: Mapping[str, Kind]
+) -> list[Candidate]:
+    """Give laws, not among the labels, that may be what bent constants stand for.
+
+    For a fit whose constants leave nothing: along what it leaves, no law shows. They count for
+    as good as the best label, until they are refitted.
+    """
+    done = {label_of(one.effect) for one in labels}
+    others = [
+        one for one in equivalents(bent, trials, kinds) if label_of(one.effect) not in done
+    ]
+    return [
+        dataclasses.replace(one, cost=labels[0].cost, bare=labels[0].bare)
+        for one in others[:INSTEAD]
+    ]
 
 
 def _bends(name: tuple[object, ...], pull: float) -> bool:

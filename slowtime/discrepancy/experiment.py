@@ -73,12 +73,20 @@ def propose(
     rivals
         Refitted to the same trials, the likeliest first.
     """
+    # Better to part the likeliest than none, where one rival goes with another everywhere.
+    several = range(min(len(rivals), RIVALS), 1, -1)
+    found = (_easiest(rivals[:number], trials, kinds) for number in several)
+    return next((one for one in found if one is not None), None)
+
+
+def _easiest(
+    rivals: Sequence[Named], trials: Sequence[Trial], kinds: Mapping[str, Kind]
+) -> Experiment | None:
+    """Choose the easiest that parts all of them."""
     best: Experiment | None = None
-    if len(rivals) < 2:
-        return best
     for effort in menu(rivals[0].description, trials):
         for option in effort:
-            gain = parting(rivals[:RIVALS], option, trials, kinds)
+            gain = parting(rivals, option, trials, kinds)
             told = dataclasses.replace(option, separation=gain)
             if best is None or gain > best.separation:
                 best = told

@@ -331,7 +331,7 @@ def _idle(named: Named, kinds: Mapping[str, Kind]) -> bool:
         return False
     at = named.fit.prior.names.index(name)
     least = CLEAR if len(kind.parameters) == 1 else SEEN
-    away = abs(named.fit.free[at] - _nothing(kind))
+    away = abs(named.fit.free[at] - nothing_of(kind))
     return bool(away < least * named.fit.widened_sd[at])
 
 
@@ -339,7 +339,7 @@ def _only(kind: Kind) -> str | None:
     return kind.names[0] if len(kind.names) == 1 else None
 
 
-def _nothing(kind: Kind) -> float:
+def nothing_of(kind: Kind) -> float:
     """Value at which a kind of one number does nothing: 1 for factors, 0 for all else."""
     return 1.0 if kind.is_factor else 0.0
 

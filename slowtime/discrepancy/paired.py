@@ -230,7 +230,11 @@ def _columns(
 
     And as it was found: a jump lies between the instants that are tried.
     """
-    laws = [kind for kind in kinds.values() if _scales(kind) and can_be(kind, located)]
+    laws = [
+        kind
+        for kind in kinds.values()
+        if _scales(kind) and can_be(kind, located.linear.description)
+    ]
     for place, (space, sign) in spaces.items():
         for kind in laws:
             if kind.where != place.kind:

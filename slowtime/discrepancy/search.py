@@ -20,6 +20,7 @@ from .between import Hold
 from .candidates import SEVERAL, Candidate, Label, candidates, label_of, mirrored
 from .diagnosis import Named as Answer
 from .downward import Downward
+from .equivalent import instead_of_constants
 from .further import left_by, shot_too
 from .gap import whiteness
 from .locate import locate
@@ -315,6 +316,8 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
     channels = tuple(s.channel for s in before.plant.description.sensors)
     if len(channels) == 1:
         labels += mirrored(labels, tried, kinds)
+    if number == 0 and located.p_value > FALSE_ALARM:
+        labels += instead_of_constants(before, labels, found.trials, kinds)
     in_turn, far = _near_first(labels, kinds) if number else (labels, set())
     trials = within(found.trials, channels, (one.effect for one in labels), kinds)
     named: list[Named] = []

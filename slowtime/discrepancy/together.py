@@ -78,15 +78,21 @@ def together(
         return None
     _share(
         branch,
+        kinds,
         [(label_of(first.effect), label_of(named.effect)) for first, named in good],
         [named for _, named in good],
     )
     return branch
 
 
-def _share(found: Found, pairs: Sequence[tuple[Label, Label]], named: Sequence[Named]) -> None:
+def _share(
+    found: Found,
+    kinds: Mapping[str, Kind],
+    pairs: Sequence[tuple[Label, Label]],
+    named: Sequence[Named],
+) -> None:
     """Give each of two laws the probability of all pairs that it is one of."""
-    shares = shares_of(named)
+    shares = shares_of(named, kinds)
     for number, answer in enumerate(found.answers):
         label = label_of(answer.effect)
         rivals = tuple(

@@ -1,5 +1,6 @@
 """Refitted models in; how probable each is, which word that makes, and sentences, out."""
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 
@@ -10,11 +11,14 @@ from slowtime.dynamics.effects import Effect, Kind, Place
 from .diagnosis import Named as Answer
 from .diagnosis import Number, Rival, Verdict
 from .naming import Named, settled, unseen
+from .narrowing import leniency
 from .refit import Fit
 from .screen import Finding
 
 DECIDED = 0.9
 """Probability from which a name is given."""
+GREATER = 0.95
+"""Share of the probability that those have together which are called undecided."""
 FALSE_ALARM = 1e-4
 """Chance at which a force found somewhere is taken for one."""
 EXPLAINED = 1.5
@@ -38,15 +42,22 @@ def probabilities(scores: Sequence[float], excess: float) -> list[float]:
     return [float(p) for p in odds / odds.sum()]
 
 
-def shares_of(found: Sequence[Named], besides: Sequence[float] = ()) -> list[float]:
-    """Give the probability of each label, the best first.
+def shares_of(
+    found: Sequence[Named],
+    kinds: Mapping[str, Kind],
+    besides: Sequence[float] = (),
+    bare: Fit | None = None,
+) -> list[float]:
+    """Give the probability of each label, in their order.
 
     Parameters
     ----------
     besides
         Log evidence of other answers, no effect among them, that take their share.
+    bare
+        The fit without any of them.
     """
-    scores = [n.score for n in found]
+    scores = [n.score + leniency(n, kinds, bare) for n in found]
     return probabilities([*scores, *besides], found[0].fit.chi2_in_band)[: len(scores)]
 
 
@@ -162,11 +173,23 @@ def verdict_of(answers: Sequence[Answer], kinds: Mapping[str, Kind]) -> Verdict:
 
 
 def rivals_within(found: Sequence[Named], shares: Sequence[float]) -> tuple[Rival, ...]:
-    """Give the labels that make up the greater part of the probability."""
-    kept, total = [], 0.0
-    for named, share in zip(found, shares, strict=True):
-        kept.append(Rival(named.effect.kind, named.effect.place, share))
-        total += share
-        if total > DECIDED * sum(shares):
-            break
-    return tuple(kept)
+    """Give the labels that make up the greater part of the probability, the likeliest first."""
+    return _greater([
+        Rival(named.effect.kind, named.effect.place, share)
+        for named, share in zip(found, shares, strict=True)
+    ])  # fmt: skip
+
+
+def doubts_about(answer: Answer) -> tuple[Rival, ...]:
+    """Give what an answer may be, itself first; nothing where it is decided."""
+    if answer.probability >= DECIDED:
+        return ()
+    own = Rival(answer.effect.kind, answer.effect.place, answer.probability)
+    return _greater([own, *answer.rivals])
+
+
+def _greater(rivals: Sequence[Rival]) -> tuple[Rival, ...]:
+    total = sum(rival.probability for rival in rivals)
+    known = itertools.accumulate((rival.probability for rival in rivals), initial=0.0)
+    enough = GREATER * total
+    return tuple(r for r, before in zip(rivals, known, strict=False) if before <= enough)

@@ -15,6 +15,7 @@ from tests.blind.laws import LAWS, Placed
 from tests.blind.loop import close_loop, tabulate_pairs
 from tests.blind.pairs import PAIRS, build_pair
 from tests.blind.running import Trial
+from tests.blind.unexplained import price
 from tests.blind.world import from_json
 
 MASS = next(pair for pair in PAIRS if pair.name == "stiffness_loss|added_mass")
@@ -132,6 +133,23 @@ def test_only_what_says_the_same_is_called_equivalent(pair_case):
         )
         dragged = dataclasses.replace(dragged, noise=tuple(noise.tolist()))
         assert (least_excess(dragged, plans, "viscous_damping", evaluations=6) < 9) == same
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.02, 0.06])
+def test_constants_have_a_price(pair_case, loss):
+    """What is a softer spring costs as many tolerances squared as it is softer."""
+    truth = json.loads((pair_case / "sealed" / "000000aa" / "truth.json").read_text())
+    world = from_json(truth["world"])
+    element, claimed = world.rig.elements[0], world.nominal.elements[0]
+    softer = Placed(LAWS["stiffness_loss"], "j0", {"dk_n_per_m": loss * claimed.stiffness})
+    world = dataclasses.replace(
+        world, effects=(softer,), noise=tuple(0.03 * n for n in world.noise)
+    )
+    seen = [world.take(plan, noiseless=True).seen for plan in training_plans(truth)]
+    known = world.nominal, world.rig, world.sensors, world.tolerance
+    off = element.stiffness / claimed.stiffness - loss, element.damping / claimed.damping
+    due = sum(((a - 1) / sd) ** 2 for a, sd in zip(off, world.tolerance, strict=True))
+    assert price(seen, *known, False) == pytest.approx(due, rel=0.02)
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ import math
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
-from scipy.optimize import lsq_linear
+from scipy.optimize import least_squares, lsq_linear
 
 from .linear import linear_motion
 from .rig import Rig
@@ -24,6 +24,8 @@ ROWS = 1200
 REACH = 2.0
 """Standard deviations that a constant may move."""
 NUDGE = 1e-4
+STEPS = 40
+"""Runs at most, to the price."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -72,6 +74,37 @@ def unexplained(
     residual, _ = _linearised(records, nominal, sensors, theta, free_start, slopes=False)
     seen = sum(record.rows().size * len(sensors) for record in records)
     return 10 * math.log10(max(float(residual @ residual) / seen, 1e-12)), 1 + theta
+
+
+def price(
+    records: list[Seen],
+    nominal: Rig,
+    rig: Rig,
+    sensors: tuple[Sensor, ...],
+    tolerance: tuple[float, float],
+    free_start: bool,
+) -> float:
+    """Give the least chi-squared at which constants alone explain the noiseless records.
+
+    What they leave, of all samples, and the squares of how many tolerances each moved.
+    """
+    pairs = list(zip(rig.elements, nominal.elements, strict=True))
+    factors = [a.stiffness / b.stiffness for a, b in pairs]
+    factors += [a.damping / b.damping for a, b in pairs]
+    theta, sd = np.array(factors) - 1, np.repeat(tolerance, len(nominal.elements))
+    seen = sum(record.rows().size for record in records)
+    weight = math.sqrt(sum(len(record.outputs) for record in records) / seen)
+
+    def left(bent: Array) -> Array:
+        residual, _ = _linearised(records, nominal, sensors, bent, free_start, slopes=False)
+        return np.concatenate([weight * residual, -bent / sd])
+
+    def slopes(bent: Array) -> Array:
+        matrix = _linearised(records, nominal, sensors, bent, free_start)[1]
+        return -np.vstack([weight * matrix, np.diag(1 / sd)])
+
+    found = least_squares(left, theta, slopes, bounds=(-0.9, 9.0), x_scale=sd, max_nfev=STEPS)
+    return 2 * float(found.cost)
 
 
 def _linearised(

@@ -12,6 +12,7 @@ from slowtime.dynamics.effects import Kind
 from slowtime_schemas.diagnosis_file import DiagnosisFile
 
 from .campaign import gather
+from .compiling import compiling_s
 from .document import document_of
 from .roles import Roles
 from .sense import refuse_nonsense
@@ -53,18 +54,19 @@ def diagnose_records(
     stop
         Once set, `slowtime.discrepancy.watch.Cancelled` is raised.
     patience_s
-        Of the processor; once it is used up, what is being fitted is given up, and what was
-        found by then is the answer. In the last part of it only the likeliest are tried.
+        Of the processor, but for compiling, which the first run on a machine does; once it is
+        used up, what is being fitted is given up, and what was found by then is the answer. In
+        the last part of it only the likeliest are tried.
 
     Raises
     ------
     RecordError
         (a ValueError) where records do not fit the model.
     """
-    begun, spent = time.monotonic(), time.thread_time()
+    begun, spent = time.monotonic(), time.thread_time() - compiling_s()
 
     def used() -> float:
-        return time.thread_time() - spent
+        return time.thread_time() - compiling_s() - spent
 
     given = gather(description, records, holdout, roles)
     if not unchecked:

@@ -1,10 +1,16 @@
 """Springs that are not straight lines: hardening, softening, gaps, the sine of a pendulum."""
 
 import math
+from collections.abc import Mapping
 from typing import Any
+
+import numpy as np
 
 from .grids import each, levels
 from .kind import Kind, Law, Motion, Parameter, Shape
+
+LEAST_BEND = 0.02
+"""Share of the largest elongation at which a spring must level off, or a softer one does."""
 
 
 def cubic(e: float, v: float, t: float, z: Any, p: Any) -> float:
@@ -57,6 +63,11 @@ def stops(motion: Motion) -> list[Shape]:
     """Gaps on either side, and none."""
     gaps = [0.0, *levels(motion.e, 0.25, 0.5, 0.7, 0.85, 0.95)]
     return [{"gap_m": gap, "side": side} for side in (1.0, -1.0) for gap in gaps]
+
+
+def levelled(parameters: Mapping[str, float], motion: Motion) -> bool:
+    """Whether the motion shows a spring levelling off, and not only what is left beyond."""
+    return parameters["es_m"] > LEAST_BEND * float(np.abs(motion.e).max())
 
 
 _GAP = Parameter(name="gap_m", unit="m", meaning="gap before the stop", low=0.0)
@@ -128,6 +139,7 @@ KINDS = (
         action=Law(force=saturating),
         strength="ks_n_per_m",
         shapes=saturations,
+        shown=levelled,
     ),
     Kind(
         name="gap_symmetric",

@@ -8,6 +8,7 @@ import pytest
 from slowtime.discrepancy.answer import LOUD, Found, report
 from slowtime.discrepancy.locate import locate
 from slowtime.discrepancy.naming import Named, evidence
+from slowtime.discrepancy.narrowing import leniency
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refit import refit
 from slowtime.discrepancy.screen import Finding
@@ -38,11 +39,11 @@ def named():
 
 
 def test_constants_that_may_be_off_take_their_share(named):
-    assert shares_of([named]) == [1.0]
-    (share,) = shares_of([named], [named.score])
+    assert shares_of([named], KINDS) == [1.0]
+    (share,) = shares_of([named], KINDS, [named.score + leniency(named, KINDS)])
     assert share == pytest.approx(0.5)
     lesser = dataclasses.replace(named, score=named.score - 100.0)
-    shares = shares_of([named, lesser], [named.score])
+    shares = shares_of([named, lesser], KINDS, [named.score])
     assert [rival.effect for rival in rivals_within([named, lesser], shares)] == ["added_mass"]
 
 

@@ -8,9 +8,9 @@ import pytest
 import scipy.ndimage
 
 from slowtime.discrepancy.adding import free_run
-from slowtime.discrepancy.candidates import Candidate, Start, candidates, mirrored
+from slowtime.discrepancy.candidates import Candidate, Start, candidates, label_of, mirrored
 from slowtime.discrepancy.downward import IN_TURN, NEAREST, Downward
-from slowtime.discrepancy.equivalent import equivalents
+from slowtime.discrepancy.equivalent import equivalents, instead_of_constants
 from slowtime.discrepancy.gap import free_runs
 from slowtime.discrepancy.locate import character, locate
 from slowtime.discrepancy.naming import chosen, refit_all
@@ -91,6 +91,48 @@ def test_bent_constants_tell_the_law_and_about_how_strong_it_is(effect):
 def test_where_no_constant_is_bent_there_is_nothing_to_be_equivalent_to():
     trials = recorded(THREE, ())
     assert equivalents(refit(Plant.of(THREE, kinds=KINDS), trials), trials, KINDS) == []
+
+
+@pytest.fixture(scope="module")
+def steady():
+    """One tone at one level, long after its beginning, of a spring that softens."""
+    rng = np.random.default_rng(7)
+    soft = Effect("cubic_softening", PLACE, {"k3_n_per_m3": -1.2e6})
+    rig = dataclasses.replace(ONE, tolerance=Tolerance(stiffness=0.005, damping=0.1))
+    truth = Plant.of(dataclasses.replace(rig, effects=(soft.entry(),)))
+    times = np.arange(int(60 * RATE)) / RATE
+    found = []
+    for begins in (0.0, 60.0):
+        push = 0.6 * np.sin(2 * np.pi * 2.9 * times)[:, None]
+        clean = truth.simulate(truth.values, push, RATE)[-int(20 * RATE) :]
+        seen = clean + 0.3 * clean.std() * rng.standard_normal(clean.shape)
+        found.append(
+            Trial(inputs=push[-len(seen) :], outputs=seen, rate_hz=RATE, start_s=begins)
+        )
+    return rig, tuple(found)
+
+
+def test_constants_that_leave_nothing_may_stand_for_a_law(steady):
+    rig, trials = steady
+    bent = refit(Plant.of(rig, kinds=KINDS), trials)
+    labels = candidates(bent, locate(bent, trials), KINDS)[:3]
+    others = instead_of_constants(bent, labels, trials, KINDS)
+    names = [one.effect.kind for one in others]
+    assert "cubic_softening" in {*names, *(one.effect.kind for one in labels)}
+    assert "pendulum_sine" not in names
+    assert not {label_of(one.effect) for one in others} & {
+        label_of(one.effect) for one in labels
+    }
+    assert {one.cost for one in others} == {labels[0].cost}
+
+
+def test_a_tone_at_one_level_does_not_tell_a_softening_spring_from_a_softer_one(steady):
+    rig, trials = steady
+    bent = refit(Plant.of(rig, kinds=KINDS), trials)
+    found = search(bent, trials, Search(KINDS, Watch()))
+    told = {rival.effect for rival in found.undecided}
+    assert {"cubic_softening", "stiffness_loss", "added_mass"} <= told
+    assert found.answers[0].probability < 0.9
 
 
 def test_a_free_run_of_the_truth_leaves_the_noise():

@@ -69,6 +69,12 @@ def test_of_rivals_each_must_part_from_each(rivals, trials):
     assert again == pytest.approx(0.0, abs=1e-6)
 
 
+def test_a_rival_that_goes_with_another_everywhere_does_not_hinder(rivals, trials):
+    assert propose([*rivals, rivals[1]], trials, KINDS) == propose(rivals, trials, KINDS)
+    assert propose([rivals[0], rivals[0], rivals[1]], trials, KINDS) is None
+    assert propose(rivals[:1], trials, KINDS) is None
+
+
 def test_nothing_on_the_menu_is_there_already_or_cannot_be_run(trials):
     for effort in menu(SHAKEN, trials):
         for option in effort:

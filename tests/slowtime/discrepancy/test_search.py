@@ -11,6 +11,7 @@ from slowtime.discrepancy.answer import Found
 from slowtime.discrepancy.candidates import Candidate, candidates, label_of
 from slowtime.discrepancy.diagnose import _prune
 from slowtime.discrepancy.diagnosis import Named as Answer
+from slowtime.discrepancy.diagnosis import Rival
 from slowtime.discrepancy.locate import locate
 from slowtime.discrepancy.naming import refit_all
 from slowtime.discrepancy.paired import pairs
@@ -121,6 +122,27 @@ def test_a_wandering_that_stands_behind_a_law_is_not_forgotten():
     _prune(found, trials, kinds)
     assert [a.effect.kind for a in found.answers] == ["cubic_hardening", "sensor_drift"]
     assert [len(fit.plant.effects) for fit in found.fits] == [0, 1, 2]
+
+
+@pytest.mark.parametrize("sure", [0.6, 0.95])
+def test_doubts_about_what_stays_outlive_what_was_needless(sure):
+    trials = seen((CUBIC,))
+    fits = [refit(Plant.of(TWO, kinds=KINDS), trials)]
+    for effects in ((DRAG,), (DRAG, CUBIC)):
+        more = dataclasses.replace(TWO, effects=tuple(e.entry() for e in effects))
+        fits.append(refit(Plant.of(more, kinds=KINDS), trials))
+    rivals = tuple(
+        Rival(kind, CUBIC.place, share * (1 - sure))
+        for kind, share in (("gap_symmetric", 0.97), ("bouc_wen", 0.03))
+    )
+    needless = answer_about(DRAG, KINDS)
+    stays = dataclasses.replace(answer_about(CUBIC, KINDS), probability=sure, rivals=rivals)
+    found = Found(fits, trials, answers=[needless, stays])
+    found.undecided = (Rival(DRAG.kind, DRAG.place, 0.5), rivals[0])
+    _prune(found, trials, KINDS)
+    assert [answer.effect.kind for answer in found.answers] == ["cubic_hardening"]
+    told = [rival.effect for rival in found.undecided]
+    assert told == (["cubic_hardening", "gap_symmetric"] if sure < 0.9 else [])
 
 
 @pytest.fixture

@@ -231,6 +231,14 @@ def test_friction_that_has_not_been_seen_to_fall_is_no_stribeck_curve(
     assert catalogue()["stribeck"].shown(numbers, motion) is is_shown
 
 
+@pytest.mark.parametrize(("share", "is_shown"), [(0.01, False), (0.05, True), (2.0, True)])
+def test_a_spring_that_levelled_off_long_before_is_a_softer_one(share, is_shown):
+    times = np.linspace(0.0, 10.0, 2001)
+    motion = Motion(e=np.sin(times), v=np.cos(times), a=-np.sin(times), times=times)
+    numbers = {"ks_n_per_m": 5.0, "es_m": share}
+    assert catalogue()["saturating_stiffness"].shown(numbers, motion) is is_shown
+
+
 @pytest.mark.parametrize(("ratio", "is_shown"), [(0.0, True), (0.29, True), (0.31, False)])
 def test_what_dies_within_a_period_is_no_hidden_oscillator(ratio, is_shown):
     times = np.linspace(0.0, 10.0, 2001)

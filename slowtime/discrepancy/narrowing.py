@@ -1,0 +1,78 @@
+r"""A refitted label in; log evidence that Schwarz and tolerances took too much, out.
+
+Half a log of the data for each number supposes that every sample tells of it. Of a number that
+is known to one part in three they told little, and to have that number has cost little: with a
+prior as wide as the numbers :math:`\theta` themselves, Laplace's approximation gives
+
+.. math:: \tfrac12 \log \det (I + D \Sigma^{-1} D), \quad D = \mathrm{diag} |\theta|
+
+in place of :math:`\tfrac k2 \log n`. And a damping is guessed more often than it is measured:
+what only its tolerance tells apart is not told apart for certain. Whether something was found
+is judged by Schwarz, who is strict with it; how likely it is one thing rather than another, by
+what its numbers have cost.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from slowtime.dynamics.effects import Kind
+
+from .naming import SEEN, Named, nothing_of, unseen
+from .refit import Fit
+from .shapes import like_constant
+
+WIDE = 5.0
+"""Times that a tolerance of a damping may have been stated too small."""
+DOUBT = 0.2
+"""How probable that is, of each."""
+
+
+def leniency(named: Named, kinds: Mapping[str, Kind], bare: Fit | None = None) -> float:
+    """Log evidence to give back to a label, before it is weighed against its rivals.
+
+    Parameters
+    ----------
+    bare
+        The fit without it. What it pulls as far does not speak for the label.
+    """
+    before = {} if bare is None else bare.pulls
+    pulls = [
+        pull
+        for name, pull in named.fit.pulls.items()
+        if name[0] == "damping" and abs(pull) > abs(before.get(name, 0.0)) + 1
+    ]
+    return _narrowed(named, kinds) + doubted(pulls)
+
+
+def doubted(pulls: list[float]) -> float:
+    """Log evidence of constants that are off by so many tolerances, over what these say.
+
+    Each tolerance is true, or too small by the factor `WIDE`.
+    """
+    excess = np.square(np.array(pulls, dtype=float)) / 2
+    wide = np.log(DOUBT / WIDE) + excess * (1 - WIDE**-2)
+    return float(np.logaddexp(np.log(1 - DOUBT), wide).sum())
+
+
+def _narrowed(named: Named, kinds: Mapping[str, Kind]) -> float:
+    """Give what Schwarz took too much from numbers of the last effect.
+
+    Nothing where one of them is not known: then it is the limit of a simpler law.
+    """
+    kind, fit = kinds[named.effect.kind], named.fit
+    which, hidden = len(named.description.effects) - 1, unseen(fit)
+    own = [
+        at
+        for at, name in enumerate(fit.prior.names)
+        if name[:2] == ("effect", which) and name not in hidden
+    ]
+    if like_constant(kind) or not own:
+        return 0.0
+    size, sd = np.abs(fit.free[own] - nothing_of(kind)), fit.widened_sd[own]
+    if not (size >= SEEN * sd).all():
+        return 0.0
+    inner = fit.covariance[np.ix_(own, own)] / np.outer(size, size)
+    inner *= np.max(sd / fit.sd[own]) ** 2
+    cost = np.sum(np.log1p(1 / np.maximum(np.linalg.eigvalsh(inner), 1e-300))) / 2
+    return float(max(len(own) / 2 * np.log(fit.data) - cost, 0.0))
