@@ -13,8 +13,11 @@ class Heard(Exception):
 
 
 @pytest.mark.parametrize("patience_s", [10.0, run.PATIENCE_S])
-def test_it_is_late_before_it_is_over_by_the_time_of_its_own_thread(monkeypatch, patience_s):
-    spent, told = [5.0], {}
+@pytest.mark.parametrize("compiling_s", [0.0, 100.0])
+def test_it_is_late_before_it_is_over_by_the_time_of_its_own_thread(
+    monkeypatch, patience_s, compiling_s
+):
+    spent, compiled, told = [5.0], [3.0], {}
 
     def heard(_, **how):
         told.update(how)
@@ -22,6 +25,7 @@ def test_it_is_late_before_it_is_over_by_the_time_of_its_own_thread(monkeypatch,
 
     clock = types.SimpleNamespace(monotonic=lambda: 0.0, thread_time=lambda: spent[0])
     monkeypatch.setattr(run, "time", clock)
+    monkeypatch.setattr(run, "compiling_s", lambda: compiled[0])
     monkeypatch.setattr(run, "gather", lambda *_: types.SimpleNamespace(campaign=None))
     monkeypatch.setattr(run, "diagnose", heard)
     with pytest.raises(Heard):
@@ -33,5 +37,6 @@ def test_it_is_late_before_it_is_over_by_the_time_of_its_own_thread(monkeypatch,
         (0.99, True, False),
         (1.01, True, True),
     ):
-        spent[0] = 5.0 + share * patience_s
+        spent[0] = 5.0 + share * patience_s + compiling_s
+        compiled[0] = 3.0 + compiling_s
         assert (told["late"](), told["over"]()) == (late, over)
