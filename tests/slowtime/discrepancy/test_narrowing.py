@@ -8,6 +8,8 @@ import scipy.stats
 from hypothesis import given
 from hypothesis import strategies as st
 
+from slowtime.discrepancy.accepting import accept
+from slowtime.discrepancy.answer import Found
 from slowtime.discrepancy.naming import Named, evidence
 from slowtime.discrepancy.narrowing import DOUBT, WIDE, doubted, leniency
 from slowtime.discrepancy.records import Trial
@@ -23,14 +25,20 @@ TRUTH = Effect("saturating_stiffness", PLACE, {"ks_n_per_m": 500.0, "es_m": 0.1}
 PULLS = st.lists(st.floats(-12.0, 12.0), min_size=1, max_size=4)
 
 
-def named(effect, size):
-    """Give an effect refitted to records of it; the noise is a share of their size."""
+def seen(effect, size):
+    """Give a model with an effect, and records of it; the noise is a share of their size."""
     rng = np.random.default_rng(3)
     plant = Plant.of(dataclasses.replace(ONE, effects=(effect.entry(),)))
     push = 60 * np.convolve(rng.standard_normal(1200), np.hanning(9) / 2, "same")[:, None]
     clean = plant.simulate(plant.values, push, RATE)
     noise = size * clean.std() * rng.standard_normal(clean.shape)
-    fit = refit(plant, (Trial(inputs=push, outputs=clean + noise, rate_hz=RATE),))
+    return plant, (Trial(inputs=push, outputs=clean + noise, rate_hz=RATE),)
+
+
+def named(effect, size):
+    """Give it refitted."""
+    plant, trials = seen(effect, size)
+    fit = refit(plant, trials)
     return Named(effect, plant.description, fit, evidence(fit, KINDS))
 
 
@@ -106,3 +114,18 @@ def test_a_law_of_more_numbers_that_explains_as_much_has_its_share():
     shares = shares_of([simpler, one], KINDS)
     assert one.score < simpler.score
     assert shares[1] > 0.15
+
+
+def test_the_likeliest_is_named_first_though_another_has_fewer_numbers():
+    one, (_, trials) = named(TRUTH, 4.0), seen(TRUTH, 4.0)
+    simpler = Effect("stiffness_loss", PLACE, {"dk_n_per_m": 40.0})
+    plant = Plant.of(dataclasses.replace(ONE, effects=(simpler.entry(),)))
+    fit = refit(plant, trials, noise=one.fit.noise)
+    less = Named(simpler, plant.description, fit, one.score + 0.5)
+    before = refit(Plant.of(ONE), trials)
+    found = Found([before], trials)
+    assert accept(found, before, [less, one], trials, KINDS, None, pulled=True)
+    assert [rival.effect for rival in found.undecided] == [TRUTH.kind, "stiffness_loss"]
+    assert found.answers[0].effect.kind == TRUTH.kind
+    assert found.fits[-1] is one.fit
+    assert found.pair == (one, less)
