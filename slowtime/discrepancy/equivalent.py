@@ -138,8 +138,9 @@ def _laws(bent: Fit, kind: Kind, place: Place, motions: list[Motion]) -> Iterato
 
 
 def _added(bent: Fit, what: str, place: Place) -> float:
+    """Give what a constant adds; one that stays within its tolerance needs no law for it."""
     name = (what, place.id)
-    if name not in bent.prior.names:
+    if name not in bent.prior.names or not _bends(name, bent.pulls[name]):
         return 0.0
     at = bent.prior.names.index(name)
     return float(bent.free[at] - bent.prior.mean[at])

@@ -390,3 +390,21 @@ def test_the_size_of_a_motion_of_the_base_is_told_by_the_records_that_show_it():
     assert answer.effect.kind == "base_motion"
     assert abs(told.value - 2.0 * np.sqrt(np.sum(np.hanning(9) ** 2) / 4)) < 2 * told.sd
     assert told.sd < 0.1 * told.value
+
+
+def test_constants_within_their_tolerance_need_no_law():
+    """Of a damping far off, beside a stiffness that is a little: what they add is mostly its."""
+    drag = Effect("quadratic_damping", PLACE, {"c2_n_s2_per_m2": 40.0})
+    rig = dataclasses.replace(ONE, tolerance=Tolerance(stiffness=0.02, damping=0.05))
+    stiffer = dataclasses.replace(
+        rig,
+        elements=tuple(
+            dataclasses.replace(e, stiffness_n_per_m=1.03 * e.stiffness_n_per_m)
+            for e in rig.elements
+        ),
+    )
+    bent = refit(Plant.of(rig, kinds=KINDS), recorded(stiffer, (drag,), level=0.5))
+    assert abs(bent.pulls["stiffness", "k1"]) < 3
+    assert bent.pulls["damping", "k1"] > 4
+    found = equivalents(bent, recorded(stiffer, (drag,), level=0.5), KINDS)
+    assert "quadratic_damping" in {one.effect.kind for one in found}
