@@ -111,6 +111,9 @@ _ELSEWHERE = {
     "duration_s": 40.0,
 }
 
+# Not among them, though one tone at one level seems to make them so: dry friction and either
+# damping, softening and a softer spring, a stop and a quadratic spring. Their third or second
+# harmonics tell them apart until the noise is so loud that constants explain all.
 PAIRS = (
     *_both("stiffness_loss", "added_mass", ({"dk_n_per_m": 0.2}, {"dm_kg": 0.2}), drive="base",
            deciding=_FORCE),
@@ -120,10 +123,6 @@ PAIRS = (
     *_both("saturating_stiffness", "cubic_softening",
            ({"ks_n_per_m": 0.5, "es_m": 6.0}, {"k3_n_per_m3": 0.004}), mode="states",
            deciding=_LOUDER, deciding_other=_CAREFUL),
-    *_both("coulomb", "quadratic_damping", ({"friction_n": 0.01}, {"c2_n_s2_per_m2": 0.5}),
-           deciding=_LOUD, **_TONE),
-    *_both("coulomb", "viscous_damping", ({"friction_n": 0.01}, {"dc_n_s_per_m": 0.8}),
-           deciding=_LOUD, **_TONE),
     *_both("quadratic_damping", "viscous_damping",
            ({"c2_n_s2_per_m2": 0.5}, {"dc_n_s_per_m": 0.8}), deciding=_LOUD, **_TONE),
     Pair("stribeck", "coulomb", _FAINTER, mode="states",
@@ -135,11 +134,6 @@ PAIRS = (
            deciding={"level_factor": 10.0}),
     *_both("stiffness_jump", "stiffness_drift", ({"dk_n_per_m": 0.05}, {"dk_n_per_m": 0.05}),
            deciding={"start_part": 0.25}),
-    *_both("cubic_softening", "stiffness_loss", ({"k3_n_per_m3": 0.02}, {"dk_n_per_m": 0.05}),
-           deciding={"level_factor": 0.2, "duration_s": 60.0}, **_TONE),
-    *_both("quadratic_stiffness", "gap_one_sided",
-           ({"k2_n_per_m2": 0.03}, {"kg_n_per_m": 0.05, "gap_m": 0.0, "side": 1.0}),
-           deciding=_LOUD, **_TONE),
     Pair("harmonic_force", "harmonic_force", _ELSEWHERE, sizes={"amplitude_n": 1.0}, size=2,
          places=("m1", "m2"), mode="one"),
     Pair("stiffness_loss", "stiffness_loss", _ELSEWHERE, sizes={"dk_n_per_m": 0.15}, size=2,
