@@ -13,6 +13,7 @@ from .diagnosis import Named as Answer
 from .further import in_pieces
 from .gap import whiteness
 from .naming import Named, stands
+from .narrowing import relief
 from .outrun import within
 from .records import Trial
 from .refit import Fit, pieces, refit
@@ -21,8 +22,6 @@ from .verdict import DECIDED, LEAST_GAIN, answer_of, rivals_within, shares_of
 
 SPECK = 0.01
 """Share of what is missing, by which a first effect that explains no more is not what is."""
-WIDE = 5.0
-"""Times that a tolerance may have been stated too small."""
 
 
 def accept(
@@ -131,9 +130,8 @@ def bends_twice(effect: Effect, answers: Sequence[Answer], kinds: Mapping[str, K
 
 def _retuned(fit: Fit) -> float:
     """Log evidence of constants whose tolerance was stated too small."""
-    pulls = np.array([p for name, p in fit.pulls.items() if name[0] != "effect"])
-    relief = pulls**2 / 2 * (1 - WIDE**-2) - np.log(WIDE)
-    return _bare(fit) + float(relief.sum())
+    pulls = [p for name, p in fit.pulls.items() if name[0] != "effect"]
+    return _bare(fit) + float(relief(pulls).sum())
 
 
 def _bare(fit: Fit) -> float:

@@ -86,13 +86,12 @@ def instead_of_constants(
     as good as the best label, until they are refitted.
     """
     done = {label_of(one.effect) for one in labels}
-    others = [
-        one for one in equivalents(bent, trials, kinds) if label_of(one.effect) not in done
-    ]
-    return [
-        dataclasses.replace(one, cost=labels[0].cost, bare=labels[0].bare)
-        for one in others[:INSTEAD]
-    ]
+    every = equivalents(bent, trials, kinds)
+    others = [one for one in every if label_of(one.effect) not in done][:INSTEAD]
+    if not labels:
+        return others
+    best = labels[0]
+    return [dataclasses.replace(one, cost=best.cost, bare=best.bare) for one in others]
 
 
 def _bends(name: tuple[object, ...], pull: float) -> bool:

@@ -7,12 +7,13 @@ constants and parameters within what the records allow does not count:
           + \delta^T \Sigma^{-1} \delta ,
 
 with the slopes :math:`S` and the covariance :math:`\Sigma` of the second's refit. Either may be
-true: the lesser of both ways round counts, and of several rivals the two hardest to tell.
+true: the lesser of both ways round counts, and of several rivals the two hardest to tell. Where
+nothing parts them all, the least likely are left out, one by one.
 """
 
 import dataclasses
-import itertools
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import scipy.linalg
@@ -73,37 +74,48 @@ def propose(
     rivals
         Refitted to the same trials, the likeliest first.
     """
+    rivals = rivals[:RIVALS]
+    if len(rivals) < 2:
+        return None
+    efforts = menu(rivals[0].description, trials)
+    apart = functools.cache(lambda option: partings(rivals, option, trials, kinds))
     # Better to part the likeliest than none, where one rival goes with another everywhere.
-    several = range(min(len(rivals), RIVALS), 1, -1)
-    found = (_easiest(rivals[:number], trials, kinds) for number in several)
-    return next((one for one in found if one is not None), None)
+    for number in reversed(range(len(rivals) - 1)):
+        found = _easiest(efforts, apart, number)
+        if found is not None:
+            return found
+    return None
 
 
 def _easiest(
-    rivals: Sequence[Named], trials: Sequence[Trial], kinds: Mapping[str, Kind]
+    efforts: Sequence[Sequence[Experiment]],
+    apart: Callable[[Experiment], Sequence[float]],
+    number: int,
 ) -> Experiment | None:
-    """Choose the easiest that parts all of them."""
+    """Choose the easiest of a menu, by that one of its partings."""
     best: Experiment | None = None
-    for effort in menu(rivals[0].description, trials):
+    for effort in efforts:
         for option in effort:
-            gain = parting(rivals, option, trials, kinds)
-            told = dataclasses.replace(option, separation=gain)
-            if best is None or gain > best.separation:
+            told = dataclasses.replace(option, separation=apart(option)[number])
+            if best is None or told.separation > best.separation:
                 best = told
-            if gain > PLENTY:
+            if told.separation > PLENTY:
                 return told
         if best is not None and best.separation > DECIDES:
             return best
     return best if best is not None and best.separation > HOPELESS else None
 
 
-def parting(
+def partings(
     rivals: Sequence[Named],
     option: Experiment,
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
-) -> float:
-    """Give the least separation of any two rivals, whichever of them is true."""
+) -> list[float]:
+    """Give the least separation of any two of the first two rivals, three, and so on.
+
+    Whichever of them is true.
+    """
     trial = max(trials, key=lambda t: float(np.sum(t.inputs.var(axis=0))))
     later = max(t.start_s + t.duration_s for t in trials)
     start = later if option.start_s is None else option.start_s
@@ -111,13 +123,17 @@ def parting(
     # What nearly gives way may do so, and no record would come of it.
     repeated = option.excitation is None and not option.add_inputs
     loud = SPARE * (option.level * trial.inputs if repeated else acts.inputs)
-    told = []
+    told: list[Foretold] = []
+    least: list[float] = []
     for rival in rivals:
         one = foretold(rival, option, acts, start, kinds)
         if one is None or (option.level > 1 and not _whole(rival, option, loud, acts, kinds)):
-            return 0.0
+            break
+        pairs = ((one, other) for other in told)
+        apart = [min(separation(*pair), separation(*pair[::-1])) for pair in pairs]
+        least += [min([*least[-1:], *apart])] if apart else []
         told.append(one)
-    return min(separation(one, two) for one, two in itertools.permutations(told, 2))
+    return [*least, *[0.0] * (len(rivals) - 1 - len(least))]
 
 
 def foretold(

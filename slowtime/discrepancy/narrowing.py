@@ -12,9 +12,10 @@ is judged by Schwarz, who is strict with it; how likely it is one thing rather t
 what its numbers have cost.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from slowtime.dynamics.effects import Kind
 
@@ -23,9 +24,9 @@ from .refit import Fit
 from .shapes import like_constant
 
 WIDE = 5.0
-"""Times that a tolerance of a damping may have been stated too small."""
+"""Times that a tolerance may have been stated too small."""
 DOUBT = 0.2
-"""How probable that is, of each."""
+"""How probable that is of each damping, where a label would have it so."""
 
 
 def leniency(named: Named, kinds: Mapping[str, Kind], bare: Fit | None = None) -> float:
@@ -45,14 +46,19 @@ def leniency(named: Named, kinds: Mapping[str, Kind], bare: Fit | None = None) -
     return _narrowed(named, kinds) + doubted(pulls)
 
 
-def doubted(pulls: list[float]) -> float:
+def doubted(pulls: Sequence[float]) -> float:
     """Log evidence of constants that are off by so many tolerances, over what these say.
 
     Each tolerance is true, or too small by the factor `WIDE`.
     """
-    excess = np.square(np.array(pulls, dtype=float)) / 2
-    wide = np.log(DOUBT / WIDE) + excess * (1 - WIDE**-2)
-    return float(np.logaddexp(np.log(1 - DOUBT), wide).sum())
+    either = np.logaddexp(np.log(1 - DOUBT), np.log(DOUBT) + relief(pulls))
+    return float(either.sum())
+
+
+def relief(pulls: Sequence[float]) -> Float[np.ndarray, " pull"]:
+    """Log evidence of each, over what its tolerance says, were that too small by `WIDE`."""
+    excess = np.square(np.asarray(pulls, dtype=float)) / 2
+    return np.asarray(excess * (1 - WIDE**-2) - np.log(WIDE))
 
 
 def _narrowed(named: Named, kinds: Mapping[str, Kind]) -> float:
@@ -72,7 +78,7 @@ def _narrowed(named: Named, kinds: Mapping[str, Kind]) -> float:
     size, sd = np.abs(fit.free[own] - nothing_of(kind)), fit.widened_sd[own]
     if not (size >= SEEN * sd).all():
         return 0.0
-    inner = fit.covariance[np.ix_(own, own)] / np.outer(size, size)
-    inner *= np.max(sd / fit.sd[own]) ** 2
+    scale = sd / fit.sd[own] / size
+    inner = fit.covariance[np.ix_(own, own)] * np.outer(scale, scale)
     cost = np.sum(np.log1p(1 / np.maximum(np.linalg.eigvalsh(inner), 1e-300))) / 2
     return float(max(len(own) / 2 * np.log(fit.data) - cost, 0.0))

@@ -59,12 +59,8 @@ def unexplained(
 
     The search begins at `rig`, the rig as it is without effects.
     """
-    count = len(nominal.elements)
-    bound = REACH * np.repeat(tolerance, count)
-    pairs = list(zip(rig.elements, nominal.elements, strict=True))
-    factors = [a.stiffness / b.stiffness for a, b in pairs]
-    factors += [a.damping / b.damping for a, b in pairs]
-    theta = np.clip(np.array(factors) - 1, -bound, bound)
+    bound = REACH * np.repeat(tolerance, len(nominal.elements))
+    theta = np.clip(_moved(rig, nominal), -bound, bound)
     for _ in range(2):
         residual, slopes = _linearised(records, nominal, sensors, theta, free_start)
         step = lsq_linear(
@@ -88,10 +84,7 @@ def price(
 
     What they leave, of all samples, and the squares of how many tolerances each moved.
     """
-    pairs = list(zip(rig.elements, nominal.elements, strict=True))
-    factors = [a.stiffness / b.stiffness for a, b in pairs]
-    factors += [a.damping / b.damping for a, b in pairs]
-    theta, sd = np.array(factors) - 1, np.repeat(tolerance, len(nominal.elements))
+    theta, sd = _moved(rig, nominal), np.repeat(tolerance, len(nominal.elements))
     seen = sum(record.rows().size for record in records)
     weight = math.sqrt(sum(len(record.outputs) for record in records) / seen)
 
@@ -105,6 +98,14 @@ def price(
 
     found = least_squares(left, theta, slopes, bounds=(-0.9, 9.0), x_scale=sd, max_nfev=STEPS)
     return 2 * float(found.cost)
+
+
+def _moved(rig: Rig, nominal: Rig) -> Array:
+    """Shares by which stiffnesses, then dampings, are off."""
+    pairs = list(zip(rig.elements, nominal.elements, strict=True))
+    factors = [a.stiffness / b.stiffness for a, b in pairs]
+    factors += [a.damping / b.damping for a, b in pairs]
+    return np.array(factors) - 1
 
 
 def _linearised(

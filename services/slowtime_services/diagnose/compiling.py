@@ -1,31 +1,31 @@
-"""How long machine code has been in the making: what is spared where it was kept."""
+"""How long machine code has been in the making, which is spared where it was kept."""
 
 import threading
 import time
 
-from numba.core import event
+from numba.core.event import Event, Listener, register
 
 
-class _Spent(event.Listener, threading.local):  # type: ignore[misc]
+class _Spent(Listener, threading.local):  # type: ignore[misc]
     """Processor time of each thread, from when it first compiles to when it has done so."""
 
     def __init__(self) -> None:
         super().__init__()
         self.seconds, self._since, self._depth = 0.0, 0.0, 0
 
-    def on_start(self, event: event.Event) -> None:
+    def on_start(self, event: Event) -> None:
         if self._depth == 0:
             self._since = time.thread_time()
         self._depth += 1
 
-    def on_end(self, event: event.Event) -> None:
+    def on_end(self, event: Event) -> None:
         self._depth -= 1
         if self._depth == 0:
             self.seconds += time.thread_time() - self._since
 
 
 _SPENT = _Spent()
-event.register("numba:compiler_lock", _SPENT)
+register("numba:compiler_lock", _SPENT)
 
 
 def compiling_s() -> float:

@@ -47,6 +47,18 @@ def test_constants_that_may_be_off_take_their_share(named):
     assert [rival.effect for rival in rivals_within([named, lesser], shares)] == ["added_mass"]
 
 
+def test_those_are_called_undecided_that_have_nineteen_twentieths_together(named):
+    several = [named] * 3
+    for shares, told in (
+        ([0.91, 0.06, 0.03], 2),
+        ([0.96, 0.03, 0.01], 1),
+        ([0.80, 0.12, 0.08], 3),
+        # Of what they have together: an answer without any effect takes its share first.
+        ([0.58, 0.01, 0.01], 1),
+    ):
+        assert len(rivals_within(several, shares)) == told
+
+
 @pytest.mark.parametrize(
     ("unseen", "verdict"), [(0.0, "nothing_missing"), (2.0, "unknown_effect")]
 )

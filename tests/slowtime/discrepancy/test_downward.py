@@ -125,6 +125,8 @@ def test_constants_that_leave_nothing_may_stand_for_a_law(steady):
         label_of(one.effect) for one in labels
     }
     assert {one.cost for one in others} == {labels[0].cost}
+    alone = instead_of_constants(bent, [], trials, KINDS)
+    assert "cubic_softening" in {one.effect.kind for one in alone}
 
 
 def test_a_tone_at_one_level_does_not_tell_a_softening_spring_from_a_softer_one(steady):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy.diagnosis import Number
-from slowtime.discrepancy.experiment import PLENTY, parting, propose
+from slowtime.discrepancy.experiment import PLENTY, partings, propose
 from slowtime.discrepancy.menu import STRIKE, acted, menu
 from slowtime.discrepancy.naming import Named, evidence, unseen
 from slowtime.discrepancy.records import Trial
@@ -59,14 +59,15 @@ def test_mass_and_stiffness_on_a_shaken_base_are_told_by_a_measured_force(rivals
     assert [entry.kind for entry in chosen.add_inputs] == ["force"]
     assert "force" in chosen.sentence
     for option in menu(SHAKEN, trials)[0]:
-        assert parting(rivals, option, trials, KINDS) < 1
+        assert partings(rivals, option, trials, KINDS)[-1] < 1
 
 
 def test_of_rivals_each_must_part_from_each(rivals, trials):
     option = propose(rivals, trials, KINDS)
     assert option is not None
-    again = parting([*rivals, rivals[0]], option, trials, KINDS)
-    assert again == pytest.approx(0.0, abs=1e-6)
+    two, three = partings([*rivals, rivals[0]], option, trials, KINDS)
+    assert two == pytest.approx(option.separation)
+    assert three == pytest.approx(0.0, abs=1e-6)
 
 
 def test_a_rival_that_goes_with_another_everywhere_does_not_hinder(rivals, trials):

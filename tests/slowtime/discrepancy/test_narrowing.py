@@ -17,7 +17,7 @@ from slowtime.discrepancy.refit import refit
 from slowtime.discrepancy.verdict import shares_of
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
-from tests.slowtime.discrepancy.rigs import ONE, PLACE
+from tests.slowtime.discrepancy.rigs import ONE, PLACE, one_mass
 
 KINDS = catalogue()
 RATE = 64.0
@@ -25,10 +25,10 @@ TRUTH = Effect("saturating_stiffness", PLACE, {"ks_n_per_m": 500.0, "es_m": 0.1}
 PULLS = st.lists(st.floats(-12.0, 12.0), min_size=1, max_size=4)
 
 
-def seen(effect, size):
+def seen(effect, size, of=ONE):
     """Give a model with an effect, and records of it; the noise is a share of their size."""
     rng = np.random.default_rng(3)
-    plant = Plant.of(dataclasses.replace(ONE, effects=(effect.entry(),)))
+    plant = Plant.of(dataclasses.replace(of, effects=(effect.entry(),)))
     push = 60 * np.convolve(rng.standard_normal(1200), np.hanning(9) / 2, "same")[:, None]
     clean = plant.simulate(plant.values, push, RATE)
     noise = size * clean.std() * rng.standard_normal(clean.shape)
@@ -90,6 +90,21 @@ def test_a_law_whose_numbers_are_not_known_is_the_limit_of_a_simpler_one():
     assert leniency(one, KINDS) > 1
 
 
+@pytest.mark.parametrize("left", [1.0, 1.5, 2.5])
+def test_what_a_model_leaves_widens_what_is_known_of_its_numbers(left):
+    """By another road: the same label whose numbers are known as badly, and leaves nothing."""
+    one = named(TRUTH, 1.0)
+    none = dataclasses.replace(one.fit, chi2_in_band=1.0)
+    louder = dataclasses.replace(one.fit, chi2_in_band=left)
+    wider = louder.widened_sd / none.sd
+    known = dataclasses.replace(none, covariance=none.covariance * np.outer(wider, wider))
+    told, same, least = (
+        leniency(dataclasses.replace(one, fit=fit), KINDS) for fit in (louder, known, none)
+    )
+    assert told == pytest.approx(same)
+    assert np.log(left) / 4 <= told - least <= np.log(left)
+
+
 @pytest.mark.parametrize(("what", "told"), [("damping", True), ("stiffness", False)])
 def test_only_dampings_are_doubted_and_only_where_the_label_pulls_them(what, told):
     bare = named(Effect("stiffness_loss", PLACE, {"dk_n_per_m": 40.0}), 0.02)
@@ -114,6 +129,23 @@ def test_a_law_of_more_numbers_that_explains_as_much_has_its_share():
     shares = shares_of([simpler, one], KINDS)
     assert one.score < simpler.score
     assert shares[1] > 0.15
+
+
+def test_what_constants_have_to_be_off_anyway_speaks_for_no_label():
+    """A damping four tolerances off, whatever the label: neither is given more for it."""
+    off = one_mass(1.6 * 1.6)
+    _, trials = seen(TRUTH, 0.02, of=off)
+    law = dataclasses.replace(ONE, effects=(TRUTH.entry(),))
+    before, fit = refit(Plant.of(ONE), trials), refit(Plant.of(law), trials)
+    one = Named(TRUTH, fit.plant.description, fit, evidence(fit, KINDS))
+    assert fit.pulls["damping", "k1"] > 3
+    # As good, and its damping is where it was claimed to be.
+    values, at = fit.values.copy(), fit.prior.names.index(("damping", "k1"))
+    values[fit.prior.index[at]] = fit.prior.mean[at]
+    other = dataclasses.replace(one, fit=dataclasses.replace(fit, values=values))
+    found = Found([before], trials)
+    accept(found, before, [one, other], trials, KINDS, None, pulled=False)
+    assert found.answers[0].probability == pytest.approx(0.5, abs=0.02)
 
 
 def test_the_likeliest_is_named_first_though_another_has_fewer_numbers():

@@ -55,6 +55,7 @@ DRAG = Effect("quadratic_damping", FIRST, {"c2_n_s2_per_m2": 30.0})
 LATE = Effect("input_delay", Place("input", "u"), {"delay_s": 0.01})
 
 
+STILL = Effect("sensor_drift", Place("sensor", "v_m2"), {"drift_total": 0.0})
 ONLY = Place("sensor", "x_m1")
 
 
@@ -109,16 +110,19 @@ def test_beside_a_sensor_that_wanders_the_others_are_heard(effects):
         assert found.answers[0].numbers["k3_n_per_m3"].value == pytest.approx(2e4, rel=0.05)
 
 
-def test_a_wandering_that_stands_behind_a_law_is_not_forgotten():
+def with_the_law():
+    """Give kinds, records of a law, and the fits without and with it."""
     kinds = KINDS | {"sensor_drift": catalogue()["sensor_drift"]}
     trials = seen((CUBIC,))
-    first = refit(Plant.of(TWO, kinds=kinds), trials)
-    law = refit(
-        Plant.of(dataclasses.replace(TWO, effects=(CUBIC.entry(),)), kinds=kinds), trials
-    )
-    still = Effect("sensor_drift", Place("sensor", "v_m2"), {"drift_total": 0.0})
+    known = dataclasses.replace(TWO, effects=(CUBIC.entry(),))
+    first, law = (refit(Plant.of(one, kinds=kinds), trials) for one in (TWO, known))
+    return kinds, trials, first, law
+
+
+def test_a_wandering_that_stands_behind_a_law_is_not_forgotten():
+    kinds, trials, first, law = with_the_law()
     found = Found([first, law], trials, answers=[answer_about(CUBIC, kinds)])
-    accepting.ended(found, law, answer_about(still, kinds), kinds, still)
+    accepting.ended(found, law, answer_about(STILL, kinds), kinds, STILL)
     _prune(found, trials, kinds)
     assert [a.effect.kind for a in found.answers] == ["cubic_hardening", "sensor_drift"]
     assert [len(fit.plant.effects) for fit in found.fits] == [0, 1, 2]
@@ -148,13 +152,7 @@ def test_doubts_about_what_stays_outlive_what_was_needless(sure):
 @pytest.fixture
 def beside(monkeypatch):
     """Look beside a sensor that wanders; what is found there is made up by a function."""
-    kinds = KINDS | {"sensor_drift": catalogue()["sensor_drift"]}
-    trials = seen((CUBIC,))
-    first = refit(Plant.of(TWO, kinds=kinds), trials)
-    law = refit(
-        Plant.of(dataclasses.replace(TWO, effects=(CUBIC.entry(),)), kinds=kinds), trials
-    )
-    still = Effect("sensor_drift", Place("sensor", "v_m2"), {"drift_total": 0.0})
+    kinds, trials, first, law = with_the_law()
 
     def looked(change, *, found=None, number=0):
         def going_on(rest, how, begun):
@@ -165,7 +163,7 @@ def beside(monkeypatch):
         found = found or Found([first], trials)
         monkeypatch.setattr(searching, "_go_on", going_on)
         how = Search(kinds, Watch())
-        last = searching._by_the_others(found, first, answer_about(still, kinds), how, number)
+        last = searching._by_the_others(found, first, answer_about(STILL, kinds), how, number)
         return found, last is not first
 
     return looked
