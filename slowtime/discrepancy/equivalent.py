@@ -22,6 +22,7 @@ from slowtime.dynamics.effects import (
     Place,
     force_along,
 )
+from slowtime.dynamics.plant import Name
 
 from .adding import free_run
 from .candidates import Candidate, Start, can_be, label_of
@@ -37,6 +38,10 @@ SHAPES, ELEMENTS = 12, 2
 """Shapes of each law of which a free run is made; elements, those first that bent most."""
 INSTEAD = 4
 """Laws that are given where constants leave nothing, those that come nearest."""
+ASIDE = 4
+"""Changes of other constants that are given beside them, those first that moved most."""
+CONSTANTS = {"stiffness_loss": ("stiffness", -1.0), "viscous_damping": ("damping", 1.0)}
+"""Kinds that change a constant of an element, which, and in which direction."""
 
 
 def equivalents(
@@ -88,10 +93,25 @@ def instead_of_constants(
     done = {label_of(one.effect) for one in labels}
     every = equivalents(bent, trials, kinds)
     others = [one for one in every if label_of(one.effect) not in done][:INSTEAD]
+    done |= {label_of(one.effect) for one in others}
+    named = {one.effect.kind for one in [*labels, *others]}
+    beside = [one for one in _aside(bent, kinds) if one.effect.kind in named]
+    others += [one for one in beside if label_of(one.effect) not in done][:ASIDE]
     if not labels:
         return others
     best = labels[0]
     return [dataclasses.replace(one, cost=best.cost, bare=best.bare) for one in others]
+
+
+def _aside(bent: Fit, kinds: Mapping[str, Kind]) -> Iterator[Candidate]:
+    """Give a change of each constant: few sensors do not tell which of them changed."""
+    for name, _ in sorted(bent.pulls.items(), key=lambda pair: -abs(pair[1])):
+        for kind, (what, sign) in CONSTANTS.items():
+            if name[0] == what and kind in kinds:
+                place = Place("element", str(name[1]))
+                effect = Effect(kind, place, {kinds[kind].names[0]: sign * _moved(bent, name)})
+                start = _start(bent, place)
+                yield Candidate(effect, bent.cost, -math.inf, bent.cost, start)
 
 
 def _bends(name: tuple[object, ...], pull: float) -> bool:
@@ -141,5 +161,9 @@ def _added(bent: Fit, what: str, place: Place) -> float:
     name = (what, place.id)
     if name not in bent.prior.names or not _bends(name, bent.pulls[name]):
         return 0.0
+    return _moved(bent, name)
+
+
+def _moved(bent: Fit, name: Name) -> float:
     at = bent.prior.names.index(name)
     return float(bent.free[at] - bent.prior.mean[at])

@@ -129,6 +129,35 @@ def test_constants_that_leave_nothing_may_stand_for_a_law(steady):
     assert "cubic_softening" in {one.effect.kind for one in alone}
 
 
+@pytest.fixture(scope="module")
+def hummed():
+    """One tone, one sensor at the top; what damps more sits in the middle."""
+    rng, times = np.random.default_rng(5), np.arange(int(120 * RATE)) / RATE
+    more = Effect("viscous_damping", MIDDLE, {"dc_n_s_per_m": 2.5})
+    truth = Plant.of(dataclasses.replace(THREE, effects=(more.entry(),)))
+    push = np.sin(2 * np.pi * 1.62 * times)[:, None]
+    clean = truth.simulate(truth.values, push, RATE)
+    seen = clean + 0.2 * clean.std(axis=0) * rng.standard_normal(clean.shape)
+    halves = slice(int(40 * RATE), int(80 * RATE)), slice(int(80 * RATE), None)
+    return tuple(
+        Trial(inputs=push[half], outputs=seen[half], rate_hz=RATE, start_s=start)
+        for half, start in zip(halves, (40.0, 80.0), strict=True)
+    )
+
+
+def test_one_sensor_does_not_tell_where_a_constant_changed(hummed):
+    bent = refit(Plant.of(THREE, kinds=KINDS), hummed)
+    labels = candidates(bent, locate(bent, hummed), KINDS)[:1]
+    others = instead_of_constants(bent, labels, hummed, KINDS)
+    damped = [o.effect.place for o in [*labels, *others] if o.effect.kind == "viscous_damping"]
+    assert sorted(place.id for place in damped) == sorted(e.id for e in THREE.elements)
+    softer = [o.effect.place for o in others if o.effect.kind == "stiffness_loss"]
+    assert len(softer) == len(set(softer))
+    found = search(bent, hummed, Search(KINDS, Watch()))
+    told = {r.place for r in found.undecided if r.effect == "viscous_damping"}
+    assert told >= {GROUND, MIDDLE}
+
+
 def test_a_tone_at_one_level_does_not_tell_a_softening_spring_from_a_softer_one(steady):
     rig, trials = steady
     bent = refit(Plant.of(rig, kinds=KINDS), trials)
