@@ -123,7 +123,7 @@ def _prune(found: Found, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]) -
 def _link(found: Found, first: int, kinds: Mapping[str, Kind], tell: Watch) -> None:
     """Take back a hidden oscillator, or that no law is known, where a spring explains it."""
     last = found.fits[-1]
-    if found.ended or found.holds is not None or len(last.states) != len(found.trials):
+    if found.ended or len(last.states) != len(found.trials):
         return
     for number, answer in enumerate(found.answers):
         latest = number == len(found.answers) - 1 and len(found.fits) == number + 2

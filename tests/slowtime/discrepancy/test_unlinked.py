@@ -5,11 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from slowtime.discrepancy.diagnose import diagnose
+from slowtime.discrepancy.answer import Found
+from slowtime.discrepancy.diagnose import _link, diagnose
 from slowtime.discrepancy.naming import refitted
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refit import refit
 from slowtime.discrepancy.unlinked import best_link, instead_of
+from slowtime.discrepancy.verdict import answer_of
+from slowtime.discrepancy.watch import Watch
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Input, Sensor, Spring, Tolerance
 from slowtime.dynamics.effects import Effect, Place, catalogue
@@ -83,6 +86,18 @@ def test_a_spring_does_better_than_an_oscillator_in_its_place(linked):
     again = instead_of(named.fit, 0, None, trials, KINDS)
     assert again is not None
     assert again.stiffness == pytest.approx(link.stiffness, rel=1e-3)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("holds", [None, ("band_limited",)])
+def test_a_spring_is_tried_in_its_place_whatever_inputs_do_between_samples(linked, holds):
+    between, trials = linked
+    named, before = oscillator_for(trials, between[1])
+    answer = answer_of([named], [1.0], KINDS)
+    found = Found([before, named.fit], trials, answers=[answer], holds=holds)
+    _link(found, 0, KINDS, Watch())
+    assert found.link is not None
+    assert found.link.between == between
 
 
 def test_no_spring_does_what_an_oscillator_does(ridden):
