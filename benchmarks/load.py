@@ -3,8 +3,10 @@
     python -m benchmarks.load                       30 minutes
     python -m benchmarks.load --seconds 300 --database postgresql://user@host/name
 
-Each of `--assets` sends a feature every `--period-s`, spread evenly, through a real router to a
-real twin server, each a process of its own, over TCP on this machine; the senders are one more.
+Each of `--assets`, spread over `--sites`, sends a feature every `--period-s`, evenly, through a
+real router to a real twin server, each a process of its own, over TCP on this machine; the
+senders are one more. A router looks a key up first among all sites, then among the assets of
+one: many assets of one site cost it more than as many of several.
 Each is let in with a first feature; the time counts from when all of these are acknowledged.
 From the middle on, for `--burst-s`, ten times as many. The time until a feature is durable is
 told by its acknowledgement, REST's by asking for a random twin's latest state a few times a
@@ -40,7 +42,7 @@ from twin_server.settings import TwinSettings
 
 from .transport import free_port
 
-SITE, BOOT = "load", "b1"
+BOOT = "b1"
 PATIENCE_S = 900.0
 ORIGIN_NS = 1_767_225_600_000_000_000
 
@@ -48,9 +50,9 @@ ORIGIN_NS = 1_767_225_600_000_000_000
 class Senders:
     """All edges as one process: they send, keep, answer, and note when they were heard."""
 
-    def __init__(self, bus: ZenohBus, assets: int) -> None:
+    def __init__(self, bus: ZenohBus, assets: int, sites: int) -> None:
         self._bus = bus
-        self.names = [f"a{number:05d}" for number in range(assets)]
+        self.names = [(f"s{number % sites:03d}", f"a{number:05d}") for number in range(assets)]
         self.made = [0] * assets
         self._kept: list[collections.OrderedDict[int, bytes]] = [
             collections.OrderedDict() for _ in range(assets)
@@ -60,11 +62,11 @@ class Senders:
         self._lock = threading.Lock()
         self.again = 0
         self.handles = [
-            bus.subscribe(ACK.key(SITE, "*"), self._hear),
-            bus.answer(request_key(SITE, "*", "account"), self._account),
-            bus.answer(request_key(SITE, "*", "features"), self._features),
+            bus.subscribe(ACK.everywhere, self._hear),
+            bus.answer(request_key("*", "*", "account"), self._account),
+            bus.answer(request_key("*", "*", "features"), self._features),
         ]
-        self.handles += [bus.announce(alive_key(SITE, name)) for name in self.names]
+        self.handles += [bus.announce(alive_key(*name)) for name in self.names]
 
     def send(self, number: int) -> None:
         """Make and send the next feature of one asset."""
@@ -74,9 +76,10 @@ class Senders:
             frequency_hz=Quantity(value=3.0 + 1e-3 * random.gauss(), sd=2e-3),
             damping_ratio=Quantity(value=0.02, sd=1e-3),
         )
+        site, asset = self.names[number]
         payload = encode(
             Features(
-                site=SITE, asset=self.names[number], boot=BOOT, sequence=sequence, t_ns=t_ns,
+                site=site, asset=asset, boot=BOOT, sequence=sequence, t_ns=t_ns,
                 start_ns=t_ns - 10**9, time_base="simulated", slow_time=float(sequence),
                 method="ambient", modes=(mode,), quality=Quality(samples=1000),
             )
@@ -85,18 +88,19 @@ class Senders:
             self._kept[number][sequence] = payload
             self._sent_s[number][sequence] = time.monotonic()
             self.made[number] = sequence + 1
-        key = FEATURES.key(SITE, self.names[number])
+        key = FEATURES.key(site, asset)
         self._bus.publish(key, payload, encoding=FEATURES.encoding)
 
     def health(self, number: int) -> None:
         """Say where the account of one asset ends."""
         with self._lock:
             first = next(iter(self._kept[number]), -1)
+        site, asset = self.names[number]
         message = Health(
-            site=SITE, asset=self.names[number], boot=BOOT, sequence=0, t_ns=time.time_ns(),
+            site=site, asset=asset, boot=BOOT, sequence=0, t_ns=time.time_ns(),
             last_sequence=self.made[number] - 1, first_held=first, uptime_s=1.0,
         )  # fmt: skip
-        key = HEALTH.key(SITE, self.names[number])
+        key = HEALTH.key(site, asset)
         self._bus.publish(key, encode(message), encoding=HEALTH.encoding)
 
     @property
@@ -124,14 +128,14 @@ class Senders:
             yield query.key, json.dumps(held).encode()
 
     def _features(self, query: Query) -> Iterator[tuple[str, bytes]]:
-        name = query.key.split("/")[-3]
+        site, name = query.key.split("/")[-4:-2]
         first, last = int(query.parameters["first"]), int(query.parameters["last"])
         with self._lock:
             kept = self._kept[int(name[1:])].items()
             found = [payload for sequence, payload in kept if first <= sequence <= last]
             self.again += len(found)
         for payload in found:
-            yield FEATURES.key(SITE, name), payload
+            yield FEATURES.key(site, name), payload
 
 
 def measure(given: argparse.Namespace, folder: Path) -> int:
@@ -148,7 +152,7 @@ def measure(given: argparse.Namespace, folder: Path) -> int:
     serving.start()
     url = urls.get(timeout=120)
     with ZenohBus("client", [endpoint], open_timeout_s=30.0) as bus:
-        senders = Senders(bus, given.assets)
+        senders = Senders(bus, given.assets, given.sites)
         asker = Asker(url, senders.names)
         for number in range(given.assets):
             senders.send(number)
@@ -216,7 +220,7 @@ def _send_all(
 class Asker:
     """Asks for the latest state of a random twin five times a second, and takes the time."""
 
-    def __init__(self, url: str, names: list[str]) -> None:
+    def __init__(self, url: str, names: list[tuple[str, str]]) -> None:
         self._url, self._names = url, names
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -234,10 +238,10 @@ class Asker:
 
     def _run(self) -> None:
         while not self._over.wait(0.2):
-            name = random.choice(self._names)
+            name = ".".join(random.choice(self._names))
             began_s = time.monotonic()
             try:
-                path = f"{self._url}/api/v1/twins/{SITE}.{name}"
+                path = f"{self._url}/api/v1/twins/{name}"
                 with urllib.request.urlopen(path, timeout=30) as answer:
                     answer.read()
             except OSError:
@@ -261,7 +265,7 @@ def _report(
     store = open_store(database)
     missing = 0
     for name, made in zip(senders.names, senders.made, strict=True):
-        missing += made - store.count(f"{SITE}.{name}")
+        missing += made - store.count(".".join(name))
     store.close()
     sent_s, took_s = np.array(senders.took_s).T
     middle = sent_s.min() + given.seconds / 2
@@ -269,7 +273,8 @@ def _report(
     burst = took_s[(sent_s >= middle) & (sent_s < middle + given.burst_s)]
     mebibytes = [size / 2**20 for size in memory]
     late = mebibytes[len(memory) // 3 :]
-    print(f"assets                     {given.assets:,}, one feature per {given.period_s:g} s")
+    assets = f"{given.assets:,} of {given.sites:,} sites"
+    print(f"assets                     {assets}, one feature per {given.period_s:g} s each")
     print(f"features                   {sum(senders.made):,} in {given.seconds:g} s")
     print(f"missing in history         {missing}")
     print(f"asked for again            {senders.again:,}")
@@ -292,6 +297,7 @@ def main(words: list[str] | None = None) -> int:
     """Run the load in a temporary folder."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--assets", type=int, default=10_000)
+    parser.add_argument("--sites", type=int, default=100)
     parser.add_argument("--period-s", type=float, default=10.0)
     parser.add_argument("--seconds", type=float, default=1800.0)
     parser.add_argument("--burst-s", type=float, default=10.0)

@@ -112,10 +112,18 @@ class SlowProcess:
         return Belief(float(time), mean, covariance)
 
     def step(
-        self, belief: "Belief", time: float, value: float, sd: float
+        self,
+        belief: "Belief",
+        time: float,
+        value: float,
+        sd: float,
+        advanced: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> tuple["Belief", "Reading"]:
-        """Take in one reading, in constant time; a `value` of NaN only moves on in time."""
-        move, noise = self.advance(np.array([time - belief.time]))
+        """Take in one reading, in constant time; a `value` of NaN only moves on in time.
+
+        What `advance` gives for the one time step may be given, where several beliefs share it.
+        """
+        move, noise = advanced or self.advance(np.array([time - belief.time]))
         return self._step(belief, time, value, sd, move[0], noise[0])
 
     def advance(self, step: Float[np.ndarray, " time"]) -> tuple[np.ndarray, np.ndarray]:

@@ -214,6 +214,11 @@ class Pipeline:
         """When features of a twin last came; None where not since this server began."""
         return self._heard.get(address(twin_id))
 
+    @property
+    def waiting(self) -> int:
+        """How many messages wait to be taken in."""
+        return len(self._inbox)
+
     def gauges(self) -> dict[str, int]:
         """How things are now, for those who measure."""
         account = self._account
@@ -222,7 +227,7 @@ class Pipeline:
             "edges_alive": len(account.alive),
             "holes": account.holes,
             "held": account.held,
-            "inbox": len(self._inbox),
+            "inbox": self.waiting,
         }
 
     def tallies(self) -> dict[str, int]:

@@ -1,13 +1,15 @@
 """Looks out for jumps in what twins estimate, beside the work, and says so by an event.
 
 What it holds follows from the history: a server that starts again reads the newest part of it.
+To look costs more than to estimate. It takes half of the time at most, none while features
+wait; a fleet too large for that is looked at one twin after the other, at what came since.
 """
 
 import json
 import logging
-import queue
 import threading
-from collections.abc import Mapping
+import time
+from collections.abc import Mapping, Sequence
 
 from twin_server.estimate import Noticed, Past, Series, past_of, past_of_elements
 from twin_server.estimate.lookout import MOST
@@ -22,7 +24,13 @@ CHANGED = "model_changed"
 LATE = 8
 """Readings back to which a change is told that is found only as the past is read again."""
 
-_WAITING = 100_000
+WAITING = 20_000
+"""States that wait to be looked at; where there are more, they are read from the history."""
+MINDS = 2000
+"""Twins of which is kept what to expect, those looked at last; of others it is learnt anew."""
+BUSY = 200
+"""Messages that wait to be taken in, from which nothing else is done."""
+
 _PAUSE_S = 0.5
 
 
@@ -37,9 +45,13 @@ class Lookout:
 
     def __init__(self, pipeline: Pipeline, store: Store) -> None:
         self._pipeline, self._store = pipeline, store
-        self._news: queue.Queue[tuple[str, News | None]] = queue.Queue(_WAITING)
-        self._minds: dict[str, dict[str, Series]] = {}
+        self._news: dict[str, list[News]] = {}
+        self._states = 0
         self._missed: set[str] = set()
+        self._gone: set[str] = set()
+        self._changed = threading.Condition()
+        self._minds: dict[str, dict[str, Series]] = {}
+        self._seen: dict[str, float] = {}
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="lookout", daemon=True)
 
@@ -50,65 +62,100 @@ class Lookout:
     def stop(self) -> None:
         """Look out no more."""
         self._stop.set()
+        with self._changed:
+            self._changed.notify_all()
         if self._thread.is_alive():
             self._thread.join()
 
     def tell(self, news: News) -> None:
         """Hear what is new of one twin."""
-        if len(news.states):
-            self._put(news.twin_id, news)
+        if not len(news.states):
+            return
+        with self._changed:
+            self._news.setdefault(news.twin_id, []).append(news)
+            self._states += len(news.states)
+            if self._states > WAITING:
+                # The history has it too.
+                self._missed.update(self._news)
+                self._news = {twin_id: [] for twin_id in self._news}
+                self._states = 0
+            self._changed.notify_all()
 
     def reset(self, twin_id: str) -> None:
         """Hear that a twin's history has been made anew, or has gone."""
-        self._put(twin_id, None)
+        with self._changed:
+            self._states -= sum(len(news.states) for news in self._news.get(twin_id, ()))
+            self._news[twin_id] = []
+            self._gone.add(twin_id)
+            self._changed.notify_all()
 
-    def _put(self, twin_id: str, news: News | None) -> None:
-        try:
-            self._news.put_nowait((twin_id, news))
-        except queue.Full:
-            # It is read from the history again when there is time.
-            self._missed.add(twin_id)
+    def _next(self) -> tuple[str, Sequence[News], bool] | None:
+        """Wait for news; give the twin that waits longest, and whether some were let go."""
+        with self._changed:
+            if not self._news:
+                self._changed.wait(_PAUSE_S)
+            if not self._news:
+                return None
+            twin_id = next(iter(self._news))
+            news = self._news.pop(twin_id)
+            self._states -= sum(len(one.states) for one in news)
+            missed, gone = twin_id in self._missed, twin_id in self._gone
+            self._missed.discard(twin_id)
+            self._gone.discard(twin_id)
+        if gone:
+            self._minds.pop(twin_id, None)
+            self._seen.pop(twin_id, None)
+        return twin_id, news, missed and not gone
 
     def _run(self) -> None:
         while not self._stop.is_set():
-            try:
-                twin_id, news = self._news.get(timeout=_PAUSE_S)
-            except queue.Empty:
+            turn = self._next()
+            if turn is None:
                 continue
+            began_s = time.thread_time()
             try:
-                self._hear(twin_id, news)
+                self._hear(*turn)
             except Exception:
                 if not self._stop.is_set():
-                    self._minds.pop(twin_id, None)
-                    logger.exception("%s could not be watched; going on.", twin_id)
+                    self._minds.pop(turn[0], None)
+                    logger.exception("%s could not be watched; going on.", turn[0])
+            self._stop.wait(time.thread_time() - began_s)
+            while self._pipeline.waiting > BUSY and not self._stop.wait(_PAUSE_S):
+                pass
 
-    def _hear(self, twin_id: str, news: News | None) -> None:
-        if news is None or twin_id in self._missed:
-            self._missed.discard(twin_id)
-            self._minds.pop(twin_id, None)
+    def _hear(self, twin_id: str, every: Sequence[News], missed: bool) -> None:
         twin = self._pipeline.twin(twin_id)
-        if twin is None or news is None:
+        if twin is None or not (every or missed):
             return
         wanted = twin.registration.forecast
         odds = wanted.readings_between_false_alarms
         if odds is None or wanted.process == "repeating":
             self._minds.pop(twin_id, None)
             return
-        if twin_id not in self._minds:
-            self._minds[twin_id] = {}
+        known = self._minds.pop(twin_id, None)
+        # Behind all others: those first that have not been looked at for longest.
+        self._minds[twin_id] = {} if known is None else known
+        while len(self._minds) > MINDS:
+            self._minds.pop(next(iter(self._minds)))
+        if known is None or missed:
             self._look_back(twin_id, odds)
             return
         elements = twin.checkpoint.elements
-        past = (
-            past_of(news.states, twin.checkpoint.known)
-            if elements is None
-            else past_of_elements(news.states, news.bodies, elements)
-        )
-        for name, found, _ in self._taken(twin_id, past, odds):
-            self._say(twin_id, name, found)
+        for news in every:
+            past = (
+                past_of(news.states, twin.checkpoint.known)
+                if elements is None
+                else past_of_elements(news.states, news.bodies, elements)
+            )
+            for name, found, _, _ in self._taken(twin_id, past, odds):
+                self._say(twin_id, name, found)
 
     def _look_back(self, twin_id: str, odds: float) -> None:
-        """Read the newest part of the history; tell what nobody was told yet."""
+        """Read the newest part of the history; tell what nobody was told yet.
+
+        Of what was looked at before, or by a server before this one, only the newest.
+        """
+        seen = self._seen.get(twin_id, float("inf"))
         twin = self._pipeline.twin(twin_id)
         assert twin is not None
         found = self._store.history(twin_id, limit=2 * MOST, newest=True)
@@ -118,26 +165,28 @@ class Lookout:
             if elements is None
             else past_of_elements(found.states, found.bodies, elements)
         )
-        told = self._told(twin_id)
-        for name, noticed, left in self._taken(twin_id, past, odds):
-            if left < LATE and (name, noticed.since) not in told:
+        every = self._taken(twin_id, past, odds)
+        told = self._told(twin_id) if every else set()
+        for name, noticed, at, left in every:
+            if (left < LATE or at > seen) and (name, noticed.since) not in told:
                 self._say(twin_id, name, noticed)
 
     def _taken(
         self, twin_id: str, past: Mapping[str, Past], odds: float
-    ) -> list[tuple[str, Noticed, int]]:
-        """Take in readings; what was noticed, and how many readings follow it."""
+    ) -> list[tuple[str, Noticed, float, int]]:
+        """Take in readings; what was noticed, when, and how many readings follow."""
         mind, found = self._minds[twin_id], []
         for name, one in past.items():
             series = mind.setdefault(name, Series(odds))
             readings = zip(
                 one.slow_time.tolist(), one.value.tolist(), one.own_sd.tolist(), strict=True
             )
-            for number, (time, value, sd) in enumerate(readings):
+            for number, (at, value, sd) in enumerate(readings):
                 if value != value or sd != sd:
                     continue
-                if (noticed := series.take(time, value, sd)) is not None:
-                    found.append((name, noticed, len(one.value) - 1 - number))
+                self._seen[twin_id] = at
+                if (noticed := series.take(at, value, sd)) is not None:
+                    found.append((name, noticed, at, len(one.value) - 1 - number))
         return found
 
     def _told(self, twin_id: str) -> set[tuple[str, float]]:

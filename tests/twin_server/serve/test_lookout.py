@@ -1,7 +1,11 @@
 """The event that says that the model has changed, over a real server and a real database."""
 
+import time
+
 import numpy as np
 import pytest
+
+from twin_server.pipeline import lookout
 
 TWIN = "/api/v1/twins/lab.beam"
 BODY = {"nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02}}
@@ -21,8 +25,8 @@ def jumping(ageing):
     return messages
 
 
-def told(server):
-    found = server.get(f"{TWIN}/events", limit=1000).json()["events"]
+def told(server, twin=TWIN):
+    found = server.get(f"{twin}/events", limit=1000).json()["events"]
     return [event for event in found if event["kind"] == "model_changed"]
 
 
@@ -68,3 +72,63 @@ def test_a_twin_that_is_to_say_nothing_of_it_says_nothing(serving, jumping, even
     assert server.client.put(TWIN, json={**BODY, "forecast": quiet}).status_code == 201
     fed(server, jumping, eventually)
     assert told(server) == []
+
+
+@pytest.fixture
+def unhurried(serving, jumping):
+    """Start a server that has looked at two readings of some twins; the others come at once."""
+
+    def start(*names, then=lambda: None):
+        server = serving()
+        every = [[m.model_copy(update={"asset": name}) for name in names] for m in jumping]
+        for name in names:
+            path = f"/api/v1/twins/lab.{name}"
+            assert server.client.put(path, json=BODY).status_code == 201
+        for number, messages in enumerate(every):
+            server.feed(messages)
+            if number < 2:
+                time.sleep(1.0)
+            if number == 0:
+                then()
+        return server
+
+    return start
+
+
+def test_while_features_wait_nobody_looks_and_nothing_is_missed_for_it(
+    unhurried, eventually, monkeypatch
+):
+    """What was not kept to be looked at is in the history, however far back."""
+    monkeypatch.setattr(lookout, "WAITING", 3)
+    server = unhurried("beam", then=lambda: monkeypatch.setattr(lookout, "BUSY", -1))
+    assert eventually(lambda: server.count() == AT + 20)
+    time.sleep(1.0)
+    assert told(server) == []
+    monkeypatch.setattr(lookout, "BUSY", 200)
+    assert eventually(lambda: told(server))
+    (event,) = told(server)
+    assert event["details"]["since"] == AT - 1
+
+
+def test_of_a_fleet_too_large_to_be_known_each_is_learnt_anew(
+    unhurried, eventually, monkeypatch
+):
+    monkeypatch.setattr(lookout, "MINDS", 1)
+    server = unhurried("beam", "mast")
+    for twin in (TWIN, TWIN.replace("beam", "mast")):
+        assert eventually(lambda twin=twin: told(server, twin))
+    time.sleep(1.0)
+    for twin in (TWIN, TWIN.replace("beam", "mast")):
+        assert [event["details"]["since"] for event in told(server, twin)] == [AT - 1]
+
+
+def test_a_twin_that_is_made_anew_is_watched_anew(serving, jumping, eventually):
+    server = serving()
+    assert server.client.put(TWIN, json=BODY).status_code == 201
+    fed(server, jumping[: AT + 5], eventually)
+    assert eventually(lambda: told(server))
+    softer = {"nominal": {"frequency_hz": 2.9, "damping_ratio": 0.02}}
+    assert server.client.put(TWIN, json=softer).is_success
+    fed(server, jumping[AT + 5 :], eventually)
+    time.sleep(1.0)
+    assert len(told(server)) == 1
