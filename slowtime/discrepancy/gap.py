@@ -175,21 +175,25 @@ def traces_of(
 def spectra_of(
     trials: Sequence[Trial], before: list[Series], after: list[Series], noise: Noise
 ) -> Spectra:
-    """Densities, the mean over records, on one grid."""
-    top = trials[0].rate_hz / 2
-    edges = np.linspace(0.0, top, POINTS + 1)
+    """Densities, the mean over records, on one grid: no finer than the shortest can tell."""
+    top = max(trial.rate_hz for trial in trials) / 2
+    finest = min(int(len(trial.outputs) * top / trial.rate_hz) for trial in trials)
+    points = int(np.clip(finest // 2, 1, POINTS))
+    edges = np.linspace(0.0, top, points + 1)
     middle = (edges[:-1] + edges[1:]) / 2
 
     def mean(series: Sequence[Series]) -> Float[np.ndarray, "frequency sensor"]:
-        total = np.zeros((POINTS, series[0].shape[1]))
+        total = np.zeros((points, series[0].shape[1]))
+        records = np.zeros((points, 1))
         for one, trial in zip(series, trials, strict=True):
             frequency, spectrum = transform(np.nan_to_num(one), trial.rate_hz)
-            own = np.clip(np.searchsorted(edges, frequency, side="right") - 1, 0, POINTS - 1)
-            count = np.maximum(np.bincount(own, minlength=POINTS), 1)
+            own = np.clip(np.searchsorted(edges, frequency, side="right") - 1, 0, points - 1)
+            count = np.bincount(own, minlength=points)
+            records[:, 0] += count > 0
             for sensor in range(one.shape[1]):
                 power = np.abs(spectrum[:, sensor]) ** 2
-                total[:, sensor] += np.bincount(own, power, minlength=POINTS) / count
-        return total / len(series)
+                total[:, sensor] += np.bincount(own, power, points) / np.maximum(count, 1)
+        return total / np.where(records > 0, records, np.nan)
 
     measured = [trial.measured for trial in trials]
     left = [

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from slowtime.discrepancy.gap import judged, on_heads
+from slowtime.discrepancy.floor.colour import white_noise
+from slowtime.discrepancy.gap import POINTS, judged, on_heads, spectra_of
 from slowtime.discrepancy.records import FEWEST, Trial
 from slowtime.discrepancy.refit import refit
 from slowtime.dynamics.plant import Plant
@@ -31,3 +32,28 @@ def test_a_fit_to_short_pieces_is_judged_as_it_is():
     pieces = tuple(one.part(0, 90) for one in seen(()))
     fit = refit(Plant.of(TWO), pieces)
     assert on_heads(fit, pieces) is fit
+
+
+@pytest.mark.parametrize("lengths", [(64,), (90, 500), (333,), (4096, 900), (5000,)])
+def test_spectra_of_records_however_short_have_power_everywhere(lengths):
+    trials = [trial_of(samples) for samples in lengths]
+    zeros = [np.zeros_like(trial.outputs) for trial in trials]
+    noise = white_noise([[0.04]] * 2)
+    spectra = spectra_of(trials, zeros, zeros, noise)
+    assert len(spectra.frequency_hz) <= POINTS
+    assert len(spectra.frequency_hz) >= min(*lengths, 4 * POINTS) // 4
+    assert (spectra.measured > 0).all()
+    width = spectra.frequency_hz[1] - spectra.frequency_hz[0]
+    variance = np.mean([trial.outputs.var() for trial in trials])
+    assert spectra.measured.sum() * width == pytest.approx(variance, rel=0.1)
+    np.testing.assert_array_equal(spectra.before, spectra.measured)
+
+
+def test_beyond_what_a_slower_record_holds_only_the_faster_tells():
+    slow, fast = trial_of(400), trial_of(800)
+    fast = Trial(inputs=fast.inputs, outputs=fast.outputs, rate_hz=100.0)
+    zeros = [np.zeros_like(trial.outputs) for trial in (slow, fast)]
+    both = spectra_of([slow, fast], zeros, zeros, white_noise([[0.04]] * 2)).measured
+    alone = spectra_of([fast], zeros[1:], zeros[1:], white_noise([[0.04]] * 2)).measured
+    high = len(both) // 2 + 2
+    np.testing.assert_allclose(both[high:], alone[high:])
