@@ -85,6 +85,8 @@ class Found:
         A spring that the model has not got, and that explains more than what was named.
     both
         An account that begins with two laws at once, and explains all.
+    loosened
+        Whether the model as given was stuck in a minimum that is not its lowest.
     """
 
     fits: list[Fit]
@@ -105,6 +107,7 @@ class Found:
     near: bool = False
     link: Link | None = None
     both: "Found | None" = None
+    loosened: bool = False
 
 
 def report(

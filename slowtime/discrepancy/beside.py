@@ -101,6 +101,27 @@ LAGGED = _free("any_lag", CURVES + LAGS, Law(force=lagged, rates=(lagging, follo
 """No effects that are ever named: what is laid beside those that are."""
 
 
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Taken:
+    """What a free force would take, and by what.
+
+    Parameters
+    ----------
+    gain, degrees
+        Chi squared that it would take, and its degrees of freedom.
+    spread
+        One standard deviation of its strengths along each direction in which they are known,
+        whatever the others [N].
+    steps
+        Where they are along each of them, in standard deviations.
+    """
+
+    gain: float
+    degrees: int
+    spread: Float[np.ndarray, "curve direction"]
+    steps: Float[np.ndarray, " direction"]
+
+
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Beside:
     """Normal equations of a model with a free force beside its laws, scaled.
@@ -171,14 +192,14 @@ class Beside:
         step = float(self.scale[at]) * float(row @ self.gradient[~self.curves])
         return float(self.values[at]) + step, float(self.scale[at]) * math.sqrt(row[at])
 
-    def taken(self) -> tuple[float, int, Float[np.ndarray, " curve"]]:
-        """Chi squared that the free force would take, its degrees of freedom, its strengths."""
+    def taken(self) -> Taken:
+        """Ask what the free force would take."""
         free = self.curves
         cross = scipy.linalg.cho_solve(self.rest, self.matrix[np.ix_(~free, free)])
         inner = self.matrix[np.ix_(free, free)] - self.matrix[np.ix_(free, ~free)] @ cross
         left = self.gradient[free] - cross.T @ self.gradient[~free]
         values, vectors = np.linalg.eigh(inner)
         own = values > OWN
-        along = vectors[:, own].T @ left
-        strengths = self.scale[free] * (vectors[:, own] @ (along / values[own]))
-        return float(np.sum(along**2 / values[own])), int(own.sum()), strengths
+        spread = self.scale[free][:, None] * (vectors[:, own] / np.sqrt(values[own]))
+        steps = (vectors[:, own].T @ left) / np.sqrt(values[own])
+        return Taken(float(steps @ steps), int(own.sum()), spread, steps)

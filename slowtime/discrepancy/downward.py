@@ -3,25 +3,40 @@
 Along a motion that was recovered the right law may stand far down: where sensors are few the
 motion at its place is guessed, and where it is strong the motion is none that a linear model
 would make. Its free run, from where its force has put all else, still comes nearer than others.
+Where even the best leaves much, so may that of a law as strong as its free run wants it, or of
+one which the bent constants stand for: it is refitted if it comes about as near, before
+anything was fitted, as the best of what was.
 """
 
+import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
-from slowtime.dynamics.effects import Kind, Unmeasured
+import numpy as np
+
+from slowtime.dynamics.effects import Effect, Kind, Unmeasured
 
 from .adding import free_run
 from .candidates import Candidate, label_of
 from .equivalent import equivalents
-from .naming import Named
+from .further import FAR_OFF
+from .naming import Named, misfit
 from .records import Trial
 from .refit import Fit
+from .shapes import possible, sized
 
 IN_TURN, NEAREST = 3, 3
 """Labels that are given: the next in turn, and those that come nearest in a free run."""
 LEAVES, MOST = 1.5, 0.6
 """Mean square over the noise, in band, and share of that without any law, from which one goes
 further down: what explains more may be one of two laws, and the other is looked for first."""
+AS_NEAR, LESS = 2.0, 0.8
+"""Times what the best leaves, and share of what there was, within which the free run of a law
+has to come to be refitted all the same, where the best leaves much."""
+SCALED, TENFOLD, HALF_TEN = 8, (-1.5, 4.1), 0.5
+"""Labels, as ranked along the force, whose strength is looked for by free runs; from how many
+powers of ten beside the one along the force, to how many, in which steps: where the motion was
+guessed wrongly, a force of the third power is wrong three times as much."""
 
 
 class Downward:
@@ -37,6 +52,8 @@ class Downward:
         Candidates, the best first.
     labels
         Those that are refitted anyway.
+    several
+        Whether no force at one place does it: then only what comes near is given.
     """
 
     def __init__(
@@ -47,6 +64,8 @@ class Downward:
         labels: Sequence[Candidate],
         trials: Sequence[Trial],
         kinds: Mapping[str, Kind],
+        *,
+        several: bool = False,
     ) -> None:
         done = {label_of(one.effect) for one in labels}
         self._rest = [
@@ -56,18 +75,70 @@ class Downward:
             and one.start is not None
             and not isinstance(kinds[one.effect.kind].action, Unmeasured)
         ]
+        self._labels, self._tried, self._several = labels, tried, several
         self._bent, self._before, self._trials, self._kinds = bent, before, trials, kinds
         self._gone = False
 
     def __call__(self, found: Sequence[Named]) -> list[Candidate]:
         """Give the next labels; none where what was refitted is enough, or they were given."""
-        least = min((one.fit.chi2_in_band for one in found), default=math.inf)
-        if self._gone or least < max(LEAVES, MOST * self._bent.chi2_in_band):
+        best = min((one.fit for one in found), key=lambda fit: fit.chi2_in_band, default=None)
+        least = math.inf if best is None else best.chi2_in_band
+        if self._gone or least < LEAVES:
+            return []
+        some = best is not None and least < MOST * self._bent.chi2_in_band
+        if some and least < FAR_OFF:
             return []
         self._gone = True
+        near = self._as_near(best) if best is not None and least > FAR_OFF else []
+        if some or self._several:
+            return near
         batch, others = self._rest[:IN_TURN], self._rest[IN_TURN:]
         batch += sorted(others, key=self._run_with)[:NEAREST]
-        return [*equivalents(self._bent, self._trials, self._kinds)[:NEAREST], *batch]
+        known = {label_of(one.effect) for one in near}
+        both = [one for one in self._equivalents() if label_of(one.effect) not in known]
+        return [*near, *self._as_good(both), *batch]
+
+    def _as_near(self, best: Fit) -> list[Candidate]:
+        """Give what comes about as near by its free run alone as what was refitted."""
+        reached = misfit(best, self._before.noise, self._trials)
+        done = {label_of(one.effect) for one in self._labels}
+        both = [one for one in self._equivalents() if label_of(one.effect) not in done]
+        near = [one for one in [*self._scaled(), *both] if one.cost < AS_NEAR * reached]
+        return self._as_good(sorted(near, key=lambda one: one.cost))
+
+    def _scaled(self) -> Iterator[Candidate]:
+        """Give laws as strong as their free run comes nearest from where the model stood."""
+        without = misfit(self._before, self._before.noise, self._trials)
+        strong = [one for one in self._tried if self._kinds[one.effect.kind].strength]
+        for one in strong[:SCALED]:
+            runs = [
+                (free_run(self._before, effect, None, self._trials, self._kinds), i, effect)
+                for i, effect in enumerate(self._strengths(one.effect))
+            ]
+            left, i, effect = min(runs)
+            if 0 < i < len(runs) - 1 and left < LESS * without:
+                yield dataclasses.replace(one, effect=effect, cost=left, start=None)
+
+    def _strengths(self, effect: Effect) -> list[Effect]:
+        kind = self._kinds[effect.kind]
+        factors = 10.0 ** np.arange(*TENFOLD, HALF_TEN)
+        every = [sized(kind, effect.parameters, factor) for factor in factors.tolist()]
+        described = self._before.plant.description
+        return [
+            dataclasses.replace(effect, parameters=parameters)
+            for parameters in every
+            if possible(kind, parameters, described, effect.place)
+        ]
+
+    def _equivalents(self) -> list[Candidate]:
+        return equivalents(self._bent, self._trials, self._kinds)[:NEAREST]
+
+    def _as_good(self, others: Sequence[Candidate]) -> list[Candidate]:
+        """Let what a free run leaves count for as little as the best leaves along the force."""
+        if not self._labels:
+            return list(others)
+        best = self._labels[0]
+        return [dataclasses.replace(one, cost=best.cost, bare=best.bare) for one in others]
 
     def _run_with(self, one: Candidate) -> float:
         return free_run(self._before, one.effect, one.start, self._trials, self._kinds)

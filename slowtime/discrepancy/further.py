@@ -59,6 +59,8 @@ def shot_too(
 
     anew = [dataclasses.replace(one, start=None) for one in astray() if one.start]
     found = _joined(found, refit_all(before, anew, trials, kinds, tick), trials, kinds)
+    if found[0].fit.chi2_in_band <= FAR_OFF:
+        return found
     more = refit_all(before, astray(), trials, kinds, tick, shooting=True)
     return _joined(found, more, trials, kinds)
 

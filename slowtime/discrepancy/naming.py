@@ -36,8 +36,9 @@ A_PLACE, A_KIND, FEW = 4, 2, 4
 """How many of them sit at one place, where there are more places than few; and are of one
 kind."""
 
-WIDE_S = 2.4
-"""How far about an instant that was found a better one is looked for."""
+WIDE_S, ASTRAY = 2.4, 5.0
+"""How far about an instant that was found a better one is looked for; mean square over the
+noise, in band, from which it is looked for in all records first."""
 WHITE = 1e-3
 """Chance of so large a chi squared from which a label leaves nothing."""
 BEHIND, LITTLE = 5.0, 0.01
@@ -54,6 +55,10 @@ LOUDER = 4.0
 
 CLEAR, SEEN = 3.0, 2.0
 """Standard deviations from nothing of a law that has but one number, and of one of several."""
+
+SWIFTLY, GRADUALLY = (0.4, 1.0), (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)
+"""Growing shares of the records to which a label is fitted: from where its force has put all
+else, and from where the model stood without it."""
 
 FAR, HALF_WAY = 40.0, 0.3
 """Log evidence behind the best, also relative to the worst, from which a label is given up."""
@@ -157,12 +162,14 @@ def refitted(
     *,
     start: Start | None = None,
     shooting: bool = False,
+    horizons: Sequence[float] = SWIFTLY,
     late: Callable[[], bool] | None = None,
 ) -> Named | None:
     """Add one effect to the model of a fit, and fit all of it to the free run again.
 
-    From what the fit has or, where given, from another `start`. Not to the end where that will
-    not come near a cost to `beat`; by `shooting`, to pieces of the records first.
+    From what the fit has or, where given, from another `start`, to growing shares of the
+    records. Not to the end where that will not come near a cost to `beat`; by `shooting`, to
+    pieces of the records first.
     """
     plant, values, states = begun_with(before, effect, kinds, start)
     description = plant.description
@@ -183,7 +190,7 @@ def refitted(
             noise=noise,
             values=values,
             states=states,
-            horizons=(0.4, 1.0),
+            horizons=horizons,
             beat=beat,
             late=late,
         )
@@ -208,19 +215,22 @@ def _switched(
         return fit
     at = fit.plant.parameters.index(("effect", which, action.switches[0]))
 
+    def misfit(instant: float, where: Sequence[int] | None = None) -> float:
+        values = fit.values.copy()
+        values[at] = instant
+        return run_by(fit.plant, values, fit.states, fit.noise, trials, where)
+
+    about = float(fit.values[at])
+    if fit.chi2_in_band > ASTRAY:
+        spans = [trial.start_s + trial.duration_s * np.linspace(0, 1, 25) for trial in trials]
+        about = float(min([about, *np.concatenate(spans)], key=misfit))
     near = [
         number
         for number, trial in enumerate(trials)
-        if trial.start_s - WIDE_S <= fit.values[at] <= trial.start_s + trial.duration_s + WIDE_S
+        if trial.start_s - WIDE_S <= about <= trial.start_s + trial.duration_s + WIDE_S
     ]
-
-    def misfit(instant: float) -> float:
-        values = fit.values.copy()
-        values[at] = instant
-        return run_by(fit.plant, values, fit.states, fit.noise, trials, near)
-
-    tried = fit.values[at] + np.linspace(-WIDE_S, WIDE_S, 61)
-    best = float(min(tried, key=misfit))
+    tried = about + np.linspace(-WIDE_S, WIDE_S, 61)
+    best = float(min(tried, key=functools.partial(misfit, where=near)))
     if abs(best - fit.values[at]) < WIDE_S / 60:
         return fit
     values = fit.values.copy()
@@ -272,9 +282,11 @@ def refit_all(
             break
         beat = min((n.fit.cost for n in found), default=None)
         late = functools.partial(_late, tick, label.effect, number)
+        swift = shooting or label.start is not None
         named = refitted(
             before, label.effect, trials, kinds, noise, beat,
             start=label.start, shooting=shooting, late=late,
+            horizons=SWIFTLY if swift else GRADUALLY,
         )  # fmt: skip
         if named is None:
             continue

@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import scipy.optimize
 import scipy.stats
 from jaxtyping import Float
 
@@ -25,8 +26,10 @@ from .refit.lead import leads
 
 BY_CHANCE = 1e-3
 """Chance at which laws that are right are refuted, were the noise as it is taken to be."""
-WITHIN = 0.03
-"""Share of its force within which a law is right: of no structure is one quite true."""
+WITHIN, BY_NOISE = 0.03, 0.05
+"""Share of its force within which a law is right, as of no structure is one quite true; and the
+chance from which what goes beyond that may be noise: records may tell that there is more, and
+hardly how much."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -111,22 +114,64 @@ def _refuted_at(
     beside = Beside.of(fit, Effect(free.name, place, flat), trials, kinds)
     wide = math.sqrt(max(fit.chi2_in_band, 1.0))
     here = [n for n, one in enumerate(fit.plant.effects) if n >= first and one.place == place]
-    gain, degrees, strengths = beside.taken()
+    taken = beside.taken()
+    chance_of = scipy.stats.chi2(taken.degrees).sf
     idle = tuple(number for number in here if _idles(number, fit, beside, wide, kinds))
     several = any(sum(name[:2] == ("effect", n) for name in beside.names) > 1 for n in idle)
     doubt = Doubt(place, idle) if several else None
-    if scipy.stats.chi2.sf(gain / wide**2, degrees) > chance:
+    if chance_of(taken.gain / wide**2) > chance:
         return doubt
-    curves = scales | dict(zip(free.names[len(scales) :], strengths.tolist(), strict=True))
-    force = np.concatenate([force_along(free, curves, m) for m in motions])
     laws = [_along(number, fit, runs, kinds) for number in here or _ending(place, fit, first)]
     e, v = np.concatenate([m.e for m in motions]), np.concatenate([m.v for m in motions])
     known = np.stack(
         [x / _rms([x]) for x in (e, v, *(laws if here else ())) if x.any()], axis=1
     )
-    left = force - known @ np.linalg.lstsq(known, force, rcond=None)[0]
-    right = _rms([left]) <= WITHIN * _rms([np.sum(laws, axis=0)])
-    return doubt if right else Doubt(place, ())
+    forces = np.stack([_force(free, scales, column, motions) for column in taken.spread.T], 1)
+    own = forces - known @ np.linalg.lstsq(known, forces, rcond=None)[0]
+    off = _shortest(own.T @ own / len(own), taken.steps, WITHIN * _rms([np.sum(laws, axis=0)]))
+    return doubt if chance_of(off / wide**2) > BY_NOISE else Doubt(place, ())
+
+
+def _shortest(
+    power: Float[np.ndarray, "direction direction"],
+    steps: Float[np.ndarray, " direction"],
+    most: float,
+) -> float:
+    """Squared distance from what was found to the nearest force that is small enough.
+
+    Parameters
+    ----------
+    power
+        Mean squares and products of forces of one standard deviation each [N^2].
+    steps
+        What was found, in standard deviations.
+    most
+        Root mean square that is small enough [N].
+    """
+    squares, turned = np.linalg.eigh(power)
+    squares, along = np.maximum(squares, 0.0), turned.T @ steps
+
+    def beyond(log: float) -> float:
+        return float(np.sum(squares * (along / (1 + math.exp(log) * squares)) ** 2)) - most**2
+
+    scale = -math.log(max(float(squares.max()), np.finfo(float).tiny))
+    low, high = scale - 30.0, scale + 80.0
+    if beyond(low) <= 0:
+        return 0.0
+    weight = math.exp(scipy.optimize.brentq(beyond, low, high) if beyond(high) < 0 else high)
+    return float(np.sum((along * weight * squares / (1 + weight * squares)) ** 2))
+
+
+def _force(
+    free: Kind,
+    scales: Mapping[str, float],
+    strengths: Float[np.ndarray, " curve"],
+    motions: Sequence[Motion],
+) -> Float[np.ndarray, " time"]:
+    """Force of curves of some strengths along the motion of the fit."""
+    names = free.names[len(scales) :]
+    numbers = {**scales, **dict(zip(names, strengths.tolist(), strict=True))}
+    return np.concatenate([force_along(free, numbers, motion) for motion in motions])
 
 
 def _remembers(fit: Fit, first: int, kinds: Mapping[str, Kind]) -> bool:

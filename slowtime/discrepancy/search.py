@@ -24,6 +24,7 @@ from .equivalent import instead_of_constants
 from .further import left_by, shot_too
 from .gap import whiteness
 from .locate import locate
+from .loosened import loosened
 from .naming import (
     KEPT,
     WHITE,
@@ -335,18 +336,23 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
 
     bent = found.fits[-1]
     first = not (number or how.quick)
-    down = Downward(bent, before, tried, labels, trials, kinds)
+    down = Downward(bent, before, tried, labels, trials, kinds, several=several)
 
     def more(so_far: Sequence[Named]) -> list[Candidate]:
         if not first or found.both is not None:
             return []
         found.named, found.tried = tuple(sorted(so_far, key=lambda n: -n.score)), tuple(tried)
         found.both = together(found, before, trials, kinds, how.stated, tell)
-        return down(so_far) if found.both is None and not several else []
+        return down(so_far) if found.both is None else []
 
     named = refit_all(before, in_turn, trials, kinds, tick, more=more)
     if found.both is not None:
         return True
+    loose = loosened(bent, named, found.trials) if number == 0 and not found.loosened else None
+    if loose is not None:
+        found.fits[-1], found.located, found.loosened = loose, None, True
+        held = unbent(loose, found.trials)
+        return _after(found, held, how, number, pulled=bool(moved_of(loose)))
     if cut and not (named and (number == 0 or _is_enough(named[0], cut[0], kinds))):
         found.hurried = True
         return False  # which of them it is was not seen

@@ -14,7 +14,7 @@ from slowtime.discrepancy.downward import IN_TURN, NEAREST, Downward
 from slowtime.discrepancy.equivalent import equivalents, instead_of_constants
 from slowtime.discrepancy.gap import free_runs
 from slowtime.discrepancy.locate import character, locate
-from slowtime.discrepancy.naming import chosen, refit_all
+from slowtime.discrepancy.naming import Named, chosen, refit_all
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refit import refit
 from slowtime.discrepancy.search import Search, search
@@ -251,6 +251,56 @@ def test_labels_are_given_once_and_where_one_leaves_little_never(far_off):
     assert more([]) == []
     labels = [(one.effect.kind, one.effect.place) for one in batch]
     assert len(set(labels)) == len(labels) == IN_TURN + NEAREST
+
+
+@pytest.mark.parametrize("wrong", [0.003, 0.1, 1.0])
+def test_a_law_is_begun_as_strong_as_its_free_run_wants_it(far_off, wrong):
+    """Along a force that was guessed wrongly, its strength is wrong by powers of ten."""
+    bent, before, tried, trials = far_off
+    poor = dataclasses.replace(tried[-1], effect=Effect(
+        "cubic_hardening", PLACE, {"k3_n_per_m3": wrong * 1e5}))  # fmt: skip
+    fit = dataclasses.replace(before, chi2_in_band=5.1)
+    best = Named(tried[0].effect, before.plant.description, fit, 0.0)
+    assert 5.1 < 0.6 * bent.chi2_in_band
+    for several in (False, True):
+        more = Downward(bent, before, [tried[0], poor], tried[:1], trials, KINDS,
+                        several=several)  # fmt: skip
+        given = {one.effect.kind: one for one in more([best])}
+        own = given["cubic_hardening"]
+        assert own.start is None
+        assert own.cost == tried[0].cost
+        assert 0.25 < own.effect.parameters["k3_n_per_m3"] / 1e5 < 4.0
+        assert more([best]) == []
+    little = dataclasses.replace(best, fit=dataclasses.replace(fit, chi2_in_band=4.9))
+    assert Downward(bent, before, [poor], tried[:1], trials, KINDS)([little]) == []
+
+
+def test_no_law_comes_near_what_leaves_but_noise(far_off):
+    bent, before, tried, trials = far_off
+    (named,) = refit_all(before, tried[-1:], trials, KINDS, nothing)
+    much = dataclasses.replace(named.fit, chi2_in_band=5.1)
+    more = Downward(bent, before, tried[:-1], tried[:1], trials, KINDS)
+    assert more([dataclasses.replace(named, fit=much)]) == []
+
+
+@pytest.mark.parametrize("guessed", [0.97, 0.8])
+def test_what_swings_wide_is_fitted_to_records_that_grow(guessed):
+    """Near its top a pendulum's free run goes another way at the least error."""
+    rig = dataclasses.replace(
+        chain([1.0], [60.0], dampings_n_s_per_m=[0.4]),
+        unit_of_coordinate="rad",
+        inputs=(Input(channel="u", kind="force", node="m1", unit="N m"),),
+        sensors=(Sensor(channel="x", quantity="displacement", node="m1", unit="rad"),),
+        tolerance=Tolerance(stiffness=0.02, damping=0.1),
+    )
+    swings = Effect("pendulum_sine", Place("element", rig.elements[0].id), {"k": 60.0})
+    trials = recorded(rig, (swings,), count=1, seconds=30.0, level=22.0)
+    assert 2.5 < np.abs(trials[0].outputs).max() < np.pi
+    before = unbent(refit(Plant.of(rig, kinds=KINDS), trials), trials)
+    guess = dataclasses.replace(swings, parameters={"k": guessed * 60.0})
+    (named,) = refit_all(before, [Candidate(guess, 1.0, -1.0, 1e12)], trials, KINDS, nothing)
+    assert named.fit.chi2_in_band < 1.5
+    assert named.fit.values[-1] == pytest.approx(60.0, rel=1e-2)
 
 
 def test_more_labels_are_refitted_when_the_first_are_done(far_off):

@@ -4,11 +4,12 @@ import dataclasses
 
 import numpy as np
 import pytest
+import scipy.optimize
 
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refit import refit
-from slowtime.discrepancy.refuted import Doubt, refuted
+from slowtime.discrepancy.refuted import Doubt, _shortest, refuted
 from slowtime.dynamics.effects import Effect, Kind, Law, Parameter, Place, catalogue
 from slowtime.dynamics.plant import Plant
 from tests.slowtime.discrepancy.rigs import ONE, PLACE
@@ -65,17 +66,17 @@ RIDER = Effect(
 SINGS = Effect("van_der_pol", PLACE, {"cn_n_s_per_m": 1.2, "e0_m": 0.01})
 
 
-def record_of(true, seed=5):
+def record_of(true, seed=5, noise=0.01):
     rng = np.random.default_rng(seed)
     push = np.convolve(rng.standard_normal(900), np.hanning(9), "same")[:, None] * 4.0
     truth = Plant.of(dataclasses.replace(ONE, effects=(true.entry(),)), kinds=KINDS)
     seen = truth.simulate(truth.values, push, RATE)
-    seen += 0.01 * seen.std() * rng.standard_normal(seen.shape)
+    seen += noise * seen.std() * rng.standard_normal(seen.shape)
     return Trial(inputs=push, outputs=seen, rate_hz=RATE)
 
 
-def doubt(true, told, seed=5):
-    trials = (record_of(true, seed),)
+def doubt(true, told, seed=5, noise=0.01):
+    trials = (record_of(true, seed, noise),)
     model = Plant.of(dataclasses.replace(ONE, effects=(told.entry(),)), kinds=KINDS)
     return refuted(refit(model, trials), 0, trials, KINDS)
 
@@ -112,3 +113,28 @@ def test_what_lags_in_an_element_is_seen_though_something_on_its_node_was_named(
 @pytest.mark.parametrize("told", [DRAG, SINGS, RIDER], ids=lambda effect: effect.kind)
 def test_the_right_law_is_hardly_ever_refuted(told):
     assert sum(doubt(told, told, seed) is not None for seed in range(300)) <= 1
+
+
+def test_noise_alone_takes_no_law_out_of_what_it_may_be_off(monkeypatch):
+    monkeypatch.setattr("slowtime.discrepancy.refuted.BY_CHANCE", 0.9)
+    assert sum(doubt(DRAG, DRAG, seed, noise=0.1) is not None for seed in range(20)) <= 1
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.6, 1.5])
+def test_the_nearest_force_that_is_small_enough_is_the_one_a_minimiser_finds(seed, share):
+    rng = np.random.default_rng(seed)
+    forces = rng.standard_normal((40, 4)) * 10 ** rng.uniform(-2, 2, 4)
+    power, steps = forces.T @ forces / 40, 5 * rng.standard_normal(4)
+    most = share * float(np.sqrt(steps @ power @ steps))
+    root = np.linalg.cholesky(power).T
+
+    def size(u):
+        return (root @ u) @ (root @ u) / (steps @ power @ steps)
+
+    def far(u):
+        return (u - steps) @ (u - steps)
+
+    small = scipy.optimize.NonlinearConstraint(size, -np.inf, share**2)
+    other = scipy.optimize.minimize(far, share * steps, constraints=[small], tol=1e-14)
+    assert _shortest(power, steps, most) == pytest.approx(other.fun, rel=1e-4, abs=1e-6)

@@ -1,0 +1,60 @@
+"""A refit that is stuck goes on from where a law has led it; no law is named for that."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from slowtime.discrepancy.candidates import Candidate
+from slowtime.discrepancy.loosened import loosened
+from slowtime.discrepancy.naming import refit_all
+from slowtime.discrepancy.refit import refit
+from slowtime.discrepancy.search import Search, search
+from slowtime.discrepancy.verdict import moved_of
+from slowtime.discrepancy.watch import Watch
+from slowtime.dynamics.effects import Effect
+from slowtime.dynamics.plant import Plant
+from tests.slowtime.discrepancy.test_downward import KINDS, THREE, TOP, nothing, recorded
+
+STIFFER = Effect("stiffness_loss", TOP, {"dk_n_per_m": -600.0})
+BENDS = Effect("cubic_hardening", TOP, {"k3_n_per_m3": 3e5})
+
+
+@pytest.fixture(scope="module")
+def stuck():
+    """A spring 2.2 times as stiff as was claimed, by one sensor."""
+    trials = recorded(THREE, (STIFFER,))
+    bent = refit(Plant.of(THREE, kinds=KINDS), trials)
+    assert bent.chi2_in_band > 1000
+    return bent, trials
+
+
+def test_what_a_law_makes_up_for_a_constant_can_do_itself(stuck):
+    bent, trials = stuck
+    label = Candidate(STIFFER, 1.0, -1.0, 1e12)
+    named = refit_all(bent, [label], trials, KINDS, nothing)
+    loose = loosened(bent, named, trials)
+    assert loose is not None
+    assert loose.chi2_in_band < 1.5
+    (moved,) = (n for name, n in moved_of(loose).items() if name == f"stiffness {TOP.id}")
+    assert moved.value == pytest.approx(1100.0, abs=4 * moved.sd)
+
+
+def test_what_is_missing_is_looked_for_from_the_lowest_minimum(stuck):
+    bent, trials = stuck
+    found = search(bent, trials, Search(KINDS, Watch()))
+    assert found.loosened
+    assert found.fits[0].chi2_in_band < 1.5
+    assert {answer.effect.kind for answer in found.answers} <= {"stiffness_loss"}
+
+
+def test_a_law_that_constants_cannot_do_stays():
+    trials = recorded(THREE, (BENDS,))
+    bent = refit(Plant.of(THREE, kinds=KINDS), trials)
+    named = refit_all(bent, [Candidate(BENDS, 1.0, -1.0, 1e12)], trials, KINDS, nothing)
+    assert named[0].fit.chi2_in_band < 0.5 * bent.chi2_in_band
+    assert loosened(bent, named, trials) is None
+    assert loosened(bent, [], trials) is None
+    far = dataclasses.replace(named[0].fit, values=named[0].fit.values * np.where(
+        np.arange(len(named[0].fit.values)) < 3, 1.3, 1.0))  # fmt: skip
+    assert loosened(bent, [dataclasses.replace(named[0], fit=far)], trials) is None
