@@ -206,6 +206,8 @@ def _loud(found: Found, errors: Sequence[float], floor: float) -> bool:
 
 def _unknown(found: Found) -> bool:
     """Whether what is left has structure that no effect was found for."""
+    if not found.answers and found.fits[-1].chi2_in_band > WRONG:
+        return True  # wherever it is
     if found.left is None or found.left.p_value > FALSE_ALARM:
         return False
     if whiteness(found.fits[-1]) > UNWHITE:

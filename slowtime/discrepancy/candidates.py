@@ -35,7 +35,8 @@ SEVERAL = 3.0
 """What a free force at the best place leaves, over the noise, from which one force alone is not
 what is missing; then no place is passed over for that."""
 WEAK = 0.1
-"""Share of what a force at the best place explains, below which a place is passed over then."""
+"""Share of what a force at the best place explains, below which a place is passed over then;
+where none explains more than it costs, places go by what they leave."""
 HOPELESS = 5.0
 """Times the chi squared of the best law that a place must leave, to be passed over."""
 
@@ -91,7 +92,7 @@ def candidates(fit: Fit, located: Located, kinds: Mapping[str, Kind]) -> list[Ca
     leaving = min(group.left for group in located.groups)
     most = max(group.score for group in located.groups)
     for group in located.groups:
-        if leaving < SEVERAL:
+        if leaving < SEVERAL or most <= 0:
             worse = group.left > no_worse(leaving)
         else:
             worse = group.score < WEAK * most

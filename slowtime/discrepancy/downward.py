@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from slowtime.dynamics.effects import Effect, Kind, Unmeasured
+from slowtime.dynamics.effects import Effect, Kind, Place, Unmeasured
 
 from .adding import free_run
 from .candidates import Candidate, label_of
@@ -34,9 +34,9 @@ AS_NEAR, LESS = 2.0, 0.8
 """Times what the best leaves, and share of what there was, within which the free run of a law
 has to come to be refitted all the same, where the best leaves much."""
 SCALED, TENFOLD, HALF_TEN = 8, (-1.5, 4.1), 0.5
-"""Labels, as ranked along the force, whose strength is looked for by free runs; from how many
-powers of ten beside the one along the force, to how many, in which steps: where the motion was
-guessed wrongly, a force of the third power is wrong three times as much."""
+"""Labels whose strength is looked for by free runs, those at the best place first; from how
+many powers of ten beside the one along the force, to how many, in which steps: where the motion
+was guessed wrongly, a force of the third power is wrong three times as much."""
 
 
 class Downward:
@@ -52,6 +52,8 @@ class Downward:
         Candidates, the best first.
     labels
         Those that are refitted anyway.
+    best
+        Where a force explains most, whatever its course.
     several
         Whether no force at one place does it: then only what comes near is given.
     """
@@ -65,6 +67,7 @@ class Downward:
         trials: Sequence[Trial],
         kinds: Mapping[str, Kind],
         *,
+        best: Sequence[Place] = (),
         several: bool = False,
     ) -> None:
         done = {label_of(one.effect) for one in labels}
@@ -75,7 +78,7 @@ class Downward:
             and one.start is not None
             and not isinstance(kinds[one.effect.kind].action, Unmeasured)
         ]
-        self._labels, self._tried, self._several = labels, tried, several
+        self._labels, self._tried, self._best, self._several = labels, tried, best, several
         self._bent, self._before, self._trials, self._kinds = bent, before, trials, kinds
         self._gone = False
 
@@ -110,6 +113,7 @@ class Downward:
         """Give laws as strong as their free run comes nearest from where the model stood."""
         without = misfit(self._before, self._before.noise, self._trials)
         strong = [one for one in self._tried if self._kinds[one.effect.kind].strength]
+        strong.sort(key=lambda one: one.effect.place not in self._best)
         for one in strong[:SCALED]:
             runs = [
                 (free_run(self._before, effect, None, self._trials, self._kinds), i, effect)

@@ -319,9 +319,9 @@ def _late(tick: Tick, effect: Effect, number: int) -> bool:
 def _and_more(
     labels: Sequence[Candidate], found: Sequence[Named], more: More | None
 ) -> Iterator[Candidate]:
-    while labels:
-        yield from labels
-        labels = more(found) if more is not None else []
+    yield from labels
+    while more is not None and (others := more(found)):
+        yield from others
 
 
 def _straight(kind: Kind) -> bool:

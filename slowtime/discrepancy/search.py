@@ -336,7 +336,10 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
 
     bent = found.fits[-1]
     first = not (number or how.quick)
-    down = Downward(bent, before, tried, labels, trials, kinds, several=several)
+    down = Downward(
+        bent, before, tried, labels, trials, kinds,
+        best=located.groups[0].places, several=several,
+    )  # fmt: skip
 
     def more(so_far: Sequence[Named]) -> list[Candidate]:
         if not first or found.both is not None:

@@ -60,10 +60,16 @@ def test_those_are_called_undecided_that_have_nineteen_twentieths_together(named
 
 
 @pytest.mark.parametrize(
-    ("unseen", "verdict"), [(0.0, "nothing_missing"), (2.0, "unknown_effect")]
+    ("unseen", "chi2", "chance", "verdict"),
+    [
+        (0.0, 2.4, 0.0, "nothing_missing"),
+        (2.0, 2.4, 0.0, "unknown_effect"),
+        (2.0, 4.0, 1.0, "unknown_effect"),
+        (2.0, 2.4, 1.0, "nothing_missing"),
+    ],
 )
 def test_noise_of_another_colour_is_no_discovery_where_no_record_shows_an_error(
-    unseen, verdict
+    unseen, chi2, chance, verdict
 ):
     rng = np.random.default_rng(4)
     rig = dataclasses.replace(
@@ -82,9 +88,9 @@ def test_noise_of_another_colour_is_no_discovery_where_no_record_shows_an_error(
 
     trials = (record(0.0), record(0.0))
     fit = refit(plant, trials)
-    loud = dataclasses.replace(fit, chi2_in_band=2.4, in_band_sd=0.02)
+    loud = dataclasses.replace(fit, chi2_in_band=chi2, in_band_sd=0.02)
     left = locate(fit, trials)
-    sure = dataclasses.replace(left.groups[0], p_value=0.0)
+    sure = dataclasses.replace(left.groups[0], p_value=chance)
     left = dataclasses.replace(left, groups=(sure, *left.groups[1:]))
     found = Found([loud], trials, located=left, left=left)
     told = report(

@@ -317,6 +317,23 @@ def test_more_labels_are_refitted_when_the_first_are_done(far_off):
     assert "cubic_hardening" in asked[1]
 
 
+def test_more_labels_are_asked_for_though_there_were_none_to_begin_with(far_off):
+    _, before, tried, trials = far_off
+    more = [tried[-1:], []]
+    named = refit_all(before, [], trials, KINDS, nothing, more=lambda _: more.pop(0))
+    assert [one.effect.kind for one in named] == ["cubic_hardening"]
+
+
+def test_laws_are_tried_though_no_force_anywhere_is_worth_what_it_costs(far_off):
+    _, before, _, trials = far_off
+    located = locate(before, trials)
+    groups = tuple(
+        dataclasses.replace(group, score=-1e5, left=20.0) for group in located.groups
+    )
+    found = candidates(before, dataclasses.replace(located, groups=groups), KINDS)
+    assert {one.effect.place for one in found} >= {PLACE}
+
+
 def test_of_one_label_tried_from_two_starts_the_better_is_kept(far_off):
     _, before, tried, trials = far_off
     named = refit_all(before, [tried[-1], tried[-1]], trials, KINDS, nothing)
