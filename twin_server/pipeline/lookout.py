@@ -9,7 +9,7 @@ import json
 import logging
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from twin_server.estimate import Noticed, Past, Series, past_of, past_of_elements
 from twin_server.estimate.lookout import MOST
@@ -32,6 +32,18 @@ BUSY = 200
 """Messages that wait to be taken in, from which nothing else is done."""
 
 _PAUSE_S = 0.5
+
+
+def was_told(
+    told: Iterable[tuple[str, float]], quantity: str, found: Noticed, at: float
+) -> bool:
+    """Whether one of the changes told is this one, noticed at a slow time.
+
+    Read again with another past, the same change may begin some readings sooner or later; none
+    begins anew before the last was noticed.
+    """
+    apart = at - found.since
+    return any(name == quantity and abs(since - found.since) < apart for name, since in told)
 
 
 class Lookout:
@@ -168,7 +180,7 @@ class Lookout:
         every = self._taken(twin_id, past, odds)
         told = self._told(twin_id) if every else set()
         for name, noticed, at, left in every:
-            if (left < LATE or at > seen) and (name, noticed.since) not in told:
+            if (left < LATE or at > seen) and not was_told(told, name, noticed, at):
                 self._say(twin_id, name, noticed)
 
     def _taken(

@@ -5,6 +5,7 @@ import time
 import numpy as np
 import pytest
 
+from twin_server.estimate import Noticed
 from twin_server.pipeline import lookout
 
 TWIN = "/api/v1/twins/lab.beam"
@@ -120,6 +121,23 @@ def test_of_a_fleet_too_large_to_be_known_each_is_learnt_anew(
     time.sleep(1.0)
     for twin in (TWIN, TWIN.replace("beam", "mast")):
         assert [event["details"]["since"] for event in told(server, twin)] == [AT - 1]
+
+
+@pytest.mark.parametrize(
+    ("quantity", "since", "told"),
+    [
+        ("stiffness", 20.0, True),
+        ("stiffness", 19.0, True),
+        ("stiffness", 22.0, True),
+        ("stiffness", 24.0, False),
+        ("stiffness", 12.0, False),
+        ("mass", 20.0, False),
+    ],
+)
+def test_a_change_read_again_from_elsewhere_is_told_once(quantity, since, told):
+    found = Noticed(since=since, size=0.1, sd=0.01, odds=1e6)
+    before = {("stiffness", 20.0), ("damping", since)}
+    assert lookout.was_told(before, quantity, found, since + 3.0) is told
 
 
 def test_a_twin_that_is_made_anew_is_watched_anew(serving, jumping, eventually):
