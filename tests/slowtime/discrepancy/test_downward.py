@@ -352,6 +352,17 @@ def test_a_place_is_not_left_for_others_where_there_are_none():
     assert several[4] not in chosen(several, 6)
 
 
+@pytest.mark.parametrize(("left", "made"), [(0.52, True), (0.58, True), (0.72, False)])
+def test_of_what_the_base_does_no_law_explains_two_fifths(far_off, left, made):
+    _, before, tried, trials = far_off
+    (named,) = refit_all(before, tried[-1:], trials, KINDS, nothing)
+    law = named.fit
+    bar = refit(before.plant, trials, noise=law.noise, values=before.values,
+                states=before.states, horizons=(1.0,))  # fmt: skip
+    poor = dataclasses.replace(law, cost=law.data + left * (bar.cost - bar.data))
+    assert follows(poor, before, trials) is made
+
+
 def test_what_a_law_explains_by_half_in_a_free_run_is_no_motion_of_the_base(far_off):
     _, before, tried, trials = far_off
     cubic, drag = (refit_all(before, [one], trials, KINDS, nothing) for one in
