@@ -57,6 +57,8 @@ LOUD = (
     "What is left is not of the colour that the noise was taken to have, but no record shows "
     "it as an error: it is noise, or far below it."
 )
+AS_WELL = 9.0
+"""Chi squared by which a law may leave more, and do as well."""
 HURRIED = "Time ran out before every law was tried; --patience gives it more."
 
 
@@ -85,6 +87,8 @@ class Found:
         A spring that the model has not got, and that explains more than what was named.
     both
         An account that begins with two laws at once, and explains all.
+    alike
+        Laws in the place of the first effect that do what a simpler one does.
     loosened
         Whether the model as given was stuck in a minimum that is not its lowest.
     """
@@ -108,6 +112,7 @@ class Found:
     link: Link | None = None
     both: "Found | None" = None
     loosened: bool = False
+    alike: tuple[Named, ...] = ()
 
 
 def report(
@@ -177,7 +182,7 @@ def report(
             *(
                 (f"Nearest: {a.sentence}" for a in found.answers)
                 if unknown
-                else (*_pieced(found, kinds), *_besides(found))
+                else (*_pieced(found, kinds), *_as_well(found, kinds), *_besides(found))
             ),
             *((LOUD,) if loud and not unknown and _unknown(found) else ()),
         ),
@@ -250,6 +255,27 @@ def _pieced(found: Found, kinds: Mapping[str, Kind]) -> tuple[str, ...]:
     return tuple(
         f"Two laws over the {variable} at {place} may be one that is none of those known here."
         for place, variable in pieces_of_one(found.answers, kinds).items()
+    )
+
+
+def _as_well(found: Found, kinds: Mapping[str, Kind]) -> tuple[str, ...]:
+    """Say which laws of more numbers do as well as the only one that was named."""
+    if len(found.answers) != 1 or len(found.fits) != 2 or found.undecided or found.ended:
+        return ()
+    (answer,), best = found.answers, found.fits[-1]
+    others = {
+        one.effect.kind: one
+        for one in (*found.alike, *found.named)
+        if one.effect.place == answer.effect.place and one.effect.kind != answer.effect.kind
+        and len(one.fit.states) == len(found.trials)
+    }  # fmt: skip
+    least = misfit(best, best.noise, found.trials)
+    return tuple(
+        f"{kinds[name].words} at {answer.effect.place}, a law of more numbers, would do as "
+        "well: what sets it apart does not show in these records."
+        for name, one in others.items()
+        if len(kinds[name].names) > len(answer.effect.parameters)
+        and misfit(one.fit, best.noise, found.trials) < least + AS_WELL
     )
 
 

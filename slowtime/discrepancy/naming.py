@@ -256,6 +256,7 @@ def refit_all(
     *,
     shooting: bool = False,
     more: More | None = None,
+    alike: list[Named] | None = None,
 ) -> list[Named]:
     """Refit each label until it is late; all are judged by the noise that the best leaves.
 
@@ -265,10 +266,12 @@ def refit_all(
     one leaves little, others that would leave more.
     By `shooting`, each is fitted to pieces first: that leads to the right minimum where an
     effect is strong, and costs more.
+    Laws of several numbers that do what a simpler one does are not given, but put into `alike`.
     """
     noise: Noise | None = None
     found: list[Named] = []
     idle: list[Named] = []
+    alike = [] if alike is None else alike
     enough = reached = math.inf
     stopped = False
     for number, label in enumerate(_and_more(labels, found, more)):
@@ -292,10 +295,11 @@ def refit_all(
             continue
         if noise is None:
             noise = named.fit.noise
-        if not _shown(named, trials, kinds):
-            continue
-        if _idle(named, kinds):
-            idle += [named] if len(kind.names) > 1 else []
+        shown = _shown(named, trials, kinds)
+        if not shown or _idle(named, kinds):
+            several = [named] if len(kind.names) > 1 else []
+            idle += several if shown else []
+            alike += several
             continue
         found.append(named)
         if any(whiteness(fit) > WHITE for fit in (named.fit, named.shot) if fit is not None):

@@ -348,7 +348,8 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
         found.both = together(found, before, trials, kinds, how.stated, tell)
         return down(so_far) if found.both is None else []
 
-    named = refit_all(before, in_turn, trials, kinds, tick, more=more)
+    alike: list[Named] = []
+    named = refit_all(before, in_turn, trials, kinds, tick, more=more, alike=alike)
     if found.both is not None:
         return True
     loose = loosened(bent, named, found.trials) if number == 0 and not found.loosened else None
@@ -373,6 +374,6 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
     if not (how.quick or (number and tell.hurries)):
         named = shot_too(before, labels, named, trials, kinds, tick)
     if number == 0:
-        found.named, found.tried = tuple(named), tuple(tried)
+        found.named, found.tried, found.alike = tuple(named), tuple(tried), tuple(alike)
     twice = again and not any(one.effect.place.kind == "sensor" for one in named[:1])
     return accept(found, before, named, trials, kinds, how.stated, pulled=pulled, twice=twice)

@@ -10,12 +10,13 @@ import scipy.ndimage
 from slowtime.discrepancy import search as searching
 from slowtime.discrepancy.adding import free_run
 from slowtime.discrepancy.candidates import Candidate, Start, candidates, label_of, mirrored
+from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.downward import IN_TURN, NEAREST, Downward
 from slowtime.discrepancy.equivalent import equivalents, instead_of_constants
 from slowtime.discrepancy.gap import free_runs
 from slowtime.discrepancy.locate import character, locate
 from slowtime.discrepancy.naming import Named, chosen, refit_all
-from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refit import refit
 from slowtime.discrepancy.search import Search, search
 from slowtime.discrepancy.shaken import _made, follows
@@ -525,3 +526,19 @@ def test_constants_within_their_tolerance_need_no_law():
     assert bent.pulls["damping", "k1"] > 4
     found = equivalents(bent, recorded(stiffer, (drag,), level=0.5), KINDS)
     assert "quadratic_damping" in {one.effect.kind for one in found}
+
+
+@pytest.mark.parametrize(("sharp", "apart"), [(2e-4, False), (0.2, True)])
+def test_of_friction_it_is_said_whether_its_curve_at_low_speed_shows(sharp, apart):
+    """Far above the speed of Stribeck's curve, it is dry friction."""
+    static = 1.5 if apart else 1.05
+    numbers = {"friction_n": 1.0, "static_n": static, "vs_m_per_s": sharp}
+    true = Effect("stribeck", PLACE, numbers)
+    trials = recorded(ONE, (true,), seconds=8.0)
+    few = {name: KINDS[name] for name in ("coulomb", "stribeck", "viscous_damping")}
+    said = diagnose(Campaign(description=ONE, trials=trials), kinds=few)
+    told = [note for note in said.notes if "would do as well" in note]
+    assert [one.effect.kind for one in said.effects] == ["stribeck" if apart else "coulomb"]
+    assert [note.split(" (")[1].split(")")[0] for note in told] == (
+        [] if apart else ["stribeck"]
+    )
