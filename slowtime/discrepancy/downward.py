@@ -5,7 +5,8 @@ motion at its place is guessed, and where it is strong the motion is none that a
 would make. Its free run, from where its force has put all else, still comes nearer than others.
 Where even the best leaves much, so may that of a law as strong as its free run wants it, or of
 one which the bent constants stand for: it is refitted if it comes about as near, before
-anything was fitted, as the best of what was.
+anything was fitted, as the best of what was. And a law that left little along its force, and
+much where it was refitted, is stuck there: it is fitted again from where the model stood.
 """
 
 import dataclasses
@@ -33,6 +34,9 @@ further down: what explains more may be one of two laws, and the other is looked
 AS_NEAR, LESS = 2.0, 0.8
 """Times what the best leaves, and share of what there was, within which the free run of a law
 has to come to be refitted all the same, where the best leaves much."""
+STUCK, AGAIN = 10.0, 2
+"""Times what a law leaves along its force, from which its refit is stuck; how many such laws
+are fitted again, of those that explained no less along the force than the best did."""
 SCALED, TENFOLD, HALF_TEN = 8, (-1.5, 4.1), 0.5
 """Labels whose strength is looked for by free runs, those at the best place first; from how
 many powers of ten beside the one along the force, to how many, in which steps: where the motion
@@ -92,7 +96,9 @@ class Downward:
         if some and least < FAR_OFF:
             return []
         self._gone = True
-        near = self._as_near(best) if best is not None and least > FAR_OFF else []
+        near: list[Candidate] = []
+        if best is not None and least > FAR_OFF:
+            near = [*self._stuck(found), *self._as_near(best)]
         if some or self._several:
             return near
         batch, others = self._rest[:IN_TURN], self._rest[IN_TURN:]
@@ -100,6 +106,25 @@ class Downward:
         known = {label_of(one.effect) for one in near}
         both = [one for one in self._equivalents() if label_of(one.effect) not in known]
         return [*near, *self._as_good(both), *batch]
+
+    def _stuck(self, found: Sequence[Named]) -> list[Candidate]:
+        """Give laws that are to be fitted again from where the model stood."""
+        known = {label_of(one.effect): one for one in self._labels if one.start is not None}
+        done = [
+            (known[label_of(one.effect)], one.fit)
+            for one in found
+            if label_of(one.effect) in known
+        ]
+        first = min(done, key=lambda one: one[1].chi2_in_band, default=None)
+        if first is None:
+            return []
+        stuck = [
+            one
+            for one, fit in done
+            if one.cost <= first[0].cost and fit.cost > STUCK * one.cost
+        ]
+        stuck.sort(key=lambda one: one.cost)
+        return [dataclasses.replace(one, start=None) for one in stuck[:AGAIN]]
 
     def _as_near(self, best: Fit) -> list[Candidate]:
         """Give what comes about as near by its free run alone as what was refitted."""

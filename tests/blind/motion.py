@@ -20,6 +20,8 @@ TOLERANCE = 1e-8
 """Of a step, relative to the size of the motion."""
 SLIPS = 1e-9
 """Speeds below this, relative to their size, are zero."""
+BEYOND = 1e3
+"""Times its typical size beyond which a motion has left all bounds."""
 
 
 class Diverged(ArithmeticError):
@@ -68,7 +70,7 @@ def move(
     sizes = np.array([scale[0]] * n + [scale[1]] * n + [scale[0]] * (system.states - 2 * n))
     follow = _smoothly if system.friction is None else _by_events
     states, mode = follow(system, times, first, sizes, tolerance)
-    if not np.isfinite(states).all() or np.abs(states[:, :n]).max() > 1e3 * scale[0]:
+    if not np.isfinite(states).all() or np.abs(states[:, :n]).max() > BEYOND * scale[0]:
         raise Diverged("the motion grew beyond all bounds")
     rates = np.array(
         [
@@ -128,7 +130,7 @@ class _Slider:
         self.system, self.state, self.t = system, first, 0.0
         self.tolerances = (10 * tolerance * sizes).tolist()
         self.slow = SLIPS * float(sizes[system.rig.size])
-        self.size = system.rig.size
+        self.size, self.bound = system.rig.size, BEYOND * float(sizes[0])
         # Short enough that no slip begins and ends unseen within a step.
         self.longest_s = 1.0 / (25.0 * float(system.rig.frequencies_hz()[-1]))
         self.step_s = self.longest_s
@@ -151,6 +153,9 @@ class _Slider:
             worst = max(abs(e) / a for e, a in zip(error, self.tolerances, strict=True))
             if not worst < 1e9:
                 raise Diverged("a step with friction has no end")
+            # Towards a force without end steps would grow ever shorter, and none be the last.
+            if max(map(abs, self.state[: self.size])) > self.bound:
+                raise Diverged("the motion grew beyond all bounds")
             if worst > 1:
                 self.step_s = h * max(0.2, 0.9 * worst**-0.2)
                 continue

@@ -170,10 +170,12 @@ def test_friction_that_sticks_pulls_no_more_than_it_can_hold():
     assert np.abs(speed[sticks, 1]).max() < 1e-9
 
 
-def test_a_spring_that_gives_way_is_said_to_diverge():
+@pytest.mark.parametrize("rubs", [False, True])
+def test_a_spring_that_gives_way_is_said_to_diverge(rubs):
     weak = Placed(LAWS["cubic_softening"], "j1", {"k3_n_per_m3": -1e10})
+    beside = [dataclasses.replace(of_kind("coulomb"), place="j0")] if rubs else []
     with pytest.raises(Diverged):
-        move(system(weak), TIMES, scale=SIZES)
+        move(system(weak, *beside), TIMES, scale=SIZES)
 
 
 def test_two_dry_frictions_are_refused():

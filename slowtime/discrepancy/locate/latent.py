@@ -7,7 +7,8 @@ with the constants :math:`\theta` (relative, under the model's tolerance) acting
 motion that there was with the force in it, so that a model that is far off is no obstacle; with
 :math:`\delta` for initial states and for the transform's being circular. The variance
 :math:`s_b` of the force in each band of each trial is found by scoring, constants by Gauss's
-and Newton's steps, after each of which responses and residuals are made anew.
+and Newton's steps, after each of which responses and residuals are made anew; of the force
+itself, no more is believed than :data:`BELIEVED` says.
 """
 
 import dataclasses
@@ -28,6 +29,9 @@ ENOUGH = 0.5
 STRIDE = 0.3
 """Largest change of a constant in one round."""
 RIDGE = 1e-9
+BELIEVED = 10.0
+"""Times the variance of a force where it is heard best that is believed elsewhere: where the
+sensors hardly hear it, as accelerometers do at low frequency, noise would be taken for more."""
 ROUNDED = 1e-12
 """Share of a sum of squares that its difference from another as large cannot tell from none."""
 
@@ -364,11 +368,12 @@ def _force(
     state: Float[np.ndarray, " state"],
 ) -> TrialForce:
     """Posterior of the force, line by line."""
+    seen = np.einsum("fs,fs->f", transfer.conj() / tuned.trial.noise, left)
+    variance = _believed(tuned.trial, seen, signal, variance)
     spread = variance / (1 + variance * signal)
-    mean = spread * np.einsum("fs,fs->f", transfer.conj() / tuned.trial.noise, left)
     return TrialForce(
         variance=variance,
-        mean=mean,
+        mean=spread * seen,
         spread=spread,
         linear=linear,
         left=left,
@@ -404,6 +409,19 @@ def _variance(
         step = np.where(sharp > 0, score / np.where(sharp > 0, sharp, 1.0), 0.0)
         variance = np.maximum(variance + step, 0.0)
     return np.where(heard > 0, variance[trial.band], 0.0)
+
+
+def _believed(
+    trial: TrialLines,
+    seen: Complex[np.ndarray, " frequency"],
+    signal: OfLine,
+    variance: OfLine,
+) -> OfLine:
+    """Give the variance, nowhere far beyond that of the band where the force is heard best."""
+    rise = 1 + variance * signal
+    gain = _sum(trial, trial.weight * (variance * np.abs(seen) ** 2 / rise - np.log(rise)))
+    best = trial.band == np.argmax(gain)
+    return np.asarray(np.minimum(variance, BELIEVED * variance[best].max()))
 
 
 def _sum(trial: TrialLines, values: OfLine) -> Float[np.ndarray, " band"]:

@@ -284,6 +284,34 @@ def test_no_law_comes_near_what_leaves_but_noise(far_off):
     assert more([dataclasses.replace(named, fit=much)]) == []
 
 
+def test_a_law_that_is_stuck_is_begun_from_where_the_model_stood(far_off):
+    """It explained no less along its force than the best, and leaves far more when fitted."""
+    bent, before, tried, trials = far_off
+    numbers = {  # chi squared along the force, where refitted, and the same over the noise
+        "quadratic_damping": (1e3, 1e6, 100.0),
+        "coulomb": (2e3, 5e5, 50.0),
+        "viscous_damping": (5e3, 1e6, 100.0),
+        "stiffness_loss": (1.5e3, 1.4e4, 60.0),
+    }
+    known = {one.effect.kind: one for one in tried}
+    labels = [
+        dataclasses.replace(known[kind], cost=cost) for kind, (cost, *_) in numbers.items()
+    ]
+    found = []
+    for label in labels:
+        _, left, over = numbers[label.effect.kind]
+        fit = dataclasses.replace(before, cost=left, chi2_in_band=over)
+        found.append(Named(label.effect, before.plant.description, fit, -left))
+    given = Downward(bent, before, tried, labels, trials, KINDS, several=True)(found)
+    again = [
+        one for one in given if label_of(one.effect) in {label_of(k.effect) for k in labels}
+    ]
+    assert [one.effect.kind for one in again] == ["quadratic_damping", "coulomb"]
+    assert all(one.start is None for one in again)
+    unread = [dataclasses.replace(one, start=None) for one in labels]
+    assert not Downward(bent, before, [], unread, trials, KINDS, several=True)(found)
+
+
 @pytest.mark.parametrize("guessed", [0.97, 0.8])
 def test_what_swings_wide_is_fitted_to_records_that_grow(guessed):
     """Near its top a pendulum's free run goes another way at the least error."""

@@ -34,6 +34,10 @@ def loosened(e, v, t):
     return -60.0 * e * (t > 32.0)
 
 
+def unstable(e, v, t):
+    return 4.0 * (e**2 / 1.5e-3**2 - 1) * v
+
+
 def gained(reading):
     return 1.1 * reading
 
@@ -118,6 +122,31 @@ def test_the_force_is_recovered_with_an_honest_error(found):
         error = latent.force - missing - basis @ line
         assert np.std(error) < 2 * latent.sd
         assert np.std(error) < 0.25 * np.std(missing)
+
+
+@pytest.mark.parametrize("seed", [3, 6])
+def test_accelerometers_tell_a_motion_and_not_their_noise_at_low_frequency(
+    campaign, wrong, seed
+):
+    rig, trials = campaign(
+        seed,
+        wrong(element=0, force=unstable),
+        mode="states",
+        masses=1,
+        snr_db=20.0,
+        seconds=40.0,
+    )
+    names = [s.channel for s in rig.description.sensors]
+    felt = np.array([name.startswith("a") for name in names])
+    trials = [
+        dataclasses.replace(trial, use=np.tile(felt, (len(trial.outputs), 1)))
+        for trial in trials
+    ]
+    result = locate(refit(Plant.of(rig.description), trials), trials)
+    for number, trial in enumerate(trials):
+        moved = trial.outputs[:, names.index("x1")]
+        told = result.latent(Place("element", "j0"), number).motion.e
+        assert np.std(told - moved) < 0.5 * np.std(moved)
 
 
 def test_character_tells_what_kind_of_force_it_is(found):
