@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import scipy.stats
 
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Kind, Place, force_along
@@ -59,6 +60,8 @@ LOUD = (
 )
 AS_WELL = 9.0
 """Chi squared by which a law may leave more, and do as well."""
+UNLIKELY = 0.05
+"""Chance that any constant is so far within its tolerance, below which it is told."""
 HURRIED = "Time ran out before every law was tried; --patience gives it more."
 
 
@@ -184,6 +187,7 @@ def report(
                 if unknown
                 else (*_pieced(found, kinds), *_as_well(found, kinds), *_besides(found))
             ),
+            *(_far(last) if verdict == "nothing_missing" else ()),
             *((LOUD,) if loud and not unknown and _unknown(found) else ()),
         ),
     )
@@ -276,6 +280,21 @@ def _as_well(found: Found, kinds: Mapping[str, Kind]) -> tuple[str, ...]:
         for name, one in others.items()
         if len(kinds[name].names) > len(answer.effect.parameters)
         and misfit(one.fit, best.noise, found.trials) < least + AS_WELL
+    )
+
+
+def _far(fit: Fit) -> tuple[str, ...]:
+    """Tell of constants that kept within their tolerance, and are far off all the same."""
+    pulls = {name: pull for name, pull in fit.pulls.items() if name[0] != "effect"}
+    chances = {
+        name: min(1.0, 2 * len(pulls) * float(scipy.stats.norm.sf(abs(pull))))
+        for name, pull in pulls.items()
+    }
+    return tuple(
+        f"The {name[0]} of {name[1]} had to be {abs(pulls[name]):.1f} tolerances off: allowed, "
+        f"but so far is any of them by a chance of {_percent(chance)}."
+        for name, chance in chances.items()
+        if chance < UNLIKELY
     )
 
 

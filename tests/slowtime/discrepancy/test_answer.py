@@ -47,6 +47,32 @@ def test_constants_that_may_be_off_take_their_share(named):
     assert [rival.effect for rival in rivals_within([named, lesser], shares)] == ["added_mass"]
 
 
+@pytest.mark.parametrize(("off", "told"), [(0.0, False), (1.5, False), (3.0, True)])
+def test_a_constant_that_is_rarely_as_far_off_is_told_of(off, told):
+    rng = np.random.default_rng(6)
+    rig = dataclasses.replace(
+        chain([2.0], [800.0], dampings_n_s_per_m=[1.6]),
+        inputs=(Input(channel="f", kind="force", node="m1", unit="N"),),
+        sensors=(Sensor(channel="x", quantity="displacement", node="m1", unit="m"),),
+        tolerance=Tolerance(stiffness=0.02, damping=0.1),
+    )
+    plant = Plant.of(rig)
+    spring = rig.elements[0].id
+    values = plant.values.copy()
+    values[plant.parameters.index(("stiffness", spring))] *= 1 + off * 0.02
+    push = rng.standard_normal((2000, 1))
+    clean = plant.simulate(values, push, 64.0)
+    noise = 0.01 * clean.std() * rng.standard_normal(clean.shape)
+    trial = Trial(inputs=push, outputs=clean + noise, rate_hz=64.0)
+    fit = refit(plant, (trial,))
+    found = Found([fit], (trial,), located=locate(fit, (trial,)))
+    answer = report(Campaign(description=rig, trials=(trial,)), (trial,), (), found, KINDS)
+    assert answer.verdict == "nothing_missing"
+    notes = [note for note in answer.notes if "tolerances off" in note]
+    assert len(notes) == told
+    assert all(f"stiffness of {spring} had to be 3.0 tolerances" in note for note in notes)
+
+
 def test_those_are_called_undecided_that_have_nineteen_twentieths_together(named):
     several = [named] * 3
     for shares, told in (
