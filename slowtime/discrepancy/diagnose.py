@@ -21,7 +21,7 @@ from .pruning import pruned
 from .records import Campaign, Trial
 from .refit import refit
 from .refuted import refuted
-from .screen import screen
+from .screen import screen_all
 from .search import Search, search
 from .unbent import unbent
 from .undriven import diagnose_undriven
@@ -65,7 +65,7 @@ def diagnose(
     tell = Watch(progress, stop, late, over)
     known = catalogue() if kinds is None else kinds
     tell("screening channels", 0.0)
-    screened = [screen(trial, campaign.channels) for trial in campaign.trials]
+    screened = screen_all(campaign.trials, campaign.channels)
     trials = tuple(one.trial.trimmed() for one in screened)
     findings = tuple(finding for one in screened for finding in one.findings)
     if campaign.ambient:

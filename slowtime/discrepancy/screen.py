@@ -6,7 +6,8 @@ number, is a fault of the channel whatever the structure does.
 
 import dataclasses
 import math
-from collections.abc import Iterable, Sequence
+import types
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -31,6 +32,8 @@ NEAR, MOST, NORMAL = 4.0, 0.1, 0.6745
 off, and the most of the channel's range that this may be; median of what is normal, by its
 standard deviation."""
 
+SAME = 1e-4
+"""Relative difference of two levels of one channel that are one, as files keep them."""
 DIGIT = float(np.finfo(np.float32).eps)
 """Relative resolution of a level: recorders keep no more."""
 
@@ -85,13 +88,35 @@ class Screened:
     findings: tuple[Finding, ...]
 
 
-def screen(trial: Trial, channels: Sequence[str] = ()) -> Screened:
+def screen_all(trials: Sequence[Trial], channels: Sequence[str]) -> list[Screened]:
+    """Screen the records of a campaign: where one shows a channel's stop, all have it."""
+    found = [screen(trial, channels) for trial in trials]
+    stops: dict[str, set[float]] = {}
+    for one in found:
+        for finding in one.findings:
+            if finding.fault == "clipped":
+                stops.setdefault(finding.channel, set()).add(finding.level)
+    return [
+        screen(trial, channels, stops)
+        if any(f.fault == "stuck" and f.channel in stops for f in one.findings)
+        else one
+        for trial, one in zip(trials, found, strict=True)
+    ]
+
+
+def screen(
+    trial: Trial,
+    channels: Sequence[str] = (),
+    stops: Mapping[str, Collection[float]] = types.MappingProxyType({}),
+) -> Screened:
     """Mask what is missing, stuck or clipped.
 
     Parameters
     ----------
     channels
         Names of the sensors for the findings; numbers from 1 where none are given.
+    stops
+        Sizes at which channels are known to be cut off.
 
     Examples
     --------
@@ -111,14 +136,16 @@ def screen(trial: Trial, channels: Sequence[str] = ()) -> Screened:
     for i, (name, samples) in enumerate(zip(names, trial.outputs.T, strict=True)):
         if not use[:, i].any() and np.isfinite(samples).all():
             continue  # not measured in this record: no fault of the channel
-        for fault, bad in _faults(samples, still):
+        for fault, bad in _faults(samples, still, stops.get(name, ())):
             findings.append(_finding(trial, fault, name, bad, samples))
             use[:, i] &= ~(_beside(bad, samples) if fault == "clipped" else bad)
     return Screened(trial=dataclasses.replace(trial, use=use), findings=tuple(findings))
 
 
 def _faults(
-    samples: Float[np.ndarray, " time"], still: Bool[np.ndarray, " time"]
+    samples: Float[np.ndarray, " time"],
+    still: Bool[np.ndarray, " time"],
+    stops: Collection[float],
 ) -> Iterable[tuple[Fault, Bool[np.ndarray, " time"]]]:
     missing = ~np.isfinite(samples)
     if missing.any():
@@ -127,7 +154,7 @@ def _faults(
     if there.size and np.ptp(there) == 0:
         yield "constant", ~missing
         return
-    clipped = _clipped(samples, there)
+    clipped = _clipped(samples, there, stops)
     stuck = _stuck(samples) & ~still & ~clipped
     for fault, which in (("zero", samples == 0), ("stuck", samples != 0)):
         if (stuck & which).any():
@@ -169,22 +196,29 @@ def _runs(
 
 
 def _clipped(
-    samples: Float[np.ndarray, " time"], there: Float[np.ndarray, " finite"]
+    samples: Float[np.ndarray, " time"],
+    there: Float[np.ndarray, " finite"],
+    stops: Collection[float],
 ) -> Bool[np.ndarray, " time"]:
     """Find samples on an extreme value that occurs far more often than the value next to it.
 
-    And not in one row: a channel that is held at its highest once is stuck there.
+    And not in one row: a channel that is held at its highest once is stuck there, but where it
+    is cut off at its other extreme, or there in other records.
     """
-    found = np.zeros(len(samples), dtype=bool)
     levels, counts = np.unique(there, return_counts=True)
-    if len(levels) < 2 * PILE:
-        return found
-    for extreme, neighbours in ((0, counts[1:PILE]), (-1, counts[-PILE:-1])):
-        at = samples == levels[extreme]
-        rows = int(at[0]) + np.count_nonzero(at[1:] & ~at[:-1])
-        if counts[extreme] >= PILE * max(neighbours) and rows > 1:
-            found |= at
-    return found
+    piles: list[Bool[np.ndarray, " time"]] = []
+    several = False
+    if len(levels) >= 2 * PILE:
+        for extreme, neighbours in ((0, counts[1:PILE]), (-1, counts[-PILE:-1])):
+            if counts[extreme] >= PILE * max(neighbours):
+                at = samples == levels[extreme]
+                size = abs(float(levels[extreme]))
+                rows = int(at[0]) + int(np.count_nonzero(at[1:] & ~at[:-1]))
+                several = (
+                    several or rows > 1 or any(abs(size - stop) < SAME * stop for stop in stops)
+                )
+                piles.append(at)
+    return np.any(piles, axis=0) if several else np.zeros(len(samples), dtype=bool)
 
 
 def _beside(

@@ -32,6 +32,8 @@ RIDGE = 1e-9
 BELIEVED = 10.0
 """Times the variance of a force where it is heard best that is believed elsewhere: where the
 sensors hardly hear it, as accelerometers do at low frequency, noise would be taken for more."""
+UNSOUND = 1e100
+"""Sum of squares over the noise, of a motion that nothing can be learnt from."""
 ROUNDED = 1e-12
 """Share of a sum of squares that its difference from another as large cannot tell from none."""
 
@@ -256,7 +258,7 @@ class _Place:
     @property
     def sound(self) -> bool:
         """Whether the motion reached can be worked with."""
-        return all(np.isfinite(white.inner).all() for white in self.white)
+        return all((np.abs(white.inner) < UNSOUND).all() for white in self.white)
 
     def step(self) -> Followed:
         """Variance of the force, then constants and states."""
@@ -340,12 +342,13 @@ class _Place:
         self.residuals = [
             _filled(tuned, force) for tuned, force in zip(self.tuned, found.forces, strict=True)
         ]
-        self.white = [
-            Whitened.of(tuned, solver.known, motion, base, residual)
-            for tuned, motion, base, residual in zip(
-                self.tuned, self.motions, self.bases, self.residuals, strict=True
-            )
-        ]
+        with np.errstate(over="ignore", invalid="ignore"):  # then it is not `sound`
+            self.white = [
+                Whitened.of(tuned, solver.known, motion, base, residual)
+                for tuned, motion, base, residual in zip(
+                    self.tuned, self.motions, self.bases, self.residuals, strict=True
+                )
+            ]
 
 
 def _filled(tuned: Tuned, force: TrialForce) -> Lines:

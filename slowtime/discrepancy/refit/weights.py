@@ -71,9 +71,10 @@ class Weights:
         return inner
 
     def chi2(self, residual: Float[np.ndarray, "time sensor"]) -> float:
-        """Sum of squares of a residual once whitened."""
+        """Sum of squares of a residual once whitened; infinite for one out of all bounds."""
         if self.white is not None:
-            return float(np.sum((residual * self.use / self.white) ** 2))
+            with np.errstate(over="ignore"):
+                return float(np.sum((residual * self.use / self.white) ** 2))
         return float(np.sum(self.by_line(residual)))
 
     def _per_line(self, sensor: int) -> Float[np.ndarray, " frequency"]:

@@ -375,11 +375,13 @@ def test_what_a_wrong_clock_tells_of_a_missing_force_is_put_where_it_was(campaig
 
 
 @pytest.mark.long
-def test_a_motion_that_grows_beyond_bounds_is_followed_no_further(campaign, wrong, monkeypatch):
+@pytest.mark.parametrize("size", [np.inf, np.nan, 1.5e308])
+def test_a_motion_that_grows_beyond_bounds_is_followed_no_further(
+    campaign, wrong, monkeypatch, size
+):
     def away(self, found):
         self.white = [
-            dataclasses.replace(one, inner=np.full_like(one.inner, np.inf))
-            for one in self.white
+            dataclasses.replace(one, inner=np.full_like(one.inner, size)) for one in self.white
         ]
 
     monkeypatch.setattr(latent._Place, "go_to", away)

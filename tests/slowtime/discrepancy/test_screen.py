@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy.records import Trial
-from slowtime.discrepancy.screen import screen
+from slowtime.discrepancy.screen import screen, screen_all
 
 RATE = 100.0
 
@@ -67,6 +67,30 @@ def test_clipping_is_found_on_either_side_and_masked():
         # What lies beside a peak is left out with it, and nothing else.
         assert not used[np.flatnonzero(level[1:] & ~level[:-1])].any()
         assert used[np.abs(clipped) < 0.6].all()
+
+
+def topped(value, size=0.75):
+    """A wave that stays once, at its highest, for a moment."""
+    samples = size * wave() / np.abs(wave()).max()
+    once = int(np.argmax(samples))
+    samples[once - 5 : once + 6] = value
+    return samples
+
+
+def test_where_one_stop_is_reached_a_single_row_at_the_other_is_one_too():
+    assert found(topped(0.8)) == ["stuck"]
+    assert found(np.maximum(topped(0.8), -0.7)) == ["clipped"]
+
+
+def test_what_one_record_tells_of_a_stop_holds_in_all_of_a_campaign():
+    trials = [
+        Trial(inputs=np.zeros((len(x), 0)), outputs=x[:, None], rate_hz=RATE)
+        for x in (topped(0.8), np.clip(wave(), -0.8, 0.8), topped(0.77))
+    ]
+    told = [[f.fault for f in one.findings] for one in screen_all(trials, ["a"])]
+    assert told == [["clipped"], ["clipped"], ["stuck"]]
+    (alone,) = screen_all(trials[:1], ["a"])
+    assert [f.fault for f in alone.findings] == ["stuck"]
 
 
 def test_numbers_that_are_none_are_told_and_masked():
