@@ -132,7 +132,11 @@ class Downward:
         done = {label_of(one.effect) for one in self._labels}
         both = [one for one in self._equivalents() if label_of(one.effect) not in done]
         near = [one for one in [*self._scaled(), *both] if one.cost < AS_NEAR * reached]
-        return self._as_good(sorted(near, key=lambda one: one.cost))
+        # Of a law and a richer one that come as near, the simpler is tried while there is time.
+        return self._as_good(sorted(near, key=lambda one: (self._numbers(one), one.cost)))
+
+    def _numbers(self, one: Candidate) -> int:
+        return sum(p.fitted for p in self._kinds[one.effect.kind].parameters)
 
     def _scaled(self) -> Iterator[Candidate]:
         """Give laws as strong as their free run comes nearest from where the model stood."""

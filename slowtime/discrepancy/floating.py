@@ -17,7 +17,10 @@ from .diagnosis import Named as Answer
 from .floor import floats
 from .refit import Fit
 from .values import with_values
-from .verdict import MOVED, numbers_of, sentence_of
+from .verdict import numbers_of, sentence_of
+
+SEEN = 3.3
+"""Standard deviations from nothing of an offset that is told of."""
 
 
 def with_offsets(description: Description, kinds: Mapping[str, Kind]) -> Description:
@@ -42,7 +45,7 @@ def offsets(fit: Fit, given: Description, kinds: Mapping[str, Kind]) -> list[Ans
         if effect.kind != OFFSET or number < len(given.effects):
             continue
         numbers = numbers_of(fit, number)
-        if abs(numbers["bias"].value) <= MOVED * numbers["bias"].sd:
+        if abs(numbers["bias"].value) <= SEEN * numbers["bias"].sd:
             continue
         kind = kinds[OFFSET]
         found.append(

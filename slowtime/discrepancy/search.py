@@ -52,6 +52,9 @@ where what is left is left at a place that has an effect already."""
 APART = 2.0
 """Times what the best leaves along the force, from which others are not tried once it is late.
 """
+AS_GOOD = 1.1
+"""Times what the best leaves along the force, within which the simpler is tried first: it takes
+less time, and what it leaves is soon too much for the others."""
 HASTY = 3
 """Labels refitted where it is to be quick, and where more than one effect is missing."""
 FLAW = 0.003
@@ -140,6 +143,17 @@ def _near_first(
         return label_of(one.effect) in far, _numbers(kinds[one.effect.kind])
 
     return sorted(labels, key=turn), far
+
+
+def _simple_first(labels: Sequence[Candidate], kinds: Mapping[str, Kind]) -> list[Candidate]:
+    """Put labels of few numbers first among those that leave about as little."""
+    reach = AS_GOOD * min((one.cost for one in labels), default=0.0)
+
+    def turn(one: Candidate) -> tuple[bool, int]:
+        near = one.cost <= reach
+        return not near, _numbers(kinds[one.effect.kind]) if near else 0
+
+    return sorted(labels, key=turn)
 
 
 def _numbers(kind: Kind) -> int:
@@ -319,7 +333,9 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
         labels += mirrored(labels, tried, kinds)
     if number == 0 and located.p_value > FALSE_ALARM:
         labels += instead_of_constants(before, labels, found.trials, kinds)
-    in_turn, far = _near_first(labels, kinds) if number else (labels, set())
+    in_turn, far = (
+        _near_first(labels, kinds) if number else (_simple_first(labels, kinds), set())
+    )
     trials = within(found.trials, channels, (one.effect for one in labels), kinds)
     named: list[Named] = []
     cut: list[Effect] = []

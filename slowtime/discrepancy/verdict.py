@@ -27,7 +27,7 @@ LEAST_SHARE = 1e-6
 """Probability from which a rival is told."""
 LEAST_GAIN = 6.0
 """Log evidence that an effect has to bring."""
-MOVED = 3.3
+MOVED = 3.0
 """Tolerances by which a constant must have moved to be told."""
 OF_SENSOR = "unit of the sensor"
 """In place of a unit, in kinds that sit on a sensor."""

@@ -276,6 +276,25 @@ def test_a_law_is_begun_as_strong_as_its_free_run_wants_it(far_off, wrong):
     assert Downward(bent, before, [poor], tried[:1], trials, KINDS)([little]) == []
 
 
+def test_of_those_that_come_as_near_the_simpler_is_given_first(far_off):
+    bent, before, tried, trials = far_off
+    rich = dataclasses.replace(tried[-1], effect=Effect(
+        "van_der_pol", PLACE, {"e0_m": 0.01, "cn_n_s_per_m": 0.1}))  # fmt: skip
+    both = [rich, tried[-1]]
+    costs = {"van_der_pol": 1.0, "cubic_hardening": 2.0}
+
+    class AllAsNear(Downward):
+        def _scaled(self):
+            for one in both:
+                yield dataclasses.replace(one, cost=costs[one.effect.kind], start=None)
+
+    fit = dataclasses.replace(before, chi2_in_band=5.1)
+    best = Named(tried[0].effect, before.plant.description, fit, 0.0)
+    given = AllAsNear(bent, before, both, tried[:1], trials, KINDS, several=True)([best])
+    named = [one.effect.kind for one in given if one.effect.kind in costs]
+    assert named == ["cubic_hardening", "van_der_pol"]
+
+
 def test_no_law_comes_near_what_leaves_but_noise(far_off):
     bent, before, tried, trials = far_off
     (named,) = refit_all(before, tried[-1:], trials, KINDS, nothing)

@@ -83,6 +83,15 @@ def test_those_of_few_numbers_come_first_and_last_what_is_far_behind():
     assert far == {("cubic_hardening", SECOND)}
 
 
+def test_of_those_that_leave_as_little_the_simpler_is_tried_first():
+    costs = (("bouc_wen", 10.0), ("van_der_pol", 10.5), ("coulomb", 10.9), ("stribeck", 11.2),
+             ("viscous_damping", 12.0))  # fmt: skip
+    found = [Candidate(Effect(kind, SECOND, {}), cost, 0.0, 0.0) for kind, cost in costs]
+    ordered = [one.effect.kind for one in searching._simple_first(found, catalogue())]
+    assert ordered == ["coulomb", "van_der_pol", "bouc_wen", "stribeck", "viscous_damping"]
+    assert searching._simple_first([], catalogue()) == []
+
+
 @pytest.mark.long
 def test_what_one_sensor_cannot_tell_from_the_best_is_tried_as_early(monkeypatch):
     """What is far behind is given up once it is late, and with it what comes after it."""
