@@ -5,6 +5,7 @@ until the next sample, or a straight line that somebody's simulation drew. A ste
 half a sample: in a free run that is met to a thousandth, the wrong hold is something missing.
 """
 
+import contextlib
 import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Literal
@@ -147,6 +148,33 @@ def held_instead(
     if least.cost > faulty.cost + FAINT * faulty.data:
         return None
     return tuple(entry.hold for entry in least.plant.description.inputs)
+
+
+def held_otherwise(
+    last: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind], stated: Sequence[Hold]
+) -> tuple[Hold, ...] | None:
+    """Say which hold does better than that of a fit with all effects in; None where none does.
+
+    Where much is missing, forces at the likeliest places may look alike under all of them.
+
+    Parameters
+    ----------
+    stated
+        What the model says of each input.
+    """
+    if None not in stated or last.chi2_in_band < 1 + ALIKE * last.in_band_sd:
+        return None
+    now = [entry.hold or "band_limited" for entry in last.plant.description.inputs]
+    tried = [[one or hold for one in stated] for hold in (*OTHERS, "band_limited")]
+    others = []
+    for holds in tried:
+        if holds != now:
+            with contextlib.suppress(np.linalg.LinAlgError, FloatingPointError):
+                others.append(with_holds(last, holds, trials, kinds, last.noise))
+    best = min(others, key=lambda fit: fit.cost, default=last)
+    if best.cost + 2 * DECISIVE * max(best.chi2_in_band, 1.0) > last.cost:
+        return None
+    return tuple(entry.hold for entry in best.plant.description.inputs)
 
 
 def with_holds(

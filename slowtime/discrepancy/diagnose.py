@@ -2,14 +2,14 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 from slowtime.dynamics.effects import Kind, catalogue
 from slowtime.dynamics.plant import Plant
 
 from .adding import carrying, effects_of
 from .answer import BY_ONE, UNWHITE, Found, report
-from .between import found_holds, held_as
+from .between import Hold, found_holds, held_as, held_otherwise
 from .bottom import at_bottom
 from .diagnosis import Diagnosis, Named, Rival
 from .floating import offsets, with_offsets
@@ -19,7 +19,7 @@ from .naming import evidence
 from .patchwork import MANY
 from .pruning import pruned
 from .records import Campaign, Trial
-from .refit import refit
+from .refit import Fit, refit
 from .refuted import refuted
 from .screen import screen_all
 from .search import Search, search
@@ -72,20 +72,8 @@ def diagnose(
         tell("comparing spectra", 0.1)
         return diagnose_undriven(campaign, trials, findings, known)
     tell("refitting the model within its tolerances", 0.05)
-    stated = tuple(entry.hold for entry in campaign.description.inputs)
+    campaign, found = _searched(campaign, trials, known, tell, quick=quick)
     start = with_offsets(campaign.description, known)
-    first = refit(Plant.of(start, kinds=known), trials)
-    tell("looking at what inputs do between samples", 0.08)
-    holds = found_holds(first, trials, known)
-    if holds is not None:
-        held = held_as(campaign.description, holds)
-        campaign = dataclasses.replace(campaign, description=held)
-        start = with_offsets(held, known)
-        first = refit(Plant.of(start, kinds=known), trials)
-    found = search(first, trials, Search(known, tell, quick, stated))
-    if found.holds is not None:
-        held = held_as(campaign.description, found.holds)
-        campaign = dataclasses.replace(campaign, description=held)
     unmisled(found, campaign)
     _prune(found, found.trials, known)
     _link(found, len(start.effects), known, tell)
@@ -100,6 +88,49 @@ def diagnose(
         found.answers += told
     tell("judging by what was not fitted", 0.92)
     return report(campaign, found.trials, findings, found, known)
+
+
+def _searched(
+    campaign: Campaign,
+    trials: tuple[Trial, ...],
+    kinds: Mapping[str, Kind],
+    tell: Watch,
+    *,
+    quick: bool,
+) -> tuple[Campaign, Found]:
+    """Search, and once more where the effects that were found show that a hold was mistaken.
+
+    Gives the campaign with what its inputs do between samples, too.
+    """
+    stated = tuple(entry.hold for entry in campaign.description.inputs)
+
+    def fitted() -> Fit:
+        start = with_offsets(campaign.description, kinds)
+        return refit(Plant.of(start, kinds=kinds), trials)
+
+    def held(holds: Sequence[Hold]) -> Campaign:
+        return dataclasses.replace(
+            campaign, description=held_as(campaign.description, holds)
+        )
+
+    first = fitted()
+    tell("looking at what inputs do between samples", 0.08)
+    holds = found_holds(first, trials, kinds)
+    if holds is not None:
+        campaign = held(holds)
+        first = fitted()
+    found = search(first, trials, Search(kinds, tell, quick, stated))
+    if found.holds is not None:
+        return held(found.holds), found
+    if found.ended or not found.answers or tell.ends:
+        return campaign, found
+    tell("looking at what inputs do between samples", 0.88)
+    holds = held_otherwise(found.fits[-1], found.trials, kinds, stated)
+    if holds is None:
+        return campaign, found
+    campaign = held(holds)
+    found = search(fitted(), trials, Search(kinds, tell, quick, stated))
+    return (campaign if found.holds is None else held(found.holds)), found
 
 
 def _prune(found: Found, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]) -> None:

@@ -49,6 +49,11 @@ FEWEST_PERIODS = 4.0
 
 MOST_POWER = 0.98
 
+WHITER = np.logspace(0, -8, 81)
+"""White parts tried of a colour that rises, against its density at the highest line."""
+SPARED = 1.0
+"""Log likelihood that a whiter colour may cost."""
+
 SPARKS = 0.15
 """Share of the blocks of a silent band that may hold tones."""
 
@@ -302,7 +307,23 @@ def _colour(means: Means, rate_hz: float) -> Colour:
             best, least = colour, score
             if passes_for_noise([means], [colour]):
                 break
-    return best
+    return _no_quieter(means, best)
+
+
+def _no_quieter(means: Means, colour: Colour) -> Colour:
+    """Raise the white part of a colour that rises as far as nothing speaks against it.
+
+    What rises above the structure's answers says nothing of how quiet it is among them.
+    """
+    ends = colour.density(means.frequency_hz[[0, -1]])
+    if ends[0] >= ends[1]:
+        return colour
+    least = _score(means, colour) - SPARED
+    for white in float(ends[1]) * WHITER:
+        raised = dataclasses.replace(colour, white=float(white))
+        if white > colour.white and _score(means, raised) > least:
+            return raised
+    return colour
 
 
 def _colour_at(at: At, family: int, rate_hz: float) -> Colour:
