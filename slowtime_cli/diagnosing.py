@@ -1,6 +1,8 @@
 """The verb `diagnose`: a model and records in; what the model lacks, where and how much."""
 
 import contextlib
+import functools
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -93,7 +95,16 @@ Examples:
     "single numbers with + - * /: force=gtau*vir; may be repeated.",
 )
 @click.option(
-    "--rate-hz", type=POSITIVE, help="Samples per second, where the files do not say."
+    "--rate-hz", type=POSITIVE, help="Samples per second; overrules what the files say."
+)
+@click.option(
+    "--skip-lines",
+    type=click.IntRange(min=0),
+    help="Lines of text before header or data.  [default: found out]",
+)
+@click.option(
+    "--time-column",
+    help="Column of time, by name or number; none if there is none.  [default: found out]",
 )
 @click.option(
     "--patience",
@@ -120,6 +131,8 @@ def diagnose(
     effects: tuple[Path, ...],
     channels: tuple[str, ...],
     rate_hz: float | None,
+    skip_lines: int | None,
+    time_column: str | None,
     patience_s: float,
     unchecked: bool,
 ) -> None:
@@ -137,6 +150,7 @@ def diagnose(
     if history is not None:
         if model is not None or records:
             raise click.UsageError("--history takes no MODEL and no RECORD. Leave them out.")
+        _refuse_unwritable(out)
         # Only then: it brings the whole server along, which takes half a second.
         from .looking_back import look_back
 
@@ -153,8 +167,11 @@ def diagnose(
         raise click.UsageError(
             f"{model.name} lists no sensors. Say under `sensors` which channel hears what."
         )
-    learnt = [read_any(text, rate_hz) for text in records]
-    judged = [read_any(text, rate_hz) for text in holdout]
+    read = functools.partial(
+        read_any, rate_hz=rate_hz, skip_lines=skip_lines, time_column=time_column
+    )
+    learnt, judged = [read(text) for text in records], [read(text) for text in holdout]
+    _refuse_unwritable(out)
     roles = roles_of(channels)
     with _stages() as progress:
         found, document = diagnose_records(
@@ -165,6 +182,19 @@ def diagnose(
         note(text)
     write_results(out, found, document)
     _tell(found, document, out)
+
+
+def _refuse_unwritable(out: Path) -> None:
+    """Fail before the work rather than after it where its results could not be kept."""
+    there = next(folder for folder in (out, *out.absolute().parents) if folder.exists())
+    try:
+        with tempfile.TemporaryFile(dir=there):
+            pass
+    except OSError as error:
+        raise click.UsageError(
+            f"Nothing can be written into {out}: {error.strerror}. Give another folder with "
+            "--out."
+        ) from None
 
 
 @contextlib.contextmanager

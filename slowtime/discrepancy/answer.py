@@ -9,11 +9,12 @@ import scipy.stats
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Kind, Place, force_along
 
-from .between import Hold, told_of_holds
+from .between import Hold, saying_holds, told_of_holds
 from .candidates import Candidate
 from .diagnosis import Diagnosis, Gap, Rival, Step, Surface, Suspect, Verdict, When
 from .diagnosis import Named as Answer
 from .experiment import propose
+from .floor import floats
 from .gap import (
     Judged,
     floor_of,
@@ -33,7 +34,7 @@ from .refit import WRONG, Fit
 from .screen import Finding, screen
 from .unlinked import Link
 from .values import with_values
-from .verdict import FALSE_ALARM, fault_of, moved_of, verdict_of
+from .verdict import FALSE_ALARM, fault_of, moved_of, renumbered, verdict_of
 
 UNWHITE = 1e-6
 """Chance of so large a chi squared below which a residual is not called noise."""
@@ -62,6 +63,10 @@ AS_WELL = 9.0
 """Chi squared by which a law may leave more, and do as well."""
 UNLIKELY = 0.05
 """Chance that any constant is so far within its tolerance, below which it is told."""
+FLOATS = (
+    "No element holds the structure to the base: as given, it floats. Where it does not, join "
+    "a node to `base`."
+)
 HURRIED = "Time ran out before every law was tried; --patience gives it more."
 
 
@@ -145,7 +150,7 @@ def report(
     unknown = unknown or (not (found.undecided or foretold or loud) and _unknown(found))
     sure = humbled(found.answers, len(found.fits) - 1, kinds)
     answers = _once([*(() if unknown else sure), *faults])
-    verdict, sentence = _word(found, answers, first, kinds)
+    verdict, sentence = _word(campaign.description, found, answers, kinds)
     if unknown:
         verdict, sentence = "unknown_effect", _unnamed(found, kinds)
     located = found.located
@@ -160,7 +165,7 @@ def report(
         undecided=found.undecided if verdict == "undecided" else (),
         experiment=experiment,
         nothing_probability=_nothing(found, located),
-        moved=moved_of(last),
+        moved=moved_of(last) | renumbered(last, campaign.description),
         where=_suspects(located),
         when=_when(located) if found.answers else When((), (), ""),
         findings=findings,
@@ -170,7 +175,7 @@ def report(
         white_p_value=whiteness(last),
         nominal=campaign.description,
         refitted=_described(first),
-        augmented=_described(last),
+        augmented=saying_holds(_described(last)),
         traces=traces_of(tests, nominal.runs, steps[0].runs, steps[-1].runs),
         spectra=spectra_of(tests, steps[0].runs, steps[-1].runs, heard),
         surface=(
@@ -181,6 +186,7 @@ def report(
         notes=(
             *((NOT_HELD_OUT,) if not campaign.holdout else ()),
             *told_of_holds(campaign.description),
+            *((FLOATS,) if floats(campaign.description) else ()),
             *((HURRIED,) if found.hurried else ()),
             *(
                 (f"Nearest: {a.sentence}" for a in found.answers)
@@ -312,7 +318,7 @@ def _described(fit: Fit) -> Description:
 
 
 def _word(
-    found: Found, answers: Sequence[Answer], first: Fit, kinds: Mapping[str, Kind]
+    given: Description, found: Found, answers: Sequence[Answer], kinds: Mapping[str, Kind]
 ) -> tuple[Verdict, str]:
     if found.undecided:
         names = " or ".join(f"{kinds[r.effect].words} at {r.place}" for r in found.undecided)
@@ -322,9 +328,9 @@ def _word(
         return "undecided", told + (NEARER if found.near else "")
     if answers:
         return verdict_of(answers, kinds), " ".join(a.sentence for a in answers)
-    moved = moved_of(first)
+    moved = moved_of(found.fits[0]) | renumbered(found.fits[0], given)
     if moved:
-        told = ", ".join(f"{name} = {n.value:.4g} {n.unit}" for name, n in moved.items())
+        told = ", ".join(f"{name} = {n.text}" for name, n in moved.items())
         return "parameters_only", f"Nothing is missing; constants left their tolerance: {told}."
     return "nothing_missing", "Nothing is missing beyond the stated tolerances."
 

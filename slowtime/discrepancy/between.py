@@ -216,6 +216,11 @@ def _faulty(description: Description, kind: str, rate_hz: float) -> Description:
     return description
 
 
+def saying_holds(description: Description) -> Description:
+    """Write out what an input was taken to do between samples where nothing was said of it."""
+    return held_as(description, [entry.hold or "band_limited" for entry in description.inputs])
+
+
 def told_of_holds(description: Description) -> tuple[str, ...]:
     """Say of each input what it does between samples, where that is known."""
     return tuple(

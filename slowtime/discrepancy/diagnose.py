@@ -29,6 +29,10 @@ from .unlinked import best_link, instead_of
 from .verdict import EXPLAINED, LEAST_GAIN, doubts_about
 from .watch import Progress, Stop, Watch
 
+QUICK = (
+    "It was to be quick: few laws were tried, of one effect. Without --quick more are, before "
+    "any is called unknown."
+)
 EITHER = 0.5
 """Chance of a law that need do nothing of its own: one near it, not known, is as likely."""
 
@@ -87,7 +91,10 @@ def diagnose(
         found.fits = [alone, *(found.fits if told and not found.answers else found.fits[1:])]
         found.answers += told
     tell("judging by what was not fitted", 0.92)
-    return report(campaign, found.trials, findings, found, known)
+    answer = report(campaign, found.trials, findings, found, known)
+    if quick and answer.verdict == "unknown_effect":
+        return dataclasses.replace(answer, notes=(*answer.notes, QUICK))
+    return answer
 
 
 def _searched(
@@ -109,9 +116,7 @@ def _searched(
         return refit(Plant.of(start, kinds=kinds), trials)
 
     def held(holds: Sequence[Hold]) -> Campaign:
-        return dataclasses.replace(
-            campaign, description=held_as(campaign.description, holds)
-        )
+        return dataclasses.replace(campaign, description=held_as(campaign.description, holds))
 
     first = fitted()
     tell("looking at what inputs do between samples", 0.08)

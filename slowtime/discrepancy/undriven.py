@@ -100,6 +100,6 @@ def _word(seen: Ambient, moved: dict[str, Number], missed: bool) -> tuple[Verdic
             f"The spectra are not those of the model{' at ' + bands if bands else ''}.",
         )
     if moved:
-        told = ", ".join(f"{name} = {n.value:.4g} {n.unit}" for name, n in moved.items())
+        told = ", ".join(f"{name} = {n.text}" for name, n in moved.items())
         return "parameters_only", f"Constants left their tolerance: {told}."
     return "nothing_missing", "The spectra are those of the model, within its tolerances."

@@ -6,13 +6,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Effect, Kind, Place
 
 from .diagnosis import Named as Answer
 from .diagnosis import Number, Rival, Verdict
 from .naming import Named, settled, unseen
 from .narrowing import leniency
-from .refit import Fit
+from .refit import UNCLAIMED, Fit
 from .screen import Finding
 
 DECIDED = 0.9
@@ -115,6 +116,26 @@ def moved_of(fit: Fit) -> dict[str, Number]:
         for name, pull in fit.pulls.items()
         if name[0] != "effect" and abs(pull) > MOVED
     }
+
+
+def renumbered(fit: Fit, given: Description) -> dict[str, Number]:
+    """Constants of the effects in a model as given that are off by more than its springs may.
+
+    A model states no tolerance of them: they are held for as well known as the springs are.
+    """
+    claimed = given.tolerance.stiffness if given.tolerance else UNCLAIMED["stiffness"]
+    found = {}
+    for name, value, mean, sd in zip(
+        fit.prior.names, fit.free, fit.prior.mean, fit.widened_sd, strict=True
+    ):
+        if name[0] != "effect" or int(name[1]) >= len(given.effects):
+            continue
+        if abs(value - mean) > MOVED * max(float(sd), claimed * abs(float(mean))):
+            effect = fit.plant.effects[int(name[1])]
+            found[f"{name[-1]} of {effect.kind} at {effect.place}"] = Number(
+                float(value), float(sd), fit.plant.entries[name].unit
+            )
+    return found
 
 
 def sentence_of(kind: Kind, place: Place, numbers: Mapping[str, Number]) -> str:

@@ -267,6 +267,14 @@ def _check_elements(description: Description) -> None:
             )
         if isinstance(element, Beam):
             _check_beam(description, i, element)
+    joined = {end for element in description.elements for end in element.between}
+    for i, name in enumerate(node.id for node in description.nodes):
+        if description.elements and name not in joined:
+            raise DescriptionError(
+                ("nodes", i, "id"),
+                f"Node {name!r} hangs in the air: no element ends at it. Add the one that "
+                "holds it, with a stiffness of 0 where it moves freely, or leave it out.",
+            )
 
 
 def _check_beam(description: Description, i: int, beam: Beam) -> None:

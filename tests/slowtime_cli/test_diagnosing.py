@@ -89,9 +89,9 @@ def test_a_healthy_rig_lacks_nothing(tmp_path, model):
 
 @pytest.mark.slow
 def test_two_seconds_claim_nothing_that_is_not_there(tmp_path, model):
-    healthy = {name: x[:100] for name, x in arrays_of(SLIDE, 5, effects=()).items()}
-    save(tmp_path / "r.npz", rate_hz=RATE_HZ, **healthy)
-    save(tmp_path / "h.npz", rate_hz=RATE_HZ, **healthy)
+    healthy = arrays_of(SLIDE, 5, effects=())
+    for name, part in (("r.npz", slice(100)), ("h.npz", slice(100, 200))):
+        save(tmp_path / name, rate_hz=RATE_HZ, **{k: x[part] for k, x in healthy.items()})
     done = diagnosed(tmp_path, model, "r.npz", "--holdout", "h.npz")
     assert done.returncode == 0, done.stderr
     report = json.loads((tmp_path / "diagnosis/report.json").read_text())
@@ -106,6 +106,10 @@ def test_records_that_cannot_be_meant_are_refused_in_a_sentence(tmp_path, model,
     assert "--channel x=x/1000" in refused("diagnose", model, "mm.npz")
     assert "no channel called 'u'" in refused("diagnose", model, "deaf.npz")
     assert "192 at least" in refused("diagnose", model, "short.npz")
+    save(tmp_path / "r.npz", t=T, **arrays)
+    assert "prove nothing" in refused("diagnose", model, "r.npz", "--holdout", "r.npz@2:5")
+    (tmp_path / "file").touch()
+    assert "with --out" in refused("diagnose", model, "r.npz", "--out", "file/found")
     assert "is no part of it" in refused("diagnose", model, "mm.npz@50:")
     assert "does not exist" in refused("diagnose", model, "nowhere.npz")
     assert "gives no role" in refused("diagnose", model, "mm.npz", "--channel", "x")

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import re
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
@@ -73,6 +74,7 @@ def gather(
     learnt = tuple(itertools.chain.from_iterable(taken[: len(records)]))
     _refuse_unheard(description, learnt, records, roles)
     judged = tuple(itertools.chain.from_iterable(taken[len(records) :]))
+    _refuse_known(learnt, judged)
     origins = [s.name for s, trials in zip(records, taken, strict=False) for _ in trials]
     if not judged:
         _refuse_short(learnt, origins)
@@ -96,11 +98,35 @@ def _heard_of(trials: Iterable[Trial], source: Source, notes: list[str]) -> Iter
 def _refuse_short(trials: Sequence[Trial], origins: Sequence[str]) -> None:
     for trial, name in zip(trials, origins, strict=True):
         if len(trial.outputs) < 3 * FEWEST:
+            holed = list(origins).count(name) > 1
+            why = ", for its clock or inputs have holes" if holed else ""
             raise RecordError(
-                f"{name} has {len(trial.outputs)} samples in a row. Without --holdout the last "
-                f"third is kept to judge by, which takes {3 * FEWEST} at least. Give a longer "
-                "record, or one to judge by with --holdout."
+                f"{name} has {len(trial.outputs)} samples in a row{why}. Without --holdout "
+                f"the last third is kept to judge by, which takes {3 * FEWEST} at least. Give "
+                "a longer record, or one to judge by with --holdout."
             )
+
+
+def _refuse_known(learnt: Sequence[Trial], judged: Sequence[Trial]) -> None:
+    """Refuse to judge by samples that are learnt from."""
+    for one, other in itertools.product(judged, learnt):
+        if _holds(one.outputs, other.outputs):
+            raise RecordError(
+                "A record that is held out is among those to learn from, too, or a part of it "
+                "is: the gap on it would prove nothing. Hold out another, or other seconds of "
+                "it with FILE@FROM:TO."
+            )
+
+
+def _holds(one: Float[np.ndarray, "_ s"], other: Float[np.ndarray, "_ s"]) -> bool:
+    """Whether the beginning of one stands in the other, or of the other in one."""
+    for few, many in ((one[:FEWEST], other), (other[:FEWEST], one)):
+        if not np.ptp(few, axis=0).any():
+            continue
+        for row in np.flatnonzero((many[: len(many) - len(few) + 1] == few[0]).all(axis=1)):
+            if np.array_equal(many[row : row + len(few)], few):
+                return True
+    return False
 
 
 def _refuse_unknown(roles: Roles, description: Description) -> None:
@@ -172,9 +198,9 @@ def _trials(
     if len(pieces) > 1:
         lost = count - sum(last - first for first, last, _ in kept)
         dropped = f"; {lost} samples between are left out" if lost else ""
+        parts = f"{len(kept)} records, each with a start of its own" if len(kept) > 1 else "one"
         notes.append(
-            f"{source.name} has holes in its clock or inputs: read as {len(kept)} records, "
-            f"each with a start of its own{dropped}."
+            f"{source.name} has holes in its clock or inputs: read as {parts}{dropped}."
         )
     for first, last, late in kept:
         yield Trial(
@@ -276,9 +302,12 @@ def _refuse_unheard(
                 "in which it has some, or take it out of the model's sensors."
             )
         found = sorted({name for source in sources for name in source.record.channels})
-        read = " ".join(text for source in sources for text in source.record.notes)
+        said = [text for source in sources for text in source.record.notes]
+        number = re.compile(rf"{re.escape(channel)}_[0-9]+")
+        if any(number.fullmatch(name) for name in found):
+            said.append(f"If {channel!r} heads several columns, they were numbered.")
         raise RecordError(
             f"No record to learn from has a channel called {channel!r}, which is among the "
-            f"model's sensors. There are: {', '.join(found)}. {read} Say which it is with "
-            f"--channel {channel}=NAME; if it was not measured, take it out.".replace("  ", " ")
+            f"model's sensors. There are: {', '.join(found)}. {' '.join([*said, 'Say'])} which "
+            f"it is with --channel {channel}=NAME; if it was not measured, take it out."
         )

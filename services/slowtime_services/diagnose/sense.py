@@ -11,8 +11,9 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.discrepancy.records import FEWEST, Campaign, Trial
-from slowtime.dynamics.description import Description
+from slowtime.dynamics.description import Description, assemble
 from slowtime.dynamics.effects import Kind
+from slowtime.dynamics.modes import undamped_modes
 from slowtime.dynamics.plant import Plant
 from slowtime_services.files import RecordError
 
@@ -20,6 +21,8 @@ from .swaps import refuse_swaps
 
 ABSURD = 200.0
 """Times too large or small for anything but a unit or a wire."""
+RIGID = 1e-6
+"""Share of the highest natural frequency below which a motion is no vibration."""
 SANE = 20.0
 """What a swap must bring all sizes to, to be told of."""
 ANYWAY = "If it is so, diagnose it all the same with --unchecked."
@@ -56,6 +59,7 @@ def refuse_nonsense(
                 "recorded? A structure that rings by itself dies away, and this does not. "
                 f"Take the input out of the model if nobody measured it. {ANYWAY}"
             )
+        _refuse_slow(model, trial, name)
         _refuse_sizes(model, trial, plant, name)
     refuse_swaps(campaign, plant, " and ".join(dict.fromkeys(names)), ANYWAY)
 
@@ -65,6 +69,18 @@ def _struck(trial: Trial) -> bool:
     half = len(trial.measured) // 2
     early, late = trial.measured[:half].std(axis=0), trial.measured[half:].std(axis=0)
     return bool(np.all(late <= early))
+
+
+def _refuse_slow(model: Description, trial: Trial, name: str) -> None:
+    """Refuse a rate at which not even the slowest vibration could be followed."""
+    frequency = undamped_modes(assemble(model)).frequency_hz
+    own = frequency[frequency > RIGID * frequency[-1]]
+    if len(own) and trial.rate_hz < 2 * own[0]:
+        raise RecordError(
+            f"{name} has {trial.rate_hz:.4g} samples per second, and the slowest vibration of "
+            f"the model is at {own[0]:.4g} Hz. If its clock does not count seconds, name the "
+            f"unit in the head of the column, such as t_ms, or give --rate-hz. {ANYWAY}"
+        )
 
 
 def _refuse_sizes(model: Description, trial: Trial, plant: Plant, name: str) -> None:
@@ -118,7 +134,7 @@ def _guess(model: Description, measured: Sizes, made: Sizes, ratio: Sizes, heard
 
 
 def _times(ratio: float) -> str:
-    return f"{ratio:.4g} times" if ratio >= 1 else f"1/{1 / ratio:.3g} of"
+    return f"{ratio:.4g} times" if ratio >= 1 else f"1/{round(1 / ratio):,} of"
 
 
 def _sizes(series: Float[np.ndarray, "time sensor"], trial: Trial) -> Sizes:

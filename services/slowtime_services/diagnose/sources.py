@@ -10,6 +10,7 @@ import numpy as np
 from slowtime_services.files import Gap, Record, RecordError, read_record
 from slowtime_services.replay import record_of
 
+BINARY = (".npy", ".npz", ".mat")
 SPAN = re.compile(r"(?P<path>.+)@(?P<first>[0-9.]*):(?P<last>[0-9.]*)")
 
 
@@ -46,13 +47,21 @@ def split(text: str) -> tuple[Path, tuple[float, float] | None]:
     return Path(match["path"]), span
 
 
-def read_any(text: str | Path, rate_hz: float | None = None) -> Source:
+def read_any(
+    text: str | Path,
+    rate_hz: float | None = None,
+    *,
+    skip_lines: int | None = None,
+    time_column: str | None = None,
+) -> Source:
     """Read a record of any kind, a recording among them; what is no number is kept as NaN.
 
     Parameters
     ----------
     text
         Path of a file; ``path@FROM:TO`` for those seconds of it, counted from its beginning.
+    rate_hz, skip_lines, time_column
+        As `slowtime_services.files.read_record` takes them; of a recording, the rate only.
     """
     path, span = split(str(text))
     try:
@@ -61,7 +70,13 @@ def read_any(text: str | Path, rate_hz: float | None = None) -> Source:
             if rate_hz is not None:
                 record = dataclasses.replace(record, rate_hz=rate_hz)
         else:
-            record = read_record(path, rate_hz=rate_hz, keep_missing=True)
+            record = read_record(
+                path,
+                rate_hz=rate_hz,
+                skip_lines=skip_lines if path.suffix.lower() not in BINARY else None,
+                time_column=time_column,
+                keep_missing=True,
+            )
     except RecordError as error:
         said = str(error)
         raise RecordError(said if path.name in said else f"{path.name}: {said}") from None

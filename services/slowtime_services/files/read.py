@@ -85,8 +85,8 @@ def read_record(
     rate = rate_hz or (axis.rate_hz if axis else table.stated_rate_hz)
     if rate is None:
         raise RecordError(
-            f"{path.name} does not say how often it was sampled: no time column was found "
-            f"among {', '.join(names)}. Give --rate-hz, or name the clock with --time-column."
+            f"{path.name} does not say how often it was sampled: {_no_clock(names, values)}. "
+            "Give --rate-hz, or name the clock with --time-column."
         )
     _refuse_rate(rate)
     kept = _kept(names, channels, clock)
@@ -163,6 +163,9 @@ def _columns(arrays: Arrays, file: str) -> _Columns:
         width = table.shape[1]
         named = [name] if width == 1 else [f"{name}_{i}" for i in range(width)]
         columns.update(zip(named, table.T, strict=True))
+    unreal = [k for k, array in arrays.items() if array.dtype.kind == "c"]
+    left_out = (f"Left out, not being of length {length}: {', '.join(other)}.",) * bool(other)
+    left_out += (f"Left out, holding complex numbers: {', '.join(unreal)}.",) * bool(unreal)
     stated = [float(v) for k, v in aux.items() if v.ndim == 0 and _bare(k) in _RATE_NAMES]
     return _Columns(
         tuple(columns),
@@ -170,7 +173,7 @@ def _columns(arrays: Arrays, file: str) -> _Columns:
         tuple(columns.values()),
         stated[0] if stated else None,
         aux,
-        (f"Left out, not being of length {length}: {', '.join(other)}.",) if other else (),
+        left_out,
         0,
     )
 
@@ -231,6 +234,18 @@ def _find_clock(
     named = [i for i in rising if is_time_name(names[i])]
     steady = [i for i in rising if len(values) > 1 and looks_like_time(values[i].astype(float))]
     return next(iter(named + steady), None)
+
+
+def _no_clock(names: tuple[str, ...], values: Sequence[Column]) -> str:
+    """Say why no column passes for a clock."""
+    for name, column in zip(names, values, strict=True):
+        if is_time_name(name):
+            back = int(np.sum(~(np.diff(column.astype(float)) > 0)))
+            return (
+                f"column {name!r} does not run forwards in {back} of {len(column) - 1} steps, "
+                "and is no clock as it stands. Sort the rows by time if they are out of order"
+            )
+    return f"no time column was found among {', '.join(names)}"
 
 
 def _rises(values: Column) -> bool:

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from slowtime.dynamics.description import BASE, Description, Input, Sensor, assemble
 from slowtime.dynamics.effects import Kind, Unmeasured
+from slowtime.dynamics.modes import undamped_modes
 from slowtime.dynamics.plant import Plant
 from slowtime.dynamics.simulation import ambient_structure, simulate_structure
 from slowtime.dynamics.stepping import FORGOTTEN
@@ -70,6 +71,7 @@ def run_model(
         columns = [np.asarray(inputs[entry.channel], float) for entry in description.inputs]
         return run_plant(plant, np.stack(columns, axis=1), rate_hz, start_s=start_s, rng=rng)
     structure = assemble(description)
+    undamped_modes(structure)  # says so where the structure cannot stand
     coordinate = description.unit_of_coordinate
     length = len(inputs[description.inputs[0].channel])
     force, base = np.zeros((length, structure.dofs)), np.zeros(length)

@@ -2,11 +2,12 @@
 
 from .fit import Fit, refit
 from .pieces import pieces, shot
-from .prior import Prior, prior_of
+from .prior import UNCLAIMED, Prior, prior_of
 from .solve import WRONG, GivenUp
 from .weights import Weights, weights_of
 
 __all__ = [
+    "UNCLAIMED",
     "WRONG",
     "Fit",
     "GivenUp",

@@ -22,6 +22,8 @@ from .fit import Fit, refit
 
 PERIODS = 3.0
 """Longest periods that a piece lasts."""
+RIGID = 1e-6
+"""Share of the highest natural frequency below which a motion is no vibration."""
 
 State = Float[np.ndarray, " state"]
 
@@ -58,11 +60,14 @@ def shot(
 
 def pieces(plant: Plant, trials: Sequence[Trial]) -> tuple[tuple[Trial, ...], tuple[int, ...]]:
     """Cut records into parts of a few periods, and tell which record each is of."""
-    lowest = float(undamped_modes(assemble(plant.description)).frequency_hz[0])
+    frequency = undamped_modes(assemble(plant.description)).frequency_hz
+    # Of a structure that floats, those of its vibrations; of one without any, all is one piece.
+    own = frequency[frequency > RIGID * frequency[-1]]
+    lowest = float(own[0]) if len(own) else 0.0
     cut, origin = [], []
     for number, trial in enumerate(trials):
         samples = len(trial.outputs)
-        least = max(int(PERIODS / lowest * trial.rate_hz), FEWEST)
+        least = max(int(PERIODS / lowest * trial.rate_hz), FEWEST) if lowest else samples
         edges = np.linspace(0, samples, max(samples // least, 1) + 1).astype(int).tolist()
         for first, last in itertools.pairwise(edges):
             cut.append(trial.part(first, last))

@@ -103,7 +103,7 @@ KINDS = (
         parameters=(Parameter(name="dm_kg", unit="kg", meaning="mass added"),),
         equation="mass + Δm",
         source="",
-        sentence="The node is heavier than the model says.",
+        sentence="The node is heavier than the model says; lighter, where it is negative.",
         action=Hidden(matrices=laden),
         strength="dm_kg",
     ),

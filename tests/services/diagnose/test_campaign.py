@@ -159,7 +159,8 @@ def test_channels_that_are_not_there_or_say_nothing_are_told(slide, arrays):
 def test_two_seconds_are_refused_where_nothing_is_left_to_judge_by(slide, arrays):
     short = {name: values[:100] for name, values in arrays.items()}
     assert "192 at least" in refused(slide, short)
-    campaign, _ = campaign_of(slide, [source_of(short)], [source_of(arrays)])
+    rest = {name: values[100:] for name, values in arrays.items()}
+    campaign, _ = campaign_of(slide, [source_of(short)], [source_of(rest)])
     assert len(campaign.trials[0].outputs) == 100
     tiny = {name: values[:50] for name, values in arrays.items()}
     assert "no 64 samples in a row" in refused(slide, tiny)
@@ -172,6 +173,42 @@ def test_arrays_of_the_wrong_shape_and_times_that_run_back_are_told(tmp_path, sl
     np.savez(tmp_path / "back.npz", t=np.where(T < 5, T, T - 3), **arrays)
     with pytest.raises(RecordError, match=r"back\.npz: Time does not run forwards"):
         read_any(tmp_path / "back.npz")
+
+
+def test_what_is_held_out_is_not_learnt_from(slide, arrays):
+    half = {name: values[300:] for name, values in arrays.items()}
+    first = {name: values[:300] for name, values in arrays.items()}
+    for learnt, judged in ((arrays, arrays), (arrays, half), (half, arrays)):
+        with pytest.raises(RecordError, match="the gap on it would prove nothing"):
+            campaign_of(slide, [source_of(learnt)], [source_of(judged)])
+    campaign, _ = campaign_of(slide, [source_of(first)], [source_of(half)])
+    assert len(campaign.holdout) == 1
+
+
+def test_a_clock_too_slow_for_the_model_is_told_with_its_likely_cause(tmp_path, slide, arrays):
+    np.savez(tmp_path / "ms.npz", t=1e3 * T, **arrays)
+    campaign, _ = campaign_of(slide, [read_any(tmp_path / "ms.npz")])
+    with pytest.raises(RecordError, match=r"0\.05 samples per second.*such as t_ms"):
+        refuse_nonsense(campaign, ["ms.npz"])
+    np.savez(tmp_path / "named.npz", t_ms=1e3 * T, **arrays)
+    campaign, _ = campaign_of(slide, [read_any(tmp_path / "named.npz")])
+    refuse_nonsense(campaign, ["named.npz"])
+
+
+def test_why_a_column_is_missing_or_no_clock_is_said(tmp_path, slide, arrays):
+    np.savez(tmp_path / "phasor.npz", t=T, **(arrays | {"a": arrays["a"] + 1j}))
+    with pytest.raises(RecordError, match="Left out, holding complex numbers: a"):
+        campaign_of(slide, [read_any(tmp_path / "phasor.npz")])
+    np.savez(tmp_path / "mixed.npz", t=T[::-1], **arrays)
+    with pytest.raises(RecordError, match="'t' does not run forwards in 599 of 599 steps"):
+        read_any(tmp_path / "mixed.npz")
+    twice = "t,u,a,x,x\n" + "\n".join(f"{t:.2f},0,{t},0,0" for t in T)
+    (tmp_path / "twice.csv").write_text(twice)
+    with pytest.raises(RecordError, match="'x' heads several columns"):
+        campaign_of(slide, [read_any(tmp_path / "twice.csv")])
+    holed = arrays | {"u": np.where(np.arange(SAMPLES) % 100 == 99, np.nan, arrays["u"])}
+    with pytest.raises(RecordError, match="99 samples in a row, for its clock or inputs have"):
+        campaign_of(slide, [source_of(holed)])
 
 
 def test_ambient_records_are_not_weighed(slide, arrays):

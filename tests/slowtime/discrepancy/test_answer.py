@@ -47,6 +47,37 @@ def test_constants_that_may_be_off_take_their_share(named):
     assert [rival.effect for rival in rivals_within([named, lesser], shares)] == ["added_mass"]
 
 
+@pytest.mark.parametrize(("given", "told"), [(6e4, False), (5.85e4, False), (4e4, True)])
+def test_a_constant_of_an_effect_in_the_model_that_is_off_is_told_of(given, told):
+    rng = np.random.default_rng(7)
+    rig = dataclasses.replace(
+        chain([2.0], [800.0], dampings_n_s_per_m=[1.6]),
+        inputs=(Input(channel="f", kind="force", node="m1", unit="N"),),
+        sensors=(Sensor(channel="x", quantity="displacement", node="m1", unit="m"),),
+        tolerance=Tolerance(stiffness=0.02, damping=0.1),
+    )
+    stiffer = Effect(
+        "cubic_hardening", Place("element", rig.elements[0].id), {"k3_n_per_m3": 6e4}
+    )
+    true = Plant.of(dataclasses.replace(rig, effects=(stiffer.entry(),)))
+    push = 10 * rng.standard_normal((1500, 1))
+    clean = true.simulate(true.values, push, 64.0)
+    noise = 0.01 * clean.std() * rng.standard_normal(clean.shape)
+    trial = Trial(inputs=push, outputs=clean + noise, rate_hz=64.0)
+    claimed = dataclasses.replace(stiffer, parameters={"k3_n_per_m3": given})
+    model = dataclasses.replace(rig, effects=(claimed.entry(),))
+    fit = refit(Plant.of(model), (trial,))
+    found = Found([fit], (trial,), located=locate(fit, (trial,)))
+    answer = report(Campaign(description=model, trials=(trial,)), (trial,), (), found, KINDS)
+    name = f"k3_n_per_m3 of cubic_hardening at {stiffer.place}"
+    assert answer.verdict == ("parameters_only" if told else "nothing_missing")
+    assert list(answer.moved) == ([name] if told else [])
+    if told:
+        assert abs(answer.moved[name].value - 6e4) < 4 * answer.moved[name].sd
+        assert name in answer.sentence
+        assert answer.augmented.inputs[0].hold == "band_limited"
+
+
 @pytest.mark.parametrize(("off", "told"), [(0.0, False), (1.5, False), (2.8, True)])
 def test_a_constant_that_is_rarely_as_far_off_is_told_of(off, told):
     rng = np.random.default_rng(6)

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy.adding import with_effect
-from slowtime.discrepancy.between import found_holds, held_as, held_instead
+from slowtime.discrepancy.between import (
+    found_holds,
+    held_as,
+    held_instead,
+    held_otherwise,
+    saying_holds,
+)
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refit import refit
 from slowtime.dynamics.builders import chain
@@ -90,3 +96,25 @@ def test_a_fault_of_an_input_that_another_hold_explains_is_none(gain, found):
     plant = Plant.of(with_effect(rig(), place), kinds=KINDS)
     faulty = refit(plant, [trial], noise=before.noise)
     assert held_instead(faulty, before, [trial], KINDS) == found
+
+
+@pytest.mark.parametrize("hold", ["band_limited", "first", "zero"])
+def test_a_hold_mistaken_while_much_was_missing_is_seen_once_the_effects_are_in(hold):
+    gap = {"effect": "gap_symmetric", "element": rig().elements[1].id,
+           "kg_n_per_m": 800.0, "gap_m": 0.02}  # fmt: skip
+    trial = recorded(hold, (gap,), band=0.4)
+    description = dataclasses.replace(rig(), effects=(gap | {"gap_m": 0.018},))
+
+    def asked_under(supposed):
+        plant = Plant.of(held_as(description, [supposed]), kinds=KINDS)
+        return held_otherwise(refit(plant, [trial]), [trial], KINDS, [None])
+
+    for supposed in ("band_limited", "first", "zero"):
+        assert asked_under(supposed) == (None if supposed == hold else (hold,))
+    plant = Plant.of(held_as(description, ["first"]), kinds=KINDS)
+    assert held_otherwise(refit(plant, [trial]), [trial], KINDS, ["first"]) is None
+
+
+def test_a_model_to_be_used_says_what_its_inputs_were_taken_to_do():
+    assert [entry.hold for entry in saying_holds(rig()).inputs] == ["band_limited"]
+    assert [e.hold for e in saying_holds(held_as(rig(), ["zero"])).inputs] == ["zero"]

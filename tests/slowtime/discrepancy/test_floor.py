@@ -72,6 +72,20 @@ def test_tones_in_the_silent_band_are_not_noise():
     assert np.all(np.abs(ratio - 1) < 0.1)
 
 
+def test_what_rises_above_the_structure_tells_of_no_quiet_among_its_answers():
+    # Harmonics of a strong spring, sampled as they are: they grow towards half the rate.
+    rng = np.random.default_rng(8)
+    residuals = coloured(rng, 0.0)
+    b, a = sps.butter(2, 60.0, "high", fs=RATE)
+    residuals = residuals + 30 * sps.lfilter(b, a, rng.standard_normal(residuals.shape), axis=1)
+    for frequency in (3.0, 8.0, 15.0):
+        b, a = sps.iirpeak(frequency, 8, fs=RATE)
+        residuals += 30 * sps.lfilter(b, a, rng.standard_normal(residuals.shape), axis=1)
+    low = estimated(residuals, 20.0).density(0, PROBES[:1]) / truth(0.0)[0]
+    assert np.all(low > 0.3)
+    assert np.all(low < 10.0)
+
+
 def test_linear_misfit_to_an_input_is_not_noise():
     rng = np.random.default_rng(4)
     inputs, noise = rng.standard_normal((SAMPLES, 1)), rng.standard_normal((SAMPLES, 1))

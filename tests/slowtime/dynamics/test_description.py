@@ -170,6 +170,11 @@ ONE = Node(id="m1", mass_kg=1.0)
             "No node is called 'm9'. There are: base, m1, m2",
         ),
         (
+            changed(elements=(Spring(id="j", between=(BASE, "m1"), stiffness_n_per_m=1.0),)),
+            ("nodes", 1, "id"),
+            "'m2' hangs in the air",
+        ),
+        (
             changed(elements=(Spring(id="j", between=("m1", "m1")),)),
             ("elements", 0, "between"),
             "to itself",
