@@ -146,7 +146,7 @@ def report(
         found, errors, floor, kinds
     )
     unknown = found.refuted is not None or found.link is not None
-    loud = bool(campaign.holdout) and _loud(found, errors, floor)
+    loud = _loud(found, errors, floor)
     unknown = unknown or (not (found.undecided or foretold or loud) and _unknown(found))
     sure = humbled(found.answers, len(found.fits) - 1, kinds)
     answers = _once([*(() if unknown else sure), *faults])
@@ -211,7 +211,7 @@ def _foretold(
 
 
 def _loud(found: Found, errors: Sequence[float], floor: float) -> bool:
-    """Whether nothing was found, and a record never seen is met as well as its noise allows.
+    """Whether nothing was found, and what was not fitted is met as well as noise allows.
 
     What is left is then noise of another colour than it was taken to have.
     """

@@ -172,8 +172,11 @@ def held_otherwise(
             with contextlib.suppress(np.linalg.LinAlgError, FloatingPointError):
                 others.append(with_holds(last, holds, trials, kinds, last.noise))
     best = min(others, key=lambda fit: fit.cost, default=last)
-    if best.cost + 2 * DECISIVE * max(best.chi2_in_band, 1.0) > last.cost:
+    margin = 2 * DECISIVE * max(best.chi2_in_band, 1.0)
+    if best.cost + margin > last.cost:
         return None
+    # Of two that do about as well, the one stands that says least of the input: the last.
+    best = others[-1] if others[-1].cost < best.cost + margin else best
     return tuple(entry.hold for entry in best.plant.description.inputs)
 
 

@@ -124,18 +124,20 @@ def _searched(
     if holds is not None:
         campaign = held(holds)
         first = fitted()
-    found = search(first, trials, Search(kinds, tell, quick, stated))
-    if found.holds is not None:
-        return held(found.holds), found
-    if found.ended or not found.answers or tell.ends:
-        return campaign, found
-    tell("looking at what inputs do between samples", 0.88)
-    holds = held_otherwise(found.fits[-1], found.trials, kinds, stated)
-    if holds is None:
-        return campaign, found
-    campaign = held(holds)
-    found = search(fitted(), trials, Search(kinds, tell, quick, stated))
-    return (campaign if found.holds is None else held(found.holds)), found
+    tried: list[tuple[Hold, ...] | None] = [holds]
+    while True:
+        found = search(first, trials, Search(kinds, tell, quick, stated))
+        if found.holds is not None:
+            return held(found.holds), found
+        if found.ended or not found.answers or tell.ends:
+            return campaign, found
+        tell("looking at what inputs do between samples", 0.88)
+        holds = held_otherwise(found.fits[-1], found.trials, kinds, stated)
+        if holds is None or holds in tried:
+            return campaign, found
+        tried.append(holds)
+        campaign = held(holds)
+        first = fitted()
 
 
 def _prune(found: Found, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]) -> None:

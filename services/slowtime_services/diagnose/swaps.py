@@ -1,8 +1,9 @@
-"""Sensors of one quantity that look exchanged: told, with the roles that mend it.
+"""Sensors or inputs of one quantity that look exchanged: told, with the roles that mend it.
 
 Sizes do not tell two accelerometers apart. But if third-octave powers are nearer to the model's
 with two sensors exchanged, and the model, refitted within its tolerances, then explains the
 record several times as well, it is the wires: no effect within a structure exchanges sensors.
+Of inputs, what the model does under them tells which to look at.
 """
 
 import dataclasses
@@ -18,15 +19,16 @@ from slowtime.dynamics.plant import Plant
 from slowtime.signals.spectra import detrended, periodogram
 from slowtime_services.files import RecordError
 
-BETTER = 0.25
-"""Share of what is left unexplained that an exchange may leave, to be told of."""
+BETTER, DRIVEN_BETTER = 0.25, 0.4
+"""Share of what is left unexplained that an exchange of sensors, and of inputs, may leave, to
+be told of: what is missing from the model is left by both."""
 OCTAVE = 2 ** (1 / 3)
 DECADES = 1e-4
 """Power over the greatest of a sensor below which a band says nothing."""
 
 
 def refuse_swaps(campaign: Campaign, plant: Plant, name: str, cure: str) -> None:
-    """Refuse a campaign whose first record speaks for two sensors of a kind being exchanged.
+    """Refuse a campaign whose first record speaks for two channels of a kind being exchanged.
 
     Parameters
     ----------
@@ -35,24 +37,53 @@ def refuse_swaps(campaign: Campaign, plant: Plant, name: str, cure: str) -> None
     cure
         What to do where it is as it should be.
     """
-    sensors = campaign.description.sensors
     trial = min(campaign.trials, key=lambda one: len(one.outputs)).trimmed()
     if not trial.used.any(axis=0).all():
         return
     made = plant.simulate(plant.values, trial.inputs, trial.rate_hz)
-    likely = likely_pair(campaign.description, trial, made)
-    if likely is None:
+    sensors = likely_pair(campaign.description, trial, made)
+    inputs = likely_inputs(plant, trial, made)
+    if sensors is None and inputs is None:
         return
-    other = _exchanged(trial, *likely)
-    before, after = _unexplained(plant, trial), _unexplained(plant, other)
-    if after > BETTER * before:
-        return
-    one, two = (sensors[i].channel for i in likely)
-    raise RecordError(
-        f"{name}: {one} and {two} look exchanged: refitted within its tolerances, the model "
-        f"leaves {before:.0%} of the record unexplained, and {after:.2g} of it with these two "
-        f"exchanged. Say --channel {one}={two} --channel {two}={one}. {cure}"
-    )
+    tried: list[tuple[float, float, str, str]] = []
+    if sensors is not None:
+        one, two = (campaign.description.sensors[i].channel for i in sensors)
+        left = _unexplained(plant, _exchanged(trial, *sensors))
+        tried.append((left, BETTER, one, two))
+    if inputs is not None:
+        one, two = (campaign.description.inputs[i].channel for i in inputs)
+        left = _unexplained(plant, _crossed(trial, *inputs))
+        tried.append((left, DRIVEN_BETTER, one, two))
+    before = _unexplained(plant, trial)
+    after, share, one, two = min(tried)
+    if after <= share * before:
+        raise RecordError(
+            f"{name}: {one} and {two} look exchanged: refitted within its tolerances, the "
+            f"model leaves {before:.0%} of the record unexplained, and {after:.2g} of it with "
+            f"these two exchanged. Say --channel {one}={two} --channel {two}={one}. {cure}"
+        )
+
+
+def likely_inputs(
+    plant: Plant, trial: Trial, made: Float[np.ndarray, "time sensor"]
+) -> tuple[int, int] | None:
+    """Give two inputs of a kind under which, exchanged, the model does more of what was seen.
+
+    Parameters
+    ----------
+    made
+        What it does under the inputs as they are.
+    """
+    inputs = plant.description.inputs
+    best, least = None, _missed(trial, made)
+    for i, j in itertools.combinations(range(len(inputs)), 2):
+        if inputs[i].kind != inputs[j].kind or inputs[i].node == inputs[j].node:
+            continue
+        crossed = _crossed(trial, i, j)
+        missed = _missed(trial, plant.simulate(plant.values, crossed.inputs, trial.rate_hz))
+        if missed < least:
+            best, least = (i, j), missed
+    return best
 
 
 def likely_pair(
@@ -104,6 +135,19 @@ def _exchanged(trial: Trial, i: int, j: int) -> Trial:
     outputs = trial.outputs.copy()
     outputs[:, [i, j]] = trial.outputs[:, [j, i]]
     return dataclasses.replace(trial, outputs=outputs)
+
+
+def _crossed(trial: Trial, i: int, j: int) -> Trial:
+    inputs = trial.inputs.copy()
+    inputs[:, [i, j]] = trial.inputs[:, [j, i]]
+    return dataclasses.replace(trial, inputs=inputs)
+
+
+def _missed(trial: Trial, made: Float[np.ndarray, "time sensor"]) -> float:
+    """Power that a run leaves over what was measured, the mean over sensors; nan for none."""
+    with np.errstate(all="ignore"):
+        left = np.mean((trial.measured - made) ** 2, axis=0) / np.var(trial.measured, axis=0)
+    return float(np.mean(left))
 
 
 def _unexplained(plant: Plant, trial: Trial) -> float:

@@ -1,4 +1,6 @@
-"""Two accelerometers whose wires were exchanged, on a chain of three masses."""
+"""Two channels whose wires were exchanged, on a chain of three masses."""
+
+import dataclasses
 
 import numpy as np
 import pytest
@@ -79,3 +81,26 @@ RUBS = {"effect": "coulomb", "element": "j0", "friction_n": 5.0}
 )
 def test_what_is_missing_is_not_taken_for_a_wire(effects):
     refuse_nonsense(campaign((0, 1, 2), *effects, off=0.95, seed=2), ["r.csv"])
+
+
+@pytest.mark.parametrize("effects", [(), (CUBIC,)])
+@pytest.mark.parametrize("crossed", [True, False])
+def test_exchanged_inputs_are_told_and_right_ones_are_not(effects, crossed):
+    rng = np.random.default_rng(4)
+    two = (*chain().inputs, Input(channel="w", kind="force", node="m1", unit="N"))
+    model = dataclasses.replace(chain(), inputs=two)
+    push = rng.standard_normal((800, 2)) * [10.0, 4.0]
+    plant = Plant.of(
+        dataclasses.replace(chain(*effects, off=1.03), inputs=two), kinds=catalogue()
+    )
+    outputs = plant.simulate(plant.values, push, RATE)
+    outputs = outputs + 0.03 * outputs.std() * rng.standard_normal(outputs.shape)
+    said = push[:, ::-1].copy() if crossed else push
+    given = Campaign(
+        description=model, trials=(Trial(inputs=said, outputs=outputs, rate_hz=RATE),)
+    )
+    if not crossed:
+        refuse_nonsense(given, ["r.csv"])
+        return
+    with pytest.raises(RecordError, match=r"u and w look exchanged.*--channel u=w"):
+        refuse_nonsense(given, ["r.csv"])
