@@ -134,6 +134,18 @@ def test_a_constant_that_moved_alone_is_named_where_it_is(campaign, wrong):
     assert abs(number.value - LOSS) < 4 * number.sd
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("creeps", [0.001, 0.003])
+def test_friction_that_creeps_where_it_should_stick_is_still_dry(campaign, wrong, creeps):
+    rig, trials = campaign(
+        18, wrong(element=0, force=lambda e, v, t: 0.8 * np.tanh(v / creeps)),
+        masses=1, levels=(1.0, 2.0, 1.5), seconds=10.0,
+    )  # fmt: skip
+    found = answered(rig, trials)
+    assert [named.effect.kind for named in found.effects] == ["coulomb"]
+    assert abs(found.effects[0].numbers["friction_n"].value - 0.8) < 0.05
+
+
 @pytest.mark.long
 def test_a_shaken_mass_cannot_tell_a_softer_spring_from_a_heavier_mass(campaign, wrong):
     rig, trials = campaign(

@@ -458,3 +458,40 @@ def test_a_law_that_is_near_the_end_of_its_range_is_named_where_nothing_simpler_
     trials = seen((sings,))
     found = search(refit(Plant.of(TWO, kinds=kinds), trials), trials, Search(kinds, Watch()))
     assert [(a.effect.kind, a.effect.place) for a in found.answers] == [("van_der_pol", SECOND)]
+
+
+@pytest.mark.parametrize(
+    ("gained", "taken"), [(0.0005, "coulomb"), (0.0011, "stribeck"), (0.5, "stribeck")]
+)
+def test_what_explains_next_to_nothing_beyond_its_limit_is_taken_for_it(shared, gained, taken):
+    _, first, *_ = shared
+    missing = 1e5
+    costs = {"stribeck": 1e3, "cubic_hardening": 1.2e3, "coulomb": 1e3 + gained * missing}
+    named = [
+        naming.Named(
+            Effect(kind, SECOND, {}), first.plant.description,
+            dataclasses.replace(first, cost=cost), -cost,
+        )
+        for kind, cost in costs.items()
+    ]  # fmt: skip
+    found = accepting._limits_first(named, missing)
+    assert found[0].effect.kind == taken
+    assert len(found) == 3 - (taken == "coulomb")
+    elsewhere = dataclasses.replace(named[2], effect=Effect("coulomb", FIRST, {}))
+    assert accepting._limits_first([*named[:2], elsewhere], missing)[0] is named[0]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("beside", "taken"), [(0.0, True), (1e9, False)])
+def test_a_later_effect_that_explains_a_fleck_is_a_flaw_of_the_first(
+    shared, beside, taken, monkeypatch
+):
+    trials, first, *_ = shared
+    named = refit_all(first, [Candidate(SOFT, 0.0, 0.0, 0.0)], trials, KINDS, lambda *_: False)
+    found = Found([first], trials)
+    assert accepting.accept(found, first, named, trials, KINDS, None, pulled=False)
+    gained = first.cost - named[0].fit.cost
+    monkeypatch.setattr(accepting, "_at_first", lambda *_: beside * gained)
+    again = accepting.accept(found, first, named, trials, KINDS, None, pulled=False)
+    assert again == taken
+    assert len(found.answers) == 1 + taken
