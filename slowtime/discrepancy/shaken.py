@@ -25,8 +25,8 @@ FOLLOWED = 0.6
 that moves at random the best leave seven tenths, in place of another law nearly the half."""
 GROWN = 2.0
 """Times that what is taken for a motion of the base may be larger in the record that is driven
-hardest than in the one driven least: it knows nothing of that. Of sixteen true ones 1.3 at most,
-of a pendulum and a friction that passed for one 24 and 4.5."""
+hardest than in the one driven least: it knows nothing of that. Of sixteen true ones 1.3 at
+most, of a pendulum and a friction that passed for one 24 and 4.5."""
 BY_LAWS, BY_SOME = 0.6, 0.2
 """Share of a gain that some law may explain of what nobody within the structure makes; and
 where that is not all that is missing."""
