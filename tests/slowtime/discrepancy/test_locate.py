@@ -11,6 +11,7 @@ from slowtime.discrepancy.locate.lines import lines_of
 from slowtime.discrepancy.locate.rarity import gain_probability
 from slowtime.discrepancy.locate.tuned import Known, Tuned
 from slowtime.discrepancy.refit import refit
+from slowtime.discrepancy.shaken import _grows
 from slowtime.dynamics.description import Description, Input, Node, Sensor
 from slowtime.dynamics.effects import Place
 from slowtime.dynamics.effects.sensors import timed
@@ -106,6 +107,12 @@ def test_the_base_comes_before_its_twins_and_before_nothing_else(found):
     assert Place("base", "base") in behind.base_first().groups[0].places
     _, (_, _, whole) = found["cubic"]
     assert whole.base_first() is whole
+
+
+@pytest.mark.parametrize(("name", "grows"), [("base", False), ("cubic", True), ("jump", True)])
+def test_a_motion_of_the_base_knows_nothing_of_what_drives_the_structure(found, name, grows):
+    _, (_, _, result) = found[name]
+    assert _grows(result, Place("base", "base")) is grows
 
 
 def test_the_force_is_recovered_with_an_honest_error(found):
