@@ -80,9 +80,12 @@ def without(
 
 
 def _gain(more: Fit, less: Fit, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]) -> float:
-    """Log evidence that the larger model has over the smaller, by the noise of the larger."""
+    """Log evidence that the larger model has over the smaller, by one noise and the same data.
+
+    What a clock that is off leaves without an end is out of the data while one is tried.
+    """
     same = more
-    if less.noise is not more.noise:
+    if less.noise is not more.noise or less.data != more.data:
         same = refit(
             more.plant, trials, noise=less.noise, values=more.values, states=more.states,
             horizons=(1.0,),

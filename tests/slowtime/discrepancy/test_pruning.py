@@ -50,6 +50,15 @@ def test_what_the_others_make_needless_is_left_out_wherever_it_stands(wrong_firs
     assert abs(k3.value - 1e5) < 4 * k3.sd < 0.05 * k3.value
 
 
+def test_samples_that_were_left_out_while_it_was_named_speak_for_no_effect():
+    trials = trials_of(CUBIC)
+    use = trials[0].used.copy()
+    use[-60:] = False
+    before, said = chain_of((dataclasses.replace(trials[0], use=use),), LOSS, CUBIC)
+    _, answers = pruned(before, said, trials, KINDS)
+    assert [answer.effect.kind for answer in answers] == ["cubic_hardening"]
+
+
 @pytest.mark.slow
 def test_what_is_needed_stays_and_has_the_numbers_of_the_last_fit():
     trials = trials_of(CUBIC, DRAG)
