@@ -16,7 +16,7 @@ from slowtime.dynamics.effects import Effect, Kind
 
 from .accepting import accept, bends_twice, ended
 from .answer import UNWHITE, Found
-from .between import Hold
+from .between import Hold, held_otherwise, with_holds
 from .candidates import SEVERAL, Candidate, Label, candidates, label_of, mirrored
 from .diagnosis import Named as Answer
 from .downward import Downward
@@ -98,7 +98,7 @@ def search(first: Fit, trials: tuple[Trial, ...], how: Search) -> Found:
         found = found.both
         if not _ends(found, how, 1):
             _go_on(found, how, 2)
-    elif one and not _ends(found, how, 0):
+    elif one and not _reheld(found, how) and not _ends(found, how, 0):
         _go_on(found, how, 1)
     cut = len(found.trials) != len(trials)
     if not found.named or found.holds is not None or cut or _done(found):
@@ -128,8 +128,30 @@ def _done(found: Found) -> bool:
 def _go_on(found: Found, how: Search, begun: int) -> None:
     """Look for effects until there is none, or there are enough."""
     for number in range(begun, how.most):
-        if not _next(found, how, number) or _ends(found, how, number):
+        if not _next(found, how, number) or _reheld(found, how) or _ends(found, how, number):
             return
+
+
+def _reheld(found: Found, how: Search) -> bool:
+    """Take another hold of the inputs, if with it what was found so far explains all.
+
+    It is asked after each effect: a step that was taken for a curve looks like one more.
+    """
+    last = found.fits[-1]
+    over = found.ended or found.holds is not None or found.undecided or how.tell.hurries
+    cut = any(len(fit.states) != len(found.trials) for fit in found.fits)
+    if how.stated is None or over or cut or not found.answers or _done(found):
+        return False
+    holds = held_otherwise(last, found.trials, how.kinds, how.stated)
+    if holds is None:
+        return False
+    held = with_holds(last, holds, found.trials, how.kinds)
+    if held.chi2_in_band >= EXPLAINED and whiteness(held) <= UNWHITE:
+        return False
+    before = [with_holds(fit, holds, found.trials, how.kinds) for fit in found.fits[:-1]]
+    found.holds, found.fits = holds, [*before, held]
+    found.left = locate(held, found.trials)
+    return True
 
 
 def _near_first(

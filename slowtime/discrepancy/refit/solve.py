@@ -23,10 +23,11 @@ COARSE = 2e-5
 WRONG = 3.0
 """Mean square over the noise from which a model is wrong and not a little off."""
 CREEPING = 1e-3
-"""Expected gain below which a step is not worth taking, as a share of what is beyond that."""
+"""Expected gain below which a step is not worth taking, as a share of what is beyond noise."""
 SLOW, TWICE = 1e-2, 2
-"""Share of that part by which a step is slow; so many slow ones in turn are the end: a wrong
-model creeps along its valleys to nowhere, and a right one gains much with every step."""
+"""Share of what is beyond a wrong model's least by which a step is slow; so many slow ones in
+turn are the end: a wrong model creeps along its valleys to nowhere, and a right one gains much
+with every step."""
 PATIENCE, LEAPS = 3, 10.0
 """Steps before a fit may be called hopeless; how many more like the last it may hope for."""
 RAISED, LEAST_DAMPING = 4.0, 1e-5
@@ -209,7 +210,7 @@ def descend(
         beyond = point.cost - WRONG * data
         enough = FINE
         if not fine:
-            enough += COARSE * point.cost + CREEPING * max(beyond, 0.0)
+            enough += COARSE * point.cost + CREEPING * max(point.cost - data, 0.0)
         room = _room(problem, point)
         while True:
             step, gain = _step(normal, damping, *room)
@@ -262,11 +263,14 @@ def _leapt(
 
 
 def _room(problem: Problem, point: Point) -> tuple[Moves, Moves]:
-    """Farthest moves of the constants: half way to a bound, and half of a scale."""
+    """Farthest moves of the constants: half way to a bound, and half of a scale or of what is.
+
+    What began much too small, as a force that was guessed from a wrong motion, grows by halves.
+    """
     prior = problem.prior
     here = point.values[list(prior.index)]
-    low = np.maximum((prior.low - here) / 2, -prior.scale / 2)
-    return low, np.minimum((prior.high - here) / 2, prior.scale / 2)
+    far = np.maximum(prior.scale, np.abs(here)) / 2
+    return np.maximum((prior.low - here) / 2, -far), np.minimum((prior.high - here) / 2, far)
 
 
 def _step(

@@ -106,7 +106,9 @@ def test_negative_damping_that_is_nowhere_negative_does_nothing_of_its_own():
 
 
 def test_what_lags_in_an_element_is_seen_though_something_on_its_node_was_named():
-    assert doubt(MAXWELL, RIDER) == Doubt(PLACE, ())
+    seen = [doubt(MAXWELL, RIDER, seed, noise=0.005) for seed in range(12)]
+    assert set(seen) <= {None, Doubt(PLACE, ())}
+    assert sum(one is not None for one in seen) >= 8
 
 
 @pytest.mark.slow
