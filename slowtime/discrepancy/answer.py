@@ -99,6 +99,8 @@ class Found:
         Laws in the place of the first effect that do what a simpler one does.
     loosened
         Whether the model as given was stuck in a minimum that is not its lowest.
+    otherwise
+        Another hold of the inputs, under which all that was found so far would explain all.
     """
 
     fits: list[Fit]
@@ -121,6 +123,7 @@ class Found:
     both: "Found | None" = None
     loosened: bool = False
     alike: tuple[Named, ...] = ()
+    otherwise: tuple[Hold, ...] | None = None
 
 
 def report(

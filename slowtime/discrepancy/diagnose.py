@@ -22,7 +22,7 @@ from .records import Campaign, Trial
 from .refit import Fit, refit
 from .refuted import refuted
 from .screen import screen_all
-from .search import Search, search
+from .search import Search, reheld, search
 from .unbent import unbent
 from .undriven import diagnose_undriven
 from .unlinked import best_link, instead_of
@@ -125,19 +125,25 @@ def _searched(
         campaign = held(holds)
         first = fitted()
     tried: list[tuple[Hold, ...] | None] = [holds]
+    enough: tuple[Campaign, Found] | None = None
     while True:
-        found = search(first, trials, Search(kinds, tell, quick, stated))
+        found = search(first, trials, Search(kinds, tell, quick, stated, tuple(tried)))
         if found.holds is not None:
             return held(found.holds), found
+        if enough is not None and found.hurried and found.fits[-1].chi2_in_band > EXPLAINED:
+            return enough  # there was no time to compare it with others
         if found.ended or not found.answers or tell.ends:
             return campaign, found
         tell("looking at what inputs do between samples", 0.88)
-        holds = held_otherwise(found.fits[-1], found.trials, kinds, stated)
+        last = found.fits[-1]
+        holds = found.otherwise or held_otherwise(last, found.trials, kinds, stated)
         if holds is None or holds in tried:
             return campaign, found
         tried.append(holds)
         campaign = held(holds)
         first = fitted()
+        if found.otherwise is not None:
+            enough = campaign, reheld(found, holds, kinds)
 
 
 def _prune(found: Found, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]) -> None:

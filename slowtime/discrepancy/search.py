@@ -73,12 +73,15 @@ class Search:
         One effect is looked for, among few.
     stated
         What the model says of its inputs between samples; as it stands where not given.
+    asked
+        Under which holds effects were looked for already.
     """
 
     kinds: Mapping[str, Kind]
     tell: Watch
     quick: bool = False
     stated: tuple[Hold, ...] | None = None
+    asked: tuple[tuple[Hold, ...] | None, ...] = ()
 
     @property
     def most(self) -> int:
@@ -101,7 +104,8 @@ def search(first: Fit, trials: tuple[Trial, ...], how: Search) -> Found:
     elif one and not _reheld(found, how) and not _ends(found, how, 0):
         _go_on(found, how, 1)
     cut = len(found.trials) != len(trials)
-    if not found.named or found.holds is not None or cut or _done(found):
+    again = found.holds is not None or found.otherwise is not None
+    if not found.named or again or cut or _done(found):
         return found
     for other in _others(found, held, how):
         if _done(found):
@@ -113,6 +117,8 @@ def search(first: Fit, trials: tuple[Trial, ...], how: Search) -> Found:
         bent = bool(moved_of(first))
         if accept(branch, held, [other], trials, how.kinds, how.stated, pulled=bent):
             _go_on(branch, how, 1)
+            if branch.otherwise is not None:
+                return branch
             found = _better(found, branch, how.kinds)
     return found
 
@@ -133,25 +139,30 @@ def _go_on(found: Found, how: Search, begun: int) -> None:
 
 
 def _reheld(found: Found, how: Search) -> bool:
-    """Take another hold of the inputs, if with it what was found so far explains all.
+    """Whether under another hold of the inputs what was found so far explains all.
 
-    It is asked after each effect: a step that was taken for a curve looks like one more.
+    It is asked after each effect: a step that was taken for a curve looks like one more. Which
+    effects there are has to be asked again, under that hold.
     """
     last = found.fits[-1]
-    over = found.ended or found.holds is not None or found.undecided or how.tell.hurries
     cut = any(len(fit.states) != len(found.trials) for fit in found.fits)
-    if how.stated is None or over or cut or not found.answers or _done(found):
+    over = found.ended or found.holds is not None or how.tell.hurries or cut
+    if how.stated is None or over or not found.answers or _done(found):
         return False
     holds = held_otherwise(last, found.trials, how.kinds, how.stated)
-    if holds is None:
+    if holds is None or holds in how.asked:
         return False
     held = with_holds(last, holds, found.trials, how.kinds)
-    if held.chi2_in_band >= EXPLAINED and whiteness(held) <= UNWHITE:
-        return False
-    before = [with_holds(fit, holds, found.trials, how.kinds) for fit in found.fits[:-1]]
-    found.holds, found.fits = holds, [*before, held]
-    found.left = locate(held, found.trials)
-    return True
+    if held.chi2_in_band < EXPLAINED or whiteness(held) > UNWHITE:
+        found.otherwise = holds
+    return found.otherwise is not None
+
+
+def reheld(found: Found, holds: tuple[Hold, ...], kinds: Mapping[str, Kind]) -> Found:
+    """Give what was found its fits under another hold."""
+    fits = [with_holds(fit, holds, found.trials, kinds) for fit in found.fits]
+    left = locate(fits[-1], found.trials)
+    return dataclasses.replace(found, fits=fits, holds=holds, left=left, hurried=True)
 
 
 def _near_first(

@@ -13,8 +13,11 @@ from slowtime.discrepancy.between import (
     held_otherwise,
     saying_holds,
 )
-from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.diagnose import diagnose
+from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refit import refit
+from slowtime.discrepancy.search import Search, reheld, search
+from slowtime.discrepancy.watch import Watch
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Input, Sensor, Tolerance
 from slowtime.dynamics.effects import Effect, Place, catalogue
@@ -113,6 +116,50 @@ def test_a_hold_mistaken_while_much_was_missing_is_seen_once_the_effects_are_in(
         assert asked_under(supposed) == (None if supposed == hold else (hold,))
     plant = Plant.of(held_as(description, ["first"]), kinds=KINDS)
     assert held_otherwise(refit(plant, [trial]), [trial], KINDS, ["first"]) is None
+
+
+@pytest.fixture(scope="module")
+def mistaken():
+    """A gap in a record of straight lines, searched for under another hold."""
+    gap = {"effect": "gap_symmetric", "element": rig().elements[1].id,
+           "kg_n_per_m": 400.0, "gap_m": 0.001}  # fmt: skip
+    trial = recorded("first", (gap,), band=0.4)
+    return refit(Plant.of(held_as(rig(), ["zero"]), kinds=KINDS), [trial]), trial
+
+
+@pytest.mark.slow
+def test_a_search_ends_where_another_hold_would_explain_all_that_was_found(mistaken):
+    first, trial = mistaken
+    found = search(first, (trial,), Search(KINDS, Watch(), stated=(None,)))
+    assert found.otherwise == ("first",)
+    under = reheld(found, ("first",), KINDS)
+    assert {fit.plant.description.inputs[0].hold for fit in under.fits} == {"first"}
+    assert under.fits[-1].chi2_in_band < 1.5 < found.fits[-1].chi2_in_band
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", [{"stated": ("zero",)}, {"asked": (("first",),)}])
+def test_a_search_goes_on_where_the_hold_is_stated_or_was_tried(mistaken, how):
+    first, trial = mistaken
+    found = search(first, (trial,), Search(KINDS, Watch(), **({"stated": (None,)} | how)))
+    assert found.otherwise is None
+
+
+@pytest.mark.slow
+def test_what_a_mistaken_hold_was_taken_for_is_forgotten():
+    trial = recorded("first", band=0.4)
+    first = refit(Plant.of(held_as(rig(), ["zero"]), kinds=KINDS), [trial])
+    found = search(first, (trial,), Search(KINDS, Watch(), stated=(None,)))
+    assert found.answers
+    assert found.otherwise == ("first",)
+    assert diagnose(Campaign(description=rig(), trials=(trial,))).verdict == "nothing_missing"
+
+
+@pytest.mark.slow
+def test_effects_are_named_under_the_hold_that_explains_them(mistaken):
+    said = diagnose(Campaign(description=rig(), trials=(mistaken[1],)))
+    assert [answer.effect.kind for answer in said.effects] == ["gap_symmetric"]
+    assert [entry.hold for entry in said.augmented.inputs] == ["first"]
 
 
 def test_a_model_to_be_used_says_what_its_inputs_were_taken_to_do():
