@@ -86,19 +86,16 @@ def accept(
     missing = bar.cost - bar.data
     named = _limits_first(named, missing)
     best = named[0]
-    # Long records tell the least flaw of what was found first from noise.
-    if found.answers and not pulled and bar.cost - best.fit.cost < FAINT * bar.data:
-        return False
-    if (
-        found.answers
-        and not pulled
-        and bar.cost - best.fit.cost < FLECK * _at_first(found, best)
-    ):
-        return False
-    # Noise that is louder than it was taken to be leaves much, and any law a speck less.
-    gained = bar.cost - best.fit.cost
-    if not found.answers and not pulled and gained < SPECK * missing:
-        return False
+    if not pulled:
+        # Long records tell the least flaw of what was found first from noise; and of noise that
+        # is louder than it was taken to be, any law explains a speck.
+        speck = (
+            max(FAINT * bar.data, FLECK * _at_first(found, best))
+            if found.answers
+            else SPECK * missing
+        )
+        if bar.cost - best.fit.cost < speck:
+            return False
     # That constants were claimed too well is an answer too, and has its share.
     besides = [_retuned(bar)] if pulled else []
     shares = shares_of(named, kinds, besides, bar)

@@ -101,14 +101,14 @@ def search(first: Fit, trials: tuple[Trial, ...], how: Search) -> Found:
         found = found.both
         if not _ends(found, how, 1):
             _go_on(found, how, 2)
-    elif one and not _reheld(found, how) and not _ends(found, how, 0):
+    elif one and not _explained_otherwise(found, how) and not _ends(found, how, 0):
         _go_on(found, how, 1)
     cut = len(found.trials) != len(trials)
     again = found.holds is not None or found.otherwise is not None
     if not found.named or again or cut or _done(found):
         return found
     for other in _others(found, held, how):
-        if _done(found):
+        if found.otherwise is not None or _done(found):
             break
         if how.tell.hurries:
             found.hurried = True
@@ -117,8 +117,6 @@ def search(first: Fit, trials: tuple[Trial, ...], how: Search) -> Found:
         bent = bool(moved_of(first))
         if accept(branch, held, [other], trials, how.kinds, how.stated, pulled=bent):
             _go_on(branch, how, 1)
-            if branch.otherwise is not None:
-                return branch
             found = _better(found, branch, how.kinds)
     return found
 
@@ -134,11 +132,15 @@ def _done(found: Found) -> bool:
 def _go_on(found: Found, how: Search, begun: int) -> None:
     """Look for effects until there is none, or there are enough."""
     for number in range(begun, how.most):
-        if not _next(found, how, number) or _reheld(found, how) or _ends(found, how, number):
+        if (
+            not _next(found, how, number)
+            or _explained_otherwise(found, how)
+            or _ends(found, how, number)
+        ):
             return
 
 
-def _reheld(found: Found, how: Search) -> bool:
+def _explained_otherwise(found: Found, how: Search) -> bool:
     """Whether under another hold of the inputs what was found so far explains all.
 
     It is asked after each effect: a step that was taken for a curve looks like one more. Which
@@ -285,7 +287,12 @@ def _refitted(found: Found, before: Fit, labels: list[Candidate], how: Search) -
 
 
 def _better(found: Found, branch: Found, kinds: Mapping[str, Kind]) -> Found:
-    """Give the likelier of two accounts, by the noise of the one that leaves least."""
+    """Give the likelier of two accounts, by the noise of the one that leaves least.
+
+    One that under another hold of the inputs would explain all is looked at there.
+    """
+    if branch.otherwise is not None:
+        return branch
     if branch.unheard or found.unheard:
         return found  # what one of them does not hear, it does not leave either
     if len(found.trials) != len(branch.trials):

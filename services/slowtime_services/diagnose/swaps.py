@@ -132,15 +132,19 @@ def _powers(
 
 
 def _exchanged(trial: Trial, i: int, j: int) -> Trial:
-    outputs = trial.outputs.copy()
-    outputs[:, [i, j]] = trial.outputs[:, [j, i]]
-    return dataclasses.replace(trial, outputs=outputs)
+    return dataclasses.replace(trial, outputs=_swapped(trial.outputs, i, j))
 
 
 def _crossed(trial: Trial, i: int, j: int) -> Trial:
-    inputs = trial.inputs.copy()
-    inputs[:, [i, j]] = trial.inputs[:, [j, i]]
-    return dataclasses.replace(trial, inputs=inputs)
+    return dataclasses.replace(trial, inputs=_swapped(trial.inputs, i, j))
+
+
+def _swapped(
+    series: Float[np.ndarray, "time channel"], i: int, j: int
+) -> Float[np.ndarray, "time channel"]:
+    other = series.copy()
+    other[:, [i, j]] = series[:, [j, i]]
+    return other
 
 
 def _missed(trial: Trial, made: Float[np.ndarray, "time sensor"]) -> float:

@@ -1,11 +1,15 @@
 """What inputs do between samples is found out, and never mistaken for something missing."""
 
 import dataclasses
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
+from slowtime.discrepancy import between
+from slowtime.discrepancy import diagnose as diagnosing
 from slowtime.discrepancy.adding import with_effect
+from slowtime.discrepancy.answer import Found
 from slowtime.discrepancy.between import (
     found_holds,
     held_as,
@@ -14,6 +18,7 @@ from slowtime.discrepancy.between import (
     saying_holds,
 )
 from slowtime.discrepancy.diagnose import diagnose
+from slowtime.discrepancy.diagnosis import Named as Answer
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refit import refit
 from slowtime.discrepancy.search import Search, reheld, search
@@ -118,6 +123,32 @@ def test_a_hold_mistaken_while_much_was_missing_is_seen_once_the_effects_are_in(
     assert held_otherwise(refit(plant, [trial]), [trial], KINDS, ["first"]) is None
 
 
+@pytest.mark.parametrize(
+    ("costs", "chosen"),
+    [
+        ({"first": 100.0, "band_limited": 120.0}, "band_limited"),
+        ({"first": 120.0, "band_limited": 100.0}, "band_limited"),
+        ({"first": 100.0, "band_limited": 200.0}, "first"),
+        ({"first": 970.0, "band_limited": 980.0}, None),
+    ],
+)
+def test_of_holds_that_do_about_as_well_the_one_stands_that_says_least(
+    monkeypatch, costs, chosen
+):
+    trial = recorded("zero")
+    fit = refit(Plant.of(held_as(rig(), ["zero"]), kinds=KINDS), [trial])
+    last = dataclasses.replace(fit, cost=1000.0, chi2_in_band=1.0, in_band_sd=0.0)
+    wrong = dataclasses.replace(last, chi2_in_band=1.1)
+
+    def as_costly(fit, holds, *_):
+        plant = Plant.of(held_as(rig(), holds), kinds=KINDS)
+        return dataclasses.replace(last, plant=plant, cost=costs[holds[0]])
+
+    monkeypatch.setattr(between, "with_holds", as_costly)
+    found = held_otherwise(wrong, [trial], KINDS, [None])
+    assert found == (None if chosen is None else (chosen,))
+
+
 @pytest.fixture(scope="module")
 def mistaken():
     """A gap in a record of straight lines, searched for under another hold."""
@@ -143,6 +174,49 @@ def test_a_search_goes_on_where_the_hold_is_stated_or_was_tried(mistaken, how):
     first, trial = mistaken
     found = search(first, (trial,), Search(KINDS, Watch(), **({"stated": (None,)} | how)))
     assert found.otherwise is None
+
+
+def test_no_hold_is_searched_under_twice(monkeypatch):
+    trial = recorded("zero")
+    searched = []
+
+    def once_more(first, trials, how):
+        searched.append(first.plant.description.inputs[0].hold)
+        assert len(searched) < 4
+        return Found([first], trials, answers=[Mock(spec=Answer)])
+
+    def each_other(last, *_):
+        (supposed,) = last.plant.description.inputs
+        return ("zero",) if supposed.hold == "first" else ("first",)
+
+    monkeypatch.setattr(diagnosing, "found_holds", lambda *_: ("first",))
+    monkeypatch.setattr(diagnosing, "held_otherwise", each_other)
+    monkeypatch.setattr(diagnosing, "search", once_more)
+    campaign = Campaign(description=rig(), trials=(trial,))
+    told, _ = diagnosing._searched(campaign, (trial,), KINDS, Watch(), quick=False)
+    assert searched == ["first", "zero"]
+    assert told.description.inputs[0].hold == "zero"
+
+
+@pytest.mark.slow
+def test_where_time_runs_out_under_the_better_hold_what_was_found_first_stands(
+    mistaken, monkeypatch
+):
+    trial = mistaken[1]
+    searched = []
+
+    def once(first, trials, how):
+        searched.append(first)
+        late = len(searched) == 2
+        return Found([first], trials, hurried=True) if late else search(first, trials, how)
+
+    monkeypatch.setattr(diagnosing, "found_holds", lambda *_: ("zero",))
+    monkeypatch.setattr(diagnosing, "search", once)
+    said = diagnose(Campaign(description=rig(), trials=(trial,)))
+    assert len(searched) == 2
+    assert [answer.effect.kind for answer in said.effects] == ["gap_symmetric"]
+    assert [entry.hold for entry in said.augmented.inputs] == ["first"]
+    assert said.white_p_value > 1e-6
 
 
 @pytest.mark.slow

@@ -11,9 +11,9 @@ from slowtime.discrepancy.locate.lines import lines_of
 from slowtime.discrepancy.locate.rarity import gain_probability
 from slowtime.discrepancy.locate.tuned import Known, Tuned
 from slowtime.discrepancy.refit import refit
-from slowtime.discrepancy.shaken import _grows
+from slowtime.discrepancy.shaken import _grows, base_answer
 from slowtime.dynamics.description import Description, Input, Node, Sensor
-from slowtime.dynamics.effects import Place
+from slowtime.dynamics.effects import Place, catalogue
 from slowtime.dynamics.effects.sensors import timed
 from slowtime.dynamics.plant import Plant
 from slowtime.signals.spectra import transform
@@ -113,6 +113,16 @@ def test_the_base_comes_before_its_twins_and_before_nothing_else(found):
 def test_a_motion_of_the_base_knows_nothing_of_what_drives_the_structure(found, name, grows):
     _, (_, _, result) = found[name]
     assert _grows(result, Place("base", "base")) is grows
+
+
+def test_what_grows_with_the_drive_is_not_named_a_motion_of_the_base(found, monkeypatch):
+    _, (_, _, result) = found["base"]
+    kinds = catalogue()
+    named = base_answer(result.base_first(), [], kinds, first=True)
+    assert named is not None
+    assert named.effect.kind == "base_motion"
+    monkeypatch.setattr("slowtime.discrepancy.shaken._grows", lambda *_: True)
+    assert base_answer(result.base_first(), [], kinds, first=True) is None
 
 
 def test_the_force_is_recovered_with_an_honest_error(found):

@@ -31,6 +31,13 @@ def stuck():
     return bent, trials
 
 
+@pytest.mark.parametrize("gained", [600.0, 2000.0])
+def test_a_spring_far_from_its_claim_is_reached_by_steps_that_grow_with_it(gained):
+    stiffer = dataclasses.replace(STIFFER, parameters={"dk_n_per_m": -gained})
+    fit = refit(Plant.of(THREE, kinds=KINDS), recorded(THREE, (stiffer,)))
+    assert fit.chi2_in_band < 1.5
+
+
 def test_what_a_law_makes_up_for_a_constant_can_do_itself(stuck):
     bent, trials = stuck
     label = Candidate(STIFFER, 1.0, -1.0, 1e12)

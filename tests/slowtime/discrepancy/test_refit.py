@@ -153,6 +153,36 @@ def test_numbers_that_are_told_only_together_end_where_the_claim_of_one_puts_the
         assert abs(fine) < 0.01
 
 
+def test_a_wrong_model_is_not_followed_to_its_bottom_because_most_data_lie_above_it(
+    campaign, wrong, monkeypatch
+):
+    """In band it leaves several times the noise, of all data together less than three times."""
+    rig, trials = campaign(
+        5, wrong(element=0, force=lambda e, v, t: 1e4 * e**3), mode="states", masses=2,
+        stiffness_sd=0.05,
+    )  # fmt: skip
+    points = []
+
+    def counted(*args, **more):
+        points.append(args)
+        return costed(*args, **more)
+
+    costed = solve.costed
+    monkeypatch.setattr(solve, "costed", counted)
+
+    def tried():
+        points.clear()
+        return refit(plant_of(rig), trials, horizons=(1.0,)), len(points)
+
+    soon, few = tried()
+    monkeypatch.setattr(solve, "CREEPING", 0.0)
+    bottom, many = tried()
+    assert soon.chi2_in_band > 2
+    assert soon.chi2_per_datum < solve.WRONG
+    assert few < many
+    assert soon.cost - bottom.cost < 0.01 * (bottom.cost - bottom.data)
+
+
 def test_masked_samples_do_not_matter(campaign):
     rig, trials = campaign(6, masses=1, seconds=8.0)
     spoilt = []

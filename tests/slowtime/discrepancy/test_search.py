@@ -389,6 +389,29 @@ def test_an_account_with_an_effect_is_weighed_against_one_without(shared):
     # An account that leaves a sensor out leaves less, and is none the likelier.
     branch.unheard = True
     assert searching._better(found, branch, KINDS) is found
+    branch.otherwise = ("zero",)
+    assert searching._better(found, branch, KINDS) is branch
+
+
+def test_an_account_under_another_hold_ends_the_comparison(shared, monkeypatch):
+    trials, first, *_ = shared
+    named = refit_all(first, [Candidate(SOFT, 0.0, 0.0, 0.0)], trials, KINDS, lambda *_: False)
+    compared = []
+
+    def one_effect(found, *_):
+        found.named = tuple(named)
+        return False
+
+    def explained_otherwise(branch, *_):
+        compared.append(branch)
+        branch.otherwise = ("zero",)
+
+    monkeypatch.setattr(searching, "_next", one_effect)
+    monkeypatch.setattr(searching, "_others", lambda *_: iter(named * 3))
+    monkeypatch.setattr(searching, "accept", lambda *_, **__: True)
+    monkeypatch.setattr(searching, "_go_on", explained_otherwise)
+    found = search(first, trials, Search(KINDS, Watch()))
+    assert compared == [found]
 
 
 def test_a_refit_is_given_up_once_it_is_late(shared):
