@@ -15,6 +15,7 @@ from .diagnosis import Diagnosis, Gap, Rival, Step, Surface, Suspect, Verdict, W
 from .diagnosis import Named as Answer
 from .experiment import propose
 from .floor import floats
+from .further import FAR_OFF
 from .gap import (
     Judged,
     floor_of,
@@ -150,7 +151,9 @@ def report(
     )
     unknown = found.refuted is not None or found.link is not None
     loud = _loud(found, errors, floor)
-    unknown = unknown or (not (found.undecided or foretold or loud) and _unknown(found))
+    # Which of two it is matters once one of them could be right.
+    doubted = bool(found.undecided) and last.chi2_in_band < FAR_OFF
+    unknown = unknown or (not (doubted or foretold or loud) and _unknown(found))
     sure = humbled(found.answers, len(found.fits) - 1, kinds)
     answers = _once([*(() if unknown else sure), *faults])
     verdict, sentence = _word(campaign.description, found, answers, kinds)
@@ -158,7 +161,7 @@ def report(
         verdict, sentence = "unknown_effect", _unnamed(found, kinds)
     located = found.located
     assert located is not None
-    experiment = propose(found.pair, trials, kinds) if found.pair else None
+    experiment = propose(found.pair, trials, kinds) if found.pair and not unknown else None
     if experiment is not None:
         sentence += f" What would decide: {experiment.sentence}"
     return Diagnosis(

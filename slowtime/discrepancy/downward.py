@@ -15,7 +15,9 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from slowtime.dynamics.description import assemble
 from slowtime.dynamics.effects import Effect, Kind, Place, Unmeasured
+from slowtime.dynamics.modes import undamped_modes
 
 from .adding import free_run
 from .candidates import Candidate, label_of
@@ -99,6 +101,7 @@ class Downward:
         near: list[Candidate] = []
         if best is not None and least > FAR_OFF:
             near = [*self._stuck(found), *self._as_near(best)]
+            near += self._as_good(self._guessed())
         if some or self._several:
             return near
         batch, others = self._rest[:IN_TURN], self._rest[IN_TURN:]
@@ -161,6 +164,19 @@ class Downward:
             dataclasses.replace(effect, parameters=parameters)
             for parameters in every
             if possible(kind, parameters, described, effect.place)
+        ]
+
+    def _guessed(self) -> list[Candidate]:
+        """Give kinds that begin with what the model tells, each where it explained most."""
+        structure = assemble(self._before.plant.description)
+        masses = dict(zip(structure.names, np.diag(structure.mass).tolist(), strict=True))
+        frequencies = undamped_modes(structure).frequency_hz.tolist()
+        nodes = (one for one in reversed(self._tried) if one.effect.place.kind == "node")
+        foremost = {one.effect.kind: one for one in nodes}
+        return [
+            dataclasses.replace(one, effect=Effect(kind, one.effect.place, guess), start=None)
+            for kind, one in foremost.items()
+            for guess in self._kinds[kind].guesses(masses[one.effect.place.id], frequencies)
         ]
 
     def _equivalents(self) -> list[Candidate]:

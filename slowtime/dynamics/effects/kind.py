@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -195,6 +195,11 @@ def no_shapes(motion: Motion) -> list[Shape]:
     return [{}]
 
 
+def no_guesses(mass_kg: float, frequencies_hz: Sequence[float]) -> list[Shape]:
+    """Of kinds of which a model tells nothing."""
+    return []
+
+
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Kind:
     """A kind of effect.
@@ -222,6 +227,9 @@ class Kind:
         Phase [rad], where the force of any phase is a sum of those at 0 and a quarter turn.
     shapes
         From the motion seen to values of the other parameters that make sense for it.
+    guesses
+        From the mass of a node and the undamped natural frequencies of the model to values of
+        all parameters, to begin with where the motion seen misleads.
     shown
         Whether a motion goes through what sets the law, with these parameters, apart from a
         simpler one: who never was as fast as its speed has not seen friction fall.
@@ -241,6 +249,7 @@ class Kind:
     scales: tuple[str, ...] = ()
     quadrature: str | None = None
     shapes: Callable[[Motion], list[Shape]] = no_shapes
+    guesses: Callable[[float, Sequence[float]], list[Shape]] = no_guesses
     shown: Callable[[Mapping[str, float], Motion], bool] = always
     title: str = ""
 

@@ -1,7 +1,7 @@
 """Linear additions: stiffness lost, damping or mass gained, a hidden oscillator."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -18,6 +18,10 @@ at most, up to a hidden mass of a quarter of the node's."""
 
 SAME = 0.1
 """Relative difference of two frequencies about which one looks at the same ones."""
+
+LIGHT, ABOVE, DAMPED = 0.03, 1.3, 0.03
+"""To begin with: hidden mass, beside the node's; its frequency, beside a mode's; its damping
+ratio."""
 
 
 def damped(p: Values) -> tuple[Square, Square, Square]:
@@ -67,6 +71,23 @@ def resonances(motion: Motion) -> list[Shape]:
         }
         for hertz in every
         for ratio in (0.01, 0.05)
+    ]
+
+
+def riders(mass_kg: float, frequencies_hz: Sequence[float]) -> list[Shape]:
+    """Light oscillators a little above each mode, the fastest first.
+
+    One that is too fast is a mass at first, and a refit slows it down; one that is too slow is
+    nothing, and stays so.
+    """
+    return [
+        {
+            "mass_kg": LIGHT * mass_kg,
+            "frequency_hz": ABOVE * hertz,
+            "damping_n_s_per_m": 4 * math.pi * ABOVE * hertz * LIGHT * mass_kg * DAMPED,
+        }
+        for hertz in sorted(frequencies_hz, reverse=True)
+        if hertz > 0 and mass_kg > 0
     ]
 
 
@@ -132,6 +153,7 @@ KINDS = (
         strength="mass_kg",
         scales=("damping_n_s_per_m",),
         shapes=resonances,
+        guesses=riders,
         shown=rings,
     ),
 )

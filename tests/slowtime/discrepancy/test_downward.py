@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 import scipy.ndimage
+import scipy.signal
 
 from slowtime.discrepancy import search as searching
 from slowtime.discrepancy.adding import free_run
@@ -64,6 +65,72 @@ def recorded(description, effects, *, seed=4, count=2, seconds=12.0, level=8.0):
 
 def nothing(effect, number):
     pass
+
+
+@pytest.fixture(scope="module")
+def ridden():
+    """On the second of two masses rides a third, tuned to about the faster mode."""
+    rig = dataclasses.replace(
+        chain([1.7, 2.76], [7920.0, 11990.0], dampings_n_s_per_m=[3.3, 4.6]),
+        inputs=(Input(channel="u", kind="base_acceleration", unit="m/s^2"),),
+        sensors=tuple(
+            Sensor(channel=f"a{i}", quantity="acceleration", node=f"m{i}", unit="m/s^2",
+                   frame="absolute") for i in (1, 2)
+        ),
+        tolerance=Tolerance(stiffness=0.03, damping=0.1),
+    )  # fmt: skip
+    rider = Effect("extra_dof", Place("node", "m2"), {
+        "mass_kg": 0.25, "frequency_hz": 18.86, "damping_n_s_per_m": 1.1
+    })  # fmt: skip
+    rate, rng = 256.0, np.random.default_rng(3)
+    known = chain([1.7, 2.76], [7790.0, 11790.0], dampings_n_s_per_m=[3.4, 4.8])
+    truth = Plant.of(
+        dataclasses.replace(rig, elements=known.elements, effects=(rider.entry(),))
+    )
+    trials = []
+    for level in (1.0, 2.0):
+        band = scipy.signal.butter(4, [1.5, 50.0], "band", fs=rate, output="sos")
+        shake = level * scipy.signal.sosfilt(band, rng.standard_normal(int(20 * rate)))
+        clean = truth.simulate(truth.values, shake[:, None], rate)
+        noise = 0.03 * clean.std(axis=0) * rng.standard_normal(clean.shape)
+        trials.append(Trial(inputs=shake[:, None], outputs=clean + noise, rate_hz=rate))
+    names = ("extra_dof", "added_mass", "stiffness_loss", "viscous_damping", "stiffness_jump")
+    few = {name: KINDS[name] for name in names}
+    return Campaign(description=rig, trials=tuple(trials)), rider, few
+
+
+def test_a_hidden_oscillator_is_begun_near_the_modes_of_the_model(ridden):
+    """Its splitting a mode in two leads the other constants far astray."""
+    campaign, rider, few = ridden
+    found = diagnose(campaign, kinds=few)
+    (told,) = found.effects
+    assert (told.effect.kind, told.effect.place) == ("extra_dof", rider.place)
+    for name, value in rider.parameters.items():
+        assert told.effect.parameters[name] == pytest.approx(value, rel=0.03)
+    assert found.white_p_value > 1e-3
+
+
+@pytest.mark.long
+def test_of_laws_that_all_leave_much_none_is_among_those_in_doubt(ridden):
+    campaign, rider, few = ridden
+    others = {name: kind for name, kind in few.items() if name != rider.kind}
+    found = diagnose(campaign, kinds=others)
+    assert found.chi2_per_datum > 5
+    assert found.verdict == "unknown_effect"
+    assert found.undecided == ()
+    assert found.experiment is None
+
+
+def test_what_may_ride_on_a_node_is_light_and_a_little_faster_than_a_mode():
+    guesses = KINDS["extra_dof"].guesses(2.0, [3.0, 0.0, 9.0])
+    assert [one["frequency_hz"] for one in guesses] == pytest.approx([11.7, 3.9])
+    for one in guesses:
+        KINDS["extra_dof"].values(one)
+        assert one["mass_kg"] < 0.1 * 2.0
+        critical = 4 * math.pi * one["frequency_hz"] * one["mass_kg"]
+        assert 0.01 < one["damping_n_s_per_m"] / critical < 0.1
+    assert KINDS["extra_dof"].guesses(0.0, [3.0]) == []
+    assert KINDS["coulomb"].guesses(2.0, [3.0]) == []
 
 
 @pytest.mark.long
