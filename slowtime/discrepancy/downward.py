@@ -6,12 +6,13 @@ would make. Its free run, from where its force has put all else, still comes nea
 Where even the best leaves much, so may that of a law as strong as its free run wants it, or of
 one which the bent constants stand for: it is refitted if it comes about as near, before
 anything was fitted, as the best of what was. And a law that left little along its force, and
-much where it was refitted, is stuck there: it is fitted again from where the model stood.
+much where it was refitted, is stuck there: it is fitted again from where the model stood. At
+last, where all of that has not helped, those come that explain how the records begin.
 """
 
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from .candidates import Candidate, label_of
 from .equivalent import equivalents
 from .further import FAR_OFF
 from .naming import Named, misfit
+from .openings import openings
 from .records import Trial
 from .refit import Fit
 from .shapes import possible, sized
@@ -62,6 +64,8 @@ class Downward:
         Where a force explains most, whatever its course.
     several
         Whether no force at one place does it: then only what comes near is given.
+    late
+        Once true, no more laws are tried on how the records begin.
     """
 
     def __init__(
@@ -75,6 +79,7 @@ class Downward:
         *,
         best: Sequence[Place] = (),
         several: bool = False,
+        late: Callable[[], bool] = bool,
     ) -> None:
         done = {label_of(one.effect) for one in labels}
         self._rest = [
@@ -86,29 +91,56 @@ class Downward:
         ]
         self._labels, self._tried, self._best, self._several = labels, tried, best, several
         self._bent, self._before, self._trials, self._kinds = bent, before, trials, kinds
-        self._gone = False
+        self._late, self._turn = late, 0
+        self.opened: list[Candidate] = []
 
     def __call__(self, found: Sequence[Named]) -> list[Candidate]:
         """Give the next labels; none where what was refitted is enough, or they were given."""
         best = min((one.fit for one in found), key=lambda fit: fit.chi2_in_band, default=None)
         least = math.inf if best is None else best.chi2_in_band
-        if self._gone or least < LEAVES:
+        if least < LEAVES:
             return []
         some = best is not None and least < MOST * self._bent.chi2_in_band
         if some and least < FAR_OFF:
             return []
-        self._gone = True
-        near: list[Candidate] = []
-        if best is not None and least > FAR_OFF:
-            near = [*self._stuck(found), *self._as_near(best)]
-            near += self._as_good(self._guessed())
-        if some or self._several:
-            return near
+        turns = (self._near, self._begun, self._in_turn)
+        for turn in turns[self._turn :]:
+            self._turn += 1
+            if given := turn(best, found, some=some):
+                return given
+        return []
+
+    def _near(self, best: Fit | None, found: Sequence[Named], *, some: bool) -> list[Candidate]:
+        """Give what is stuck, and what comes as near by its free run alone."""
+        if best is not None and best.chi2_in_band < FAR_OFF:
+            return []
+        return [*self._stuck(found), *self._as_near(best or self._bent)]
+
+    def _begun(
+        self, best: Fit | None, found: Sequence[Named], *, some: bool
+    ) -> list[Candidate]:
+        """Give what explains how records begin, and what the model itself suggests."""
+        if best is not None and best.chi2_in_band < FAR_OFF:
+            return []
+        if not self._late():
+            # What explains some may be right in a minimum of its own, or the first of two.
+            among = self._best if some else None
+            opened = openings(self._before, self._trials, self._kinds, self._late, among)
+            reach = min((one.cost for one in self._labels), default=math.inf)
+            self.opened = [
+                dataclasses.replace(one, cost=min(one.cost, reach)) for one in opened
+            ]
+        return [*self.opened, *self._as_good(self._guessed())]
+
+    def _in_turn(
+        self, best: Fit | None, found: Sequence[Named], *, some: bool
+    ) -> list[Candidate]:
+        """Give the next in turn, and those that come nearest."""
+        if some or (self._several and best is not None):
+            return []
         batch, others = self._rest[:IN_TURN], self._rest[IN_TURN:]
         batch += sorted(others, key=self._run_with)[:NEAREST]
-        known = {label_of(one.effect) for one in near}
-        both = [one for one in self._equivalents() if label_of(one.effect) not in known]
-        return [*near, *self._as_good(both), *batch]
+        return [*self._as_good(self._equivalents()), *batch]
 
     def _stuck(self, found: Sequence[Named]) -> list[Candidate]:
         """Give laws that are to be fitted again from where the model stood."""

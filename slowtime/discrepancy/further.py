@@ -21,10 +21,10 @@ FAR_OFF = 5.0
 """Mean square over the noise, in band, that no right law leaves."""
 IN_PIECES = 1.5
 """The same that the right law leaves of short pieces."""
+FOREMOST = 2
+"""Labels of a ranking that are fitted so."""
 SHORT_OF = 3.0
 """Times the chi squared along the force that a free run leaves which has gone astray."""
-FOREMOST = 2
-"""Labels, as ranked along the force, that are fitted so."""
 
 
 def shot_too(
@@ -40,7 +40,7 @@ def shot_too(
     Parameters
     ----------
     labels
-        Candidates, the best first.
+        Candidates, the foremost of them, each once.
     named
         Those that were refitted, the best first.
     """
@@ -53,7 +53,7 @@ def shot_too(
         least = min(left.values())
         return [
             one
-            for one in labels[:FOREMOST]
+            for one in labels
             if left.get(label_of(one.effect), np.inf) > SHORT_OF * one.cost < SHORT_OF * least
         ]
 
@@ -63,6 +63,14 @@ def shot_too(
         return found
     more = refit_all(before, astray(), trials, kinds, tick, shooting=True)
     return _joined(found, more, trials, kinds)
+
+
+def foremost(*ranked: Sequence[Candidate]) -> list[Candidate]:
+    """Give the first of several rankings, each label once."""
+    found: dict[Label, Candidate] = {}
+    for one in (one for labels in ranked for one in labels[:FOREMOST]):
+        found.setdefault(label_of(one.effect), one)
+    return list(found.values())
 
 
 def in_pieces(named: Sequence[Named], kinds: Mapping[str, Kind]) -> list[Named]:

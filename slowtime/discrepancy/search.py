@@ -21,7 +21,7 @@ from .candidates import SEVERAL, Candidate, Label, candidates, label_of, mirrore
 from .diagnosis import Named as Answer
 from .downward import Downward
 from .equivalent import instead_of_constants
-from .further import left_by, shot_too
+from .further import foremost, left_by, shot_too
 from .gap import whiteness
 from .locate import locate
 from .loosened import loosened
@@ -394,7 +394,7 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
     first = not (number or how.quick)
     down = Downward(
         bent, before, tried, labels, trials, kinds,
-        best=located.groups[0].places, several=several,
+        best=located.groups[0].places, several=several, late=lambda: tell.hurries,
     )  # fmt: skip
 
     def more(so_far: Sequence[Named]) -> list[Candidate]:
@@ -428,7 +428,8 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
         if shaken is not None and not (named and follows(named[0].fit, before, trials)):
             return ended(found, before, shaken, kinds)
     if not (how.quick or (number and tell.hurries)):
-        named = shot_too(before, labels, named, trials, kinds, tick)
+        likely = foremost(down.opened, labels)
+        named = shot_too(before, likely, named, trials, kinds, tick)
     if number == 0:
         found.named, found.tried, found.alike = tuple(named), tuple(tried), tuple(alike)
     twice = again and not any(one.effect.place.kind == "sensor" for one in named[:1])

@@ -1,7 +1,7 @@
 """A plant and records in; the constants that explain them best, and what is left, out."""
 
 from .fit import Fit, refit
-from .pieces import pieces, shot
+from .pieces import pieces, shot, slowest_hz
 from .prior import UNCLAIMED, Prior, prior_of
 from .solve import WRONG, GivenUp
 from .weights import Weights, weights_of
@@ -17,5 +17,6 @@ __all__ = [
     "prior_of",
     "refit",
     "shot",
+    "slowest_hz",
     "weights_of",
 ]

@@ -30,6 +30,8 @@ FEWEST = 64
 FORLORN = 10.0
 """Times its share of the cost to beat that a model may leave of the first part of the records.
 """
+SHORT = 0.1
+"""Share of the records from which on it is compared: less takes no time."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -173,7 +175,9 @@ def refit(
     heard = noise or _heard(plant, records, point, silent)
     for horizon in horizons[:-1]:
         counts = tuple(prev_fast_len(max(int(horizon * n), min(FEWEST, n))) for n in whole)
-        goal = None if beat is None else beat * sum(counts) / sum(whole)
+        goal = None
+        if beat is not None and horizon >= SHORT:
+            goal = beat * sum(counts) / sum(whole)
         point = descend(problem_of(counts, heard), point, goal, late)[0]
         if goal is not None and point.cost > FORLORN * goal:
             raise GivenUp

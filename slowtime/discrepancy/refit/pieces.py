@@ -60,10 +60,7 @@ def shot(
 
 def pieces(plant: Plant, trials: Sequence[Trial]) -> tuple[tuple[Trial, ...], tuple[int, ...]]:
     """Cut records into parts of a few periods, and tell which record each is of."""
-    frequency = undamped_modes(assemble(plant.description)).frequency_hz
-    # Of a structure that floats, those of its vibrations; of one without any, all is one piece.
-    own = frequency[frequency > RIGID * frequency[-1]]
-    lowest = float(own[0]) if len(own) else 0.0
+    lowest = slowest_hz(plant)
     cut, origin = [], []
     for number, trial in enumerate(trials):
         samples = len(trial.outputs)
@@ -73,6 +70,13 @@ def pieces(plant: Plant, trials: Sequence[Trial]) -> tuple[tuple[Trial, ...], tu
             cut.append(trial.part(first, last))
             origin.append(number)
     return tuple(cut), tuple(origin)
+
+
+def slowest_hz(plant: Plant) -> float:
+    """Lowest frequency of a vibration; 0 of a structure that floats and has none."""
+    frequency = undamped_modes(assemble(plant.description)).frequency_hz
+    own = frequency[frequency > RIGID * frequency[-1]]
+    return float(own[0]) if len(own) else 0.0
 
 
 def _followed(

@@ -92,6 +92,33 @@ def test_what_is_far_from_the_best_on_a_first_part_is_given_up_there(campaign):
     assert refit(plant, trials, **rest, beat=right.cost).cost <= 1.01 * right.cost
 
 
+def test_the_very_first_part_is_fitted_to_the_end_before_anything_is_compared(
+    campaign, monkeypatch
+):
+    """One that begins far off comes down there, where that costs nothing."""
+    rig, trials = campaign(8, masses=1, seconds=20.0, levels=(1.0,))
+    right = refit(plant_of(rig), trials)
+    goals = []
+
+    def noted(problem, start, beat=None, late=None, *, fine=False):
+        goals.append((problem.samples[0] / len(trials[0].outputs), beat))
+        return descended(problem, start, beat, late, fine=fine)
+
+    descended = solve.descend
+    monkeypatch.setattr("slowtime.discrepancy.refit.fit.descend", noted)
+    parts: dict[str, Any] = {
+        "noise": right.noise, "horizons": (0.09, 0.3, 1.0), "beat": 2 * right.cost
+    }  # fmt: skip
+    refit(plant_of(rig), trials, **parts)
+    assert goals[0][1] is None
+    assert goals[1][1] == pytest.approx(2 * right.cost * goals[1][0])
+    assert goals[2][1] == 2 * right.cost
+    far = with_values(rig.description, {("stiffness", "j0"): 2 * rig.stiffnesses[0]})
+    far = dataclasses.replace(far, tolerance=Tolerance(stiffness=1e-6, damping=0.1))
+    with pytest.raises(solve.GivenUp):
+        refit(Plant.of(far), trials, **parts)
+
+
 def test_a_point_costs_the_same_with_slopes_and_without(clean):
     for _, trials, fit in clean:
         weights = tuple(weights_of(t, fit.noise, i) for i, t in enumerate(trials))

@@ -1,0 +1,171 @@
+"""Records that no law comes near, in; laws that explain how each of them begins, out.
+
+Where an effect is strong, the motion of the model without it is soon another one: what is left
+then points to the wrong place, and the free run of the right law, begun from there, ends in a
+minimum of its own. Over the first few swings no run can get out of step. So every law is fitted
+to these at every element, from a force about as strong as the element's own, and those that
+leave least are tried on the whole.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from slowtime.dynamics.description import Spring
+from slowtime.dynamics.effects import (
+    Effect,
+    Friction,
+    Hidden,
+    Kind,
+    Law,
+    Motion,
+    Place,
+    force_along,
+)
+
+from .adding import begun_with, effects_of, free_run, with_effect
+from .candidates import Candidate, can_be
+from .records import FEWEST, Trial
+from .refit import Fit, GivenUp, refit, slowest_hz
+from .shapes import joined, possible, sized
+from .values import with_values
+
+SWINGS = 5.0
+"""Periods of the slowest mode that records are taken to begin with."""
+SHAPES, STRENGTHS = 4, (-0.56, -0.1, 0.1, 0.56)
+"""Shapes of each law to begin with; and its force, beside that of the element's spring."""
+GROWING = (0.3, 1.0)
+"""Shares of the first swings to which laws are fitted."""
+BESIDE = 10.0
+"""Times what the best leaves of the first swings, from which a law is given up."""
+FOREMOST = 4
+"""Laws that are given."""
+
+
+def openings(
+    before: Fit,
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+    late: Callable[[], bool],
+    among: Sequence[Place] | None = None,
+) -> list[Candidate]:
+    """Give the laws at elements that leave least of how the records begin, the best first.
+
+    Each with what it would leave of the records were they all as they begin.
+
+    Parameters
+    ----------
+    before
+        The fit without them, its constants held to their tolerances.
+    late
+        Once true, what was fitted by then is all there is.
+    among
+        Places of these elements; of all, where not given.
+    """
+    heads = beginnings(before, trials)
+    started = sorted(_started(before, heads, kinds, among), key=lambda pair: pair[0])
+    found: list[Candidate] = []
+    least: float | None = None
+    for _, effect in started:
+        if late():
+            break
+        beat = None if least is None else BESIDE * least
+        fit = _fitted(before, effect, heads, kinds, beat, late)
+        if fit is not None:
+            described = with_effect(before.plant.description, effect)
+            values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
+            settled = effects_of(with_values(described, values))[-1]
+            cost = fit.chi2_in_band * before.data
+            found.append(Candidate(settled, cost, -cost / 2, before.cost))
+            least = fit.cost if least is None else min(least, fit.cost)
+    found.sort(key=lambda one: one.cost)
+    return found[:FOREMOST]
+
+
+def beginnings(before: Fit, trials: Sequence[Trial]) -> tuple[Trial, ...]:
+    """Cut the first few swings out of each record; all of it, where nothing swings."""
+    lowest = slowest_hz(before.plant)
+    found = []
+    for trial in trials:
+        whole = len(trial.outputs)
+        swings = int(SWINGS / lowest * trial.rate_hz) if lowest else whole
+        found.append(trial.part(0, min(max(swings, FEWEST), whole)))
+    return tuple(found)
+
+
+def _started(
+    before: Fit,
+    heads: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+    among: Sequence[Place] | None,
+) -> Iterator[tuple[float, Effect]]:
+    """Give each law at each element as its free run comes nearest, and what that leaves."""
+    runs = [
+        before.plant.states(
+            before.values, head.inputs, head.rate_hz, state0=state, start_s=head.start_s
+        )
+        for head, state in zip(heads, before.states, strict=True)
+    ]
+    stiffness = dict(zip(before.plant.parameters, before.values.tolist(), strict=True))
+    for element in before.plant.description.elements:
+        place = Place("element", element.id)
+        if not isinstance(element, Spring) or (among is not None and place not in among):
+            continue
+        motion = joined([run[place] for run in runs])
+        spring = stiffness["stiffness", element.id] * motion.e
+        for kind in kinds.values():
+            if not _acts(kind) or not can_be(kind, before.plant.description):
+                continue
+            nearest = min(
+                (
+                    (free_run(before, effect, None, heads, kinds), number, effect)
+                    for number, effect in enumerate(_laws(before, kind, place, motion, spring))
+                ),
+                default=None,
+            )
+            if nearest is not None and math.isfinite(nearest[0]):
+                yield nearest[0], nearest[2]
+
+
+def _acts(kind: Kind) -> bool:
+    law = isinstance(kind.action, Law | Friction | Hidden)
+    return kind.where == "element" and law and bool(kind.strength) and not kind.quadrature
+
+
+def _laws(
+    before: Fit, kind: Kind, place: Place, motion: Motion, spring: Float[np.ndarray, " time"]
+) -> Iterator[Effect]:
+    """Give a law in some of its shapes, in several strengths."""
+    shapes = list(kind.shapes(motion))
+    some = np.unique(np.linspace(0, len(shapes) - 1, min(SHAPES, len(shapes))).astype(int))
+    assert kind.strength is not None
+    for shape in (shapes[i] for i in some):
+        unit = dict(shape) | {kind.strength: 1.0}
+        size = float(np.std(force_along(kind, unit, motion)))
+        if not 0 < size < math.inf:
+            continue
+        for share in STRENGTHS:
+            parameters = sized(kind, unit, share * float(np.std(spring)) / size)
+            if possible(kind, parameters, before.plant.description, place):
+                yield Effect(kind.name, place, parameters)
+
+
+def _fitted(
+    before: Fit,
+    effect: Effect,
+    heads: tuple[Trial, ...],
+    kinds: Mapping[str, Kind],
+    beat: float | None,
+    late: Callable[[], bool],
+) -> Fit | None:
+    plant, values, states = begun_with(before, effect, kinds)
+    try:
+        fit = refit(
+            plant, heads, noise=before.noise, values=values, states=states,
+            horizons=GROWING, beat=beat, late=late,
+        )  # fmt: skip
+    except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
+        return None
+    return fit if math.isfinite(fit.cost) else None

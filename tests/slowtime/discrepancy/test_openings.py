@@ -1,0 +1,178 @@
+"""How records begin tells the law, where nothing comes near the whole of them."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from slowtime.discrepancy import downward, naming
+from slowtime.discrepancy.candidates import Candidate, label_of
+from slowtime.discrepancy.diagnose import diagnose
+from slowtime.discrepancy.downward import Downward
+from slowtime.discrepancy.further import FAR_OFF, foremost
+from slowtime.discrepancy.naming import Named
+from slowtime.discrepancy.openings import FOREMOST, SWINGS, beginnings, openings
+from slowtime.discrepancy.records import FEWEST, Campaign
+from slowtime.discrepancy.refit import refit
+from slowtime.discrepancy.unbent import unbent
+from slowtime.dynamics.builders import chain
+from slowtime.dynamics.description import Node, assemble
+from slowtime.dynamics.effects import Effect, Place, catalogue
+from slowtime.dynamics.plant import Plant
+from tests.slowtime.discrepancy.test_downward import (
+    GROUND,
+    MIDDLE,
+    RATE,
+    THREE,
+    TOP,
+    recorded,
+)
+
+NAMES = (
+    "quadratic_stiffness",
+    "cubic_hardening",
+    "quadratic_damping",
+    "viscous_damping",
+    "stiffness_loss",
+    "bouc_wen",
+    "coulomb",
+    "gap_symmetric",
+)
+KINDS = {name: kind for name, kind in catalogue().items() if name in NAMES}
+STRONG = {
+    "quadratic_stiffness": ({"k2_n_per_m2": -2.5e3}, 4.0),
+    "cubic_hardening": ({"k3_n_per_m3": 3e6}, 8.0),
+    "quadratic_damping": ({"c2_n_s2_per_m2": 300.0}, 8.0),
+}
+
+
+def never():
+    return False
+
+
+def lacking(name, place):
+    """Fit the model, without a law that is strong, to what one accelerometer has heard."""
+    parameters, level = STRONG[name]
+    law = Effect(name, place, parameters)
+    trials = recorded(THREE, (law,), level=level, seconds=20.0)
+    return unbent(refit(Plant.of(THREE, kinds=KINDS), trials), trials), trials
+
+
+@pytest.fixture(scope="module")
+def hard():
+    return lacking("cubic_hardening", TOP)
+
+
+@pytest.mark.parametrize(
+    ("name", "place"),
+    [
+        ("quadratic_stiffness", GROUND),
+        ("quadratic_stiffness", MIDDLE),
+        ("cubic_hardening", GROUND),
+        ("cubic_hardening", MIDDLE),
+        ("cubic_hardening", TOP),
+        ("quadratic_damping", GROUND),
+        ("quadratic_damping", MIDDLE),
+        ("quadratic_damping", TOP),
+    ],
+)
+def test_a_strong_law_explains_how_records_begin_and_no_other_does(name, place):
+    before, trials = lacking(name, place)
+    found = openings(before, trials, KINDS, never)
+    assert len(found) <= FOREMOST
+    assert label_of(found[0].effect) == (name, place)
+    assert found[0].cost < 1.2 * before.data
+    assert all(one.cost > 2.0 * before.data for one in found[1:])
+    ((number, true),) = STRONG[name][0].items()
+    assert found[0].effect.parameters[number] == pytest.approx(true, rel=0.15)
+
+
+@pytest.mark.long
+def test_what_the_recovered_motion_misses_the_beginning_tells_soon(hard, monkeypatch):
+    _, trials = hard
+    fits = []
+
+    def counted(before, effect, *args, **more):
+        fits.append(label_of(effect))
+        return refitted(before, effect, *args, **more)
+
+    refitted = naming.refitted
+    monkeypatch.setattr(naming, "refitted", counted)
+    (told,) = diagnose(Campaign(description=THREE, trials=trials), kinds=KINDS).effects
+    assert label_of(told.effect) == ("cubic_hardening", TOP)
+    assert told.effect.parameters["k3_n_per_m3"] == pytest.approx(3e6, rel=0.02)
+    # Of two dozen, that is; it takes half as many more without.
+    assert len(fits) < 32
+
+
+def test_only_the_places_that_are_asked_for_are_tried(hard):
+    before, trials = hard
+    found = openings(before, trials, KINDS, never, [MIDDLE, Place("node", "m1")])
+    assert found
+    assert {one.effect.place for one in found} == {MIDDLE}
+    assert openings(before, trials, KINDS, never, []) == []
+
+
+def test_once_it_is_late_what_was_fitted_is_all_there_is(hard):
+    before, trials = hard
+    assert openings(before, trials, KINDS, lambda: True) == []
+
+
+def test_records_begin_with_a_few_swings_of_the_slowest_mode(hard):
+    before, trials = hard
+    system = assemble(THREE)
+    lowest = math.sqrt(min(np.linalg.eigvals(np.linalg.solve(system.mass, system.stiffness))))
+    lowest /= 2 * math.pi
+    for head, trial in zip(beginnings(before, trials), trials, strict=True):
+        assert len(head.outputs) == int(SWINGS / lowest * RATE)
+        assert np.array_equal(head.outputs, trial.outputs[: len(head.outputs)])
+        assert head.start_s == trial.start_s
+    short = [trial.part(0, FEWEST + 3) for trial in trials]
+    assert [len(head.outputs) for head in beginnings(before, short)] == [FEWEST + 3] * 2
+
+
+def test_what_floats_and_does_not_swing_is_taken_whole(hard):
+    before, trials = hard
+    free = dataclasses.replace(
+        chain([2.0], [1.0]), elements=(), nodes=(Node(id="m3", mass_kg=2.0),),
+        inputs=THREE.inputs, sensors=THREE.sensors,
+    )  # fmt: skip
+    alone = dataclasses.replace(before, plant=Plant.of(free))
+    assert [len(head.outputs) for head in beginnings(alone, trials)] == [1600, 1600]
+
+
+@pytest.mark.parametrize(("left", "asked"), [(0.9, None), (0.3, [TOP])])
+def test_where_a_law_explains_some_only_the_likeliest_place_is_tried(
+    hard, monkeypatch, left, asked
+):
+    before, trials = hard
+    tried = []
+
+    def told(before, trials, kinds, late, among):
+        tried.append(among)
+        return [Candidate(Effect("coulomb", TOP, {"friction_n": 1.0}), 50.0, -25.0, 1e9)]
+
+    monkeypatch.setattr(downward, "openings", told)
+    fit = dataclasses.replace(before, chi2_in_band=max(left * before.chi2_in_band, 2 * FAR_OFF))
+    label = Candidate(Effect("stiffness_loss", TOP, {"dk_n_per_m": 1.0}), 40.0, -20.0, 1e9)
+    more = Downward(before, before, [label], [label], trials, KINDS, best=[TOP], late=never)
+    best = Named(label.effect, before.plant.description, fit, 0.0)
+    more([best])
+    given = more([best]) if not tried else more.opened
+    assert tried == [asked]
+    assert [one.effect.kind for one in given] == ["coulomb"]
+    assert given[0].cost == 40.0
+
+
+def test_of_several_rankings_the_foremost_are_taken_each_once():
+    def ranked(*costs):
+        return [
+            Candidate(
+                Effect("coulomb", Place("element", f"k{c}"), {"friction_n": 1.0}), c, -c, 9.0
+            )
+            for c in costs
+        ]
+
+    costs = [one.cost for one in foremost(ranked(1.0, 2.0, 3.0), [], ranked(2.0, 4.0, 5.0))]
+    assert costs == [1.0, 2.0, 4.0]
