@@ -63,7 +63,7 @@ def accept(
     states = before.states
     if short:
         named = short
-        found.trials = trials = pieces(before.plant, trials)[0]
+        trials = pieces(before.plant, trials)[0]
         states = tuple(np.zeros(0) for _ in trials)
     named = [one for one in named if stands(one, trials, kinds)]
     if not named:
@@ -107,7 +107,7 @@ def accept(
     if twice and whiteness(best.fit) < UNWHITE:
         return False
     found.fits.append(best.fit)
-    found.trials = within(found.trials, channels, (best.effect,), kinds)
+    found.trials = within(trials if short else found.trials, channels, (best.effect,), kinds)
     found.answers.append(answer_of(named, shares, kinds))
     if shares[0] < DECIDED and not found.undecided:
         found.undecided = rivals_within(named, shares)

@@ -5,11 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
+from slowtime.discrepancy.accepting import accept
+from slowtime.discrepancy.answer import Found
 from slowtime.discrepancy.candidates import Candidate
 from slowtime.discrepancy.further import in_pieces, shot_too
 from slowtime.discrepancy.naming import refit_all, rescored
 from slowtime.discrepancy.records import Trial
-from slowtime.discrepancy.refit import refit
+from slowtime.discrepancy.refit import pieces, refit
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
 from tests.slowtime.discrepancy.rigs import ONE, PLACE
@@ -67,3 +69,18 @@ def test_a_free_run_that_went_astray_is_fitted_to_pieces(before, trials):
     # Costs compare under one noise only.
     assert again[0].score >= rescored(named[0], again[0].fit, trials, KINDS).score
     assert in_pieces(again, KINDS) == []
+
+
+@pytest.mark.parametrize("taken", [True, False])
+def test_records_stay_whole_unless_a_law_of_their_pieces_is_taken(before, trials, taken):
+    (whole,) = refit_all(before, [label(CUBIC, 300.0)], trials, KINDS, nothing)
+    cut, _ = pieces(before.plant, trials)
+    short = refit(whole.fit.plant, cut, values=whole.fit.values, horizons=(1.0,))
+    astray = dataclasses.replace(whole.fit, chi2_in_band=99.0)
+    # Where it explains no more than it costs, it is not taken.
+    near = short if taken else dataclasses.replace(short, cost=1e9)
+    named = dataclasses.replace(whole, fit=astray, shot=near)
+    found = Found([before], trials)
+    assert accept(found, before, [named], trials, KINDS, None, pulled=False) is taken
+    assert len(cut) > len(trials)
+    assert len(found.trials) == len(found.fits[-1].states) == len(cut if taken else trials)
