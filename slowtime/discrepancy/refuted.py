@@ -119,7 +119,8 @@ def _refuted_at(
     idle = tuple(number for number in here if _idles(number, fit, beside, wide, kinds))
     several = any(sum(name[:2] == ("effect", n) for name in beside.names) > 1 for n in idle)
     doubt = Doubt(place, idle) if several else None
-    if chance_of(taken.gain / wide**2) > chance:
+    # Beside a motion that hardly any other comes near, no other force can be told at all.
+    if not taken.degrees or chance_of(taken.gain / wide**2) > chance:
         return doubt
     laws = [_along(number, fit, runs, kinds) for number in here or _ending(place, fit, first)]
     e, v = np.concatenate([m.e for m in motions]), np.concatenate([m.v for m in motions])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 
+from slowtime.discrepancy.beside import Beside, Taken
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refit import refit
@@ -99,6 +100,13 @@ def test_a_force_of_another_curve_is_unknown_and_drawn_where_the_nearest_law_clo
     assert said.surface is not None
     assert said.surface.place == PLACE
     assert said.surface.law is None
+
+
+def test_where_no_other_force_can_be_told_a_law_is_asked_for_itself_alone(monkeypatch):
+    nothing = Taken(gain=0.0, degrees=0, spread=np.zeros((3, 0)), steps=np.zeros(0))
+    monkeypatch.setattr(Beside, "taken", lambda self: nothing)
+    assert doubt(POWER, DRAG) is None
+    assert doubt(DISPLACED, SINGS) == Doubt(PLACE, (0,))
 
 
 def test_negative_damping_that_is_nowhere_negative_does_nothing_of_its_own():
