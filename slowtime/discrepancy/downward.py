@@ -21,7 +21,7 @@ from slowtime.dynamics.effects import Effect, Kind, Place, Unmeasured
 from slowtime.dynamics.modes import undamped_modes
 
 from .adding import free_run
-from .candidates import Candidate, label_of
+from .candidates import Candidate, Label, label_of
 from .equivalent import equivalents
 from .further import FAR_OFF
 from .naming import Named, misfit
@@ -64,6 +64,8 @@ class Downward:
         Where a force explains most, whatever its course.
     several
         Whether no force at one place does it: then only what comes near is given.
+    shaken
+        Whether the base may have moved: what rides lightly on a node swings as that makes it.
     late
         Once true, no more laws are tried on how the records begin.
     """
@@ -79,6 +81,7 @@ class Downward:
         *,
         best: Sequence[Place] = (),
         several: bool = False,
+        shaken: bool = False,
         late: Callable[[], bool] = bool,
     ) -> None:
         done = {label_of(one.effect) for one in labels}
@@ -91,8 +94,9 @@ class Downward:
         ]
         self._labels, self._tried, self._best, self._several = labels, tried, best, several
         self._bent, self._before, self._trials, self._kinds = bent, before, trials, kinds
-        self._late, self._turn = late, 0
+        self._shaken, self._late, self._turn = shaken, late, 0
         self.opened: list[Candidate] = []
+        self._near_by: set[Label] = set()
 
     def __call__(self, found: Sequence[Named]) -> list[Candidate]:
         """Give the next labels; none where what was refitted is enough, or they were given."""
@@ -114,7 +118,9 @@ class Downward:
         """Give what is stuck, and what comes as near by its free run alone."""
         if best is not None and best.chi2_in_band < FAR_OFF:
             return []
-        return [*self._stuck(found), *self._as_near(best or self._bent)]
+        near = self._as_near(best or self._bent)
+        self._near_by = {label_of(one.effect) for one in near}
+        return [*self._stuck(found), *near]
 
     def _begun(
         self, best: Fit | None, found: Sequence[Named], *, some: bool
@@ -130,7 +136,8 @@ class Downward:
             self.opened = [
                 dataclasses.replace(one, cost=min(one.cost, reach)) for one in opened
             ]
-        return [*self.opened, *self._as_good(self._guessed())]
+        guessed = [] if self._shaken else self._as_good(self._guessed())
+        return [*self.opened, *guessed]
 
     def _in_turn(
         self, best: Fit | None, found: Sequence[Named], *, some: bool
@@ -140,7 +147,9 @@ class Downward:
             return []
         batch, others = self._rest[:IN_TURN], self._rest[IN_TURN:]
         batch += sorted(others, key=self._run_with)[:NEAREST]
-        return [*self._as_good(self._equivalents()), *batch]
+        equal = self._equivalents()
+        both = [one for one in equal if label_of(one.effect) not in self._near_by]
+        return [*self._as_good(both), *batch]
 
     def _stuck(self, found: Sequence[Named]) -> list[Candidate]:
         """Give laws that are to be fitted again from where the model stood."""

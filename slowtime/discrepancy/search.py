@@ -37,7 +37,7 @@ from .naming import (
 from .outrun import within
 from .records import Trial
 from .refit import Fit, GivenUp, refit
-from .shaken import base_answer, follows, placed
+from .shaken import base_answer, by_a_law, placed
 from .together import together
 from .unbent import unbent
 from .verdict import EXPLAINED, FALSE_ALARM, LEAST_GAIN, TEMPER, moved_of
@@ -390,11 +390,15 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
         cut.extend([effect] if stop else [])
         return stop
 
+    def late() -> bool:
+        tell("fitting laws to how the records begin", share + 0.2)
+        return tell.hurries
+
     bent = found.fits[-1]
     first = not (number or how.quick)
     down = Downward(
         bent, before, tried, labels, trials, kinds,
-        best=located.groups[0].places, several=several, late=lambda: tell.hurries,
+        best=located.groups[0].places, several=several, shaken=shaken is not None, late=late,
     )  # fmt: skip
 
     def more(so_far: Sequence[Named]) -> list[Candidate]:
@@ -425,7 +429,8 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
             before = _by_the_others(found, before, drift, how, number)
             return ended(found, before, drift, kinds, silent)
         # What is as slow as that is a sensor's, though the base would do the same.
-        if shaken is not None and not (named and follows(named[0].fit, before, trials)):
+        law = named[0].fit if named else None
+        if shaken is not None and not by_a_law(law, before, trials, based):
             return ended(found, before, shaken, kinds)
     if not (how.quick or (number and tell.hurries)):
         likely = foremost(down.opened, labels)

@@ -10,6 +10,7 @@ from slowtime.dynamics.effects import Effect, Kind, Place, Unmeasured
 from .candidates import SEVERAL, Candidate
 from .diagnosis import Named as Answer
 from .diagnosis import Number
+from .further import FAR_OFF
 from .locate import PLACED, Character, Located, character
 from .records import Trial
 from .refit import Fit, refit
@@ -126,14 +127,28 @@ def placed(located: Located, tried: Sequence[Candidate]) -> bool:
 
     What a fault of the measured motion explains of it has to be seen in a free run first.
     """
-    first, *rest = located.groups
+    first = located.groups[0]
     bare = first.explained.likelihood - first.score
-    return (
-        not first.twins
-        and first.left < SEVERAL
-        and all(group.left > PLACED * first.left for group in rest)
-        and all(-one.cost / 2 < bare + BY_SOME * first.score for one in tried)
-    )
+    little = (-one.cost / 2 < bare + BY_SOME * first.score for one in tried)
+    return apart(located) and all(little)
+
+
+def apart(located: Located) -> bool:
+    """Whether a force at the foremost place is all that is missing, and none elsewhere is."""
+    first, *rest = located.groups
+    alone = not first.twins and first.left < SEVERAL
+    return alone and all(group.left > PLACED * first.left for group in rest)
+
+
+def by_a_law(law: Fit | None, before: Fit, trials: tuple[Trial, ...], located: Located) -> bool:
+    """Whether a law explains much of what may be a motion of the base.
+
+    One that shakes a mode for long looks like a tone; but no right law leaves so much where a
+    force at the base leaves nothing, and none elsewhere does that.
+    """
+    if law is None or (apart(located) and law.chi2_in_band > FAR_OFF):
+        return False
+    return follows(law, before, trials)
 
 
 def follows(law: Fit, before: Fit, trials: tuple[Trial, ...]) -> bool:

@@ -22,7 +22,7 @@ from slowtime.discrepancy.naming import Named, chosen, refit_all
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refit import refit
 from slowtime.discrepancy.search import Search, search
-from slowtime.discrepancy.shaken import _made, follows
+from slowtime.discrepancy.shaken import _made, by_a_law, follows
 from slowtime.discrepancy.unbent import unbent
 from slowtime.discrepancy.watch import Watch
 from slowtime.dynamics.builders import chain
@@ -67,6 +67,17 @@ def recorded(description, effects, *, seed=4, count=2, seconds=12.0, level=8.0):
 
 def nothing(effect, number):
     pass
+
+
+@pytest.fixture
+def closed(monkeypatch):
+    """How the records begin tells nothing."""
+    monkeypatch.setattr(downward, "openings", lambda *_: [])
+
+
+def every(more, found):
+    """Give all labels, one turn after the other."""
+    return list(itertools.chain.from_iterable(iter(lambda: more(found), [])))
 
 
 @pytest.fixture(scope="module")
@@ -121,6 +132,19 @@ def test_of_laws_that_all_leave_much_none_is_among_those_in_doubt(ridden):
     assert found.verdict == "unknown_effect"
     assert found.undecided == ()
     assert found.experiment is None
+
+
+@pytest.mark.usefixtures("closed")
+@pytest.mark.parametrize("shaken", [False, True])
+def test_what_swings_as_a_shaken_base_makes_it_is_not_taken_to_ride_there(ridden, shaken):
+    campaign, rider, few = ridden
+    bent = refit(Plant.of(campaign.description, kinds=few), campaign.trials)
+    label = Candidate(Effect("added_mass", rider.place, {"dm_kg": 0.1}), 1.0, -1.0, 1e9)
+    tried = [label, dataclasses.replace(label, effect=rider)]
+    more = Downward(bent, bent, tried, [label], campaign.trials, few, shaken=shaken)
+    given = [one.effect for one in every(more, []) if one.effect.kind == rider.kind]
+    assert len(given) == (0 if shaken else 2)
+    assert all(effect.place == rider.place for effect in given)
 
 
 def test_what_may_ride_on_a_node_is_light_and_a_little_faster_than_a_mode():
@@ -282,17 +306,6 @@ def far_off():
         )
     ]
     return bent, before, tried, trials
-
-
-@pytest.fixture
-def closed(monkeypatch):
-    """How the records begin tells nothing."""
-    monkeypatch.setattr(downward, "openings", lambda *_: [])
-
-
-def every(more, found):
-    """Give all labels, one turn after the other."""
-    return list(itertools.chain.from_iterable(iter(lambda: more(found), [])))
 
 
 @pytest.mark.usefixtures("closed")
@@ -499,6 +512,21 @@ def test_of_what_the_base_does_no_law_explains_two_fifths(far_off, left, made):
                 states=before.states, horizons=(1.0,))  # fmt: skip
     poor = dataclasses.replace(law, cost=law.data + left * (bar.cost - bar.data))
     assert follows(poor, before, trials) is made
+
+
+@pytest.mark.parametrize(
+    ("left", "elsewhere", "law"),
+    [(6.0, False, False), (6.0, True, True), (4.0, False, True), (None, True, False)],
+)
+def test_where_only_the_base_leaves_nothing_a_law_that_leaves_much_is_none(
+    far_off, monkeypatch, left, elsewhere, law
+):
+    """`elsewhere`: a force at another place leaves as little."""
+    _, before, tried, trials = far_off
+    (named,) = refit_all(before, tried[-1:], trials, KINDS, nothing)
+    fit = None if left is None else dataclasses.replace(named.fit, chi2_in_band=left)
+    monkeypatch.setattr("slowtime.discrepancy.shaken.apart", lambda _: not elsewhere)
+    assert by_a_law(fit, before, trials, locate(before, trials)) is law
 
 
 def test_what_a_law_explains_by_half_in_a_free_run_is_no_motion_of_the_base(far_off):
