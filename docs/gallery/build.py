@@ -72,6 +72,10 @@ def measure(folder: pathlib.Path, hidden: dict[str, Any] | None, seed: int) -> N
     write_model(folder / "truth.yaml", truth)
     write_model(folder / "model.yaml", rig(1.005))
     rng = np.random.default_rng(seed)
+    # A sensor clips once: what it hears, noise and all.
+    clips = hidden is not None and hidden["effect"] == "sensor_saturation"
+    clip = hidden["clip"] if hidden and clips else np.inf
+    moves = dataclasses.replace(truth, effects=()) if clips else truth
     count = int(SECONDS * RATE_HZ)
     lines = np.fft.rfftfreq(count, 1 / RATE_HZ)
     inside = (lines > 0.5) & (lines < 20.0)
@@ -79,9 +83,8 @@ def measure(folder: pathlib.Path, hidden: dict[str, Any] | None, seed: int) -> N
         push = np.fft.irfft(inside * np.exp(2j * np.pi * rng.random(len(lines))))
         push *= 10.0 * level / push.std()
         start = 100.0 * number
-        heard = run_model(truth, {"u": push}, RATE_HZ, hold="band_limited", start_s=start)
+        heard = run_model(moves, {"u": push}, RATE_HZ, hold="band_limited", start_s=start)
         arrays: dict[str, Any] = {"t": start + np.arange(count) / RATE_HZ, "u": push}
-        clip = hidden["clip"] if hidden and hidden["effect"] == "sensor_saturation" else np.inf
         for channel, series in heard.items():
             noisy = series + NOISE[channel] * rng.standard_normal(count)
             arrays[channel] = np.clip(noisy, -clip, clip) if channel == "a2" else noisy
