@@ -5,20 +5,31 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from slowtime.dynamics.effects import Effect, Kind, Law
+from slowtime.dynamics.plant import Name
 
 from .adding import carrying
 from .answer import UNWHITE, Found
-from .between import FAINT, Hold, held_instead, with_holds
+from .between import FAINT, Hold, held_as_well, held_instead, with_holds
 from .diagnosis import Named as Answer
+from .equivalent import CONSTANTS
 from .further import in_pieces
 from .gap import whiteness
 from .naming import Named, misfit, stands
 from .narrowing import relief
 from .outrun import within
+from .patchwork import variable_of
 from .records import Trial
 from .refit import Fit, pieces, refit
 from .shapes import like_constant
-from .verdict import DECIDED, LEAST_GAIN, answer_of, rivals_within, shares_of
+from .verdict import (
+    DECIDED,
+    LEAST_GAIN,
+    MOVED,
+    answer_of,
+    hardly_any,
+    rivals_within,
+    shares_of,
+)
 
 SPECK, FLECK = 0.01, 2e-4
 """Share of what is missing, by which a first effect that explains no more is not what is; and
@@ -28,6 +39,10 @@ SLIGHT = 1e-3
 """Share of what is missing, up to which a law of more numbers that explains no more than its
 limit does is taken for it. Of friction that creeps where it should stick, Stribeck's law makes
 up to 0.9e-3; of true Stribeck curves in twenty hidden cases, 1.35e-3 at least, 20e-3 mostly."""
+ALONE = 4.0
+"""Tolerances by which a constant has to be off, and no other, to be an effect of its own."""
+MUCH = 0.2
+"""Share of what was left that a second law at one place may leave, if more than noise."""
 LIMITS = {"stribeck": "coulomb"}
 """Laws, and the simpler ones that they become."""
 
@@ -42,6 +57,8 @@ def accept(
     *,
     pulled: bool,
     twice: bool = False,
+    asked: Sequence[tuple[Hold, ...] | None] | None = None,
+    sure: bool = False,
 ) -> bool:
     """Take the best of what was refitted, if it is worth it; whether it was.
 
@@ -57,6 +74,11 @@ def accept(
         Whether constants have left their tolerances: that alone says that something is missing.
     twice
         Whether their place has an effect already.
+    asked
+        Under which holds effects were looked for; where given, another hold that explains as
+        much comes before the effect.
+    sure
+        Whether it is there, however little it explains.
     """
     channels = tuple(s.channel for s in before.plant.description.sensors)
     short = in_pieces(named, kinds)
@@ -75,18 +97,29 @@ def accept(
     )  # fmt: skip
     cut = any(len(fit.states) != len(trials) for fit in found.fits)
     holds = None if cut else held_instead(best.fit, bar, trials, kinds, stated)
+    if holds is not None and asked is not None and found.answers and holds not in asked:
+        found.otherwise = holds
+        return False
     if holds is not None:
         found.holds = holds
         found.fits = [with_holds(fit, holds, found.trials, kinds) for fit in found.fits]
         return True
     # Where a constant has left its tolerance, something is missing; the question is what.
-    least = 0.0 if pulled and like_constant(kinds[best.effect.kind]) else LEAST_GAIN
-    if best.score - _bare(bar) < least:
+    constant = pulled and like_constant(kinds[best.effect.kind])
+    least = 0.0 if constant else LEAST_GAIN
+    lead = best.score - _bare(bar)
+    if lead < least:
         return False
+    if asked is not None and stated is not None and not (cut or short):
+        other = held_as_well(bar, best.fit.noise, lead, trials, kinds, stated)
+        if other is not None and other not in asked:
+            found.otherwise = other
+            return False
     missing = bar.cost - bar.data
     named = _limits_first(named, missing)
     best = named[0]
-    if not pulled:
+    constant = pulled and like_constant(kinds[best.effect.kind])
+    if not (constant or sure):
         # Long records tell the least flaw of what was found first from noise; and of noise that
         # is louder than it was taken to be, any law explains a speck.
         speck = (
@@ -97,14 +130,21 @@ def accept(
         if bar.cost - best.fit.cost < speck:
             return False
     # That constants were claimed too well is an answer too, and has its share.
-    besides = [_retuned(bar)] if pulled else []
+    alone = pulled and _localised(bar, best.effect)
+    if alone:
+        # What leaves the constant as far off is no other answer either.
+        named = [one for one in named if one is best or not _still_off(one.fit, best.effect)]
+    besides = [_retuned(bar)] if pulled and not alone else []
     shares = shares_of(named, kinds, besides, bar)
     if sum(shares) < 1 - DECIDED:
         return False
+    slightly = max(map(abs, _own(bar.pulls).values()), default=0.0) < ALONE
+    if constant and (found.answers or slightly) and max(shares) < DECIDED:
+        return False  # a constant that is off, and told as such
     order = sorted(range(len(named)), key=lambda i: -shares[i])
     named, shares = [named[i] for i in order], [shares[i] for i in order]
     best = named[0]
-    if twice and whiteness(best.fit) < UNWHITE:
+    if twice and whiteness(best.fit) < UNWHITE and not _explains_much(found, best, kinds):
         return False
     found.fits.append(best.fit)
     found.trials = within(trials if short else found.trials, channels, (best.effect,), kinds)
@@ -114,6 +154,16 @@ def accept(
         found.pair = tuple(named[: len(found.undecided)])
         found.retuned = bool(besides) and 1 - sum(shares) > 1 - DECIDED
     return True
+
+
+def _explains_much(found: Found, best: Named, kinds: Mapping[str, Kind]) -> bool:
+    """Whether a second law at a place takes most of what is left, and bends no curve."""
+    own = variable_of(best.effect, kinds)
+    there = [a.effect for a in found.answers if a.effect.place == best.effect.place]
+    pieces = own is not None and any(variable_of(one, kinds) == own for one in there)
+    first, last = found.fits[0], found.fits[-1]
+    much = best.fit.chi2_in_band - 1 < MUCH * (last.chi2_in_band - 1)
+    return much and not hardly_any(last, first) and not pieces
 
 
 def _limits_first(named: Sequence[Named], missing: float) -> list[Named]:
@@ -163,10 +213,32 @@ def bends_twice(effect: Effect, answers: Sequence[Answer], kinds: Mapping[str, K
     )
 
 
+def _localised(bar: Fit, effect: Effect) -> bool:
+    """Whether one constant alone is far off, and an effect is that it is so.
+
+    That it was claimed too well is then no other answer.
+    """
+    pulls = {name: abs(pull) for name, pull in _own(bar.pulls).items()}
+    off = [name for name, pull in pulls.items() if pull > MOVED]
+    if len(off) != 1 or pulls[off[0]] < ALONE or effect.kind not in CONSTANTS:
+        return False
+    return off[0] == (CONSTANTS[effect.kind][0], effect.place.id)
+
+
+def _still_off(fit: Fit, effect: Effect) -> bool:
+    """Whether the constant that an effect changes is off in a fit without it."""
+    pull = fit.pulls.get((CONSTANTS[effect.kind][0], effect.place.id), 0.0)
+    return abs(pull) > MOVED
+
+
+def _own(pulls: Mapping[Name, float]) -> dict[Name, float]:
+    """Give the pulls of constants of the structure."""
+    return {name: pull for name, pull in pulls.items() if name[0] != "effect"}
+
+
 def _retuned(fit: Fit) -> float:
     """Log evidence of constants whose tolerance was stated too small."""
-    pulls = [p for name, p in fit.pulls.items() if name[0] != "effect"]
-    return _bare(fit) + float(relief(pulls).sum())
+    return _bare(fit) + float(relief(list(_own(fit.pulls).values())).sum())
 
 
 def _bare(fit: Fit) -> float:

@@ -45,10 +45,11 @@ def begun_with(
 
 
 def carrying(before: Fit, effect: Effect, kinds: Mapping[str, Kind]) -> Fit:
-    """Write an effect that moves nothing in the mean into the model of a fit."""
+    """Write an effect into the model of a fit, and fit nothing: where other effects begin."""
     plant = Plant.of(with_effect(before.plant.description, effect), kinds=kinds)
     values = np.concatenate([before.values, plant.values[len(before.values) :]])
-    return dataclasses.replace(before, plant=plant, values=values)
+    states = tuple(_states(before, plant))
+    return dataclasses.replace(before, plant=plant, values=values, states=states)
 
 
 def free_run(

@@ -17,6 +17,7 @@ from slowtime.dynamics.effects import Effect, Kind, Place
 from slowtime.dynamics.plant import Plant
 
 from .adding import with_effect
+from .candidates import SEVERAL
 from .floor import Noise
 from .locate import Located, locate
 from .records import Trial
@@ -41,6 +42,11 @@ FAINT = 0.05
 """Power beside that of the noise, from which on a difference matters."""
 DECISIVE, A_FAULT = 20.0, 5.0
 """Log likelihood by which another hold has to be better; and a fault that would do the same."""
+CLEARLY = 0.7
+"""Share of what the best force leaves that it has to leave under another hold, where it leaves
+much."""
+SLIGHT = 5.0
+"""Mean square over the noise, in band, up to which a hold may be all that is wrong."""
 
 
 def found_holds(
@@ -77,11 +83,16 @@ def found_holds(
         again = refit(plant, [trial], values=values, states=[state], horizons=(1.0,))
         return locate(again, [trial], among)
 
-    def likelihood(described: Description) -> float:
+    def told(described: Description) -> tuple[float, float]:
+        """Log likelihood, and what the best force leaves over the noise."""
         try:
-            return located(described, places).log_likelihood
+            one = located(described, places)
         except (np.linalg.LinAlgError, FloatingPointError):
-            return -np.inf
+            return -np.inf, np.inf
+        return one.log_likelihood, min(group.left for group in one.groups)
+
+    def likelihood(described: Description) -> float:
+        return told(described)[0]
 
     found = located(description)
     places = [group.places[0] for group in found.groups[:PLACES]]
@@ -89,11 +100,15 @@ def found_holds(
         held_as(description, [entry.hold or hold for entry in description.inputs])
         for hold in OTHERS
     ]
-    likely = [likelihood(one) for one in held]
-    most = max(likely)
+    tried = [told(one) for one in held]
+    most, leaves = max(tried)
     if most < found.log_likelihood + DECISIVE:
         return None
-    other = held[likely.index(most)]
+    # Where no force does it, a little less is left under any hold but the right one, too.
+    least = min(group.left for group in found.groups)
+    if least > SEVERAL and leaves - 1 > CLEARLY * (least - 1):
+        return None
+    other = held[tried.index((most, leaves))]
 
     def faulty(described: Description) -> float:
         tried = [
@@ -150,6 +165,66 @@ def held_instead(
     return tuple(entry.hold for entry in least.plant.description.inputs)
 
 
+def held_as_well(
+    before: Fit,
+    noise: Noise,
+    lead: float,
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+    stated: Sequence[Hold],
+) -> tuple[Hold, ...] | None:
+    """Say under which hold a model explains as much as it does with one effect more.
+
+    A straight line that was taken for a curve makes loads a little too strong: with little else
+    missing, any effect that grows with frequency looks like that.
+
+    Parameters
+    ----------
+    before, noise
+        The fit without the effect, and the noise that the one with it leaves.
+    lead
+        Log evidence that the effect brings.
+    stated
+        What the model says of each input.
+    """
+    if None not in stated or before.chi2_in_band > SLIGHT:
+        return None
+    held = min(_others(before, noise, trials, kinds, stated), key=lambda fit: fit.cost)
+    if (before.cost - held.cost) / 2 < lead - A_FAULT:
+        return None
+    return tuple(entry.hold for entry in held.plant.description.inputs)
+
+
+def held_better(
+    last: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind], stated: Sequence[Hold]
+) -> tuple[Hold, ...] | None:
+    """Say which hold does a little better than that of a fit which leaves but noise."""
+    if None not in stated:
+        return None
+    best = min(_others(last, last.noise, trials, kinds, stated), key=lambda fit: fit.cost)
+    if best.cost + 2 * A_FAULT > last.cost:
+        return None
+    return tuple(entry.hold for entry in best.plant.description.inputs)
+
+
+def _others(
+    last: Fit,
+    noise: Noise,
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+    stated: Sequence[Hold],
+) -> list[Fit]:
+    """Fit the same model under every other hold; what says least of the input comes last."""
+    now = [entry.hold or "band_limited" for entry in last.plant.description.inputs]
+    tried = [[one or hold for one in stated] for hold in (*OTHERS, "band_limited")]
+    others = []
+    for holds in tried:
+        if holds != now:
+            with contextlib.suppress(np.linalg.LinAlgError, FloatingPointError):
+                others.append(with_holds(last, holds, trials, kinds, noise))
+    return others or [last]
+
+
 def held_otherwise(
     last: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind], stated: Sequence[Hold]
 ) -> tuple[Hold, ...] | None:
@@ -164,14 +239,8 @@ def held_otherwise(
     """
     if None not in stated or last.chi2_in_band < 1 + ALIKE * last.in_band_sd:
         return None
-    now = [entry.hold or "band_limited" for entry in last.plant.description.inputs]
-    tried = [[one or hold for one in stated] for hold in (*OTHERS, "band_limited")]
-    others = []
-    for holds in tried:
-        if holds != now:
-            with contextlib.suppress(np.linalg.LinAlgError, FloatingPointError):
-                others.append(with_holds(last, holds, trials, kinds, last.noise))
-    best = min(others, key=lambda fit: fit.cost, default=last)
+    others = _others(last, last.noise, trials, kinds, stated)
+    best = min(others, key=lambda fit: fit.cost)
     margin = 2 * DECISIVE * max(best.chi2_in_band, 1.0)
     if best.cost + margin > last.cost:
         return None

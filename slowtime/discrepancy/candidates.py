@@ -37,6 +37,10 @@ what is missing; then no place is passed over for that."""
 WEAK = 0.1
 """Share of what a force at the best place explains, below which a place is passed over then;
 where none explains more than it costs, places go by what they leave."""
+ALIKE = 2.0
+"""How many times that, for a place where another force would do the same to the sensors."""
+ONE_LINE, BESIDE = 0.8, 4
+"""Share of what is left from which it is one line, and how many lines beside belong to that."""
 HOPELESS = 5.0
 """Times the chi squared of the best law that a place must leave, to be passed over."""
 
@@ -91,15 +95,20 @@ def candidates(fit: Fit, located: Located, kinds: Mapping[str, Kind]) -> list[Ca
     fits = [kind for kind in kinds.values() if can_be(kind, described)]
     leaving = min(group.left for group in located.groups)
     most = max(group.score for group in located.groups)
+    tones = [kind for kind in fits if kind.quadrature is not None and kind.where == "node"]
+    one_line = bool(tones) and tonal(located)
     for group in located.groups:
         if leaving < SEVERAL or most <= 0:
-            worse = group.left > no_worse(leaving)
+            # To one sensor all places are alike, but for how smooth their forces have to be.
+            alike = set(group.places) & set(located.groups[0].twins)
+            worse = group.left > no_worse(leaving) * (ALIKE if alike else 1.0)
         else:
             worse = group.score < WEAK * most
-        if worse or elsewhere(located, group) > HOPELESS * least:
+        worse = worse or elsewhere(located, group) > HOPELESS * least
+        if worse and not one_line:
             continue
         for place in group.places:
-            own = [kind for kind in fits if kind.where == place.kind]
+            own = [k for k in (tones if worse else fits) if k.where == place.kind]
             if not own:
                 continue
             space = spaces[place] = Space(fit, located, place)
@@ -119,6 +128,24 @@ def candidates(fit: Fit, located: Located, kinds: Mapping[str, Kind]) -> list[Ca
         for c in found[:STARTED]
     ]
     return [*foremost, *found[STARTED:]]
+
+
+def tonal(located: Located) -> bool:
+    """Whether nearly all that is left is one line: a tone has a say wherever it may act.
+
+    A force that may have any spectrum is no measure for one that has a single line.
+    """
+    loud = [
+        np.maximum(np.sum(np.abs(one.residual) ** 2 / one.noise - 1, axis=1), 0.0)
+        for one in located.lines
+    ]
+    best = int(np.argmax([excess.max() for excess in loud]))
+    pitch = located.lines[best].frequency_hz[int(np.argmax(loud[best]))]
+    inside = 0.0
+    for one, excess in zip(located.lines, loud, strict=True):
+        at = int(np.argmin(np.abs(one.frequency_hz - pitch)))
+        inside += float(excess[max(at - BESIDE, 0) : at + BESIDE + 1].sum())
+    return inside > ONE_LINE * sum(float(excess.sum()) for excess in loud)
 
 
 def no_worse(least: float) -> float:

@@ -25,7 +25,10 @@ MOST_STEPS = 4000
 
 
 def clocks_hz(
-    forces: Sequence[Series], laws: Sequence[Series], times: Sequence[Series]
+    forces: Sequence[Series],
+    laws: Sequence[Series],
+    times: Sequence[Series],
+    heard: Sequence[float] = (),
 ) -> list[float]:
     """Frequencies by which a force may be its law turning, those that explain most first.
 
@@ -35,6 +38,9 @@ def clocks_hz(
         The force, and what it would be if it did not turn.
     times
         Of the campaign [s].
+    heard
+        Lines that are looked at besides [Hz]: what is loud at the sensors may be little beside
+        a force that they hardly hear.
 
     Examples
     --------
@@ -50,9 +56,10 @@ def clocks_hz(
         return []
     width = 1.0 / min(lengths)
     lines: list[float] = []
-    for product, when in zip(products, times, strict=True):
-        near = (line for line in lines_hz(product, when, LINES))
-        lines += [f for f in near if all(abs(f - other) > width for other in lines)]
+    loudest = [lines_hz(p, t, LINES) for p, t in zip(products, times, strict=True)]
+    for near in (heard, *loudest):
+        for line in near:
+            lines += [line] if all(abs(line - other) > width for other in lines) else []
     found = [one for line in lines for one in _about(line, products, power, times, lengths)]
     return [hertz for _, hertz in sorted(found, reverse=True) if hertz > 0]
 

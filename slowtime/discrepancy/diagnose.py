@@ -8,21 +8,30 @@ from slowtime.dynamics.effects import Kind, catalogue
 from slowtime.dynamics.plant import Plant
 
 from .adding import carrying, effects_of
-from .answer import BY_ONE, UNWHITE, Found, report
-from .between import Hold, found_holds, held_as, held_otherwise
+from .answer import BY_ONE, UNWHITE, Found, doubt, report
+from .between import (
+    Hold,
+    found_holds,
+    held_as,
+    held_better,
+    held_otherwise,
+    with_holds,
+)
 from .bottom import at_bottom
-from .diagnosis import Diagnosis, Named, Rival
+from .diagnosis import Diagnosis
 from .floating import offsets, with_offsets
+from .further import left_by
 from .gap import whiteness
 from .misled import unmisled
 from .naming import evidence
 from .patchwork import MANY
-from .pruning import pruned
+from .pruning import pruned, told_again
 from .records import Campaign, Trial
 from .refit import Fit, refit
 from .refuted import refuted
 from .screen import screen_all
 from .search import Search, reheld, search
+from .spans import over_the_campaign
 from .unbent import unbent
 from .undriven import diagnose_undriven
 from .unlinked import best_link, instead_of
@@ -33,8 +42,6 @@ QUICK = (
     "It was to be quick: few laws were tried, of one effect. Without --quick more are, before "
     "any is called unknown."
 )
-EITHER = 0.5
-"""Chance of a law that need do nothing of its own: one near it, not known, is as likely."""
 
 
 def diagnose(
@@ -76,6 +83,7 @@ def diagnose(
         tell("comparing spectra", 0.1)
         return diagnose_undriven(campaign, trials, findings, known)
     tell("refitting the model within its tolerances", 0.05)
+    stated = tuple(entry.hold for entry in campaign.description.inputs)
     campaign, found = _searched(campaign, trials, known, tell, quick=quick)
     start = with_offsets(campaign.description, known)
     unmisled(found, campaign)
@@ -83,7 +91,9 @@ def diagnose(
     _link(found, len(start.effects), known, tell)
     _refute(found, len(start.effects), known)
     if not tell.hurries:
+        campaign = _held_at_last(campaign, found, len(start.effects), stated, known)
         at_bottom(found, len(start.effects), known)
+    over_the_campaign(found, len(start.effects), campaign, known)
     if len(start.effects) > len(campaign.description.effects):
         told = offsets(found.fits[-1], campaign.description, known)
         # What the model lacks without its offsets, too, is the gap that is shown.
@@ -125,14 +135,14 @@ def _searched(
         campaign = held(holds)
         first = fitted()
     tried: list[tuple[Hold, ...] | None] = [holds]
-    enough: tuple[Campaign, Found] | None = None
+    kept: tuple[Campaign, Found] | None = None
     while True:
         found = search(first, trials, Search(kinds, tell, quick, stated, tuple(tried)))
         if found.holds is not None:
             return held(found.holds), found
-        if enough is not None and found.hurried and found.fits[-1].chi2_in_band > EXPLAINED:
-            return enough  # there was no time to compare it with others
-        if found.ended or not found.answers or tell.ends:
+        if kept is not None and found.hurried and not _leaves_less(found, kept[1]):
+            return kept  # there was no time to come as far under this hold
+        if found.ended or not (found.answers or found.otherwise) or tell.ends:
             return campaign, found
         tell("looking at what inputs do between samples", 0.88)
         last = found.fits[-1]
@@ -140,10 +150,44 @@ def _searched(
         if holds is None or holds in tried:
             return campaign, found
         tried.append(holds)
+        kept = campaign, found
         campaign = held(holds)
         first = fitted()
         if found.otherwise is not None:
-            enough = campaign, reheld(found, holds, kinds)
+            kept = campaign, reheld(found, holds, kinds)
+
+
+def _held_at_last(
+    campaign: Campaign,
+    found: Found,
+    own: int,
+    stated: Sequence[Hold],
+    kinds: Mapping[str, Kind],
+) -> Campaign:
+    """Take the hold that does best with all effects in, though another would pass, too.
+
+    What is left is noise under either; numbers are not the same.
+    """
+    if found.ended or found.holds is not None or not found.answers:
+        return campaign
+    if any(len(fit.states) != len(found.trials) for fit in found.fits):
+        return campaign
+    holds = held_better(found.fits[-1], found.trials, kinds, stated)
+    if holds is None:
+        return campaign
+    found.fits = [with_holds(fit, holds, found.trials, kinds) for fit in found.fits]
+    found.answers = [
+        told_again(answer, found.fits[-1], own + number, kinds)
+        for number, answer in enumerate(found.answers)
+    ]
+    return dataclasses.replace(campaign, description=held_as(campaign.description, holds))
+
+
+def _leaves_less(found: Found, other: Found) -> bool:
+    """Whether an account explains all, or leaves less than another of the same records."""
+    if found.fits[-1].chi2_in_band < EXPLAINED or len(found.trials) != len(other.trials):
+        return True
+    return left_by(found.fits[-1]) < left_by(other.fits[-1])
 
 
 def _prune(found: Found, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]) -> None:
@@ -161,7 +205,7 @@ def _prune(found: Found, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]) -
     gone = told - {(a.effect.kind, a.effect.place) for a in found.answers}
     if any((rival.effect, rival.place) in gone for rival in found.undecided[:1]):
         left = (doubts_about(answer) for answer in found.answers)
-        found.undecided, found.pair = next((doubt for doubt in left if doubt), ()), None
+        found.undecided, found.pair = next((rivals for rivals in left if rivals), ()), None
 
 
 def _link(found: Found, first: int, kinds: Mapping[str, Kind], tell: Watch) -> None:
@@ -169,7 +213,7 @@ def _link(found: Found, first: int, kinds: Mapping[str, Kind], tell: Watch) -> N
     last = found.fits[-1]
     if found.ended or len(last.states) != len(found.trials):
         return
-    for number, answer in enumerate(found.answers):
+    for number in range(len(found.answers)):
         latest = number == len(found.answers) - 1 and len(found.fits) == number + 2
         before = found.fits[-2] if latest else None
         link = instead_of(last, first + number, before, found.trials, kinds)
@@ -178,7 +222,7 @@ def _link(found: Found, first: int, kinds: Mapping[str, Kind], tell: Watch) -> N
             found.link, found.undecided, found.pair = link, (), None
             return
         if lead > -LEAST_GAIN and not found.undecided:
-            _doubt(found, number, answer)
+            doubt(found, number)
     worst = found.fits[0].chi2_in_band
     if last.chi2_in_band < EXPLAINED or tell.hurries or found.undecided:
         return
@@ -187,14 +231,6 @@ def _link(found: Found, first: int, kinds: Mapping[str, Kind], tell: Watch) -> N
         BY_ONE * worst, last.chi2_in_band
     ):
         found.link = link
-
-
-def _doubt(found: Found, number: int, answer: Named) -> None:
-    """Hold a law for no likelier than one that is not known."""
-    found.near = True
-    found.answers[number] = dataclasses.replace(answer, probability=EITHER)
-    rival = Rival(answer.effect.kind, answer.effect.place, EITHER)
-    found.undecided = (*found.undecided, rival)
 
 
 def _refute(found: Found, first: int, kinds: Mapping[str, Kind]) -> None:
@@ -209,11 +245,11 @@ def _refute(found: Found, first: int, kinds: Mapping[str, Kind]) -> None:
     patchwork = len(found.answers) >= MANY and last.chi2_in_band < EXPLAINED
     if whiteness(last) <= UNWHITE and not patchwork:
         return
-    doubt = refuted(last, first, found.trials, kinds)
-    if doubt is None:
+    against = refuted(last, first, found.trials, kinds)
+    if against is None:
         return
-    if not doubt.idle:
-        found.refuted = doubt.place
+    if not against.idle:
+        found.refuted = against.place
         return
-    for number in doubt.idle:
-        _doubt(found, number - first, found.answers[number - first])
+    for number in against.idle:
+        doubt(found, number - first)

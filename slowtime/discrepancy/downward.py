@@ -27,7 +27,7 @@ from .further import FAR_OFF
 from .naming import Named, misfit
 from .openings import openings
 from .records import Trial
-from .refit import Fit
+from .refit import WRONG, Fit
 from .shapes import possible, sized
 
 IN_TURN, NEAREST = 3, 3
@@ -41,6 +41,9 @@ has to come to be refitted all the same, where the best leaves much."""
 STUCK, AGAIN = 10.0, 2
 """Times what a law leaves along its force, from which its refit is stuck; how many such laws
 are fitted again, of those that explained no less along the force than the best did."""
+MUCH, NEXT_TO_ALL = 0.1, 0.01
+"""Share of what the model leaves of how records begin, beyond the noise, that a law may leave
+which explains it; and one that leaves more than noise."""
 SCALED, TENFOLD, HALF_TEN = 8, (-1.5, 4.1), 0.5
 """Labels whose strength is looked for by free runs, those at the best place first; from how
 many powers of ten beside the one along the force, to how many, in which steps: where the motion
@@ -96,6 +99,7 @@ class Downward:
         self._bent, self._before, self._trials, self._kinds = bent, before, trials, kinds
         self._shaken, self._late, self._turn = shaken, late, 0
         self.opened: list[Candidate] = []
+        self.begins: Label | None = None
         self._near_by: set[Label] = set()
 
     def __call__(self, found: Sequence[Named]) -> list[Candidate]:
@@ -130,14 +134,25 @@ class Downward:
             return []
         if not self._late():
             # What explains some may be right in a minimum of its own, or the first of two.
-            among = self._best if some else None
+            likeliest = [place for place in self._best if place.kind == "element"]
+            among = likeliest or None if some else None
             opened = openings(self._before, self._trials, self._kinds, self._late, among)
+            self.begins = self._alone(opened)
             reach = min((one.cost for one in self._labels), default=math.inf)
             self.opened = [
                 dataclasses.replace(one, cost=min(one.cost, reach)) for one in opened
             ]
         guessed = [] if self._shaken else self._as_good(self._guessed())
         return [*self.opened, *guessed]
+
+    def _alone(self, opened: Sequence[Candidate]) -> Label | None:
+        """Say which law explains how records begin, where one does, and the model not."""
+        if not opened:
+            return None
+        best, noise = opened[0], self._before.data
+        most = MUCH if best.cost < WRONG * noise else NEXT_TO_ALL
+        right = best.cost - noise < most * (best.bare - noise)
+        return label_of(best.effect) if right else None
 
     def _in_turn(
         self, best: Fit | None, found: Sequence[Named], *, some: bool

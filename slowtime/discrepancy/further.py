@@ -58,11 +58,11 @@ def shot_too(
         ]
 
     anew = [dataclasses.replace(one, start=None) for one in astray() if one.start]
-    found = _joined(found, refit_all(before, anew, trials, kinds, tick), trials, kinds)
+    found = joined(found, refit_all(before, anew, trials, kinds, tick), trials, kinds)
     if found[0].fit.chi2_in_band <= FAR_OFF:
         return found
     more = refit_all(before, astray(), trials, kinds, tick, shooting=True)
-    return _joined(found, more, trials, kinds)
+    return joined(found, more, trials, kinds)
 
 
 def foremost(*ranked: Sequence[Candidate]) -> list[Candidate]:
@@ -89,7 +89,7 @@ def in_pieces(named: Sequence[Named], kinds: Mapping[str, Kind]) -> list[Named]:
     return found if found and found[0].fit.chi2_in_band < IN_PIECES else []
 
 
-def _joined(
+def joined(
     found: Sequence[Named],
     more: Sequence[Named],
     trials: Sequence[Trial],
@@ -97,6 +97,8 @@ def _joined(
 ) -> list[Named]:
     """Judge all by the noise of the one that leaves least; keep the better of each label."""
     every = [*found, *more]
+    if not every:
+        return []
     least = min(every, key=lambda one: left_by(one.fit))
     judged = [one if one is least else rescored(one, least.fit, trials, kinds) for one in every]
     short = {label_of(one.effect): one.shot for one in more}

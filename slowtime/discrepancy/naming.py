@@ -36,9 +36,9 @@ A_PLACE, A_KIND, FEW = 4, 2, 4
 """How many of them sit at one place, where there are more places than few; and are of one
 kind."""
 
-WIDE_S, ASTRAY = 2.4, 5.0
+WIDE_S, ASTRAY, EVERY_S = 2.4, 1.5, 1.2
 """How far about an instant that was found a better one is looked for; mean square over the
-noise, in band, from which it is looked for in all records first."""
+noise, in band, from which it is looked for in all records first, and how closely."""
 WHITE = 1e-3
 """Chance of so large a chi squared from which a label leaves nothing."""
 BEHIND, LITTLE = 5.0, 0.01
@@ -194,7 +194,7 @@ def refitted(
             beat=beat,
             late=late,
         )
-        fit = _switched(fit, trials, kinds, beat)
+        fit = _switched(fit, trials, kinds, beat, MAIN * before.chi2_in_band)
     except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
         return None
     if not math.isfinite(fit.cost):
@@ -203,11 +203,16 @@ def refitted(
 
 
 def _switched(
-    fit: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind], beat: float | None
+    fit: Fit,
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+    beat: float | None,
+    most: float,
 ) -> Fit:
     """Look for a better instant of a switch about one that leaves something.
 
-    The misfit has a minimum for every period by which the instant may be wrong.
+    The misfit has a minimum for every period by which the instant may be wrong. Where the fit
+    leaves less than `most`, the instant may be anywhere else in the records.
     """
     which = len(fit.plant.effects) - 1
     action = kinds[fit.plant.effects[which].kind].action
@@ -221,8 +226,8 @@ def _switched(
         return run_by(fit.plant, values, fit.states, fit.noise, trials, where)
 
     about = float(fit.values[at])
-    if fit.chi2_in_band > ASTRAY:
-        spans = [trial.start_s + trial.duration_s * np.linspace(0, 1, 25) for trial in trials]
+    if ASTRAY < fit.chi2_in_band < most:
+        spans = [np.arange(t.start_s, t.start_s + t.duration_s, EVERY_S) for t in trials]
         about = float(min([about, *np.concatenate(spans)], key=misfit))
     near = [
         number

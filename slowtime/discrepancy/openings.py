@@ -7,6 +7,7 @@ to these at every element, from a force about as strong as the element's own, an
 leave least are tried on the whole.
 """
 
+import dataclasses
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
@@ -36,8 +37,8 @@ SWINGS = 5.0
 """Periods of the slowest mode that records are taken to begin with."""
 SHAPES, STRENGTHS = 4, (-0.56, -0.1, 0.1, 0.56)
 """Shapes of each law to begin with; and its force, beside that of the element's spring."""
-GROWING = (0.3, 1.0)
-"""Shares of the first swings to which laws are fitted."""
+GROWING = (0.2, 0.35, 0.6, 1.0)
+"""Shares of the first swings to which laws are fitted; of the first the initial states are."""
 BESIDE = 10.0
 """Times what the best leaves of the first swings, from which a law is given up."""
 FOREMOST = 4
@@ -53,7 +54,8 @@ def openings(
 ) -> list[Candidate]:
     """Give the laws at elements that leave least of how the records begin, the best first.
 
-    Each with what it would leave of the records were they all as they begin.
+    Each with what it, and the model without it, would leave of the records were they all as
+    they begin.
 
     Parameters
     ----------
@@ -65,6 +67,11 @@ def openings(
         Places of these elements; of all, where not given.
     """
     heads = beginnings(before, trials)
+    before = begun(before, heads)
+    bare = refit(
+        before.plant, heads, noise=before.noise, values=before.values, states=before.states,
+        horizons=GROWING,
+    ).chi2_in_band * before.data  # fmt: skip
     started = sorted(_started(before, heads, kinds, among), key=lambda pair: pair[0])
     found: list[Candidate] = []
     least: float | None = None
@@ -78,10 +85,23 @@ def openings(
             values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
             settled = effects_of(with_values(described, values))[-1]
             cost = fit.chi2_in_band * before.data
-            found.append(Candidate(settled, cost, -cost / 2, before.cost))
+            found.append(Candidate(settled, cost, -cost / 2, bare))
             least = fit.cost if least is None else min(least, fit.cost)
     found.sort(key=lambda one: one.cost)
     return found[:FOREMOST]
+
+
+def begun(before: Fit, heads: Sequence[Trial]) -> Fit:
+    """Give a fit the initial states that the first samples say, whatever comes after them.
+
+    Those of a whole record make up for what the model lacks in all of it.
+    """
+    counts = [max(int(GROWING[0] * len(head.outputs)), FEWEST) for head in heads]
+    parts = [head.part(0, count) for head, count in zip(heads, counts, strict=True)]
+    first = refit(
+        before.plant, parts, noise=before.noise, values=before.values, horizons=(1.0,)
+    )
+    return dataclasses.replace(before, states=first.states)
 
 
 def beginnings(before: Fit, trials: Sequence[Trial]) -> tuple[Trial, ...]:

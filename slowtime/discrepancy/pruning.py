@@ -48,7 +48,7 @@ def pruned(
             number += 1
             continue
         del kept[number]
-        chain = [chain[0], *_again(chain, number, less, trials, kinds)]
+        chain = [chain[0], *left_out(chain, number, less, trials, kinds)]
         number = 0
     return chain, [told_again(a, chain[-1], own + i, kinds) for i, a in enumerate(kept)]
 
@@ -93,8 +93,8 @@ def _gain(more: Fit, less: Fit, trials: tuple[Trial, ...], kinds: Mapping[str, K
     return evidence(same, kinds) - evidence(less, kinds)
 
 
-def _again(
-    chain: list[Fit],
+def left_out(
+    chain: Sequence[Fit],
     number: int,
     less: Fit,
     trials: tuple[Trial, ...],

@@ -7,12 +7,11 @@ begins again from the other end, with the second, or with the next that might ha
 
 import dataclasses
 import itertools
-import math
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from slowtime.dynamics.effects import Effect, Kind
+from slowtime.dynamics.effects import Effect, Kind, Place
 
 from .accepting import accept, bends_twice, ended
 from .answer import UNWHITE, Found
@@ -21,27 +20,30 @@ from .candidates import SEVERAL, Candidate, Label, candidates, label_of, mirrore
 from .diagnosis import Named as Answer
 from .downward import Downward
 from .equivalent import instead_of_constants
-from .further import foremost, left_by, shot_too
+from .further import FAR_OFF, foremost, joined, shot_too
 from .gap import whiteness
-from .locate import locate
+from .likelier import done, likelier
+from .locate import Located, locate
 from .loosened import loosened
 from .naming import (
     KEPT,
     WHITE,
     Named,
     chosen,
-    evidence,
     refit_all,
-    rescored,
 )
+from .onward import onward
 from .outrun import within
 from .records import Trial
 from .refit import Fit, GivenUp, refit
+from .regrowing import regrow
+from .revising import revised
 from .shaken import base_answer, by_a_law, placed
-from .together import together
+from .standing import put_right, standing
+from .together import Together
 from .unbent import unbent
-from .verdict import EXPLAINED, FALSE_ALARM, LEAST_GAIN, TEMPER, moved_of
-from .wandering import loud_again, unheard, wandering
+from .verdict import EXPLAINED, FALSE_ALARM, moved_of
+from .wandering import drifting, loud_again, unheard, wandering
 from .watch import Watch
 
 SILENT = 0.01
@@ -55,10 +57,11 @@ APART = 2.0
 AS_GOOD = 1.1
 """Times what the best leaves along the force, within which the simpler is tried first: it takes
 less time, and what it leaves is soon too much for the others."""
+LOST = 30.0
+"""Mean square over the noise, in band, from which what a model with effects leaves of whole
+records tells less than what it leaves of how they begin."""
 HASTY = 3
 """Labels refitted where it is to be quick, and where more than one effect is missing."""
-FLAW = 0.003
-"""Share of what was missing at first, of which one does not begin again either."""
 ANEW, DOWN = 2, 6
 """Labels that were refitted, and labels further down, with which one begins again."""
 
@@ -103,12 +106,19 @@ def search(first: Fit, trials: tuple[Trial, ...], how: Search) -> Found:
             _go_on(found, how, 2)
     elif one and not _explained_otherwise(found, how) and not _ends(found, how, 0):
         _go_on(found, how, 1)
+    found = _begun_otherwise(found, held, trials, how)
+    return found if found.otherwise is not None else _revised(found, how)
+
+
+def _begun_otherwise(found: Found, held: Fit, trials: tuple[Trial, ...], how: Search) -> Found:
+    """Begin with other effects, while much is left."""
+    first = found.fits[0]
     cut = len(found.trials) != len(trials)
     again = found.holds is not None or found.otherwise is not None
-    if not found.named or again or cut or _done(found):
+    if not found.named or again or cut or done(found):
         return found
     for other in _others(found, held, how):
-        if found.otherwise is not None or _done(found):
+        if found.otherwise is not None or done(found):
             break
         if how.tell.hurries:
             found.hurried = True
@@ -117,16 +127,17 @@ def search(first: Fit, trials: tuple[Trial, ...], how: Search) -> Found:
         bent = bool(moved_of(first))
         if accept(branch, held, [other], trials, how.kinds, how.stated, pulled=bent):
             _go_on(branch, how, 1)
-            found = _better(found, branch, how.kinds)
+            found = likelier(found, branch, how.kinds)
     return found
 
 
-def _done(found: Found) -> bool:
-    first, last = found.fits[0], found.fits[-1]
-    # Friction that sticks leaves a little wherever its fit ends: its misfit has many minima.
-    little = last.chi2_in_band - 1 < FLAW * (first.chi2_in_band - 1)
-    enough = last.chi2_in_band < EXPLAINED or whiteness(last) > UNWHITE
-    return found.ended or enough or (bool(found.answers) and little)
+def _revised(found: Found, how: Search) -> Found:
+    """Look for each of several effects again, and for what is missing then."""
+    better = revised(found, how.kinds, how.stated, how.tell)
+    count = len(better.answers)
+    if better is not found and count < how.most and not done(better):
+        _go_on(better, how, count)
+    return better
 
 
 def _go_on(found: Found, how: Search, begun: int) -> None:
@@ -149,7 +160,7 @@ def _explained_otherwise(found: Found, how: Search) -> bool:
     last = found.fits[-1]
     cut = any(len(fit.states) != len(found.trials) for fit in found.fits)
     over = found.ended or found.holds is not None or how.tell.hurries or cut
-    if how.stated is None or over or not found.answers or _done(found):
+    if how.stated is None or over or not found.answers or done(found):
         return False
     holds = held_otherwise(last, found.trials, how.kinds, how.stated)
     if holds is None or holds in how.asked:
@@ -202,6 +213,37 @@ def _is_enough(best: Named, untried: Effect, kinds: Mapping[str, Kind]) -> bool:
     return fewer and whiteness(best.fit) > WHITE
 
 
+def _much(found: Found, how: Search) -> bool:
+    """Whether nothing was found yet, and much is missing."""
+    return not (found.answers or how.quick) and found.fits[-1].chi2_in_band > FAR_OFF
+
+
+def _put_right(
+    found: Found,
+    before: Fit,
+    located: Located,
+    place: Place,
+    tried: Sequence[Candidate],
+    how: Search,
+) -> bool:
+    """Name what an accelerometer is steadily off by, before all else."""
+    named = put_right(before, place, tried, found.trials, how.kinds)
+    if named is None:
+        return _wanders(found, before, drifting(located, place, how.kinds), how, 0)
+    found.named, found.tried = (named,), tuple(tried)
+    return accept(
+        found, before, [named], found.trials, how.kinds, how.stated, pulled=False, sure=True
+    )
+
+
+def _wanders(found: Found, before: Fit, drift: Answer, how: Search, number: int) -> bool:
+    """Name a drift that is on no law's course: a free run is better off without."""
+    still = dict.fromkeys(drift.effect.parameters, 0.0)
+    silent = dataclasses.replace(drift.effect, parameters=still)
+    before = _by_the_others(found, before, drift, how, number)
+    return ended(found, before, drift, how.kinds, silent)
+
+
 def _by_the_others(found: Found, before: Fit, drift: Answer, how: Search, number: int) -> Fit:
     """Look for what is missing beside a sensor that wanders, by all that the others say.
 
@@ -241,7 +283,7 @@ def _by_the_others(found: Found, before: Fit, drift: Answer, how: Search, number
 def _ends(found: Found, how: Search, number: int) -> bool:
     """Whether what was found is to be enough; then, what it leaves."""
     found.hurried = how.tell.hurries
-    enough = found.hurried and (how.tell.ends or _done(found))
+    enough = found.hurried and (how.tell.ends or done(found))
     if not enough and number < how.most - 1:
         return False
     # What the last effect leaves, not what there was before it.
@@ -286,44 +328,6 @@ def _refitted(found: Found, before: Fit, labels: list[Candidate], how: Search) -
     return refit_all(before, labels, found.trials, how.kinds, tick)
 
 
-def _better(found: Found, branch: Found, kinds: Mapping[str, Kind]) -> Found:
-    """Give the likelier of two accounts, by the noise of the one that leaves least.
-
-    One that under another hold of the inputs would explain all is looked at there.
-    """
-    if branch.otherwise is not None:
-        return branch
-    if branch.unheard or found.unheard:
-        return found  # what one of them does not hear, it does not leave either
-    if len(found.trials) != len(branch.trials):
-        # One of them is judged by pieces of records: nothing less would have explained them.
-        return branch if _done(branch) else found
-    if not branch.answers:
-        return found
-    one, other = found.fits[-1], branch.fits[-1]
-    least = min((one, other), key=left_by)
-    scores = [
-        evidence(fit, kinds)
-        if fit is least
-        else rescored(
-            Named(branch.answers[-1].effect, fit.plant.description, fit, 0.0),
-            least,
-            found.trials,
-            kinds,
-        ).score
-        for fit in (one, other)
-    ]
-    lead = scores[1] - scores[0]
-    if lead < LEAST_GAIN:
-        return found
-    share = 1 / (1 + math.exp(-min(TEMPER * lead / max(least.chi2_in_band, 1.0), 50.0)))
-    head, *rest = branch.answers
-    head = dataclasses.replace(head, probability=share * head.probability)
-    return dataclasses.replace(
-        branch, answers=[head, *rest], named=found.named, tried=found.tried
-    )
-
-
 def _next(found: Found, how: Search, number: int, held: Fit | None = None) -> bool:
     """Look for one more effect; False where there is none.
 
@@ -337,7 +341,12 @@ def _next(found: Found, how: Search, number: int, held: Fit | None = None) -> bo
     if found.answers and not pulled and whiteness(before) > SILENT:
         return False
     held = held or unbent(before, found.trials)
-    if _after(found, held, how, number, pulled=pulled):
+    lost = number > 0 and held.chi2_in_band > LOST and not how.quick
+    begun = _onward(found, held, how) if lost else []
+    if begun and begun[0].fit.chi2_in_band < FAR_OFF:
+        found.left = locate(held, found.trials)
+        return _accepted(found, held, begun, how, pulled=pulled)
+    if _after(found, held, how, number, pulled=pulled, begun=begun):
         return True
     # Another effect that is still missing may be what bends them, and needs them so.
     over = number == 0 or held is before or found.ended or found.holds is not None
@@ -346,8 +355,22 @@ def _next(found: Found, how: Search, number: int, held: Fit | None = None) -> bo
     )
 
 
-def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool) -> bool:
-    """Look for one more effect than a fit has."""
+def _after(
+    found: Found,
+    before: Fit,
+    how: Search,
+    number: int,
+    *,
+    pulled: bool,
+    begun: Sequence[Named] = (),
+) -> bool:
+    """Look for one more effect than a fit has.
+
+    Parameters
+    ----------
+    begun
+        What was refitted already, as how records begin tells.
+    """
     kinds, tell = how.kinds, how.tell
     share = 0.1 + 0.27 * number
     tell("locating what is left", share)
@@ -357,6 +380,9 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
         return False
     tell("trying effects", share + 0.05)
     tried = candidates(before, located, kinds)
+    stands = standing(found.fits[-1], found.trials) if _much(found, how) else None
+    if stands is not None:
+        return _put_right(found, before, located, stands, tried, how)
     based = located.base_first()
     shaken = base_answer(based, tried, kinds, first=number == 0)
     if shaken is not None and placed(based, tried):
@@ -401,17 +427,20 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
         best=located.groups[0].places, several=several, shaken=shaken is not None, late=late,
     )  # fmt: skip
 
+    together = Together(before, trials, kinds, how.stated, how.asked, tell)
+
     def more(so_far: Sequence[Named]) -> list[Candidate]:
-        if not first or found.both is not None:
+        if not first or found.both is not None or found.otherwise is not None:
             return []
         found.named, found.tried = tuple(sorted(so_far, key=lambda n: -n.score)), tuple(tried)
-        found.both = together(found, before, trials, kinds, how.stated, tell)
-        return down(so_far) if found.both is None else []
+        found.both = together(found)
+        over = found.both is not None or found.otherwise is not None
+        return [] if over else down(so_far)
 
     alike: list[Named] = []
     named = refit_all(before, in_turn, trials, kinds, tick, more=more, alike=alike)
-    if found.both is not None:
-        return True
+    if found.both is not None or found.otherwise is not None:
+        return found.both is not None
     loose = loosened(bent, named, found.trials) if number == 0 and not found.loosened else None
     if loose is not None:
         found.fits[-1], found.located, found.loosened = loose, None, True
@@ -423,19 +452,65 @@ def _after(found: Found, before: Fit, how: Search, number: int, *, pulled: bool)
     if not named or whiteness(named[0].fit) < UNWHITE:
         drift = wandering(located, kinds)
         if drift is not None:
-            # Its course is no law's: a free run is better off without.
-            still = dict.fromkeys(drift.effect.parameters, 0.0)
-            silent = dataclasses.replace(drift.effect, parameters=still)
-            before = _by_the_others(found, before, drift, how, number)
-            return ended(found, before, drift, kinds, silent)
+            return _wanders(found, before, drift, how, number)
         # What is as slow as that is a sensor's, though the base would do the same.
         law = named[0].fit if named else None
         if shaken is not None and not by_a_law(law, before, trials, based):
             return ended(found, before, shaken, kinds)
+    if number and not (how.quick or tell.hurries):
+        if not begun and named and named[0].fit.chi2_in_band > FAR_OFF:
+            begun = _onward(found, before, how)
+        named = joined(named, begun, found.trials, kinds)
     if not (how.quick or (number and tell.hurries)):
-        likely = foremost(down.opened, labels)
+        alone = [one for one in down.opened if label_of(one.effect) == down.begins]
+        likely = alone or foremost(down.opened, labels)
         named = shot_too(before, likely, named, trials, kinds, tick)
     if number == 0:
         found.named, found.tried, found.alike = tuple(named), tuple(tried), tuple(alike)
-    twice = again and not any(one.effect.place.kind == "sensor" for one in named[:1])
-    return accept(found, before, named, trials, kinds, how.stated, pulled=pulled, twice=twice)
+        if named and named[0].fit.chi2_in_band > FAR_OFF:
+            # What explains how records begin is one of two, though more may be left by it.
+            named = [one for one in named if label_of(one.effect) == down.begins] or named
+    return _accepted(found, before, named, how, trials, pulled=pulled)
+
+
+def _accepted(
+    found: Found,
+    before: Fit,
+    named: Sequence[Named],
+    how: Search,
+    trials: tuple[Trial, ...] | None = None,
+    *,
+    pulled: bool,
+) -> bool:
+    """Take the best; of several effects, from where how records begin has put all of them."""
+    fine = accept(
+        found, before, named, trials or found.trials, how.kinds, how.stated, pulled=pulled,
+        twice=any(_sits_on(one.effect, found.answers) for one in named[:1]), asked=how.asked,
+    )  # fmt: skip
+    if fine and len(found.answers) > 1 and not (how.tell.hurries or found.ended):
+        regrow(found, how.kinds)
+    return fine
+
+
+def _sits_on(effect: Effect, answers: Sequence[Answer]) -> bool:
+    """Whether a law is at a place that has one already."""
+    there = any(answer.effect.place == effect.place for answer in answers)
+    return there and effect.place.kind != "sensor"
+
+
+def _onward(found: Found, before: Fit, how: Search) -> list[Named]:
+    """Refit what may be missing as records go on, where the whole of them tells nothing."""
+
+    def tick(effect: Effect, _: int) -> bool:
+        how.tell(f"refitting {effect.kind} at {effect.place}", 0.5)
+        return how.tell.hurries
+
+    how.tell("looking at how records go on", 0.5)
+    part, tried = onward(before, found.trials, how.kinds, lambda: how.tell.hurries)
+    tried = [one for one in tried if not bends_twice(one.effect, found.answers, how.kinds)]
+    more = before.data / max(part.data, 1)
+    labels = [
+        dataclasses.replace(one, cost=more * one.cost, bare=more * one.bare)
+        for one in chosen(tried, LATER)
+    ]
+    return refit_all(part, labels, found.trials, how.kinds, tick)

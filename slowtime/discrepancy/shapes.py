@@ -25,6 +25,7 @@ from slowtime.dynamics.plant.names import lowest
 from slowtime.dynamics.units import unit_factor
 
 from .clocks import clocks_hz
+from .locate import Located
 from .space import Space
 
 STEP = 1e-4
@@ -36,6 +37,8 @@ IDLE = 0.02
 STILL_HZ, COARSE_TURN, POLISHED = 1e-12, 0.1, 3
 """A frequency at which nothing turns; turns over the campaign by which one is moved at first,
 and how often one looks closer."""
+LOUD = 2
+"""Lines of each record, the loudest at the sensors, about which a tone is looked for."""
 MOST_CLOSER, ASIDE = 4, 0.12
 """How often one looks closer at an instant or a resonance, and how far beside that at first."""
 FINEST_S = 0.02
@@ -149,12 +152,29 @@ def _turning(kind: Kind, shapes: list[Shape], space: Space) -> list[Shape]:
     still = others | {kind.strength: 1.0, kind.quadrature: 0.0, "frequency_hz": STILL_HZ}
     if set(still) != set(kind.names):
         return []
+    # A sine is nothing where a cosine is whole.
+    turns = ({**still, kind.quadrature: turn} for turn in (0.0, math.pi / 2))
+    both = (
+        [force_along(kind, one, latent.motion) for latent in space.latents] for one in turns
+    )
+    laws = max(both, key=lambda forces: sum(float(one @ one) for one in forces))
+    same = all(bool(np.all(law == law[:1])) for law in laws)
     found = clocks_hz(
         [latent.force for latent in space.latents],
-        [force_along(kind, still, latent.motion) for latent in space.latents],
+        laws,
         [latent.motion.times for latent in space.latents],
+        _heard_hz(space.located) if same else (),
     )
     return [others | {"frequency_hz": hertz} for hertz in found]
+
+
+def _heard_hz(located: Located) -> list[float]:
+    """Lines that are loudest over the noise of the sensors, those of each record."""
+    found: list[float] = []
+    for one in located.lines:
+        loud = np.sum(np.abs(one.residual) ** 2 / one.noise, axis=1)
+        found += one.frequency_hz[np.argsort(-loud)[:LOUD]].tolist()
+    return [hertz for hertz in found if hertz > 0]
 
 
 def _polished(

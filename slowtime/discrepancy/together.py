@@ -1,7 +1,8 @@
-"""Pairs of laws that one force is made of, in; an account that begins with both, out."""
+"""Pairs of laws that may be missing together, in; an account that begins with both, out."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
 
 from slowtime.dynamics.effects import Kind
 
@@ -11,78 +12,156 @@ from .answer import UNWHITE, Found
 from .between import Hold
 from .candidates import Candidate, Label, label_of
 from .diagnosis import Rival
+from .further import FAR_OFF
 from .gap import whiteness
-from .naming import Named, misfit, refitted
+from .naming import Named, misfit, refitted, settled
 from .paired import pairs
+from .patchwork import variable_of
 from .records import Trial
 from .refit import Fit
-from .verdict import DECIDED, EXPLAINED, LEAST_SHARE, answer_of, shares_of
+from .verdict import (
+    DECIDED,
+    EXPLAINED,
+    LEAST_SHARE,
+    answer_of,
+    hardly_any,
+    moved_of,
+    shares_of,
+)
 from .watch import Watch
 
+SOME, AMONG, TURNS = 0.7, 5, 3
+"""Share of what was missing that a law may leave, and be one of two; the best of how many such
+are taken two by two, and how many pairs at a time."""
 
-def together(
-    found: Found,
-    before: Fit,
-    trials: tuple[Trial, ...],
-    kinds: Mapping[str, Kind],
-    stated: tuple[Hold, ...] | None,
-    tell: Watch,
-) -> Found | None:
-    """Begin with two laws at once, where both leave nothing and the best of all leaves much.
+Pair = tuple[Candidate, Candidate]
+
+
+class Together:
+    """Begins with two laws at once, where both leave nothing and the best of all leaves much.
+
+    Nor may they need constants that are off: two that are wrong find help in those.
+
+    No pair is tried twice.
 
     Parameters
     ----------
-    found
-        What was located, tried and refitted so far.
     before
         The fit that they are added to.
     stated
         What the model says of its inputs between samples; as it stands where not given.
+    asked
+        Under which holds effects were looked for already.
     """
-    best = found.named[0].fit if found.named else before
-    if best.chi2_in_band < EXPLAINED or whiteness(best) > UNWHITE:
-        return None
-    if found.located is None or tell.hurries:
-        return None
-    good: list[tuple[Candidate, Named]] = []
-    reached = {
-        label_of(one.effect): misfit(one.fit, before.noise, trials) for one in found.named
-    }
-    for one, other in pairs(before, found.located, found.tried, reached, kinds):
-        tell(f"refitting {one.effect.kind} and {other.effect.kind}", 0.35)
-        known = carrying(before, one.effect, kinds)
+
+    def __init__(
+        self,
+        before: Fit,
+        trials: tuple[Trial, ...],
+        kinds: Mapping[str, Kind],
+        stated: tuple[Hold, ...] | None,
+        asked: Sequence[tuple[Hold, ...] | None],
+        tell: Watch,
+    ) -> None:
+        self._before, self._trials, self._kinds = before, trials, kinds
+        self._stated, self._asked, self._tell = stated, asked, tell
+        self._done: set[frozenset[Label]] = set()
+
+    def __call__(self, found: Found) -> Found | None:
+        """Give an account with two laws, of what was located, tried and refitted so far."""
+        best = found.named[0].fit if found.named else self._before
+        if best.chi2_in_band < EXPLAINED or whiteness(best) > UNWHITE:
+            return None
+        good: list[tuple[Candidate, Named]] = []
+        for one, other in self._pairs(found):
+            if self._tell.hurries:
+                break
+            self._tell(f"refitting {one.effect.kind} and {other.effect.kind}", 0.35)
+            both = self._refitted(one, other, good)
+            first = found.fits[0]
+            if both is None or moved_of(both.fit):
+                continue  # what is missing bends no constant
+            if both.fit.chi2_in_band < EXPLAINED or hardly_any(both.fit, first):
+                good.append((one, both))
+        good.sort(key=lambda pair: -pair[1].score)
+        return self._accepted(found, good) if good else None
+
+    def _pairs(self, found: Found) -> Iterator[Pair]:
+        """Give pairs of one force first, then those of which each explains something alone."""
+        assert found.located is not None
+        reached = {
+            label_of(one.effect): misfit(one.fit, self._before.noise, self._trials)
+            for one in found.named
+        }
+        of_one = pairs(self._before, found.located, found.tried, reached, self._kinds)
+        yield from self._new(of_one)
+        if found.named and found.named[0].fit.chi2_in_band > FAR_OFF:
+            of_two = self._new(of_refitted(found, self._kinds))
+            yield from itertools.islice(of_two, TURNS)
+
+    def _new(self, every: Iterator[Pair] | Sequence[Pair]) -> Iterator[Pair]:
+        for pair in every:
+            label = frozenset(label_of(one.effect) for one in pair)
+            if label not in self._done:
+                self._done.add(label)
+                yield pair
+
+    def _refitted(
+        self, one: Candidate, other: Candidate, good: Sequence[tuple[Candidate, Named]]
+    ) -> Named | None:
+        known = carrying(self._before, one.effect, self._kinds)
         noise = good[0][1].fit.noise if good else None
-        enough = EXPLAINED * before.data
-        both = refitted(
-            known, other.effect, trials, kinds, noise, enough,
-            start=other.start, late=lambda: tell.hurries,
+        enough = EXPLAINED * self._before.data
+        return refitted(
+            known, other.effect, self._trials, self._kinds, noise, enough,
+            start=other.start, late=lambda: self._tell.hurries,
         )  # fmt: skip
-        if both is not None and both.fit.chi2_in_band < EXPLAINED:
-            good.append((one, both))
-    good.sort(key=lambda pair: -pair[1].score)
-    if not good:
-        return None
-    one, both = good[0]
-    alone = refitted(before, one.effect, trials, kinds, both.fit.noise)
-    if alone is None:
-        return None
-    branch = Found(
-        [found.fits[0], alone.fit],
-        found.trials,
-        located=found.located,
-        named=found.named,
-        tried=found.tried,
-    )
-    branch.answers.append(answer_of([alone], [1.0], kinds))
-    if not accept(branch, alone.fit, [both], trials, kinds, stated, pulled=False):
-        return None
-    _share(
-        branch,
-        kinds,
-        [(label_of(first.effect), label_of(named.effect)) for first, named in good],
-        [named for _, named in good],
-    )
-    return branch
+
+    def _accepted(self, found: Found, good: Sequence[tuple[Candidate, Named]]) -> Found | None:
+        one, both = good[0]
+        alone = refitted(self._before, one.effect, self._trials, self._kinds, both.fit.noise)
+        if alone is None:
+            return None
+        branch = Found(
+            [found.fits[0], alone.fit],
+            found.trials,
+            located=found.located,
+            named=found.named,
+            tried=found.tried,
+        )
+        branch.answers.append(answer_of([alone], [1.0], self._kinds))
+        kinds = self._kinds
+        if not accept(
+            branch, alone.fit, [both], self._trials, kinds, self._stated,
+            pulled=False, asked=self._asked,
+        ):  # fmt: skip
+            found.otherwise = branch.otherwise
+            return None
+        _share(
+            branch,
+            kinds,
+            [(label_of(first.effect), label_of(named.effect)) for first, named in good],
+            [named for _, named in good],
+        )
+        return branch
+
+
+def of_refitted(found: Found, kinds: Mapping[str, Kind]) -> Iterator[Pair]:
+    """Give laws two by two that each explain something alone, the best first.
+
+    None that may be pieces of one curve: any curve has such.
+    """
+    bar = SOME * found.fits[-1].chi2_in_band
+    some = [one for one in found.named if one.fit.chi2_in_band < bar][:AMONG]
+    effects = [settled(one) for one in some]
+    numbers = itertools.combinations(range(len(effects)), 2)
+    for i, j in sorted(numbers, key=sum):
+        one, other = effects[i], effects[j]
+        own = variable_of(one, kinds)
+        pieces = own is not None and own == variable_of(other, kinds)
+        if one.place == other.place and (pieces or one.kind == other.kind):
+            continue
+        yield Candidate(one, 0.0, 0.0, 0.0), Candidate(other, 0.0, 0.0, 0.0)
 
 
 def _share(

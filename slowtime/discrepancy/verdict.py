@@ -34,6 +34,14 @@ OF_SENSOR = "unit of the sensor"
 """In place of a unit, in kinds that sit on a sensor."""
 TEMPER = 0.5
 """Power to which evidence is taken: models are never quite as right as it supposes."""
+FLAW = 0.003
+"""Share of what was missing that a right model may leave: friction that sticks leaves a little
+wherever its fit ends, for its misfit has many minima."""
+
+
+def hardly_any(last: Fit, first: Fit) -> bool:
+    """Whether a fit leaves hardly any of what the first left beyond the noise."""
+    return last.chi2_in_band - 1 < FLAW * (first.chi2_in_band - 1)
 
 
 def probabilities(scores: Sequence[float], excess: float) -> list[float]:

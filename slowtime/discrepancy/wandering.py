@@ -41,7 +41,7 @@ def wandering(located: Located, kinds: Mapping[str, Kind]) -> Answer | None:
         return None
     lowest = float(undamped_modes(assemble(located.linear.description)).frequency_hz[0])
     slow = whole = 0.0
-    courses, errors = [], []
+    errors = []
     for number, trial in enumerate(located.trials):
         off = located.latent(place, number).force
         errors.append(off)
@@ -50,13 +50,21 @@ def wandering(located: Located, kinds: Mapping[str, Kind]) -> Answer | None:
         frequency = np.fft.rfftfreq(len(off), 1 / trial.rate_hz)
         slow += float(power[frequency < BELOW * lowest].sum()) / len(off)
         whole += float(power.sum()) / len(off)
-        slope = np.polyfit(np.linspace(0.0, 1.0, len(off)), off, 1)[0]
-        courses.append(float(slope))
     if not slow > SHARE * whole:
         return None
     every = np.concatenate(errors)
     if float(every.mean()) ** 2 > SHARE * float(np.mean(every**2)):
         return None  # the same at all times: that is no course, and a law knows it
+    return drifting(located, place, kinds)
+
+
+def drifting(located: Located, place: Place, kinds: Mapping[str, Kind]) -> Answer:
+    """Name the drift of a sensor, whatever its course."""
+    latents = (located.latent(place, number) for number in range(len(located.trials)))
+    courses = [
+        float(np.polyfit(np.linspace(0.0, 1.0, len(one.force)), one.force, 1)[0])
+        for one in latents
+    ]
     kind = kinds[KIND]
     name = next(p.name for p in kind.parameters if p.fitted)
     size = float(np.mean(courses))

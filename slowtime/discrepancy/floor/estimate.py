@@ -131,7 +131,8 @@ def noise_of_residual(
     With :math:`\pi \approx 1` where the structure answers, a residual may be as strong as it
     likes there without lifting the floor, but the floor cannot lie above it. The colour is of
     all trials; its strength is each trial's own. Where one law of noise fits the whole
-    residual of a sensor to within its scatter, nothing is suspected, and the noise is that law.
+    residual of a sensor to within its scatter, or one for each trial does, nothing is
+    suspected, and the noise is that law.
 
     Parameters
     ----------
@@ -186,7 +187,7 @@ def noise_of_power(powers: Sequence[Power], *, rate_hz: float, silent_above_hz: 
         plain = [
             dataclasses.replace(m, suspect=np.full_like(m.suspect, TRUSTED)) for m in means
         ]
-        trusted = fit_colours(plain, rate_hz)
+        trusted = own_colours(plain, rate_hz)
         believed.append(passes_for_noise(plain, [colour for colour, _ in trusted]))
         doubtless = believed[-1] or silent_above_hz == 0
         found.append(trusted if doubtless else fit_colours(means, rate_hz))
@@ -241,6 +242,15 @@ def passes_for_noise(means: Sequence[Means], colours: Sequence[Colour]) -> bool:
         deficit += float(2 * one.lines[seen] @ (relative - 1 - np.log(relative)))
         blocks += len(relative)
     return bool(scipy.stats.chi2.sf(deficit, blocks) > NO_NOISE)
+
+
+def own_colours(means: Sequence[Means], rate_hz: float) -> list[tuple[Colour, float]]:
+    """Colour of all trials together; of each by itself where only such pass for noise."""
+    common = fit_colours(means, rate_hz)
+    if len(means) == 1 or passes_for_noise(means, [colour for colour, _ in common]):
+        return common
+    own = [fit_colours([one], rate_hz)[0] for one in means]
+    return own if passes_for_noise(means, [colour for colour, _ in own]) else common
 
 
 def fit_colours(means: Sequence[Means], rate_hz: float) -> list[tuple[Colour, float]]:

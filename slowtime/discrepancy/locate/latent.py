@@ -13,7 +13,8 @@ itself, no more is believed than :data:`BELIEVED` says.
 
 import dataclasses
 import functools
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import scipy.linalg
@@ -290,14 +291,20 @@ class _Place:
         def account() -> Explained:
             numbers = range(len(trials))
             bent = [roots[i] * (whites[i].columns[:, :, :constants] @ further) for i in numbers]
+            left = [residuals[i] - bent[i] - tuneds[i].decays @ states[i] for i in numbers]
+            seen = [
+                np.einsum("fs,fs->f", transfer.conj() / trial.noise, one)
+                for transfer, trial, one in zip(transfers, trials, left, strict=True)
+            ]
+            believed = _believed(trials, seen, signals, variances)
             forces = tuple(
                 _force(
-                    tuneds[i],
                     trials[i].residual - tuneds[i].residual + bent[i],
-                    residuals[i] - bent[i] - tuneds[i].decays @ states[i],
+                    left[i],
+                    seen[i],
                     transfers[i],
                     signals[i],
-                    variances[i],
+                    believed[i],
                     states[i],
                 )
                 for i in numbers
@@ -362,17 +369,15 @@ def _filled(tuned: Tuned, force: TrialForce) -> Lines:
 
 
 def _force(
-    tuned: Tuned,
     linear: Lines,
     left: Lines,
+    seen: Complex[np.ndarray, " frequency"],
     transfer: Lines,
     signal: OfLine,
     variance: OfLine,
     state: Float[np.ndarray, " state"],
 ) -> TrialForce:
     """Posterior of the force, line by line."""
-    seen = np.einsum("fs,fs->f", transfer.conj() / tuned.trial.noise, left)
-    variance = _believed(tuned.trial, seen, signal, variance)
     spread = variance / (1 + variance * signal)
     return TrialForce(
         variance=variance,
@@ -415,16 +420,24 @@ def _variance(
 
 
 def _believed(
-    trial: TrialLines,
-    seen: Complex[np.ndarray, " frequency"],
-    signal: OfLine,
-    variance: OfLine,
-) -> OfLine:
-    """Give the variance, nowhere far beyond that of the band where the force is heard best."""
-    rise = 1 + variance * signal
-    gain = _sum(trial, trial.weight * (variance * np.abs(seen) ** 2 / rise - np.log(rise)))
-    best = trial.band == np.argmax(gain)
-    return np.asarray(np.minimum(variance, BELIEVED * variance[best].max()))
+    trials: Sequence[TrialLines],
+    seen: Sequence[Complex[np.ndarray, " frequency"]],
+    signals: Sequence[OfLine],
+    variances: Sequence[OfLine],
+) -> list[OfLine]:
+    """Give variances, nowhere far beyond that of the band where the force is heard best.
+
+    In whichever trial: in one that tells of no force at all, noise would be heard best.
+    """
+    best = 0.0, math.inf
+    for trial, one, signal, variance in zip(trials, seen, signals, variances, strict=True):
+        rise = 1 + variance * signal
+        told = variance * np.abs(one) ** 2 / rise - np.log(rise)
+        gain = _sum(trial, trial.weight * told)
+        band = int(np.argmax(gain))
+        loudest = float(variance[trial.band == band].max())
+        best = max(best, (float(gain[band]), loudest))
+    return [np.minimum(variance, BELIEVED * best[1]) for variance in variances]
 
 
 def _sum(trial: TrialLines, values: OfLine) -> Float[np.ndarray, " band"]:

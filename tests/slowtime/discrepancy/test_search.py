@@ -12,6 +12,7 @@ from slowtime.discrepancy.candidates import Candidate, candidates, label_of
 from slowtime.discrepancy.diagnose import _prune
 from slowtime.discrepancy.diagnosis import Named as Answer
 from slowtime.discrepancy.diagnosis import Rival
+from slowtime.discrepancy.likelier import likelier
 from slowtime.discrepancy.locate import locate
 from slowtime.discrepancy.naming import refit_all
 from slowtime.discrepancy.paired import pairs
@@ -369,11 +370,12 @@ def test_where_held_constants_show_no_more_effects_those_that_bent_are_looked_at
     bent = refit(Plant.of(TWO, kinds=KINDS), trials)
     looked = []
 
-    def after(found, before, how, number, *, pulled):
+    def after(found, before, how, number, *, pulled, begun=()):
         looked.append(max(map(abs, before.pulls.values())))
         return False
 
     monkeypatch.setattr(searching, "_after", after)
+    monkeypatch.setattr(searching, "onward", lambda before, *_: (before, []))
     searching._go_on(Found([bent], trials), Search(KINDS, Watch()), 1)
     assert looked == [pytest.approx(WITHIN, rel=0.01), max(map(abs, bent.pulls.values()))]
 
@@ -384,13 +386,13 @@ def test_an_account_with_an_effect_is_weighed_against_one_without(shared):
     branch = Found([first, cubic[0].fit], trials)
     branch.answers.append(answer_of(cubic, [1.0], KINDS))
     found = Found([first], trials)
-    assert searching._better(found, branch, KINDS).answers[0].effect.kind == "cubic_hardening"
-    assert searching._better(found, Found([first], trials), KINDS) is found
+    assert likelier(found, branch, KINDS).answers[0].effect.kind == "cubic_hardening"
+    assert likelier(found, Found([first], trials), KINDS) is found
     # An account that leaves a sensor out leaves less, and is none the likelier.
     branch.unheard = True
-    assert searching._better(found, branch, KINDS) is found
+    assert likelier(found, branch, KINDS) is found
     branch.otherwise = ("zero",)
-    assert searching._better(found, branch, KINDS) is branch
+    assert likelier(found, branch, KINDS) is branch
 
 
 def test_an_account_under_another_hold_ends_the_comparison(shared, monkeypatch):

@@ -1,0 +1,65 @@
+"""Two accounts of the same records, in; the likelier, out."""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+from slowtime.dynamics.effects import Kind
+
+from .answer import UNWHITE, Found
+from .further import left_by
+from .gap import whiteness
+from .naming import Named, evidence, rescored
+from .verdict import EXPLAINED, LEAST_GAIN, TEMPER, hardly_any
+
+
+def done(found: Found) -> bool:
+    """Whether an account leaves nothing that is worth beginning again for."""
+    first, last = found.fits[0], found.fits[-1]
+    enough = last.chi2_in_band < EXPLAINED or whiteness(last) > UNWHITE
+    return found.ended or enough or (bool(found.answers) and hardly_any(last, first))
+
+
+def likelier(
+    found: Found, branch: Found, kinds: Mapping[str, Kind], enough: float = LEAST_GAIN
+) -> Found:
+    """Give the likelier of two accounts, by the noise of the one that leaves least.
+
+    One that under another hold of the inputs would explain all is looked at there.
+
+    Parameters
+    ----------
+    enough
+        Log evidence that the second has to bring.
+    """
+    if branch.otherwise is not None:
+        return branch
+    if branch.unheard or found.unheard:
+        return found  # what one of them does not hear, it does not leave either
+    if len(found.trials) != len(branch.trials):
+        # One of them is judged by pieces of records: nothing less would have explained them.
+        return branch if done(branch) else found
+    if not branch.answers:
+        return found
+    one, other = found.fits[-1], branch.fits[-1]
+    least = min((one, other), key=left_by)
+    scores = [
+        evidence(fit, kinds)
+        if fit is least
+        else rescored(
+            Named(branch.answers[-1].effect, fit.plant.description, fit, 0.0),
+            least,
+            found.trials,
+            kinds,
+        ).score
+        for fit in (one, other)
+    ]
+    lead = scores[1] - scores[0]
+    if lead < enough:
+        return found
+    share = 1 / (1 + math.exp(-min(TEMPER * lead / max(least.chi2_in_band, 1.0), 50.0)))
+    head, *rest = branch.answers
+    head = dataclasses.replace(head, probability=share * head.probability)
+    return dataclasses.replace(
+        branch, answers=[head, *rest], named=found.named, tried=found.tried
+    )

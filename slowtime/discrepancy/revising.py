@@ -1,0 +1,140 @@
+"""Several effects, found one by one, in; each looked for again beside the others, out.
+
+What was named first was named while the others were missing: it may be a neighbour of the right
+one, or stand for half of it and half of another. Beside the others it is the only one missing,
+and is looked for as one is.
+"""
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from slowtime.dynamics.effects import Effect, Kind
+
+from .accepting import accept, bends_twice
+from .adding import effects_of
+from .answer import UNWHITE, Found
+from .between import Hold
+from .candidates import candidates, label_of
+from .gap import whiteness
+from .likelier import likelier
+from .locate import locate
+from .naming import chosen, refit_all, settled
+from .pruning import left_out, pruned, without
+from .unbent import unbent
+from .values import with_values
+from .verdict import LEAST_GAIN, doubts_about, moved_of
+from .watch import Watch
+
+AS_LIKELY = -2.0
+"""Log evidence by which fewer effects may be behind more."""
+OTHERS, KNOWN = 3, 2
+"""Labels that are tried in the stead of one: those found beside the others, and those refitted
+when it was."""
+
+
+def revised(
+    found: Found, kinds: Mapping[str, Kind], stated: tuple[Hold, ...] | None, tell: Watch
+) -> Found:
+    """Put others in the stead of effects, where that explains more; until nothing does.
+
+    Parameters
+    ----------
+    stated
+        What the model says of its inputs between samples; as it stands where not given.
+    """
+    if not worth_it(found):
+        return found
+    for number in _in_turn(found):
+        if tell.hurries:
+            found.hurried = True
+            return found
+        branch = _anew(found, number, kinds, stated, tell)
+        if branch is None:
+            continue
+        branch.fits, branch.answers = pruned(branch.fits, branch.answers, branch.trials, kinds)
+        fewer = len(branch.answers) < len(found.answers)
+        if likelier(found, branch, kinds, AS_LIKELY if fewer else LEAST_GAIN) is not found:
+            return revised(branch, kinds, stated, tell)
+    return found
+
+
+def worth_it(found: Found) -> bool:
+    """Whether several effects leave something, need constants that are off, or are many."""
+    last = found.fits[-1]
+    whole = len(found.fits) == 1 + len(found.answers) and found.holds is None
+    if len(found.answers) < 2 or found.ended or found.unheard or not whole:
+        return False
+    if any(len(fit.states) != len(found.trials) for fit in found.fits):
+        return False
+    return whiteness(last) < UNWHITE or bool(moved_of(last)) or len(found.answers) > 2
+
+
+def _in_turn(found: Found) -> Iterator[int]:
+    """Give numbers of effects: those first where something is left."""
+    here = found.left.groups[0].places if found.left is not None else ()
+    numbers = range(len(found.answers))
+    yield from sorted(numbers, key=lambda i: found.answers[i].effect.place not in here)
+
+
+def _anew(
+    found: Found,
+    number: int,
+    kinds: Mapping[str, Kind],
+    stated: tuple[Hold, ...] | None,
+    tell: Watch,
+) -> Found | None:
+    """Look for one effect again beside the others; the account with what was found last."""
+    own, last, trials = len(found.fits[0].plant.effects), found.fits[-1], found.trials
+    values = dict(zip(last.plant.parameters, last.values.tolist(), strict=True))
+    known = effects_of(with_values(last.plant.description, values))[own + number]
+    tell(f"looking again at {known.kind} at {known.place}", 0.86)
+    less = without(last, own + number, trials, kinds)
+    if less is None:
+        return None
+    others = [a for i, a in enumerate(found.answers) if i != number]
+    branch = dataclasses.replace(
+        found,
+        fits=[found.fits[0], *left_out(found.fits, number, less, trials, kinds)],
+        answers=others,
+        undecided=next((doubt for a in others if (doubt := doubts_about(a))), ()),
+        pair=None,
+        retuned=False,
+    )
+    try:
+        before = unbent(less, trials)
+        located = locate(before, trials)
+        tried = candidates(before, located, kinds)
+    except (np.linalg.LinAlgError, FloatingPointError):
+        return None
+    branch.left = located
+    tried = [one for one in tried if not bends_twice(one.effect, others, kinds)]
+    beside = chosen(tried, OTHERS)
+    if not beside:
+        return None
+    # What was refitted counts for as good as the best, until it is so again.
+    again = [dataclasses.replace(beside[0], effect=e, start=None) for e in _refitted(found)]
+    own_label = dataclasses.replace(beside[0], effect=known, start=None)
+    labels = {label_of(one.effect): one for one in reversed([own_label, *beside, *again])}
+
+    def tick(effect: Effect, _: int) -> bool:
+        tell(f"refitting {effect.kind} at {effect.place}", 0.86)
+        return tell.hurries
+
+    in_turn = list(reversed(labels.values()))
+    named = refit_all(before, in_turn, trials, kinds, tick)
+    pulled = bool(moved_of(less))
+    if not accept(branch, before, named, trials, kinds, stated, pulled=pulled):
+        return None
+    if branch.holds is not None:
+        return None
+    branch.left = locate(branch.fits[-1], trials)
+    return branch
+
+
+def _refitted(found: Found) -> list[Effect]:
+    """Give those that were refitted when the first was named, the best first."""
+    named = {label_of(answer.effect) for answer in found.answers}
+    rest = [one for one in found.named if label_of(one.effect) not in named]
+    return [settled(one) for one in rest[:KNOWN]]
