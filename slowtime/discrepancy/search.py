@@ -223,14 +223,13 @@ def _put_right(
     before: Fit,
     located: Located,
     place: Place,
-    tried: Sequence[Candidate],
     how: Search,
 ) -> bool:
     """Name what an accelerometer is steadily off by, before all else."""
-    named = put_right(before, place, tried, found.trials, how.kinds)
+    named = put_right(before, place, located, found.trials, how.kinds)
     if named is None:
         return _wanders(found, before, drifting(located, place, how.kinds), how, 0)
-    found.named, found.tried = (named,), tuple(tried)
+    found.named = (named,)
     return accept(
         found, before, [named], found.trials, how.kinds, how.stated, pulled=False, sure=True
     )
@@ -378,11 +377,11 @@ def _after(
     found.located, found.left = found.located or located, located
     if located.p_value > FALSE_ALARM and not pulled:
         return False
-    tell("trying effects", share + 0.05)
-    tried = candidates(before, located, kinds)
     stands = standing(found.fits[-1], found.trials) if _much(found, how) else None
     if stands is not None:
-        return _put_right(found, before, located, stands, tried, how)
+        return _put_right(found, before, located, stands, how)
+    tell("trying effects", share + 0.05)
+    tried = candidates(before, located, kinds)
     based = located.base_first()
     shaken = base_answer(based, tried, kinds, first=number == 0)
     if shaken is not None and placed(based, tried):

@@ -5,6 +5,7 @@ gained, by the time. What an accelerometer tells beyond that is its own, however
 missing; and with that in the way, how records begin tells of nothing.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -12,18 +13,20 @@ import numpy as np
 from slowtime.dynamics.effects import Kind, Place
 from slowtime.signals.spectra import transform
 
-from .candidates import Candidate
 from .floor import floats
+from .locate import Located
 from .naming import Named, refitted
 from .records import Trial
 from .refit import Fit, slowest_hz
+from .shapes import best_of
+from .space import Space
 
 KINDS = ("sensor_bias", "sensor_drift")
 BELOW, LINES = 0.3, 3
 """Times the lowest natural frequency below which a structure does not vibrate; and how many
 lines of a record have to lie there for anything to be said."""
-STANDS = 100.0
-"""Times the power of those lines that the mean must have."""
+STANDS, PUT_RIGHT = 100.0, 10.0
+"""Times the power of those lines that the mean must have; and may have, once a law is in."""
 
 
 def standing(fit: Fit, trials: Sequence[Trial]) -> Place | None:
@@ -40,16 +43,21 @@ def standing(fit: Fit, trials: Sequence[Trial]) -> Place | None:
 def put_right(
     before: Fit,
     place: Place,
-    tried: Sequence[Candidate],
+    located: Located,
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
 ) -> Named | None:
     """Refit a constant error or a drift there; None where it stands off all the same."""
-    own = [one.effect for one in tried if one.effect.place == place]
-    laws = [effect for effect in own if effect.kind in KINDS]
-    every = [refitted(before, e, trials, kinds, None, horizons=(1.0,)) for e in laws]
-    best = max((one for one in every if one), key=lambda one: one.score, default=None)
-    return None if best is None or standing(best.fit, trials) == place else best
+    space = Space(before, located, place)
+    laws = [best_of(kinds[name], space) for name in KINDS if name in kinds]
+    every = [
+        refitted(before, law[0], trials, kinds, None, horizons=(1.0,)) for law in laws if law
+    ]
+    channels = [sensor.channel for sensor in before.plant.description.sensors]
+    at = channels.index(place.id)
+    heights = [(_height(one.fit, trials, at), i) for i, one in enumerate(every) if one]
+    least, best = min(heights, default=(math.inf, -1))
+    return every[best] if least < PUT_RIGHT else None
 
 
 def _height(fit: Fit, trials: Sequence[Trial], sensor: int) -> float:

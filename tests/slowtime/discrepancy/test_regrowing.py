@@ -1,0 +1,70 @@
+"""Effects that were fitted while others were missing find back to what they are."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from slowtime.discrepancy.answer import Found
+from slowtime.discrepancy.further import left_by
+from slowtime.discrepancy.naming import Named
+from slowtime.discrepancy.refit import refit
+from slowtime.discrepancy.regrowing import regrow
+from slowtime.discrepancy.verdict import answer_of
+from slowtime.dynamics.effects import Effect, catalogue
+from slowtime.dynamics.plant import Plant
+from tests.slowtime.discrepancy.test_search import FIRST, RATE, SECOND, TWO, seen
+
+KINDS = catalogue()
+BOTH = (
+    Effect("cubic_hardening", SECOND, {"k3_n_per_m3": 8e5}),
+    Effect("quadratic_damping", FIRST, {"c2_n_s2_per_m2": 30.0}),
+)
+
+
+@pytest.fixture
+def stuck():
+    """Both laws as a fit to whole records may leave them: far from where they belong."""
+    trials = seen(BOTH)
+    entries = tuple(effect.entry() for effect in BOTH)
+    plant = Plant.of(dataclasses.replace(TWO, effects=entries), kinds=KINDS)
+    right = refit(plant, trials, horizons=(1.0,))
+    values = plant.values.copy()
+    for name, factor in (("k3_n_per_m3", 0.1), ("c2_n_s2_per_m2", 5.0)):
+        at = next(i for i, one in enumerate(plant.parameters) if one[-1] == name)
+        values[at] *= factor
+    runs = [plant.simulate(values, trial.inputs, RATE) for trial in trials]
+    left = tuple(trial.measured - run for trial, run in zip(trials, runs, strict=True))
+    fit = dataclasses.replace(right, values=values, residual=left, chi2_in_band=80.0)
+    answers = [
+        answer_of([Named(effect, plant.description, fit, 0.0)], [1.0], KINDS) for effect in BOTH
+    ]
+    return Found([fit, fit, fit], trials, answers=answers)
+
+
+def test_they_are_found_over_ever_longer_records(stuck):
+    before = left_by(stuck.fits[-1])
+    regrow(stuck, KINDS)
+    assert left_by(stuck.fits[-1]) < before
+    assert stuck.fits[-1].chi2_in_band < 1.2
+    told = {a.effect.kind: next(iter(a.numbers.values())).value for a in stuck.answers}
+    assert told["cubic_hardening"] == pytest.approx(8e5, rel=0.02)
+    assert told["quadratic_damping"] == pytest.approx(30.0, rel=0.1)
+
+
+def test_what_leaves_noise_is_left_alone_and_so_is_what_was_cut(stuck):
+    last = dataclasses.replace(stuck.fits[-1], chi2_in_band=1.1)
+    stuck.fits[-1] = last
+    regrow(stuck, KINDS)
+    assert stuck.fits[-1] is last
+    stuck.fits[-1] = cut = dataclasses.replace(last, chi2_in_band=80.0)
+    stuck.trials = (*stuck.trials, stuck.trials[0])
+    regrow(stuck, KINDS)
+    assert stuck.fits[-1] is cut
+
+
+def test_what_would_leave_more_is_not_taken(stuck):
+    quiet = tuple(np.zeros_like(residual) + 1e-12 for residual in stuck.fits[-1].residual)
+    stuck.fits[-1] = best = dataclasses.replace(stuck.fits[-1], residual=quiet)
+    regrow(stuck, KINDS)
+    assert stuck.fits[-1] is best

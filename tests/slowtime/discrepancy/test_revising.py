@@ -1,0 +1,97 @@
+"""What was named while something else was missing is looked for again beside that."""
+
+import dataclasses
+
+import pytest
+
+from slowtime.discrepancy import revising
+from slowtime.discrepancy.adding import carrying
+from slowtime.discrepancy.answer import Found
+from slowtime.discrepancy.candidates import Candidate
+from slowtime.discrepancy.naming import refit_all
+from slowtime.discrepancy.refit import refit
+from slowtime.discrepancy.revising import revised, worth_it
+from slowtime.discrepancy.verdict import answer_of
+from slowtime.discrepancy.watch import Watch
+from slowtime.dynamics.effects import Effect, catalogue
+from slowtime.dynamics.plant import Plant
+from tests.slowtime.discrepancy.test_search import FIRST, ONLY, SECOND, TWO, seen
+
+NAMES = ("gap_symmetric", "gap_one_sided", "cubic_hardening", "sensor_gain", "input_gain")
+KINDS = {name: kind for name, kind in catalogue().items() if name in NAMES}
+HARD = Effect("cubic_hardening", SECOND, {"k3_n_per_m3": 2e4})
+PLAY = Effect("gap_symmetric", SECOND, {"kg_n_per_m": 900.0, "gap_m": 0.008})
+THERE = Effect("cubic_hardening", FIRST, {"k3_n_per_m3": 2e4})
+LOUD = Effect("sensor_gain", ONLY, {"gain": 1.2})
+
+
+def accounted(trials, *effects):
+    """Give an account of effects, one after the other, as they were fitted."""
+    fits = [refit(Plant.of(TWO, kinds=KINDS), trials)]
+    answers = []
+    for effect in effects:
+        (named,) = refit_all(
+            fits[-1], [Candidate(effect, 0.0, 0.0, 0.0)], trials, KINDS, lambda *_: False
+        )
+        fits.append(named.fit)
+        answers.append(answer_of([named], [1.0], KINDS))
+    return Found(fits, trials, answers=answers)
+
+
+@pytest.fixture(scope="module")
+def trials():
+    return seen((HARD, LOUD), samples=700)
+
+
+@pytest.mark.parametrize("neighbour", [PLAY, THERE], ids=["law", "place"])
+def test_a_neighbour_of_the_right_law_gives_way_once_the_other_is_in(trials, neighbour):
+    found = accounted(trials, neighbour, LOUD)
+    assert found.fits[-1].chi2_in_band > 1.5
+    better = revised(found, KINDS, None, Watch())
+    told = {answer.effect.kind: answer for answer in better.answers}
+    assert set(told) == {"cubic_hardening", "sensor_gain"}
+    assert told["cubic_hardening"].effect.place == SECOND
+    assert better.fits[-1].chi2_in_band < 1.2
+    assert told["cubic_hardening"].numbers["k3_n_per_m3"].value == pytest.approx(2e4, rel=0.02)
+    assert [len(fit.plant.effects) for fit in better.fits] == [0, 1, 2]
+
+
+def test_what_is_right_stays_as_it_is(trials):
+    found = accounted(trials, HARD, LOUD)
+    assert not worth_it(found)
+    assert revised(found, KINDS, None, Watch()) is found
+
+
+def test_it_is_not_worth_it_for_one_effect_nor_for_what_ended_or_was_cut(trials):
+    found = accounted(trials, PLAY, LOUD)
+    assert worth_it(found)
+    one = dataclasses.replace(found, fits=found.fits[:2], answers=found.answers[:1])
+    assert not worth_it(one)
+    assert not worth_it(dataclasses.replace(found, ended=True))
+    assert not worth_it(dataclasses.replace(found, holds=("zero",)))
+    half = tuple(t for trial in trials for t in (trial.part(0, 350), trial.part(350, 700)))
+    assert not worth_it(dataclasses.replace(found, trials=half))
+
+
+def test_of_two_accounts_that_do_as_well_the_one_of_fewer_effects_stands(trials, monkeypatch):
+    """A third effect that is needless is forgotten before they are weighed."""
+    found = accounted(trials, HARD, LOUD)
+    idle = Effect("cubic_hardening", FIRST, {"k3_n_per_m3": 1.0})
+    more = carrying(found.fits[-1], idle, KINDS)
+    more = refit(more.plant, trials, values=more.values, states=more.states, horizons=(1.0,))
+    third = dataclasses.replace(found.answers[0], effect=idle)
+    many = dataclasses.replace(found, fits=[*found.fits, more], answers=[*found.answers, third])
+    assert worth_it(many)
+    monkeypatch.setattr(revising, "_anew", lambda *_: dataclasses.replace(many))
+    fewer = revised(many, KINDS, None, Watch())
+    assert [answer.effect.kind for answer in fewer.answers] == [
+        "cubic_hardening",
+        "sensor_gain",
+    ]
+
+
+def test_once_it_is_late_nothing_is_looked_for_again(trials):
+    found = accounted(trials, PLAY, LOUD)
+    late = revised(found, KINDS, None, Watch(late=lambda: True))
+    assert late is found
+    assert late.hurried
