@@ -23,6 +23,8 @@ from .refit import Fit, pieces, refit
 from .shapes import like_constant
 from .verdict import (
     DECIDED,
+    EXPLAINED,
+    FLECK,
     LEAST_GAIN,
     MOVED,
     answer_of,
@@ -31,10 +33,8 @@ from .verdict import (
     shares_of,
 )
 
-SPECK, FLECK = 0.01, 2e-4
-"""Share of what is missing, by which a first effect that explains no more is not what is; and
-share of what was missing at first, of a later one: no law is as true as that. True second
-effects in eighty hidden cases that no constant could stand for explained 7e-4 at least."""
+SPECK = 0.01
+"""Share of what is missing, by which a first effect that explains no more is not what is."""
 SLIGHT = 1e-3
 """Share of what is missing, up to which a law of more numbers that explains no more than its
 limit does is taken for it. Of friction that creeps where it should stick, Stribeck's law makes
@@ -138,9 +138,11 @@ def accept(
     shares = shares_of(named, kinds, besides, bar)
     if sum(shares) < 1 - DECIDED:
         return False
+    # A constant that is off, and told as such, unless much is left where it is.
     slightly = max(map(abs, _own(bar.pulls).values()), default=0.0) < ALONE
+    slightly &= bar.chi2_in_band < EXPLAINED
     if constant and (found.answers or slightly) and max(shares) < DECIDED:
-        return False  # a constant that is off, and told as such
+        return False
     order = sorted(range(len(named)), key=lambda i: -shares[i])
     named, shares = [named[i] for i in order], [shares[i] for i in order]
     best = named[0]

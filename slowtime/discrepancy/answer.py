@@ -13,6 +13,7 @@ from .between import Hold, saying_holds, told_of_holds
 from .candidates import Candidate
 from .diagnosis import Diagnosis, Gap, Rival, Step, Surface, Suspect, Verdict, When
 from .diagnosis import Named as Answer
+from .elsewhere import borne_out
 from .experiment import propose
 from .floor import floats
 from .further import FAR_OFF
@@ -46,13 +47,11 @@ FORETOLD, BY_ONE = 1.01, 0.1
 """Error over that of noise alone at which a record that was never seen is met: whatever the
 others leave, what explains this is not unknown; and share of the error of the refitted model
 to which one law alone has to bring it down, where noise is so low that no law ever meets it."""
+SLIGHTLY = 0.01
+"""Share of what was missing up to which the second of two curves over one variable does but
+correct the first."""
 HALF = 0.5
 """Share of what was missing that is left where nothing that was named was near."""
-ASTRAY, ASTRAY_SD = 0.05, 5.0
-"""By how much an error may be over that of noise alone, and by how many standard deviations of
-that, on records that were never seen, before laws that explain the others are doubted. Of 170
-right ones that leave noise, two are more than 2 % over it: a pendulum that turns over, and what
-sings by itself."""
 EITHER = 0.5
 """Chance of a law that need do nothing of its own, or that fails elsewhere: one near it, not
 known, is as likely."""
@@ -157,8 +156,11 @@ def report(
     foretold = bool(campaign.holdout and found.answers) and _foretold(
         found, errors, floor, kinds
     )
+    if not found.undecided and not found.ended:
+        _doubt_pieces(found, kinds)
     if campaign.holdout and not found.undecided and not found.ended:
-        _doubt_what_fails_elsewhere(found, errors[-1] / floor, tests, kinds)
+        if whiteness(last) > UNWHITE and not borne_out(last, errors[-1] / floor, tests):
+            _doubt_laws(found, kinds)
     unknown = found.refuted is not None or found.link is not None
     loud = _loud(found, errors, floor)
     # Which of two it is matters once one of them could be right.
@@ -235,23 +237,18 @@ def doubt(found: Found, number: int) -> None:
     found.undecided = (*found.undecided, rival)
 
 
-def _doubt_what_fails_elsewhere(
-    found: Found, error: float, tests: Sequence[Trial], kinds: Mapping[str, Kind]
-) -> None:
-    """Doubt laws that explain what they were fitted to, and not a record they never saw.
+def _doubt_pieces(found: Found, kinds: Mapping[str, Kind]) -> None:
+    """Hold two curves that share what one place does for no likelier than one unknown."""
+    first = found.fits[0].chi2_in_band - 1
+    for place in pieces_of_one(found.answers, kinds):
+        there = [n for n, answer in enumerate(found.answers) if answer.effect.place == place]
+        before = found.fits[there[-1]].chi2_in_band - 1
+        if before > SLIGHTLY * first:
+            for number in there:
+                doubt(found, number)
 
-    A neighbour of the right law goes its own way where motion is larger than it ever was.
 
-    Parameters
-    ----------
-    error
-        On records that were not fitted, over what the noise alone would be.
-    """
-    samples = sum(len(trial.outputs) for trial in tests)
-    if error < 1 + max(ASTRAY, ASTRAY_SD / np.sqrt(2 * samples)):
-        return
-    if whiteness(found.fits[-1]) < UNWHITE:
-        return
+def _doubt_laws(found: Found, kinds: Mapping[str, Kind]) -> None:
     for number, answer in enumerate(found.answers):
         if kinds[answer.effect.kind].where in ("element", "node"):
             doubt(found, number)

@@ -23,7 +23,7 @@ from .floating import offsets, with_offsets
 from .further import left_by
 from .gap import whiteness
 from .misled import unmisled
-from .naming import evidence
+from .naming import Named, evidence, rescored
 from .patchwork import MANY
 from .pruning import pruned, told_again
 from .records import Campaign, Trial
@@ -223,14 +223,25 @@ def _link(found: Found, first: int, kinds: Mapping[str, Kind], tell: Watch) -> N
             return
         if lead > -LEAST_GAIN and not found.undecided:
             doubt(found, number)
-    worst = found.fits[0].chi2_in_band
-    if last.chi2_in_band < EXPLAINED or tell.hurries or found.undecided:
+    explained = last.chi2_in_band < EXPLAINED and whiteness(last) > UNWHITE
+    if explained or tell.hurries or found.undecided:
         return
     link = best_link(unbent(found.fits[0], found.trials), None, found.trials, kinds, tell)
-    if link is not None and link.named.fit.chi2_in_band < min(
-        BY_ONE * worst, last.chi2_in_band
-    ):
+    if link is not None and _in_stead(link.named, found, kinds):
         found.link = link
+
+
+def _in_stead(link: Named, found: Found, kinds: Mapping[str, Kind]) -> bool:
+    """Whether a spring leaves little of what was missing, and less than what was found."""
+    first, last = found.fits[0], found.fits[-1]
+    little = link.fit.chi2_in_band - 1 < BY_ONE * (first.chi2_in_band - 1)
+    if not little or link.fit.chi2_in_band > last.chi2_in_band:
+        return False
+    least = min((link.fit, last), key=left_by)
+    ahead, behind = (rescored(one, least, found.trials, kinds).score for one in (
+        link, Named(link.effect, last.plant.description, last, 0.0)
+    ))  # fmt: skip
+    return ahead - behind > LEAST_GAIN
 
 
 def _refute(found: Found, first: int, kinds: Mapping[str, Kind]) -> None:

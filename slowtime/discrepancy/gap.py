@@ -59,14 +59,7 @@ def free_runs(fit: Fit, trials: Sequence[Trial]) -> list[Series]:
     """Run the model of a fit; initial states are those that the first samples say."""
     runs = []
     for trial in trials:
-        count = max(int(START * len(trial.outputs)), 64)
-        drift = fit.noise.drift
-        noise = Noise(
-            colours=(fit.noise.colours[0],),
-            relative_sd=(fit.noise.relative_sd[0],),
-            drift=None if drift is None else drift.first(),
-        )
-        state = _begun(fit, trial.part(0, count), noise)
+        state = _begun(fit, _first_of(trial), _noise_of(fit))
         runs.append(
             fit.plant.simulate(
                 fit.values,
@@ -77,6 +70,32 @@ def free_runs(fit: Fit, trials: Sequence[Trial]) -> list[Series]:
             )
         )
     return runs
+
+
+def on_another(fit: Fit, trial: Trial) -> Fit | None:
+    """Fit the same model to another record, from where it is; None where that cannot be.
+
+    That has noise of its own.
+    """
+    state = _begun(fit, _first_of(trial), _noise_of(fit))
+    try:
+        return refit(fit.plant, (trial,), values=fit.values, states=[state], horizons=(1.0,))
+    except (np.linalg.LinAlgError, FloatingPointError):
+        return None
+
+
+def _first_of(trial: Trial) -> Trial:
+    return trial.part(0, max(int(START * len(trial.outputs)), 64))
+
+
+def _noise_of(fit: Fit) -> Noise:
+    """Take the noise of the first record that was fitted for that of others."""
+    drift = fit.noise.drift
+    return Noise(
+        colours=(fit.noise.colours[0],),
+        relative_sd=(fit.noise.relative_sd[0],),
+        drift=None if drift is None else drift.first(),
+    )
 
 
 def _begun(fit: Fit, part: Trial, noise: Noise) -> Float[np.ndarray, " state"]:

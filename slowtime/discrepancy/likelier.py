@@ -9,8 +9,9 @@ from slowtime.dynamics.effects import Kind
 from .answer import UNWHITE, Found
 from .further import left_by
 from .gap import whiteness
-from .naming import Named, evidence, rescored
-from .verdict import EXPLAINED, LEAST_GAIN, TEMPER, hardly_any
+from .naming import Named, evidence, misfit, rescored
+from .refit import Fit
+from .verdict import EXPLAINED, FLECK, LEAST_GAIN, TEMPER, hardly_any
 
 
 def done(found: Found) -> bool:
@@ -55,7 +56,8 @@ def likelier(
         for fit in (one, other)
     ]
     lead = scores[1] - scores[0]
-    if lead < enough:
+    more = len(branch.answers) > len(found.answers)
+    if lead < enough or (more and _by_a_fleck(found, one, other, least)):
         return found
     share = 1 / (1 + math.exp(-min(TEMPER * lead / max(least.chi2_in_band, 1.0), 50.0)))
     head, *rest = branch.answers
@@ -63,3 +65,11 @@ def likelier(
     return dataclasses.replace(
         branch, answers=[head, *rest], named=found.named, tried=found.tried
     )
+
+
+def _by_a_fleck(found: Found, one: Fit, other: Fit, least: Fit) -> bool:
+    """Whether more effects explain next to nothing more than fewer, of what was missing."""
+    bare, fewer, more = (
+        misfit(fit, least.noise, found.trials) for fit in (found.fits[0], one, other)
+    )
+    return fewer - more < FLECK * (bare - least.data)

@@ -220,22 +220,24 @@ def _switched(
         return fit
     at = fit.plant.parameters.index(("effect", which, action.switches[0]))
 
-    def misfit(instant: float, where: Sequence[int] | None = None) -> float:
+    ends = [(t.start_s, t.start_s + t.duration_s) for t in trials]
+
+    @functools.cache
+    def left(number: int, instant: float) -> float:
         values = fit.values.copy()
         values[at] = instant
-        return run_by(fit.plant, values, fit.states, fit.noise, trials, where)
+        return run_by(fit.plant, values, fit.states, fit.noise, trials, [number])
 
-    about = float(fit.values[at])
+    def misfit(instant: float) -> float:
+        # Before or after a record it is the same whenever that was.
+        return sum(left(i, min(max(instant, a), b)) for i, (a, b) in enumerate(ends))
+
+    about = [float(fit.values[at])]
     if ASTRAY < fit.chi2_in_band < most:
-        spans = [np.arange(t.start_s, t.start_s + t.duration_s, EVERY_S) for t in trials]
-        about = float(min([about, *np.concatenate(spans)], key=misfit))
-    near = [
-        number
-        for number, trial in enumerate(trials)
-        if trial.start_s - WIDE_S <= about <= trial.start_s + trial.duration_s + WIDE_S
-    ]
-    tried = about + np.linspace(-WIDE_S, WIDE_S, 61)
-    best = float(min(tried, key=functools.partial(misfit, where=near)))
+        # Of each record the best, for about the right one the misfit falls in no time.
+        about += [float(min(np.arange(a, b, EVERY_S), key=misfit)) for a, b in ends]
+    tried = [near for one in about for near in one + np.linspace(-WIDE_S, WIDE_S, 61)]
+    best = float(min(tried, key=misfit))
     if abs(best - fit.values[at]) < WIDE_S / 60:
         return fit
     values = fit.values.copy()
@@ -309,7 +311,9 @@ def refit_all(
         found.append(named)
         if any(whiteness(fit) > WHITE for fit in (named.fit, named.shot) if fit is not None):
             enough = min(enough, max(BEHIND * label.cost, LITTLE * label.bare) + FAR)
-            reached = min(reached, *(fit.cost for fit in (named.fit, named.shot) if fit))
+            cost = min(fit.cost for fit in (named.fit, named.shot) if fit)
+            if not _straight(kind) or label.cost <= BEHIND * cost + FAR:
+                reached = min(reached, cost)  # else what is far off is not told by one step
         elif (left := misfit(named.fit, before.noise, trials)) < MAIN * label.bare:
             enough = min(enough, LESS * max(left, label.cost) + FAR)
     if not any(whiteness(one.fit) > WHITE for one in found):

@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from slowtime.dynamics.effects import Kind, Unmeasured
 from slowtime.dynamics.plant import Name, Plant
@@ -70,13 +71,23 @@ def without(
     values = np.array(
         [known.get(before(name), entry.value) for name, entry in plant.entries.items()]
     )
+    states = _states_without(fit, number) if len(fit.states) == len(trials) else None
     try:
         found = refit(
-            plant, trials, noise=fit.noise, values=values, horizons=(1.0,), beat=fit.cost
-        )
+            plant, trials, noise=fit.noise, values=values, states=states, horizons=(1.0,),
+            beat=fit.cost,
+        )  # fmt: skip
     except (np.linalg.LinAlgError, FloatingPointError):
         return None
     return found if math.isfinite(found.cost) else None
+
+
+def _states_without(fit: Fit, number: int) -> list[Float[np.ndarray, " state"]]:
+    """Give initial states of a model to what is left of it: without those of what went."""
+    names = fit.plant.state_names
+    gone = f"{fit.plant.effects[number].kind} {number}."
+    kept = [i for i, (_, name) in enumerate(names) if not name.startswith(gone)]
+    return [state[kept] if state.size else state for state in fit.states]
 
 
 def _gain(more: Fit, less: Fit, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]) -> float:

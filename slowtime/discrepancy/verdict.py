@@ -34,6 +34,10 @@ OF_SENSOR = "unit of the sensor"
 """In place of a unit, in kinds that sit on a sensor."""
 TEMPER = 0.5
 """Power to which evidence is taken: models are never quite as right as it supposes."""
+FLECK = 2e-4
+"""Share of what was missing at first, by which a later effect that explains no more is none: no
+law is as true as that. True second effects in eighty hidden cases that no constant could stand
+for explained 7e-4 at least."""
 FLAW = 0.003
 """Share of what was missing that a right model may leave: friction that sticks leaves a little
 wherever its fit ends, for its misfit has many minima."""

@@ -1,18 +1,22 @@
 """What inputs do between samples is found out, and never mistaken for something missing."""
 
 import dataclasses
+import functools
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
-from slowtime.discrepancy import between
+from slowtime.discrepancy import between, naming
 from slowtime.discrepancy import diagnose as diagnosing
 from slowtime.discrepancy.adding import with_effect
 from slowtime.discrepancy.answer import Found
 from slowtime.discrepancy.between import (
+    SLIGHT,
     found_holds,
     held_as,
+    held_as_well,
+    held_better,
     held_instead,
     held_otherwise,
     saying_holds,
@@ -239,3 +243,46 @@ def test_effects_are_named_under_the_hold_that_explains_them(mistaken):
 def test_a_model_to_be_used_says_what_its_inputs_were_taken_to_do():
     assert [entry.hold for entry in saying_holds(rig()).inputs] == ["band_limited"]
     assert [e.hold for e in saying_holds(held_as(rig(), ["zero"])).inputs] == ["zero"]
+
+
+@pytest.fixture(scope="module")
+def straight():
+    """A record of straight lines that are taken for curves; what is the right fit of it."""
+    trial = recorded("first", band=0.5)
+    return trial, *(
+        refit(Plant.of(held_as(rig(), [hold]), kinds=KINDS), [trial])
+        for hold in ("band_limited", "first")
+    )
+
+
+def test_another_hold_comes_before_an_effect_that_brings_no_more(straight):
+    trial, wrong, right = straight
+    gain = (wrong.cost - naming.misfit(right, wrong.noise, [trial])) / 2
+    asked = functools.partial(held_as_well, wrong, right.noise, trials=[trial], kinds=KINDS)
+    assert asked(gain / 10, stated=[None]) == ("first",)
+    assert asked(100 * gain, stated=[None]) is None
+    assert asked(gain / 10, stated=["band_limited"]) is None
+    much = dataclasses.replace(wrong, chi2_in_band=SLIGHT + 0.1)
+    assert held_as_well(much, right.noise, gain / 10, [trial], KINDS, [None]) is None
+
+
+def test_the_hold_that_does_better_at_the_end_is_taken_and_no_other(straight):
+    trial, wrong, right = straight
+    assert held_better(wrong, [trial], KINDS, [None]) == ("first",)
+    assert held_better(right, [trial], KINDS, [None]) is None
+    assert held_better(wrong, [trial], KINDS, ["band_limited"]) is None
+
+
+@pytest.mark.parametrize(
+    ("chi2", "count", "less"),
+    [(1.2, 1, True), (90.0, 1, True), (9.0, 2, True), (9.0, 1, False)],
+)
+def test_of_two_accounts_that_which_leaves_less_is_kept(straight, chi2, count, less):
+    """What explains all leaves nothing that counts; of others' records nothing can be said."""
+    trial, wrong, right = straight
+    left = 0.5 if chi2 == 90.0 else 2.0
+    fit = dataclasses.replace(
+        right, chi2_in_band=chi2, residual=tuple(left * one for one in wrong.residual)
+    )
+    account, other = Found([fit], (trial,) * count), Found([wrong], (trial,))
+    assert diagnosing._leaves_less(account, other) is less

@@ -40,3 +40,23 @@ def test_a_clock_that_is_none_of_the_motions_is_found_to_a_part_of_one_over_the_
 def test_where_nothing_moves_there_is_no_clock():
     times = [np.arange(200) / RATE]
     assert clocks_hz([np.ones(200)], [np.zeros(200)], times) == []
+
+
+def test_a_line_that_is_heard_is_looked_at_though_others_are_louder_in_the_force():
+    rng = np.random.default_rng(4)
+    times, _ = recorded(rng)
+    ones = [np.ones(len(t)) for t in times]
+    louder = (0.21, 0.37, 0.52, 0.71, 0.93)  # of each record for itself, by no clock of all
+    forces = [
+        np.cos(2 * np.pi * TRUE_HZ * t - 0.4)
+        + sum(4 * np.cos(2 * np.pi * f * t + turn) for f, turn in
+              zip(louder, rng.uniform(0, 2 * np.pi, 5), strict=True))
+        for t in times
+    ]  # fmt: skip
+    span = STARTS[-1] + LENGTHS[-1]
+
+    def nearest(heard):
+        return min(abs(one - TRUE_HZ) for one in clocks_hz(forces, ones, times, heard))
+
+    assert nearest(()) > 1.0
+    assert nearest((TRUE_HZ + 0.01,)) < 0.1 / span

@@ -328,6 +328,7 @@ def test_further_down_one_goes_too_where_nothing_could_be_refitted(far_off):
     assert more([]) == []
 
 
+@pytest.mark.usefixtures("closed")
 @pytest.mark.parametrize(("share", "goes_down"), [(0.59, False), (0.61, True)])
 def test_where_a_law_explains_much_another_is_looked_for_beside_it(far_off, share, goes_down):
     bent, before, tried, trials = far_off
@@ -357,6 +358,7 @@ def test_labels_are_given_once_and_where_one_leaves_little_never(far_off):
     assert len(set(labels)) == len(labels) == IN_TURN + NEAREST
 
 
+@pytest.mark.usefixtures("closed")
 @pytest.mark.parametrize("wrong", [0.003, 0.1, 1.0])
 def test_a_law_is_begun_as_strong_as_its_free_run_wants_it(far_off, wrong):
     """Along a force that was guessed wrongly, its strength is wrong by powers of ten."""
@@ -398,6 +400,7 @@ def test_of_those_that_come_as_near_the_simpler_is_given_first(far_off):
     assert named == ["cubic_hardening", "van_der_pol"]
 
 
+@pytest.mark.usefixtures("closed")
 def test_no_law_comes_near_what_leaves_but_noise(far_off):
     bent, before, tried, trials = far_off
     (named,) = refit_all(before, tried[-1:], trials, KINDS, nothing)
@@ -406,6 +409,7 @@ def test_no_law_comes_near_what_leaves_but_noise(far_off):
     assert more([dataclasses.replace(named, fit=much)]) == []
 
 
+@pytest.mark.usefixtures("closed")
 def test_a_law_that_is_stuck_is_begun_from_where_the_model_stood(far_off):
     """It explained no less along its force than the best, and leaves far more when fitted."""
     bent, before, tried, trials = far_off
@@ -641,6 +645,29 @@ def test_a_motion_of_the_base_is_unmeasured_only_where_it_is_no_input(measured):
     assert ("base_motion" in named) is not measured
 
 
+@pytest.mark.long
+def test_what_a_law_promised_of_a_motion_of_the_base_its_refit_has_to_keep(monkeypatch):
+    """What rides lightly may follow any force along that, and none of it in a free run."""
+    few = {name: KINDS[name] for name in ("base_motion", "extra_dof")}
+    plant = Plant.of(dataclasses.replace(EVERY, sensors=EVERY.sensors[1:]), kinds=few)
+    rng = np.random.default_rng(8)
+    push, shake = (
+        level * np.convolve(rng.standard_normal(1500), np.hanning(9) / 2, "same")
+        for level in (3.0, 2.0)
+    )
+    clean = plant.simulate(plant.values, push[:, None], RATE, base=shake)
+    noise = 0.01 * clean.std(axis=0) * rng.standard_normal(clean.shape)
+    trials = (Trial(inputs=push[:, None], outputs=clean + noise, rate_hz=RATE),)
+
+    def boasting(*asked):
+        """Let hidden oscillators promise to explain nearly all."""
+        return [dataclasses.replace(one, cost=0.1 * one.bare) for one in candidates(*asked)]
+
+    monkeypatch.setattr(searching, "candidates", boasting)
+    found = search(refit(plant, trials), trials, Search(few, Watch()))
+    assert [answer.effect.kind for answer in found.answers] == ["base_motion"]
+
+
 def test_a_slow_error_of_the_only_sensor_is_its_drift_and_no_motion_of_the_base():
     """The base would do the same to one accelerometer."""
     sensor = Sensor(channel="a", quantity="acceleration", node="m1", unit="m/s^2")
@@ -707,3 +734,17 @@ def test_of_friction_it_is_said_whether_its_curve_at_low_speed_shows(sharp, apar
     assert [note.split(" (")[1].split(")")[0] for note in told] == (
         [] if apart else ["stribeck"]
     )
+
+
+@pytest.mark.parametrize(
+    ("left", "whole", "told"),
+    [(1.5, 100.0, True), (2.9, 15.0, False), (4.0, 1e3, True), (4.0, 100.0, False)],
+    ids=["noise", "too much", "next to all", "more than noise"],
+)
+def test_a_law_is_begun_with_if_it_alone_explains_how_records_begin(far_off, left, whole, told):
+    bent, before, tried, trials = far_off
+    more = Downward(bent, before, tried, tried[:1], trials, KINDS)
+    data = before.data
+    one = dataclasses.replace(tried[-1], cost=left * data, bare=whole * data)
+    assert more._alone([one, tried[0]]) == (label_of(one.effect) if told else None)
+    assert more._alone([]) is None

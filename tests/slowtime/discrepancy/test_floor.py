@@ -175,3 +175,22 @@ def test_a_climb_ends_at_the_top(family, truth, start):
             higher = climb._scored(blocks, beside, family, 100.0, found) - likelihood
             assert higher < 10 * climb.ENOUGH
     assert climb._scored(blocks, np.array(truth), family, 100.0, found) < likelihood
+
+
+def test_each_record_has_a_colour_of_its_own_where_one_for_all_does_not_pass():
+    rng = np.random.default_rng(6)
+    poles = (0.0, 0.9, 0.6)
+    residuals = [coloured(rng, pole, trials=1)[0] for pole in poles]
+    noise = estimated(residuals, 0.0)
+    for trial, pole in enumerate(poles):
+        ratio = noise.density(trial, PROBES) / truth(pole)[:, None]
+        assert np.all(np.abs(np.log(ratio)) < 0.35)
+
+
+@pytest.mark.parametrize("pole", [0.0, 0.9])
+def test_records_of_one_colour_share_it(pole):
+    noise = estimated(coloured(np.random.default_rng(8), pole), 0.0)
+    density = [noise.density(trial, PROBES) for trial in range(3)]
+    for other in density[1:]:
+        ratio = other / density[0]
+        assert np.allclose(ratio, ratio[:1])

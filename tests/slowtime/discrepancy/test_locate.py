@@ -1,5 +1,6 @@
 import dataclasses
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -7,7 +8,7 @@ import scipy.stats
 
 from slowtime.discrepancy.floor.colour import white_noise
 from slowtime.discrepancy.locate import Linear, character, latent, locate
-from slowtime.discrepancy.locate.lines import lines_of
+from slowtime.discrepancy.locate.lines import TrialLines, lines_of
 from slowtime.discrepancy.locate.rarity import gain_probability
 from slowtime.discrepancy.locate.tuned import Known, Tuned
 from slowtime.discrepancy.refit import refit
@@ -421,3 +422,24 @@ def test_a_force_beside_which_noise_is_next_to_nothing_is_located(campaign, wron
     first, place = found.groups[0], Place("element", "j0")
     assert place in (*first.places, *first.twins)
     assert np.isfinite(found.latent(place, 0).force).all()
+
+
+def test_a_force_is_believed_by_the_record_that_tells_of_it_whichever_that_is():
+    """In one that tells of none, what little it heard would be taken for loud."""
+    band = np.repeat([0, 1], 50)
+    trial = Mock(spec=TrialLines, weight=np.ones(100), band=band, bands=2)
+    loud = np.where(band == 0, 1.0, 3.0)
+    quiet = np.where(band == 0, 1e-3, 400.0)  # its noise, where the sensors hardly hear
+    heard, deaf = np.where(band == 0, 1e4, 1e-2), np.where(band == 0, 1e3, 1e-4)
+    seen = [np.sqrt(one).astype(complex) for one in (heard**2 * loud + heard, deaf)]
+    for order in ((0, 1), (1, 0)):
+        variances = [(loud, quiet)[i] for i in order]
+        believed = latent._believed(
+            [trial, trial],
+            [seen[i] for i in order],
+            [(heard, deaf)[i] for i in order],
+            variances,
+        )
+        assert np.array_equal(believed[order.index(0)], loud)
+        assert believed[order.index(1)].max() == latent.BELIEVED * 1.0
+        assert np.array_equal(believed[order.index(1)][:50], quiet[:50])

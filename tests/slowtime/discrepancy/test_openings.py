@@ -12,8 +12,15 @@ from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.downward import Downward
 from slowtime.discrepancy.further import FAR_OFF, foremost
 from slowtime.discrepancy.naming import Named
-from slowtime.discrepancy.openings import FOREMOST, SWINGS, beginnings, openings
-from slowtime.discrepancy.records import FEWEST, Campaign
+from slowtime.discrepancy.openings import (
+    FOREMOST,
+    GROWING,
+    SWINGS,
+    beginnings,
+    begun,
+    openings,
+)
+from slowtime.discrepancy.records import FEWEST, Campaign, Trial
 from slowtime.discrepancy.refit import refit
 from slowtime.discrepancy.unbent import unbent
 from slowtime.dynamics.builders import chain
@@ -176,3 +183,26 @@ def test_of_several_rankings_the_foremost_are_taken_each_once():
 
     costs = [one.cost for one in foremost(ranked(1.0, 2.0, 3.0), [], ranked(2.0, 4.0, 5.0))]
     assert costs == [1.0, 2.0, 4.0]
+
+
+def test_a_record_begins_in_a_state_that_its_first_samples_say():
+    """That of a whole record makes up for what the model lacks in all of it."""
+    begin = np.array([0.03, -0.02, 0.04, 0.2, 0.3, -0.4])
+    rng = np.random.default_rng(3)
+    push = rng.standard_normal((4000, 1))
+    plant = Plant.of(THREE, kinds=KINDS)
+    clean = plant.simulate(plant.values, push, RATE, state0=begin)
+    noise = 0.01 * clean.std() * rng.standard_normal(clean.shape)
+    trial = Trial(inputs=push, outputs=clean + noise, rate_hz=RATE)
+    fit = refit(plant, [trial], horizons=(1.0,))
+    astray = dataclasses.replace(fit, states=(fit.states[0] + 0.5,))
+    heads = beginnings(astray, [trial])
+    found = begun(astray, heads)
+    assert np.array_equal(found.values, astray.values)
+    head = heads[0].part(0, max(int(GROWING[0] * len(heads[0].outputs)), FEWEST))
+
+    def left(state):
+        told = plant.simulate(found.values, head.inputs, RATE, state0=state)
+        return float((told - head.outputs).std())
+
+    assert left(found.states[0]) < 0.02 * left(astray.states[0])

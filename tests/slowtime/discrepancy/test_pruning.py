@@ -5,11 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
+from slowtime.discrepancy import pruning
 from slowtime.discrepancy.diagnosis import Named
-from slowtime.discrepancy.pruning import pruned
+from slowtime.discrepancy.pruning import pruned, without
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refit import refit
-from slowtime.dynamics.effects import Effect, catalogue
+from slowtime.dynamics.effects import Effect, Place, catalogue
 from slowtime.dynamics.plant import Plant
 from tests.slowtime.discrepancy.rigs import ONE, PLACE
 
@@ -81,3 +82,45 @@ def test_a_single_effect_is_left_as_it_is():
     trials = trials_of(CUBIC)
     before, said = chain_of(trials, CUBIC)
     assert pruned(before, said, trials, KINDS) == (before, said)
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_what_is_left_begins_in_the_motion_that_the_whole_began_in(monkeypatch, number):
+    """Each number of a state goes with its own, though what goes takes some with it."""
+    effects = (
+        Effect("bouc_wen", PLACE, {"kh_n_per_m": 20.0, "zy_m": 0.01, "n": 1.0}),
+        CUBIC,
+        Effect("extra_dof", Place("node", ONE.nodes[0].id),
+               {"mass_kg": 0.1, "frequency_hz": 3.0, "damping_n_s_per_m": 0.1}),
+        Effect("bouc_wen", PLACE, {"kh_n_per_m": 30.0, "zy_m": 0.02, "n": 1.0}),
+    )  # fmt: skip
+
+    def model(some):
+        return Plant.of(dataclasses.replace(ONE, effects=tuple(e.entry() for e in some)))
+
+    trials = trials_of(CUBIC)
+    whole, rest = model(effects), model([e for i, e in enumerate(effects) if i != number])
+    own = {name: 0.001 * (i + 1) for i, name in enumerate(whole.state_names)}
+    fit = refit(model(()), trials)
+    known = dataclasses.replace(
+        fit, plant=whole, values=whole.values, states=(np.array(list(own.values())),)
+    )
+    begun = []
+
+    def caught(plant, trials, **how):
+        begun.extend(how["states"])
+        assert plant.state_names == rest.state_names
+        raise FloatingPointError
+
+    monkeypatch.setattr(pruning, "refit", caught)
+    assert without(known, number, trials, KINDS) is None
+    # By what each is of: those that come later are counted one less.
+    told = dict(zip(rest.state_names, begun[0].tolist(), strict=True))
+    for (what, name), value in own.items():
+        head, _, tail = name.partition(" ")
+        at = tail.partition(".")[0]
+        if not at.isdigit():
+            assert told[what, name] == value
+        elif int(at) != number:
+            later = int(at) - (int(at) > number)
+            assert told[what, name.replace(f"{head} {at}.", f"{head} {later}.")] == value

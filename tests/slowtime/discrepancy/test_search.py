@@ -249,6 +249,61 @@ BOUND = Effect("coulomb", SECOND, {"friction_n": 1.5})
 SOFT = Effect("cubic_hardening", SECOND, {"k3_n_per_m3": 6e4})
 
 
+@pytest.mark.parametrize("gain", [-1.0, 0.4])
+def test_nor_can_it_where_the_factor_is_far_from_one(gain):
+    """One step along what it does then promises far less than a refit holds."""
+    one = dataclasses.replace(
+        chain([2.0], [900.0], dampings_n_s_per_m=[1.6]),
+        inputs=(Input(channel="u", kind="base_acceleration", unit="m/s^2"),),
+        sensors=(Sensor(channel="x_m1", quantity="acceleration", node="m1", unit="m/s^2"),),
+        tolerance=TWO.tolerance,
+    )
+    trials = seen((Effect("sensor_gain", ONLY, {"gain": gain}),), of=one, samples=900)
+    found = search(refit(Plant.of(one, kinds=KINDS), trials), trials, Search(KINDS, Watch()))
+    assert {rival.effect for rival in found.undecided} == {"sensor_gain", "input_gain"}
+    for number in found.answers[0].numbers.values():
+        assert number.value == pytest.approx(gain, rel=0.02)
+
+
+def test_a_mass_and_the_factors_that_do_the_same_are_told_apart_by_no_one_alone():
+    """Stiffness moves a little beside it; that leaves most of what is missing."""
+    kinds = KINDS | {"added_mass": catalogue()["added_mass"]}
+    one = dataclasses.replace(
+        chain([2.0], [900.0], dampings_n_s_per_m=[1.6]),
+        inputs=TWO.inputs,
+        sensors=(Sensor(channel="x_m1", quantity="acceleration", node="m1", unit="m/s^2"),),
+        tolerance=Tolerance(stiffness=0.03, damping=0.15),
+    )
+    heavier = Effect("added_mass", Place("node", "m1"), {"dm_kg": 0.2})
+    trials = seen((heavier,), of=one, samples=1500)
+    found = search(refit(Plant.of(one, kinds=kinds), trials), trials, Search(kinds, Watch()))
+    told = {rival.effect for rival in found.undecided} or {found.answers[0].effect.kind}
+    assert "added_mass" in told
+
+
+@pytest.mark.parametrize(("share", "count"), [(1e-4, 1), (4e-4, 2)])
+def test_more_effects_have_to_explain_more_than_a_fleck_of_what_was_missing(share, count):
+    trials = seen((CUBIC,))
+    fits = [refit(Plant.of(TWO, kinds=KINDS), trials)]
+    for effects in ((CUBIC,), (CUBIC, DRAG)):
+        more = dataclasses.replace(TWO, effects=tuple(e.entry() for e in effects))
+        fits.append(refit(Plant.of(more, kinds=KINDS), trials))
+
+    def leaving(fit, rest):
+        """Leave a share of what the model as given left."""
+        noise = fits[0].noise
+        left = tuple(np.sqrt(rest) * one for one in fits[0].residual)
+        made = dataclasses.replace(fit, residual=left, noise=noise)
+        return dataclasses.replace(made, cost=naming.misfit(made, noise, trials))
+
+    one, two = leaving(fits[1], 0.02), leaving(fits[2], 0.02 - share)
+    answers = [answer_about(effect, KINDS) for effect in (CUBIC, DRAG)]
+    found = Found([fits[0], one], trials, answers=answers[:1])
+    branch = Found([fits[0], one, two], trials, answers=answers)
+    assert (one.cost - two.cost) / 2 > 0
+    assert len(likelier(found, branch, KINDS, -1e9).answers) == count
+
+
 @pytest.fixture(scope="module")
 def shared():
     """Two laws at one place; how they were sought, and the model before."""

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from slowtime.discrepancy import diagnose as diagnosing
 from slowtime.discrepancy.answer import Found
 from slowtime.discrepancy.diagnose import _link, diagnose
 from slowtime.discrepancy.naming import refitted
@@ -129,3 +130,28 @@ def test_a_hidden_oscillator_keeps_its_name(ridden):
     found = diagnose(Campaign(description=RIG, trials=ridden[:2], holdout=ridden[2:]))
     assert [named.effect.kind for named in found.effects] == ["extra_dof"]
     assert found.effects[0].probability > 0.9
+
+
+@pytest.mark.long
+def test_a_law_that_leaves_a_little_that_is_no_noise_gives_way_to_a_spring(monkeypatch):
+    """It explains most, and what is left is not white: a spring leaves nothing."""
+    spring = Spring(id="tie", between=("m1", "m3"), stiffness_n_per_m=60.0)
+    truth = dataclasses.replace(RIG, elements=(*RIG.elements, spring))
+    trials = tuple(recorded(truth, 8, noise=0.1))
+    before = refit(Plant.of(RIG, kinds=KINDS), trials)
+    heavier = Effect("added_mass", Place("node", "m3"), {"dm_kg": -0.05})
+    named = refitted(before, heavier, trials, KINDS, None)
+    assert named is not None
+    assert 1.05 < named.fit.chi2_in_band < before.chi2_in_band
+    found = Found([before, named.fit], trials, answers=[answer_of([named], [1.0], KINDS)])
+    _link(found, 0, KINDS, Watch())
+    assert found.link is not None
+    assert found.link.between == ("m1", "m3")
+    assert abs(found.link.stiffness - 60.0) < 4 * found.link.sd
+    # Where what was named leaves noise alone, none is tried.
+    found = Found(
+        [before, found.link.named.fit], trials, answers=[answer_of([named], [1.0], KINDS)]
+    )
+    monkeypatch.setattr(diagnosing, "best_link", lambda *_: pytest.fail("it was tried"))
+    _link(found, 0, KINDS, Watch())
+    assert found.link is None

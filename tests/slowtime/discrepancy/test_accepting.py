@@ -1,0 +1,102 @@
+"""What is said of constants that are off, of second laws at a place, of curves in pieces."""
+
+import dataclasses
+
+import pytest
+
+from slowtime.discrepancy.accepting import ALONE, MUCH, _explains_much, _localised, _still_off
+from slowtime.discrepancy.answer import SLIGHTLY, Found, _doubt_pieces
+from slowtime.discrepancy.diagnosis import Named as Answer
+from slowtime.discrepancy.naming import Named
+from slowtime.discrepancy.refit import refit
+from slowtime.discrepancy.verdict import MOVED
+from slowtime.dynamics.effects import Effect, catalogue
+from slowtime.dynamics.plant import Plant
+from tests.slowtime.discrepancy.test_search import CUBIC, FIRST, SECOND, TWO, seen
+
+KINDS = catalogue()
+LOST = Effect("stiffness_loss", SECOND, {"dk_n_per_m": 30.0})
+HARD, LEVEL, SKEW = (
+    Effect("cubic_hardening", SECOND, {"k3_n_per_m3": 2e4}),
+    Effect("saturating_stiffness", SECOND, {"ks_n_per_m": 100.0, "es_m": 0.01}),
+    Effect("quadratic_damping", SECOND, {"c2_n_s2_per_m2": 3.0}),
+)
+
+
+@pytest.fixture(scope="module")
+def fit():
+    return refit(Plant.of(TWO), seen(()))
+
+
+def pulled(fit, **by):
+    """Let constants of the elements be off by so many tolerances, and no others."""
+    values = fit.values.copy()
+    for name, mean, sd in zip(fit.prior.names, fit.prior.mean, fit.prior.sd, strict=True):
+        key = "_".join(str(part) for part in name)
+        values[fit.plant.parameters.index(name)] = mean + by.get(key, 0.0) * sd
+    return dataclasses.replace(fit, values=values)
+
+
+def of(fit, element, off):
+    return pulled(fit, **{f"stiffness_{element.id}": off})
+
+
+def test_one_constant_that_is_far_off_by_itself_is_an_effect(fit):
+    assert _localised(of(fit, SECOND, ALONE + 0.1), LOST)
+    assert _localised(of(fit, SECOND, -ALONE - 0.1), LOST)
+    assert not _localised(of(fit, SECOND, ALONE - 0.1), LOST)
+    assert not _localised(of(fit, FIRST, ALONE + 0.1), LOST)
+    assert not _localised(of(fit, SECOND, ALONE + 0.1), CUBIC)
+    two = {f"stiffness_{FIRST.id}": MOVED + 0.1, f"stiffness_{SECOND.id}": ALONE + 0.1}
+    assert not _localised(pulled(fit, **two), LOST)
+
+
+def test_what_leaves_the_constant_as_far_off_is_no_other_answer(fit):
+    assert _still_off(of(fit, SECOND, MOVED + 0.1), LOST)
+    assert not _still_off(of(fit, SECOND, MOVED - 0.1), LOST)
+    assert not _still_off(of(fit, FIRST, 9.0), LOST)
+
+
+def answered(*effects):
+    return [Answer(e, KINDS[e.kind].family, {}, 1.0, (), "") for e in effects]
+
+
+def leaving(fit, *chi2):
+    return [dataclasses.replace(fit, chi2_in_band=one) for one in chi2]
+
+
+@pytest.mark.parametrize(
+    ("effect", "left", "much"),
+    [
+        (SKEW, 0.9 * MUCH, True),
+        (SKEW, 1.1 * MUCH, False),
+        (LEVEL, 0.9 * MUCH, False),  # another curve over the same elongation
+    ],
+)
+def test_a_second_law_at_a_place_takes_most_of_what_is_left_there(fit, effect, left, much):
+    found = Found(leaving(fit, 1e3, 101.0), (), answers=answered(HARD))
+    (last,) = leaving(fit, 1 + 100 * left)
+    named = Named(effect, fit.plant.description, last, 0.0)
+    assert _explains_much(found, named, KINDS) is much
+
+
+def test_what_is_hardly_any_is_no_reason_for_a_second_law(fit):
+    found = Found(leaving(fit, 1e6, 101.0), (), answers=answered(HARD))
+    named = Named(SKEW, fit.plant.description, leaving(fit, 1.0)[0], 0.0)
+    assert not _explains_much(found, named, KINDS)
+
+
+@pytest.mark.parametrize(
+    ("second", "share", "doubted"),
+    [(LEVEL, 2 * SLIGHTLY, True), (LEVEL, SLIGHTLY / 2, False), (SKEW, 0.5, False)],
+    ids=["halves", "a correction", "of another variable"],
+)
+def test_two_curves_that_share_a_place_may_be_one_that_is_unknown(fit, second, share, doubted):
+    fits = leaving(fit, 101.0, 1 + 100 * share, 1.0)
+    found = Found(fits, (), answers=answered(HARD, second))
+    _doubt_pieces(found, KINDS)
+    assert found.near is doubted
+    assert [rival.effect for rival in found.undecided] == (
+        ["cubic_hardening", "saturating_stiffness"] if doubted else []
+    )
+    assert all(answer.probability < 1 for answer in found.answers) is doubted

@@ -1,0 +1,42 @@
+"""When something happened is found, though the misfit tells of it only close by."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from slowtime.discrepancy import naming
+from slowtime.discrepancy.adding import run_by
+from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.refit import refit
+from slowtime.dynamics.effects import Effect, catalogue
+from slowtime.dynamics.plant import Plant
+from tests.slowtime.discrepancy.rigs import ONE, PLACE
+
+KINDS = catalogue()
+RATE, STARTS_S, SECONDS = 50.0, (0.0, 60.0, 150.0), 30.0
+
+
+@pytest.mark.parametrize("jump_s", [21.37, 72.41, 171.93])
+@pytest.mark.parametrize("begun_s", [9.0, 80.0])
+def test_an_instant_is_looked_for_in_every_record(jump_s, begun_s):
+    jump = Effect("stiffness_jump", PLACE, {"dk_n_per_m": 320.0, "t_jump_s": jump_s})
+    truth = Plant.of(dataclasses.replace(ONE, effects=(jump.entry(),)))
+    rng = np.random.default_rng(2)
+    trials = []
+    for start_s in STARTS_S:
+        push = np.convolve(rng.standard_normal(int(SECONDS * RATE)), np.hanning(9), "same")
+        clean = truth.simulate(truth.values, push[:, None], RATE, start_s=start_s)
+        seen = clean + 0.01 * clean.std() * rng.standard_normal(clean.shape)
+        trials.append(Trial(inputs=push[:, None], outputs=seen, rate_hz=RATE, start_s=start_s))
+    right = refit(truth, trials)
+    at = truth.parameters.index(("effect", 0, "t_jump_s"))
+    values = right.values.copy()
+    values[at] = begun_s
+    left = run_by(truth, values, right.states, right.noise, trials)
+    wrong = dataclasses.replace(right, values=values, cost=left, chi2_in_band=50.0)
+    found = naming._switched(wrong, trials, KINDS, None, 100.0)
+    assert found.values[at] == pytest.approx(jump_s, abs=0.1)
+    assert found.chi2_in_band < 1.2
+    # Of what leaves most of what there was, one does not know what to look for.
+    assert naming._switched(wrong, trials, KINDS, None, 40.0).values[at] != found.values[at]
