@@ -4,7 +4,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-from slowtime.dynamics.effects import Kind, catalogue
+from slowtime.dynamics.effects import Hidden, InputChange, Kind, SensorChange, catalogue
 from slowtime.dynamics.plant import Plant
 
 from .adding import carrying, effects_of
@@ -224,6 +224,12 @@ def _link(found: Found, first: int, kinds: Mapping[str, Kind], tell: Watch) -> N
         if lead > -LEAST_GAIN and not found.undecided:
             doubt(found, number)
     explained = last.chi2_in_band < EXPLAINED and whiteness(last) > UNWHITE
+    # Two that act in proportion may do what one spring does.
+    straight = all(
+        isinstance(kinds[answer.effect.kind].action, Hidden | SensorChange | InputChange)
+        for answer in found.answers
+    )
+    explained = explained and not (len(found.answers) > 1 and straight)
     if explained or tell.hurries or found.undecided:
         return
     link = best_link(unbent(found.fits[0], found.trials), None, found.trials, kinds, tell)
@@ -232,10 +238,9 @@ def _link(found: Found, first: int, kinds: Mapping[str, Kind], tell: Watch) -> N
 
 
 def _in_stead(link: Named, found: Found, kinds: Mapping[str, Kind]) -> bool:
-    """Whether a spring leaves little of what was missing, and less than what was found."""
+    """Whether a spring leaves little of what was missing, and is likelier than the rest."""
     first, last = found.fits[0], found.fits[-1]
-    little = link.fit.chi2_in_band - 1 < BY_ONE * (first.chi2_in_band - 1)
-    if not little or link.fit.chi2_in_band > last.chi2_in_band:
+    if link.fit.chi2_in_band - 1 > BY_ONE * (first.chi2_in_band - 1):
         return False
     least = min((link.fit, last), key=left_by)
     ahead, behind = (rescored(one, least, found.trials, kinds).score for one in (

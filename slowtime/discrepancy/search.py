@@ -6,17 +6,17 @@ begins again from the other end, with the second, or with the next that might ha
 """
 
 import dataclasses
-import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from slowtime.dynamics.effects import Effect, Kind, Place
 
 from .accepting import accept, bends_twice, ended
+from .anew import beginnings
 from .answer import UNWHITE, Found
 from .between import Hold, held_otherwise, with_holds
-from .candidates import SEVERAL, Candidate, Label, candidates, label_of, mirrored
+from .candidates import SEVERAL, Candidate, candidates, label_of, mirrored
 from .diagnosis import Named as Answer
 from .downward import Downward
 from .equivalent import instead_of_constants
@@ -25,22 +25,18 @@ from .gap import whiteness
 from .likelier import done, likelier
 from .locate import Located, locate
 from .loosened import loosened
-from .naming import (
-    KEPT,
-    WHITE,
-    Named,
-    chosen,
-    refit_all,
-)
+from .naming import KEPT, Named, chosen, refit_all
 from .onward import onward
 from .outrun import within
 from .records import Trial
 from .refit import Fit, GivenUp, refit
 from .regrowing import regrow
+from .relearnt import relearn
 from .revising import revised
 from .shaken import base_answer, by_a_law, placed
 from .standing import put_right, standing
 from .together import Together
+from .turns import Turn, is_enough, near_first, simple_first
 from .unbent import unbent
 from .verdict import EXPLAINED, FALSE_ALARM, moved_of
 from .wandering import drifting, loud_again, unheard, wandering
@@ -51,19 +47,11 @@ SILENT = 0.01
 MOST, LATER, TWICE = 3, 3, 2
 """Effects that are looked for, one after the other; labels refitted for the later ones, and
 where what is left is left at a place that has an effect already."""
-APART = 2.0
-"""Times what the best leaves along the force, from which others are not tried once it is late.
-"""
-AS_GOOD = 1.1
-"""Times what the best leaves along the force, within which the simpler is tried first: it takes
-less time, and what it leaves is soon too much for the others."""
 LOST = 30.0
 """Mean square over the noise, in band, from which what a model with effects leaves of whole
 records tells less than what it leaves of how they begin."""
 HASTY = 3
 """Labels refitted where it is to be quick, and where more than one effect is missing."""
-ANEW, DOWN = 2, 6
-"""Labels that were refitted, and labels further down, with which one begins again."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +105,7 @@ def _begun_otherwise(found: Found, held: Fit, trials: tuple[Trial, ...], how: Se
     again = found.holds is not None or found.otherwise is not None
     if not found.named or again or cut or done(found):
         return found
-    for other in _others(found, held, how):
+    for other in beginnings(found, held, how.kinds, how.tell):
         if found.otherwise is not None or done(found):
             break
         if how.tell.hurries:
@@ -176,41 +164,6 @@ def reheld(found: Found, holds: tuple[Hold, ...], kinds: Mapping[str, Kind]) -> 
     fits = [with_holds(fit, holds, found.trials, kinds) for fit in found.fits]
     left = locate(fits[-1], found.trials)
     return dataclasses.replace(found, fits=fits, holds=holds, left=left, hurried=True)
-
-
-def _near_first(
-    labels: list[Candidate], kinds: Mapping[str, Kind]
-) -> tuple[list[Candidate], set[Label]]:
-    """Put labels of few numbers first, those far behind the best last; say which these are."""
-    reach = APART * min((one.cost for one in labels), default=0.0)
-    far = {label_of(one.effect) for one in labels if one.cost >= reach}
-
-    def turn(one: Candidate) -> tuple[bool, int]:
-        return label_of(one.effect) in far, _numbers(kinds[one.effect.kind])
-
-    return sorted(labels, key=turn), far
-
-
-def _simple_first(labels: Sequence[Candidate], kinds: Mapping[str, Kind]) -> list[Candidate]:
-    """Put labels of few numbers first among those that leave about as little."""
-    reach = AS_GOOD * min((one.cost for one in labels), default=0.0)
-
-    def turn(one: Candidate) -> tuple[bool, int]:
-        near = one.cost <= reach
-        return not near, _numbers(kinds[one.effect.kind]) if near else 0
-
-    return sorted(labels, key=turn)
-
-
-def _numbers(kind: Kind) -> int:
-    """How many numbers of a kind are fitted."""
-    return sum(parameter.fitted for parameter in kind.parameters)
-
-
-def _is_enough(best: Named, untried: Effect, kinds: Mapping[str, Kind]) -> bool:
-    """Whether one explains all, by fewer numbers than the first that was not tried has."""
-    fewer = _numbers(kinds[best.effect.kind]) < _numbers(kinds[untried.kind])
-    return fewer and whiteness(best.fit) > WHITE
 
 
 def _much(found: Found, how: Search) -> bool:
@@ -291,42 +244,6 @@ def _ends(found: Found, how: Search, number: int) -> bool:
     return True
 
 
-def _others(found: Found, before: Fit, how: Search) -> Iterator[Named]:
-    """Labels with which one might have begun: the second found, the next best, what is left."""
-    first, *rest = found.named
-    second = [answer.effect for answer in found.answers[1:2]]
-    known = {label_of(one.effect): one for one in rest}
-    for effect in second:
-        if label_of(effect) in known:
-            yield known.pop(label_of(effect))
-        else:
-            own = [c for c in found.tried if label_of(c.effect) == label_of(effect)]
-            label = own[0] if own else Candidate(effect, 0.0, 0.0, 0.0)
-            yield from _refitted(found, before, [label], how)
-    kin = how.kinds[first.effect.kind].family
-    apart = (
-        one
-        for one in known.values()
-        if (how.kinds[one.effect.kind].family, one.effect.place) != (kin, first.effect.place)
-    )
-    yield from itertools.islice(apart, ANEW)
-    seen = (*(one.effect for one in found.named), *second)
-    done = {label_of(effect) for effect in seen}
-    down = [c for c in found.tried if label_of(c.effect) not in done][:DOWN]
-    for label in down:
-        for named in _refitted(found, before, [label], how):
-            if named.fit.cost < first.fit.cost:
-                yield named
-
-
-def _refitted(found: Found, before: Fit, labels: list[Candidate], how: Search) -> list[Named]:
-    def tick(effect: Effect, _: int) -> bool:
-        how.tell(f"refitting {effect.kind} at {effect.place}", 0.85)
-        return how.tell.hurries
-
-    return refit_all(before, labels, found.trials, how.kinds, tick)
-
-
 def _next(found: Found, how: Search, number: int, held: Fit | None = None) -> bool:
     """Look for one more effect; False where there is none.
 
@@ -340,12 +257,15 @@ def _next(found: Found, how: Search, number: int, held: Fit | None = None) -> bo
     if found.answers and not pulled and whiteness(before) > SILENT:
         return False
     held = held or unbent(before, found.trials)
+    located = locate(held, found.trials) if found.answers else None
+    if located is not None and relearn(found, held, located, how.kinds, how.tell):
+        return _next(found, how, number)
     lost = number > 0 and held.chi2_in_band > LOST and not how.quick
     begun = _onward(found, held, how) if lost else []
     if begun and begun[0].fit.chi2_in_band < FAR_OFF:
-        found.left = locate(held, found.trials)
+        found.left = located
         return _accepted(found, held, begun, how, pulled=pulled)
-    if _after(found, held, how, number, pulled=pulled, begun=begun):
+    if _after(found, held, how, number, pulled=pulled, begun=begun, located=located):
         return True
     # Another effect that is still missing may be what bends them, and needs them so.
     over = number == 0 or held is before or found.ended or found.holds is not None
@@ -362,6 +282,7 @@ def _after(
     *,
     pulled: bool,
     begun: Sequence[Named] = (),
+    located: Located | None = None,
 ) -> bool:
     """Look for one more effect than a fit has.
 
@@ -369,11 +290,13 @@ def _after(
     ----------
     begun
         What was refitted already, as how records begin tells.
+    located
+        What the fit leaves, where that is known.
     """
     kinds, tell = how.kinds, how.tell
     share = 0.1 + 0.27 * number
     tell("locating what is left", share)
-    located = locate(before, found.trials)
+    located = located or locate(before, found.trials)
     found.located, found.left = found.located or located, located
     if located.p_value > FALSE_ALARM and not pulled:
         return False
@@ -386,46 +309,17 @@ def _after(
     shaken = base_answer(based, tried, kinds, first=number == 0)
     if shaken is not None and placed(based, tried):
         return ended(found, before, shaken, kinds)
-    # Twice at one place: what no single law explains there is more likely a law unknown.
-    again = any(a.effect.place in located.groups[0].places for a in found.answers)
     tried = [one for one in tried if not bends_twice(one.effect, found.answers, kinds)]
-    # No force at one place does it: which of two comes first matters less than both.
-    several = located.groups[0].left > SEVERAL
-    most = HASTY if how.quick or several else KEPT
-    labels = chosen(tried, (TWICE if again else LATER) if number else most)
+    labels = _labels(found, before, located, tried, how, number)
     channels = tuple(s.channel for s in before.plant.description.sensors)
-    if len(channels) == 1:
-        labels += mirrored(labels, tried, kinds)
-    if number == 0 and located.p_value > FALSE_ALARM:
-        labels += instead_of_constants(before, labels, found.trials, kinds)
-    in_turn, far = (
-        _near_first(labels, kinds) if number else (_simple_first(labels, kinds), set())
-    )
     trials = within(found.trials, channels, (one.effect for one in labels), kinds)
-    named: list[Named] = []
-    cut: list[Effect] = []
-
-    def tick(effect: Effect, i: int) -> bool:
-        tell(f"refitting {effect.kind} at {effect.place}", share + 0.08 + 0.18 * i / most)
-        if label_of(effect) in far:
-            return tell.hurries
-        # One law at least is tried: what it leaves tells whether there is one.
-        must = number == 0 and i == 0 and not named
-        stop = tell.ends if number else tell.hurries and not must
-        cut.extend([effect] if stop else [])
-        return stop
-
-    def late() -> bool:
-        tell("fitting laws to how the records begin", share + 0.2)
-        return tell.hurries
-
     bent = found.fits[-1]
     first = not (number or how.quick)
     down = Downward(
         bent, before, tried, labels, trials, kinds,
-        best=located.groups[0].places, several=several, shaken=shaken is not None, late=late,
+        best=located.groups[0].places, several=located.groups[0].left > SEVERAL,
+        shaken=shaken is not None, late=_on_beginnings(tell, share),
     )  # fmt: skip
-
     together = Together(before, trials, kinds, how.stated, how.asked, tell)
 
     def more(so_far: Sequence[Named]) -> list[Candidate]:
@@ -436,8 +330,11 @@ def _after(
         over = found.both is not None or found.otherwise is not None
         return [] if over else down(so_far)
 
+    in_turn, far = near_first(labels, kinds) if number else (simple_first(labels, kinds), set())
+    turn = Turn(tell, number, len(in_turn), share, far)
     alike: list[Named] = []
-    named = refit_all(before, in_turn, trials, kinds, tick, more=more, alike=alike)
+    named = refit_all(before, in_turn, trials, kinds, turn, more=more, alike=alike)
+    turn.must &= not named
     if found.both is not None or found.otherwise is not None:
         return found.both is not None
     loose = loosened(bent, named, found.trials) if number == 0 and not found.loosened else None
@@ -445,20 +342,20 @@ def _after(
         found.fits[-1], found.located, found.loosened = loose, None, True
         held = unbent(loose, found.trials)
         return _after(found, held, how, number, pulled=bool(moved_of(loose)))
-    if cut and not (named and (number == 0 or _is_enough(named[0], cut[0], kinds))):
+    if turn.cut and not (named and (number == 0 or is_enough(named[0], turn.cut[0], kinds))):
         found.hurried = True
         return False  # which of them it is was not seen
     if not named or whiteness(named[0].fit) < UNWHITE:
         drift = wandering(located, kinds)
         if drift is not None:
             return _wanders(found, before, drift, how, number)
-        # What is as slow as that is a sensor's, though the base would do the same.
-        law = named[0].fit if named else None
         if shaken is None and number == 0:
             # What a law promised of it at small changes, its refit may not have kept.
             seen = {one.effect.kind for one in labels}
             rest = [one for one in tried if one.effect.kind not in seen]
             shaken = base_answer(based, rest, kinds, first=True)
+        # What is as slow as that is a sensor's, though the base would do the same.
+        law = named[0].fit if named else None
         if shaken is not None and not by_a_law(law, before, trials, based):
             return ended(found, before, shaken, kinds)
     if number and not (how.quick or tell.hurries):
@@ -468,13 +365,43 @@ def _after(
     if not (how.quick or (number and tell.hurries)):
         alone = [one for one in down.opened if label_of(one.effect) == down.begins]
         likely = alone or foremost(down.opened, labels)
-        named = shot_too(before, likely, named, trials, kinds, tick)
+        named = shot_too(before, likely, named, trials, kinds, turn)
     if number == 0:
         found.named, found.tried, found.alike = tuple(named), tuple(tried), tuple(alike)
         if named and named[0].fit.chi2_in_band > FAR_OFF:
             # What explains how records begin is one of two, though more may be left by it.
             named = [one for one in named if label_of(one.effect) == down.begins] or named
     return _accepted(found, before, named, how, trials, pulled=pulled)
+
+
+def _labels(
+    found: Found,
+    before: Fit,
+    located: Located,
+    tried: Sequence[Candidate],
+    how: Search,
+    number: int,
+) -> list[Candidate]:
+    """Choose what is refitted: fewer of the later effects, and where there is one already."""
+    # Twice at one place: what no single law explains there is more likely a law unknown.
+    again = any(a.effect.place in located.groups[0].places for a in found.answers)
+    # No force at one place does it: which of two comes first matters less than both.
+    several = located.groups[0].left > SEVERAL
+    most = HASTY if how.quick or several else KEPT
+    labels = chosen(tried, (TWICE if again else LATER) if number else most)
+    if len(before.plant.description.sensors) == 1:
+        labels += mirrored(labels, tried, how.kinds)
+    if number == 0 and located.p_value > FALSE_ALARM:
+        labels += instead_of_constants(before, labels, found.trials, how.kinds)
+    return labels
+
+
+def _on_beginnings(tell: Watch, share: float) -> Callable[[], bool]:
+    def late() -> bool:
+        tell("fitting laws to how the records begin", share + 0.2)
+        return tell.hurries
+
+    return late
 
 
 def _accepted(

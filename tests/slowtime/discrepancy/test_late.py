@@ -5,6 +5,7 @@ import dataclasses
 import pytest
 
 from slowtime.discrepancy import search as searching
+from slowtime.discrepancy import turns
 from slowtime.discrepancy.answer import Found
 from slowtime.discrepancy.candidates import Candidate, label_of
 from slowtime.discrepancy.naming import Named, refit_all
@@ -67,10 +68,10 @@ def test_once_it_is_late_only_those_that_come_near_the_best_are_tried(
     ids=["fewer", "fewer that leave more", "as many"],
 )
 def test_what_explains_all_needs_no_rival_of_more_numbers(monkeypatch, untried, chance, enough):
-    monkeypatch.setattr(searching, "whiteness", lambda _: chance)
+    monkeypatch.setattr(turns, "whiteness", lambda _: chance)
     best = Named(CUBIC, TWO, refit(Plant.of(TWO, kinds=KINDS), seen(())), 0.0)
     rival = dataclasses.replace(CUBIC, kind=untried)
-    assert searching._is_enough(best, rival, catalogue()) == enough
+    assert turns.is_enough(best, rival, catalogue()) == enough
 
 
 def test_those_of_few_numbers_come_first_and_last_what_is_far_behind():
@@ -78,7 +79,7 @@ def test_those_of_few_numbers_come_first_and_last_what_is_far_behind():
         Candidate(Effect(kind, SECOND, {}), cost, 0.0, 0.0)
         for kind, cost in (("bouc_wen", 10.0), ("coulomb", 11.0), ("cubic_hardening", 30.0))
     ]
-    ordered, far = searching._near_first(found, catalogue())
+    ordered, far = turns.near_first(found, catalogue())
     assert [one.effect.kind for one in ordered] == ["coulomb", "bouc_wen", "cubic_hardening"]
     assert far == {("cubic_hardening", SECOND)}
 
@@ -87,9 +88,9 @@ def test_of_those_that_leave_as_little_the_simpler_is_tried_first():
     costs = (("bouc_wen", 10.0), ("van_der_pol", 10.5), ("coulomb", 10.9), ("stribeck", 11.2),
              ("viscous_damping", 12.0))  # fmt: skip
     found = [Candidate(Effect(kind, SECOND, {}), cost, 0.0, 0.0) for kind, cost in costs]
-    ordered = [one.effect.kind for one in searching._simple_first(found, catalogue())]
+    ordered = [one.effect.kind for one in turns.simple_first(found, catalogue())]
     assert ordered == ["coulomb", "van_der_pol", "bouc_wen", "stribeck", "viscous_damping"]
-    assert searching._simple_first([], catalogue()) == []
+    assert turns.simple_first([], catalogue()) == []
 
 
 @pytest.mark.long

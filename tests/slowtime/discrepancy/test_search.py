@@ -425,7 +425,7 @@ def test_where_held_constants_show_no_more_effects_those_that_bent_are_looked_at
     bent = refit(Plant.of(TWO, kinds=KINDS), trials)
     looked = []
 
-    def after(found, before, how, number, *, pulled, begun=()):
+    def after(found, before, how, number, *, pulled, begun=(), located=None):
         looked.append(max(map(abs, before.pulls.values())))
         return False
 
@@ -464,7 +464,7 @@ def test_an_account_under_another_hold_ends_the_comparison(shared, monkeypatch):
         branch.otherwise = ("zero",)
 
     monkeypatch.setattr(searching, "_next", one_effect)
-    monkeypatch.setattr(searching, "_others", lambda *_: iter(named * 3))
+    monkeypatch.setattr(searching, "beginnings", lambda *_: iter(named * 3))
     monkeypatch.setattr(searching, "accept", lambda *_, **__: True)
     monkeypatch.setattr(searching, "_go_on", explained_otherwise)
     found = search(first, trials, Search(KINDS, Watch()))
