@@ -224,12 +224,13 @@ def _link(found: Found, first: int, kinds: Mapping[str, Kind], tell: Watch) -> N
         if lead > -LEAST_GAIN and not found.undecided:
             doubt(found, number)
     explained = last.chi2_in_band < EXPLAINED and whiteness(last) > UNWHITE
-    # Two that act in proportion may do what one spring does.
+    # What acts in proportion, two of them or one on a node, may do what one spring does.
     straight = all(
         isinstance(kinds[answer.effect.kind].action, Hidden | SensorChange | InputChange)
         for answer in found.answers
     )
-    explained = explained and not (len(found.answers) > 1 and straight)
+    on_node = any(answer.effect.place.kind == "node" for answer in found.answers)
+    explained = explained and not (straight and (on_node or len(found.answers) > 1))
     if explained or tell.hurries or found.undecided:
         return
     link = best_link(unbent(found.fits[0], found.trials), None, found.trials, kinds, tell)

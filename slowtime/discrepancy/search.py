@@ -349,11 +349,6 @@ def _after(
         drift = wandering(located, kinds)
         if drift is not None:
             return _wanders(found, before, drift, how, number)
-        if shaken is None and number == 0:
-            # What a law promised of it at small changes, its refit may not have kept.
-            seen = {one.effect.kind for one in labels}
-            rest = [one for one in tried if one.effect.kind not in seen]
-            shaken = base_answer(based, rest, kinds, first=True)
         # What is as slow as that is a sensor's, though the base would do the same.
         law = named[0].fit if named else None
         if shaken is not None and not by_a_law(law, before, trials, based):

@@ -1,6 +1,7 @@
 """What is still tried once it is late, in which order, and what is not named then."""
 
 import dataclasses
+import math
 
 import pytest
 
@@ -43,6 +44,7 @@ def rounds(monkeypatch):
         return refit_all(before, labels, trials, kinds, ticked, **how)
 
     monkeypatch.setattr(searching, "refit_all", counted)
+    monkeypatch.setattr(searching, "LOST", math.inf)
     return told
 
 
@@ -53,7 +55,7 @@ def test_once_it_is_late_only_those_that_come_near_the_best_are_tried(
     monkeypatch, rounds, apart, within
 ):
     """Be it late before the round begins, or while its first label is refitted."""
-    monkeypatch.setattr(searching, "APART", apart)
+    monkeypatch.setattr(turns, "APART", apart)
     named(
         seen((CUBIC, DRAG)),
         late=lambda: len(rounds) > 1 and (not within or bool(rounds[1][1])),
@@ -103,8 +105,9 @@ def test_what_one_sensor_cannot_tell_from_the_best_is_tried_as_early(monkeypatch
         orders.append([label.cost for label in labels])
         return refit_all(before, labels, *more, **how)
 
-    monkeypatch.setattr(searching, "APART", 1.001)
+    monkeypatch.setattr(turns, "APART", 1.001)
     monkeypatch.setattr(searching, "refit_all", heard)
+    monkeypatch.setattr(searching, "LOST", math.inf)
     monkeypatch.setattr(searching, "mirrored", lambda labels, *_: [labels[0]])
     first = refit(Plant.of(one, kinds=KINDS), trials := seen((CUBIC, DRAG), of=one))
     search(first, trials, Search(KINDS, Watch(late=lambda: len(orders) > 1)))
