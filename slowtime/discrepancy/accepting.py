@@ -8,12 +8,12 @@ from slowtime.dynamics.effects import Effect, Kind, Law
 from slowtime.dynamics.plant import Name
 
 from .adding import carrying
-from .answer import UNWHITE, Found
 from .between import FAINT, Hold, held_as_well, held_instead, with_holds
 from .diagnosis import Named as Answer
 from .equivalent import CONSTANTS
+from .found import Found
 from .further import in_pieces
-from .gap import whiteness
+from .gap import UNWHITE, whiteness
 from .naming import Named, misfit, stands
 from .narrowing import relief
 from .outrun import within

@@ -5,8 +5,8 @@ from collections.abc import Iterator, Mapping
 
 from slowtime.dynamics.effects import Effect, Kind
 
-from .answer import Found
 from .candidates import Candidate, label_of
+from .found import Found
 from .naming import Named, refit_all
 from .refit import Fit
 from .watch import Watch

@@ -9,15 +9,17 @@ import scipy.stats
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Kind, Place, force_along
 
-from .between import Hold, saying_holds, told_of_holds
-from .candidates import Candidate
-from .diagnosis import Diagnosis, Gap, Rival, Step, Surface, Suspect, Verdict, When
+from .between import saying_holds, told_of_holds
+from .diagnosis import Diagnosis, Gap, Step, Surface, Suspect, Verdict, When
 from .diagnosis import Named as Answer
+from .doubts import doubt_laws, doubt_pieces
 from .elsewhere import borne_out
 from .experiment import propose
 from .floor import floats
+from .found import Found
 from .further import FAR_OFF
 from .gap import (
+    UNWHITE,
     Judged,
     floor_of,
     judge,
@@ -29,17 +31,14 @@ from .gap import (
     whiteness,
 )
 from .locate import Located, character
-from .naming import Named, misfit
+from .naming import misfit
 from .patchwork import humbled, pieces_of_one
 from .records import Campaign, Trial
 from .refit import WRONG, Fit
 from .screen import Finding, screen
-from .unlinked import Link
 from .values import with_values
 from .verdict import FALSE_ALARM, fault_of, moved_of, renumbered, verdict_of
 
-UNWHITE = 1e-6
-"""Chance of so large a chi squared below which a residual is not called noise."""
 LEFT, ELSEWHERE = 1e-3, 0.05
 """Share of the first gain that is still to be had, at its place, once an effect was wrongly
 named; and at another place, once so much is missing there that no name should stand."""
@@ -47,14 +46,8 @@ FORETOLD, BY_ONE = 1.01, 0.1
 """Error over that of noise alone at which a record that was never seen is met: whatever the
 others leave, what explains this is not unknown; and share of the error of the refitted model
 to which one law alone has to bring it down, where noise is so low that no law ever meets it."""
-SLIGHTLY = 0.01
-"""Share of what was missing up to which the second of two curves over one variable does but
-correct the first."""
 HALF = 0.5
 """Share of what was missing that is left where nothing that was named was near."""
-EITHER = 0.5
-"""Chance of a law that need do nothing of its own, or that fails elsewhere: one near it, not
-known, is as likely."""
 CLOSED = 0.9
 """Share to which an error has to fall before it is said to; the floor is met within as much."""
 
@@ -76,62 +69,6 @@ FLOATS = (
     "a node to `base`."
 )
 HURRIED = "Time ran out before every law was tried; --patience gives it more."
-
-
-@dataclasses.dataclass(slots=True, eq=False)
-class Found:
-    """What has been found so far, and the records by which.
-
-    Parameters
-    ----------
-    fits
-        Of the model as given, and after each effect.
-    located, left
-        What was missing at first, and after the last effect.
-    named, tried
-        Labels of the first effect: those refitted, and all, the best first.
-    ended
-        What is left follows no law: nothing more is to be found.
-    unheard
-        Whether answers before the last were told by the other sensors alone: that of the last
-        wanders on no course.
-    refuted
-        Element at which no law that was named can be what is there.
-    near
-        Whether what is undecided may be a law near the one named, and not known.
-    link
-        A spring that the model has not got, and that explains more than what was named.
-    both
-        An account that begins with two laws at once, and explains all.
-    alike
-        Laws in the place of the first effect that do what a simpler one does.
-    loosened
-        Whether the model as given was stuck in a minimum that is not its lowest.
-    otherwise
-        Another hold of the inputs, under which all that was found so far would explain all.
-    """
-
-    fits: list[Fit]
-    trials: tuple[Trial, ...]
-    located: Located | None = None
-    answers: list[Answer] = dataclasses.field(default_factory=list)
-    undecided: tuple[Rival, ...] = ()
-    pair: tuple[Named, ...] | None = None
-    left: Located | None = None
-    retuned: bool = False
-    hurried: bool = False
-    holds: tuple[Hold, ...] | None = None
-    named: tuple[Named, ...] = ()
-    tried: tuple[Candidate, ...] = ()
-    ended: bool = False
-    unheard: bool = False
-    refuted: Place | None = None
-    near: bool = False
-    link: Link | None = None
-    both: "Found | None" = None
-    loosened: bool = False
-    alike: tuple[Named, ...] = ()
-    otherwise: tuple[Hold, ...] | None = None
 
 
 def report(
@@ -157,10 +94,10 @@ def report(
         found, errors, floor, kinds
     )
     if not found.undecided and not found.ended:
-        _doubt_pieces(found, kinds)
+        doubt_pieces(found, kinds)
     if campaign.holdout and not found.undecided and not found.ended:
         if whiteness(last) > UNWHITE and not borne_out(last, errors[-1] / floor, tests):
-            _doubt_laws(found, kinds)
+            doubt_laws(found, kinds)
     unknown = found.refuted is not None or found.link is not None
     loud = _loud(found, errors, floor)
     # Which of two it is matters once one of them could be right.
@@ -226,32 +163,6 @@ def _foretold(
     return errors[-1] <= FORETOLD * floor or (
         len(laws) == 1 and errors[-1] <= BY_ONE * errors[0]
     )
-
-
-def doubt(found: Found, number: int) -> None:
-    """Hold a law for no likelier than one that is not known."""
-    answer = found.answers[number]
-    found.near = True
-    found.answers[number] = dataclasses.replace(answer, probability=EITHER)
-    rival = Rival(answer.effect.kind, answer.effect.place, EITHER)
-    found.undecided = (*found.undecided, rival)
-
-
-def _doubt_pieces(found: Found, kinds: Mapping[str, Kind]) -> None:
-    """Hold two curves that share what one place does for no likelier than one unknown."""
-    first = found.fits[0].chi2_in_band - 1
-    for place in pieces_of_one(found.answers, kinds):
-        there = [n for n, answer in enumerate(found.answers) if answer.effect.place == place]
-        before = found.fits[there[-1]].chi2_in_band - 1
-        if before > SLIGHTLY * first:
-            for number in there:
-                doubt(found, number)
-
-
-def _doubt_laws(found: Found, kinds: Mapping[str, Kind]) -> None:
-    for number, answer in enumerate(found.answers):
-        if kinds[answer.effect.kind].where in ("element", "node"):
-            doubt(found, number)
 
 
 def _loud(found: Found, errors: Sequence[float], floor: float) -> bool:

@@ -11,8 +11,8 @@ import numpy as np
 
 from slowtime.dynamics.effects import Kind, Unmeasured
 
-from .answer import Found
-from .pruning import told_again
+from .found import Found
+from .pruning import all_told_again
 from .refit import WRONG, refit
 
 
@@ -39,7 +39,4 @@ def at_bottom(found: Found, own: int, kinds: Mapping[str, Kind]) -> None:
         return
     found.fits[-1] = fit
     if len(last.plant.effects) == own + len(found.answers):
-        found.answers = [
-            told_again(answer, fit, own + number, kinds)
-            for number, answer in enumerate(found.answers)
-        ]
+        found.answers = all_told_again(found.answers, fit, kinds)

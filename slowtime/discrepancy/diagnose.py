@@ -8,7 +8,7 @@ from slowtime.dynamics.effects import Hidden, InputChange, Kind, SensorChange, c
 from slowtime.dynamics.plant import Plant
 
 from .adding import carrying, effects_of
-from .answer import BY_ONE, UNWHITE, Found, doubt, report
+from .answer import BY_ONE, report
 from .between import (
     Hold,
     found_holds,
@@ -19,13 +19,15 @@ from .between import (
 )
 from .bottom import at_bottom
 from .diagnosis import Diagnosis
+from .doubts import doubt
 from .floating import offsets, with_offsets
+from .found import Found
 from .further import left_by
-from .gap import whiteness
+from .gap import UNWHITE, whiteness
 from .misled import unmisled
 from .naming import Named, evidence, rescored
 from .patchwork import MANY
-from .pruning import pruned, told_again
+from .pruning import all_told_again, pruned
 from .records import Campaign, Trial
 from .refit import Fit, refit
 from .refuted import refuted
@@ -91,7 +93,7 @@ def diagnose(
     _link(found, len(start.effects), known, tell)
     _refute(found, len(start.effects), known)
     if not tell.hurries:
-        campaign = _held_at_last(campaign, found, len(start.effects), stated, known)
+        campaign = _held_at_last(campaign, found, stated, known)
         at_bottom(found, len(start.effects), known)
     over_the_campaign(found, len(start.effects), campaign, known)
     if len(start.effects) > len(campaign.description.effects):
@@ -160,7 +162,6 @@ def _searched(
 def _held_at_last(
     campaign: Campaign,
     found: Found,
-    own: int,
     stated: Sequence[Hold],
     kinds: Mapping[str, Kind],
 ) -> Campaign:
@@ -176,10 +177,7 @@ def _held_at_last(
     if holds is None:
         return campaign
     found.fits = [with_holds(fit, holds, found.trials, kinds) for fit in found.fits]
-    found.answers = [
-        told_again(answer, found.fits[-1], own + number, kinds)
-        for number, answer in enumerate(found.answers)
-    ]
+    found.answers = all_told_again(found.answers, found.fits[-1], kinds)
     return dataclasses.replace(campaign, description=held_as(campaign.description, holds))
 
 

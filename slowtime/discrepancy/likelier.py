@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 from slowtime.dynamics.effects import Kind
 
-from .answer import UNWHITE, Found
+from .found import Found
 from .further import left_by
-from .gap import whiteness
+from .gap import UNWHITE, whiteness
 from .naming import Named, evidence, misfit, rescored
 from .refit import Fit
 from .verdict import EXPLAINED, FLECK, LEAST_GAIN, TEMPER, hardly_any

@@ -11,8 +11,8 @@ import numpy as np
 from slowtime.dynamics.effects import Unmeasured
 
 from .adding import carrying
-from .answer import UNWHITE, Found
-from .gap import judge, judged, whiteness
+from .found import Found
+from .gap import UNWHITE, judge, judged, whiteness
 from .records import Campaign
 from .screen import screen
 

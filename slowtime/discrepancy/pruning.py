@@ -51,7 +51,7 @@ def pruned(
         del kept[number]
         chain = [chain[0], *left_out(chain, number, less, trials, kinds)]
         number = 0
-    return chain, [told_again(a, chain[-1], own + i, kinds) for i, a in enumerate(kept)]
+    return chain, all_told_again(kept, chain[-1], kinds)
 
 
 def without(
@@ -121,6 +121,14 @@ def left_out(
             break
         missing.insert(0, shorter)
     return [*good, *missing]
+
+
+def all_told_again(
+    answers: Sequence[Answer], fit: Fit, kinds: Mapping[str, Kind]
+) -> list[Answer]:
+    """Give answers about the last effects of a fit the numbers that those have in it."""
+    own = len(fit.plant.effects) - len(answers)
+    return [told_again(answer, fit, own + i, kinds) for i, answer in enumerate(answers)]
 
 
 def told_again(answer: Answer, fit: Fit, number: int, kinds: Mapping[str, Kind]) -> Answer:

@@ -10,11 +10,11 @@ import numpy as np
 
 from slowtime.dynamics.effects import Kind
 
-from .answer import Found
+from .found import Found
 from .further import left_by
 from .naming import GRADUALLY
 from .openings import beginnings, begun
-from .pruning import told_again
+from .pruning import all_told_again
 from .refit import WRONG, GivenUp, refit
 
 
@@ -23,7 +23,6 @@ def regrow(found: Found, kinds: Mapping[str, Kind]) -> None:
     last, trials = found.fits[-1], found.trials
     if last.chi2_in_band < WRONG or len(last.states) != len(trials) or found.holds is not None:
         return
-    own = len(last.plant.effects) - len(found.answers)
     try:
         start = begun(last, beginnings(last, trials))
         again = refit(
@@ -33,7 +32,4 @@ def regrow(found: Found, kinds: Mapping[str, Kind]) -> None:
         return
     if left_by(again) < left_by(last):
         found.fits[-1] = again
-        found.answers = [
-            told_again(answer, again, own + number, kinds)
-            for number, answer in enumerate(found.answers)
-        ]
+        found.answers = all_told_again(found.answers, again, kinds)

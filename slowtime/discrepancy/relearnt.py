@@ -15,12 +15,12 @@ from jaxtyping import Float
 from slowtime.dynamics.effects import Effect, Kind, Law, Motion, force_along
 
 from .adding import effects_of
-from .answer import Found
 from .candidates import SEVERAL
+from .found import Found
 from .further import left_by
 from .locate import Located
 from .naming import SWIFTLY
-from .pruning import told_again
+from .pruning import all_told_again
 from .records import Trial
 from .refit import WRONG, Fit, GivenUp, refit
 from .shapes import joined
@@ -80,9 +80,7 @@ def relearn(
     if not np.isfinite(again.cost) or left_by(again) > left_by(last) - LESS * _channels(last):
         return False
     found.fits[-1] = again
-    found.answers = [
-        told_again(answer, again, own + i, kinds) for i, answer in enumerate(found.answers)
-    ]
+    found.answers = all_told_again(found.answers, again, kinds)
     return True
 
 

@@ -14,10 +14,10 @@ from slowtime.dynamics.effects import Effect, Kind
 
 from .accepting import accept, bends_twice
 from .adding import effects_of
-from .answer import UNWHITE, Found
 from .between import Hold
 from .candidates import candidates, label_of
-from .gap import whiteness
+from .found import Found
+from .gap import UNWHITE, whiteness
 from .likelier import likelier
 from .locate import locate
 from .naming import chosen, refit_all, settled

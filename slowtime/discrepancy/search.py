@@ -14,14 +14,14 @@ from slowtime.dynamics.effects import Effect, Kind, Place
 
 from .accepting import accept, bends_twice, ended
 from .anew import beginnings
-from .answer import UNWHITE, Found
 from .between import Hold, held_otherwise, with_holds
 from .candidates import SEVERAL, Candidate, candidates, label_of, mirrored
 from .diagnosis import Named as Answer
 from .downward import Downward
 from .equivalent import instead_of_constants
+from .found import Found
 from .further import FAR_OFF, foremost, joined, shot_too
-from .gap import whiteness
+from .gap import UNWHITE, whiteness
 from .likelier import done, likelier
 from .locate import Located, locate
 from .loosened import loosened

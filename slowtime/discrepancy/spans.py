@@ -7,7 +7,7 @@ import numpy as np
 
 from slowtime.dynamics.effects import Kind
 
-from .answer import Found
+from .found import Found
 from .pruning import told_again
 from .records import Campaign
 from .refit import Fit

@@ -8,12 +8,12 @@ from slowtime.dynamics.effects import Kind
 
 from .accepting import accept
 from .adding import carrying
-from .answer import UNWHITE, Found
 from .between import Hold
 from .candidates import Candidate, Label, label_of
 from .diagnosis import Rival
+from .found import Found
 from .further import FAR_OFF
-from .gap import whiteness
+from .gap import UNWHITE, whiteness
 from .naming import Named, misfit, refitted, settled
 from .paired import pairs
 from .patchwork import variable_of

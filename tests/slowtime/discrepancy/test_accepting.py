@@ -5,8 +5,9 @@ import dataclasses
 import pytest
 
 from slowtime.discrepancy.accepting import ALONE, MUCH, _explains_much, _localised, _still_off
-from slowtime.discrepancy.answer import SLIGHTLY, Found, _doubt_pieces
 from slowtime.discrepancy.diagnosis import Named as Answer
+from slowtime.discrepancy.doubts import SLIGHTLY, doubt_pieces
+from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.naming import Named
 from slowtime.discrepancy.refit import refit
 from slowtime.discrepancy.verdict import MOVED
@@ -94,7 +95,7 @@ def test_what_is_hardly_any_is_no_reason_for_a_second_law(fit):
 def test_two_curves_that_share_a_place_may_be_one_that_is_unknown(fit, second, share, doubted):
     fits = leaving(fit, 101.0, 1 + 100 * share, 1.0)
     found = Found(fits, (), answers=answered(HARD, second))
-    _doubt_pieces(found, KINDS)
+    doubt_pieces(found, KINDS)
     assert found.near is doubted
     assert [rival.effect for rival in found.undecided] == (
         ["cubic_hardening", "saturating_stiffness"] if doubted else []

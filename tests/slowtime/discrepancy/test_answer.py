@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from slowtime.discrepancy.answer import LOUD, Found, report
+from slowtime.discrepancy.answer import LOUD, report
+from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.locate import locate
 from slowtime.discrepancy.naming import Named, evidence
 from slowtime.discrepancy.narrowing import leniency

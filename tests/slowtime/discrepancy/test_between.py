@@ -10,7 +10,6 @@ import pytest
 from slowtime.discrepancy import between, naming
 from slowtime.discrepancy import diagnose as diagnosing
 from slowtime.discrepancy.adding import with_effect
-from slowtime.discrepancy.answer import Found
 from slowtime.discrepancy.between import (
     SLIGHT,
     found_holds,
@@ -23,6 +22,8 @@ from slowtime.discrepancy.between import (
 )
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.diagnosis import Named as Answer
+from slowtime.discrepancy.found import Found
+from slowtime.discrepancy.locate import locate
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refit import refit
 from slowtime.discrepancy.search import Search, reheld, search
@@ -286,3 +287,25 @@ def test_of_two_accounts_that_which_leaves_less_is_kept(straight, chi2, count, l
     )
     account, other = Found([fit], (trial,) * count), Found([wrong], (trial,))
     assert diagnosing._leaves_less(account, other) is less
+
+
+@pytest.mark.parametrize(
+    ("least", "share", "found"),
+    [(10.0, 0.5, ("first",)), (10.0, 0.9, None), (2.0, 0.9, ("first",))],
+    ids=["clearly less", "a little less", "a force does it"],
+)
+def test_where_no_force_does_it_a_hold_has_to_leave_clearly_less(
+    straight, monkeypatch, least, share, found
+):
+    trial, wrong, _ = straight
+
+    def leaving(fit, *more):
+        one = locate(fit, *more)
+        hold = fit.plant.description.inputs[0].hold
+        left = least if hold is None else share * least
+        groups = tuple(dataclasses.replace(group, left=left) for group in one.groups)
+        return dataclasses.replace(one, groups=groups)
+
+    plain = dataclasses.replace(wrong, plant=Plant.of(rig(), kinds=KINDS))
+    monkeypatch.setattr(between, "locate", leaving)
+    assert found_holds(plain, [trial], KINDS) == found

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy import bottom
-from slowtime.discrepancy.answer import Found
 from slowtime.discrepancy.diagnose import diagnose
+from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refit import WRONG, refit
 from slowtime.dynamics.effects import Effect, catalogue

@@ -9,29 +9,22 @@ from slowtime.discrepancy.elsewhere import ASTRAY, borne_out, same_numbers
 from slowtime.discrepancy.gap import on_another
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refit import refit
-from slowtime.dynamics.builders import chain
-from slowtime.dynamics.description import Input, Sensor, Spring, Tolerance
-from slowtime.dynamics.effects import Effect, Place, catalogue
+from slowtime.dynamics.description import Spring
+from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
+from tests.slowtime.discrepancy.rigs import ONE, PLACE
 
 KINDS, RATE = catalogue(), 64.0
-RIG = dataclasses.replace(
-    chain([2.0], [800.0], dampings_n_s_per_m=[1.6]),
-    inputs=(Input(channel="f", kind="force", node="m1", unit="N"),),
-    sensors=(Sensor(channel="x", quantity="displacement", node="m1", unit="m"),),
-    tolerance=Tolerance(stiffness=0.02, damping=0.15),
-)
-SPRING = Place("element", RIG.elements[0].id)
-HARD = Effect("cubic_hardening", SPRING, {"k3_n_per_m3": 3e4})
-STOPS = Effect("gap_symmetric", SPRING, {"kg_n_per_m": 150.0, "gap_m": 0.02})
+HARD = Effect("cubic_hardening", PLACE, {"k3_n_per_m3": 3e4})
+STOPS = Effect("gap_symmetric", PLACE, {"kg_n_per_m": 150.0, "gap_m": 0.02})
 MUCH = 1 + 10 * ASTRAY
 
 
-def model_of(*effects, of=RIG):
+def model_of(*effects, of=ONE):
     return Plant.of(dataclasses.replace(of, effects=tuple(e.entry() for e in effects)))
 
 
-def recorded(effect, level, seed, of=RIG, state0=None):
+def recorded(effect, level, seed, of=ONE, state0=None):
     rng = np.random.default_rng(seed)
     push = level * np.convolve(rng.standard_normal(1200), np.hanning(7), "same")[:, None]
     plant = model_of(effect, of=of)
@@ -83,8 +76,8 @@ def test_numbers_are_the_same_as_far_as_both_are_known(fitted):
 
 def test_what_floats_drifts_on_its_own_and_is_not_judged_by_that():
     loose = Spring(id="k1", between=("base", "m1"), damping_n_s_per_m=1.6)
-    free = dataclasses.replace(RIG, elements=(loose,))
-    drag = Effect("quadratic_damping", SPRING, {"c2_n_s2_per_m2": 3.0})
+    free = dataclasses.replace(ONE, elements=(loose,))
+    drag = Effect("quadratic_damping", PLACE, {"c2_n_s2_per_m2": 3.0})
     trials = (recorded(drag, 2.0, 1, of=free),)
     fit = refit(model_of(drag, of=free), trials)
     assert fit.noise.drift is not None

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy.accepting import accept
-from slowtime.discrepancy.answer import Found
 from slowtime.discrepancy.candidates import Candidate
+from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.further import in_pieces, shot_too
 from slowtime.discrepancy.naming import refit_all, rescored
 from slowtime.discrepancy.records import Trial

@@ -7,8 +7,8 @@ import pytest
 
 from slowtime.discrepancy import search as searching
 from slowtime.discrepancy import turns
-from slowtime.discrepancy.answer import Found
 from slowtime.discrepancy.candidates import Candidate, label_of
+from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.naming import Named, refit_all
 from slowtime.discrepancy.refit import refit
 from slowtime.discrepancy.search import Search, search

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy.adding import carrying
-from slowtime.discrepancy.answer import Found
 from slowtime.discrepancy.diagnosis import Named
+from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.gap import errors, free_runs, on_heads
 from slowtime.discrepancy.locate import Located
 from slowtime.discrepancy.misled import unmisled

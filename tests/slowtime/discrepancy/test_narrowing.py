@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slowtime.discrepancy.accepting import accept
-from slowtime.discrepancy.answer import Found
+from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.naming import Named, evidence
 from slowtime.discrepancy.narrowing import DOUBT, WIDE, doubted, leniency
 from slowtime.discrepancy.records import Trial

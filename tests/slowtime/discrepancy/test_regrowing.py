@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from slowtime.discrepancy.answer import Found
+from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.further import left_by
 from slowtime.discrepancy.naming import Named
 from slowtime.discrepancy.refit import refit

@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from slowtime.discrepancy.answer import Found
 from slowtime.discrepancy.diagnosis import Named as Answer
+from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.locate import locate
 from slowtime.discrepancy.refit import refit
 from slowtime.discrepancy.relearnt import _which, law_of, relearn

@@ -6,8 +6,8 @@ import pytest
 
 from slowtime.discrepancy import revising
 from slowtime.discrepancy.adding import carrying
-from slowtime.discrepancy.answer import Found
 from slowtime.discrepancy.candidates import Candidate
+from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.naming import refit_all
 from slowtime.discrepancy.refit import refit
 from slowtime.discrepancy.revising import revised, worth_it

@@ -7,11 +7,11 @@ import pytest
 
 from slowtime.discrepancy import accepting, naming
 from slowtime.discrepancy import search as searching
-from slowtime.discrepancy.answer import Found
 from slowtime.discrepancy.candidates import Candidate, candidates, label_of
 from slowtime.discrepancy.diagnose import _prune
 from slowtime.discrepancy.diagnosis import Named as Answer
 from slowtime.discrepancy.diagnosis import Rival
+from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.likelier import likelier
 from slowtime.discrepancy.locate import locate
 from slowtime.discrepancy.naming import refit_all
@@ -343,9 +343,9 @@ def test_what_leaves_less_than_noise_is_no_reason_to_pass_over_what_leaves_littl
     here, *others = located.groups
     other = next(g for g in others if g.places[0].kind == "element")
 
-    def tried(least, left):
+    def tried(least, left, twins=()):
         groups = (
-            dataclasses.replace(other, left=least),
+            dataclasses.replace(other, left=least, twins=twins),
             dataclasses.replace(here, left=left),
         )
         told = dataclasses.replace(located, groups=groups)
@@ -353,6 +353,9 @@ def test_what_leaves_less_than_noise_is_no_reason_to_pass_over_what_leaves_littl
 
     assert here.places[0] in tried(0.7, 1.6)
     assert here.places[0] not in tried(0.7, 1.8)
+    # Where the sensors cannot tell the places apart, that is a matter of smoothness.
+    assert here.places[0] in tried(0.7, 1.8, here.places)
+    assert here.places[0] not in tried(0.7, 3.6, here.places)
     assert here.places[0] in tried(1.2, 1.9)
 
 

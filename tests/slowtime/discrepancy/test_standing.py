@@ -11,23 +11,14 @@ from slowtime.discrepancy.refit import refit
 from slowtime.discrepancy.search import Search, search
 from slowtime.discrepancy.standing import put_right, standing
 from slowtime.discrepancy.watch import Watch
-from slowtime.dynamics.builders import chain
-from slowtime.dynamics.description import Input, Sensor, Tolerance
 from slowtime.dynamics.effects import Effect, Place, catalogue
 from slowtime.dynamics.plant import Plant
+from tests.slowtime.discrepancy.rigs import two_masses
 
 RATE, SAMPLES = 64.0, 1600
 NAMES = ("cubic_hardening", "gap_symmetric", "sensor_bias", "sensor_drift", "sensor_gain")
 KINDS = {name: kind for name, kind in catalogue().items() if name in NAMES}
-RIG = dataclasses.replace(
-    chain([2.0, 1.5], [1800.0, 1500.0], dampings_n_s_per_m=[3.0, 3.0]),
-    inputs=(Input(channel="f", kind="force", node="m1", unit="N"),),
-    sensors=tuple(
-        Sensor(channel=f"a{i}", quantity="acceleration", node=f"m{i}", unit="m/s^2")
-        for i in (1, 2)
-    ),
-    tolerance=Tolerance(stiffness=0.02, damping=0.15),
-)
+RIG = two_masses(3.0)
 GROUND = Place("element", RIG.elements[0].id)
 OFF = Place("sensor", "a2")
 STRONG = Effect("cubic_hardening", GROUND, {"k3_n_per_m3": 4e6})

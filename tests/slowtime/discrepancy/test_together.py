@@ -5,8 +5,8 @@ import dataclasses
 import pytest
 
 from slowtime.discrepancy import together
-from slowtime.discrepancy.answer import Found
 from slowtime.discrepancy.candidates import Candidate, label_of
+from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.locate import locate
 from slowtime.discrepancy.naming import refit_all
 from slowtime.discrepancy.refit import refit

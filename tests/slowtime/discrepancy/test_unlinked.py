@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy import diagnose as diagnosing
-from slowtime.discrepancy.answer import Found
 from slowtime.discrepancy.diagnose import _link, diagnose
+from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.naming import refitted
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refit import refit

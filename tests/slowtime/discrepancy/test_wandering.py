@@ -1,7 +1,5 @@
 """Sensors that are off, slowly, on no course; and those that are off by a constant."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -9,22 +7,13 @@ from slowtime.discrepancy.locate import locate
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refit import refit
 from slowtime.discrepancy.wandering import loud_again, unheard, wandering
-from slowtime.dynamics.builders import chain
-from slowtime.dynamics.description import Input, Sensor, Tolerance
 from slowtime.dynamics.effects import Place, catalogue
 from slowtime.dynamics.plant import Plant
+from tests.slowtime.discrepancy.rigs import two_masses
 
 KINDS = catalogue()
 RATE, SAMPLES = 64.0, 1280
-RIG = dataclasses.replace(
-    chain([2.0, 1.5], [1800.0, 1500.0], dampings_n_s_per_m=[1.5, 1.5]),
-    inputs=(Input(channel="f", kind="force", node="m1", unit="N"),),
-    sensors=tuple(
-        Sensor(channel=f"a{i}", quantity="acceleration", node=f"m{i}", unit="m/s^2")
-        for i in (1, 2)
-    ),
-    tolerance=Tolerance(stiffness=0.02, damping=0.15),
-)
+RIG = two_masses(1.5)
 
 
 def walk(rng, _):

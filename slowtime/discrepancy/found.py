@@ -1,0 +1,71 @@
+"""What a search knows at any time: fits, answers, and what is left."""
+
+import dataclasses
+
+from slowtime.dynamics.effects import Place
+
+from .between import Hold
+from .candidates import Candidate
+from .diagnosis import Named as Answer
+from .diagnosis import Rival
+from .locate import Located
+from .naming import Named
+from .records import Trial
+from .refit import Fit
+from .unlinked import Link
+
+
+@dataclasses.dataclass(slots=True, eq=False)
+class Found:
+    """What has been found so far, and the records by which.
+
+    Parameters
+    ----------
+    fits
+        Of the model as given, and after each effect.
+    located, left
+        What was missing at first, and after the last effect.
+    named, tried
+        Labels of the first effect: those refitted, and all, the best first.
+    ended
+        What is left follows no law: nothing more is to be found.
+    unheard
+        Whether answers before the last were told by the other sensors alone: that of the last
+        wanders on no course.
+    refuted
+        Element at which no law that was named can be what is there.
+    near
+        Whether what is undecided may be a law near the one named, and not known.
+    link
+        A spring that the model has not got, and that explains more than what was named.
+    both
+        An account that begins with two laws at once, and explains all.
+    alike
+        Laws in the place of the first effect that do what a simpler one does.
+    loosened
+        Whether the model as given was stuck in a minimum that is not its lowest.
+    otherwise
+        Another hold of the inputs, under which all that was found so far would explain all.
+    """
+
+    fits: list[Fit]
+    trials: tuple[Trial, ...]
+    located: Located | None = None
+    answers: list[Answer] = dataclasses.field(default_factory=list)
+    undecided: tuple[Rival, ...] = ()
+    pair: tuple[Named, ...] | None = None
+    left: Located | None = None
+    retuned: bool = False
+    hurried: bool = False
+    holds: tuple[Hold, ...] | None = None
+    named: tuple[Named, ...] = ()
+    tried: tuple[Candidate, ...] = ()
+    ended: bool = False
+    unheard: bool = False
+    refuted: Place | None = None
+    near: bool = False
+    link: Link | None = None
+    both: "Found | None" = None
+    loosened: bool = False
+    alike: tuple[Named, ...] = ()
+    otherwise: tuple[Hold, ...] | None = None
