@@ -63,8 +63,8 @@ class Downward:
         Candidates, the best first.
     labels
         Those that are refitted anyway.
-    best
-        Where a force explains most, whatever its course.
+    best, near
+        Where a force explains most, whatever its course; and where about as much.
     several
         Whether no force at one place does it: then only what comes near is given.
     shaken
@@ -83,6 +83,7 @@ class Downward:
         kinds: Mapping[str, Kind],
         *,
         best: Sequence[Place] = (),
+        near: Sequence[Place] = (),
         several: bool = False,
         shaken: bool = False,
         late: Callable[[], bool] = bool,
@@ -95,7 +96,8 @@ class Downward:
             and one.start is not None
             and not isinstance(kinds[one.effect.kind].action, Unmeasured)
         ]
-        self._labels, self._tried, self._best, self._several = labels, tried, best, several
+        self._labels, self._tried, self._several = labels, tried, several
+        self._best, self._near_best = best, near
         self._bent, self._before, self._trials, self._kinds = bent, before, trials, kinds
         self._shaken, self._late, self._turn = shaken, late, 0
         self.opened: list[Candidate] = []
@@ -133,8 +135,9 @@ class Downward:
         if best is not None and best.chi2_in_band < FAR_OFF:
             return []
         if not self._late():
-            # What explains some may be right in a minimum of its own, or the first of two.
-            likeliest = [place for place in self._best if place.kind == "element"]
+            # What explains some may be right in a minimum of its own, or the first of two; to
+            # few sensors several elements are as likely.
+            likeliest = [place for place in self._near_best if place.kind == "element"]
             among = likeliest or None if some else None
             opened = openings(self._before, self._trials, self._kinds, self._late, among)
             self.begins = self._alone(opened)

@@ -317,8 +317,9 @@ def _after(
     first = not (number or how.quick)
     down = Downward(
         bent, before, tried, labels, trials, kinds,
-        best=located.groups[0].places, several=located.groups[0].left > SEVERAL,
-        shaken=shaken is not None, late=_on_beginnings(tell, share),
+        best=located.groups[0].places, near=located.near,
+        several=located.groups[0].left > SEVERAL, shaken=shaken is not None,
+        late=_on_beginnings(tell, share),
     )  # fmt: skip
     together = Together(before, trials, kinds, how.stated, how.asked, tell)
 

@@ -69,8 +69,7 @@ def base_answer(
         if made > likelihood - (1 - share) * group.score:
             return None
     if group.twins or several:
-        near = [g for g in located.groups[1:] if g.left < PLACED * group.left]
-        elements = [p for g in near for p in g.places if p.kind == "element"]
+        elements = [near for near in located.near if near.kind == "element"]
         if any(_made(character(located, place)) for place in elements):
             return None
     if _grows(located, place):

@@ -129,10 +129,15 @@ class Located:
     @property
     def inside(self) -> Place:
         """The best place; of the structure itself, where one does as well as the base."""
-        best = self.groups[0]
-        near = [g for g in self.groups if g.left < PLACED * best.left]
-        own = [p for g in near for p in g.places if p.kind in ("element", "node")]
+        own = [place for place in self.near if place.kind in ("element", "node")]
         return own[0] if own and self.best.kind == "base" else self.best
+
+    @property
+    def near(self) -> tuple[Place, ...]:
+        """Places where a force leaves about as little as at the best, which is one of them."""
+        most = PLACED * self.groups[0].left
+        first, *rest = self.groups
+        return (*first.places, *(p for g in rest if g.left < most for p in g.places))
 
     @property
     def p_value(self) -> float:

@@ -150,7 +150,7 @@ def test_what_floats_and_does_not_swing_is_taken_whole(hard):
 
 
 @pytest.mark.parametrize(("left", "asked"), [(0.9, None), (0.3, [TOP])])
-def test_where_a_law_explains_some_only_the_likeliest_place_is_tried(
+def test_where_a_law_explains_some_only_the_likely_places_are_tried(
     hard, monkeypatch, left, asked
 ):
     before, trials = hard
@@ -163,7 +163,7 @@ def test_where_a_law_explains_some_only_the_likeliest_place_is_tried(
     monkeypatch.setattr(downward, "openings", told)
     fit = dataclasses.replace(before, chi2_in_band=max(left * before.chi2_in_band, 2 * FAR_OFF))
     label = Candidate(Effect("stiffness_loss", TOP, {"dk_n_per_m": 1.0}), 40.0, -20.0, 1e9)
-    more = Downward(before, before, [label], [label], trials, KINDS, best=[TOP], late=never)
+    more = Downward(before, before, [label], [label], trials, KINDS, near=[TOP], late=never)
     best = Named(label.effect, before.plant.description, fit, 0.0)
     more([best])
     given = more([best]) if not tried else more.opened
