@@ -143,7 +143,9 @@ def noise_of_residual(
     """
     powers = []
     for trial, residual in zip(trials, residuals, strict=True):
-        frequency, power, spare = incoherent_power(residual, trial.inputs, trial.rate_hz)
+        frequency, power, spare = incoherent_power(
+            residual, trial.inputs, trial.rate_hz, trial.used
+        )
         share = np.maximum(trial.used.mean(axis=0), LEAST)
         # A sensor that says nothing in a trial is all noise there, and counts for nothing.
         heard = trial.used.any(axis=0)

@@ -1,19 +1,28 @@
 """What of a residual no smooth transfer from the inputs explains, line by line."""
 
 import numpy as np
-from jaxtyping import Float
+import scipy.linalg
+from jaxtyping import Bool, Float, Inexact
 
 from slowtime.signals.spectra import transform
 
 BLOCK = 24
 """Lines over which a transfer function is taken for a straight line."""
+LEAST = 0.1
+"""Share of the power that a regression has to leave to tell of it: samples of a few moments are
+taken as they are."""
 
 
 def incoherent_power(
     residual: Float[np.ndarray, "time sensor"],
     inputs: Float[np.ndarray, "time input"],
     rate_hz: float,
-) -> tuple[Float[np.ndarray, " frequency"], Float[np.ndarray, "frequency sensor"], float]:
+    used: Bool[np.ndarray, "time sensor"] | None = None,
+) -> tuple[
+    Float[np.ndarray, " frequency"],
+    Float[np.ndarray, "frequency sensor"],
+    Float[np.ndarray, " sensor"],
+]:
     r"""Density of a residual less its local linear regression on the inputs.
 
     In every block of lines, :math:`R_k = (a + b k) U_k + c + d k + N_k` by least squares: the
@@ -21,10 +30,21 @@ def incoherent_power(
     scaled by the degrees of freedom used up. Linear misfit, such as an input held otherwise
     between its samples than the model says, is no noise, and goes.
 
+    Lines of noise in which holes are cut go together, :math:`E[N_k N_l^*] \propto M_{k-l}` with
+    the transform :math:`M` of the mask: of few samples, close together, the regression takes
+    more than of many.
+
+    Parameters
+    ----------
+    residual
+        Zero where a sample is not used.
+    used
+        Which samples are; all where not given.
+
     Returns
     -------
     Frequencies [Hz], without the first line; density [unit²/Hz]; share of the lines that are
-    still independent.
+    still independent, of each sensor.
 
     References
     ----------
@@ -43,6 +63,25 @@ def incoherent_power(
     basis, _ = np.linalg.qr(np.concatenate([smooth, pushed, ramp * pushed], axis=2))
     lines = spectrum[kept].reshape(blocks, BLOCK, -1)
     left = lines - basis @ (basis.conj().swapaxes(1, 2) @ lines)
-    spare = 1 - basis.shape[2] / BLOCK
-    power = (np.abs(left) ** 2 / spare).reshape(blocks * BLOCK, -1)
-    return frequency[kept], power, spare
+    power = np.abs(left) ** 2
+    spare = np.full(power.shape[2], 1 - basis.shape[2] / BLOCK)
+    power /= spare
+    use = np.ones(residual.shape, dtype=bool) if used is None else used
+    for sensor in np.flatnonzero(~use.all(axis=0)).tolist():
+        own = _spared(basis, use[:, sensor])
+        if own.mean() < LEAST:
+            power[:, :, sensor], spare[sensor] = np.abs(lines[:, :, sensor]) ** 2, 1.0
+        else:
+            power[:, :, sensor] *= spare[sensor] / np.maximum(own, LEAST)[:, None]
+            spare[sensor] = own.mean()
+    return frequency[kept], power.reshape(blocks * BLOCK, -1), spare
+
+
+def _spared(
+    basis: Inexact[np.ndarray, "block line column"], use: Bool[np.ndarray, " time"]
+) -> Float[np.ndarray, " block"]:
+    """Share of the power of white noise, but for holes, that regressions on bases leave."""
+    mask = np.fft.fft(use.astype(float))[:BLOCK] / max(use.sum(), 1)
+    alike = scipy.linalg.toeplitz(mask, mask.conj())
+    taken = np.einsum("bic,ij,bjc->b", basis.conj(), alike, basis, optimize=True).real
+    return np.asarray(1 - taken / BLOCK)

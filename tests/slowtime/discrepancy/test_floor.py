@@ -95,6 +95,29 @@ def test_linear_misfit_to_an_input_is_not_noise():
     assert spare == 1 - 4 / 24
 
 
+HOLES = {
+    "first": lambda at: at < 0.07 * SAMPLES,
+    "few": lambda at: at < 60,
+    "scattered": lambda at: (at * 7919) % 101 < 7,
+    "crossings": lambda at: np.abs(np.sin(at / 9)) < 0.1,
+    "gap": lambda at: np.abs(at - SAMPLES // 2) > 100,
+}
+
+
+@pytest.mark.parametrize("name", HOLES)
+def test_noise_is_as_loud_whichever_samples_are_left_of_it(name):
+    """Lines of a few moments go together, and a smooth curve takes nearly all of them."""
+    used = HOLES[name](np.arange(SAMPLES))[:, None]
+    loud = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        inputs, noise = rng.standard_normal((SAMPLES, 1)), rng.standard_normal((SAMPLES, 1))
+        _, power, spare = incoherent_power(np.where(used, noise, 0.0), inputs, RATE, used)
+        loud.append(power.mean() / used.mean())
+        assert 0 < spare[0] <= 1
+    assert np.mean(loud) == pytest.approx(2 / RATE, rel=0.1)
+
+
 def test_masked_samples_do_not_lower_the_floor():
     residuals = coloured(np.random.default_rng(5), 0.0)
     residuals[:, :1500] = 0.0
