@@ -10,7 +10,7 @@ from slowtime.dynamics.plant import Name
 from .adding import carrying
 from .between import FAINT, Hold, held_as_well, held_instead, with_holds
 from .diagnosis import Named as Answer
-from .equivalent import CONSTANTS
+from .equivalent import ALONE, CONSTANTS, alone_off
 from .found import Found
 from .further import in_pieces
 from .gap import UNWHITE, whiteness
@@ -39,8 +39,6 @@ SLIGHT = 1e-3
 """Share of what is missing, up to which a law of more numbers that explains no more than its
 limit does is taken for it. Of friction that creeps where it should stick, Stribeck's law makes
 up to 0.9e-3; of true Stribeck curves in twenty hidden cases, 1.35e-3 at least, 20e-3 mostly."""
-ALONE = 4.0
-"""Tolerances by which a constant has to be off, and no other, to be an effect of its own."""
 MUCH = 0.2
 """Share of what was left that a second law at one place may leave, if more than noise."""
 LIMITS = {"stribeck": "coulomb"}
@@ -130,7 +128,7 @@ def accept(
         if bar.cost - best.fit.cost < speck:
             return False
     # That constants were claimed too well is an answer too, and has its share.
-    alone = pulled and _localised(bar, best.effect)
+    alone = pulled and alone_off(bar, best.effect)
     if alone:
         # What leaves the constant as far off is no other answer either.
         named = [one for one in named if one is best or not _still_off(one.fit, best.effect)]
@@ -146,7 +144,8 @@ def accept(
     order = sorted(range(len(named)), key=lambda i: -shares[i])
     named, shares = [named[i] for i in order], [shares[i] for i in order]
     best = named[0]
-    if twice and whiteness(best.fit) < UNWHITE and not _explains_much(found, best, kinds):
+    again = twice and not alone and whiteness(best.fit) < UNWHITE
+    if again and not _explains_much(found, best, kinds):
         return False
     found.fits.append(best.fit)
     found.trials = within(trials if short else found.trials, channels, (best.effect,), kinds)
@@ -213,18 +212,6 @@ def bends_twice(effect: Effect, answers: Sequence[Answer], kinds: Mapping[str, K
         answer.effect.place == effect.place and answer.family == kind.family
         for answer in answers
     )
-
-
-def _localised(bar: Fit, effect: Effect) -> bool:
-    """Whether one constant alone is far off, and an effect is that it is so.
-
-    That it was claimed too well is then no other answer.
-    """
-    pulls = {name: abs(pull) for name, pull in _own(bar.pulls).items()}
-    off = [name for name, pull in pulls.items() if pull > MOVED]
-    if len(off) != 1 or pulls[off[0]] < ALONE or effect.kind not in CONSTANTS:
-        return False
-    return off[0] == (CONSTANTS[effect.kind][0], effect.place.id)
 
 
 def _still_off(fit: Fit, effect: Effect) -> bool:

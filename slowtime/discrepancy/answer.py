@@ -32,6 +32,7 @@ from .gap import (
 )
 from .locate import Located, character
 from .naming import misfit
+from .outrun import within
 from .patchwork import humbled, pieces_of_one
 from .records import Campaign, Trial
 from .refit import WRONG, Fit
@@ -80,7 +81,10 @@ def report(
 ) -> Diagnosis:
     """Put an answer together: verdict, sentences, the gap on what was not fitted, pictures."""
     first, last = found.fits[0], found.fits[-1]
+    channels = tuple(sensor.channel for sensor in campaign.description.sensors)
     tests = judged(trials, tuple(screen(t).trial for t in campaign.holdout))
+    # What a fast clock told of times after the end, nobody foretells.
+    tests = within(tests, channels, (answer.effect for answer in found.answers), kinds)
     nominal = judge(campaign.description, dataclasses.replace(
         first, values=first.plant.values
     ), tests)  # fmt: skip
@@ -176,8 +180,11 @@ def _loud(found: Found, errors: Sequence[float], floor: float) -> bool:
 
 def _unknown(found: Found) -> bool:
     """Whether what is left has structure that no effect was found for."""
-    if not found.answers and found.fits[-1].chi2_in_band > WRONG:
+    last = found.fits[-1]
+    if not found.answers and last.chi2_in_band > WRONG:
         return True  # wherever it is
+    if found.hurried and not found.ended and last.chi2_in_band > FAR_OFF:
+        return True  # no right law leaves as much, and there was no time for others
     if found.left is None or found.left.p_value > FALSE_ALARM:
         return False
     if whiteness(found.fits[-1]) > UNWHITE:

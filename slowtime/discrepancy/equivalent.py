@@ -40,6 +40,8 @@ INSTEAD = 4
 """Laws that are given where constants leave nothing, those that come nearest."""
 ASIDE = 4
 """Changes of other constants that are given beside them, those first that moved most."""
+ALONE = 4.0
+"""Tolerances by which a constant has to be off, and no other, to be an effect of its own."""
 CONSTANTS = {"stiffness_loss": ("stiffness", -1.0), "viscous_damping": ("damping", 1.0)}
 """Kinds that change a constant of an element, which, and in which direction."""
 
@@ -116,6 +118,18 @@ def _aside(bent: Fit, kinds: Mapping[str, Kind]) -> Iterator[Candidate]:
 
 def _bends(name: tuple[object, ...], pull: float) -> bool:
     return name[0] in ("stiffness", "damping") and abs(pull) > MOVED
+
+
+def alone_off(fit: Fit, effect: Effect) -> bool:
+    """Whether one constant alone is far off, and an effect is that it is so.
+
+    That it was claimed too well is then no other answer.
+    """
+    pulls = {name: abs(pull) for name, pull in fit.pulls.items() if name[0] != "effect"}
+    off = [name for name, pull in pulls.items() if pull > MOVED]
+    if len(off) != 1 or pulls[off[0]] < ALONE or effect.kind not in CONSTANTS:
+        return False
+    return off[0] == (CONSTANTS[effect.kind][0], effect.place.id)
 
 
 def _start(bent: Fit, place: Place) -> Start:

@@ -39,6 +39,8 @@ kind."""
 WIDE_S, ASTRAY, EVERY_S = 2.4, 1.5, 1.2
 """How far about an instant that was found a better one is looked for; mean square over the
 noise, in band, from which it is looked for in all records first, and how closely."""
+TWICE = 2
+"""How often a better instant is looked for, from one that a refit has moved on from."""
 WHITE = 1e-3
 """Chance of so large a chi squared from which a label leaves nothing."""
 BEHIND, LITTLE = 5.0, 0.01
@@ -194,7 +196,7 @@ def refitted(
             beat=beat,
             late=late,
         )
-        fit = _switched(fit, trials, kinds, beat, MAIN * before.chi2_in_band)
+        fit = switched(fit, trials, kinds, beat, MAIN * before.chi2_in_band)
     except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
         return None
     if not math.isfinite(fit.cost):
@@ -202,19 +204,37 @@ def refitted(
     return Named(effect, description, fit, evidence(fit, kinds), short)
 
 
-def _switched(
+def again(named: Named, trials: Sequence[Trial], kinds: Mapping[str, Kind]) -> Named:
+    """Fit on from where a refit ended, and from a better instant of its switch."""
+    fit = named.fit
+    try:
+        fit = refit(fit.plant, trials, values=fit.values, states=fit.states, horizons=(1.0,))
+        for _ in range(TWICE):
+            fit = switched(fit, trials, kinds, None, math.inf)
+    except (np.linalg.LinAlgError, FloatingPointError):
+        return named
+    return dataclasses.replace(named, fit=fit, score=evidence(fit, kinds))
+
+
+def switched(
     fit: Fit,
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
     beat: float | None,
     most: float,
+    which: int | None = None,
 ) -> Fit:
     """Look for a better instant of a switch about one that leaves something.
 
     The misfit has a minimum for every period by which the instant may be wrong. Where the fit
     leaves less than `most`, the instant may be anywhere else in the records.
+
+    Parameters
+    ----------
+    which
+        Number of the effect that switches; the last where not given.
     """
-    which = len(fit.plant.effects) - 1
+    which = len(fit.plant.effects) - 1 if which is None else which
     action = kinds[fit.plant.effects[which].kind].action
     if not isinstance(action, Law) or len(action.switches) != 1 or whiteness(fit) > WHITE:
         return fit
@@ -350,18 +370,32 @@ def _idle(named: Named, kinds: Mapping[str, Kind]) -> bool:
     near the end of its range where a simpler law does the same.
     """
     kind = kinds[named.effect.kind]
-    which = kind.strength if kind.strength is not None else _only(kind)
-    name = ("effect", len(named.description.effects) - 1, which)
-    if name not in named.fit.prior.names:
-        return False
-    at = named.fit.prior.names.index(name)
     least = CLEAR if len(kind.parameters) == 1 else SEEN
-    away = abs(named.fit.free[at] - nothing_of(kind))
-    return bool(away < least * named.fit.widened_sd[at])
+    which = kind.strength or _only(kind)
+    name = ("effect", len(named.description.effects) - 1, which)
+    return sds_of(named.fit, name, nothing_of(kind)) < least
 
 
-def _only(kind: Kind) -> str | None:
-    return kind.names[0] if len(kind.names) == 1 else None
+def sds_of_strength(fit: Fit, number: int, kind: Kind) -> float:
+    """How many standard deviations an effect is from nothing; endless where none is known.
+
+    Of its strength, or of what goes with that, the least.
+    """
+    which = [kind.strength or _only(kind), *kind.scales]
+    return min(sds_of(fit, ("effect", number, one), nothing_of(kind)) for one in which)
+
+
+def sds_of(fit: Fit, name: Name, nothing: float) -> float:
+    """How many standard deviations a number is from another; endless where it is not free."""
+    if name not in fit.prior.names:
+        return math.inf
+    at = fit.prior.names.index(name)
+    return abs(float(fit.free[at]) - nothing) / float(fit.widened_sd[at])
+
+
+def _only(kind: Kind) -> str:
+    """Name of the only number; none is called nothing."""
+    return kind.names[0] if len(kind.names) == 1 else ""
 
 
 def nothing_of(kind: Kind) -> float:

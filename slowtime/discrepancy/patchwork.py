@@ -11,7 +11,16 @@ from typing import Literal
 
 import numpy as np
 
-from slowtime.dynamics.effects import Effect, Friction, Kind, Law, Motion, Place, force_along
+from slowtime.dynamics.effects import (
+    Effect,
+    Friction,
+    Kind,
+    Law,
+    Motion,
+    Place,
+    Unmeasured,
+    force_along,
+)
 
 from .diagnosis import Named as Answer
 
@@ -19,6 +28,11 @@ MANY, PATCHED = 3, 0.8
 """Laws from which on a model is patchwork; chance that such a one holds the right ones."""
 
 Variable = Literal["elongation", "speed"]
+STRAIGHT: Mapping[str, Variable] = {
+    "stiffness_loss": "elongation",
+    "viscous_damping": "speed",
+}
+"""Kinds that change a constant of an element, and what their force is straight in."""
 _GRID = np.array([-1.0, -0.3, 0.2, 1.0])
 
 
@@ -30,13 +44,35 @@ def humbled(answers: Sequence[Answer], count: int, kinds: Mapping[str, Kind]) ->
     count
         Of the effects that were added, those not told included.
     """
-    pieced = pieces_of_one(answers, kinds)
+    pieced = {*pieces_of_one(answers, kinds), *_beside_constants(answers, kinds)}
+    # What no law follows, at the base, may be what the laws that were named lack.
+    many = count >= MANY or (len(answers) > 1 and any(_shakes(a, kinds) for a in answers))
     return [
         dataclasses.replace(answer, probability=PATCHED * answer.probability)
-        if count >= MANY or answer.effect.place in pieced
+        if many or answer.effect.place in pieced
         else answer
         for answer in answers
     ]
+
+
+def _shakes(answer: Answer, kinds: Mapping[str, Kind]) -> bool:
+    kind = kinds[answer.effect.kind]
+    return isinstance(kind.action, Unmeasured) and kind.where == "base"
+
+
+def _beside_constants(answers: Sequence[Answer], kinds: Mapping[str, Kind]) -> set[Place]:
+    """Elements at which one law is a curve over what a constant that is off is straight in.
+
+    Both may be one curve between them: damping that grows with speed by a power below two.
+    """
+    labels = {(answer.effect.kind, answer.effect.place) for answer in answers}
+    return {
+        answer.effect.place
+        for answer in answers
+        for constant, variable in STRAIGHT.items()
+        if (constant, answer.effect.place) in labels
+        and variable_of(answer.effect, kinds) == variable
+    }
 
 
 def pieces_of_one(

@@ -16,6 +16,7 @@ from slowtime.dynamics.plant import Name, Plant
 
 from .adding import effects_of
 from .diagnosis import Named as Answer
+from .equivalent import alone_off
 from .naming import evidence
 from .records import Trial
 from .refit import Fit, refit
@@ -45,7 +46,11 @@ def pruned(
     number = 0
     while number < len(kept) and len(kept) > 1:
         less = without(chain[-1], own + number, trials, kinds)
-        if less is None or _gain(chain[-1], less, trials, kinds) >= LEAST_GAIN:
+        if (
+            less is None
+            or alone_off(less, kept[number].effect)
+            or _gain(chain[-1], less, trials, kinds) >= LEAST_GAIN
+        ):
             number += 1
             continue
         del kept[number]

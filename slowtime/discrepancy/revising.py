@@ -20,7 +20,7 @@ from .found import Found
 from .gap import UNWHITE, whiteness
 from .likelier import likelier
 from .locate import locate
-from .naming import chosen, refit_all, settled
+from .naming import chosen, refit_all, sds_of_strength, settled
 from .pruning import left_out, pruned, without
 from .unbent import unbent
 from .values import with_values
@@ -29,6 +29,9 @@ from .watch import Watch
 
 AS_LIKELY = -2.0
 """Log evidence by which fewer effects may be behind more."""
+FAINTLY = 10.0
+"""Standard deviations from nothing, below which a law of several numbers may be at the end of
+its range; those that are not are so by fifty and more."""
 OTHERS, KNOWN = 3, 2
 """Labels that are tried in the stead of one: those found beside the others, and those refitted
 when it was."""
@@ -44,10 +47,12 @@ def revised(
     stated
         What the model says of its inputs between samples; as it stands where not given.
     """
-    if not worth_it(found):
+    if not worth_it(found, kinds):
         return found
-    for number in _in_turn(found):
-        if tell.hurries:
+    for number in _in_turn(found, kinds):
+        # What does nothing of its own should not be told, late as it may be.
+        needless = number in _faint(found, kinds)
+        if tell.ends or (tell.hurries and not needless):
             found.hurried = True
             return found
         branch = _anew(found, number, kinds, stated, tell)
@@ -55,27 +60,51 @@ def revised(
             continue
         branch.fits, branch.answers = pruned(branch.fits, branch.answers, branch.trials, kinds)
         fewer = len(branch.answers) < len(found.answers)
-        if likelier(found, branch, kinds, AS_LIKELY if fewer else LEAST_GAIN) is not found:
+        enough = AS_LIKELY if fewer or needless else LEAST_GAIN
+        if likelier(found, branch, kinds, enough) is not found:
             return revised(branch, kinds, stated, tell)
     return found
 
 
-def worth_it(found: Found) -> bool:
-    """Whether several effects leave something, need constants that are off, or are many."""
+def worth_it(found: Found, kinds: Mapping[str, Kind]) -> bool:
+    """Whether several effects leave something, need constants that are off, or are many.
+
+    Or one of them does next to nothing of its own.
+    """
     last = found.fits[-1]
     whole = len(found.fits) == 1 + len(found.answers) and found.holds is None
     if len(found.answers) < 2 or found.ended or found.unheard or not whole:
         return False
     if any(len(fit.states) != len(found.trials) for fit in found.fits):
         return False
-    return whiteness(last) < UNWHITE or bool(moved_of(last)) or len(found.answers) > 2
+    much = whiteness(last) < UNWHITE or bool(moved_of(last)) or len(found.answers) > 2
+    return much or bool(_faint(found, kinds))
 
 
-def _in_turn(found: Found) -> Iterator[int]:
-    """Give numbers of effects: those first where something is left."""
+def _faint(found: Found, kinds: Mapping[str, Kind]) -> list[int]:
+    """Give numbers of laws of several numbers, one of which is hardly more than its error.
+
+    They are at the end of their range, where another law does what they do: what rides on a
+    node and swings without damping is a tone.
+    """
+    last = found.fits[-1]
+    own = len(last.plant.effects) - len(found.answers)
+    return [
+        number
+        for number, answer in enumerate(found.answers)
+        if len(answer.effect.parameters) > 1
+        and sds_of_strength(last, own + number, kinds[answer.effect.kind]) < FAINTLY
+    ]
+
+
+def _in_turn(found: Found, kinds: Mapping[str, Kind]) -> Iterator[int]:
+    """Give numbers of effects: those first that do nothing, or where something is left."""
     here = found.left.groups[0].places if found.left is not None else ()
+    faint = _faint(found, kinds)
     numbers = range(len(found.answers))
-    yield from sorted(numbers, key=lambda i: found.answers[i].effect.place not in here)
+    yield from sorted(
+        numbers, key=lambda i: (i not in faint, found.answers[i].effect.place not in here)
+    )
 
 
 def _anew(
@@ -120,7 +149,7 @@ def _anew(
 
     def tick(effect: Effect, _: int) -> bool:
         tell(f"refitting {effect.kind} at {effect.place}", 0.86)
-        return tell.hurries
+        return tell.ends
 
     in_turn = list(reversed(labels.values()))
     named = refit_all(before, in_turn, trials, kinds, tick)

@@ -15,7 +15,7 @@ from slowtime.dynamics.effects import Effect, Kind, Place
 from .accepting import accept, bends_twice, ended
 from .anew import beginnings
 from .between import Hold, held_otherwise, with_holds
-from .candidates import SEVERAL, Candidate, candidates, label_of, mirrored
+from .candidates import SEVERAL, Candidate, Label, candidates, label_of, mirrored
 from .diagnosis import Named as Answer
 from .downward import Downward
 from .equivalent import instead_of_constants
@@ -25,6 +25,7 @@ from .gap import UNWHITE, whiteness
 from .likelier import done, likelier
 from .locate import Located, locate
 from .loosened import loosened
+from .misplaced import moved
 from .naming import KEPT, Named, chosen, refit_all
 from .onward import onward
 from .outrun import within
@@ -366,8 +367,13 @@ def _after(
         found.named, found.tried, found.alike = tuple(named), tuple(tried), tuple(alike)
         if named and named[0].fit.chi2_in_band > FAR_OFF:
             # What explains how records begin is one of two, though more may be left by it.
-            named = [one for one in named if label_of(one.effect) == down.begins] or named
+            named = [one for one in named if _begins(one, down.begins, bent)] or named
     return _accepted(found, before, named, how, trials, pulled=pulled)
+
+
+def _begins(one: Named, label: Label | None, bent: Fit) -> bool:
+    """Whether a law is the one that explains how records begin, and something of the rest."""
+    return label_of(one.effect) == label and one.fit.chi2_in_band < bent.chi2_in_band
 
 
 def _labels(
@@ -414,8 +420,10 @@ def _accepted(
         found, before, named, trials or found.trials, how.kinds, how.stated, pulled=pulled,
         twice=any(_sits_on(one.effect, found.answers) for one in named[:1]), asked=how.asked,
     )  # fmt: skip
-    if fine and len(found.answers) > 1 and not (how.tell.hurries or found.ended):
-        regrow(found, how.kinds)
+    if fine and len(found.answers) > 1 and not (how.tell.ends or found.ended):
+        if not how.tell.hurries:
+            regrow(found, how.kinds)
+        moved(found, how.kinds, how.tell)
     return fine
 
 

@@ -14,7 +14,7 @@ from .diagnosis import Rival
 from .found import Found
 from .further import FAR_OFF
 from .gap import UNWHITE, whiteness
-from .naming import Named, misfit, refitted, settled
+from .naming import Named, again, misfit, refitted, settled
 from .paired import pairs
 from .patchwork import variable_of
 from .records import Trial
@@ -33,6 +33,8 @@ from .watch import Watch
 SOME, AMONG, TURNS = 0.7, 5, 3
 """Share of what was missing that a law may leave, and be one of two; the best of how many such
 are taken two by two, and how many pairs at a time."""
+NEAR = 0.1
+"""Share of what the best alone leaves, from which a pair is fitted on where it ended."""
 
 Pair = tuple[Candidate, Candidate]
 
@@ -77,7 +79,7 @@ class Together:
             if self._tell.hurries:
                 break
             self._tell(f"refitting {one.effect.kind} and {other.effect.kind}", 0.35)
-            both = self._refitted(one, other, good)
+            both = self._refitted(one, other, good, NEAR * best.chi2_in_band)
             first = found.fits[0]
             if both is None or moved_of(both.fit):
                 continue  # what is missing bends no constant
@@ -107,15 +109,23 @@ class Together:
                 yield pair
 
     def _refitted(
-        self, one: Candidate, other: Candidate, good: Sequence[tuple[Candidate, Named]]
+        self,
+        one: Candidate,
+        other: Candidate,
+        good: Sequence[tuple[Candidate, Named]],
+        near: float,
     ) -> Named | None:
         known = carrying(self._before, one.effect, self._kinds)
         noise = good[0][1].fit.noise if good else None
         enough = EXPLAINED * self._before.data
-        return refitted(
+        both = refitted(
             known, other.effect, self._trials, self._kinds, noise, enough,
             start=other.start, late=lambda: self._tell.hurries,
         )  # fmt: skip
+        if both is None or not EXPLAINED < both.fit.chi2_in_band < near:
+            return both
+        # A pair that is right ends a moment beside the instant of a switch.
+        return again(both, self._trials, self._kinds)
 
     def _accepted(self, found: Found, good: Sequence[tuple[Candidate, Named]]) -> Found | None:
         one, both = good[0]

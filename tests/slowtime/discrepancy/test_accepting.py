@@ -4,9 +4,10 @@ import dataclasses
 
 import pytest
 
-from slowtime.discrepancy.accepting import ALONE, MUCH, _explains_much, _localised, _still_off
+from slowtime.discrepancy.accepting import MUCH, _explains_much, _still_off
 from slowtime.discrepancy.diagnosis import Named as Answer
 from slowtime.discrepancy.doubts import SLIGHTLY, doubt_pieces
+from slowtime.discrepancy.equivalent import ALONE, alone_off
 from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.naming import Named
 from slowtime.discrepancy.refit import refit
@@ -43,13 +44,13 @@ def of(fit, element, off):
 
 
 def test_one_constant_that_is_far_off_by_itself_is_an_effect(fit):
-    assert _localised(of(fit, SECOND, ALONE + 0.1), LOST)
-    assert _localised(of(fit, SECOND, -ALONE - 0.1), LOST)
-    assert not _localised(of(fit, SECOND, ALONE - 0.1), LOST)
-    assert not _localised(of(fit, FIRST, ALONE + 0.1), LOST)
-    assert not _localised(of(fit, SECOND, ALONE + 0.1), CUBIC)
+    assert alone_off(of(fit, SECOND, ALONE + 0.1), LOST)
+    assert alone_off(of(fit, SECOND, -ALONE - 0.1), LOST)
+    assert not alone_off(of(fit, SECOND, ALONE - 0.1), LOST)
+    assert not alone_off(of(fit, FIRST, ALONE + 0.1), LOST)
+    assert not alone_off(of(fit, SECOND, ALONE + 0.1), CUBIC)
     two = {f"stiffness_{FIRST.id}": MOVED + 0.1, f"stiffness_{SECOND.id}": ALONE + 0.1}
-    assert not _localised(pulled(fit, **two), LOST)
+    assert not alone_off(pulled(fit, **two), LOST)
 
 
 def test_what_leaves_the_constant_as_far_off_is_no_other_answer(fit):

@@ -35,8 +35,8 @@ def test_an_instant_is_looked_for_in_every_record(jump_s, begun_s):
     values[at] = begun_s
     left = run_by(truth, values, right.states, right.noise, trials)
     wrong = dataclasses.replace(right, values=values, cost=left, chi2_in_band=50.0)
-    found = naming._switched(wrong, trials, KINDS, None, 100.0)
+    found = naming.switched(wrong, trials, KINDS, None, 100.0)
     assert found.values[at] == pytest.approx(jump_s, abs=0.1)
     assert found.chi2_in_band < 1.2
     # Of what leaves most of what there was, one does not know what to look for.
-    assert naming._switched(wrong, trials, KINDS, None, 40.0).values[at] != found.values[at]
+    assert naming.switched(wrong, trials, KINDS, None, 40.0).values[at] != found.values[at]

@@ -53,3 +53,29 @@ def test_two_curves_of_one_elongation_may_be_one_that_is_unknown():
     apart = [law_of("cubic_hardening"), law_of("saturating_stiffness", THERE)]
     assert pieces_of_one(apart, KINDS) == {}
     assert [a.probability for a in humbled(apart, 2, KINDS)] == [1.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("curve", "constant", "pieces"),
+    [
+        ("quadratic_damping", "viscous_damping", True),
+        ("cubic_hardening", "stiffness_loss", True),
+        ("quadratic_damping", "stiffness_loss", False),
+        ("cubic_hardening", "viscous_damping", False),
+        ("bouc_wen", "stiffness_loss", False),
+    ],
+)
+def test_a_curve_beside_a_constant_that_is_off_may_be_one_curve(curve, constant, pieces):
+    both = [law_of(curve), law_of(constant)]
+    assert all((a.probability < DECIDED) == pieces for a in humbled(both, 2, KINDS))
+    apart = [law_of(curve), law_of(constant, THERE)]
+    assert [a.probability for a in humbled(apart, 2, KINDS)] == [1.0, 1.0]
+
+
+def test_beside_a_base_that_moves_as_no_law_tells_a_law_is_less_sure():
+    base = law_of("base_motion", Place("base", "base"))
+    assert [a.probability for a in humbled([base], 1, KINDS)] == [1.0]
+    assert all(a.probability < DECIDED for a in humbled([law_of("coulomb"), base], 2, KINDS))
+    wander = law_of("sensor_drift", Place("sensor", "x"))
+    sure = humbled([law_of("coulomb"), wander], 2, KINDS)
+    assert [a.probability for a in sure] == [1.0, 1.0]

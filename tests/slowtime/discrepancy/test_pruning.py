@@ -78,6 +78,17 @@ def test_what_is_needed_stays_and_has_the_numbers_of_the_last_fit():
         assert answer.sentence != "as named"
 
 
+def test_a_constant_that_is_far_off_by_itself_stays_an_effect_beside_another():
+    """The tolerance that it would break counts for little, and says all."""
+    lost = Effect("stiffness_loss", PLACE, {"dk_n_per_m": 200.0})
+    trials = trials_of(CUBIC, lost)
+    before, said = chain_of(trials, CUBIC, lost)
+    _, answers = pruned(before, said, trials, KINDS)
+    assert [answer.effect.kind for answer in answers] == ["cubic_hardening", "stiffness_loss"]
+    told = answers[1].numbers["dk_n_per_m"]
+    assert abs(told.value - 200.0) < 4 * told.sd
+
+
 def test_a_single_effect_is_left_as_it_is():
     trials = trials_of(CUBIC)
     before, said = chain_of(trials, CUBIC)

@@ -13,7 +13,7 @@ from slowtime.discrepancy.refit import refit
 from slowtime.discrepancy.revising import revised, worth_it
 from slowtime.discrepancy.verdict import answer_of
 from slowtime.discrepancy.watch import Watch
-from slowtime.dynamics.effects import Effect, catalogue
+from slowtime.dynamics.effects import Effect, Place, catalogue
 from slowtime.dynamics.plant import Plant
 from tests.slowtime.discrepancy.test_search import FIRST, ONLY, SECOND, TWO, seen
 
@@ -25,16 +25,16 @@ THERE = Effect("cubic_hardening", FIRST, {"k3_n_per_m3": 2e4})
 LOUD = Effect("sensor_gain", ONLY, {"gain": 1.2})
 
 
-def accounted(trials, *effects):
+def accounted(trials, *effects, kinds=KINDS):
     """Give an account of effects, one after the other, as they were fitted."""
-    fits = [refit(Plant.of(TWO, kinds=KINDS), trials)]
+    fits = [refit(Plant.of(TWO, kinds=kinds), trials)]
     answers = []
     for effect in effects:
         (named,) = refit_all(
-            fits[-1], [Candidate(effect, 0.0, 0.0, 0.0)], trials, KINDS, lambda *_: False
+            fits[-1], [Candidate(effect, 0.0, 0.0, 0.0)], trials, kinds, lambda *_: False
         )
         fits.append(named.fit)
-        answers.append(answer_of([named], [1.0], KINDS))
+        answers.append(answer_of([named], [1.0], kinds))
     return Found(fits, trials, answers=answers)
 
 
@@ -58,19 +58,19 @@ def test_a_neighbour_of_the_right_law_gives_way_once_the_other_is_in(trials, nei
 
 def test_what_is_right_stays_as_it_is(trials):
     found = accounted(trials, HARD, LOUD)
-    assert not worth_it(found)
+    assert not worth_it(found, KINDS)
     assert revised(found, KINDS, None, Watch()) is found
 
 
 def test_it_is_not_worth_it_for_one_effect_nor_for_what_ended_or_was_cut(trials):
     found = accounted(trials, PLAY, LOUD)
-    assert worth_it(found)
+    assert worth_it(found, KINDS)
     one = dataclasses.replace(found, fits=found.fits[:2], answers=found.answers[:1])
-    assert not worth_it(one)
-    assert not worth_it(dataclasses.replace(found, ended=True))
-    assert not worth_it(dataclasses.replace(found, holds=("zero",)))
+    assert not worth_it(one, KINDS)
+    assert not worth_it(dataclasses.replace(found, ended=True), KINDS)
+    assert not worth_it(dataclasses.replace(found, holds=("zero",)), KINDS)
     half = tuple(t for trial in trials for t in (trial.part(0, 350), trial.part(350, 700)))
-    assert not worth_it(dataclasses.replace(found, trials=half))
+    assert not worth_it(dataclasses.replace(found, trials=half), KINDS)
 
 
 def test_of_two_accounts_that_do_as_well_the_one_of_fewer_effects_stands(trials, monkeypatch):
@@ -81,13 +81,34 @@ def test_of_two_accounts_that_do_as_well_the_one_of_fewer_effects_stands(trials,
     more = refit(more.plant, trials, values=more.values, states=more.states, horizons=(1.0,))
     third = dataclasses.replace(found.answers[0], effect=idle)
     many = dataclasses.replace(found, fits=[*found.fits, more], answers=[*found.answers, third])
-    assert worth_it(many)
+    assert worth_it(many, KINDS)
     monkeypatch.setattr(revising, "_anew", lambda *_: dataclasses.replace(many))
     fewer = revised(many, KINDS, None, Watch())
     assert [answer.effect.kind for answer in fewer.answers] == [
         "cubic_hardening",
         "sensor_gain",
     ]
+
+
+def test_what_does_next_to_nothing_of_its_own_gives_way_to_what_it_stands_for():
+    """What rides on a node and swings for ever, without damping, is a tone."""
+    names = ("extra_dof", "harmonic_force", "cubic_hardening")
+    kinds = {name: kind for name, kind in catalogue().items() if name in names}
+    node = Place("node", TWO.nodes[1].id)
+    tone = Effect(
+        "harmonic_force", node, {"amplitude_n": 0.4, "frequency_hz": 5.3, "phase_rad": 0.4}
+    )
+    heard = seen((HARD, tone), samples=700)
+    rings = Effect(
+        "extra_dof", node, {"mass_kg": 1e-3, "frequency_hz": 5.3, "damping_n_s_per_m": 1e-5}
+    )
+    found = accounted(heard, HARD, rings, kinds=kinds)
+    assert worth_it(found, kinds)
+    better = revised(found, kinds, None, Watch())
+    assert {answer.effect.kind for answer in better.answers} == {
+        "cubic_hardening",
+        "harmonic_force",
+    }
 
 
 def test_once_it_is_late_nothing_is_looked_for_again(trials):

@@ -1,0 +1,113 @@
+"""Several effects that were found, in; the same, one of them at another place, out.
+
+Which place a law was given was told while others were missing, and a neighbour explains most of
+what it does. Beside all others, with its own numbers, it is tried at each place it may sit at.
+"""
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+from jaxtyping import Float
+
+from slowtime.dynamics.effects import Kind, Place
+from slowtime.dynamics.plant import Plant
+
+from .adding import run_by
+from .found import Found
+from .naming import SWIFTLY, switched
+from .pruning import all_told_again, left_out
+from .refit import Fit, GivenUp, refit
+from .verdict import LEAST_GAIN
+from .watch import Watch
+
+STRENGTHS = (1.0, 0.25, 0.5, 2.0, 4.0)
+"""Times as strong as a law was, as which it is begun with at another place: an element that
+moves less needs more of it."""
+
+
+def moved(found: Found, kinds: Mapping[str, Kind], tell: Watch) -> bool:
+    """Put a law at another place where that explains more; whether one was.
+
+    Of the numbers that it has, each place needs as many: what is likelier leaves less.
+    """
+    last, trials = found.fits[-1], found.trials
+    whole = len(last.states) == len(trials) and found.holds is None and not found.ended
+    if len(found.answers) < 2 or not whole or found.unheard:
+        return False
+    best, which = last, -1
+    for number, place in _elsewhere(found):
+        if tell.ends:
+            found.hurried = True
+            break
+        answer = found.answers[number]
+        tell(f"trying {answer.effect.kind} at {place}", 0.8)
+        other = _with(best if number == which else last, last, number, place, found, kinds)
+        if other is not None and other.cost < best.cost - 2 * LEAST_GAIN:
+            best, which = other, number
+    if best is last:
+        return False
+    found.fits = [found.fits[0], *left_out(found.fits, which, best, trials, kinds)]
+    found.answers = all_told_again(found.answers, best, kinds)
+    if which == 0 or found.undecided:
+        found.undecided, found.pair, found.retuned = (), None, False
+    return True
+
+
+def _elsewhere(found: Found) -> Iterator[tuple[int, Place]]:
+    """Give laws and other places for them: the first that was found first."""
+    structure = found.fits[-1].plant.description
+    every = {
+        "element": [element.id for element in structure.elements],
+        "node": [node.id for node in structure.nodes],
+    }
+    taken = {(answer.effect.kind, answer.effect.place) for answer in found.answers}
+    for number, answer in enumerate(found.answers):
+        sort = answer.effect.place.kind
+        for name in every.get(sort, ()):
+            place = Place(sort, name)
+            if (answer.effect.kind, place) not in taken:
+                yield number, place
+
+
+def _with(
+    fit: Fit, last: Fit, number: int, place: Place, found: Found, kinds: Mapping[str, Kind]
+) -> Fit | None:
+    """Refit a model with one of its effects at another place; None where that is worse."""
+    description = last.plant.description
+    at = len(description.effects) - len(found.answers) + number
+    entry = {**description.effects[at], place.kind: place.id}
+    effects = tuple(entry if i == at else e for i, e in enumerate(description.effects))
+    plant = Plant.of(dataclasses.replace(description, effects=effects), kinds=kinds)
+    names = last.plant.state_names
+    states = [
+        np.array([dict(zip(names, state.tolist(), strict=True)).get(n, 0.0)
+                  for n in plant.state_names])
+        if state.size else state
+        for state in last.states
+    ]  # fmt: skip
+    values = min(
+        _as_strong(plant, last, at, kinds[str(entry["effect"])]),
+        key=lambda values: run_by(plant, values, states, last.noise, found.trials),
+    )
+    try:
+        other = refit(
+            plant, found.trials, noise=last.noise, values=values, states=states,
+            horizons=SWIFTLY, beat=fit.cost,
+        )  # fmt: skip
+        other = switched(other, found.trials, kinds, fit.cost, np.inf, at)
+    except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
+        return None
+    return other if np.isfinite(other.cost) else None
+
+
+def _as_strong(
+    plant: Plant, last: Fit, at: int, kind: Kind
+) -> Iterator[Float[np.ndarray, " parameter"]]:
+    """Give the values of a fit, the law as strong as it was, and weaker and stronger."""
+    which = [] if kind.strength is None else [kind.strength, *kind.scales]
+    of_strength = [plant.parameters.index(("effect", at, name)) for name in which]
+    for factor in STRENGTHS if which else (1.0,):
+        values = last.values.copy()
+        values[of_strength] *= factor
+        yield values

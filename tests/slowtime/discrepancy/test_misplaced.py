@@ -1,0 +1,77 @@
+"""A law that was put beside the right place is found there once the others are in."""
+
+import dataclasses
+
+import pytest
+
+from slowtime.discrepancy.candidates import Candidate
+from slowtime.discrepancy.found import Found
+from slowtime.discrepancy.misplaced import moved
+from slowtime.discrepancy.naming import refit_all
+from slowtime.discrepancy.refit import refit
+from slowtime.discrepancy.verdict import answer_of
+from slowtime.discrepancy.watch import Watch
+from slowtime.dynamics.effects import Effect, Place, catalogue
+from slowtime.dynamics.plant import Plant
+from tests.slowtime.discrepancy.test_search import FIRST, SECOND, TWO, seen
+
+KINDS = catalogue()
+DRAG = Effect("quadratic_damping", FIRST, {"c2_n_s2_per_m2": 30.0})
+NODES = [Place("node", node.id) for node in TWO.nodes]
+TRUE = {
+    "curve": Effect("cubic_hardening", SECOND, {"k3_n_per_m3": 8e4}),
+    "jump": Effect("stiffness_jump", SECOND, {"dk_n_per_m": 150.0, "t_jump_s": 4.1}),
+    "rider": Effect(
+        "extra_dof", NODES[1], {"mass_kg": 0.2, "frequency_hz": 3.1, "damping_n_s_per_m": 0.2}
+    ),
+}
+OTHER = {"curve": FIRST, "jump": FIRST, "rider": NODES[0]}
+
+
+def accounted(trials, *effects):
+    """Give an account of effects, each fitted beside those before it."""
+    fits, answers = [refit(Plant.of(TWO, kinds=KINDS), trials)], []
+    for effect in effects:
+        label = Candidate(effect, 0.0, 0.0, 0.0)
+        (named,) = refit_all(fits[-1], [label], trials, KINDS, lambda *_: False)
+        fits.append(named.fit)
+        answers.append(answer_of([named], [1.0], KINDS))
+    return Found(fits, trials, answers=answers)
+
+
+@pytest.mark.parametrize("name", TRUE)
+@pytest.mark.parametrize("first", [True, False], ids=["first", "last"])
+def test_it_goes_to_where_it_leaves_least(name, first):
+    true = TRUE[name]
+    trials = seen((true, DRAG), samples=600)
+    wrong = dataclasses.replace(true, place=OTHER[name])
+    found = accounted(trials, *((wrong, DRAG) if first else (DRAG, wrong)))
+    before = found.fits[-1].chi2_in_band
+    assert moved(found, KINDS, Watch())
+    told = {answer.effect.kind: answer for answer in found.answers}
+    assert told[true.kind].effect.place == true.place
+    assert told["quadratic_damping"].effect.place == FIRST
+    assert found.fits[-1].chi2_in_band < 1.2 < before
+    for number, value in true.parameters.items():
+        assert told[true.kind].numbers[number].value == pytest.approx(value, rel=0.1)
+    assert [len(fit.plant.effects) for fit in found.fits] == [0, 1, 2]
+    assert str(true.place) in told[true.kind].sentence
+
+
+def test_what_is_where_it_belongs_stays():
+    found = accounted(seen((TRUE["curve"], DRAG)), TRUE["curve"], DRAG)
+    fits = list(found.fits)
+    assert not moved(found, KINDS, Watch())
+    assert found.fits == fits
+
+
+def test_one_law_alone_is_not_asked_and_nor_is_what_ended_or_comes_too_late():
+    wrong = dataclasses.replace(TRUE["curve"], place=FIRST)
+    found = accounted(seen((TRUE["curve"], DRAG)), wrong, DRAG)
+    one = dataclasses.replace(found, fits=found.fits[:2], answers=found.answers[:1])
+    assert not moved(one, KINDS, Watch())
+    assert not moved(dataclasses.replace(found, ended=True), KINDS, Watch())
+    assert not moved(dataclasses.replace(found, unheard=True), KINDS, Watch())
+    late = dataclasses.replace(found)
+    assert not moved(late, KINDS, Watch(over=lambda: True))
+    assert late.hurried
