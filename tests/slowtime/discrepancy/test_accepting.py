@@ -4,14 +4,16 @@ import dataclasses
 
 import pytest
 
-from slowtime.discrepancy.accepting import MUCH, _explains_much, _still_off
+from slowtime.discrepancy import accepting
+from slowtime.discrepancy.accepting import MUCH, _explains_much, _still_off, accept
+from slowtime.discrepancy.candidates import Candidate
 from slowtime.discrepancy.diagnosis import Named as Answer
 from slowtime.discrepancy.doubts import SLIGHTLY, doubt_pieces
 from slowtime.discrepancy.equivalent import ALONE, alone_off
 from slowtime.discrepancy.found import Found
-from slowtime.discrepancy.naming import Named
+from slowtime.discrepancy.naming import Named, refit_all
 from slowtime.discrepancy.refit import refit
-from slowtime.discrepancy.verdict import MOVED
+from slowtime.discrepancy.verdict import MOVED, moved_of
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
 from tests.slowtime.discrepancy.test_search import CUBIC, FIRST, SECOND, TWO, seen
@@ -28,6 +30,10 @@ HARD, LEVEL, SKEW = (
 @pytest.fixture(scope="module")
 def fit():
     return refit(Plant.of(TWO), seen(()))
+
+
+def never(*_):
+    return False
 
 
 def pulled(fit, **by):
@@ -51,6 +57,25 @@ def test_one_constant_that_is_far_off_by_itself_is_an_effect(fit):
     assert not alone_off(of(fit, SECOND, ALONE + 0.1), CUBIC)
     two = {f"stiffness_{FIRST.id}": MOVED + 0.1, f"stiffness_{SECOND.id}": ALONE + 0.1}
     assert not alone_off(pulled(fit, **two), LOST)
+
+
+@pytest.mark.parametrize(("lost", "told"), [(250.0, True), (30.0, False)])
+def test_a_constant_that_is_far_off_is_told_beside_a_law_that_leaves_something(
+    monkeypatch, lost, told
+):
+    """What the law leaves at its place is no reason to keep silent of the constant."""
+    effects = (HARD, Effect("stiffness_loss", SECOND, {"dk_n_per_m": lost}))
+    trials = seen(effects)
+    first = refit(Plant.of(TWO), trials)
+    (hard,) = refit_all(first, [Candidate(HARD, 0.0, 0.0, 0.0)], trials, KINDS, never)
+    found = Found([first, hard.fit], trials, answers=answered(HARD))
+    named = refit_all(hard.fit, [Candidate(effects[1], 0.0, 0.0, 0.0)], trials, KINDS, never)
+    monkeypatch.setattr(accepting, "whiteness", lambda _: 0.0)
+    pulled = bool(moved_of(hard.fit))
+    assert (
+        accept(found, hard.fit, named, trials, KINDS, None, pulled=pulled, twice=True) is told
+    )
+    assert len(found.answers) == 1 + told
 
 
 def test_what_leaves_the_constant_as_far_off_is_no_other_answer(fit):

@@ -5,15 +5,16 @@ import dataclasses
 import numpy as np
 import pytest
 
-from slowtime.discrepancy.answer import LOUD, report
+from slowtime.discrepancy.answer import HURRIED, LOUD, report
 from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.locate import locate
 from slowtime.discrepancy.naming import Named, evidence
 from slowtime.discrepancy.narrowing import leniency
+from slowtime.discrepancy.outrun import within
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refit import refit
 from slowtime.discrepancy.screen import Finding
-from slowtime.discrepancy.verdict import fault_of, rivals_within, shares_of
+from slowtime.discrepancy.verdict import answer_of, fault_of, rivals_within, shares_of
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Input, Sensor, Tolerance
 from slowtime.dynamics.effects import Effect, Place, catalogue
@@ -160,6 +161,66 @@ def test_noise_of_another_colour_is_no_discovery_where_no_record_shows_an_error(
     )
     assert told.verdict == verdict
     assert (LOUD in told.notes) == (unseen == 0.0)
+
+
+@pytest.mark.parametrize(
+    ("chi2", "hurried", "verdict"),
+    [
+        (30.0, True, "unknown_effect"),
+        (30.0, False, "missing_effect"),
+        (1.0, True, "missing_effect"),
+    ],
+)
+def test_what_leaves_far_more_than_noise_when_time_runs_out_is_not_named(
+    named, chi2, hurried, verdict
+):
+    rng = np.random.default_rng(3)
+    plant = named.fit.plant
+    push = rng.standard_normal((200, 1))
+    seen = plant.simulate(plant.values, push, 64.0) + 1e-5 * rng.standard_normal((200, 1))
+    trials = (Trial(inputs=push, outputs=seen, rate_hz=64.0),)
+    rig = dataclasses.replace(plant.description, effects=())
+    first = refit(Plant.of(rig), trials)
+    last = dataclasses.replace(refit(plant, trials), chi2_in_band=chi2)
+    located = locate(first, trials)
+    found = Found(
+        [first, last], trials, located=located, left=locate(last, trials),
+        answers=[answer_of([named], [1.0], KINDS)], hurried=hurried,
+    )  # fmt: skip
+    told = report(Campaign(description=rig, trials=trials), trials, (), found, KINDS)
+    assert told.verdict == verdict
+    assert (HURRIED in told.notes) == hurried
+
+
+def test_what_a_fast_clock_told_of_times_after_the_end_is_no_error_on_the_record_held_out():
+    rng = np.random.default_rng(5)
+    rig = dataclasses.replace(
+        chain([2.0], [800.0], dampings_n_s_per_m=[1.6]),
+        inputs=(Input(channel="f", kind="force", node="m1", unit="N"),),
+        sensors=(Sensor(channel="x", quantity="displacement", node="m1", unit="m"),),
+    )
+    fast = Effect("sensor_clock", Place("sensor", "x"), {"skew": 0.002})
+    plant = Plant.of(dataclasses.replace(rig, effects=(fast.entry(),)))
+
+    def record(start_s):
+        # Longer than what is given: what the clock tells at the end is of what came after.
+        push = np.convolve(rng.standard_normal(2200), np.hanning(5), "same")[:, None]
+        clean = plant.simulate(plant.values, push, 64.0, start_s=start_s)
+        seen = clean + 0.005 * clean.std() * rng.standard_normal(clean.shape)
+        return Trial(inputs=push[:1900], outputs=seen[:1900], rate_hz=64.0, start_s=start_s)
+
+    trials = (record(0.0), record(60.0))
+    own = within(trials, ("x",), (fast,), KINDS)
+    first, last = refit(Plant.of(rig), own), refit(plant, own)
+    named = Named(fast, plant.description, last, evidence(last, KINDS))
+    found = Found(
+        [first, last], own, located=locate(first, own), left=locate(last, own),
+        answers=[answer_of([named], [1.0], KINDS)],
+    )  # fmt: skip
+    campaign = Campaign(description=rig, trials=trials, holdout=(record(200.0),))
+    told = report(campaign, own, (), found, KINDS)
+    assert told.verdict == "sensor_fault"
+    assert told.gap.augmented == pytest.approx(told.gap.noise_floor, rel=0.1)
 
 
 @pytest.mark.parametrize(
