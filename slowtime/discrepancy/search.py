@@ -264,7 +264,8 @@ def _next(found: Found, how: Search, number: int, held: Fit | None = None) -> bo
     lost = number > 0 and held.chi2_in_band > LOST and not how.quick
     begun = _onward(found, held, how) if lost else []
     if begun and begun[0].fit.chi2_in_band < FAR_OFF:
-        found.left = located
+        found.left = located or locate(held, found.trials)
+        found.located = found.located or found.left
         return _accepted(found, held, begun, how, pulled=pulled)
     if _after(found, held, how, number, pulled=pulled, begun=begun, located=located):
         return True

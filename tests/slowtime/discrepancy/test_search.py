@@ -578,3 +578,18 @@ def test_a_later_effect_that_explains_a_fleck_is_a_flaw_of_the_first(
     again = accepting.accept(found, first, named, trials, KINDS, None, pulled=False)
     assert again == taken
     assert len(found.answers) == 1 + taken
+
+
+def test_what_shows_first_in_how_records_go_on_is_located_too(monkeypatch):
+    """As where a sensor that wanders was left out, and nothing was named before."""
+    trials = seen((CUBIC,))
+    first = refit(Plant.of(TWO, kinds=KINDS), trials)
+    held = dataclasses.replace(unbent(first, trials), chi2_in_band=2 * searching.LOST)
+    label = Candidate(CUBIC, 0.0, 0.0, 0.0)
+    begun = refit_all(held, [label], trials, KINDS, lambda *_: False)
+    monkeypatch.setattr(searching, "_onward", lambda *_: begun)
+    found = Found([first], trials)
+    assert searching._next(found, Search(KINDS, Watch()), 1, held)
+    assert [label_of(answer.effect) for answer in found.answers] == [label_of(CUBIC)]
+    assert found.located is not None
+    assert found.located.best == SECOND
