@@ -5,7 +5,7 @@ what it does. Beside all others, with its own numbers, it is tried at each place
 """
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 from jaxtyping import Float
@@ -18,7 +18,7 @@ from .found import Found
 from .naming import SWIFTLY, switched
 from .pruning import all_told_again, left_out
 from .refit import Fit, GivenUp, refit
-from .verdict import LEAST_GAIN
+from .verdict import LEAST_GAIN, doubts_about
 from .watch import Watch
 
 STRENGTHS = (1.0, 0.25, 0.5, 2.0, 4.0)
@@ -42,15 +42,16 @@ def moved(found: Found, kinds: Mapping[str, Kind], tell: Watch) -> bool:
             break
         answer = found.answers[number]
         tell(f"trying {answer.effect.kind} at {place}", 0.8)
-        other = _with(best if number == which else last, last, number, place, found, kinds)
+        other = _with(best, last, number, place, found, kinds, lambda: tell.ends)
         if other is not None and other.cost < best.cost - 2 * LEAST_GAIN:
             best, which = other, number
     if best is last:
         return False
     found.fits = [found.fits[0], *left_out(found.fits, which, best, trials, kinds)]
-    found.answers = all_told_again(found.answers, best, kinds)
-    if which == 0 or found.undecided:
-        found.undecided, found.pair, found.retuned = (), None, False
+    answers = all_told_again(found.answers, best, kinds)
+    answers[which] = dataclasses.replace(answers[which], rivals=())  # of the place it had
+    found.answers, found.pair, found.retuned = answers, None, False
+    found.undecided = next((doubt for a in answers if (doubt := doubts_about(a))), ())
     return True
 
 
@@ -71,9 +72,23 @@ def _elsewhere(found: Found) -> Iterator[tuple[int, Place]]:
 
 
 def _with(
-    fit: Fit, last: Fit, number: int, place: Place, found: Found, kinds: Mapping[str, Kind]
+    fit: Fit,
+    last: Fit,
+    number: int,
+    place: Place,
+    found: Found,
+    kinds: Mapping[str, Kind],
+    late: Callable[[], bool],
 ) -> Fit | None:
-    """Refit a model with one of its effects at another place; None where that is worse."""
+    """Refit a model with one of its effects at another place; None where that is worse.
+
+    Parameters
+    ----------
+    fit
+        What it has to be better than.
+    last
+        The model as it was found, in which the effect is `number` of those that were.
+    """
     description = last.plant.description
     at = len(description.effects) - len(found.answers) + number
     entry = {**description.effects[at], place.kind: place.id}
@@ -93,7 +108,7 @@ def _with(
     try:
         other = refit(
             plant, found.trials, noise=last.noise, values=values, states=states,
-            horizons=SWIFTLY, beat=fit.cost,
+            horizons=SWIFTLY, beat=fit.cost, late=late,
         )  # fmt: skip
         other = switched(other, found.trials, kinds, fit.cost, np.inf, at)
     except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
