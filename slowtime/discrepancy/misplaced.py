@@ -26,7 +26,7 @@ STRENGTHS = (1.0, 0.25, 0.5, 2.0, 4.0)
 moves less needs more of it."""
 
 
-def moved(found: Found, kinds: Mapping[str, Kind], tell: Watch) -> bool:
+def relocated(found: Found, kinds: Mapping[str, Kind], tell: Watch) -> bool:
     """Put a law at another place where that explains more; whether one was.
 
     Of the numbers that it has, each place needs as many: what is likelier leaves less.

@@ -25,7 +25,7 @@ from .gap import UNWHITE, whiteness
 from .likelier import done, likelier
 from .locate import Located, locate
 from .loosened import loosened
-from .misplaced import moved
+from .misplaced import relocated
 from .naming import KEPT, Named, chosen, refit_all
 from .onward import onward
 from .outrun import within
@@ -424,7 +424,7 @@ def _accepted(
     if fine and len(found.answers) > 1 and not (how.tell.ends or found.ended):
         if not how.tell.hurries:
             regrow(found, how.kinds)
-        moved(found, how.kinds, how.tell)
+        relocated(found, how.kinds, how.tell)
     return fine
 
 

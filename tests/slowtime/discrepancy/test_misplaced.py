@@ -6,7 +6,7 @@ import pytest
 
 from slowtime.discrepancy.candidates import Candidate
 from slowtime.discrepancy.found import Found
-from slowtime.discrepancy.misplaced import moved
+from slowtime.discrepancy.misplaced import relocated
 from slowtime.discrepancy.naming import refit_all
 from slowtime.discrepancy.refit import refit
 from slowtime.discrepancy.verdict import answer_of
@@ -47,7 +47,7 @@ def test_it_goes_to_where_it_leaves_least(name, first):
     wrong = dataclasses.replace(true, place=OTHER[name])
     found = accounted(trials, *((wrong, DRAG) if first else (DRAG, wrong)))
     before = found.fits[-1].chi2_in_band
-    assert moved(found, KINDS, Watch())
+    assert relocated(found, KINDS, Watch())
     told = {answer.effect.kind: answer for answer in found.answers}
     assert told[true.kind].effect.place == true.place
     assert told["quadratic_damping"].effect.place == FIRST
@@ -61,7 +61,7 @@ def test_it_goes_to_where_it_leaves_least(name, first):
 def test_what_is_where_it_belongs_stays():
     found = accounted(seen((TRUE["curve"], DRAG)), TRUE["curve"], DRAG)
     fits = list(found.fits)
-    assert not moved(found, KINDS, Watch())
+    assert not relocated(found, KINDS, Watch())
     assert found.fits == fits
 
 
@@ -69,9 +69,9 @@ def test_one_law_alone_is_not_asked_and_nor_is_what_ended_or_comes_too_late():
     wrong = dataclasses.replace(TRUE["curve"], place=FIRST)
     found = accounted(seen((TRUE["curve"], DRAG)), wrong, DRAG)
     one = dataclasses.replace(found, fits=found.fits[:2], answers=found.answers[:1])
-    assert not moved(one, KINDS, Watch())
-    assert not moved(dataclasses.replace(found, ended=True), KINDS, Watch())
-    assert not moved(dataclasses.replace(found, unheard=True), KINDS, Watch())
+    assert not relocated(one, KINDS, Watch())
+    assert not relocated(dataclasses.replace(found, ended=True), KINDS, Watch())
+    assert not relocated(dataclasses.replace(found, unheard=True), KINDS, Watch())
     late = dataclasses.replace(found)
-    assert not moved(late, KINDS, Watch(over=lambda: True))
+    assert not relocated(late, KINDS, Watch(over=lambda: True))
     assert late.hurried
