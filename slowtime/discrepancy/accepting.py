@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from slowtime.dynamics.effects import Effect, Kind, Law
-from slowtime.dynamics.plant import Name
 
 from .adding import carrying
 from .between import FAINT, Hold, held_as_well, held_instead, with_holds
@@ -137,7 +136,7 @@ def accept(
     if sum(shares) < 1 - DECIDED:
         return False
     # A constant that is off, and told as such, unless much is left where it is.
-    slightly = max(map(abs, _own(bar.pulls).values()), default=0.0) < ALONE
+    slightly = max(map(abs, bar.bent.values()), default=0.0) < ALONE
     slightly &= bar.chi2_in_band < EXPLAINED
     if constant and (found.answers or slightly) and max(shares) < DECIDED:
         return False
@@ -220,14 +219,9 @@ def _still_off(fit: Fit, effect: Effect) -> bool:
     return abs(pull) > MOVED
 
 
-def _own(pulls: Mapping[Name, float]) -> dict[Name, float]:
-    """Give the pulls of constants of the structure."""
-    return {name: pull for name, pull in pulls.items() if name[0] != "effect"}
-
-
 def _retuned(fit: Fit) -> float:
     """Log evidence of constants whose tolerance was stated too small."""
-    return _bare(fit) + float(relief(list(_own(fit.pulls).values())).sum())
+    return _bare(fit) + float(relief(list(fit.bent.values())).sum())
 
 
 def _bare(fit: Fit) -> float:

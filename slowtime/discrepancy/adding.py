@@ -35,7 +35,7 @@ def begun_with(
         zip(before.plant.parameters, before.values.tolist(), strict=True)
     )
     if start is None:
-        states = _states(before, plant)
+        states = states_in(before, plant)
     else:
         known.update(start.constants.items())
         names = plant.state_names
@@ -48,7 +48,7 @@ def carrying(before: Fit, effect: Effect, kinds: Mapping[str, Kind]) -> Fit:
     """Write an effect into the model of a fit, and fit nothing: where other effects begin."""
     plant = Plant.of(with_effect(before.plant.description, effect), kinds=kinds)
     values = np.concatenate([before.values, plant.values[len(before.values) :]])
-    states = tuple(_states(before, plant))
+    states = tuple(states_in(before, plant))
     return dataclasses.replace(before, plant=plant, values=values, states=states)
 
 
@@ -87,8 +87,8 @@ def run_by(
     return total if math.isfinite(total) else math.inf
 
 
-def _states(before: Fit, plant: Plant) -> list[np.ndarray]:
-    """Give initial states to more coordinates than there were; the new ones rest."""
+def states_in(before: Fit, plant: Plant) -> list[np.ndarray]:
+    """Give the initial states of a fit to another plant; coordinates that are new rest."""
     names = before.plant.state_names
     return [
         np.array(

@@ -20,6 +20,7 @@ from .found import Found
 from .further import FAR_OFF
 from .gap import (
     UNWHITE,
+    WHITE,
     Judged,
     floor_of,
     judge,
@@ -130,7 +131,7 @@ def report(
         findings=findings,
         gap=_gap(campaign, found, nominal, steps, floor),
         chi2_per_datum=last.chi2_per_datum,
-        residual_white=whiteness(last) > 1e-3,
+        residual_white=whiteness(last) > WHITE,
         white_p_value=whiteness(last),
         nominal=campaign.description,
         refitted=_described(first),
@@ -179,7 +180,7 @@ def _loud(found: Found, errors: Sequence[float], floor: float) -> bool:
 
 
 def _unknown(found: Found) -> bool:
-    """Whether what is left has structure that no effect was found for."""
+    """Whether what is left is more than what was found, or nothing, could leave."""
     last = found.fits[-1]
     if not found.answers and last.chi2_in_band > WRONG:
         return True  # wherever it is
@@ -187,7 +188,7 @@ def _unknown(found: Found) -> bool:
         return True  # no right law leaves as much, and there was no time for others
     if found.left is None or found.left.p_value > FALSE_ALARM:
         return False
-    if whiteness(found.fits[-1]) > UNWHITE:
+    if whiteness(last) > UNWHITE:
         return False
     if not found.answers:
         return True
@@ -253,7 +254,7 @@ def _as_well(found: Found, kinds: Mapping[str, Kind]) -> tuple[str, ...]:
 
 def _far(fit: Fit) -> tuple[str, ...]:
     """Tell of constants that kept within their tolerance, and are far off all the same."""
-    pulls = {name: pull for name, pull in fit.pulls.items() if name[0] != "effect"}
+    pulls = fit.bent
     chances = {
         name: min(1.0, 2 * len(pulls) * float(scipy.stats.norm.sf(abs(pull))))
         for name, pull in pulls.items()

@@ -125,9 +125,8 @@ def alone_off(fit: Fit, effect: Effect) -> bool:
 
     That it was claimed too well is then no other answer.
     """
-    pulls = {name: abs(pull) for name, pull in fit.pulls.items() if name[0] != "effect"}
-    off = [name for name, pull in pulls.items() if pull > MOVED]
-    if len(off) != 1 or pulls[off[0]] < ALONE or effect.kind not in CONSTANTS:
+    off = [name for name, pull in fit.bent.items() if abs(pull) > MOVED]
+    if len(off) != 1 or abs(fit.bent[off[0]]) < ALONE or effect.kind not in CONSTANTS:
         return False
     return off[0] == (CONSTANTS[effect.kind][0], effect.place.id)
 

@@ -19,8 +19,9 @@ from .refit import Fit, refit
 
 START = 0.2
 """Share of a record from which its initial state is taken."""
-UNWHITE = 1e-6
-"""Chance of so large a chi squared below which a residual is not called noise."""
+WHITE, UNWHITE = 1e-3, 1e-6
+"""Chances of so large a chi squared from which a fit leaves nothing, and below which what it
+leaves is not called noise."""
 POINTS = 400
 """Of spectra, for pictures."""
 

@@ -13,9 +13,10 @@ from jaxtyping import Float
 from slowtime.dynamics.effects import Kind, Place
 from slowtime.dynamics.plant import Plant
 
-from .adding import run_by
+from .adding import run_by, states_in
 from .found import Found
-from .naming import SWIFTLY, switched
+from .instants import switched
+from .naming import SWIFTLY
 from .pruning import all_told_again, left_out
 from .refit import Fit, GivenUp, refit
 from .verdict import LEAST_GAIN, doubts_about
@@ -94,13 +95,7 @@ def _with(
     entry = {**description.effects[at], place.kind: place.id}
     effects = tuple(entry if i == at else e for i, e in enumerate(description.effects))
     plant = Plant.of(dataclasses.replace(description, effects=effects), kinds=kinds)
-    names = last.plant.state_names
-    states = [
-        np.array([dict(zip(names, state.tolist(), strict=True)).get(n, 0.0)
-                  for n in plant.state_names])
-        if state.size else state
-        for state in last.states
-    ]  # fmt: skip
+    states = states_in(last, plant)
     values = min(
         _as_strong(plant, last, at, kinds[str(entry["effect"])]),
         key=lambda values: run_by(plant, values, states, last.noise, found.trials),

@@ -21,10 +21,11 @@ from slowtime.dynamics.effects import (
 from slowtime.dynamics.effects.kind import no_shapes
 from slowtime.dynamics.plant import Name
 
-from .adding import begun_with, effects_of, run_by
+from .adding import begun_with, effects_of
 from .candidates import Candidate, Label, Start, label_of
 from .floor import Noise
-from .gap import whiteness
+from .gap import WHITE, whiteness
+from .instants import switched
 from .records import Trial
 from .refit import WRONG, Fit, GivenUp, refit, shot, weights_of
 from .shapes import like_constant
@@ -36,13 +37,6 @@ A_PLACE, A_KIND, FEW = 4, 2, 4
 """How many of them sit at one place, where there are more places than few; and are of one
 kind."""
 
-WIDE_S, ASTRAY, EVERY_S = 2.4, 1.5, 1.2
-"""How far about an instant that was found a better one is looked for; mean square over the
-noise, in band, from which it is looked for in all records first, and how closely."""
-TWICE = 2
-"""How often a better instant is looked for, from one that a refit has moved on from."""
-WHITE = 1e-3
-"""Chance of so large a chi squared from which a label leaves nothing."""
 BEHIND, LITTLE = 5.0, 0.01
 """Times its chi squared along the force, and share of that without any, from which others are
 then given up."""
@@ -202,76 +196,6 @@ def refitted(
     if not math.isfinite(fit.cost):
         return None
     return Named(effect, description, fit, evidence(fit, kinds), short)
-
-
-def again(named: Named, trials: Sequence[Trial], kinds: Mapping[str, Kind]) -> Named:
-    """Fit on from where a refit ended, and from a better instant of its switch."""
-    fit = named.fit
-    try:
-        fit = refit(fit.plant, trials, values=fit.values, states=fit.states, horizons=(1.0,))
-        for _ in range(TWICE):
-            fit = switched(fit, trials, kinds, None, math.inf)
-    except (np.linalg.LinAlgError, FloatingPointError):
-        return named
-    return dataclasses.replace(named, fit=fit, score=evidence(fit, kinds))
-
-
-def switched(
-    fit: Fit,
-    trials: Sequence[Trial],
-    kinds: Mapping[str, Kind],
-    beat: float | None,
-    most: float,
-    which: int | None = None,
-) -> Fit:
-    """Look for a better instant of a switch about one that leaves something.
-
-    The misfit has a minimum for every period by which the instant may be wrong. Where the fit
-    leaves less than `most`, the instant may be anywhere else in the records.
-
-    Parameters
-    ----------
-    which
-        Number of the effect that switches; the last where not given.
-    """
-    which = len(fit.plant.effects) - 1 if which is None else which
-    action = kinds[fit.plant.effects[which].kind].action
-    if not isinstance(action, Law) or len(action.switches) != 1 or whiteness(fit) > WHITE:
-        return fit
-    at = fit.plant.parameters.index(("effect", which, action.switches[0]))
-
-    ends = [(t.start_s, t.start_s + t.duration_s) for t in trials]
-
-    @functools.cache
-    def left(number: int, instant: float) -> float:
-        values = fit.values.copy()
-        values[at] = instant
-        return run_by(fit.plant, values, fit.states, fit.noise, trials, [number])
-
-    def misfit(instant: float) -> float:
-        # Before or after a record it is the same whenever that was.
-        return sum(left(i, min(max(instant, a), b)) for i, (a, b) in enumerate(ends))
-
-    about = [float(fit.values[at])]
-    if ASTRAY < fit.chi2_in_band < most:
-        # Of each record the best, for about the right one the misfit falls in no time.
-        about += [float(min(np.arange(a, b, EVERY_S), key=misfit)) for a, b in ends]
-    tried = [near for one in about for near in one + np.linspace(-WIDE_S, WIDE_S, 61)]
-    best = float(min(tried, key=misfit))
-    if abs(best - fit.values[at]) < WIDE_S / 60:
-        return fit
-    values = fit.values.copy()
-    values[at] = best
-    again = refit(
-        fit.plant,
-        trials,
-        noise=fit.noise,
-        values=values,
-        states=fit.states,
-        horizons=(1.0,),
-        beat=beat,
-    )
-    return again if again.cost < fit.cost else fit
 
 
 def refit_all(

@@ -2,7 +2,10 @@
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
 
 from slowtime.dynamics.effects import Kind
 
@@ -14,11 +17,12 @@ from .diagnosis import Rival
 from .found import Found
 from .further import FAR_OFF
 from .gap import UNWHITE, whiteness
-from .naming import Named, again, misfit, refitted, settled
+from .instants import switched
+from .naming import Named, evidence, misfit, refitted, settled
 from .paired import pairs
 from .patchwork import variable_of
 from .records import Trial
-from .refit import Fit
+from .refit import Fit, refit
 from .verdict import (
     DECIDED,
     EXPLAINED,
@@ -35,6 +39,8 @@ SOME, AMONG, TURNS = 0.7, 5, 3
 are taken two by two, and how many pairs at a time."""
 NEAR = 0.1
 """Share of what the best alone leaves, from which a pair is fitted on where it ended."""
+TWICE = 2
+"""How often a better instant is looked for, from one that a refit has moved on from."""
 
 Pair = tuple[Candidate, Candidate]
 
@@ -124,8 +130,7 @@ class Together:
         )  # fmt: skip
         if both is None or not EXPLAINED < both.fit.chi2_in_band < near:
             return both
-        # A pair that is right ends a moment beside the instant of a switch.
-        return again(both, self._trials, self._kinds)
+        return _fitted_on(both, self._trials, self._kinds)
 
     def _accepted(self, found: Found, good: Sequence[tuple[Candidate, Named]]) -> Found | None:
         one, both = good[0]
@@ -154,6 +159,21 @@ class Together:
             [named for _, named in good],
         )
         return branch
+
+
+def _fitted_on(both: Named, trials: Sequence[Trial], kinds: Mapping[str, Kind]) -> Named:
+    """Fit a pair on from where it was given up, and from a better instant of its switch.
+
+    One that is right ends a moment beside that.
+    """
+    fit = both.fit
+    try:
+        fit = refit(fit.plant, trials, values=fit.values, states=fit.states, horizons=(1.0,))
+        for _ in range(TWICE):
+            fit = switched(fit, trials, kinds, None, math.inf)
+    except (np.linalg.LinAlgError, FloatingPointError):
+        return both
+    return dataclasses.replace(both, fit=fit, score=evidence(fit, kinds))
 
 
 def of_refitted(found: Found, kinds: Mapping[str, Kind]) -> Iterator[Pair]:

@@ -5,8 +5,8 @@ from collections.abc import Collection, Mapping, Sequence
 from slowtime.dynamics.effects import Effect, Kind
 
 from .candidates import Candidate, Label, label_of
-from .gap import whiteness
-from .naming import WHITE, Named
+from .gap import WHITE, whiteness
+from .naming import Named
 from .watch import Watch
 
 APART = 2.0

@@ -15,8 +15,8 @@ def unbent(fit: Fit, trials: tuple[Trial, ...]) -> Fit:
     Chi squared of a wrong model outweighs every prior, and leads constants to where nothing can
     be linearised about them: what is missing is looked for from where they are claimed to be.
     """
-    pulls = [abs(pull) for name, pull in fit.pulls.items() if name[0] != "effect"]
-    if fit.chi2_in_band < WRONG or max(pulls, default=0.0) <= BENT:
+    most = max(map(abs, fit.bent.values()), default=0.0)
+    if fit.chi2_in_band < WRONG or most <= BENT:
         return fit
     values = fit.values.copy()
     for name, index, mean in zip(fit.prior.names, fit.prior.index, fit.prior.mean, strict=True):

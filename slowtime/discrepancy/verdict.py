@@ -125,8 +125,8 @@ def moved_of(fit: Fit) -> dict[str, Number]:
     values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
     return {
         f"{name[0]} {name[1]}": Number(values[name], sds[name], fit.plant.entries[name].unit)
-        for name, pull in fit.pulls.items()
-        if name[0] != "effect" and abs(pull) > MOVED
+        for name, pull in fit.bent.items()
+        if abs(pull) > MOVED
     }
 
 

@@ -17,7 +17,7 @@ def incoherent_power(
     residual: Float[np.ndarray, "time sensor"],
     inputs: Float[np.ndarray, "time input"],
     rate_hz: float,
-    used: Bool[np.ndarray, "time sensor"] | None = None,
+    used: Bool[np.ndarray, "time sensor"],
 ) -> tuple[
     Float[np.ndarray, " frequency"],
     Float[np.ndarray, "frequency sensor"],
@@ -39,7 +39,7 @@ def incoherent_power(
     residual
         Zero where a sample is not used.
     used
-        Which samples are; all where not given.
+        Which samples are.
 
     Returns
     -------
@@ -66,9 +66,8 @@ def incoherent_power(
     power = np.abs(left) ** 2
     spare = np.full(power.shape[2], 1 - basis.shape[2] / BLOCK)
     power /= spare
-    use = np.ones(residual.shape, dtype=bool) if used is None else used
-    for sensor in np.flatnonzero(~use.all(axis=0)).tolist():
-        own = _spared(basis, use[:, sensor])
+    for sensor in np.flatnonzero(~used.all(axis=0)).tolist():
+        own = _spared(basis, used[:, sensor])
         if own.mean() < LEAST:
             power[:, :, sensor], spare[sensor] = np.abs(lines[:, :, sensor]) ** 2, 1.0
         else:

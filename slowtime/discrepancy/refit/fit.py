@@ -107,6 +107,11 @@ class Fit:
         moved = (self.free - self.prior.mean) / self.prior.sd
         return dict(zip(self.prior.names, moved.tolist(), strict=True))
 
+    @property
+    def bent(self) -> dict[Name, float]:
+        """The same of the structure's own constants: numbers of effects have no tolerance."""
+        return {name: pull for name, pull in self.pulls.items() if name[0] != "effect"}
+
 
 def refit(
     plant: Plant,

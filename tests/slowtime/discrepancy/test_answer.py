@@ -19,6 +19,7 @@ from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Input, Sensor, Tolerance
 from slowtime.dynamics.effects import Effect, Place, catalogue
 from slowtime.dynamics.plant import Plant
+from tests.slowtime.discrepancy.rigs import ONE
 
 KINDS = catalogue()
 
@@ -193,12 +194,7 @@ def test_what_leaves_far_more_than_noise_when_time_runs_out_is_not_named(
 
 
 def test_what_a_fast_clock_told_of_times_after_the_end_is_no_error_on_the_record_held_out():
-    rng = np.random.default_rng(5)
-    rig = dataclasses.replace(
-        chain([2.0], [800.0], dampings_n_s_per_m=[1.6]),
-        inputs=(Input(channel="f", kind="force", node="m1", unit="N"),),
-        sensors=(Sensor(channel="x", quantity="displacement", node="m1", unit="m"),),
-    )
+    rng, rig = np.random.default_rng(5), ONE
     fast = Effect("sensor_clock", Place("sensor", "x"), {"skew": 0.002})
     plant = Plant.of(dataclasses.replace(rig, effects=(fast.entry(),)))
 

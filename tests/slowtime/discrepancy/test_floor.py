@@ -90,7 +90,9 @@ def test_linear_misfit_to_an_input_is_not_noise():
     rng = np.random.default_rng(4)
     inputs, noise = rng.standard_normal((SAMPLES, 1)), rng.standard_normal((SAMPLES, 1))
     late = np.concatenate([np.zeros((2, 1)), inputs[:-2]])
-    _, power, spare = incoherent_power(noise + 5 * late, inputs, RATE)
+    _, power, spare = incoherent_power(
+        noise + 5 * late, inputs, RATE, np.ones((SAMPLES, 1), dtype=bool)
+    )
     assert np.mean(power) == pytest.approx(2 / RATE, rel=0.05)
     assert spare == 1 - 4 / 24
 

@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from slowtime.discrepancy import naming
 from slowtime.discrepancy.adding import run_by
+from slowtime.discrepancy.instants import switched
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refit import refit
 from slowtime.dynamics.effects import Effect, catalogue
@@ -35,29 +35,8 @@ def test_an_instant_is_looked_for_in_every_record(jump_s, begun_s):
     values[at] = begun_s
     left = run_by(truth, values, right.states, right.noise, trials)
     wrong = dataclasses.replace(right, values=values, cost=left, chi2_in_band=50.0)
-    found = naming.switched(wrong, trials, KINDS, None, 100.0)
+    found = switched(wrong, trials, KINDS, None, 100.0)
     assert found.values[at] == pytest.approx(jump_s, abs=0.1)
     assert found.chi2_in_band < 1.2
     # Of what leaves most of what there was, one does not know what to look for.
-    assert naming.switched(wrong, trials, KINDS, None, 40.0).values[at] != found.values[at]
-
-
-def test_a_pair_is_fitted_on_from_where_it_ended():
-    """Given up as hopeless a moment before the instant, it is right from there on."""
-    jump = Effect("stiffness_jump", PLACE, {"dk_n_per_m": 320.0, "t_jump_s": 12.3})
-    truth = Plant.of(dataclasses.replace(ONE, effects=(jump.entry(),)))
-    rng = np.random.default_rng(4)
-    push = np.convolve(rng.standard_normal(int(SECONDS * RATE)), np.hanning(9), "same")
-    clean = truth.simulate(truth.values, push[:, None], RATE)
-    seen = clean + 0.01 * clean.std() * rng.standard_normal(clean.shape)
-    trials = (Trial(inputs=push[:, None], outputs=seen, rate_hz=RATE),)
-    right = refit(truth, trials)
-    values = right.values.copy()
-    values[truth.parameters.index(("effect", 0, "t_jump_s"))] -= 0.1
-    left = run_by(truth, values, right.states, right.noise, trials)
-    beside = dataclasses.replace(right, values=values, cost=left, chi2_in_band=8.0)
-    named = naming.Named(jump, truth.description, beside, -left / 2)
-    found = naming.again(named, trials, KINDS)
-    assert found.fit.chi2_in_band < 1.2
-    assert found.score > named.score
-    assert naming.settled(found).parameters["t_jump_s"] == pytest.approx(12.3, abs=0.05)
+    assert switched(wrong, trials, KINDS, None, 40.0).values[at] != found.values[at]

@@ -593,3 +593,37 @@ def test_what_shows_first_in_how_records_go_on_is_located_too(monkeypatch):
     assert [label_of(answer.effect) for answer in found.answers] == [label_of(CUBIC)]
     assert found.located is not None
     assert found.located.best == SECOND
+
+
+@pytest.mark.parametrize(
+    ("answers", "late", "over", "asked"),
+    [
+        (2, False, False, ["regrow", "relocated"]),
+        (2, True, False, ["relocated"]),
+        (2, True, True, []),
+        (1, False, False, []),
+    ],
+)
+def test_once_there_are_two_each_is_tried_elsewhere(monkeypatch, answers, late, over, asked):
+    trials = seen((CUBIC,))
+    fit = refit(Plant.of(TWO, kinds=KINDS), trials)
+    told = [Answer(CUBIC, "hardening", {}, 1.0, (), "")] * answers
+    found = Found([fit], trials, answers=told)
+    done = []
+    monkeypatch.setattr(searching, "accept", lambda *_, **__: True)
+    monkeypatch.setattr(searching, "regrow", lambda *_: done.append("regrow"))
+    monkeypatch.setattr(searching, "relocated", lambda *_: done.append("relocated"))
+    how = Search(KINDS, Watch(late=lambda: late, over=lambda: over))
+    assert searching._accepted(found, fit, [], how, pulled=False)
+    assert done == asked
+
+
+def test_what_explains_how_records_begin_and_nothing_of_the_rest_comes_before_no_other():
+    trials = seen((CUBIC,))
+    bent = refit(Plant.of(TWO, kinds=KINDS), trials)
+    label = Candidate(CUBIC, 0.0, 0.0, 0.0)
+    (best,) = refit_all(bent, [label], trials, KINDS, lambda *_: False)
+    assert searching._begins(best, label_of(CUBIC), bent)
+    assert not searching._begins(best, label_of(DRAG), bent)
+    worse = dataclasses.replace(best.fit, chi2_in_band=2 * bent.chi2_in_band)
+    assert not searching._begins(dataclasses.replace(best, fit=worse), label_of(CUBIC), bent)

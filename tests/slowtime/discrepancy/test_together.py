@@ -5,12 +5,13 @@ import dataclasses
 import pytest
 
 from slowtime.discrepancy import together
+from slowtime.discrepancy.adding import run_by, with_effect
 from slowtime.discrepancy.candidates import Candidate, label_of
 from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.locate import locate
-from slowtime.discrepancy.naming import refit_all
+from slowtime.discrepancy.naming import Named, refit_all, settled
 from slowtime.discrepancy.refit import refit
-from slowtime.discrepancy.together import Together, of_refitted
+from slowtime.discrepancy.together import NEAR, Together, of_refitted
 from slowtime.discrepancy.unbent import unbent
 from slowtime.discrepancy.watch import Watch
 from slowtime.dynamics.effects import Effect, catalogue
@@ -70,6 +71,32 @@ def test_two_that_need_a_constant_that_is_off_are_no_answer(lacking, monkeypatch
     assert told is not None
     assert {label_of(a.effect) for a in told.answers} == {label_of(CUBIC), label_of(DRAG)}
     assert told.fits[-1].chi2_in_band < 1.2
+
+
+@pytest.mark.parametrize(("best", "on"), [(1e4, True), (30.0, False)])
+def test_a_pair_that_is_near_is_fitted_on_from_where_it_was_given_up(monkeypatch, best, on):
+    """A moment before the instant of its switch: it is right from there on."""
+    jump = Effect("stiffness_jump", SECOND, {"dk_n_per_m": 150.0, "t_jump_s": 4.1})
+    kinds = KINDS | {"stiffness_jump": catalogue()["stiffness_jump"]}
+    trials = seen((CUBIC, jump))
+    before = refit(Plant.of(TWO, kinds=kinds), trials)
+
+    def given_up(before, effect, trials, kinds, noise, enough, **_):
+        described = with_effect(before.plant.description, effect)
+        right = refit(Plant.of(described, kinds=kinds), trials)
+        values = right.values.copy()
+        values[right.plant.parameters.index(("effect", 1, "t_jump_s"))] -= 0.1
+        left = run_by(right.plant, values, right.states, right.noise, trials)
+        fit = dataclasses.replace(right, values=values, cost=left, chi2_in_band=20.0)
+        return Named(effect, described, fit, -left / 2)
+
+    monkeypatch.setattr(together, "refitted", given_up)
+    one, other = (Candidate(effect, 1.0, 0.0, 1e9) for effect in (CUBIC, jump))
+    pairs = Together(before, trials, kinds, (None,), (None,), Watch())
+    told = pairs._refitted(one, other, [], NEAR * best)
+    assert told is not None
+    assert (told.fit.chi2_in_band < 1.2) == on
+    assert not on or settled(told).parameters["t_jump_s"] == pytest.approx(4.1, abs=0.02)
 
 
 def test_where_one_law_leaves_but_noise_none_are_tried_together(lacking, monkeypatch):

@@ -1,0 +1,75 @@
+"""A fit with a law that switches once, in; the same from a better instant of that, out."""
+
+import functools
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from slowtime.dynamics.effects import Kind, Law
+
+from .adding import run_by
+from .gap import WHITE, whiteness
+from .records import Trial
+from .refit import Fit, refit
+
+WIDE_S, ASTRAY, EVERY_S = 2.4, 1.5, 1.2
+"""How far about an instant that was found a better one is looked for; mean square over the
+noise, in band, from which it is looked for in all records first, and how closely."""
+
+
+def switched(
+    fit: Fit,
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+    beat: float | None,
+    most: float,
+    which: int | None = None,
+) -> Fit:
+    """Look for a better instant of a switch about one that leaves something.
+
+    The misfit has a minimum for every period by which the instant may be wrong. Where the fit
+    leaves less than `most`, the instant may be anywhere else in the records.
+
+    Parameters
+    ----------
+    which
+        Number of the effect that switches; the last where not given.
+    """
+    which = len(fit.plant.effects) - 1 if which is None else which
+    action = kinds[fit.plant.effects[which].kind].action
+    if not isinstance(action, Law) or len(action.switches) != 1 or whiteness(fit) > WHITE:
+        return fit
+    at = fit.plant.parameters.index(("effect", which, action.switches[0]))
+
+    ends = [(t.start_s, t.start_s + t.duration_s) for t in trials]
+
+    @functools.cache
+    def left(number: int, instant: float) -> float:
+        values = fit.values.copy()
+        values[at] = instant
+        return run_by(fit.plant, values, fit.states, fit.noise, trials, [number])
+
+    def misfit(instant: float) -> float:
+        # Before or after a record it is the same whenever that was.
+        return sum(left(i, min(max(instant, a), b)) for i, (a, b) in enumerate(ends))
+
+    about = [float(fit.values[at])]
+    if ASTRAY < fit.chi2_in_band < most:
+        # Of each record the best, for about the right one the misfit falls in no time.
+        about += [float(min(np.arange(a, b, EVERY_S), key=misfit)) for a, b in ends]
+    tried = [near for one in about for near in one + np.linspace(-WIDE_S, WIDE_S, 61)]
+    best = float(min(tried, key=misfit))
+    if abs(best - fit.values[at]) < WIDE_S / 60:
+        return fit
+    values = fit.values.copy()
+    values[at] = best
+    again = refit(
+        fit.plant,
+        trials,
+        noise=fit.noise,
+        values=values,
+        states=fit.states,
+        horizons=(1.0,),
+        beat=beat,
+    )
+    return again if again.cost < fit.cost else fit
