@@ -4,11 +4,13 @@ import dataclasses
 
 import pytest
 
+from slowtime.discrepancy import misplaced
 from slowtime.discrepancy.candidates import Candidate
+from slowtime.discrepancy.diagnosis import Rival
 from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.misplaced import relocated
 from slowtime.discrepancy.naming import refit_all
-from slowtime.discrepancy.refit import refit
+from slowtime.discrepancy.refit import GivenUp, refit
 from slowtime.discrepancy.verdict import answer_of
 from slowtime.discrepancy.watch import Watch
 from slowtime.dynamics.effects import Effect, Place, catalogue
@@ -75,3 +77,65 @@ def test_one_law_alone_is_not_asked_and_nor_is_what_ended_or_comes_too_late():
     late = dataclasses.replace(found)
     assert not relocated(late, KINDS, Watch(over=lambda: True))
     assert late.hurried
+
+
+def test_at_another_place_a_law_is_begun_with_as_strong_as_it_comes_nearest(monkeypatch):
+    """An element that moves less needs more of it; the motion tells before any fit."""
+    trials = seen((TRUE["jump"], DRAG), samples=600)
+    found = accounted(trials, DRAG, TRUE["jump"])
+    right = found.fits[-1]
+    values = right.values.copy()
+    strength = ("effect", 1, "dk_n_per_m")
+    values[right.plant.parameters.index(strength)] = 150.0 / 4
+    (drag, jump), model = right.plant.description.effects, right.plant.description
+    wrong = dataclasses.replace(model, effects=(drag, {**jump, "element": FIRST.id}))
+    plant = Plant.of(wrong, kinds=KINDS)
+    found.fits[-1] = dataclasses.replace(right, plant=plant, values=values)
+    found.answers[1] = dataclasses.replace(
+        found.answers[1], effect=dataclasses.replace(TRUE["jump"], place=FIRST)
+    )
+    begun = {}
+
+    def fitted(plant, *_, values, **__):
+        numbers = dict(zip(plant.parameters, values.tolist(), strict=True))
+        begun[plant.effects[0].place, plant.effects[1].place] = numbers[strength]
+        raise GivenUp
+
+    monkeypatch.setattr(misplaced, "refit", fitted)
+    assert not relocated(found, KINDS, Watch())
+    assert begun[FIRST, SECOND] == pytest.approx(150.0, rel=1e-6)
+
+
+def test_a_better_instant_is_looked_for_there_too(monkeypatch):
+    found = accounted(seen((TRUE["jump"], DRAG)), TRUE["jump"], DRAG)
+    asked = []
+
+    def better(fit, trials, kinds, beat, most, which):
+        asked.append(which)
+        right = fit.plant.effects[which].kind == "stiffness_jump"
+        return dataclasses.replace(fit, cost=0.0) if right else fit
+
+    monkeypatch.setattr(misplaced, "refit", lambda plant, *_, **__: right_at(plant, found))
+    monkeypatch.setattr(misplaced, "switched", better)
+    monkeypatch.setattr(misplaced, "left_out", lambda chain, number, less, *_: [less, less])
+    assert relocated(found, KINDS, Watch())
+    assert found.answers[0].effect.place == FIRST
+    assert set(asked) == {0, 1}
+
+
+def right_at(plant, found):
+    """A fit of the same numbers and cost by another plant."""
+    return dataclasses.replace(found.fits[-1], plant=plant)
+
+
+def test_what_was_doubted_of_the_place_that_a_law_had_is_doubted_no_more():
+    true = TRUE["curve"]
+    trials = seen((true, DRAG), samples=600)
+    found = accounted(trials, dataclasses.replace(true, place=FIRST), DRAG)
+    rival, other = (Rival(true.kind, place, 0.3) for place in (SECOND, FIRST))
+    curve, drag = found.answers
+    found.answers = [dataclasses.replace(curve, rivals=(rival,)), drag]
+    found.undecided = (other, rival)
+    assert relocated(found, KINDS, Watch())
+    assert found.answers[0].rivals == ()
+    assert found.undecided == ()

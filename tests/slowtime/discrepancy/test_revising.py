@@ -1,6 +1,7 @@
 """What was named while something else was missing is looked for again beside that."""
 
 import dataclasses
+import functools
 
 import pytest
 
@@ -116,3 +117,22 @@ def test_once_it_is_late_nothing_is_looked_for_again(trials):
     late = revised(found, KINDS, None, Watch(late=lambda: True))
     assert late is found
     assert late.hurried
+
+
+@pytest.mark.parametrize("faint", [True, False])
+def test_what_does_nothing_of_its_own_gives_way_to_what_does_as_well(
+    trials, monkeypatch, faint
+):
+    """Late as it may be; what does something stays, unless others explain more."""
+    found = accounted(trials, PLAY, LOUD)
+    known = accounted(trials, HARD, LOUD)
+    branch = dataclasses.replace(found, answers=known.answers)
+    monkeypatch.setattr(
+        revising, "_faint", lambda one, _: [0] if faint and one is found else []
+    )
+    monkeypatch.setattr(revising, "_anew", lambda *_: dataclasses.replace(branch))
+    for late in (False, True):
+        watch = Watch(late=functools.partial(bool, late), over=lambda: False)
+        better = revised(found, KINDS, None, watch)
+        assert (better is not found) == faint
+        assert found.hurried == (late and not faint)
