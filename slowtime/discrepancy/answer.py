@@ -7,7 +7,7 @@ import numpy as np
 import scipy.stats
 
 from slowtime.dynamics.description import Description
-from slowtime.dynamics.effects import Kind, Place, force_along
+from slowtime.dynamics.effects import Friction, Kind, Place, force_along
 
 from .between import saying_holds, told_of_holds
 from .diagnosis import Diagnosis, Gap, Step, Surface, Suspect, Verdict, When
@@ -39,7 +39,7 @@ from .records import Campaign, Trial
 from .refit import WRONG, Fit
 from .screen import Finding, screen
 from .values import with_values
-from .verdict import FALSE_ALARM, fault_of, moved_of, renumbered, verdict_of
+from .verdict import FALSE_ALARM, FLAW, fault_of, moved_of, renumbered, verdict_of
 
 LEFT, ELSEWHERE = 1e-3, 0.05
 """Share of the first gain that is still to be had, at its place, once an effect was wrongly
@@ -107,7 +107,7 @@ def report(
     loud = _loud(found, errors, floor)
     # Which of two it is matters once one of them could be right.
     doubted = bool(found.undecided) and last.chi2_in_band < FAR_OFF
-    unknown = unknown or (not (doubted or foretold or loud) and _unknown(found))
+    unknown = unknown or (not (doubted or foretold or loud) and _unknown(found, kinds))
     sure = humbled(found.answers, len(found.fits) - 1, kinds)
     answers = _once([*(() if unknown else sure), *faults])
     verdict, sentence = _word(campaign.description, found, answers, kinds)
@@ -154,7 +154,7 @@ def report(
                 else (*_pieced(found, kinds), *_as_well(found, kinds), *_besides(found))
             ),
             *(_far(last) if verdict == "nothing_missing" else ()),
-            *((LOUD,) if loud and not unknown and _unknown(found) else ()),
+            *((LOUD,) if loud and not unknown and _unknown(found, kinds) else ()),
         ),
     )
 
@@ -179,7 +179,7 @@ def _loud(found: Found, errors: Sequence[float], floor: float) -> bool:
     return not found.answers and little and CLOSED * errors[-1] <= floor
 
 
-def _unknown(found: Found) -> bool:
+def _unknown(found: Found, kinds: Mapping[str, Kind]) -> bool:
     """Whether what is left is more than what was found, or nothing, could leave."""
     last = found.fits[-1]
     if not found.answers and last.chi2_in_band > WRONG:
@@ -193,8 +193,10 @@ def _unknown(found: Found) -> bool:
     if not found.answers:
         return True
     rest = found.left.groups[0]
-    here = any(answer.effect.place in (*rest.places, *rest.twins) for answer in found.answers)
-    return _still_left(found) > (LEFT if here else ELSEWHERE)
+    here = [a for a in found.answers if a.effect.place in (*rest.places, *rest.twins)]
+    sticks = any(isinstance(kinds[a.effect.kind].action, Friction) for a in here)
+    most = FLAW if sticks else LEFT
+    return _still_left(found) > (most if here else ELSEWHERE)
 
 
 def _still_left(found: Found) -> float:

@@ -23,7 +23,7 @@ IN_PIECES = 1.5
 """The same that the right law leaves of short pieces."""
 FOREMOST = 2
 """Labels of a ranking that are fitted so."""
-SHORT_OF = 3.0
+SHORT_OF = 2.0
 """Times the chi squared along the force that a free run leaves which has gone astray."""
 
 

@@ -15,7 +15,7 @@ from slowtime.signals.spectra import transform
 from .diagnosis import Spectra, Traces
 from .floor import Noise, noise_of_residual
 from .records import FEWEST, Trial
-from .refit import Fit, refit
+from .refit import ASTRAY, Fit, first_swings, refit, size_of, state_from_many, state_heard
 
 START = 0.2
 """Share of a record from which its initial state is taken."""
@@ -120,11 +120,25 @@ def _begun(fit: Fit, part: Trial, noise: Noise) -> Float[np.ndarray, " state"]:
             else dict(zip(bare.state_names, straight.states[0].tolist(), strict=False))
         )
         begun = np.array([state.get(name, 0.0) for name in plant.state_names])
-        found = [_settled(plant, part, noise, values, start) for start in (None, [begun])]
+        heard = state_heard(plant, part, begun)
+        starts = [None, *((one,) for one in [begun, heard][: 1 + bool((heard != begun).any())])]
+        found = [_settled(plant, part, noise, values, start) for start in starts]
     ended = [one for one in found if one is not None]
     if not ended:
         return np.zeros(len(plant.state_names))
-    return min(ended, key=lambda one: one.cost).states[0]
+    best = min(ended, key=lambda one: one.cost)
+    if plant.effects and best.cost > ASTRAY * best.data:
+        best = _from_elsewhere(best, part)
+    return best.states[0]
+
+
+def _from_elsewhere(fit: Fit, part: Trial) -> Fit:
+    """Look farther for an initial state, over the first swings; the better of both."""
+    (first,) = first_swings(fit.plant, (part,))
+    size = size_of(fit.plant, part, fit.values, fit.states[0])
+    state = state_from_many(fit.plant, first, fit.noise, fit.values, fit.states[0], size)
+    other = _settled(fit.plant, part, fit.noise, fit.values, (state,))
+    return other if other is not None and other.cost < fit.cost else fit
 
 
 def _settled(

@@ -1,7 +1,7 @@
 """A fit with a law that switches once, in; the same from a better instant of that, out."""
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from slowtime.dynamics.effects import Kind, Law
 from .adding import run_by
 from .gap import WHITE, whiteness
 from .records import Trial
-from .refit import Fit, refit
+from .refit import Fit, GivenUp, refit
 
 WIDE_S, ASTRAY, EVERY_S = 2.4, 1.5, 1.2
 """How far about an instant that was found a better one is looked for; mean square over the
@@ -24,6 +24,7 @@ def switched(
     beat: float | None,
     most: float,
     which: int | None = None,
+    late: Callable[[], bool] | None = None,
 ) -> Fit:
     """Look for a better instant of a switch about one that leaves something.
 
@@ -34,10 +35,14 @@ def switched(
     ----------
     which
         Number of the effect that switches; the last where not given.
+    late
+        Once true, the fit is given as it is.
     """
     which = len(fit.plant.effects) - 1 if which is None else which
     action = kinds[fit.plant.effects[which].kind].action
     if not isinstance(action, Law) or len(action.switches) != 1 or whiteness(fit) > WHITE:
+        return fit
+    if late is not None and late():
         return fit
     at = fit.plant.parameters.index(("effect", which, action.switches[0]))
 
@@ -63,13 +68,11 @@ def switched(
         return fit
     values = fit.values.copy()
     values[at] = best
-    again = refit(
-        fit.plant,
-        trials,
-        noise=fit.noise,
-        values=values,
-        states=fit.states,
-        horizons=(1.0,),
-        beat=beat,
-    )
+    try:
+        again = refit(
+            fit.plant, trials, noise=fit.noise, values=values, states=fit.states,
+            horizons=(1.0,), beat=beat, late=late,
+        )  # fmt: skip
+    except GivenUp:
+        return fit
     return again if again.cost < fit.cost else fit

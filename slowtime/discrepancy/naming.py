@@ -21,7 +21,7 @@ from slowtime.dynamics.effects import (
 from slowtime.dynamics.effects.kind import no_shapes
 from slowtime.dynamics.plant import Name
 
-from .adding import begun_with, effects_of
+from .adding import begun_with, carrying, effects_of
 from .candidates import Candidate, Label, Start, label_of
 from .floor import Noise
 from .gap import WHITE, whiteness
@@ -190,9 +190,12 @@ def refitted(
             beat=beat,
             late=late,
         )
-        fit = switched(fit, trials, kinds, beat, MAIN * before.chi2_in_band)
+        fit = switched(fit, trials, kinds, beat, MAIN * before.chi2_in_band, late=late)
     except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
-        return None
+        if short is None or short.chi2_in_band > WRONG:
+            return None
+        # It explains every piece, and runs away from, or loses its way in, a whole record.
+        fit = carrying(before, effect, kinds)
     if not math.isfinite(fit.cost):
         return None
     return Named(effect, description, fit, evidence(fit, kinds), short)
@@ -208,6 +211,7 @@ def refit_all(
     shooting: bool = False,
     more: More | None = None,
     alike: list[Named] | None = None,
+    over: Callable[[], bool] = bool,
 ) -> list[Named]:
     """Refit each label until it is late; all are judged by the noise that the best leaves.
 
@@ -218,6 +222,7 @@ def refit_all(
     By `shooting`, each is fitted to pieces first: that leads to the right minimum where an
     effect is strong, and costs more.
     Laws of several numbers that do what a simpler one does are not given, but put into `alike`.
+    Once it is `over`, the best is left in the minimum in which it is.
     """
     noise: Noise | None = None
     found: list[Named] = []
@@ -266,7 +271,8 @@ def refit_all(
     best: dict[Label, Named] = {}
     for one in sorted(found, key=lambda n: -n.score):
         best.setdefault(label_of(one.effect), one)
-    return _heard_again(before, list(best.values()), trials, kinds, anew=not stopped)
+    anew = not stopped
+    return _heard_again(before, list(best.values()), trials, kinds, anew=anew, over=over)
 
 
 def _late(tick: Tick, effect: Effect, number: int) -> bool:
@@ -353,10 +359,12 @@ def _heard_again(
     kinds: Mapping[str, Kind],
     *,
     anew: bool,
+    over: Callable[[], bool] = bool,
 ) -> list[Named]:
     """Judge all by the noise that the best leaves, where they were fitted to another.
 
-    Where that is far from noise, the best is fitted `anew`, from where its model stands.
+    Where that is far from noise, the best is fitted `anew`, from where its model stands, until
+    it is `over`.
     """
     if not found or abs(found[0].fit.chi2_in_band - 1) < LOUDER * found[0].fit.in_band_sd:
         return found
@@ -366,16 +374,24 @@ def _heard_again(
         fit = refit(plant, trials, values=values, states=states, horizons=(1.0,))
         if anew and WRONG < fit.chi2_in_band < NEARLY * before.chi2_in_band:
             # One period off over a long record, the misfit has a minimum too.
-            other = refit(plant, trials, values=values)
-            better = misfit(other, fit.noise, trials) < misfit(fit, fit.noise, trials)
-            fit = other if better else fit
+            fit = _or_anew(fit, trials, over)
     except FloatingPointError:
         return found
     heard = dataclasses.replace(best, fit=fit, score=evidence(fit, kinds))
     if not _shown(heard, trials, kinds):
-        return _heard_again(before, found[1:], trials, kinds, anew=anew)
+        return _heard_again(before, found[1:], trials, kinds, anew=anew, over=over)
     again = [heard, *(rescored(one, fit, trials, kinds) for one in found[1:])]
     return sorted(again, key=lambda n: -n.score)
+
+
+def _or_anew(fit: Fit, trials: Sequence[Trial], over: Callable[[], bool]) -> Fit:
+    """Fit a model to ever longer parts from where it stands; the better of both."""
+    try:
+        other = refit(fit.plant, trials, values=fit.values, late=over)
+    except GivenUp:
+        return fit
+    better = misfit(other, fit.noise, trials) < misfit(fit, fit.noise, trials)
+    return other if better else fit
 
 
 def misfit(fit: Fit, noise: Noise, trials: Sequence[Trial]) -> float:

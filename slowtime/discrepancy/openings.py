@@ -29,12 +29,10 @@ from slowtime.dynamics.effects import (
 from .adding import begun_with, effects_of, free_run, with_effect
 from .candidates import Candidate, can_be
 from .records import FEWEST, Trial
-from .refit import Fit, GivenUp, refit, slowest_hz
+from .refit import Fit, GivenUp, first_swings, refit
 from .shapes import joined, possible, sized
 from .values import with_values
 
-SWINGS = 5.0
-"""Periods of the slowest mode that records are taken to begin with."""
 SHAPES, STRENGTHS = 4, (-0.56, -0.1, 0.1, 0.56)
 """Shapes of each law to begin with; and its force, beside that of the element's spring."""
 GROWING = (0.2, 0.35, 0.6, 1.0)
@@ -66,7 +64,7 @@ def openings(
     among
         Places of these elements; of all, where not given.
     """
-    heads = beginnings(before, trials)
+    heads = first_swings(before.plant, trials)
     before = begun(before, heads)
     bare = refit(
         before.plant, heads, noise=before.noise, values=before.values, states=before.states,
@@ -102,17 +100,6 @@ def begun(before: Fit, heads: Sequence[Trial]) -> Fit:
         before.plant, parts, noise=before.noise, values=before.values, horizons=(1.0,)
     )
     return dataclasses.replace(before, states=first.states)
-
-
-def beginnings(before: Fit, trials: Sequence[Trial]) -> tuple[Trial, ...]:
-    """Cut the first few swings out of each record; all of it, where nothing swings."""
-    lowest = slowest_hz(before.plant)
-    found = []
-    for trial in trials:
-        whole = len(trial.outputs)
-        swings = int(SWINGS / lowest * trial.rate_hz) if lowest else whole
-        found.append(trial.part(0, min(max(swings, FEWEST), whole)))
-    return tuple(found)
 
 
 def _started(

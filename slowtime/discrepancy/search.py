@@ -31,8 +31,9 @@ from .onward import onward
 from .outrun import within
 from .records import Trial
 from .refit import Fit, GivenUp, refit
-from .regrowing import regrow
+from .regrowing import regrow, regrow_friction
 from .relearnt import relearn
+from .restarting import restart
 from .revising import revised
 from .shaken import base_answer, by_a_law, placed
 from .standing import put_right, standing
@@ -336,7 +337,9 @@ def _after(
     in_turn, far = near_first(labels, kinds) if number else (simple_first(labels, kinds), set())
     turn = Turn(tell, number, len(in_turn), share, far)
     alike: list[Named] = []
-    named = refit_all(before, in_turn, trials, kinds, turn, more=more, alike=alike)
+    named = refit_all(
+        before, in_turn, trials, kinds, turn, more=more, alike=alike, over=lambda: tell.ends
+    )
     turn.must &= not named
     if found.both is not None or found.otherwise is not None:
         return found.both is not None
@@ -421,6 +424,10 @@ def _accepted(
         found, before, named, trials or found.trials, how.kinds, how.stated, pulled=pulled,
         twice=any(_sits_on(one.effect, found.answers) for one in named[:1]), asked=how.asked,
     )  # fmt: skip
+    if fine and not (how.tell.ends or found.ended):
+        restart(found, how.kinds)
+        if not how.tell.hurries:
+            regrow_friction(found, how.kinds)
     if fine and len(found.answers) > 1 and not (how.tell.ends or found.ended):
         if not how.tell.hurries:
             regrow(found, how.kinds)
@@ -449,4 +456,4 @@ def _onward(found: Found, before: Fit, how: Search) -> list[Named]:
         dataclasses.replace(one, cost=more * one.cost, bare=more * one.bare)
         for one in chosen(tried, LATER)
     ]
-    return refit_all(part, labels, found.trials, how.kinds, tick)
+    return refit_all(part, labels, found.trials, how.kinds, tick, over=lambda: how.tell.ends)

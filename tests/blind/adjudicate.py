@@ -1,8 +1,8 @@
 """Whether an effect could have been told from its rival at all: the rival is fitted to it.
 
 A rival that can be made to say the same as the truth on the records, to less than chance
-would, is equivalent on those data. Force laws of elements only; other pairs are known by rule
-(`cases.equivalents`).
+would, is equivalent on those data. Force laws of elements are fitted; what scales the whole
+equation of a single mass is known without; other pairs are known by rule (`cases.equivalents`).
 """
 
 import dataclasses
@@ -44,6 +44,8 @@ SHAPES: dict[str, tuple[tuple[str, str], ...]] = {
 }
 """Parameters of the rivals that can be tried, and of what size they are."""
 FIXED = ("side",)
+SCALING = ("added_mass", "input_gain", "sensor_gain")
+"""What scales the equation of a single mass."""
 
 
 def adjudicate(out: Path, trial: str) -> None:
@@ -60,11 +62,21 @@ def adjudicate(out: Path, trial: str) -> None:
         known = json.loads(known_file.read_text()) if known_file.exists() else {}
         true = truth["effects"][0]["effect"]
         rivals = named - {true} - set(known) - set(truth["equivalents"])
-        if true in named and true in SHAPES and rivals:
-            world, plans = from_json(truth["world"]), training_plans(truth)
-            for rival in sorted(rivals & set(SHAPES)):
-                excess = least_excess(world, plans, rival)
-                known[rival] = {"excess": excess, "equivalent": excess < ENOUGH}
+        if true not in named or not rivals:
+            continue
+        world, plans = from_json(truth["world"]), training_plans(truth)
+        excess: dict[str, float] = {}
+        if true in SHAPES:
+            excess |= {
+                rival: least_excess(world, plans, rival)
+                for rival in sorted(rivals & set(SHAPES))
+            }
+        excess |= {rival: scaled_excess(world) for rival in sorted(rivals & set(scaled(world)))}
+        if excess:
+            known |= {
+                rival: {"excess": one, "equivalent": one < ENOUGH}
+                for rival, one in excess.items()
+            }
             known_file.write_text(json.dumps(known, indent=1))
 
 
@@ -72,6 +84,48 @@ def training_plans(truth: dict[str, Any]) -> list[Plan]:
     """Give the plans of the records that a diagnosis may learn from."""
     plans = [Plan(**plan | {"band_hz": tuple(plan["band_hz"])}) for plan in truth["plans"]]
     return [plan for i, plan in enumerate(plans) if i != truth["held"]]
+
+
+def scaled(world: World) -> dict[str, Placed]:
+    """Give rivals that say exactly what the truth says, with other constants.
+
+    One mass, pushed by a force that is measured, and heard by one accelerometer:
+    :math:`(m + dm) a + c v + k x = f` is :math:`m a + g (c v + k x) = g f` with
+    :math:`g = m / (m + dm)`, and that is the motion of a force told as too small, or too large;
+    with an accelerometer told so, the same.
+    """
+    (true,) = world.effects
+    heard = [sensor.quantity for sensor in world.sensors]
+    if world.rig.size > 1 or world.driven != world.rig.nodes or heard != ["acceleration"]:
+        return {}
+    if true.law.name not in SCALING:
+        return {}
+    factor, node = _factor(world), world.rig.nodes[0]
+    if true.law.name != "added_mass":
+        more = {"dm_kg": world.rig.masses[0] * (1 / factor - 1)}
+        return {"added_mass": Placed(LAWS["added_mass"], node, more)}
+    places = {"input_gain": world.channels()[0], "sensor_gain": world.sensors[0].channel}
+    return {n: Placed(LAWS[n], place, {"gain": factor}) for n, place in places.items()}
+
+
+def _factor(world: World) -> float:
+    """By what the truth makes a force larger than it is; see `scaled`."""
+    (true,) = world.effects
+    mass = world.rig.masses[0]
+    if true.law.name == "added_mass":
+        return mass / (mass + true.parameters["dm_kg"])
+    return true.parameters["gain"]
+
+
+def scaled_excess(world: World) -> float:
+    """What the constants that go with a rival of `scaled` cost beyond what the truth's do."""
+    (true,) = world.effects
+    factor = _factor(world)
+    bent = (factor if true.law.name == "added_mass" else 1 / factor) - 1
+    (own,), (told,) = world.rig.elements, world.nominal.elements
+    claimed = np.array([told.stiffness / own.stiffness, told.damping / own.damping]) - 1
+    more = np.maximum((bent - claimed) ** 2 - claimed**2, 0.0)
+    return float(np.sum(more / np.square(world.tolerance)))
 
 
 def least_excess(

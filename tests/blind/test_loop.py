@@ -8,13 +8,21 @@ import pytest
 
 from slowtime_services.files import read_record
 from slowtime_services.models import read_description
-from tests.blind.adjudicate import SHAPES, least_excess, training_plans
+from tests.blind.adjudicate import (
+    SHAPES,
+    adjudicate,
+    least_excess,
+    scaled,
+    scaled_excess,
+    training_plans,
+)
 from tests.blind.experiment import Request, perform, planned
 from tests.blind.files import write_case
 from tests.blind.laws import LAWS, Placed
 from tests.blind.loop import close_loop, tabulate_pairs
 from tests.blind.pairs import PAIRS, build_pair
 from tests.blind.running import Trial
+from tests.blind.sensing import Sensor
 from tests.blind.unexplained import price
 from tests.blind.world import from_json
 
@@ -135,6 +143,41 @@ def test_only_what_says_the_same_is_called_equivalent(pair_case):
         assert (least_excess(dragged, plans, "viscous_damping", evaluations=6) < 9) == same
 
 
+@pytest.mark.parametrize(
+    ("name", "parameters", "place", "rivals"),
+    [
+        ("added_mass", {"dm_kg": 0.2}, "m1", {"input_gain", "sensor_gain"}),
+        ("input_gain", {"gain": 1.1}, "f1", {"added_mass"}),
+        ("sensor_gain", {"gain": 0.9}, "a1", {"added_mass"}),
+    ],
+)
+def test_what_scales_a_whole_equation_says_the_same(pair_case, name, parameters, place, rivals):
+    truth = json.loads((pair_case / "sealed" / "000000aa" / "truth.json").read_text())
+    known = from_json(truth["world"])
+    element = dataclasses.replace(known.rig.elements[0], first=-1, second=0)
+    rig = dataclasses.replace(known.rig, masses=known.rig.masses[:1], elements=(element,))
+    world = dataclasses.replace(
+        known, rig=rig, nominal=rig, driven=("m1",), noise=known.noise[:1],
+        sensors=(Sensor("acceleration", 0),),
+        effects=(Placed(LAWS[name], place, parameters),),
+    )  # fmt: skip
+    plan = dataclasses.replace(training_plans(truth)[0], seconds=4.0, kick=0.0)
+    says = world.take(plan, noiseless=True).outputs
+    found = scaled(world)
+    assert set(found) == rivals
+    factor = rig.masses[0] / (rig.masses[0] + 0.2) if name == "added_mass" else 1 / 0.9
+    factor = 1 / 1.1 if name == "input_gain" else factor
+    for rival in found.values():
+        other = dataclasses.replace(world, rig=rig.scaled([factor], [factor]), effects=(rival,))
+        assert other.take(plan, noiseless=True).outputs == pytest.approx(
+            says, abs=1e-4 * says.std()
+        )
+    due = sum(((factor - 1) / sd) ** 2 for sd in world.tolerance)
+    assert scaled_excess(world) == pytest.approx(due)
+    two = dataclasses.replace(world, sensors=(*world.sensors, Sensor("displacement", 0)))
+    assert scaled(two) == {} == scaled(known.with_effects(world.effects[0]))
+
+
 @pytest.mark.parametrize("loss", [0.0, 0.02, 0.06])
 def test_constants_have_a_price(pair_case, loss):
     """What is a softer spring costs as many tolerances squared as it is softer."""
@@ -169,3 +212,33 @@ def test_every_pair_is_undecidable_before_and_decidable_after(number, tmp_path):
     both = [*plans, planned(Request.from_report(pair.deciding), plans, case.world)]
     excess = least_excess(after, both, pair.rival, evaluations=12)
     assert excess > 30, f"{pair.name}: {excess:.1f} after the experiment"
+
+
+@pytest.mark.parametrize("extra", [0.02, 0.5])
+def test_what_a_gain_says_as_well_is_written_beside_the_truth(pair_case, tmp_path, extra):
+    """Of a little mass it does; of much, spring and damper would be far from what is claimed."""
+    given = json.loads((pair_case / "sealed" / "000000aa" / "truth.json").read_text())
+    known = given["world"]
+    element = known["rig"]["elements"][0] | {"first": -1, "second": 0}
+    rig = known["rig"] | {"masses": [2.0], "elements": [element]}
+    effect = {"effect": "added_mass", "place": "m1", "parameters": {"dm_kg": 2.0 * extra}}
+    world = known | {
+        "rig": rig, "nominal": rig, "driven": ["m1"], "noise": known["noise"][:1],
+        "sensors": [{"quantity": "acceleration", "node": 0}], "effects": [effect],
+    }  # fmt: skip
+    truth = given | {
+        "world": world,
+        "equivalents": [],
+        "effects": [effect | {"where": {"kind": "node", "id": "m1"}}],
+    }
+    told = {"verdict": "undecided", "undecided": ["added_mass", "input_gain", "sensor_gain"]}
+    for folder, name, what in (
+        ("sealed/c1", "truth.json", truth),
+        ("results/slowtime/c1", "report.json", told),
+    ):
+        (tmp_path / folder).mkdir(parents=True)
+        (tmp_path / folder / name).write_text(json.dumps(what))
+    adjudicate(tmp_path, "slowtime")
+    found = json.loads((tmp_path / "sealed" / "c1" / "equivalent.json").read_text())
+    assert set(found) == {"input_gain", "sensor_gain"}
+    assert all(one["equivalent"] is (extra < 0.1) for one in found.values())

@@ -101,6 +101,13 @@ class Noise:
     alone: tuple[bool, ...] = ()
     drift: Drift | None = None
 
+    def of(self, trials: Sequence[int]) -> "Noise":
+        """Give that of some trials, each as often as it is named, without the drift."""
+        return Noise(
+            colours=tuple(self.colours[i] for i in trials),
+            relative_sd=tuple(self.relative_sd[i] for i in trials),
+        )
+
     def density(
         self, trial: int, frequency_hz: Frequencies
     ) -> Float[np.ndarray, "frequency sensor"]:

@@ -19,9 +19,17 @@ from slowtime.dynamics.modes import undamped_modes
 from slowtime.dynamics.plant import Plant
 
 from .fit import Fit, refit
+from .solve import GivenUp
+from .starts import nearest, state_from_many, state_heard
 
 PERIODS = 3.0
 """Longest periods that a piece lasts."""
+SWINGS = 5.0
+"""Periods of the slowest mode that records are taken to begin with."""
+STRAYS, ASTRAY, ROUNDS = 0.05, 30.0, 3
+"""Share of the pieces whose first states are looked for far and wide; times what is left of
+most, that is left of such as were led astray, by a wrong start or a constant that is off; and
+how often others are asked for the constants."""
 RIGID = 1e-6
 """Share of the highest natural frequency below which a motion is no vibration."""
 
@@ -47,15 +55,56 @@ def shot(
         Once true, `GivenUp` is raised.
     """
     cut, origin = pieces(plant, trials)
-    own = Noise(
-        colours=tuple(noise.colours[i] for i in origin),
-        relative_sd=tuple(noise.relative_sd[i] for i in origin),
-    )
-    starts = _followed(plant, cut, origin, own, values)
+    own = noise.of(origin)
+    starts, left = _followed(plant, cut, origin, own, values, late)
+    strays = _strays(left)
+    for _ in range(ROUNDS):
+        if not strays:
+            break
+        # Others say what the constants are; with these, fewer stray.
+        values = _without(strays, plant, cut, own, values, starts, late).values
+        starts, left = _followed(plant, cut, origin, own, values, late)
+        before, strays = strays, _strays(left)
+        if not len(strays) < len(before):
+            break
+    if len(strays) <= max(STRAYS * len(cut), 1):
+        size = np.max(np.abs(starts), axis=0)
+        for i in strays:
+            alone = own.of([i])
+            starts[i] = state_from_many(plant, cut[i], alone, values, starts[i], size)
     found = refit(
         plant, cut, noise=own, values=values, states=starts, horizons=(1.0,), late=late
     )
     return found, [found.states[origin.index(i)] for i in range(len(trials))]
+
+
+def _strays(left: Sequence[float]) -> list[int]:
+    """Give pieces that are explained much worse than most: those were led astray.
+
+    Parameters
+    ----------
+    left
+        Chi squared of each, over its samples. Of a wrong law most are explained badly.
+    """
+    bar = ASTRAY * max(float(np.median(left)), 1.0)
+    return [i for i, one in enumerate(left) if one > bar]
+
+
+def _without(
+    strays: Sequence[int],
+    plant: Plant,
+    cut: Sequence[Trial],
+    noise: Noise,
+    values: Float[np.ndarray, " parameter"],
+    states: Sequence[State],
+    late: Callable[[], bool] | None,
+) -> Fit:
+    """Fit all pieces but some."""
+    rest = [i for i in range(len(cut)) if i not in strays]
+    return refit(
+        plant, [cut[i] for i in rest], noise=noise.of(rest), values=values,
+        states=[states[i] for i in rest], horizons=(1.0,), late=late,
+    )  # fmt: skip
 
 
 def pieces(plant: Plant, trials: Sequence[Trial]) -> tuple[tuple[Trial, ...], tuple[int, ...]]:
@@ -72,6 +121,17 @@ def pieces(plant: Plant, trials: Sequence[Trial]) -> tuple[tuple[Trial, ...], tu
     return tuple(cut), tuple(origin)
 
 
+def first_swings(plant: Plant, trials: Sequence[Trial]) -> tuple[Trial, ...]:
+    """Cut the first few swings out of each record; all of it, where nothing swings."""
+    lowest = slowest_hz(plant)
+    found = []
+    for trial in trials:
+        whole = len(trial.outputs)
+        swings = int(SWINGS / lowest * trial.rate_hz) if lowest else whole
+        found.append(trial.part(0, min(max(swings, FEWEST), whole)))
+    return tuple(found)
+
+
 def slowest_hz(plant: Plant) -> float:
     """Lowest frequency of a vibration; 0 of a structure that floats and has none."""
     frequency = undamped_modes(assemble(plant.description)).frequency_hz
@@ -85,10 +145,18 @@ def _followed(
     origin: Sequence[int],
     noise: Noise,
     values: Float[np.ndarray, " parameter"],
-) -> list[State]:
-    """Go through each record piece by piece: each starts where the last, corrected, has led."""
+    late: Callable[[], bool] | None,
+) -> tuple[list[State], list[float]]:
+    """Go through each record piece by piece: each starts where the last, corrected, has led.
+
+    Gives the first states of all, and the chi squared of each over its samples.
+    """
     found: list[State] = []
+    left: list[float] = []
+    rest = np.zeros(len(plant.state_names))
     for number, piece in enumerate(cut):
+        if late is not None and late():
+            raise GivenUp
         new = number == 0 or origin[number] != origin[number - 1]
         state = np.zeros(0) if new else found[-1]
         if not new:
@@ -100,12 +168,27 @@ def _followed(
                 state0=state,
                 start_s=before.start_s,
             ).states[-1]
-        own = Noise(colours=(noise.colours[number],), relative_sd=(noise.relative_sd[number],))
-        if not np.isfinite(state).all():
-            state = np.zeros(0)
-        told = refit(
-            plant, (piece,), free=[], noise=own, values=values, states=(state,),
-            horizons=(1.0,),
-        )  # fmt: skip
+        own = noise.of([number])
+        led = state if np.isfinite(state).all() and state.size else rest
+        begin = nearest(plant, piece, own, values, [led, state_heard(plant, piece, led)])
+        try:
+            told = _told(plant, piece, own, values, begin)
+        except FloatingPointError:
+            # Led a little astray, it runs over the edge of a well that it stays in.
+            told = _told(plant, piece, own, values, rest)
         found.append(told.states[0])
-    return found
+        left.append(told.cost / max(told.data, 1))
+    return found, left
+
+
+def _told(
+    plant: Plant,
+    piece: Trial,
+    noise: Noise,
+    values: Float[np.ndarray, " parameter"],
+    begin: State,
+) -> Fit:
+    """Fit a piece by its first state, all constants held."""
+    return refit(
+        plant, (piece,), free=[], noise=noise, values=values, states=(begin,), horizons=(1.0,)
+    )

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from slowtime.discrepancy import answer as answering
 from slowtime.discrepancy.answer import HURRIED, LOUD, report
 from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.locate import locate
@@ -19,7 +20,7 @@ from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Input, Sensor, Tolerance
 from slowtime.dynamics.effects import Effect, Place, catalogue
 from slowtime.dynamics.plant import Plant
-from tests.slowtime.discrepancy.rigs import ONE
+from tests.slowtime.discrepancy.rigs import ONE, PLACE
 
 KINDS = catalogue()
 
@@ -232,3 +233,33 @@ def test_what_a_screen_reads_off_a_channel_is_told_with_its_error(fault, told):
     assert answer is not None
     sds = {name: number.sd for name, number in answer.numbers.items()}
     assert sds == pytest.approx(told)
+
+
+@pytest.mark.parametrize(
+    ("effect", "share", "unknown"),
+    [
+        (Effect("coulomb", PLACE, {"friction_n": 1.0}), 0.002, False),
+        (Effect("coulomb", PLACE, {"friction_n": 1.0}), 0.004, True),
+        (Effect("cubic_hardening", PLACE, {"k3_n_per_m3": 1.0}), 0.002, True),
+        (Effect("cubic_hardening", PLACE, {"k3_n_per_m3": 1.0}), 0.0005, False),
+    ],
+)
+def test_friction_may_leave_a_little_more_at_its_place_than_what_does_not_stick(
+    named, monkeypatch, effect, share, unknown
+):
+    """Its misfit has a minimum for each time that it might have stuck."""
+    monkeypatch.setattr(answering, "_still_left", lambda _: share)
+    rng = np.random.default_rng(8)
+    trial = Trial(
+        inputs=rng.standard_normal((300, 1)),
+        outputs=rng.standard_normal((300, 1)),
+        rate_hz=64.0,
+    )
+    first = refit(Plant.of(ONE), (trial,))
+    left = locate(first, (trial,))
+    here = dataclasses.replace(left.groups[0], places=(PLACE,), p_value=0.0)
+    left = dataclasses.replace(left, groups=(here, *left.groups[1:]))
+    last = dataclasses.replace(first, chi2_in_band=1.5, in_band_sd=0.01)
+    answer = dataclasses.replace(answer_of([named], [1.0], KINDS), effect=effect)
+    found = Found([first, last], (trial,), left=left, answers=[answer])
+    assert answering._unknown(found, KINDS) is unknown

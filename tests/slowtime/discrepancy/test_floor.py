@@ -219,3 +219,12 @@ def test_records_of_one_colour_share_it(pole):
     for other in density[1:]:
         ratio = other / density[0]
         assert np.allclose(ratio, ratio[:1])
+
+
+def test_some_trials_have_their_own_noise_as_often_as_they_are_named():
+    noise = white_noise([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
+    some = noise.of([2, 0, 2])
+    assert [[c.white for c in trial] for trial in some.colours] == [
+        [c.white for c in noise.colours[i]] for i in (2, 0, 2)
+    ]
+    assert some.relative_sd == tuple(noise.relative_sd[i] for i in (2, 0, 2))

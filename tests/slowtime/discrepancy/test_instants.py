@@ -40,3 +40,7 @@ def test_an_instant_is_looked_for_in_every_record(jump_s, begun_s):
     assert found.chi2_in_band < 1.2
     # Of what leaves most of what there was, one does not know what to look for.
     assert switched(wrong, trials, KINDS, None, 40.0).values[at] != found.values[at]
+    # Who is late keeps what there is, before one has looked and after.
+    assert switched(wrong, trials, KINDS, None, 100.0, late=lambda: True) is wrong
+    told = iter([False, *[True] * 99])
+    assert switched(wrong, trials, KINDS, None, 100.0, late=lambda: next(told)) is wrong

@@ -15,13 +15,12 @@ from slowtime.discrepancy.naming import Named
 from slowtime.discrepancy.openings import (
     FOREMOST,
     GROWING,
-    SWINGS,
-    beginnings,
     begun,
     openings,
 )
 from slowtime.discrepancy.records import FEWEST, Campaign, Trial
-from slowtime.discrepancy.refit import refit
+from slowtime.discrepancy.refit import first_swings, refit
+from slowtime.discrepancy.refit.pieces import SWINGS
 from slowtime.discrepancy.unbent import unbent
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Node, assemble
@@ -131,12 +130,12 @@ def test_records_begin_with_a_few_swings_of_the_slowest_mode(hard):
     system = assemble(THREE)
     lowest = math.sqrt(min(np.linalg.eigvals(np.linalg.solve(system.mass, system.stiffness))))
     lowest /= 2 * math.pi
-    for head, trial in zip(beginnings(before, trials), trials, strict=True):
+    for head, trial in zip(first_swings(before.plant, trials), trials, strict=True):
         assert len(head.outputs) == int(SWINGS / lowest * RATE)
         assert np.array_equal(head.outputs, trial.outputs[: len(head.outputs)])
         assert head.start_s == trial.start_s
     short = [trial.part(0, FEWEST + 3) for trial in trials]
-    assert [len(head.outputs) for head in beginnings(before, short)] == [FEWEST + 3] * 2
+    assert [len(head.outputs) for head in first_swings(before.plant, short)] == [FEWEST + 3] * 2
 
 
 def test_what_floats_and_does_not_swing_is_taken_whole(hard):
@@ -146,7 +145,7 @@ def test_what_floats_and_does_not_swing_is_taken_whole(hard):
         inputs=THREE.inputs, sensors=THREE.sensors,
     )  # fmt: skip
     alone = dataclasses.replace(before, plant=Plant.of(free))
-    assert [len(head.outputs) for head in beginnings(alone, trials)] == [1600, 1600]
+    assert [len(head.outputs) for head in first_swings(alone.plant, trials)] == [1600, 1600]
 
 
 @pytest.mark.parametrize(("left", "asked"), [(0.9, None), (0.3, [TOP])])
@@ -196,7 +195,7 @@ def test_a_record_begins_in_a_state_that_its_first_samples_say():
     trial = Trial(inputs=push, outputs=clean + noise, rate_hz=RATE)
     fit = refit(plant, [trial], horizons=(1.0,))
     astray = dataclasses.replace(fit, states=(fit.states[0] + 0.5,))
-    heads = beginnings(astray, [trial])
+    heads = first_swings(astray.plant, [trial])
     found = begun(astray, heads)
     assert np.array_equal(found.values, astray.values)
     head = heads[0].part(0, max(int(GROWING[0] * len(heads[0].outputs)), FEWEST))

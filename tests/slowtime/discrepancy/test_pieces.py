@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy.floor.colour import white_noise
-from slowtime.discrepancy.naming import Named, stands
+from slowtime.discrepancy.further import in_pieces
+from slowtime.discrepancy.naming import Named, refitted, stands
 from slowtime.discrepancy.records import Trial
-from slowtime.discrepancy.refit import pieces, refit, shot
+from slowtime.discrepancy.refit import GivenUp, pieces, refit, shot
+from slowtime.dynamics.description import Sensor
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
 from tests.slowtime.discrepancy.rigs import PLACE, one_mass
@@ -60,3 +62,71 @@ def test_what_happened_before_or_after_all_records_does_not_stand(trials, instan
     description = dataclasses.replace(ONE, effects=(effect.entry(),))
     fit = refit(Plant.of(description), trials, horizons=(1.0,), free=[])
     assert stands(Named(effect, description, fit, 0.0), trials, KINDS) is fine
+
+
+ACCELERATION = dataclasses.replace(
+    ONE, sensors=(Sensor(channel="a", quantity="acceleration", node="m1", unit="m/s^2"),)
+)
+
+
+def thrown_over(description, begins, noise):
+    """Records of a pendulum that begins by turning over, and swings when that has died down."""
+    effect = Effect("pendulum_sine", PLACE, {"k": 800.0})
+    plant = Plant.of(dataclasses.replace(description, effects=(effect.entry(),)), kinds=KINDS)
+    rng = np.random.default_rng(5)
+    trials = []
+    for begin in begins:
+        push = 60.0 * rng.standard_normal((4000, 1))
+        seen = plant.simulate(plant.values, push, 100.0, state0=np.array(begin))
+        trials.append(
+            Trial(
+                inputs=push,
+                outputs=seen + noise * rng.standard_normal(seen.shape),
+                rate_hz=100.0,
+            )
+        )
+    return plant, tuple(trials)
+
+
+@pytest.mark.parametrize(
+    ("description", "noise"), [(ONE, 0.02), (ACCELERATION, 2.0)], ids=["angle", "acceleration"]
+)
+def test_pieces_that_were_led_astray_are_begun_anew(description, noise):
+    """Damping that is off leads a pendulum that turns over to another turn."""
+    plant, trials = thrown_over(description, [[0.5, 70.0], [0.1, 1.0]], noise)
+    off = plant.values.copy()
+    off[plant.parameters.index(("damping", PLACE.id))] *= 1.2
+    heard = white_noise([[noise**2 * 2 / 100.0]] * 2)
+    found, states = shot(plant, trials, heard, off)
+    assert found.chi2_per_datum < 1.1
+    assert found.values[-1] == pytest.approx(800.0, rel=2e-3)
+    assert states[0][1] == pytest.approx(70.0, abs=1.0)
+
+
+def test_where_it_is_too_late_for_pieces_they_are_given_up(trials):
+    noise = white_noise([[SD**2 * 2 / RATE]])
+    start = swung(780.0)
+    with pytest.raises(GivenUp):
+        shot(start, trials, noise, start.values, lambda: True)
+
+
+def test_a_law_from_which_whole_records_run_away_is_told_by_its_pieces():
+    """Near the edge of a well a free run goes over it, though the law be all but right."""
+    effect = Effect("quadratic_stiffness", PLACE, {"k2_n_per_m2": -8000.0})
+    well = Plant.of(dataclasses.replace(ACCELERATION, effects=(effect.entry(),)), kinds=KINDS)
+    rng = np.random.default_rng(11)
+    push = 6.0 * rng.standard_normal((6000, 1))
+    clean = well.simulate(well.values, push, 100.0)
+    assert np.isfinite(clean).all()
+    trial = Trial(
+        inputs=push, outputs=clean + 0.1 * rng.standard_normal(clean.shape), rate_hz=100.0
+    )
+    before = refit(Plant.of(ACCELERATION, kinds=KINDS), [trial])
+    guess = Effect("quadratic_stiffness", PLACE, {"k2_n_per_m2": -8200.0})
+    named = refitted(before, guess, [trial], KINDS, None, shooting=True)
+    assert named is not None
+    assert named.shot.chi2_in_band < 1.2
+    if named.fit.chi2_in_band > 5.0:
+        assert named.fit.cost == before.cost
+        (told,) = in_pieces([named], KINDS)
+        assert told.fit is named.shot

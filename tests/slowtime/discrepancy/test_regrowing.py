@@ -9,7 +9,7 @@ from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.further import left_by
 from slowtime.discrepancy.naming import Named
 from slowtime.discrepancy.refit import refit
-from slowtime.discrepancy.regrowing import regrow
+from slowtime.discrepancy.regrowing import regrow, regrow_friction
 from slowtime.discrepancy.verdict import answer_of
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
@@ -68,3 +68,57 @@ def test_what_would_leave_more_is_not_taken(stuck):
     stuck.fits[-1] = best = dataclasses.replace(stuck.fits[-1], residual=quiet)
     regrow(stuck, KINDS)
     assert stuck.fits[-1] is best
+
+
+STICKS = Effect("coulomb", FIRST, {"friction_n": 1.0})
+
+
+@pytest.fixture
+def sticking():
+    """Friction alone, in a minimum that is not its own."""
+    trials = seen((STICKS,))
+    plant = Plant.of(dataclasses.replace(TWO, effects=(STICKS.entry(),)), kinds=KINDS)
+    right = refit(plant, trials, horizons=(1.0,))
+    values = plant.values.copy()
+    values[-1] *= 0.5
+    runs = [plant.simulate(values, trial.inputs, RATE) for trial in trials]
+    left = tuple(trial.measured - run for trial, run in zip(trials, runs, strict=True))
+    fit = dataclasses.replace(right, values=values, residual=left, chi2_in_band=2.0)
+    first = dataclasses.replace(fit, chi2_in_band=50.0)
+    answer = answer_of([Named(STICKS, plant.description, fit, 0.0)], [1.0], KINDS)
+    return Found([first, fit], trials, answers=[answer])
+
+
+def test_friction_is_followed_from_stick_to_stick(sticking):
+    regrow_friction(sticking, KINDS)
+    assert sticking.fits[-1].chi2_in_band < 1.2
+    told = sticking.answers[0].numbers["friction_n"]
+    assert told.value == pytest.approx(1.0, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("chi2", "first"), [(1.0, 50.0), (2.0, 1e4), (9.0, 50.0)], ids=["noise", "hardly", "far"]
+)
+def test_friction_that_leaves_noise_or_hardly_more_or_very_much_is_left(sticking, chi2, first):
+    begun, last = sticking.fits
+    sticking.fits = [
+        dataclasses.replace(begun, chi2_in_band=first),
+        dataclasses.replace(last, chi2_in_band=chi2),
+    ]
+    last = sticking.fits[-1]
+    regrow_friction(sticking, KINDS)
+    assert sticking.fits[-1] is last
+
+
+def test_what_does_not_stick_and_what_is_not_alone_is_left(stuck, sticking):
+    stuck.answers = stuck.answers[:1]
+    stuck.fits = [
+        dataclasses.replace(fit, chi2_in_band=chi2)
+        for fit, chi2 in zip(stuck.fits[:2], (50.0, 2.0), strict=True)
+    ]
+    for found in (stuck, sticking):
+        if found is sticking:
+            found.answers = [*found.answers, *found.answers]
+        last = found.fits[-1]
+        regrow_friction(found, KINDS)
+        assert found.fits[-1] is last
