@@ -216,7 +216,7 @@ def test_every_pair_is_undecidable_before_and_decidable_after(number, tmp_path):
 
 @pytest.mark.parametrize("extra", [0.02, 0.5])
 def test_what_a_gain_says_as_well_is_written_beside_the_truth(pair_case, tmp_path, extra):
-    """Of a little mass it does; of much, spring and damper would be far from what is claimed."""
+    """Of much mass it does not: spring and damper would be far from what is claimed."""
     given = json.loads((pair_case / "sealed" / "000000aa" / "truth.json").read_text())
     known = given["world"]
     element = known["rig"]["elements"][0] | {"first": -1, "second": 0}
