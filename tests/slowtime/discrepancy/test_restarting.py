@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy import restarting
+from slowtime.discrepancy import search as searching
+from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.floor.colour import white_noise
 from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.gap import free_runs
 from slowtime.discrepancy.naming import Named
-from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refit import (
     first_swings,
     refit,
@@ -21,6 +23,7 @@ from slowtime.discrepancy.refit import (
 from slowtime.discrepancy.refit.starts import nearest
 from slowtime.discrepancy.restarting import restart, restarted
 from slowtime.discrepancy.verdict import answer_of
+from slowtime.discrepancy.watch import Watch
 from slowtime.dynamics.description import Input, Sensor
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
@@ -180,3 +183,30 @@ def test_a_record_never_seen_is_run_from_where_it_begins(thrown):
     trials = recorded(plant, [[0.12, -3.0], [-0.1, 2.5]], seed=7)
     for trial, run in zip(trials, free_runs(right, trials), strict=True):
         assert np.std(trial.outputs - run) < 1.1 * SD
+
+
+@pytest.mark.long
+def test_a_law_that_begins_in_the_wrong_swing_foretells_as_the_right_one():
+    """Without a second look at how the second record begins, the error is ten times that."""
+    trials = recorded(plant_of(SINGS), [[0.01, 0.0], [0.09, -3.0], [0.0, 0.1]], seed=2)
+    campaign = Campaign(description=HEARD, trials=trials[:2], holdout=trials[2:])
+    told = diagnose(campaign, kinds=KINDS)
+    assert [one.effect.kind for one in told.effects] == ["van_der_pol"]
+    assert told.gap.augmented < 1.1 * told.gap.noise_floor
+
+
+@pytest.mark.parametrize(
+    ("hurries", "ends", "done"),
+    [(False, False, ["restart", "friction"]), (True, False, ["restart"]), (True, True, [])],
+)
+def test_what_is_taken_is_begun_anew_while_there_is_time(
+    thrown, monkeypatch, hurries, ends, done
+):
+    _, trials, _, stray = thrown
+    asked: list[str] = []
+    monkeypatch.setattr(searching, "accept", lambda *_, **__: True)
+    monkeypatch.setattr(searching, "restart", lambda *_: asked.append("restart"))
+    monkeypatch.setattr(searching, "regrow_friction", lambda *_: asked.append("friction"))
+    how = searching.Search(KINDS, Watch(late=lambda: hurries, over=lambda: ends))
+    assert searching._accepted(Found([stray], trials), stray, [], how, pulled=False)
+    assert asked == done
