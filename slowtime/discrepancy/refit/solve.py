@@ -152,15 +152,10 @@ def normal_at(
         )
         products.append(weights.products(trial.measured[: len(outputs)] - outputs, slopes))
         sizes = np.diag(products[-1])[free:-1]
-        own = point.states[number]
         made.append(spread[number] if spread else _spread(sizes, weights, trial))
-        if own.size and not spread:
-            # Where slopes grow without bounds, as through friction that falls with speed, next
-            # to nothing would explain the record: where one starts is never held unlikely.
-            made[-1] = np.maximum(made[-1], BROAD * np.abs(own))
         cost += float(products[-1][-1, -1])
-        if own.size:
-            cost += float(np.sum((own / made[-1]) ** 2))
+        if point.states[number].size:
+            cost += float(np.sum((point.states[number] / made[-1]) ** 2))
     states = len(products[0]) - 1 - free
     size = free + states * len(products)
     matrix, gradient = np.zeros((size, size)), np.zeros(size)

@@ -7,15 +7,12 @@ import pytest
 from hypothesis import strategies as st
 
 from slowtime.discrepancy.floor.colour import white_noise
-from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refit import prior_of, refit, solve
 from slowtime.discrepancy.refit.solve import Normal, _step
 from slowtime.discrepancy.refit.weights import weights_of
 from slowtime.discrepancy.values import with_values
 from slowtime.dynamics.description import Tolerance
-from slowtime.dynamics.effects import Effect
 from slowtime.dynamics.plant import Plant
-from tests.slowtime.discrepancy.rigs import ONE, PLACE
 
 
 def truth(rig):
@@ -133,26 +130,6 @@ def test_a_point_costs_the_same_with_slopes_and_without(clean):
         normal, spread = solve.normal_at(problem, point)
         alone = solve.costed(problem, point, spread).cost
         assert normal.cost == pytest.approx(alone, rel=1e-9)
-
-
-def test_where_slopes_grow_without_bounds_a_start_is_not_held_unlikely():
-    """What runs away from rest is explained by next to no initial state."""
-    runs_away = Effect("viscous_damping", PLACE, {"dc_n_s_per_m": -12.0})
-    plant = Plant.of(dataclasses.replace(ONE, effects=(runs_away.entry(),)))
-    rng = np.random.default_rng(2)
-    trial = Trial(
-        inputs=np.zeros((2000, 1)), outputs=0.01 * rng.standard_normal((2000, 1)), rate_hz=50.0
-    )
-    weights = (weights_of(trial, white_noise([[1e-4 / 25]]), 0),)
-    problem = solve.Problem(
-        plant=plant, prior=prior_of(plant), trials=(trial,), weights=weights, samples=(2000,)
-    )
-    start = np.array([0.01, 0.2])
-    point = solve.Point(values=plant.values, states=(start,))
-    _, (spread,) = solve.normal_at(problem, point)
-    assert (spread == solve.BROAD * start).all()
-    _, kept = solve.normal_at(problem, point, (np.array([1.0, 2.0]),))
-    assert kept[0].tolist() == [1.0, 2.0]
 
 
 @pytest.mark.long
