@@ -1,8 +1,9 @@
 """What a search knows at any time: fits, answers, and what is left."""
 
 import dataclasses
+from collections.abc import Mapping
 
-from slowtime.dynamics.effects import Place
+from slowtime.dynamics.effects import Kind, Place
 
 from .between import Hold
 from .candidates import Candidate
@@ -10,6 +11,7 @@ from .diagnosis import Named as Answer
 from .diagnosis import Rival
 from .locate import Located
 from .naming import Named
+from .pruning import all_told_again
 from .records import Trial
 from .refit import Fit
 from .unlinked import Link
@@ -69,3 +71,8 @@ class Found:
     loosened: bool = False
     alike: tuple[Named, ...] = ()
     otherwise: tuple[Hold, ...] | None = None
+
+    def put_last(self, fit: Fit, kinds: Mapping[str, Kind]) -> None:
+        """Take another fit of the last model, and read all numbers off it."""
+        self.fits[-1] = fit
+        self.answers = all_told_again(self.answers, fit, kinds)

@@ -15,10 +15,12 @@ from slowtime.signals.spectra import transform
 from .diagnosis import Spectra, Traces
 from .floor import Noise, noise_of_residual
 from .records import FEWEST, Trial
-from .refit import ASTRAY, Fit, first_swings, refit, size_of, state_from_many, state_heard
+from .refit import Fit, first_swings, refit, size_of, state_from_many, state_heard
 
 START = 0.2
 """Share of a record from which its initial state is taken."""
+LOST = 30.0
+"""Mean square over the noise, of the first samples, of a run that began in the wrong swing."""
 WHITE, UNWHITE = 1e-3, 1e-6
 """Chances of so large a chi squared from which a fit leaves nothing, and below which what it
 leaves is not called noise."""
@@ -94,11 +96,8 @@ def _first_of(trial: Trial) -> Trial:
 def _noise_of(fit: Fit) -> Noise:
     """Take the noise of the first record that was fitted for that of others."""
     drift = fit.noise.drift
-    return Noise(
-        colours=(fit.noise.colours[0],),
-        relative_sd=(fit.noise.relative_sd[0],),
-        drift=None if drift is None else drift.first(),
-    )
+    first = None if drift is None else drift.first()
+    return dataclasses.replace(fit.noise.of([0]), drift=first)
 
 
 def _begun(fit: Fit, part: Trial, noise: Noise) -> Float[np.ndarray, " state"]:
@@ -121,13 +120,13 @@ def _begun(fit: Fit, part: Trial, noise: Noise) -> Float[np.ndarray, " state"]:
         )
         begun = np.array([state.get(name, 0.0) for name in plant.state_names])
         heard = state_heard(plant, part, begun)
-        starts = [None, *((one,) for one in [begun, heard][: 1 + bool((heard != begun).any())])]
+        starts = [None, [begun], *([] if np.array_equal(heard, begun) else [[heard]])]
         found = [_settled(plant, part, noise, values, start) for start in starts]
     ended = [one for one in found if one is not None]
     if not ended:
         return np.zeros(len(plant.state_names))
     best = min(ended, key=lambda one: one.cost)
-    if plant.effects and best.cost > ASTRAY * best.data:
+    if plant.effects and best.cost > LOST * best.data:
         best = _from_elsewhere(best, part)
     return best.states[0]
 

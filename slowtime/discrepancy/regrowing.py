@@ -15,7 +15,6 @@ from .further import FAR_OFF, left_by
 from .gap import UNWHITE, whiteness
 from .naming import GRADUALLY
 from .openings import begun
-from .pruning import all_told_again
 from .refit import WRONG, GivenUp, first_swings, refit
 from .verdict import hardly_any
 
@@ -55,5 +54,4 @@ def _regrow(found: Found, kinds: Mapping[str, Kind], horizons: Sequence[float]) 
     except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
         return
     if left_by(again) < left_by(last):
-        found.fits[-1] = again
-        found.answers = all_told_again(found.answers, again, kinds)
+        found.put_last(again, kinds)

@@ -20,7 +20,6 @@ from .found import Found
 from .further import left_by
 from .locate import Located
 from .naming import SWIFTLY
-from .pruning import all_told_again
 from .records import Trial
 from .refit import WRONG, Fit, GivenUp, refit
 from .shapes import joined
@@ -79,8 +78,7 @@ def relearn(
         return False
     if not np.isfinite(again.cost) or left_by(again) > left_by(last) - LESS * _channels(last):
         return False
-    found.fits[-1] = again
-    found.answers = all_told_again(found.answers, again, kinds)
+    found.put_last(again, kinds)
     return True
 
 

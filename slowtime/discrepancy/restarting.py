@@ -14,7 +14,6 @@ from slowtime.dynamics.effects import Kind
 
 from .found import Found
 from .further import left_by
-from .pruning import all_told_again
 from .records import Trial
 from .refit import WRONG, Fit, GivenUp, first_swings, refit, size_of, state_from_many
 
@@ -31,8 +30,7 @@ def restart(found: Found, kinds: Mapping[str, Kind]) -> None:
         return
     again = restarted(last, trials)
     if again is not None:
-        found.fits[-1] = again
-        found.answers = all_told_again(found.answers, again, kinds)
+        found.put_last(again, kinds)
 
 
 def restarted(fit: Fit, trials: Sequence[Trial]) -> Fit | None:

@@ -419,20 +419,20 @@ def _accepted(
     *,
     pulled: bool,
 ) -> bool:
-    """Take the best; of several effects, from where how records begin has put all of them."""
+    """Take the best, begun where its records do; of several, from where all fit together."""
     fine = accept(
         found, before, named, trials or found.trials, how.kinds, how.stated, pulled=pulled,
         twice=any(_sits_on(one.effect, found.answers) for one in named[:1]), asked=how.asked,
     )  # fmt: skip
-    if fine and not (how.tell.ends or found.ended):
-        restart(found, how.kinds)
-        if not how.tell.hurries:
-            regrow_friction(found, how.kinds)
-    if fine and len(found.answers) > 1 and not (how.tell.ends or found.ended):
-        if not how.tell.hurries:
-            regrow(found, how.kinds)
+    if not fine or how.tell.ends or found.ended:
+        return fine
+    restart(found, how.kinds)
+    several = len(found.answers) > 1
+    if not how.tell.hurries:
+        (regrow if several else regrow_friction)(found, how.kinds)
+    if several:
         relocated(found, how.kinds, how.tell)
-    return fine
+    return True
 
 
 def _sits_on(effect: Effect, answers: Sequence[Answer]) -> bool:

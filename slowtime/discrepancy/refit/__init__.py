@@ -1,14 +1,13 @@
 """A plant and records in; the constants that explain them best, and what is left, out."""
 
 from .fit import Fit, refit
-from .pieces import ASTRAY, first_swings, pieces, shot, slowest_hz
+from .pieces import first_swings, pieces, shot, slowest_hz
 from .prior import UNCLAIMED, Prior, prior_of
 from .solve import WRONG, GivenUp
 from .starts import size_of, state_from_many, state_heard
 from .weights import Weights, weights_of
 
 __all__ = [
-    "ASTRAY",
     "UNCLAIMED",
     "WRONG",
     "Fit",

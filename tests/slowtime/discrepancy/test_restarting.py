@@ -196,17 +196,26 @@ def test_a_law_that_begins_in_the_wrong_swing_foretells_as_the_right_one():
 
 
 @pytest.mark.parametrize(
-    ("hurries", "ends", "done"),
-    [(False, False, ["restart", "friction"]), (True, False, ["restart"]), (True, True, [])],
+    ("count", "hurries", "ends", "done"),
+    [
+        (1, False, False, ["restart", "regrow_friction"]),
+        (1, True, False, ["restart"]),
+        (1, True, True, []),
+        (2, False, False, ["restart", "regrow", "relocated"]),
+        (2, True, False, ["restart", "relocated"]),
+        (2, True, True, []),
+    ],
 )
 def test_what_is_taken_is_begun_anew_while_there_is_time(
-    thrown, monkeypatch, hurries, ends, done
+    thrown, monkeypatch, count, hurries, ends, done
 ):
-    _, trials, _, stray = thrown
+    plant, trials, _, stray = thrown
     asked: list[str] = []
     monkeypatch.setattr(searching, "accept", lambda *_, **__: True)
-    monkeypatch.setattr(searching, "restart", lambda *_: asked.append("restart"))
-    monkeypatch.setattr(searching, "regrow_friction", lambda *_: asked.append("friction"))
+    for name in ("restart", "regrow_friction", "regrow", "relocated"):
+        monkeypatch.setattr(searching, name, lambda *_, name=name: asked.append(name))
     how = searching.Search(KINDS, Watch(late=lambda: hurries, over=lambda: ends))
-    assert searching._accepted(Found([stray], trials), stray, [], how, pulled=False)
+    answer = answer_of([Named(SINGS, plant.description, stray, 0.0)], [1.0], KINDS)
+    found = Found([stray], trials, answers=[answer] * count)
+    assert searching._accepted(found, stray, [], how, pulled=False)
     assert asked == done

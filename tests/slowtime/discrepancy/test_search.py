@@ -521,6 +521,24 @@ def test_who_is_late_does_not_fit_the_best_from_the_beginning_again(
     assert len(asked) == times
 
 
+@pytest.mark.parametrize("over", [True, False])
+def test_once_it_is_over_the_best_is_left_in_its_minimum(shared, monkeypatch, over):
+    trials, first, *_ = shared
+    loud = dataclasses.replace(first, chi2_in_band=99.0)
+    before = dataclasses.replace(first, chi2_in_band=1e4)
+    better = dataclasses.replace(loud, residual=tuple(0 * r for r in loud.residual))
+
+    def again(*_, late=None, **__):
+        if late is not None and late():
+            raise GivenUp
+        return loud if late is None else better
+
+    monkeypatch.setattr(naming, "refit", again)
+    named = naming.Named(SOFT, first.plant.description, loud, 0.0)
+    (told,) = naming._heard_again(before, [named], trials, KINDS, anew=True, over=lambda: over)
+    assert told.fit is (loud if over else better)
+
+
 @pytest.mark.long
 def test_what_inputs_do_between_samples_is_not_asked_of_pieces(shared, monkeypatch):
     trials, first, *_ = shared
