@@ -106,11 +106,16 @@ def silent_above(description: Description, trials: Sequence[Trial] = ()) -> floa
 
 
 def _driven_to(trial: Trial) -> float:
-    """Frequency below which nearly all power of the inputs lies, or of the outputs without."""
-    series = trial.inputs if trial.inputs.shape[1] else trial.measured
+    """Frequency below which nearly all power of inputs lies; of outputs, where there is none.
+
+    0 where nothing was heard either.
+    """
+    series = trial.inputs if np.ptp(trial.inputs, axis=0).any() else trial.measured
     spectrum = periodogram(detrended(series), trial.rate_hz)
     power = spectrum.density / np.maximum(spectrum.density.sum(axis=0), 1e-300)
-    below = np.cumsum(power.sum(axis=1)) / max(float(power.sum()), 1e-300)
+    if not power.any():
+        return 0.0
+    below = np.cumsum(power.sum(axis=1)) / float(power.sum())
     return float(spectrum.frequency_hz[int(np.searchsorted(below, MOST_POWER))])
 
 

@@ -150,6 +150,17 @@ def test_a_structure_is_silent_well_above_its_highest_mode():
     assert silent_above(one) == pytest.approx(8.5)
 
 
+@pytest.mark.parametrize("inputs", [0, 1])
+@pytest.mark.parametrize(("tone_hz", "most"), [(20.0, 34.0), (0.0, 8.5)])
+def test_what_nothing_drives_is_silent_above_what_is_heard(inputs, tone_hz, most):
+    """As where it was let go, in pieces of too few periods for a mode to tell itself."""
+    spring = Spring(id="j", between=("base", "m"), stiffness_n_per_m=(2 * np.pi * 5) ** 2)
+    one = Description(name="one", nodes=(Node(id="m", mass_kg=1.0),), elements=(spring,))
+    tone = np.sin(2 * np.pi * tone_hz * np.arange(100) / 200.0)[:, None]
+    trial = Trial(inputs=np.zeros((100, inputs)), outputs=tone, rate_hz=200.0)
+    assert silent_above(one, (trial,)) == pytest.approx(most, rel=0.1)
+
+
 def _blocks(rng):
     suspect = np.where(rng.random(80) < 0.5, 0.5, 0.01)
     power = rng.gamma(8.0, 1 / 8.0, 80) * np.where(rng.random(80) < 0.1, 30.0, 1.0)

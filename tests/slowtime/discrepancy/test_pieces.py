@@ -1,6 +1,7 @@
 """Short pieces of a record have one minimum, where the whole has many."""
 
 import dataclasses
+import importlib
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
 from tests.slowtime.discrepancy.rigs import PLACE, one_mass
 
+shooting = importlib.import_module("slowtime.discrepancy.refit.pieces")
 RATE, SD = 40.0, 0.02
 KINDS = catalogue()
 ONE = one_mass(damping_n_s_per_m=1.0)
@@ -102,6 +104,43 @@ def test_pieces_that_were_led_astray_are_begun_anew(description, noise):
     assert found.chi2_per_datum < 1.1
     assert found.values[-1] == pytest.approx(800.0, rel=2e-3)
     assert states[0][1] == pytest.approx(70.0, abs=1.0)
+
+
+def test_a_piece_begins_where_sensors_say_if_that_is_nearer(monkeypatch):
+    """A state that was led astray by a turn leads back by no small step."""
+    sensors = (
+        *ONE.sensors,
+        Sensor(channel="v", quantity="velocity", node="m1", unit="m/s"),
+    )
+    description = dataclasses.replace(ONE, sensors=sensors)
+    plant, trials = thrown_over(description, [[0.5, 70.0]], 0.02)
+    off = plant.values.copy()
+    off[plant.parameters.index(("damping", PLACE.id))] *= 1.2
+    cut, origin = pieces(plant, trials)
+    noise = white_noise([[0.02**2 * 2 / 100.0] * 2] * len(cut))
+    states, _ = shooting._followed(plant, cut, origin, noise, off, None)
+    begun = np.array([piece.outputs[0] for piece in cut])
+    assert np.abs(np.array(states) - begun)[1:, 0].max() < 1.0
+
+
+def test_a_piece_that_cannot_begin_where_the_last_has_led_begins_at_rest(trials, monkeypatch):
+    plant = swung(780.0)
+    cut, origin = pieces(plant, trials)
+    noise = white_noise([[SD**2 * 2 / RATE]] * len(cut))
+    begun: list[bool] = []
+
+    def fitted(*known, **how):
+        begun.append(bool(how["states"][0].any()))
+        if begun[-1]:
+            raise FloatingPointError("It runs away.")
+        return refit(*known, **how)
+
+    monkeypatch.setattr(shooting, "refit", fitted)
+    states, left = shooting._followed(plant, cut, origin, noise, plant.values, None)
+    assert len(states) == len(left) == len(cut)
+    assert any(begun)
+    with pytest.raises(GivenUp):
+        shooting._followed(plant, cut, origin, noise, plant.values, lambda: True)
 
 
 def test_where_it_is_too_late_for_pieces_they_are_given_up(trials):

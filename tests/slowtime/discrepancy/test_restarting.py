@@ -102,6 +102,8 @@ def test_what_begins_as_it_goes_on_is_left_alone(thrown, monkeypatch):
         right, residual=tuple(SD * np.ones_like(r) for r in right.residual), chi2_in_band=20.0
     )
     assert restarted(loud, trials) is None
+    noise = dataclasses.replace(stray, chi2_in_band=2.0)
+    assert restarted(noise, trials) is None
     short = dataclasses.replace(stray, residual=tuple(r[:300] for r in stray.residual))
     assert restarted(short, tuple(t.part(0, 300) for t in trials)) is None
 
@@ -124,6 +126,27 @@ def test_a_state_is_found_from_far_away_and_a_good_one_is_kept(thrown):
         horizons=(1.0,),
     ).states[0]  # fmt: skip
     assert state_from_many(plant, head, noise, right.values, known, 0 * size) is known
+
+
+def test_a_state_is_looked_for_where_sensors_say_and_never_where_runs_go_away():
+    sensors = (
+        Sensor(channel="x", quantity="displacement", node="m1", unit="m"),
+        Sensor(channel="v", quantity="velocity", node="m1", unit="m/s"),
+    )
+    well = plant_of(
+        Effect("quadratic_stiffness", PLACE, {"k2_n_per_m2": -8000.0}),
+        dataclasses.replace(HEARD, sensors=sensors),
+    )
+    begin = np.array([0.05, 0.2])
+    clean = well.simulate(well.values, np.zeros((100, 1)), RATE, state0=begin)
+    trial = Trial(inputs=np.zeros((100, 1)), outputs=clean, rate_hz=RATE)
+    noise = white_noise([[1e-8, 1e-8]])
+    away, nowhere = np.array([0.3, 0.0]), np.zeros(2)
+    found = state_from_many(well, trial, noise, well.values, away, nowhere)
+    assert found == pytest.approx(begin, abs=1e-4)
+    assert state_from_many(well, trial, noise, well.values, away, away) == pytest.approx(
+        begin, abs=1e-4
+    )
 
 
 def test_the_size_of_a_motion_is_that_of_its_run_and_no_less_than_where_it_begins(thrown):

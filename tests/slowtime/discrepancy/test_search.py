@@ -1,6 +1,7 @@
 """Two effects as strong as each other are both found, whichever of them shows first."""
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -537,6 +538,48 @@ def test_once_it_is_over_the_best_is_left_in_its_minimum(shared, monkeypatch, ov
     named = naming.Named(SOFT, first.plant.description, loud, 0.0)
     (told,) = naming._heard_again(before, [named], trials, KINDS, anew=True, over=lambda: over)
     assert told.fit is (loud if over else better)
+
+
+@pytest.mark.parametrize("over", [True, False])
+def test_who_refits_laws_is_told_when_it_is_over(shared, monkeypatch, over):
+    trials, first, located, _ = shared
+    asked: list[bool] = []
+
+    def none(*_, **how):
+        asked.append(how["over"]())
+        return []
+
+    monkeypatch.setattr(searching, "refit_all", none)
+    monkeypatch.setattr(searching, "onward", lambda *_: (first, []))
+    how = Search(KINDS, Watch(over=lambda: over))
+    found = Found([first], trials)
+    searching._after(found, first, how, 0, pulled=False, located=located)
+    assert searching._onward(found, first, how) == []
+    assert asked == [over, over]
+
+
+def test_lateness_reaches_the_last_look_at_a_law_and_at_its_instant(shared, monkeypatch):
+    trials, first, *_ = shared
+    told: list[Callable[[], bool]] = []
+
+    def switched(fit, *_, late):
+        told.append(late)
+        return fit
+
+    def heard(*_, over, **__):
+        told.append(over)
+        return []
+
+    def over():
+        return True
+
+    monkeypatch.setattr(naming, "switched", switched)
+    monkeypatch.setattr(naming, "_heard_again", heard)
+    label = [Candidate(SOFT, 0.0, 0.0, 0.0)]
+    refit_all(first, label, trials, KINDS, lambda *_: False, over=over)
+    late, last = told
+    assert late() is False
+    assert last is over
 
 
 @pytest.mark.long
