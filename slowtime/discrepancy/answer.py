@@ -108,13 +108,14 @@ def report(
     # Which of two it is matters once one of them could be right.
     doubted = bool(found.undecided) and last.chi2_in_band < FAR_OFF
     unknown = unknown or (not (doubted or foretold or loud) and _unknown(found, kinds))
-    sure = humbled(found.answers, len(found.fits) - 1, kinds)
+    located = found.located
+    assert located is not None
+    alike = bool(located.groups[0].twins)
+    sure = humbled(found.answers, len(found.fits) - 1, kinds, alike=alike)
     answers = _once([*(() if unknown else sure), *faults])
     verdict, sentence = _word(campaign.description, found, answers, kinds)
     if unknown:
         verdict, sentence = "unknown_effect", _unnamed(found, kinds)
-    located = found.located
-    assert located is not None
     experiment = propose(found.pair, trials, kinds) if found.pair and not unknown else None
     if experiment is not None:
         sentence += f" What would decide: {experiment.sentence}"

@@ -36,17 +36,23 @@ STRAIGHT: Mapping[str, Variable] = {
 _GRID = np.array([-1.0, -0.3, 0.2, 1.0])
 
 
-def humbled(answers: Sequence[Answer], count: int, kinds: Mapping[str, Kind]) -> list[Answer]:
+def humbled(
+    answers: Sequence[Answer], count: int, kinds: Mapping[str, Kind], *, alike: bool
+) -> list[Answer]:
     """Give the answers, less sure where they may be patchwork for a law that is unknown.
 
     Parameters
     ----------
     count
         Of the effects that were added, those not told included.
+    alike
+        Whether a force on the structure would do to the sensors what the foremost does.
     """
     pieced = {*pieces_of_one(answers, kinds), *_beside_constants(answers, kinds)}
-    # What no law follows, at the base, may be what the laws that were named lack.
-    many = count >= MANY or (len(answers) > 1 and any(_shakes(a, kinds) for a in answers))
+    # What no law follows, at the base, may be what the laws that were named lack; or, where
+    # sensors cannot tell the base from an element, what a law there does that is unknown.
+    shaken = (alike or len(answers) > 1) and any(_shakes(a, kinds) for a in answers)
+    many = count >= MANY or shaken
     return [
         dataclasses.replace(answer, probability=PATCHED * answer.probability)
         if many or answer.effect.place in pieced

@@ -15,6 +15,7 @@ from slowtime.dynamics.effects import Effect, Kind, Place
 from .accepting import accept, bends_twice, ended
 from .anew import beginnings
 from .between import Hold, held_otherwise, with_holds
+from .bottom import at_bottom
 from .candidates import SEVERAL, Candidate, Label, candidates, label_of, mirrored
 from .diagnosis import Named as Answer
 from .downward import Downward
@@ -256,8 +257,14 @@ def _next(found: Found, how: Search, number: int, held: Fit | None = None) -> bo
     """
     before = found.fits[-1]
     pulled = bool(moved_of(before))
-    if found.answers and not pulled and whiteness(before) > SILENT:
-        return False
+    if found.answers and whiteness(before) > SILENT:
+        if pulled:
+            # Of numbers that are told only together, one may have stopped far from its claim.
+            at_bottom(found, len(found.fits[0].plant.effects), how.kinds)
+            before = found.fits[-1]
+            pulled = bool(moved_of(before))
+        if not pulled:
+            return False
     held = held or unbent(before, found.trials)
     located = locate(held, found.trials) if found.answers else None
     if located is not None and relearn(found, held, located, how.kinds, how.tell):

@@ -15,6 +15,7 @@ from slowtime.dynamics.description import BASE, Beam, Description, Spring
 from slowtime.dynamics.effects import Effect, Hidden, Kind, Place
 from slowtime.dynamics.plant import Plant
 
+from .adding import free_run
 from .naming import Named, refitted
 from .pruning import without
 from .records import Trial
@@ -23,8 +24,8 @@ from .watch import Watch
 
 LINK, LOSS = "a spring not in the model", "stiffness_loss"
 """What the element is called while it is tried; the kind whose negative is its stiffness."""
-FIRST = 0.1
-"""Least stiffness to begin with, in those of the model's own springs."""
+FIRST = (0.1, 0.03, 0.01, 0.003)
+"""Stiffnesses to begin with, in those of the model's own springs: that which leaves least."""
 
 Pair = tuple[str, str]
 
@@ -130,14 +131,19 @@ def _linked(
     """Refit a model with a spring more; None where that comes to nothing, or less than none."""
     description = fit.plant.description
     springs = [e.stiffness_n_per_m for e in description.elements if isinstance(e, Spring)]
-    begin = max(stiffness, FIRST * float(np.median(springs)))
+    median = float(np.median(springs))
+    begins = [max(stiffness, FIRST[0] * median), *(share * median for share in FIRST[1:])]
     link = Spring(id=LINK, between=pair)
     linked = dataclasses.replace(description, elements=(*description.elements, link))
     plant = Plant.of(linked, kinds=kinds)
     known = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
     values = np.array([known.get(name, entry.value) for name, entry in plant.entries.items()])
     before = dataclasses.replace(fit, plant=plant, values=values)
-    effect = Effect(LOSS, Place("element", LINK), {kinds[LOSS].names[0]: -begin})
+    place, strength = Place("element", LINK), kinds[LOSS].names[0]
+    effect = min(
+        (Effect(LOSS, place, {strength: -begin}) for begin in begins),
+        key=lambda one: free_run(before, one, None, trials, kinds),
+    )
     least = min((other.named.fit.cost for other in others), default=None)
 
     def late() -> bool:
@@ -146,7 +152,7 @@ def _linked(
     named = refitted(before, effect, trials, kinds, fit.noise, least, late=late)
     if named is None:
         return None
-    name = ("effect", len(plant.effects), kinds[LOSS].names[0])
+    name = ("effect", len(plant.effects), strength)
     at = named.fit.prior.names.index(name)
     found, sd = -float(named.fit.free[at]), float(named.fit.widened_sd[at])
     unit = named.fit.plant.entries["stiffness", LINK].unit

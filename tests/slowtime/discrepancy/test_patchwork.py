@@ -34,6 +34,10 @@ def law_of(name, place=HERE):
     return Named(Effect(name, place, parameters), KINDS[name].family, {}, 1.0, (), "")
 
 
+def sure_of(answers, count, alike=False):
+    return humbled(answers, count, KINDS, alike=alike)
+
+
 @pytest.mark.parametrize("name", sorted(KINDS))
 def test_each_kind_is_known_for_the_variable_it_is_a_curve_of(name):
     assert variable_of(law_of(name).effect, KINDS) == ALONG.get(name)
@@ -42,17 +46,17 @@ def test_each_kind_is_known_for_the_variable_it_is_a_curve_of(name):
 
 def test_what_takes_many_laws_is_never_sure():
     answers = [law_of("cubic_hardening"), law_of("coulomb"), law_of("bouc_wen", THERE)]
-    assert [a.probability for a in humbled(answers[:2], 2, KINDS)] == [1.0, 1.0]
-    assert all(a.probability < DECIDED for a in humbled(answers, 3, KINDS))
+    assert [a.probability for a in sure_of(answers[:2], 2)] == [1.0, 1.0]
+    assert all(a.probability < DECIDED for a in sure_of(answers, 3))
 
 
 def test_two_curves_of_one_elongation_may_be_one_that_is_unknown():
     two = [law_of("cubic_hardening"), law_of("saturating_stiffness")]
     assert pieces_of_one(two, KINDS) == {HERE: "elongation"}
-    assert all(a.probability < DECIDED for a in humbled(two, 2, KINDS))
+    assert all(a.probability < DECIDED for a in sure_of(two, 2))
     apart = [law_of("cubic_hardening"), law_of("saturating_stiffness", THERE)]
     assert pieces_of_one(apart, KINDS) == {}
-    assert [a.probability for a in humbled(apart, 2, KINDS)] == [1.0, 1.0]
+    assert [a.probability for a in sure_of(apart, 2)] == [1.0, 1.0]
 
 
 @pytest.mark.parametrize(
@@ -67,15 +71,22 @@ def test_two_curves_of_one_elongation_may_be_one_that_is_unknown():
 )
 def test_a_curve_beside_a_constant_that_is_off_may_be_one_curve(curve, constant, pieces):
     both = [law_of(curve), law_of(constant)]
-    assert all((a.probability < DECIDED) == pieces for a in humbled(both, 2, KINDS))
+    assert all((a.probability < DECIDED) == pieces for a in sure_of(both, 2))
     apart = [law_of(curve), law_of(constant, THERE)]
-    assert [a.probability for a in humbled(apart, 2, KINDS)] == [1.0, 1.0]
+    assert [a.probability for a in sure_of(apart, 2)] == [1.0, 1.0]
 
 
 def test_beside_a_base_that_moves_as_no_law_tells_a_law_is_less_sure():
     base = law_of("base_motion", Place("base", "base"))
-    assert [a.probability for a in humbled([base], 1, KINDS)] == [1.0]
-    assert all(a.probability < DECIDED for a in humbled([law_of("coulomb"), base], 2, KINDS))
+    assert [a.probability for a in sure_of([base], 1)] == [1.0]
+    assert all(a.probability < DECIDED for a in sure_of([law_of("coulomb"), base], 2))
     wander = law_of("sensor_drift", Place("sensor", "x"))
-    sure = humbled([law_of("coulomb"), wander], 2, KINDS)
+    sure = sure_of([law_of("coulomb"), wander], 2)
     assert [a.probability for a in sure] == [1.0, 1.0]
+
+
+def test_where_a_force_on_the_structure_would_do_the_same_a_base_is_less_sure_to_move():
+    base, law = law_of("base_motion", Place("base", "base")), law_of("coulomb")
+    (moved,) = sure_of([base], 1, alike=True)
+    assert 0.5 < moved.probability < DECIDED
+    assert sure_of([law], 1, alike=True)[0].probability == 1.0

@@ -136,3 +136,23 @@ def test_what_is_left_begins_in_the_motion_that_the_whole_began_in(monkeypatch, 
         elif int(at) != number:
             later = int(at) - (int(at) > number)
             assert told[what, name.replace(f"{head} {at}.", f"{head} {later}.")] == value
+
+
+@pytest.mark.parametrize(("faint", "kept"), [(True, 1), (False, 2)])
+def test_a_law_that_does_next_to_nothing_is_left_out_though_a_fit_without_is_lost(
+    monkeypatch, faint, kept
+):
+    """What tips over goes another way for a thousandth of its mass."""
+    trials = trials_of(CUBIC)
+    fits, said = chain_of(trials, CUBIC, LOSS)
+    alone = fits[1]
+    values = alone.values.copy()
+    values[-1] *= 0.3
+    lost = dataclasses.replace(alone, values=values, cost=1e9, chi2_in_band=50.0)
+    monkeypatch.setattr(pruning, "without", lambda _, which, *__: lost if which else None)
+    monkeypatch.setattr(pruning, "sds_of_strength", lambda *_: 0.2 if faint else 20.0)
+    chain, answers = pruned(fits, said, trials, KINDS)
+    assert len(answers) == kept
+    if faint:
+        assert answers[0].effect.kind == "cubic_hardening"
+        assert chain[-1].chi2_in_band < 1.2

@@ -137,16 +137,17 @@ def test_a_state_is_looked_for_where_sensors_say_and_never_where_runs_go_away():
         Effect("quadratic_stiffness", PLACE, {"k2_n_per_m2": -8000.0}),
         dataclasses.replace(HEARD, sensors=sensors),
     )
-    begin = np.array([0.05, 0.2])
-    clean = well.simulate(well.values, np.zeros((100, 1)), RATE, state0=begin)
-    trial = Trial(inputs=np.zeros((100, 1)), outputs=clean, rate_hz=RATE)
-    noise = white_noise([[1e-8, 1e-8]])
+    turns = plant_of(Effect("pendulum_sine", PLACE, {"k": 800.0}), well.description)
     away, nowhere = np.array([0.3, 0.0]), np.zeros(2)
-    found = state_from_many(well, trial, noise, well.values, away, nowhere)
-    assert found == pytest.approx(begin, abs=1e-4)
-    assert state_from_many(well, trial, noise, well.values, away, away) == pytest.approx(
-        begin, abs=1e-4
-    )
+    noise = white_noise([[1e-8, 1e-8]])
+    for plant, begin, size in (
+        (well, np.array([0.05, 0.2]), away),
+        (turns, np.array([13.0, 1.0]), nowhere),
+    ):
+        clean = plant.simulate(plant.values, np.zeros((100, 1)), RATE, state0=begin)
+        trial = Trial(inputs=np.zeros((100, 1)), outputs=clean, rate_hz=RATE)
+        found = state_from_many(plant, trial, noise, plant.values, away, size)
+        assert found == pytest.approx(begin, abs=1e-4)
 
 
 def test_the_size_of_a_motion_is_that_of_its_run_and_no_less_than_where_it_begins(thrown):

@@ -21,7 +21,7 @@ from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refit import GivenUp, pieces, refit
 from slowtime.discrepancy.search import Search, search
 from slowtime.discrepancy.unbent import WITHIN, unbent
-from slowtime.discrepancy.verdict import answer_of
+from slowtime.discrepancy.verdict import answer_of, moved_of
 from slowtime.discrepancy.watch import Watch
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Input, Sensor, Tolerance
@@ -580,6 +580,33 @@ def test_lateness_reaches_the_last_look_at_a_law_and_at_its_instant(shared, monk
     late, last = told
     assert late() is False
     assert last is over
+
+
+@pytest.mark.parametrize("settles", [True, False])
+def test_a_constant_is_off_only_if_it_is_at_the_bottom(shared, monkeypatch, settles):
+    """Of numbers told only in sums a fit may stop where one is far from what is claimed."""
+    trials, first, *_ = shared
+    white = dataclasses.replace(first, chi2_in_band=1.0)
+    at = list(white.prior.names).index(("stiffness", FIRST.id))
+    values = white.values.copy()
+    values[white.prior.index[at]] += 6 * white.prior.sd[at]
+    off = dataclasses.replace(white, values=values)
+    assert moved_of(off)
+    still = dataclasses.replace(white, values=white.plant.values)
+    answer = answer_about(SOFT, KINDS)
+    found = Found([first, off], trials, answers=[answer])
+    looked: list[bool] = []
+
+    def settled(found, own, kinds):
+        assert own == 0
+        found.fits[-1] = still if settles else off
+
+    monkeypatch.setattr(searching, "at_bottom", settled)
+    monkeypatch.setattr(searching, "unbent", lambda fit, _: fit)
+    monkeypatch.setattr(searching, "relearn", lambda *_: False)
+    monkeypatch.setattr(searching, "_after", lambda *_, **__: looked.append(True) or True)
+    assert searching._next(found, Search(KINDS, Watch()), 1) is not settles
+    assert bool(looked) is not settles
 
 
 @pytest.mark.long

@@ -43,11 +43,15 @@ def recorded(truth, seed, noise=0.01):
         yield Trial(inputs=push, outputs=seen, rate_hz=RATE)
 
 
+def tied(between, stiffness):
+    spring = Spring(id="tie", between=between, stiffness_n_per_m=stiffness)
+    truth = dataclasses.replace(RIG, elements=(*RIG.elements, spring))
+    return tuple(recorded(truth, 5))
+
+
 @pytest.fixture(scope="module", params=[("base", "m3"), ("m1", "m3")])
 def linked(request):
-    spring = Spring(id="tie", between=request.param, stiffness_n_per_m=STIFFNESS)
-    truth = dataclasses.replace(RIG, elements=(*RIG.elements, spring))
-    return request.param, tuple(recorded(truth, 5))
+    return request.param, tied(request.param, STIFFNESS)
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +69,16 @@ def test_of_all_springs_that_there_might_be_the_right_one_is_found(linked):
     assert abs(link.stiffness - STIFFNESS) < 4 * link.sd < 0.2 * STIFFNESS
     assert link.named.fit.chi2_in_band < 1.2
     assert f"between {between[0]} and {between[1]}" in str(link)
+
+
+@pytest.mark.parametrize("stiffness", [5.0, 12.0, 40.0])
+def test_a_spring_is_found_that_is_much_softer_than_those_of_the_model(stiffness):
+    """Begun far too stiff, it swings out of step for good."""
+    trials = tied(("base", "m3"), stiffness)
+    link = best_link(refit(Plant.of(RIG, kinds=KINDS), trials), [("base", "m3")], trials, KINDS)
+    assert link is not None
+    assert abs(link.stiffness - stiffness) < 4 * link.sd < 0.2 * stiffness
+    assert link.named.fit.chi2_in_band < 1.2
 
 
 def oscillator_for(trials, node):
