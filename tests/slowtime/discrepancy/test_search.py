@@ -597,6 +597,10 @@ def test_a_constant_is_off_only_if_it_is_at_the_bottom(shared, monkeypatch, sett
     found = Found([first, off], trials, answers=[answer])
     looked: list[bool] = []
 
+    def after(*_, **__):
+        looked.append(True)
+        return True
+
     def settled(found, own, kinds):
         assert own == 0
         found.fits[-1] = still if settles else off
@@ -604,7 +608,7 @@ def test_a_constant_is_off_only_if_it_is_at_the_bottom(shared, monkeypatch, sett
     monkeypatch.setattr(searching, "at_bottom", settled)
     monkeypatch.setattr(searching, "unbent", lambda fit, _: fit)
     monkeypatch.setattr(searching, "relearn", lambda *_: False)
-    monkeypatch.setattr(searching, "_after", lambda *_, **__: looked.append(True) or True)
+    monkeypatch.setattr(searching, "_after", after)
     assert searching._next(found, Search(KINDS, Watch()), 1) is not settles
     assert bool(looked) is not settles
 
