@@ -206,12 +206,16 @@ def _by_the_others(found: Found, before: Fit, drift: Answer, how: Search, number
     """
     place = drift.effect.place
     trials = unheard(before, found.trials, place.id)
-    known = any(answer.effect.place == place for answer in found.answers)
-    if known or number + 1 >= how.most or not any(trial.used.any() for trial in trials):
+    # What the sensor was said to be off by was the mean of its wandering.
+    kept = [answer for answer in found.answers if answer.effect.place != place]
+    own = len(found.answers) - len(kept)
+    whole = found.fits[0] if own else before
+    number += 1 - own
+    if (own and kept) or number >= how.most or not any(trial.used.any() for trial in trials):
         return before
     try:
         first = refit(
-            before.plant, trials, values=before.values, states=before.states,
+            whole.plant, trials, values=whole.values, states=whole.states,
             horizons=(1.0,), late=lambda: how.tell.hurries,
         )  # fmt: skip
     except GivenUp:
@@ -219,16 +223,17 @@ def _by_the_others(found: Found, before: Fit, drift: Answer, how: Search, number
         return before
     except (np.linalg.LinAlgError, FloatingPointError):
         return before
-    rest = Found([first], trials, answers=list(found.answers))
-    _go_on(rest, how, number + 1)
+    rest = Found([first], trials, answers=list(kept))
+    _go_on(rest, how, number)
     found.hurried |= rest.hurried
-    fresh = rest.answers[len(found.answers) :]
+    fresh = rest.answers[len(kept) :]
     cut = len(rest.trials) != len(trials)
     if not fresh or rest.ended or rest.holds is not None or cut:
         return before
     found.unheard = True
-    found.located = found.located if found.answers else rest.located
-    found.answers += fresh
+    found.located = found.located if kept else rest.located
+    found.answers = [*kept, *fresh]
+    found.fits = found.fits[: len(found.fits) - own]
     found.fits += [loud_again(fit, before, place.id) for fit in rest.fits[1:]]
     if not found.undecided:
         found.undecided, found.pair, found.retuned = rest.undecided, rest.pair, rest.retuned

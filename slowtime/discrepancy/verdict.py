@@ -103,8 +103,9 @@ def numbers_of(fit: Fit, which: int) -> dict[str, Number]:
     values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
     # Nothing is known of them but that they lie within the campaign.
     sds |= {name: abs(values[name]) for name in unseen(fit)}
+    given, place = fit.plant.description, fit.plant.effects[which].place
     return {
-        str(name[2]): Number(value, sds.get(name, 0.0), _unit(fit, which, entry.unit))
+        str(name[2]): Number(value, sds.get(name, 0.0), unit_at(given, place, entry.unit))
         for (name, entry), value in zip(
             fit.plant.entries.items(), fit.values.tolist(), strict=True
         )
@@ -112,10 +113,9 @@ def numbers_of(fit: Fit, which: int) -> dict[str, Number]:
     }
 
 
-def _unit(fit: Fit, which: int, unit: str) -> str:
+def unit_at(given: Description, place: Place, unit: str) -> str:
     """Give a unit, that of the sensor where an effect sits on one and takes its unit."""
-    channel = fit.plant.effects[which].place.id
-    told = [s.unit for s in fit.plant.description.sensors if s.channel == channel]
+    told = [s.unit for s in given.sensors if s.channel == place.id]
     return told[0] if unit == OF_SENSOR and told else unit
 
 

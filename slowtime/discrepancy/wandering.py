@@ -15,7 +15,7 @@ from .diagnosis import Number
 from .locate import Located
 from .records import Trial
 from .refit import Fit
-from .verdict import FALSE_ALARM, sentence_of
+from .verdict import FALSE_ALARM, sentence_of, unit_at
 
 T = TypeVar("T")
 
@@ -69,7 +69,8 @@ def drifting(located: Located, place: Place, kinds: Mapping[str, Kind]) -> Answe
     name = next(p.name for p in kind.parameters if p.fitted)
     size = float(np.mean(courses))
     spread = float(np.hypot(SIZE_SD * size, np.std(courses)))
-    numbers = {name: Number(size, spread, kind.parameter(name).unit)}
+    unit = unit_at(located.linear.description, place, kind.parameter(name).unit)
+    numbers = {name: Number(size, spread, unit)}
     return Answer(
         effect=Effect(KIND, place, {name: size}),
         family=kind.family,

@@ -8,6 +8,7 @@ import pytest
 
 from slowtime.discrepancy import accepting, naming
 from slowtime.discrepancy import search as searching
+from slowtime.discrepancy.adding import carrying
 from slowtime.discrepancy.candidates import Candidate, candidates, label_of
 from slowtime.discrepancy.diagnose import _prune
 from slowtime.discrepancy.diagnosis import Named as Answer
@@ -197,11 +198,34 @@ def test_what_does_not_go_with_a_wandering_sensor_is_not_taken(beside, change):
     assert len(found.fits) == 1
 
 
-def test_nobody_looks_beside_a_sensor_twice_nor_for_more_than_is_looked_for(beside):
+def test_nobody_looks_for_more_than_is_looked_for(beside):
     assert not beside(lambda _: pytest.fail("it was looked for"), number=searching.MOST - 1)[1]
-    found, _ = beside(lambda rest: rest.answers.clear())
-    found.answers = [answer_about(Effect("sensor_gain", Place("sensor", "v_m2"), {}), KINDS)]
-    assert not beside(lambda _: pytest.fail("it was looked for"), found=found)[1]
+
+
+OFF = Effect("sensor_bias", Place("sensor", "v_m2"), {"bias": 0.01})
+
+
+def test_what_a_wandering_sensor_was_said_to_be_off_by_gives_way(beside):
+    """Its mean was taken for an offset, and hid that a spring is missing."""
+    kinds, trials, first, _ = with_the_law()
+    kinds |= {"sensor_bias": catalogue()["sensor_bias"]}
+    found = Found([first], trials, answers=[answer_about(OFF, kinds)])
+    found.fits.append(carrying(first, OFF, kinds))
+    _, told = beside(lambda _: None, found=found, number=searching.MOST - 1)
+    assert told
+    assert [a.effect.kind for a in found.answers] == ["cubic_hardening"]
+    assert [len(fit.plant.effects) for fit in found.fits] == [0, 1]
+    assert found.unheard
+
+
+def test_an_offset_beside_a_law_stays(beside):
+    kinds, trials, first, law = with_the_law()
+    kinds |= {"sensor_bias": catalogue()["sensor_bias"]}
+    answers = [answer_about(CUBIC, kinds), answer_about(OFF, kinds)]
+    found = Found([first, law], trials, answers=answers)
+    found.fits.append(carrying(law, OFF, kinds))
+    assert not beside(lambda _: pytest.fail("it was looked for"), found=found, number=1)[1]
+    assert found.answers == answers
 
 
 @pytest.mark.parametrize("error", [GivenUp, FloatingPointError])

@@ -52,6 +52,7 @@ def test_what_is_off_slowly_is_a_drift(course):
     answer = wandering(located(course), KINDS)
     assert answer is not None
     assert (answer.effect.kind, answer.effect.place) == ("sensor_drift", Place("sensor", "a2"))
+    assert answer.numbers["drift_total"].unit == "m/s^2"
 
 
 def test_what_is_off_by_the_same_at_all_times_is_none():
