@@ -15,6 +15,8 @@ from .refit import Fit, GivenUp, refit
 WIDE_S, ASTRAY, EVERY_S = 2.4, 1.5, 1.2
 """How far about an instant that was found a better one is looked for; mean square over the
 noise, in band, from which it is looked for in all records first, and how closely."""
+MOVES = 4
+"""How often a better one is looked for: a law that was fitted to the wrong instant hides it."""
 
 
 def switched(
@@ -26,7 +28,7 @@ def switched(
     which: int | None = None,
     late: Callable[[], bool] | None = None,
 ) -> Fit:
-    """Look for a better instant of a switch about one that leaves something.
+    """Look for a better instant of a switch about one that leaves something, and about that.
 
     The misfit has a minimum for every period by which the instant may be wrong. Where the fit
     leaves less than `most`, the instant may be anywhere else in the records.
@@ -40,12 +42,34 @@ def switched(
     """
     which = len(fit.plant.effects) - 1 if which is None else which
     action = kinds[fit.plant.effects[which].kind].action
-    if not isinstance(action, Law) or len(action.switches) != 1 or whiteness(fit) > WHITE:
-        return fit
-    if late is not None and late():
+    if not isinstance(action, Law) or len(action.switches) != 1:
         return fit
     at = fit.plant.parameters.index(("effect", which, action.switches[0]))
+    for _ in range(MOVES):
+        if whiteness(fit) > WHITE or (late is not None and late()):
+            break
+        better = _moved(fit, trials, at, beat, most, late)
+        if better is fit:
+            break
+        fit = better
+    return fit
 
+
+def _moved(
+    fit: Fit,
+    trials: Sequence[Trial],
+    at: int,
+    beat: float | None,
+    most: float,
+    late: Callable[[], bool] | None,
+) -> Fit:
+    """Refit from the best instant there is; the fit itself, where it is at that, or no worse.
+
+    Parameters
+    ----------
+    at
+        Number of the instant among the plant's parameters.
+    """
     ends = [(t.start_s, t.start_s + t.duration_s) for t in trials]
 
     @functools.cache

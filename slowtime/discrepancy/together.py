@@ -39,9 +39,6 @@ SOME, AMONG, TURNS = 0.7, 5, 3
 are taken two by two, and how many pairs at a time."""
 NEAR = 0.1
 """Share of what the best alone leaves, from which a pair is fitted on where it ended."""
-TWICE = 2
-"""How often a better instant is looked for, from one that a refit has moved on from."""
-
 Pair = tuple[Candidate, Candidate]
 
 
@@ -169,8 +166,7 @@ def _fitted_on(both: Named, trials: Sequence[Trial], kinds: Mapping[str, Kind]) 
     fit = both.fit
     try:
         fit = refit(fit.plant, trials, values=fit.values, states=fit.states, horizons=(1.0,))
-        for _ in range(TWICE):
-            fit = switched(fit, trials, kinds, None, math.inf)
+        fit = switched(fit, trials, kinds, None, math.inf)
     except (np.linalg.LinAlgError, FloatingPointError):
         return both
     return dataclasses.replace(both, fit=fit, score=evidence(fit, kinds))

@@ -35,6 +35,8 @@ class Surroundings:
     """Spans of the campaign that the records cover."""
     tolerance: tuple[float, float]
     """Of stiffness and damping."""
+    weighs: bool = True
+    """Whether a mass does anything that a spring and a damper could not do."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -131,8 +133,12 @@ def _bouc_wen(rng: np.random.Generator, here: Surroundings) -> Draft:
 
 
 def _loss(rng: np.random.Generator, here: Surroundings) -> Draft:
-    least = max(0.08, 4 * here.tolerance[0])
-    return Draft(lambda s: {"dk_n_per_m": s * here.stiffness}, least, 0.7)
+    return Draft(lambda s: {"dk_n_per_m": s * here.stiffness}, _beyond(here), 0.7)
+
+
+def _beyond(here: Surroundings) -> float:
+    """Least share of a stiffness, or of what does the same, beyond what is claimed of it."""
+    return max(0.08, 4 * here.tolerance[0])
 
 
 def _jump(rng: np.random.Generator, here: Surroundings) -> Draft:
@@ -170,7 +176,8 @@ def _pendulum(rng: np.random.Generator, here: Surroundings) -> Draft:
 
 
 def _added_mass(rng: np.random.Generator, here: Surroundings) -> Draft:
-    return Draft(lambda s: {"dm_kg": s * here.mass}, 0.04, 0.6)
+    least = 0.04 if here.weighs else _beyond(here)
+    return Draft(lambda s: {"dm_kg": s * here.mass}, least, 0.6)
 
 
 def _extra(rng: np.random.Generator, here: Surroundings) -> Draft:

@@ -7,6 +7,7 @@ deviations; where records do not start from rest, each record's initial state is
 
 import dataclasses
 import math
+from collections.abc import Callable
 
 import numpy as np
 import scipy.linalg
@@ -24,6 +25,8 @@ ROWS = 1200
 REACH = 2.0
 """Standard deviations that a constant may move."""
 NUDGE = 1e-4
+STEPS_DOWN, SCAN = 12, 9
+"""Steps to the best linear refit, at most; stiffnesses that are looked at beforehand."""
 STEPS = 40
 """Runs at most, to the price."""
 
@@ -57,19 +60,51 @@ def unexplained(
 ) -> tuple[float, Array]:
     """Give the ratio in decibels, and the factors of stiffness and damping that were found.
 
-    The search begins at `rig`, the rig as it is without effects.
+    The search begins at `rig`, the rig as it is without effects, and again where all springs
+    together, harder or softer, leave least: a slip of phase makes minima of its own.
     """
     bound = REACH * np.repeat(tolerance, len(nominal.elements))
-    theta = np.clip(_moved(rig, nominal), -bound, bound)
-    for _ in range(2):
+    begin = np.clip(_moved(rig, nominal), -bound, bound)
+    known = (records, nominal, sensors)
+
+    def left(theta: Array) -> float:
+        residual, _ = _linearised(*known, theta, free_start, slopes=False)
+        return float(residual @ residual)
+
+    springs = np.arange(len(begin)) < len(nominal.elements)
+    scan = [
+        np.clip(np.where(springs, (1 + begin) * (1 + share) - 1, begin), -bound, bound)
+        for share in REACH * tolerance[0] * np.linspace(-1, 1, SCAN)
+    ]
+    starts = (begin, min(scan, key=left))
+    found = [_descended(*known, theta, bound, free_start, left) for theta in starts]
+    least, theta = min(found, key=lambda pair: pair[0])
+    seen = sum(record.rows().size * len(sensors) for record in records)
+    return 10 * math.log10(max(least / seen, 1e-12)), 1 + theta
+
+
+def _descended(
+    records: list[Seen],
+    nominal: Rig,
+    sensors: tuple[Sensor, ...],
+    theta: Array,
+    bound: Array,
+    free_start: bool,
+    left: Callable[[Array], float],
+) -> tuple[float, Array]:
+    """Go down from a start, by whole steps of Gauss and Newton or by parts of them."""
+    least = left(theta)
+    for _ in range(STEPS_DOWN):
         residual, slopes = _linearised(records, nominal, sensors, theta, free_start)
         step = lsq_linear(
             slopes, residual, (-bound - theta - 1e-12, bound - theta + 1e-12), method="bvls"
         ).x
-        theta = theta + step
-    residual, _ = _linearised(records, nominal, sensors, theta, free_start, slopes=False)
-    seen = sum(record.rows().size * len(sensors) for record in records)
-    return 10 * math.log10(max(float(residual @ residual) / seen, 1e-12)), 1 + theta
+        tried = [(left(theta + share * step), share) for share in (1.0, 0.3)]
+        lower, share = min(tried)
+        if lower > least * (1 - 1e-3):
+            break
+        least, theta = lower, theta + share * step
+    return least, theta
 
 
 def price(

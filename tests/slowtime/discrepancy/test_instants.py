@@ -17,9 +17,8 @@ KINDS = catalogue()
 RATE, STARTS_S, SECONDS = 50.0, (0.0, 60.0, 150.0), 30.0
 
 
-@pytest.mark.parametrize("jump_s", [21.37, 72.41, 171.93])
-@pytest.mark.parametrize("begun_s", [9.0, 80.0])
-def test_an_instant_is_looked_for_in_every_record(jump_s, begun_s):
+def records_of_a_jump(jump_s):
+    """Give the true plant, and three records of it."""
     jump = Effect("stiffness_jump", PLACE, {"dk_n_per_m": 320.0, "t_jump_s": jump_s})
     truth = Plant.of(dataclasses.replace(ONE, effects=(jump.entry(),)))
     rng = np.random.default_rng(2)
@@ -29,6 +28,13 @@ def test_an_instant_is_looked_for_in_every_record(jump_s, begun_s):
         clean = truth.simulate(truth.values, push[:, None], RATE, start_s=start_s)
         seen = clean + 0.01 * clean.std() * rng.standard_normal(clean.shape)
         trials.append(Trial(inputs=push[:, None], outputs=seen, rate_hz=RATE, start_s=start_s))
+    return truth, tuple(trials)
+
+
+@pytest.mark.parametrize("jump_s", [21.37, 72.41, 171.93])
+@pytest.mark.parametrize("begun_s", [9.0, 80.0])
+def test_an_instant_is_looked_for_in_every_record(jump_s, begun_s):
+    truth, trials = records_of_a_jump(jump_s)
     right = refit(truth, trials)
     at = truth.parameters.index(("effect", 0, "t_jump_s"))
     values = right.values.copy()
@@ -44,3 +50,16 @@ def test_an_instant_is_looked_for_in_every_record(jump_s, begun_s):
     assert switched(wrong, trials, KINDS, None, 100.0, late=lambda: True) is wrong
     told = iter([False, *[True] * 99])
     assert switched(wrong, trials, KINDS, None, 100.0, late=lambda: next(told)) is wrong
+
+
+@pytest.mark.parametrize("off_s", [-6.0, -4.0, 4.0, 6.0])
+def test_from_a_better_instant_a_better_one_is_seen(off_s):
+    truth, trials = records_of_a_jump(72.41)
+    at = truth.parameters.index(("effect", 0, "t_jump_s"))
+    right = refit(truth, trials)
+    values = right.values.copy()
+    values[at] += off_s
+    left = run_by(truth, values, right.states, right.noise, trials)
+    wrong = dataclasses.replace(right, values=values, cost=left, chi2_in_band=1.4)
+    found = switched(wrong, trials, KINDS, None, 0.0)
+    assert found.values[at] == pytest.approx(72.41, abs=0.1)
