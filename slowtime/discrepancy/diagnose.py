@@ -17,7 +17,7 @@ from .between import (
     held_otherwise,
     with_holds,
 )
-from .bottom import at_bottom
+from .bottom import at_bottom, where_it_sticks
 from .diagnosis import Diagnosis
 from .doubts import doubt
 from .floating import offsets, with_offsets
@@ -95,6 +95,8 @@ def diagnose(
     if not tell.hurries:
         campaign = _held_at_last(campaign, found, stated, known)
         at_bottom(found, len(start.effects), known)
+        tell("looking beside where friction ended", 0.9)
+        where_it_sticks(found, len(start.effects), known, lambda: tell.hurries)
     over_the_campaign(found, len(start.effects), campaign, known)
     if len(start.effects) > len(campaign.description.effects):
         told = offsets(found.fits[-1], campaign.description, known)

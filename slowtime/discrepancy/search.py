@@ -184,7 +184,7 @@ def _put_right(
     """Name what an accelerometer is steadily off by, before all else."""
     named = put_right(before, place, located, found.trials, how.kinds)
     if named is None:
-        return _wanders(found, before, drifting(located, place, how.kinds), how, 0)
+        return _wanders(found, before, drifting(before, found.trials, place, how.kinds), how, 0)
     found.named = (named,)
     return accept(
         found, before, [named], found.trials, how.kinds, how.stated, pulled=False, sure=True
@@ -364,7 +364,7 @@ def _after(
         found.hurried = True
         return False  # which of them it is was not seen
     if not named or whiteness(named[0].fit) < UNWHITE:
-        drift = wandering(located, kinds)
+        drift = wandering(before, located, kinds)
         if drift is not None:
             return _wanders(found, before, drift, how, number)
         # What is as slow as that is a sensor's, though the base would do the same.

@@ -23,11 +23,12 @@ KIND = "sensor_drift"
 BELOW, SHARE = 0.3, 0.9
 """Times the lowest natural frequency below which a structure does not vibrate, and how much of
 what a sensor is off by must lie there."""
-SIZE_SD = 0.1
-"""Relative standard deviation of the size of a wandering."""
+SIZE_SD, STEADY = 0.1, 0.2
+"""Relative standard deviation of the size of a wandering; that of its rates from record to
+record, below which it is one."""
 
 
-def wandering(located: Located, kinds: Mapping[str, Kind]) -> Answer | None:
+def wandering(before: Fit, located: Located, kinds: Mapping[str, Kind]) -> Answer | None:
     """Name the drift of a sensor whose error is slow, where no law of a drift explains it.
 
     A structure answers slow forces by slow motion, too; but that shows in all of its sensors,
@@ -55,22 +56,33 @@ def wandering(located: Located, kinds: Mapping[str, Kind]) -> Answer | None:
     every = np.concatenate(errors)
     if float(every.mean()) ** 2 > SHARE * float(np.mean(every**2)):
         return None  # the same at all times: that is no course, and a law knows it
-    return drifting(located, place, kinds)
+    return drifting(before, located.trials, place, kinds)
 
 
-def drifting(located: Located, place: Place, kinds: Mapping[str, Kind]) -> Answer:
-    """Name the drift of a sensor, whatever its course."""
-    latents = (located.latent(place, number) for number in range(len(located.trials)))
-    courses = [
-        float(np.polyfit(np.linspace(0.0, 1.0, len(one.force)), one.force, 1)[0])
-        for one in latents
-    ]
+def drifting(
+    before: Fit, trials: Sequence[Trial], place: Place, kinds: Mapping[str, Kind]
+) -> Answer:
+    """Name the drift of a sensor, whatever its course.
+
+    Where it grows as fast in every record, it is told over the campaign; else what it comes to
+    in a record.
+    """
+    channels = [sensor.channel for sensor in before.plant.description.sensors]
+    at = channels.index(place.id)
+    told = list(zip(before.residual, trials, strict=True))
+    rates = np.array([_rate(left[:, at], t.used[:, at], t.rate_hz) for left, t in told])
     kind = kinds[KIND]
     name = next(p.name for p in kind.parameters if p.fitted)
-    size = float(np.mean(courses))
-    spread = float(np.hypot(SIZE_SD * size, np.std(courses)))
-    unit = unit_at(located.linear.description, place, kind.parameter(name).unit)
+    unit = unit_at(before.plant.description, place, kind.parameter(name).unit)
+    spans = np.array([trial.duration_s for trial in trials])
+    steady = float(np.std(rates)) < STEADY * abs(float(np.mean(rates)))
+    if steady:
+        spans = np.full(len(trials), max(t.start_s + t.duration_s for t in trials))
+    size = float(np.mean(rates * spans))
+    spread = float(np.hypot(SIZE_SD * size, np.std(rates * spans)))
     numbers = {name: Number(size, spread, unit)}
+    if steady:
+        numbers["span_s"] = Number(float(spans[0]), 0.0, "s")
     return Answer(
         effect=Effect(KIND, place, {name: size}),
         family=kind.family,
@@ -79,6 +91,12 @@ def drifting(located: Located, place: Place, kinds: Mapping[str, Kind]) -> Answe
         rivals=(),
         sentence=sentence_of(kind, place, numbers),
     )
+
+
+def _rate(left: np.ndarray, used: np.ndarray, rate_hz: float) -> float:
+    """Give the slope of a line through what is left of a channel, a second."""
+    times = np.flatnonzero(used) / rate_hz
+    return float(np.polyfit(times, left[used], 1)[0]) if len(times) > 1 else 0.0
 
 
 def _accelerometer(located: Located, place: Place) -> bool:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy import bottom
+from slowtime.discrepancy.adding import run_by
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.records import Campaign, Trial
@@ -64,3 +65,48 @@ def test_a_model_that_is_wrong_is_left_where_it_was(trials):
     found = Found([fit], trials)
     bottom.at_bottom(found, 0, KINDS)
     assert found.fits[0] is fit
+
+
+RUBBING = Effect("coulomb", PLACE, {"friction_n": 0.25})
+FRICTION = ("effect", 0, "friction_n")
+
+
+@pytest.fixture(scope="module")
+def rubbed():
+    """Give records of dry friction, and a fit that ended two standard deviations beside."""
+    known, rng = dataclasses.replace(ONE, effects=(RUBBING.entry(),)), np.random.default_rng(3)
+    truth, records = Plant.of(known), []
+    for _ in range(2):
+        push = np.convolve(rng.standard_normal(1280), np.hanning(9), "same")[:, None]
+        clean = truth.simulate(truth.values, push, RATE)
+        seen = clean + 0.02 * clean.std(axis=0) * rng.standard_normal(clean.shape)
+        records.append(Trial(inputs=push, outputs=seen, rate_hz=RATE))
+    right = refit(truth, tuple(records))
+    values = right.values.copy()
+    at = right.prior.names.index(FRICTION)
+    values[list(right.prior.index)] += 2 * right.covariance[:, at] / right.sd[at]
+    left = run_by(truth, values, right.states, right.noise, tuple(records))
+    return tuple(records), right, dataclasses.replace(right, values=values, cost=left)
+
+
+def test_friction_goes_to_the_best_beside_where_it_ended_and_tells_how_those_scatter(rubbed):
+    records, right, beside = rubbed
+    found = Found([beside], records)
+    bottom.where_it_sticks(found, 1, catalogue(), lambda: False)
+    best, at = found.fits[-1], right.prior.names.index(FRICTION)
+    assert best.cost <= right.cost + 0.1
+    assert abs(best.free[at] - RUBBING.parameters["friction_n"]) < 3 * best.sd[at]
+    assert best.sd[at] > right.sd[at]
+    assert np.linalg.eigvalsh(best.covariance).min() > 0
+
+
+@pytest.mark.parametrize("kind", ["coulomb", "cubic_hardening"])
+def test_who_is_late_or_has_no_friction_stays(rubbed, trials, kind):
+    if kind == "coulomb":
+        records, _, fit = rubbed
+    else:
+        records, fit = trials, refit(Plant.of(TRUTH, kinds=KINDS), trials)
+    found = Found([fit], records)
+    bottom.where_it_sticks(found, 1, catalogue(), lambda: kind == "coulomb")
+    assert np.array_equal(found.fits[-1].values, fit.values)
+    assert np.array_equal(found.fits[-1].covariance, fit.covariance)

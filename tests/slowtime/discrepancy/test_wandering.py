@@ -6,7 +6,7 @@ import pytest
 from slowtime.discrepancy.locate import locate
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refit import refit
-from slowtime.discrepancy.wandering import loud_again, unheard, wandering
+from slowtime.discrepancy.wandering import drifting, loud_again, unheard, wandering
 from slowtime.dynamics.effects import Place, catalogue
 from slowtime.dynamics.plant import Plant
 from tests.slowtime.discrepancy.rigs import two_masses
@@ -43,20 +43,23 @@ def located(course):
         seen[:, 1] += scale[1] * course(rng, number)
         start_s = 30.0 * number
         trials.append(Trial(inputs=push, outputs=seen, rate_hz=RATE, start_s=start_s))
-    return locate(refit(plant, tuple(trials)), tuple(trials))
+    fit = refit(plant, tuple(trials))
+    return fit, locate(fit, tuple(trials))
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("course", [walk, within_each_record, over_the_campaign])
 def test_what_is_off_slowly_is_a_drift(course):
-    answer = wandering(located(course), KINDS)
+    fit, where = located(course)
+    answer = wandering(fit, where, KINDS)
     assert answer is not None
     assert (answer.effect.kind, answer.effect.place) == ("sensor_drift", Place("sensor", "a2"))
     assert answer.numbers["drift_total"].unit == "m/s^2"
 
 
 def test_what_is_off_by_the_same_at_all_times_is_none():
-    assert wandering(located(constant), KINDS) is None
+    fit, where = located(constant)
+    assert wandering(fit, where, KINDS) is None
 
 
 def test_a_sensor_that_was_not_heard_gets_its_noise_back_and_no_other_does():
@@ -74,3 +77,28 @@ def test_a_sensor_that_was_not_heard_gets_its_noise_back_and_no_other_does():
     assert fit.noise.sd(0, RATE)[1] > 100 * before.noise.sd(0, RATE)[1]
     assert again.noise.colours[0] == (fit.noise.colours[0][0], before.noise.colours[0][1])
     assert again.noise.relative_sd[0][1] == before.noise.relative_sd[0][1]
+
+
+@pytest.mark.parametrize("starts_s", [(0.0, 30.0, 90.0), (0.0, 90.0, 0.0)])
+def test_a_steady_drift_is_told_over_the_campaign(starts_s):
+    """Also where a record does not say when it began: it rises as fast there."""
+    rng, plant = np.random.default_rng(4), Plant.of(RIG, kinds=KINDS)
+    trials = []
+    for begin_s, start_s in zip((0.0, 30.0, 90.0), starts_s, strict=True):
+        push = rng.standard_normal((SAMPLES, 1))
+        seen = plant.simulate(plant.values, push, RATE)
+        seen = seen + 0.01 * seen.std(axis=0) * rng.standard_normal(seen.shape)
+        seen[:, 1] += 0.02 * (begin_s + np.arange(SAMPLES) / RATE)
+        trials.append(Trial(inputs=push, outputs=seen, rate_hz=RATE, start_s=start_s))
+    answer = drifting(refit(plant, tuple(trials)), tuple(trials), Place("sensor", "a2"), KINDS)
+    total, span = answer.numbers["drift_total"], answer.numbers["span_s"]
+    assert span.value == max(starts_s) + SAMPLES / RATE
+    assert abs(total.value / span.value - 0.02) < 2 * total.sd / span.value
+    assert total.sd < 0.3 * total.value
+
+
+def test_of_a_walk_it_is_told_what_it_comes_to_in_a_record():
+    fit, where = located(walk)
+    numbers = drifting(fit, where.trials, Place("sensor", "a2"), KINDS).numbers
+    assert set(numbers) == {"drift_total"}
+    assert numbers["drift_total"].sd > 0.1 * abs(numbers["drift_total"].value)
