@@ -104,6 +104,8 @@ def _held(
     for width in BESIDE:
         values = best.values.copy()
         values[list(best.prior.index)] += width * along
+        if values[best.prior.index[lead]] <= 0:
+            continue  # no friction at all is another model
         yield refit(
             best.plant, trials, free=free, noise=best.noise, values=values,
             states=best.states, horizons=(1.0,), late=late,

@@ -110,3 +110,20 @@ def test_who_is_late_or_has_no_friction_stays(rubbed, trials, kind):
     bottom.where_it_sticks(found, 1, catalogue(), lambda: kind == "coulomb")
     assert np.array_equal(found.fits[-1].values, fit.values)
     assert np.array_equal(found.fits[-1].covariance, fit.covariance)
+
+
+def test_friction_is_not_held_at_less_than_nothing(rubbed, monkeypatch):
+    records, right, _ = rubbed
+    at = right.prior.names.index(FRICTION)
+    faint = dataclasses.replace(right, covariance=right.covariance.copy())
+    faint.covariance[at, at] = (0.6 * right.free[at]) ** 2
+    held = []
+
+    def kept(plant, trials, *, values, **how):
+        held.append(values[right.prior.index[at]])
+        return right
+
+    monkeypatch.setattr(bottom, "refit", kept)
+    bottom.where_it_sticks(Found([faint], records), 1, catalogue(), lambda: False)
+    assert held
+    assert min(held) > 0
