@@ -52,7 +52,8 @@ def where_it_sticks(
     """Hold friction beside where its fit ended; take the best, and how far as good ones are.
 
     All else is fitted at each value. What is not known is what Laplace's approximation leaves
-    at the best, and how those values scatter, each as likely as its chi squared says.
+    at the best, how those values scatter, each as likely as its chi squared says, and half the
+    square of how far the fit had ended from there.
 
     Parameters
     ----------
@@ -83,6 +84,7 @@ def where_it_sticks(
     off = np.array([end.values - best.values for end in ends])[:, list(best.prior.index)]
     share = np.exp(np.minimum([best.cost - end.cost for end in ends], 0.0) / 2)
     scatter = np.einsum("e,ei,ej->ij", share / share.sum(), off, off)
+    scatter += np.outer(off[0], off[0]) / 2  # the dip that it fell into, and another
     _told(found, dataclasses.replace(best, covariance=best.covariance + scatter), own, kinds)
 
 
