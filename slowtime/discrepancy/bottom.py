@@ -18,6 +18,7 @@ from .found import Found
 from .pruning import all_told_again
 from .records import Trial
 from .refit import WRONG, Fit, GivenUp, refit
+from .watch import Watch
 
 BESIDE = (-4.0, -2.0, -1.0, 1.0, 2.0, 4.0)
 """Standard deviations by which friction is held beside where its fit ended."""
@@ -46,9 +47,7 @@ def at_bottom(found: Found, own: int, kinds: Mapping[str, Kind]) -> None:
     _told(found, fit, own, kinds)
 
 
-def where_it_sticks(
-    found: Found, own: int, kinds: Mapping[str, Kind], late: Callable[[], bool]
-) -> None:
+def where_it_sticks(found: Found, own: int, kinds: Mapping[str, Kind], tell: Watch) -> None:
     """Hold friction beside where its fit ended; take the best, and how far as good ones are.
 
     All else is fitted at each value. What is not known is what Laplace's approximation leaves
@@ -59,18 +58,23 @@ def where_it_sticks(
     ----------
     own
         Effects that the model had as it was given.
-    late
-        Once true, it is held no more.
+    tell
+        Told of it; once it hurries, friction is held no more.
     """
     last = found.fits[-1]
     lead = _friction(last, kinds)
     if lead is None or not (_whole(found, kinds) and np.isfinite(last.sd).all()):
         return
+
+    def late() -> bool:
+        tell("looking beside where friction ended", 0.9)
+        return tell.hurries
+
     best, ends = last, [last]
     try:
         for _ in range(AGAIN):
             for end in _held(best, lead, found.trials, late):
-                ends.append(end)
+                ends.append(end)  # one by one: those before it is given up count
             least = min(ends, key=lambda fit: fit.cost)
             if least is best:
                 break

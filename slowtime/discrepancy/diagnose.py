@@ -95,8 +95,7 @@ def diagnose(
     if not tell.hurries:
         campaign = _held_at_last(campaign, found, stated, known)
         at_bottom(found, len(start.effects), known)
-        tell("looking beside where friction ended", 0.9)
-        where_it_sticks(found, len(start.effects), known, lambda: tell.hurries)
+        where_it_sticks(found, len(start.effects), known, tell)
     over_the_campaign(found, len(start.effects), campaign, known)
     if len(start.effects) > len(campaign.description.effects):
         told = offsets(found.fits[-1], campaign.description, known)

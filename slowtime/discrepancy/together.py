@@ -39,6 +39,7 @@ SOME, AMONG, TURNS = 0.7, 5, 3
 are taken two by two, and how many pairs at a time."""
 NEAR = 0.1
 """Share of what the best alone leaves, from which a pair is fitted on where it ended."""
+
 Pair = tuple[Candidate, Candidate]
 
 

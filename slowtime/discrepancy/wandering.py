@@ -25,7 +25,7 @@ BELOW, SHARE = 0.3, 0.9
 what a sensor is off by must lie there."""
 SIZE_SD, STEADY = 0.1, 0.2
 """Relative standard deviation of the size of a wandering; that of its rates from record to
-record, below which it is one."""
+record, below which all of them are held for one."""
 
 
 def wandering(before: Fit, located: Located, kinds: Mapping[str, Kind]) -> Answer | None:
@@ -75,7 +75,7 @@ def drifting(
     name = next(p.name for p in kind.parameters if p.fitted)
     unit = unit_at(before.plant.description, place, kind.parameter(name).unit)
     spans = np.array([trial.duration_s for trial in trials])
-    steady = float(np.std(rates)) < STEADY * abs(float(np.mean(rates)))
+    steady = len(rates) > 1 and float(np.std(rates)) < STEADY * abs(float(np.mean(rates)))
     if steady:
         spans = np.full(len(trials), max(t.start_s + t.duration_s for t in trials))
     size = float(np.mean(rates * spans))

@@ -5,11 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 
+from tests.blind.cases import build
+from tests.blind.design import draw_design
 from tests.blind.linear import linear_motion
 from tests.blind.rig import Element, Rig
 from tests.blind.sensing import Sensor
 from tests.blind.signals import Signal, excitation, knot_rate
 from tests.blind.unexplained import Seen, unexplained
+from tests.blind.world import ON_BASE
 
 RATE_HZ, SECONDS = 100.0, 60.0
 TOLERANCE = (0.05, 0.10)
@@ -45,3 +48,15 @@ def test_a_mass_beyond_what_constants_may_do_is_seen():
         [shaken(heavy, 1)], LIGHT, LIGHT, SENSORS, TOLERANCE, free_start=False
     )
     assert ratio > 10.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_mass_that_constants_could_stand_for_is_drawn_beyond_what_is_claimed(seed):
+    rng = np.random.default_rng(seed)
+    designs = (draw_design("listed", ("added_mass",), rng) for _ in range(1000))
+    design = next(d for d in designs if (d.size, d.drive) == (1, ON_BASE))
+    world = build("a", design, seed).world
+    # What cannot be built as it was asked is drawn anew.
+    if (world.rig.size, world.driven) == (1, (ON_BASE,)):
+        share = world.effects[0].parameters["dm_kg"] / world.rig.masses[0]
+        assert share >= max(0.08, 4 * world.tolerance[0])

@@ -11,6 +11,7 @@ from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refit import WRONG, refit
+from slowtime.discrepancy.watch import Watch
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
 from tests.slowtime.discrepancy.rigs import ONE, PLACE
@@ -92,7 +93,7 @@ def rubbed():
 def test_friction_goes_to_the_best_beside_where_it_ended_and_tells_how_those_scatter(rubbed):
     records, right, beside = rubbed
     found = Found([beside], records)
-    bottom.where_it_sticks(found, 1, catalogue(), lambda: False)
+    bottom.where_it_sticks(found, 1, catalogue(), Watch())
     best, at = found.fits[-1], right.prior.names.index(FRICTION)
     assert best.cost <= right.cost + 0.1
     assert abs(best.free[at] - RUBBING.parameters["friction_n"]) < 3 * best.sd[at]
@@ -107,7 +108,8 @@ def test_who_is_late_or_has_no_friction_stays(rubbed, trials, kind):
     else:
         records, fit = trials, refit(Plant.of(TRUTH, kinds=KINDS), trials)
     found = Found([fit], records)
-    bottom.where_it_sticks(found, 1, catalogue(), lambda: kind == "coulomb")
+    late = Watch(late=lambda: kind == "coulomb")
+    bottom.where_it_sticks(found, 1, catalogue(), late)
     assert np.array_equal(found.fits[-1].values, fit.values)
     assert np.array_equal(found.fits[-1].covariance, fit.covariance)
 
@@ -124,6 +126,32 @@ def test_friction_is_not_held_at_less_than_nothing(rubbed, monkeypatch):
         return right
 
     monkeypatch.setattr(bottom, "refit", kept)
-    bottom.where_it_sticks(Found([faint], records), 1, catalogue(), lambda: False)
+    bottom.where_it_sticks(Found([faint], records), 1, catalogue(), Watch())
     assert held
     assert min(held) > 0
+
+
+def test_of_friction_the_best_dip_is_told_as_far_as_the_fit_had_ended_from_it(
+    rubbed, monkeypatch
+):
+    """One of the values that are held is better, all others are far worse; then none is."""
+    records, right, _ = rubbed
+    at, index = right.prior.names.index(FRICTION), list(right.prior.index)
+    calls = []
+
+    def answered(plant, trials, *, values, free=None, fine=False, **how):
+        calls.append((values[index], free, fine))
+        better = fine or len(calls) == 2
+        cost = right.cost + (-100 if better else 1000)
+        return dataclasses.replace(right, values=values, cost=cost)
+
+    monkeypatch.setattr(bottom, "refit", answered)
+    found = Found([right], records)
+    bottom.where_it_sticks(found, 1, catalogue(), Watch())
+    best, off = found.fits[-1], bottom.BESIDE[1] * right.covariance[:, at] / right.sd[at]
+    assert best.free == pytest.approx(right.free + off)
+    assert best.covariance == pytest.approx(right.covariance + np.outer(off, off) / 2)
+    rounds = [values[at] for values, free, _ in calls if free is not None]
+    about = np.repeat([right.free[at], best.free[at]], len(bottom.BESIDE))
+    assert rounds == pytest.approx(about + right.sd[at] * np.tile(bottom.BESIDE, 2))
+    assert all(FRICTION not in free for _, free, _ in calls if free is not None)

@@ -1,5 +1,7 @@
 """Sensors that are off, slowly, on no course; and those that are off by a constant."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -102,3 +104,14 @@ def test_of_a_walk_it_is_told_what_it_comes_to_in_a_record():
     numbers = drifting(fit, where.trials, Place("sensor", "a2"), KINDS).numbers
     assert set(numbers) == {"drift_total"}
     assert numbers["drift_total"].sd > 0.1 * abs(numbers["drift_total"].value)
+
+
+def test_one_record_tells_nothing_of_the_campaign():
+    fit, where = located(over_the_campaign)
+    trials = (dataclasses.replace(where.trials[1], start_s=1000.0),)
+    one = dataclasses.replace(fit, residual=fit.residual[1:])
+    numbers = drifting(one, trials, Place("sensor", "a2"), KINDS).numbers
+    both = drifting(fit, where.trials, Place("sensor", "a2"), KINDS).numbers
+    assert set(numbers) == {"drift_total"}
+    rate = both["drift_total"].value / both["span_s"].value
+    assert numbers["drift_total"].value == pytest.approx(rate * SAMPLES / RATE, rel=0.05)
