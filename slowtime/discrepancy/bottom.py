@@ -76,7 +76,7 @@ def where_it_sticks(found: Found, own: int, kinds: Mapping[str, Kind], tell: Wat
             for end in _held(best, lead, found.trials, late):
                 ends.append(end)  # one by one: those before it is given up count
             least = min(ends, key=lambda fit: fit.cost)
-            if least is best:
+            if least.cost >= best.cost:
                 break
             best = refit(
                 last.plant, found.trials, noise=last.noise, values=least.values,

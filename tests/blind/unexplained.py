@@ -92,18 +92,17 @@ def _descended(
     free_start: bool,
     left: Callable[[Array], float],
 ) -> tuple[float, Array]:
-    """Go down from a start, by whole steps of Gauss and Newton or by parts of them."""
+    """Go down from a start by steps of Gauss and Newton, as long as they lead down."""
     least = left(theta)
     for _ in range(STEPS_DOWN):
         residual, slopes = _linearised(records, nominal, sensors, theta, free_start)
         step = lsq_linear(
             slopes, residual, (-bound - theta - 1e-12, bound - theta + 1e-12), method="bvls"
         ).x
-        tried = [(left(theta + share * step), share) for share in (1.0, 0.3)]
-        lower, share = min(tried)
+        lower = left(theta + step)
         if lower > least * (1 - 1e-3):
             break
-        least, theta = lower, theta + share * step
+        least, theta = lower, theta + step
     return least, theta
 
 

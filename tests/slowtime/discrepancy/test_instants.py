@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from slowtime.discrepancy import instants
 from slowtime.discrepancy.adding import run_by
 from slowtime.discrepancy.instants import switched
 from slowtime.discrepancy.records import Trial
@@ -63,3 +64,10 @@ def test_from_a_better_instant_a_better_one_is_seen(off_s):
     wrong = dataclasses.replace(right, values=values, cost=left, chi2_in_band=1.4)
     found = switched(wrong, trials, KINDS, None, 0.0)
     assert found.values[at] == pytest.approx(72.41, abs=0.1)
+
+
+def test_of_what_leaves_but_noise_no_better_instant_is_looked_for(monkeypatch):
+    truth, trials = records_of_a_jump(72.41)
+    fit = refit(truth, trials)
+    monkeypatch.setattr(instants, "run_by", lambda *_: pytest.fail("it was looked for"))
+    assert switched(fit, trials, KINDS, None, 100.0) is fit

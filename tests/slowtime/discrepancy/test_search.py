@@ -164,10 +164,11 @@ def beside(monkeypatch):
             change(rest)
 
         found = found or Found([first], trials)
+        before = found.fits[-1]
         monkeypatch.setattr(searching, "_go_on", going_on)
         how = Search(kinds, Watch())
-        last = searching._by_the_others(found, first, answer_about(STILL, kinds), how, number)
-        return found, last is not first
+        last = searching._by_the_others(found, before, answer_about(STILL, kinds), how, number)
+        return found, last is not before
 
     return looked
 
@@ -211,8 +212,17 @@ def test_what_a_wandering_sensor_was_said_to_be_off_by_gives_way(beside):
     kinds |= {"sensor_bias": catalogue()["sensor_bias"]}
     found = Found([first], trials, answers=[answer_about(OFF, kinds)])
     found.fits.append(carrying(first, OFF, kinds))
-    _, told = beside(lambda _: None, found=found, number=searching.MOST - 1)
+    told_by, other = locate(first, trials), []
+    found.located = locate(first, trials)
+
+    def change(rest):
+        rest.located = told_by
+        other.append(rest.fits[0])
+
+    _, told = beside(change, found=found, number=searching.MOST - 1)
     assert told
+    assert not other[0].plant.effects
+    assert found.located is told_by
     assert [a.effect.kind for a in found.answers] == ["cubic_hardening"]
     assert [len(fit.plant.effects) for fit in found.fits] == [0, 1]
     assert found.unheard
