@@ -93,7 +93,8 @@ def report(
     steps = [judge(_described(fit), fit, tests) for fit in ahead]
     heard = noise_on(last, tests, steps[-1].runs)
     floor = floor_of(tests, heard)
-    faults = [a for f in findings if (a := fault_of(f, kinds)) is not None]
+    given = campaign.description
+    faults = [a for f in findings if (a := fault_of(f, given, kinds)) is not None]
     errors = [float(step.error.mean()) for step in steps]
     foretold = bool(campaign.holdout and found.answers) and _foretold(
         found, errors, floor, kinds

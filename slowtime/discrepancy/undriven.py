@@ -43,7 +43,8 @@ def diagnose_undriven(
     values = {name: float(one) for name, one in zip(seen.prior.names, seen.values, strict=True)}
     refitted = with_values(campaign.description, values)
     moved = _moved(seen, plant)
-    answers = [a for f in findings if (a := fault_of(f, kinds)) is not None]
+    given = campaign.description
+    answers = [a for f in findings if (a := fault_of(f, given, kinds)) is not None]
     missed = seen.p_value < FALSE_ALARM
     verdict, sentence = _word(seen, moved, missed)
     if answers and not missed:

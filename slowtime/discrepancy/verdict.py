@@ -164,7 +164,7 @@ def sentence_of(kind: Kind, place: Place, numbers: Mapping[str, Number]) -> str:
     return f"{kind.words}{where}" + (f": {size}. " if size else ". ") + kind.sentence
 
 
-def fault_of(finding: Finding, kinds: Mapping[str, Kind]) -> Answer | None:
+def fault_of(finding: Finding, given: Description, kinds: Mapping[str, Kind]) -> Answer | None:
     """Read a finding of the screen as an effect of the sensor."""
     lost = finding.fault in ("stuck", "zero", "missing", "constant")
     name = "sensor_dropout" if lost else "sensor_saturation"
@@ -183,7 +183,7 @@ def fault_of(finding: Finding, kinds: Mapping[str, Kind]) -> Answer | None:
         if lost
         else dict.fromkeys(parameters, finding.level_sd)
     )
-    units = {p.name: p.unit for p in kinds[name].parameters}
+    units = {p.name: unit_at(given, place, p.unit) for p in kinds[name].parameters}
     return Answer(
         effect=Effect(name, place, parameters),
         family=kinds[name].family,

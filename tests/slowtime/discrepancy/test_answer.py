@@ -229,8 +229,9 @@ def test_what_a_screen_reads_off_a_channel_is_told_with_its_error(fault, told):
         fault=fault, channel="x", spans_s=((1.0, 3.0),), share=0.1, level=5.0, level_sd=0.2,
         instant_sd=0.3,
     )  # fmt: skip
-    answer = fault_of(finding, KINDS)
+    answer = fault_of(finding, ONE, KINDS)
     assert answer is not None
+    assert {number.unit for number in answer.numbers.values()} <= {"m", "s", ""}
     sds = {name: number.sd for name, number in answer.numbers.items()}
     assert sds == pytest.approx(told)
 
