@@ -368,8 +368,7 @@ def _after(
         if drift is not None:
             return _wanders(found, before, drift, how, number)
         # What is as slow as that is a sensor's, though the base would do the same.
-        law = named[0].fit if named else None
-        if shaken is not None and not by_a_law(law, before, trials, based):
+        if shaken is not None and not by_a_law(named, labels, before, trials, based):
             return ended(found, before, shaken, kinds)
     if number and not (how.quick or tell.hurries):
         if not begun and named and named[0].fit.chi2_in_band > FAR_OFF:

@@ -7,11 +7,12 @@ import numpy as np
 
 from slowtime.dynamics.effects import Effect, Kind, Place, Unmeasured
 
-from .candidates import SEVERAL, Candidate
+from .candidates import SEVERAL, Candidate, label_of
 from .diagnosis import Named as Answer
 from .diagnosis import Number
 from .further import FAR_OFF
 from .locate import PLACED, Character, Located, character
+from .naming import Named
 from .records import Trial
 from .refit import Fit, refit
 from .verdict import FALSE_ALARM, LEAST_GAIN, TEMPER, sentence_of
@@ -28,6 +29,10 @@ GROWN = 2.0
 """Times that what is taken for a motion of the base may be larger in the record that is driven
 hardest than in the one driven least: it knows nothing of that. Of sixteen true ones 1.3 at
 most, of a pendulum and a friction that passed for one 24 and 4.5."""
+NONE = 0.1
+"""Share of a force, along it, up to which a law explains none of it: beside one that moves at
+random, what swings with a mode by itself explains half of the free run and a twentieth of the
+force."""
 BY_LAWS, BY_SOME = 0.6, 0.2
 """Share of a gain that some law may explain of what nobody within the structure makes; and
 where that is not all that is missing."""
@@ -139,12 +144,26 @@ def apart(located: Located) -> bool:
     return alone and all(group.left > PLACED * first.left for group in rest)
 
 
-def by_a_law(law: Fit | None, before: Fit, trials: tuple[Trial, ...], located: Located) -> bool:
+def by_a_law(
+    named: Sequence[Named],
+    labels: Sequence[Candidate],
+    before: Fit,
+    trials: tuple[Trial, ...],
+    located: Located,
+) -> bool:
     """Whether a law explains much of what may be a motion of the base.
 
     One that shakes a mode for long looks like a tone; but no right law leaves so much where a
-    force at the base leaves nothing, and none elsewhere does that.
+    force at the base leaves nothing, and none elsewhere does that. Nor does a right law, whose
+    free run follows, leave the force itself as it was.
+
+    Parameters
+    ----------
+    named, labels
+        What was refitted, the best first; and with what each explains along the force.
     """
+    along = {label_of(one.effect): 1 - one.cost / one.bare for one in labels if one.bare}
+    law = next((one.fit for one in named if along.get(label_of(one.effect), 1.0) > NONE), None)
     if law is None or (apart(located) and law.chi2_in_band > FAR_OFF):
         return False
     return follows(law, before, trials)

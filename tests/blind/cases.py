@@ -104,7 +104,7 @@ def surroundings(
     rig = world.rig
     names = [element.id for element in rig.elements]
     column = names.index(place) if place in names else 0
-    element = rig.elements[column]
+    element, claimed = rig.elements[column], world.nominal.elements[column]
     node = rig.nodes.index(place) if place in rig.nodes else 0
     channels = [sensor.channel for sensor in world.sensors]
     force = world.drive * (rig.masses[node] if ON_BASE in world.driven else 1.0)
@@ -123,6 +123,10 @@ def surroundings(
             (p.start_s, p.start_s + p.seconds) for i, p in enumerate(plans) if i != held
         ),
         tolerance=world.tolerance,
+        off=(
+            element.stiffness / claimed.stiffness - 1,
+            element.damping / claimed.damping - 1,
+        ),
         weighs=not _one_shaken(world),
     )
 

@@ -35,6 +35,8 @@ class Surroundings:
     """Spans of the campaign that the records cover."""
     tolerance: tuple[float, float]
     """Of stiffness and damping."""
+    off: tuple[float, float] = (0.0, 0.0)
+    """How far stiffness and damping are above what the model says of them, as a share."""
     weighs: bool = True
     """Whether a mass does anything that a spring and a damper could not do."""
 
@@ -116,7 +118,7 @@ def _drag(rng: np.random.Generator, here: Surroundings) -> Draft:
 
 
 def _viscous(rng: np.random.Generator, here: Surroundings) -> Draft:
-    least = max(0.5, 5 * here.tolerance[1])
+    least = max(0.5, 5 * here.tolerance[1]) + max(-here.off[1], 0.0)
     return Draft(lambda s: {"dc_n_s_per_m": s * here.damping}, least, 15.0)
 
 
@@ -137,8 +139,11 @@ def _loss(rng: np.random.Generator, here: Surroundings) -> Draft:
 
 
 def _beyond(here: Surroundings) -> float:
-    """Least share of a stiffness, or of what does the same, beyond what is claimed of it."""
-    return max(0.08, 4 * here.tolerance[0])
+    """Least share of a stiffness to lose, for it to end beyond what is claimed of it.
+
+    Whatever it is above the claim is lost first, and nobody could tell.
+    """
+    return max(0.08, 4 * here.tolerance[0]) + max(here.off[0], 0.0)
 
 
 def _jump(rng: np.random.Generator, here: Surroundings) -> Draft:

@@ -59,4 +59,16 @@ def test_a_mass_that_constants_could_stand_for_is_drawn_beyond_what_is_claimed(s
     # What cannot be built as it was asked is drawn anew.
     if (world.rig.size, world.driven) == (1, (ON_BASE,)):
         share = world.effects[0].parameters["dm_kg"] / world.rig.masses[0]
-        assert share >= max(0.08, 4 * world.tolerance[0])
+        above = world.rig.elements[0].stiffness / world.nominal.elements[0].stiffness - 1
+        assert share - max(above, 0.0) >= max(0.08, 4 * world.tolerance[0]) - 1e-9
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_what_a_softer_spring_has_lost_is_beyond_what_is_claimed_of_it(seed):
+    design = draw_design("listed", ("stiffness_loss",), np.random.default_rng(seed))
+    world = build("a", design, seed).world
+    (loss,) = world.effects
+    pairs = zip(world.rig.elements, world.nominal.elements, strict=True)
+    true, claimed = next(pair for pair in pairs if pair[0].id == loss.place)
+    left = (true.stiffness - loss.parameters["dk_n_per_m"]) / claimed.stiffness
+    assert left <= 1 - 4 * world.tolerance[0] + 1e-9

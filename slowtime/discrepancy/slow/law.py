@@ -16,7 +16,9 @@ from .whitening import Filtered, Wander, gram, whiten
 
 _EVALUATIONS = 25  # for each coordinate, of the search for a peak
 _DROP = 0.5  # of the log-evidence, one standard deviation from a Gaussian peak
-_LONGEST = 2.0  # length scale of the wandering part, in histories
+# Length scale of the wandering part, in histories, and its sd, in that of the readings: what
+# takes longer to come back, or went further than was ever seen, is a drift.
+_LONGEST, _WIDEST = 0.6, 2.0
 _FLATTEST = 0.01  # variance of a column, below which its coefficient is not let grow on
 _WHITE = 0.3  # prior probability that nothing wanders
 
@@ -128,8 +130,8 @@ def noise(readings: Readings, terms: tuple[Term, ...]) -> Series:
 
 def ranges(past: Scaled) -> Float[np.ndarray, "2 2"]:
     """Least and greatest logarithm of sd, and of length, of the wandering part."""
-    noise = float(np.median(past.sd))
-    return np.log([[0.15 * noise, 4.0], [2.0 * past.gap, _LONGEST]])
+    noise = min(float(np.median(past.sd)), _WIDEST)
+    return np.log([[0.15 * noise, _WIDEST], [2.0 * past.gap, _LONGEST]])
 
 
 def settings(past: Scaled) -> list[Wander]:
@@ -139,7 +141,7 @@ def settings(past: Scaled) -> list[Wander]:
     if noise < 0.3:
         sds.append(0.8)
     shortest = 2.5 * past.gap
-    lengths = [length for length in (0.03, 0.15, 0.8) if length > shortest] or [1.0]
+    lengths = [length for length in (0.03, 0.15, 0.5) if length > shortest] or [0.5]
     return [
         Wander(0.5, 1.0, 0.0),
         *(Wander(s, length, sd) for s in (0.5, 1.5) for length in lengths for sd in sds),

@@ -528,9 +528,22 @@ def test_where_only_the_base_leaves_nothing_a_law_that_leaves_much_is_none(
     """`elsewhere`: a force at another place leaves as little."""
     _, before, tried, trials = far_off
     (named,) = refit_all(before, tried[-1:], trials, KINDS, nothing)
-    fit = None if left is None else dataclasses.replace(named.fit, chi2_in_band=left)
+    fit = dataclasses.replace(named.fit, chi2_in_band=left or 1.0)
+    fitted = [dataclasses.replace(named, fit=fit)] if left else []
     monkeypatch.setattr("slowtime.discrepancy.shaken.apart", lambda _: not elsewhere)
-    assert by_a_law(fit, before, trials, locate(before, trials)) is law
+    assert by_a_law(fitted, tried, before, trials, locate(before, trials)) is law
+
+
+@pytest.mark.parametrize(("share", "law"), [(0.05, False), (0.3, True)])
+def test_a_law_whose_free_run_follows_has_to_explain_the_force_too(
+    far_off, monkeypatch, share, law
+):
+    """What swings with a mode by itself goes with what shakes it, and makes no such force."""
+    _, before, tried, trials = far_off
+    named = refit_all(before, tried[-1:], trials, KINDS, nothing)
+    label = dataclasses.replace(tried[-1], cost=(1 - share) * tried[-1].bare)
+    monkeypatch.setattr("slowtime.discrepancy.shaken.apart", lambda _: False)
+    assert by_a_law(named, [label], before, trials, locate(before, trials)) is law
 
 
 def test_what_a_law_explains_by_half_in_a_free_run_is_no_motion_of_the_base(far_off):
