@@ -17,6 +17,7 @@ from .anew import beginnings
 from .between import Hold, held_otherwise, with_holds
 from .bottom import at_bottom
 from .candidates import SEVERAL, Candidate, Label, candidates, label_of, mirrored
+from .delayed import clocks_alone
 from .diagnosis import Named as Answer
 from .downward import Downward
 from .equivalent import instead_of_constants
@@ -346,6 +347,12 @@ def _after(
         over = found.both is not None or found.otherwise is not None
         return [] if over else down(so_far)
 
+    if first:
+        found.tried = tuple(tried)
+        found.both = together.beside_late(found)
+        if found.both is not None or found.otherwise is not None:
+            return found.both is not None
+        labels = clocks_alone(before, located, trials, kinds) or labels
     in_turn, far = near_first(labels, kinds) if number else (simple_first(labels, kinds), set())
     turn = Turn(tell, number, len(in_turn), share, far)
     alike: list[Named] = []

@@ -13,6 +13,7 @@ from .accepting import accept
 from .adding import carrying
 from .between import Hold
 from .candidates import Candidate, Label, label_of
+from .delayed import seen_beside_late
 from .diagnosis import Rival
 from .found import Found
 from .further import FAR_OFF
@@ -78,12 +79,21 @@ class Together:
         best = found.named[0].fit if found.named else self._before
         if best.chi2_in_band < EXPLAINED or whiteness(best) > UNWHITE:
             return None
+        return self._begun(found, self._pairs(found), NEAR * best.chi2_in_band)
+
+    def beside_late(self, found: Found) -> Found | None:
+        """Give an account with a late input and a law that is seen only beside that."""
+        pairs = seen_beside_late(self._before, found.tried, self._trials, self._kinds)
+        return self._begun(found, self._new(pairs), NEAR * self._before.chi2_in_band)
+
+    def _begun(self, found: Found, pairs: Iterator[Pair], near: float) -> Found | None:
+        """Fit pairs; give an account with the best that leaves nothing."""
         good: list[tuple[Candidate, Named]] = []
-        for one, other in self._pairs(found):
+        for one, other in pairs:
             if self._tell.hurries:
                 break
             self._tell(f"refitting {one.effect.kind} and {other.effect.kind}", 0.35)
-            both = self._refitted(one, other, good, NEAR * best.chi2_in_band)
+            both = self._refitted(one, other, good, near)
             first = found.fits[0]
             if both is None or moved_of(both.fit):
                 continue  # what is missing bends no constant

@@ -1,0 +1,91 @@
+"""A force that no law makes, in; what is seen once a channel may be out of time, out.
+
+A late input puts every mode out of phase. What another effect does beside it is then seen at no
+place, or at a wrong one, and no law explains it: the delay has to be put right first, though
+the free run is no better for it alone. And of few sensors, one whose clock runs slow is more
+periods behind than one by the end: constants go to meet it half way, and no force is where it
+seems to be.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from slowtime.dynamics.effects import Effect, Kind, Place
+
+from .candidates import SEVERAL, Candidate, candidates, label_of
+from .locate import Located, locate
+from .naming import GRADUALLY, refitted, settled
+from .records import Trial
+from .refit import Fit
+from .unbent import unbent
+from .verdict import EXPLAINED
+
+LATE, CLOCK = "input_delay", "sensor_clock"
+"""Kinds of a late input, and of a sensor whose clock runs fast or slow."""
+SKEWED = 1e-4
+"""By what a clock is off from where it is looked for, either way."""
+OPAQUE, CLEARLY = 0.5, 0.2
+"""Share of a force that the best law leaves, from which none is seen; and up to which one is,
+once an input may be late. Of two hidden pairs 0.56 and 0.78 before, 0.10 and 0.01 after."""
+MOST = 2
+"""Laws that are given for each input."""
+
+
+def seen_beside_late(
+    before: Fit, tried: Sequence[Candidate], trials: Sequence[Trial], kinds: Mapping[str, Kind]
+) -> Iterator[tuple[Candidate, Candidate]]:
+    """Give a delay of an input and a law each, where the law is seen only beside that.
+
+    Parameters
+    ----------
+    tried
+        Laws with what they explain of the force as it is located without, the best first.
+    """
+    if LATE not in kinds or not tried or tried[0].cost < OPAQUE * tried[0].bare:
+        return
+    there = {label_of(effect) for effect in before.plant.effects}
+    for entry in before.plant.description.inputs:
+        place = Place("input", entry.channel)
+        if (LATE, place) in there:
+            continue
+        begin = Effect(LATE, place, {kinds[LATE].names[0]: 0.5 / trials[0].rate_hz})
+        named = refitted(before, begin, trials, kinds, None)
+        if named is None:
+            continue
+        delay = settled(named)
+        try:
+            held = unbent(named.fit, trials)
+            left = locate(held, trials)
+            seen = candidates(held, left, kinds)
+        except (np.linalg.LinAlgError, FloatingPointError):
+            continue
+        if left.groups[0].left > EXPLAINED:
+            continue
+        for law in seen[:MOST]:
+            if law.cost < CLEARLY * law.bare and label_of(law.effect) != label_of(delay):
+                yield Candidate(delay, law.cost, law.score, law.bare), law
+
+
+def clocks_alone(
+    before: Fit, located: Located, trials: Sequence[Trial], kinds: Mapping[str, Kind]
+) -> list[Candidate]:
+    """Give sensors' clocks that explain all alone, where no force does, and sensors are few.
+
+    Where others hear the same motion, a clock is seen without.
+    """
+    description = before.plant.description
+    few = len(description.sensors) <= len(description.dofs)
+    if CLOCK not in kinds or not few or located.groups[0].left < SEVERAL:
+        return []
+    (skew,) = kinds[CLOCK].names
+    found = []
+    for sensor in description.sensors:
+        begin = Effect(CLOCK, Place("sensor", sensor.channel), {skew: SKEWED})
+        named = refitted(
+            before, begin, trials, kinds, None, EXPLAINED * before.data, horizons=GRADUALLY
+        )
+        if named is not None and named.fit.chi2_in_band < EXPLAINED:
+            fit = named.fit
+            found.append(Candidate(settled(named), fit.cost, named.score, before.cost))
+    return found
