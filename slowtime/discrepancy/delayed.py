@@ -56,11 +56,8 @@ def seen_beside_late(
         delay = settled(named)
         try:
             held = unbent(named.fit, trials)
-            left = locate(held, trials)
-            seen = candidates(held, left, kinds)
+            seen = candidates(held, locate(held, trials), kinds)
         except (np.linalg.LinAlgError, FloatingPointError):
-            continue
-        if left.groups[0].left > EXPLAINED:
             continue
         for law in seen[:MOST]:
             if law.cost < CLEARLY * law.bare and label_of(law.effect) != label_of(delay):
