@@ -33,7 +33,10 @@ MOST = 2
 
 
 def seen_beside_late(
-    before: Fit, tried: Sequence[Candidate], trials: Sequence[Trial], kinds: Mapping[str, Kind]
+    before: Fit,
+    tried: Sequence[Candidate],
+    trials: tuple[Trial, ...],
+    kinds: Mapping[str, Kind],
 ) -> Iterator[tuple[Candidate, Candidate]]:
     """Give a delay of an input and a law each, where the law is seen only beside that.
 
