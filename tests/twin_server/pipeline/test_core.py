@@ -387,20 +387,32 @@ def test_what_many_edges_answer_at_once_waits_for_the_disk_together(
     names = [f"a{number}" for number in range(60)]
     with contextlib.closing(open_store(database())) as store, MemoryBus() as bus:
         edges = [edge(MemoryBus(joins=bus), asset=name) for name in names]
-        written, write = [], store.write
+        pipeline = Pipeline(settings, store, bus=bus)
+        pipeline.start()
+
+        def asked():
+            return pipeline.tallies()["asked"]
+
+        assert eventually(lambda: asked() >= len(names))
+        before, write, written = asked(), store.write, []
 
         def slowly(cut):
-            time.sleep(0.03)
+            # The disk is slower than all edges together.
+            assert not cut.features or eventually(lambda: asked() >= before + len(names))
             written.append(cut)
             return write(cut)
 
         monkeypatch.setattr(store, "write", slowly)
-        pipeline = Pipeline(settings, store, bus=bus)
-        pipeline.start()
+        all_sent = threading.Event()
+        busy = threading.Thread(target=pipeline.call, args=(all_sent.wait,))
+        busy.start()
         for name, one in zip(names, edges, strict=True):
             one.make(message.model_copy(update={"asset": name}))
+        assert eventually(lambda: pipeline.waiting >= len(names))
+        all_sent.set()
+        busy.join()
         assert eventually(lambda: all(store.count(f"lab.{name}") == 1 for name in names))
         pipeline.stop()
         for one in edges:
             one.close()
-    assert len(written) < 30
+    assert len(written) < 10
