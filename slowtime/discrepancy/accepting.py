@@ -1,6 +1,6 @@
 """What was refitted, in; whether it is what is missing, and the account with it, out."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -13,12 +13,12 @@ from .equivalent import ALONE, CONSTANTS, alone_off
 from .found import Found
 from .further import in_pieces
 from .gap import UNWHITE, whiteness
-from .naming import Named, misfit, stands
+from .naming import Named, misfit, rescored, stands
 from .narrowing import relief
 from .outrun import within
 from .patchwork import variable_of
 from .records import Trial
-from .refit import Fit, pieces, refit
+from .refit import Fit, GivenUp, pieces, refit
 from .shapes import like_constant
 from .verdict import (
     DECIDED,
@@ -56,6 +56,7 @@ def accept(
     twice: bool = False,
     asked: Sequence[tuple[Hold, ...] | None] | None = None,
     sure: bool = False,
+    over: Callable[[], bool] = bool,
 ) -> bool:
     """Take the best of what was refitted, if it is worth it; whether it was.
 
@@ -76,6 +77,8 @@ def accept(
         much comes before the effect.
     sure
         Whether it is there, however little it explains.
+    over
+        Once true, what it is compared with is taken as it was fitted last.
     """
     channels = tuple(s.channel for s in before.plant.description.sensors)
     short = in_pieces(named, kinds)
@@ -88,10 +91,14 @@ def accept(
     if not named:
         return False
     best = named[0]
-    bar = refit(
-        before.plant, trials, noise=best.fit.noise, values=before.values,
-        states=states, horizons=(1.0,),
-    )  # fmt: skip
+    try:
+        bar = refit(
+            before.plant, trials, noise=best.fit.noise, values=before.values,
+            states=states, horizons=(1.0,), late=None if short else over,
+        )  # fmt: skip
+    except GivenUp:
+        last = Named(best.effect, before.plant.description, before, 0.0)
+        bar = rescored(last, best.fit, trials, kinds).fit
     cut = any(len(fit.states) != len(trials) for fit in found.fits)
     holds = None if cut else held_instead(best.fit, bar, trials, kinds, stated)
     if holds is not None and asked is not None and found.answers and holds not in asked:
@@ -107,7 +114,7 @@ def accept(
     lead = best.score - _bare(bar)
     if lead < least:
         return False
-    if asked is not None and stated is not None and not (cut or short):
+    if asked is not None and stated is not None and not (cut or short or over()):
         other = held_as_well(bar, best.fit.noise, lead, trials, kinds, stated)
         if other is not None and other not in asked:
             found.otherwise = other

@@ -441,6 +441,7 @@ def _accepted(
     fine = accept(
         found, before, named, trials or found.trials, how.kinds, how.stated, pulled=pulled,
         twice=any(_sits_on(one.effect, found.answers) for one in named[:1]), asked=how.asked,
+        over=(lambda: how.tell.ends) if found.answers else bool,
     )  # fmt: skip
     if not fine or how.tell.ends or found.ended:
         return fine

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 
 from slowtime.discrepancy import accepting
@@ -127,3 +128,38 @@ def test_two_curves_that_share_a_place_may_be_one_that_is_unknown(fit, second, s
         ["cubic_hardening", "saturating_stiffness"] if doubted else []
     )
     assert all(answer.probability < 1 for answer in found.answers) is doubted
+
+
+def test_once_the_time_is_up_what_was_fitted_last_is_compared_with(monkeypatch):
+    """What it is compared with is not fitted anew; no other hold is asked."""
+    effects = (HARD, Effect("stiffness_loss", SECOND, {"dk_n_per_m": 250.0}))
+    trials = seen(effects)
+    first = refit(Plant.of(TWO), trials)
+    (hard,) = refit_all(first, [Candidate(HARD, 0.0, 0.0, 0.0)], trials, KINDS, never)
+    named = refit_all(hard.fit, [Candidate(effects[1], 0.0, 0.0, 0.0)], trials, KINDS, never)
+    calls: dict[str, list[object]] = {"refit": [], "held_as_well": []}
+
+    def counted(name):
+        inner = getattr(accepting, name)
+
+        def run(*given, **by):
+            result = inner(*given, **by)
+            calls[name].append(result)
+            return result
+
+        monkeypatch.setattr(accepting, name, run)
+
+    counted("refit")
+    counted("held_as_well")
+
+    def taken(over):
+        found = Found([first, hard.fit], trials, answers=answered(HARD))
+        assert accept(
+            found, hard.fit, named, trials, KINDS, (), pulled=True, asked=(), over=over
+        )
+        return found
+
+    in_time, late = taken(bool), taken(lambda: True)
+    assert [len(seen) for seen in calls.values()] == [1, 1]
+    assert [one.effect for one in late.answers] == [one.effect for one in in_time.answers]
+    np.testing.assert_array_equal(late.fits[-1].values, in_time.fits[-1].values)
