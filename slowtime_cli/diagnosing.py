@@ -12,7 +12,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from slowtime.discrepancy.diagnosis import Diagnosis
 from slowtime_schemas.diagnosis_file import DiagnosisFile, Where
 from slowtime_services.diagnose import diagnose_records, read_any, roles_of, write_results
-from slowtime_services.diagnose.run import PATIENCE_S
+from slowtime_services.diagnose.run import MASSES, MORE, PATIENCE_S
 from slowtime_services.diagnose.sources import split
 from slowtime_services.diagnose.words import number
 from slowtime_services.effects import known
@@ -110,10 +110,10 @@ Examples:
     "--patience",
     "patience_s",
     type=POSITIVE,
-    default=PATIENCE_S,
-    show_default=True,
     metavar="SECONDS",
-    help="Processor time after which no more laws are tried.",
+    help="Processor time after which no more laws are tried.  "
+    f"[default: {PATIENCE_S:g}; of more than {MASSES} degrees of freedom in proportion, up to "
+    f"{PATIENCE_S * MORE:g}]",
 )
 @click.option(
     "--unchecked",
@@ -133,7 +133,7 @@ def diagnose(
     rate_hz: float | None,
     skip_lines: int | None,
     time_column: str | None,
-    patience_s: float,
+    patience_s: float | None,
     unchecked: bool,
 ) -> None:
     """Find what a model lacks, where and how much, from records of it.

@@ -12,7 +12,7 @@ from .diagnosis import Named as Answer
 from .equivalent import ALONE, CONSTANTS, alone_off
 from .found import Found
 from .further import in_pieces
-from .gap import UNWHITE, whiteness
+from .gap import UNWHITE, WHITE, whiteness
 from .naming import Named, misfit, rescored, stands
 from .narrowing import relief
 from .outrun import within
@@ -131,6 +131,8 @@ def accept(
             if found.answers
             else SPECK * missing
         )
+        if found.answers and not twice and _clears(bar, best.fit):
+            speck = FLECK * _at_first(found, best)
         if bar.cost - best.fit.cost < speck:
             return False
     # That constants were claimed too well is an answer too, and has its share.
@@ -184,6 +186,12 @@ def _limits_first(named: Sequence[Named], missing: float) -> list[Named]:
                 rest = [one for one in others if one is not other]
                 return [other, *rest]
     return [best, *others]
+
+
+def _clears(bar: Fit, fit: Fit) -> bool:
+    """Whether a fit leaves noise where something was heard, and much of it in band."""
+    much = bar.chi2_in_band - fit.chi2_in_band > FAINT
+    return much and whiteness(bar) < UNWHITE and whiteness(fit) > WHITE
 
 
 def _at_first(found: Found, best: Named) -> float:

@@ -15,6 +15,8 @@ from .refit import Fit, GivenUp, refit
 WIDE_S, ASTRAY, EVERY_S = 2.4, 1.5, 1.2
 """How far about an instant that was found a better one is looked for; mean square over the
 noise, in band, from which it is looked for in all records first, and how closely."""
+BEHIND = 4.0
+"""By how much a law may cost more than another, for its instant to be looked for everywhere."""
 MOVES = 4
 """How often a better one is looked for: a law that was fitted to the wrong instant hides it."""
 
@@ -83,7 +85,8 @@ def _moved(
         return sum(left(i, min(max(instant, a), b)) for i, (a, b) in enumerate(ends))
 
     about = [float(fit.values[at])]
-    if ASTRAY < fit.chi2_in_band < most:
+    hopeless = beat is not None and fit.cost > BEHIND * beat
+    if ASTRAY < fit.chi2_in_band < most and not hopeless:
         # Of each record the best, for about the right one the misfit falls in no time.
         about += [float(min(np.arange(a, b, EVERY_S), key=misfit)) for a, b in ends]
     tried = [near for one in about for near in one + np.linspace(-WIDE_S, WIDE_S, 61)]

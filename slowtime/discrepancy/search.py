@@ -56,6 +56,9 @@ LOST = 30.0
 records tells less than what it leaves of how they begin."""
 HASTY = 3
 """Labels refitted where it is to be quick, and where more than one effect is missing."""
+APART, LEADING = 0.4, 0.25
+"""Share of what any other place leaves, and of what was missing, that one of several effects
+leaves where it is told before the others."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -345,14 +348,14 @@ def _after(
         found.named, found.tried = tuple(sorted(so_far, key=lambda n: -n.score)), tuple(tried)
         found.both = together(found)
         over = found.both is not None or found.otherwise is not None
-        return [] if over else down(so_far)
+        return [] if over or _begun_with(found.named, before, located) else down(so_far)
 
     if first:
         found.tried = tuple(tried)
         found.both = together.beside_late(found)
         if found.both is not None or found.otherwise is not None:
             return found.both is not None
-        labels = clocks_alone(before, located, trials, kinds) or labels
+        labels = clocks_alone(before, located, tried, trials, kinds) or labels
     in_turn, far = near_first(labels, kinds) if number else (simple_first(labels, kinds), set())
     turn = Turn(tell, number, len(in_turn), share, far)
     alike: list[Named] = []
@@ -391,6 +394,15 @@ def _after(
             # What explains how records begin is one of two, though more may be left by it.
             named = [one for one in named if _begins(one, down.begins, bent)] or named
     return _accepted(found, before, named, how, trials, pulled=pulled)
+
+
+def _begun_with(named: Sequence[Named], before: Fit, located: Located) -> bool:
+    """Whether one of several effects stands out and was told: the others come beside it."""
+    best, *others = located.groups
+    if not named or named[0].effect.place not in best.places or best.left < SEVERAL:
+        return False
+    alone = all(best.left < APART * other.left for other in others)
+    return alone and named[0].fit.chi2_in_band < LEADING * before.chi2_in_band
 
 
 def _begins(one: Named, label: Label | None, bent: Fit) -> bool:

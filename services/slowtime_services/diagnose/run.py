@@ -18,8 +18,9 @@ from .roles import Roles
 from .sense import refuse_nonsense
 from .sources import Source
 
-PATIENCE_S = 70.0
-"""Processor time after which no more laws are tried."""
+PATIENCE_S, MASSES, MORE = 70.0, 3, 2.0
+"""Processor time after which no more laws are tried; degrees of freedom up to which it is that,
+and how many times as much it is at most for more, in proportion."""
 LATE = 0.7
 """Share of it after which only the likeliest are still tried."""
 
@@ -35,7 +36,7 @@ def diagnose_records(
     unchecked: bool = False,
     progress: Progress | None = None,
     stop: Stop | None = None,
-    patience_s: float = PATIENCE_S,
+    patience_s: float | None = None,
 ) -> tuple[Diagnosis, DiagnosisFile]:
     """Say what a model lacks to explain records.
 
@@ -56,7 +57,8 @@ def diagnose_records(
     patience_s
         Of the processor, but for compiling, which the first run on a machine does; once it is
         used up, what is being fitted is given up, and what was found by then is the answer. In
-        the last part of it only the likeliest are tried.
+        the last part of it only the likeliest are tried. As `patience_for` has it where not
+        given.
 
     Raises
     ------
@@ -64,6 +66,7 @@ def diagnose_records(
         (a ValueError) where records do not fit the model.
     """
     begun, spent = time.monotonic(), time.thread_time() - compiling_s()
+    allowed_s = patience_for(description) if patience_s is None else patience_s
 
     def used() -> float:
         return time.thread_time() - compiling_s() - spent
@@ -77,8 +80,8 @@ def diagnose_records(
         quick=quick,
         progress=progress,
         stop=stop,
-        late=lambda: used() > LATE * patience_s,
-        over=lambda: used() > patience_s,
+        late=lambda: used() > LATE * allowed_s,
+        over=lambda: used() > allowed_s,
     )
     found = dataclasses.replace(found, seconds=time.monotonic() - begun)
     document = document_of(
@@ -88,3 +91,8 @@ def diagnose_records(
         notes=given.notes,
     )
     return found, document
+
+
+def patience_for(description: Description) -> float:
+    """Give the seconds of processor time that are spent on a model at most, if none are given."""
+    return PATIENCE_S * min(max(1.0, len(description.dofs) / MASSES), MORE)

@@ -7,6 +7,7 @@ import pytest
 
 from slowtime.discrepancy import accepting
 from slowtime.discrepancy.accepting import MUCH, _explains_much, _still_off, accept
+from slowtime.discrepancy.between import FAINT
 from slowtime.discrepancy.candidates import Candidate
 from slowtime.discrepancy.diagnosis import Named as Answer
 from slowtime.discrepancy.doubts import SLIGHTLY, doubt_pieces
@@ -15,7 +16,7 @@ from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.naming import Named, refit_all
 from slowtime.discrepancy.refit import refit
 from slowtime.discrepancy.verdict import MOVED, moved_of
-from slowtime.dynamics.effects import Effect, catalogue
+from slowtime.dynamics.effects import Effect, Place, catalogue
 from slowtime.dynamics.plant import Plant
 from tests.slowtime.discrepancy.test_search import CUBIC, FIRST, SECOND, TWO, seen
 
@@ -163,3 +164,19 @@ def test_once_the_time_is_up_what_was_fitted_last_is_compared_with(monkeypatch):
     assert [len(seen) for seen in calls.values()] == [1, 1]
     assert [one.effect for one in late.answers] == [one.effect for one in in_time.answers]
     np.testing.assert_array_equal(late.fits[-1].values, in_time.fits[-1].values)
+
+
+@pytest.mark.parametrize(("k3", "told"), [(20.0, True), (5.0, False)])
+def test_a_faint_law_after_which_all_is_noise_is_told_beside_a_loud_fault(k3, told):
+    """Louder noise would be left by any law."""
+    wrong = Effect("sensor_gain", Place("sensor", "x_m1"), {"gain": 0.96})
+    faint = Effect("cubic_hardening", SECOND, {"k3_n_per_m3": k3})
+    trials = seen((wrong, faint), samples=2000)
+    first = refit(Plant.of(TWO), trials)
+    (gain,) = refit_all(first, [Candidate(wrong, 0.0, 0.0, 0.0)], trials, KINDS, never)
+    named = refit_all(gain.fit, [Candidate(faint, 0.0, 0.0, 0.0)], trials, KINDS, never)
+    assert gain.fit.cost - named[0].fit.cost < FAINT * gain.fit.data
+    found = Found([first, gain.fit], trials, answers=answered(wrong))
+    assert accept(found, gain.fit, named, trials, KINDS, None, pulled=False) is told
+    again = Found([first, gain.fit], trials, answers=answered(wrong))
+    assert not accept(again, gain.fit, named, trials, KINDS, None, pulled=False, twice=True)

@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy.candidates import candidates
-from slowtime.discrepancy.delayed import CLEARLY, OPAQUE, clocks_alone, seen_beside_late
+from slowtime.discrepancy.delayed import (
+    CLEARLY,
+    OPAQUE,
+    _outstanding,
+    clocks_alone,
+    seen_beside_late,
+)
 from slowtime.discrepancy.locate import locate
+from slowtime.discrepancy.naming import Named
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refit import refit
 from slowtime.discrepancy.search import Search, search
@@ -59,8 +66,8 @@ def recorded(of, effects, *, seconds=10.0, seed=5):
     return tuple(found)
 
 
-def asked(of, effects):
-    trials = recorded(of, effects)
+def asked(of, effects, seconds=10.0):
+    trials = recorded(of, effects, seconds=seconds)
     before = unbent(refit(Plant.of(of, kinds=KINDS), trials), trials)
     located = locate(before, trials)
     return before, located, candidates(before, located, KINDS), trials
@@ -100,10 +107,10 @@ def test_of_few_sensors_the_one_whose_clock_explains_all_is_told(skew):
     """Wherever a force was thought to be."""
     few = shaken((1, 3))
     clock = Effect("sensor_clock", Place("sensor", "a3"), {"skew": skew})
-    before, located, _, trials = asked(few, (clock,))
+    before, located, tried, trials = asked(few, (clock,))
     best = dataclasses.replace(located.groups[0], left=10.0)
     nowhere = dataclasses.replace(located, groups=(best, *located.groups[1:]))
-    (label,) = clocks_alone(before, nowhere, trials, KINDS)
+    (label,) = clocks_alone(before, nowhere, tried, trials, KINDS)
     assert (label.effect.kind, label.effect.place) == (clock.kind, clock.place)
     assert label.effect.parameters["skew"] == pytest.approx(skew, rel=0.02)
     assert label.cost < 1.5 * before.data
@@ -112,8 +119,40 @@ def test_of_few_sensors_the_one_whose_clock_explains_all_is_told(skew):
 @pytest.mark.parametrize("heard", [(1, 3), (1, 2, 3)])
 def test_no_clock_is_asked_where_a_force_explains_all(heard, monkeypatch):
     of = shaken(heard)
-    before, located, _, trials = asked(
+    before, located, tried, trials = asked(
         of, (Effect("cubic_hardening", GROUND, {"k3_n_per_m3": 2e8}),)
     )
     monkeypatch.setattr("slowtime.discrepancy.delayed.refitted", None)
-    assert clocks_alone(before, located, trials, KINDS) == []
+    assert clocks_alone(before, located, tried, trials, KINDS) == []
+
+
+@pytest.mark.long
+def test_a_clock_that_hides_something_is_told_where_no_law_is_seen():
+    """What it hides comes after."""
+    breaks = dataclasses.replace(BREAKS, parameters={"dk_n_per_m": -60.0, "t_jump_s": 5.3})
+    clock = Effect("sensor_clock", Place("sensor", "a2"), {"skew": 3e-3})
+    before, located, tried, trials = asked(RIG, (clock, breaks), seconds=20.0)
+    best = dataclasses.replace(located.groups[0], left=10.0)
+    nowhere = dataclasses.replace(located, groups=(best, *located.groups[1:]))
+    opaque = [dataclasses.replace(tried[0], cost=OPAQUE * tried[0].bare)]
+    (label,) = clocks_alone(before, nowhere, opaque, trials, KINDS)
+    assert (label.effect.kind, label.effect.place) == (clock.kind, clock.place)
+    assert label.effect.parameters["skew"] == pytest.approx(3e-3, rel=0.02)
+    assert label.cost > 1.5 * before.data
+    seen = [dataclasses.replace(tried[0], cost=0.5 * OPAQUE * tried[0].bare)]
+    assert clocks_alone(before, nowhere, seen, trials, KINDS) == []
+
+
+@pytest.mark.parametrize(
+    ("left", "told"),
+    [((4.0, 200.0, 300.0), True), ((12.0, 200.0, 300.0), False), ((4.0, 30.0, 300.0), False)],
+    ids=["one explains nearly all", "much is left", "another comes near"],
+)
+def test_a_clock_that_leaves_something_has_to_stand_out(left, told):
+    trials = recorded(shaken((1, 2, 3)), (), seconds=4.0)
+    before = dataclasses.replace(refit(Plant.of(RIG, kinds=KINDS), trials), chi2_in_band=1000.0)
+    asked = [
+        Named(LATE, RIG, dataclasses.replace(before, chi2_in_band=one), 0.0) for one in left
+    ]
+    assert _outstanding(asked, before) is told
+    assert not _outstanding([], before)
