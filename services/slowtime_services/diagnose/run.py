@@ -94,5 +94,5 @@ def diagnose_records(
 
 
 def patience_for(description: Description) -> float:
-    """Give the seconds of processor time that are spent on a model at most, if none are given."""
+    """Give the seconds of processor time that a model gets where none are given."""
     return PATIENCE_S * min(max(1.0, len(description.dofs) / MASSES), MORE)

@@ -40,3 +40,9 @@ def test_it_is_late_before_it_is_over_by_the_time_of_its_own_thread(
         spent[0] = 5.0 + share * patience_s + compiling_s
         compiled[0] = 3.0 + compiling_s
         assert (told["late"](), told["over"]()) == (late, over)
+
+
+@pytest.mark.parametrize(("masses", "times"), [(1, 1), (3, 1), (4, 4 / 3), (5, 5 / 3), (30, 2)])
+def test_more_masses_have_more_time_up_to_twice(masses, times):
+    rig = chain([1.0] * masses, [1.0] * masses)
+    assert run.patience_for(rig) == pytest.approx(times * run.PATIENCE_S)

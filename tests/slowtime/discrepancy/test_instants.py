@@ -7,7 +7,7 @@ import pytest
 
 from slowtime.discrepancy import instants
 from slowtime.discrepancy.adding import run_by
-from slowtime.discrepancy.instants import switched
+from slowtime.discrepancy.instants import BEHIND, switched
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refit import refit
 from slowtime.dynamics.effects import Effect, catalogue
@@ -47,6 +47,11 @@ def test_an_instant_is_looked_for_in_every_record(jump_s, begun_s):
     assert found.chi2_in_band < 1.2
     # Of what leaves most of what there was, one does not know what to look for.
     assert switched(wrong, trials, KINDS, None, 40.0).values[at] != found.values[at]
+    # Nor of what leaves far more than another law, but about the instant that it has.
+    hopeless = switched(wrong, trials, KINDS, left / (1.01 * BEHIND), 100.0)
+    assert (abs(hopeless.values[at] - jump_s) > 1.0) == (abs(begun_s - jump_s) > 10.0)
+    near = switched(wrong, trials, KINDS, left / (0.99 * BEHIND), 100.0)
+    assert near.values[at] == pytest.approx(jump_s, abs=0.1)
     # Who is late keeps what there is, before one has looked and after.
     assert switched(wrong, trials, KINDS, None, 100.0, late=lambda: True) is wrong
     told = iter([False, *[True] * 99])
