@@ -13,7 +13,7 @@ from .equivalent import ALONE, CONSTANTS, alone_off
 from .found import Found
 from .further import in_pieces
 from .gap import UNWHITE, WHITE, whiteness
-from .naming import Named, misfit, rescored, stands
+from .naming import Named, judged_by, misfit, stands
 from .narrowing import relief
 from .outrun import within
 from .patchwork import variable_of
@@ -97,8 +97,7 @@ def accept(
             states=states, horizons=(1.0,), late=None if short else over,
         )  # fmt: skip
     except GivenUp:
-        last = Named(best.effect, before.plant.description, before, 0.0)
-        bar = rescored(last, best.fit, trials, kinds).fit
+        bar = judged_by(before, best.fit.noise, trials)
     cut = any(len(fit.states) != len(trials) for fit in found.fits)
     holds = None if cut else held_instead(best.fit, bar, trials, kinds, stated)
     if holds is not None and asked is not None and found.answers and holds not in asked:
@@ -123,18 +122,9 @@ def accept(
     named = _limits_first(named, missing)
     best = named[0]
     constant = pulled and like_constant(kinds[best.effect.kind])
-    if not (constant or sure):
-        # Long records tell the least flaw of what was found first from noise; and of noise that
-        # is louder than it was taken to be, any law explains a speck.
-        speck = (
-            max(FAINT * bar.data, FLECK * _at_first(found, best))
-            if found.answers
-            else SPECK * missing
-        )
-        if found.answers and not twice and _clears(bar, best.fit):
-            speck = FLECK * _at_first(found, best)
-        if bar.cost - best.fit.cost < speck:
-            return False
+    speck = _speck(found, best, bar, twice=twice) if found.answers else SPECK * missing
+    if not (constant or sure) and bar.cost - best.fit.cost < speck:
+        return False
     # That constants were claimed too well is an answer too, and has its share.
     alone = pulled and alone_off(bar, best.effect)
     if alone:
@@ -186,6 +176,17 @@ def _limits_first(named: Sequence[Named], missing: float) -> list[Named]:
                 rest = [one for one in others if one is not other]
                 return [other, *rest]
     return [best, *others]
+
+
+def _speck(found: Found, best: Named, bar: Fit, *, twice: bool) -> float:
+    """Chi squared that a later effect has to explain.
+
+    Long records tell the least flaw of what was found first from noise; and of noise that is
+    louder than it was taken to be, any law explains a speck, though none leaves it still.
+    """
+    fleck = FLECK * _at_first(found, best)
+    still = not twice and _clears(bar, best.fit)
+    return fleck if still else max(FAINT * bar.data, fleck)
 
 
 def _clears(bar: Fit, fit: Fit) -> bool:

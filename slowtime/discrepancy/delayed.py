@@ -92,7 +92,8 @@ def clocks_alone(
     if CLOCK not in kinds or not few or located.groups[0].left < SEVERAL:
         return []
     (skew,) = kinds[CLOCK].names
-    beat = max(EXPLAINED * before.data, MOSTLY * before.cost if _opaque(tried) else 0.0)
+    opaque = _opaque(tried)
+    beat = max(EXPLAINED * before.data, MOSTLY * before.cost if opaque else 0.0)
     asked = []
     for sensor in description.sensors:
         begin = Effect(CLOCK, Place("sensor", sensor.channel), {skew: SKEWED})
@@ -101,7 +102,7 @@ def clocks_alone(
             asked.append(named)
     asked.sort(key=lambda one: one.fit.chi2_in_band)
     all_of_it = [one for one in asked if one.fit.chi2_in_band < EXPLAINED]
-    most_of_it = asked[:1] if _opaque(tried) and _outstanding(asked, before) else []
+    most_of_it = asked[:1] if opaque and _outstanding(asked, before) else []
     return [
         Candidate(settled(one), one.fit.cost, one.score, before.cost)
         for one in all_of_it or most_of_it

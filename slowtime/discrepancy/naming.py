@@ -405,18 +405,22 @@ def misfit(fit: Fit, noise: Noise, trials: Sequence[Trial]) -> float:
 def rescored(
     named: Named, best: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind]
 ) -> Named:
-    """Give the same fit its cost under the noise of another."""
-    fit = named.fit
-    before, after = misfit(fit, fit.noise, trials), misfit(fit, best.noise, trials)
+    """Give the same law its score under the noise of another."""
+    again = judged_by(named.fit, best.noise, trials)
+    return dataclasses.replace(named, fit=again, score=evidence(again, kinds))
+
+
+def judged_by(fit: Fit, noise: Noise, trials: Sequence[Trial]) -> Fit:
+    """Give the same fit its cost under another noise."""
+    before, after = misfit(fit, fit.noise, trials), misfit(fit, noise, trials)
     share = after / max(before, 1e-300)
-    again = dataclasses.replace(
+    return dataclasses.replace(
         fit,
-        noise=best.noise,
+        noise=noise,
         cost=fit.cost - before + after,
         chi2_per_datum=fit.chi2_per_datum * share,
         chi2_in_band=fit.chi2_in_band * share,
     )
-    return dataclasses.replace(named, fit=again, score=evidence(again, kinds))
 
 
 def stands(named: Named, trials: Sequence[Trial], kinds: Mapping[str, Kind]) -> bool:

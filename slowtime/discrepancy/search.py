@@ -16,11 +16,11 @@ from .accepting import accept, bends_twice, ended
 from .anew import beginnings
 from .between import Hold, held_otherwise, with_holds
 from .bottom import at_bottom
-from .candidates import SEVERAL, Candidate, Label, candidates, label_of, mirrored
+from .candidates import SEVERAL, Candidate, candidates, label_of
+from .choosing import LATER, begins, begun_with, labels_of
 from .delayed import clocks_alone
 from .diagnosis import Named as Answer
 from .downward import Downward
-from .equivalent import instead_of_constants
 from .found import Found
 from .further import FAR_OFF, foremost, joined, shot_too
 from .gap import UNWHITE, whiteness
@@ -28,7 +28,7 @@ from .likelier import done, likelier
 from .locate import Located, locate
 from .loosened import loosened
 from .misplaced import relocated
-from .naming import KEPT, Named, chosen, refit_all
+from .naming import Named, chosen, refit_all
 from .onward import onward
 from .outrun import within
 from .records import Trial
@@ -48,17 +48,11 @@ from .watch import Watch
 
 SILENT = 0.01
 """Chance of so large a chi squared above which nothing more is looked for after the first."""
-MOST, LATER, TWICE = 3, 3, 2
-"""Effects that are looked for, one after the other; labels refitted for the later ones, and
-where what is left is left at a place that has an effect already."""
+MOST = 3
+"""Effects that are looked for, one after the other."""
 LOST = 30.0
 """Mean square over the noise, in band, from which what a model with effects leaves of whole
 records tells less than what it leaves of how they begin."""
-HASTY = 3
-"""Labels refitted where it is to be quick, and where more than one effect is missing."""
-APART, LEADING = 0.4, 0.25
-"""Share of what any other place leaves, and of what was missing, that one of several effects
-leaves where it is told before the others."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -329,7 +323,7 @@ def _after(
     if shaken is not None and placed(based, tried):
         return ended(found, before, shaken, kinds)
     tried = [one for one in tried if not bends_twice(one.effect, found.answers, kinds)]
-    labels = _labels(found, before, located, tried, how, number)
+    labels = labels_of(found, before, located, tried, how.kinds, number=number, quick=how.quick)
     channels = tuple(s.channel for s in before.plant.description.sensors)
     trials = within(found.trials, channels, (one.effect for one in labels), kinds)
     bent = found.fits[-1]
@@ -348,7 +342,7 @@ def _after(
         found.named, found.tried = tuple(sorted(so_far, key=lambda n: -n.score)), tuple(tried)
         found.both = together(found)
         over = found.both is not None or found.otherwise is not None
-        return [] if over or _begun_with(found.named, before, located) else down(so_far)
+        return [] if over or begun_with(found.named, before, located) else down(so_far)
 
     if first:
         found.tried = tuple(tried)
@@ -392,44 +386,8 @@ def _after(
         found.named, found.tried, found.alike = tuple(named), tuple(tried), tuple(alike)
         if named and named[0].fit.chi2_in_band > FAR_OFF:
             # What explains how records begin is one of two, though more may be left by it.
-            named = [one for one in named if _begins(one, down.begins, bent)] or named
+            named = [one for one in named if begins(one, down.begins, bent)] or named
     return _accepted(found, before, named, how, trials, pulled=pulled)
-
-
-def _begun_with(named: Sequence[Named], before: Fit, located: Located) -> bool:
-    """Whether one of several effects stands out and was told: the others come beside it."""
-    best, *others = located.groups
-    if not named or named[0].effect.place not in best.places or best.left < SEVERAL:
-        return False
-    alone = all(best.left < APART * other.left for other in others)
-    return alone and named[0].fit.chi2_in_band < LEADING * before.chi2_in_band
-
-
-def _begins(one: Named, label: Label | None, bent: Fit) -> bool:
-    """Whether a law is the one that explains how records begin, and something of the rest."""
-    return label_of(one.effect) == label and one.fit.chi2_in_band < bent.chi2_in_band
-
-
-def _labels(
-    found: Found,
-    before: Fit,
-    located: Located,
-    tried: Sequence[Candidate],
-    how: Search,
-    number: int,
-) -> list[Candidate]:
-    """Choose what is refitted: fewer of the later effects, and where there is one already."""
-    # Twice at one place: what no single law explains there is more likely a law unknown.
-    again = any(a.effect.place in located.groups[0].places for a in found.answers)
-    # No force at one place does it: which of two comes first matters less than both.
-    several = located.groups[0].left > SEVERAL
-    most = HASTY if how.quick or several else KEPT
-    labels = chosen(tried, (TWICE if again else LATER) if number else most)
-    if len(before.plant.description.sensors) == 1:
-        labels += mirrored(labels, tried, how.kinds)
-    if number == 0 and located.p_value > FALSE_ALARM:
-        labels += instead_of_constants(before, labels, found.trials, how.kinds)
-    return labels
 
 
 def _on_beginnings(tell: Watch, share: float) -> Callable[[], bool]:

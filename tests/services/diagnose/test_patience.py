@@ -12,10 +12,18 @@ class Heard(Exception):
     """What the search was told is known; the rest of it is not run."""
 
 
-@pytest.mark.parametrize("patience_s", [10.0, run.PATIENCE_S])
+@pytest.mark.parametrize(
+    ("given_s", "masses", "patience_s"),
+    [
+        (10.0, 1, 10.0),
+        (10.0, 5, 10.0),
+        (None, 1, run.PATIENCE_S),
+        (None, 5, run.PATIENCE_S * 5 / 3),
+    ],
+)
 @pytest.mark.parametrize("compiling_s", [0.0, 100.0])
 def test_it_is_late_before_it_is_over_by_the_time_of_its_own_thread(
-    monkeypatch, patience_s, compiling_s
+    monkeypatch, given_s, masses, patience_s, compiling_s
 ):
     spent, compiled, told = [5.0], [3.0], {}
 
@@ -28,8 +36,9 @@ def test_it_is_late_before_it_is_over_by_the_time_of_its_own_thread(
     monkeypatch.setattr(run, "compiling_s", lambda: compiled[0])
     monkeypatch.setattr(run, "gather", lambda *_: types.SimpleNamespace(campaign=None))
     monkeypatch.setattr(run, "diagnose", heard)
+    rig = chain([1.0] * masses, [1.0] * masses)
     with pytest.raises(Heard):
-        run.diagnose_records(chain([1.0], [1.0]), [], patience_s=patience_s, unchecked=True)
+        run.diagnose_records(rig, [], patience_s=given_s, unchecked=True)
     for share, late, over in (
         (0.0, False, False),
         (0.69, False, False),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy import accepting
+from slowtime.discrepancy import search as searching
 from slowtime.discrepancy.accepting import MUCH, _explains_much, _still_off, accept
 from slowtime.discrepancy.between import FAINT
 from slowtime.discrepancy.candidates import Candidate
@@ -15,7 +16,9 @@ from slowtime.discrepancy.equivalent import ALONE, alone_off
 from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.naming import Named, refit_all
 from slowtime.discrepancy.refit import refit
+from slowtime.discrepancy.search import Search
 from slowtime.discrepancy.verdict import MOVED, moved_of
+from slowtime.discrepancy.watch import Watch
 from slowtime.dynamics.effects import Effect, Place, catalogue
 from slowtime.dynamics.plant import Plant
 from tests.slowtime.discrepancy.test_search import CUBIC, FIRST, SECOND, TWO, seen
@@ -180,3 +183,18 @@ def test_a_faint_law_after_which_all_is_noise_is_told_beside_a_loud_fault(k3, to
     assert accept(found, gain.fit, named, trials, KINDS, None, pulled=False) is told
     again = Found([first, gain.fit], trials, answers=answered(wrong))
     assert not accept(again, gain.fit, named, trials, KINDS, None, pulled=False, twice=True)
+
+
+@pytest.mark.parametrize("first", [(), (HARD,)])
+def test_time_is_up_for_further_effects_and_not_for_the_first(monkeypatch, fit, first):
+    told = []
+
+    def heard(*_, over, **__):
+        told.append(over())
+        return False
+
+    monkeypatch.setattr(searching, "accept", heard)
+    how = Search(KINDS, Watch(over=lambda: True))
+    found = Found([fit], (), answers=answered(*first))
+    assert not searching._accepted(found, fit, [], how, pulled=False)
+    assert told == [bool(first)]

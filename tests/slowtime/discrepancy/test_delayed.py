@@ -5,9 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
+from slowtime.discrepancy import delayed
 from slowtime.discrepancy.candidates import candidates
 from slowtime.discrepancy.delayed import (
     CLEARLY,
+    MOSTLY,
     OPAQUE,
     _outstanding,
     clocks_alone,
@@ -19,6 +21,7 @@ from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refit import refit
 from slowtime.discrepancy.search import Search, search
 from slowtime.discrepancy.unbent import unbent
+from slowtime.discrepancy.verdict import EXPLAINED
 from slowtime.discrepancy.watch import Watch
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Input, Sensor, Tolerance
@@ -156,3 +159,22 @@ def test_a_clock_that_leaves_something_has_to_stand_out(left, told):
     ]
     assert _outstanding(asked, before) is told
     assert not _outstanding([], before)
+
+
+@pytest.mark.parametrize("opaque", [True, False])
+def test_a_clock_is_fitted_as_far_as_it_would_be_told(monkeypatch, opaque):
+    """One that may leave something is not given up for leaving more than the noise."""
+    followed = []
+
+    def heard(before, begin, trials, kinds, noise, beat, **_):
+        followed.append((begin.place.id, beat))
+
+    monkeypatch.setattr(delayed, "refitted", heard)
+    before, located, tried, trials = asked(shaken((1, 3)), (SINGS,))
+    best = dataclasses.replace(located.groups[0], left=10.0)
+    nowhere = dataclasses.replace(located, groups=(best, *located.groups[1:]))
+    one = dataclasses.replace(tried[0], cost=(OPAQUE if opaque else 0.1) * tried[0].bare)
+    before = dataclasses.replace(before, cost=1e3 * before.data)
+    assert clocks_alone(before, nowhere, [one], trials, KINDS) == []
+    beat = MOSTLY * before.cost if opaque else EXPLAINED * before.data
+    assert followed == [("a1", beat), ("a3", beat)]

@@ -16,11 +16,11 @@ from slowtime.discrepancy.diagnosis import Rival
 from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.likelier import likelier
 from slowtime.discrepancy.locate import locate
-from slowtime.discrepancy.naming import Named, refit_all
+from slowtime.discrepancy.naming import refit_all
 from slowtime.discrepancy.paired import pairs
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refit import GivenUp, pieces, refit
-from slowtime.discrepancy.search import Search, _begun_with, search
+from slowtime.discrepancy.search import Search, search
 from slowtime.discrepancy.unbent import WITHIN, unbent
 from slowtime.discrepancy.verdict import answer_of, moved_of
 from slowtime.discrepancy.watch import Watch
@@ -742,41 +742,3 @@ def test_once_there_are_two_each_is_tried_elsewhere(monkeypatch, answers, late, 
     how = Search(KINDS, Watch(late=lambda: late, over=lambda: over))
     assert searching._accepted(found, fit, [], how, pulled=False)
     assert done == asked
-
-
-def test_what_explains_how_records_begin_and_nothing_of_the_rest_comes_before_no_other():
-    trials = seen((CUBIC,))
-    bent = refit(Plant.of(TWO, kinds=KINDS), trials)
-    label = Candidate(CUBIC, 0.0, 0.0, 0.0)
-    (best,) = refit_all(bent, [label], trials, KINDS, lambda *_: False)
-    assert searching._begins(best, label_of(CUBIC), bent)
-    assert not searching._begins(best, label_of(DRAG), bent)
-    worse = dataclasses.replace(best.fit, chi2_in_band=2 * bent.chi2_in_band)
-    assert not searching._begins(dataclasses.replace(best, fit=worse), label_of(CUBIC), bent)
-
-
-@pytest.mark.parametrize(
-    ("at", "left", "leaves", "told"),
-    [
-        (SECOND, (30.0, 100.0), 20.0, True),
-        (FIRST, (30.0, 100.0), 20.0, False),
-        (SECOND, (30.0, 70.0), 20.0, False),
-        (SECOND, (30.0, 100.0), 30.0, False),
-        (SECOND, (2.9, 100.0), 20.0, False),
-    ],
-    ids=["stands out", "elsewhere", "another comes near", "leaves much", "alone"],
-)
-def test_what_stands_out_among_several_is_told_before_the_others(at, left, leaves, told):
-    trials = seen((CUBIC,))
-    fit = refit(Plant.of(TWO, kinds=KINDS), trials)
-    before = dataclasses.replace(fit, chi2_in_band=100.0)
-    located = locate(fit, trials)
-    own = next(group for group in located.groups if SECOND in group.places)
-    rest = [group for group in located.groups if group is not own]
-    ranked = [dataclasses.replace(own, left=left[0])]
-    ranked += [dataclasses.replace(group, left=left[1]) for group in rest]
-    shown = dataclasses.replace(located, groups=tuple(ranked))
-    effect = dataclasses.replace(CUBIC, place=at)
-    named = [Named(effect, TWO, dataclasses.replace(fit, chi2_in_band=leaves), 0.0)]
-    assert _begun_with(named, before, shown) is told
-    assert not _begun_with([], before, shown)

@@ -1,0 +1,70 @@
+"""What is told first, where more than one effect is missing."""
+
+import dataclasses
+
+import pytest
+
+from slowtime.discrepancy import search as searching
+from slowtime.discrepancy.candidates import Candidate, label_of
+from slowtime.discrepancy.choosing import begins, begun_with
+from slowtime.discrepancy.downward import Downward
+from slowtime.discrepancy.locate import locate
+from slowtime.discrepancy.naming import Named, refit_all
+from slowtime.discrepancy.refit import refit
+from slowtime.discrepancy.search import Search, search
+from slowtime.discrepancy.watch import Watch
+from slowtime.dynamics.plant import Plant
+from tests.slowtime.discrepancy.test_search import CUBIC, DRAG, FIRST, KINDS, SECOND, TWO, seen
+
+
+def test_what_explains_how_records_begin_and_nothing_of_the_rest_comes_before_no_other():
+    trials = seen((CUBIC,))
+    bent = refit(Plant.of(TWO, kinds=KINDS), trials)
+    label = Candidate(CUBIC, 0.0, 0.0, 0.0)
+    (best,) = refit_all(bent, [label], trials, KINDS, lambda *_: False)
+    assert begins(best, label_of(CUBIC), bent)
+    assert not begins(best, label_of(DRAG), bent)
+    worse = dataclasses.replace(best.fit, chi2_in_band=2 * bent.chi2_in_band)
+    assert not begins(dataclasses.replace(best, fit=worse), label_of(CUBIC), bent)
+
+
+@pytest.mark.parametrize(
+    ("at", "left", "leaves", "told"),
+    [
+        (SECOND, (30.0, 100.0), 20.0, True),
+        (FIRST, (30.0, 100.0), 20.0, False),
+        (SECOND, (30.0, 70.0), 20.0, False),
+        (SECOND, (30.0, 100.0), 30.0, False),
+        (SECOND, (2.9, 100.0), 20.0, False),
+    ],
+    ids=["stands out", "elsewhere", "another comes near", "leaves much", "alone"],
+)
+def test_what_stands_out_among_several_is_told_before_the_others(at, left, leaves, told):
+    trials = seen((CUBIC,))
+    fit = refit(Plant.of(TWO, kinds=KINDS), trials)
+    before = dataclasses.replace(fit, chi2_in_band=100.0)
+    located = locate(fit, trials)
+    own = next(group for group in located.groups if SECOND in group.places)
+    rest = [group for group in located.groups if group is not own]
+    ranked = [dataclasses.replace(own, left=left[0])]
+    ranked += [dataclasses.replace(group, left=left[1]) for group in rest]
+    shown = dataclasses.replace(located, groups=tuple(ranked))
+    effect = dataclasses.replace(CUBIC, place=at)
+    named = [Named(effect, TWO, dataclasses.replace(fit, chi2_in_band=leaves), 0.0)]
+    assert begun_with(named, before, shown) is told
+    assert not begun_with([], before, shown)
+
+
+@pytest.mark.parametrize("stands_out", [True, False])
+def test_where_one_stands_out_no_law_is_tried_on_how_records_begin(monkeypatch, stands_out):
+    asked = []
+
+    def down(_, found):
+        asked.append(found)
+        return []
+
+    monkeypatch.setattr(searching, "begun_with", lambda *_: stands_out)
+    monkeypatch.setattr(Downward, "__call__", down)
+    trials = seen((CUBIC, DRAG))
+    search(refit(Plant.of(TWO, kinds=KINDS), trials), trials, Search(KINDS, Watch()))
+    assert bool(asked) is not stands_out
