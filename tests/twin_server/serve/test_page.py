@@ -124,6 +124,9 @@ def test_a_hostile_name_is_shown_and_not_obeyed(serving, visit, ageing, eventual
     expect(page.locator("h2", has_text="onerror")).to_have_text(name)
     page.goto(f"{server.url}/#")
     expect(page.locator(".card .name")).to_have_text(name)
+    page.goto(f"{server.url}/#/twins/lab.beam")  # no twin's address: the fleet
+    expect(page.locator(".card .name")).to_have_text(name)
+    expect(page.locator("#unknown")).to_be_hidden()
     page.goto(f"{server.url}/#<img src=x onerror=window.hacked=1>")
     expect(page.locator("#unknown")).to_contain_text("No twin is called <img")
     assert page.locator("img, main script").count() == 0

@@ -3,7 +3,7 @@
 /** `{ view, id, at }`: fleet, recordings, or of the twin `id` its state or its diagnosis. */
 export function where(hash) {
   const [path, query = ""] = decodeURIComponent(hash.replace(/^#/, "")).split("?", 2);
-  if (!path) return { view: "fleet", id: null, at: null };
+  if (!path || path.startsWith("/")) return { view: "fleet", id: null, at: null };
   if (path === "recordings") return { view: "recordings", id: null, at: null };
   const [id, room] = path.split("/", 2), at = new URLSearchParams(query).get("at");
   return { view: room === "diagnosis" ? "diagnosis" : "state", id, at: at === null || Number.isNaN(Number(at)) ? null : Number(at) };
