@@ -56,10 +56,17 @@ def label_of(effect: Effect) -> Label:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Start:
-    """Constants, and initial state of each trial by its names, that go best with a law."""
+    """Constants, and initial state of each trial by its names, that go best with a law.
+
+    Parameters
+    ----------
+    nearby
+        Whether that was told by parts of the records only: longer runs may lose their way.
+    """
 
     constants: Mapping[tuple[str, str], float]
     states: Sequence[Mapping[tuple[str, str], float]]
+    nearby: bool = False
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

@@ -241,7 +241,7 @@ def refit_all(
             break
         beat = min((n.fit.cost for n in found), default=None)
         late = functools.partial(_late, tick, label.effect, number)
-        swift = shooting or label.start is not None
+        swift = shooting or (label.start is not None and not label.start.nearby)
         named = refitted(
             before, label.effect, trials, kinds, noise, beat,
             start=label.start, shooting=shooting, late=late,

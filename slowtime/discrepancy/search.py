@@ -31,6 +31,7 @@ from .misplaced import relocated
 from .naming import Named, chosen, refit_all
 from .onward import onward
 from .outrun import within
+from .piecewise import Piecewise
 from .records import Trial
 from .refit import Fit, GivenUp, refit
 from .regrowing import regrow, regrow_friction
@@ -334,6 +335,7 @@ def _after(
         several=located.groups[0].left > SEVERAL, shaken=shaken is not None,
         late=_on_beginnings(tell, share),
     )  # fmt: skip
+    pieces = Piecewise(before, tried, labels, located, trials, kinds, _on_pieces(tell, share))
     together = Together(before, trials, kinds, how.stated, how.asked, tell)
 
     def more(so_far: Sequence[Named]) -> list[Candidate]:
@@ -342,14 +344,17 @@ def _after(
         found.named, found.tried = tuple(sorted(so_far, key=lambda n: -n.score)), tuple(tried)
         found.both = together(found)
         over = found.both is not None or found.otherwise is not None
-        return [] if over or begun_with(found.named, before, located) else down(so_far)
+        if over or begun_with(found.named, before, located):
+            return []
+        return pieces(so_far) or ([] if pieces.told else down(so_far))
 
     if first:
         found.tried = tuple(tried)
         found.both = together.beside_late(found)
         if found.both is not None or found.otherwise is not None:
             return found.both is not None
-        labels = clocks_alone(before, located, tried, trials, kinds) or labels
+        clocks = clocks_alone(before, located, tried, trials, kinds)
+        labels = clocks or pieces.at_once() or labels
     in_turn, far = near_first(labels, kinds) if number else (simple_first(labels, kinds), set())
     turn = Turn(tell, number, len(in_turn), share, far)
     alike: list[Named] = []
@@ -380,19 +385,28 @@ def _after(
         named = joined(named, begun, found.trials, kinds)
     if not (how.quick or (number and tell.hurries)):
         alone = [one for one in down.opened if label_of(one.effect) == down.begins]
-        likely = alone or foremost(down.opened, labels)
+        likely = pieces.told or alone or foremost(down.opened, labels)
         named = shot_too(before, likely, named, trials, kinds, turn)
     if number == 0:
         found.named, found.tried, found.alike = tuple(named), tuple(tried), tuple(alike)
         if named and named[0].fit.chi2_in_band > FAR_OFF:
             # What explains how records begin is one of two, though more may be left by it.
-            named = [one for one in named if begins(one, down.begins, bent)] or named
+            right = pieces.begins or down.begins
+            named = [one for one in named if begins(one, right, bent)] or named
     return _accepted(found, before, named, how, trials, pulled=pulled)
 
 
 def _on_beginnings(tell: Watch, share: float) -> Callable[[], bool]:
     def late() -> bool:
         tell("fitting laws to how the records begin", share + 0.2)
+        return tell.hurries
+
+    return late
+
+
+def _on_pieces(tell: Watch, share: float) -> Callable[[], bool]:
+    def late() -> bool:
+        tell("fitting laws to pieces of the records", share + 0.06)
         return tell.hurries
 
     return late

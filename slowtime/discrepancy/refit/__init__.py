@@ -1,7 +1,7 @@
 """A plant and records in; the constants that explain them best, and what is left, out."""
 
 from .fit import Fit, refit
-from .pieces import first_swings, pieces, shot, slowest_hz
+from .pieces import begun_by, first_swings, loudest, pieces, shot, slowest_hz
 from .prior import UNCLAIMED, Prior, prior_of
 from .solve import WRONG, GivenUp
 from .starts import size_of, state_from_many, state_heard
@@ -14,7 +14,9 @@ __all__ = [
     "GivenUp",
     "Prior",
     "Weights",
+    "begun_by",
     "first_swings",
+    "loudest",
     "pieces",
     "prior_of",
     "refit",

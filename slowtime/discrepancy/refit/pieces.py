@@ -42,6 +42,7 @@ def shot(
     noise: Noise,
     values: Float[np.ndarray, " parameter"],
     late: Callable[[], bool] | None = None,
+    beat: float | None = None,
 ) -> tuple[Fit, list[State]]:
     """Fit pieces of records; give that fit, and the first state of each record.
 
@@ -53,6 +54,8 @@ def shot(
         To start from.
     late
         Once true, `GivenUp` is raised.
+    beat
+        A cost to come near; where it will not, that is the end.
     """
     cut, origin = pieces(plant, trials)
     own = noise.of(origin)
@@ -73,8 +76,9 @@ def shot(
             alone = own.of([i])
             starts[i] = state_from_many(plant, cut[i], alone, values, starts[i], size)
     found = refit(
-        plant, cut, noise=own, values=values, states=starts, horizons=(1.0,), late=late
-    )
+        plant, cut, noise=own, values=values, states=starts, horizons=(1.0,), beat=beat,
+        late=late,
+    )  # fmt: skip
     return found, [found.states[origin.index(i)] for i in range(len(trials))]
 
 
@@ -130,6 +134,40 @@ def first_swings(plant: Plant, trials: Sequence[Trial]) -> tuple[Trial, ...]:
         swings = int(SWINGS / lowest * trial.rate_hz) if lowest else whole
         found.append(trial.part(0, min(max(swings, FEWEST), whole)))
     return tuple(found)
+
+
+def loudest(plant: Plant, trials: Sequence[Trial], count: int) -> tuple[Trial, ...]:
+    """Cut the part out of each record in which most moves, as long as so many pieces."""
+    lowest = slowest_hz(plant)
+    found = []
+    for trial in trials:
+        whole = len(trial.outputs)
+        length = int(count * PERIODS / lowest * trial.rate_hz) if lowest else whole
+        length = min(max(length, FEWEST), whole)
+        size = np.maximum(np.std(trial.measured, axis=0), np.finfo(float).tiny)
+        power = np.sum((trial.measured / size) ** 2, axis=1)
+        so_far = np.concatenate([[0.0], np.cumsum(power)])
+        first = int(np.argmax(so_far[length:] - so_far[: whole - length + 1]))
+        found.append(trial.part(first, first + length))
+    return tuple(found)
+
+
+def begun_by(
+    plant: Plant,
+    trials: Sequence[Trial],
+    noise: Noise,
+    values: Float[np.ndarray, " parameter"],
+) -> list[State]:
+    """Give the first state of each record, as its first few periods tell it."""
+    cut, origin = pieces(plant, trials)
+    firsts = [origin.index(number) for number in range(len(trials))]
+    rest = np.zeros(len(plant.state_names))
+    return [
+        _told(
+            plant, cut[i], noise.of([number]), values, state_heard(plant, cut[i], rest)
+        ).states[0]
+        for number, i in enumerate(firsts)
+    ]
 
 
 def slowest_hz(plant: Plant) -> float:

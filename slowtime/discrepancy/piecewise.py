@@ -1,0 +1,235 @@
+"""Laws of which no long run comes near, in; those that explain the records piece by piece, out.
+
+Where a law is strong, or one of several, the run without it is soon another motion: what it
+leaves, and the force that would make up for that, tell little, and the run with the right law,
+begun from there, ends in a minimum of its own. Over a few periods there is one minimum only.
+So the likeliest laws are fitted to pieces of the loudest part of each record.
+"""
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+import numpy as np
+
+from slowtime.dynamics.effects import Effect, Hidden, Kind, Unmeasured
+
+from .adding import begun_with, effects_of, with_effect
+from .candidates import Candidate, Label, Start, label_of
+from .further import FAR_OFF
+from .locate import Located
+from .naming import Named
+from .records import Trial
+from .refit import Fit, GivenUp, begun_by, loudest, shot
+from .values import with_values
+
+FEW, MORE = 4, 12
+"""Pieces of each record to which all are fitted, and those that explain most of these."""
+REACH = 1.5
+"""Times what a force at the best place leaves, within which laws are tried at others."""
+AT_ONE, MOST = 4, 14
+"""Laws that are tried at one place, and in all."""
+TELLS = 0.45
+"""Share of what is left of the pieces without it that a law may leave which is there."""
+BESIDE, AS_WELL = 2.0, 3
+"""Times what the best leaves, within which a law is fitted to more pieces, and to the end; how
+many such there may be."""
+KEPT = 2
+"""Laws that are given."""
+
+
+class Piecewise:
+    """Gives the laws that leave least of the records, piece by piece, once.
+
+    Parameters
+    ----------
+    before
+        The fit without them, its constants held to their tolerances.
+    tried, labels
+        Laws with what they explain of the force, the best first; those that are tried anyway.
+    late
+        Once true, there are none.
+    """
+
+    def __init__(
+        self,
+        before: Fit,
+        tried: Sequence[Candidate],
+        labels: Sequence[Candidate],
+        located: Located,
+        trials: Sequence[Trial],
+        kinds: Mapping[str, Kind],
+        late: Callable[[], bool],
+    ) -> None:
+        self._before, self._tried, self._labels = before, tried, labels
+        self._located, self._trials, self._kinds, self._late = located, trials, kinds, late
+        self._asked = False
+        self.told: list[Candidate] = []
+
+    @property
+    def begins(self) -> Label | None:
+        """The law that explains the pieces best, where one does."""
+        return label_of(self.told[0].effect) if self.told else None
+
+    def at_once(self) -> list[Candidate]:
+        """Give them before anything was refitted, where no force explains what is missing."""
+        least = min((one.cost for one in self._labels), default=0.0)
+        return self._tell() if least > FAR_OFF * self._before.data else []
+
+    def __call__(self, found: Sequence[Named]) -> list[Candidate]:
+        """Give them where what was refitted explains little."""
+        least = min((one.fit.chi2_in_band for one in found), default=math.inf)
+        return self._tell() if least > FAR_OFF else []
+
+    def _tell(self) -> list[Candidate]:
+        if self._asked or self._late():
+            return []
+        self._asked = True
+        reach = min((one.cost for one in self._labels), default=math.inf)
+        # What is left of pieces is no measure for what a law leaves along a force.
+        self.told = [
+            dataclasses.replace(one, cost=min(one.cost, reach))
+            for one in piecewise(
+                self._before, self._tried, self._labels, self._located, self._trials,
+                self._kinds, self._late,
+            )
+        ]  # fmt: skip
+        return self.told
+
+
+def piecewise(
+    before: Fit,
+    tried: Sequence[Candidate],
+    labels: Sequence[Candidate],
+    located: Located,
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+    late: Callable[[], bool],
+) -> list[Candidate]:
+    """Give the laws that leave least of the records, piece by piece, the best first.
+
+    Each with what it, and the model without it, would leave of the records were they all as
+    those pieces are. None where each leaves about half of that, or more.
+
+    Parameters
+    ----------
+    before
+        The fit without them.
+    tried, labels
+        Laws with what they explain of the force, the best first; those that are tried anyway.
+    late
+        Once true, there are none.
+    """
+    some = _some(tried, labels, located, kinds)
+    found: list[tuple[Candidate, Fit]] = []
+    for count in (FEW, MORE):
+        parts = loudest(before.plant, trials, count)
+        try:
+            bare = _shot(before, None, parts, kinds, late)
+            found = _fitted(before, some, bare, parts, kinds, late)
+        except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
+            return []
+        if not found:
+            return []
+        most = BESIDE * found[0][0].cost
+        some = [one for one, _ in found if one.cost <= most][:AS_WELL]
+    return [_started(before, one, fit, trials) for one, fit in found[:KEPT]]
+
+
+def _some(
+    tried: Sequence[Candidate],
+    labels: Sequence[Candidate],
+    located: Located,
+    kinds: Mapping[str, Kind],
+) -> list[Candidate]:
+    """Give the likeliest laws, those at the best places first."""
+    most = REACH * located.groups[0].left
+    places = [p for g in located.groups if g.left <= most for p in g.places]
+    at = {place: [one for one in tried if one.effect.place == place] for place in places}
+    found: dict[Label, Candidate] = {}
+    for one in [*labels, *(one for own in at.values() for one in own[:AT_ONE])]:
+        if len(found) < MOST and not _rides(kinds[one.effect.kind]):
+            found.setdefault(label_of(one.effect), one)
+    return list(found.values())
+
+
+def _rides(kind: Kind) -> bool:
+    """Whether a kind swings by itself: from a new state in each piece, it explains anything."""
+    return isinstance(kind.action, Unmeasured) or bool(
+        isinstance(kind.action, Hidden) and kind.action.coordinates
+    )
+
+
+def _fitted(
+    before: Fit,
+    labels: Sequence[Candidate],
+    bare: Fit,
+    parts: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+    late: Callable[[], bool],
+) -> list[tuple[Candidate, Fit]]:
+    """Fit each law to the pieces; give those that explain them, the best first."""
+    found: dict[Label, tuple[Candidate, Fit]] = {}
+    least = TELLS * bare.cost
+    for label in labels:
+        for effect in _sides(label.effect, kinds):
+            if late():
+                break
+            try:
+                fit = _shot(before, effect, parts, kinds, late, BESIDE * least)
+            except (np.linalg.LinAlgError, FloatingPointError):
+                continue
+            known = found.get(label_of(effect))
+            if not math.isfinite(fit.cost) or (known and known[1].cost <= fit.cost):
+                continue
+            least = min(least, fit.cost)
+            one = dataclasses.replace(
+                label,
+                effect=_settled(before, effect, fit),
+                cost=fit.chi2_in_band * before.data,
+                bare=bare.chi2_in_band * before.data,
+            )
+            found[label_of(effect)] = one, fit
+    telling = (pair for pair in found.values() if pair[0].cost < TELLS * pair[0].bare)
+    return sorted(telling, key=lambda pair: pair[0].cost)
+
+
+def _sides(effect: Effect, kinds: Mapping[str, Kind]) -> Iterator[Effect]:
+    """Give an effect with every choice that is not fitted: the motion tells which it is."""
+    own = kinds[effect.kind].parameters
+    names = [p.name for p in own if p.choices]
+    for chosen in itertools.product(*(p.choices for p in own if p.choices)):
+        parameters = dict(effect.parameters) | dict(zip(names, chosen, strict=True))
+        yield dataclasses.replace(effect, parameters=parameters)
+
+
+def _shot(
+    before: Fit,
+    effect: Effect | None,
+    parts: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+    late: Callable[[], bool],
+    beat: float | None = None,
+) -> Fit:
+    """Fit pieces, with one more effect or none, from what the model claims of its constants."""
+    plant = before.plant if effect is None else begun_with(before, effect, kinds)[0]
+    values = np.array([entry.value for entry in plant.entries.values()])
+    return shot(plant, parts, before.noise, values, late, beat)[0]
+
+
+def _settled(before: Fit, effect: Effect, fit: Fit) -> Effect:
+    described = with_effect(before.plant.description, effect)
+    values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
+    return effects_of(with_values(described, values))[-1]
+
+
+def _started(before: Fit, one: Candidate, fit: Fit, trials: Sequence[Trial]) -> Candidate:
+    """Say where the free run may begin."""
+    plant = fit.plant
+    values = dict(zip(plant.parameters, fit.values.tolist(), strict=True))
+    states = begun_by(plant, trials, before.noise, fit.values)
+    names = plant.state_names
+    begun = [dict(zip(names, state.tolist(), strict=True)) for state in states]
+    constants = {name: value for name, value in values.items() if len(name) == 2}
+    return dataclasses.replace(one, start=Start(constants, begun, nearby=True))
