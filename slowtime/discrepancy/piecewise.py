@@ -17,7 +17,7 @@ from slowtime.dynamics.effects import Effect, Hidden, Kind, Unmeasured
 
 from .adding import begun_with, effects_of, with_effect
 from .candidates import Candidate, Label, Start, label_of
-from .further import FAR_OFF
+from .further import FAR_OFF, IN_PIECES
 from .locate import Located
 from .naming import Named
 from .records import Trial
@@ -68,6 +68,13 @@ class Piecewise:
         self.told: list[Candidate] = []
 
     @property
+    def whole(self) -> list[Candidate]:
+        """Those, where the best leaves no more than noise: what is missing is only that."""
+        most = IN_PIECES * self._before.data
+        alone = bool(self.told) and self.told[0].cost < most
+        return [dataclasses.replace(one, start=None) for one in self.told if alone]
+
+    @property
     def begins(self) -> Label | None:
         """The law that explains the pieces best, where one does."""
         return label_of(self.told[0].effect) if self.told else None
@@ -87,15 +94,12 @@ class Piecewise:
             return []
         self._asked = True
         reach = min((one.cost for one in self._labels), default=math.inf)
+        self.told = piecewise(
+            self._before, self._tried, self._labels, self._located, self._trials, self._kinds,
+            self._late,
+        )  # fmt: skip
         # What is left of pieces is no measure for what a law leaves along a force.
-        self.told = [
-            dataclasses.replace(one, cost=min(one.cost, reach))
-            for one in piecewise(
-                self._before, self._tried, self._labels, self._located, self._trials,
-                self._kinds, self._late,
-            )
-        ]  # fmt: skip
-        return self.told
+        return [dataclasses.replace(one, cost=min(one.cost, reach)) for one in self.told]
 
 
 def piecewise(

@@ -385,7 +385,8 @@ def _after(
         named = joined(named, begun, found.trials, kinds)
     if not (how.quick or (number and tell.hurries)):
         alone = [one for one in down.opened if label_of(one.effect) == down.begins]
-        likely = pieces.told or alone or foremost(down.opened, labels)
+        likely = alone or foremost(down.opened, labels)
+        likely = pieces.whole if pieces.told else likely
         named = shot_too(before, likely, named, trials, kinds, turn)
     if number == 0:
         found.named, found.tried, found.alike = tuple(named), tuple(tried), tuple(alike)
