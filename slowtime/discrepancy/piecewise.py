@@ -28,8 +28,8 @@ FEW, MORE = 4, 12
 """Pieces of each record to which all are fitted, and those that explain most of these."""
 REACH = 1.5
 """Times what a force at the best place leaves, within which laws are tried at others."""
-AT_ONE, MOST = 4, 14
-"""Laws that are tried at one place, and in all."""
+AT_ONE, ALONE, MOST = 4, 8, 14
+"""Laws that are tried at one of several places, at the only one, and in all."""
 TELLS = 0.45
 """Share of what is left of the pieces without it that a law may leave which is there."""
 BESIDE, AS_WELL = 2.0, 3
@@ -151,8 +151,9 @@ def _some(
     most = REACH * located.groups[0].left
     places = [p for g in located.groups if g.left <= most for p in g.places]
     at = {place: [one for one in tried if one.effect.place == place] for place in places}
+    own = max(AT_ONE, ALONE // len(places))
     found: dict[Label, Candidate] = {}
-    for one in [*labels, *(one for own in at.values() for one in own[:AT_ONE])]:
+    for one in [*labels, *(one for there in at.values() for one in there[:own])]:
         if len(found) < MOST and not _rides(kinds[one.effect.kind]):
             found.setdefault(label_of(one.effect), one)
     return list(found.values())

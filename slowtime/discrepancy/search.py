@@ -386,7 +386,10 @@ def _after(
     if not (how.quick or (number and tell.hurries)):
         alone = [one for one in down.opened if label_of(one.effect) == down.begins]
         likely = alone or foremost(down.opened, labels)
-        likely = pieces.whole if pieces.told else likely
+        if pieces.told:
+            # A law that is right, and loses its way in a whole record, is fitted to all pieces.
+            lost = bool(named) and named[0].fit.chi2_in_band > LOST
+            likely = pieces.whole if lost else []
         named = shot_too(before, likely, named, trials, kinds, turn)
     if number == 0:
         found.named, found.tried, found.alike = tuple(named), tuple(tried), tuple(alike)

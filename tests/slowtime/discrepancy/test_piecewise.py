@@ -1,0 +1,233 @@
+"""Pieces of the records tell a law that neither a force nor a long run tells."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+
+from slowtime.discrepancy import piecewise as module
+from slowtime.discrepancy.candidates import candidates, label_of
+from slowtime.discrepancy.diagnose import diagnose
+from slowtime.discrepancy.further import FAR_OFF, IN_PIECES
+from slowtime.discrepancy.locate import locate
+from slowtime.discrepancy.naming import Named
+from slowtime.discrepancy.piecewise import AS_WELL, KEPT, MOST, TELLS, Piecewise, piecewise
+from slowtime.discrepancy.records import Campaign, Trial
+from slowtime.discrepancy.refit import begun_by, loudest, pieces, refit, shot
+from slowtime.discrepancy.unbent import unbent
+from slowtime.dynamics.effects import Effect, Place, catalogue
+from slowtime.dynamics.plant import Plant
+from tests.slowtime.discrepancy.test_downward import EVERY, GROUND, MIDDLE, TOP, recorded
+
+NAMES = (
+    "quadratic_stiffness", "cubic_hardening", "gap_symmetric", "gap_one_sided",
+    "quadratic_damping", "viscous_damping", "stiffness_loss", "extra_dof", "harmonic_force",
+)  # fmt: skip
+KINDS = {name: kind for name, kind in catalogue().items() if name in NAMES}
+SOFT = Effect("quadratic_stiffness", MIDDLE, {"k2_n_per_m2": -2.5e3})
+STOP = Effect("gap_one_sided", GROUND, {"kg_n_per_m": 4000.0, "gap_m": 0.01, "side": -1.0})
+HARD = Effect("cubic_hardening", TOP, {"k3_n_per_m3": 3e6})
+DAMPED = Effect("quadratic_damping", GROUND, {"c2_n_s2_per_m2": 300.0})
+TONE = Effect(
+    "harmonic_force", Place("node", "m1"),
+    {"amplitude_n": 6.0, "frequency_hz": 3.1, "phase_rad": 0.4},
+)  # fmt: skip
+
+
+def never():
+    return False
+
+
+@dataclasses.dataclass(frozen=True)
+class Lacking:
+    """A model without what its records show, and what a force says of that."""
+
+    before: object
+    trials: tuple[Trial, ...]
+    located: object
+    tried: list
+
+    def told(self, tried=None, labels=None, late=never):
+        some = self.tried if tried is None else tried
+        first = some[:3] if labels is None else labels
+        return piecewise(self.before, some, first, self.located, self.trials, KINDS, late)
+
+
+def lacking(*effects, level=8.0):
+    trials = recorded(EVERY, effects, level=level, seconds=20.0)
+    before = unbent(refit(Plant.of(EVERY, kinds=KINDS), trials), trials)
+    located = locate(before, trials)
+    return Lacking(before, trials, located, candidates(before, located, KINDS))
+
+
+@pytest.fixture(scope="module")
+def soft():
+    return lacking(SOFT, level=4.0)
+
+
+@pytest.fixture(scope="module")
+def stop():
+    return lacking(STOP)
+
+
+@pytest.mark.parametrize(
+    ("effect", "level"), [(SOFT, 4.0), (STOP, 8.0), (HARD, 8.0), (HARD, 2.0), (DAMPED, 8.0)]
+)
+def test_pieces_tell_a_strong_law_and_how_strong_it_is(effect, level):
+    given = lacking(effect, level=level)
+    best, *others = given.told()
+    assert label_of(best.effect) == label_of(effect)
+    assert best.cost < 1.2 * given.before.data
+    assert best.bare > FAR_OFF * given.before.data
+    assert len(others) < KEPT
+    for name, value in effect.parameters.items():
+        assert best.effect.parameters[name] == pytest.approx(value, rel=0.03)
+    # From there the whole of the records is in the basin of the right minimum.
+    claimed = dict(zip(given.before.plant.parameters, given.before.plant.values, strict=True))
+    for name, value in best.start.constants.items():
+        assert value == pytest.approx(claimed[name], rel=0.1)
+    assert best.start.nearby
+    assert len(best.start.states) == len(given.trials)
+
+
+def test_a_law_on_the_wrong_side_is_tried_on_the_other(stop):
+    (right,) = [one for one in stop.tried if label_of(one.effect) == label_of(STOP)]
+    for side in (1.0, -1.0):
+        parameters = dict(right.effect.parameters) | {"side": side}
+        guessed = dataclasses.replace(
+            right, effect=dataclasses.replace(right.effect, parameters=parameters)
+        )
+        (told,) = stop.told([guessed])
+        assert told.effect.parameters["side"] == -1.0
+
+
+def test_where_the_right_law_is_not_tried_nothing_is_told(stop):
+    others = [
+        one for one in stop.tried if one.effect.kind in ("viscous_damping", "stiffness_loss")
+    ]
+    assert others
+    assert stop.told(others) == []
+    assert stop.told([], []) == []
+
+
+def test_what_swings_by_itself_is_not_tried(monkeypatch):
+    given = lacking(TONE, level=1.0)
+    kinds = {one.effect.kind for one in given.tried}
+    assert "extra_dof" in kinds
+    riding = [one for one in given.tried if one.effect.kind == "extra_dof"]
+    assert given.told(riding, riding) == []
+    assert {one.effect.kind for one in given.told()} == {"harmonic_force"}
+
+
+def test_the_stronger_of_two_is_told_alone():
+    given = lacking(STOP, dataclasses.replace(DAMPED, place=TOP))
+    best = given.told()[0]
+    assert label_of(best.effect) == label_of(STOP)
+    assert IN_PIECES * given.before.data < best.cost < TELLS * best.bare
+
+
+def test_nothing_is_told_once_it_is_late(stop):
+    counts = itertools.count()
+    assert stop.told(late=lambda: True) == []
+    assert stop.told(late=lambda: next(counts) > 40) == []
+    assert next(counts) > 40
+
+
+def test_few_are_tried_and_fewer_are_fitted_to_more_pieces(stop, monkeypatch):
+    fits = []
+
+    def counted(before, effect, parts, *args):
+        fits.append((effect and label_of(effect), len(parts[0].outputs)))
+        return fitted(before, effect, parts, *args)
+
+    fitted = module._shot
+    monkeypatch.setattr(module, "_shot", counted)
+    stop.told()
+    short, long = sorted({length for _, length in fits})
+    first = {label for label, length in fits if length == short}
+    then = {label for label, length in fits if length == long}
+    assert len(first - {None}) <= MOST
+    assert len(then - {None}) <= AS_WELL
+    assert then < first
+    assert {None} < then
+
+
+def asked(given, labels):
+    """Laws that are told by pieces; beside those that are refitted anyway."""
+    return Piecewise(
+        given.before, given.tried, labels, given.located, given.trials, KINDS, never
+    )
+
+
+def left(fit, chi2):
+    return [Named(STOP, None, dataclasses.replace(fit, chi2_in_band=chi2), 0.0)]
+
+
+def test_pieces_are_asked_once_where_no_force_explains_what_is_missing(stop):
+    data = stop.before.data
+    near = [dataclasses.replace(stop.tried[0], cost=0.9 * FAR_OFF * data)]
+    far = [dataclasses.replace(stop.tried[0], cost=1.1 * FAR_OFF * data)]
+    assert asked(stop, []).at_once() == []
+    assert asked(stop, near).at_once() == []
+    pieced = asked(stop, far)
+    assert pieced.begins is None
+    (told,) = pieced.at_once()
+    assert pieced.begins == label_of(told.effect) == label_of(STOP)
+    assert pieced.at_once() == pieced([]) == []
+
+
+def test_or_where_what_was_refitted_explains_little(stop):
+    near = [dataclasses.replace(stop.tried[0], cost=0.01 * stop.before.data)]
+    pieced = asked(stop, near)
+    assert pieced(left(stop.before, 0.9 * FAR_OFF)) == []
+    (told,) = pieced(left(stop.before, 1.1 * FAR_OFF))
+    # It comes as early as the best along the force does.
+    assert told.cost == near[0].cost < pieced.told[0].cost
+    assert [one.start for one in pieced.whole] == [None]
+
+
+def test_what_leaves_more_than_noise_of_pieces_is_not_all_there_is():
+    given = lacking(STOP, dataclasses.replace(DAMPED, place=TOP))
+    pieced = asked(given, given.tried[:3])
+    assert pieced([])
+    assert pieced.whole == []
+
+
+def test_a_diagnosis_begins_with_what_the_pieces_tell():
+    trials = recorded(EVERY, (STOP,), level=8.0, seconds=20.0)
+    (told,) = diagnose(Campaign(description=EVERY, trials=trials), kinds=KINDS).effects
+    assert label_of(told.effect) == label_of(STOP)
+    assert told.effect.parameters["kg_n_per_m"] == pytest.approx(4000.0, rel=0.02)
+
+
+def test_the_loudest_part_of_each_record_is_as_long_as_its_pieces():
+    plant = Plant.of(EVERY)
+    rng = np.random.default_rng(1)
+    outputs = rng.standard_normal((4000, 3))
+    outputs[2500:2900] *= 10.0
+    trial = Trial(inputs=np.zeros((4000, 1)), outputs=outputs, rate_hz=80.0, start_s=7.0)
+    (part,) = loudest(plant, (trial,), 2)
+    assert 2500 <= round((part.start_s - 7.0) * 80.0) < 2900
+    assert len(pieces(plant, (part,))[0]) == 2
+    (whole,) = loudest(plant, (trial,), 10**4)
+    np.testing.assert_array_equal(whole.outputs, outputs)
+
+
+def test_records_begin_as_their_first_periods_tell(stop):
+    plant = Plant.of(dataclasses.replace(EVERY, effects=(STOP.entry(),)), kinds=KINDS)
+    moved = np.array([0.01, 0.005, -0.01, 0.1, -0.2, 0.3])
+    trials = []
+    for trial in stop.trials:
+        seen = plant.simulate(plant.values, trial.inputs, trial.rate_hz, state0=moved)
+        trials.append(dataclasses.replace(trial, outputs=seen, use=None))
+    for state in begun_by(plant, trials, stop.before.noise, plant.values):
+        np.testing.assert_allclose(state, moved, atol=1e-3)
+
+
+def test_a_law_that_will_not_come_near_is_not_fitted_to_the_end(stop):
+    plant = stop.before.plant
+    parts = loudest(plant, stop.trials, 4)
+    full, _ = shot(plant, parts, stop.before.noise, plant.values)
+    cut, _ = shot(plant, parts, stop.before.noise, plant.values, beat=full.cost / 1e3)
+    assert cut.cost >= full.cost
