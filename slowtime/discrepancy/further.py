@@ -19,7 +19,7 @@ from .refit import Fit
 
 FAR_OFF = 5.0
 """Mean square over the noise, in band, that no right law leaves."""
-IN_PIECES = 1.5
+IN_PIECES = 2.0
 """The same that the right law leaves of short pieces."""
 FOREMOST = 2
 """Labels of a ranking that are fitted so."""

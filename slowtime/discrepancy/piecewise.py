@@ -30,8 +30,9 @@ REACH = 1.5
 """Times what a force at the best place leaves, within which laws are tried at others."""
 AT_ONE, ALONE, MOST = 4, 8, 14
 """Laws that are tried at one of several places, at the only one, and in all."""
-TELLS = 0.45
-"""Share of what is left of the pieces without it that a law may leave which is there."""
+HINTS, TELLS = 0.6, 0.45
+"""Share of what is left of few pieces, and of more, without it, that a law may leave which is
+there."""
 BESIDE, AS_WELL = 2.0, 3
 """Times what the best leaves, within which a law is fitted to more pieces, and to the end; how
 many such there may be."""
@@ -127,17 +128,17 @@ def piecewise(
     """
     some = _some(tried, labels, located, kinds)
     found: list[tuple[Candidate, Fit]] = []
-    for count in (FEW, MORE):
+    for count, most in ((FEW, HINTS), (MORE, TELLS)):
         parts = loudest(before.plant, trials, count)
         try:
             bare = _shot(before, None, parts, kinds, late)
-            found = _fitted(before, some, bare, parts, kinds, late)
+            found = _fitted(before, some, bare, most, parts, kinds, late)
         except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
             return []
         if not found:
             return []
-        most = BESIDE * found[0][0].cost
-        some = [one for one, _ in found if one.cost <= most][:AS_WELL]
+        near = BESIDE * found[0][0].cost
+        some = [one for one, _ in found if one.cost <= near][:AS_WELL]
     return [_started(before, one, fit, trials) for one, fit in found[:KEPT]]
 
 
@@ -170,13 +171,20 @@ def _fitted(
     before: Fit,
     labels: Sequence[Candidate],
     bare: Fit,
+    most: float,
     parts: Sequence[Trial],
     kinds: Mapping[str, Kind],
     late: Callable[[], bool],
 ) -> list[tuple[Candidate, Fit]]:
-    """Fit each law to the pieces; give those that explain them, the best first."""
+    """Fit each law to the pieces; give those that explain them, the best first.
+
+    Parameters
+    ----------
+    bare, most
+        The fit to these without a law, and the share of that which one may leave.
+    """
     found: dict[Label, tuple[Candidate, Fit]] = {}
-    least = TELLS * bare.cost
+    least = most * bare.cost
     for label in labels:
         for effect in _sides(label.effect, kinds):
             if late():
@@ -196,7 +204,7 @@ def _fitted(
                 bare=bare.chi2_in_band * before.data,
             )
             found[label_of(effect)] = one, fit
-    telling = (pair for pair in found.values() if pair[0].cost < TELLS * pair[0].bare)
+    telling = (pair for pair in found.values() if pair[0].cost < most * pair[0].bare)
     return sorted(telling, key=lambda pair: pair[0].cost)
 
 

@@ -395,8 +395,11 @@ def _after(
         found.named, found.tried, found.alike = tuple(named), tuple(tried), tuple(alike)
         if named and named[0].fit.chi2_in_band > FAR_OFF:
             # What explains how records begin is one of two, though more may be left by it.
-            right = pieces.begins or down.begins
-            named = [one for one in named if begins(one, right, bent)] or named
+            named = (
+                [one for one in named if label_of(one.effect) == pieces.begins]
+                or [one for one in named if begins(one, down.begins, bent)]
+                or named
+            )
     return _accepted(found, before, named, how, trials, pulled=pulled)
 
 
