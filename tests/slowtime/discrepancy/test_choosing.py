@@ -55,16 +55,37 @@ def test_what_stands_out_among_several_is_told_before_the_others(at, left, leave
     assert not begun_with([], before, shown)
 
 
-@pytest.mark.parametrize("stands_out", [True, False])
-def test_where_one_stands_out_no_law_is_tried_on_how_records_begin(monkeypatch, stands_out):
+class Told:
+    """Stands for what pieces of the records tell: nothing, or what it is given."""
+
+    begins, whole = None, ()
+
+    def __init__(self, told):
+        self.told = told
+
+    def at_once(self):
+        return []
+
+    def __call__(self, found):
+        return []
+
+
+@pytest.mark.parametrize(
+    ("stands_out", "told", "down"), [(True, [], False), (False, [], True), (False, [1], False)],
+    ids=["stands out", "nothing tells", "pieces tell"],
+)  # fmt: skip
+def test_where_one_stands_out_no_law_is_tried_on_how_records_begin(
+    monkeypatch, stands_out, told, down
+):
     asked = []
 
-    def down(_, found):
+    def looked(_, found):
         asked.append(found)
         return []
 
     monkeypatch.setattr(searching, "begun_with", lambda *_: stands_out)
-    monkeypatch.setattr(Downward, "__call__", down)
+    monkeypatch.setattr(searching, "Piecewise", lambda *_: Told(told))
+    monkeypatch.setattr(Downward, "__call__", looked)
     trials = seen((CUBIC, DRAG))
     search(refit(Plant.of(TWO, kinds=KINDS), trials), trials, Search(KINDS, Watch()))
-    assert bool(asked) is not stands_out
+    assert bool(asked) is down
