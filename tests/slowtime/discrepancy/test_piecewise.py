@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy import piecewise as module
-from slowtime.discrepancy.candidates import candidates, label_of
+from slowtime.discrepancy.candidates import Candidate, candidates, label_of
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.further import FAR_OFF, IN_PIECES
-from slowtime.discrepancy.locate import locate
+from slowtime.discrepancy.locate import Located, locate
 from slowtime.discrepancy.naming import Named
 from slowtime.discrepancy.piecewise import AS_WELL, KEPT, MOST, TELLS, Piecewise, piecewise
 from slowtime.discrepancy.records import Campaign, Trial
-from slowtime.discrepancy.refit import begun_by, loudest, pieces, refit, shot
+from slowtime.discrepancy.refit import Fit, begun_by, loudest, pieces, refit, shot
 from slowtime.discrepancy.unbent import unbent
 from slowtime.dynamics.effects import Effect, Place, catalogue
 from slowtime.dynamics.plant import Plant
@@ -43,10 +43,10 @@ def never():
 class Lacking:
     """A model without what its records show, and what a force says of that."""
 
-    before: object
+    before: Fit
     trials: tuple[Trial, ...]
-    located: object
-    tried: list
+    located: Located
+    tried: list[Candidate]
 
     def told(self, tried=None, labels=None, late=never):
         some = self.tried if tried is None else tried
@@ -176,10 +176,11 @@ def test_pieces_are_asked_once_where_no_force_explains_what_is_missing(stop):
     assert asked(stop, []).at_once() == []
     assert asked(stop, near).at_once() == []
     pieced = asked(stop, far)
-    assert pieced.begins is None
+    assert not pieced.told
     (told,) = pieced.at_once()
     assert pieced.begins == label_of(told.effect) == label_of(STOP)
     assert pieced.at_once() == pieced([]) == []
+    assert asked(stop, []).begins is None
 
 
 def test_or_where_what_was_refitted_explains_little(stop):
