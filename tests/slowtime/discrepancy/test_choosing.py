@@ -89,3 +89,42 @@ def test_where_one_stands_out_no_law_is_tried_on_how_records_begin(
     trials = seen((CUBIC, DRAG))
     search(refit(Plant.of(TWO, kinds=KINDS), trials), trials, Search(KINDS, Watch()))
     assert bool(asked) is down
+
+
+@pytest.mark.parametrize(("left", "whole"), [(20.0, []), (50.0, [label_of(DRAG)])])
+def test_what_pieces_tell_comes_first_and_is_fitted_to_all_where_it_is_lost(
+    monkeypatch, left, whole
+):
+    trials = seen((CUBIC, DRAG))
+    fit = refit(Plant.of(TWO, kinds=KINDS), trials)
+    shown = [
+        Named(effect, TWO, dataclasses.replace(fit, chi2_in_band=chi2), 0.0)
+        for effect, chi2 in ((CUBIC, left), (DRAG, 2 * left))
+    ]
+    fitted, given = [], []
+
+    class Pieced(Told):
+        """Tells the one that leaves more of the whole."""
+
+        begins = label_of(DRAG)
+
+        def __init__(self, *_):
+            super().__init__([Candidate(DRAG, 0.0, 0.0, 0.0)])
+            self.whole = self.told
+
+    def shot(before, labels, named, *_):
+        fitted.extend(label_of(one.effect) for one in labels)
+        return list(named)
+
+    def accept(found, before, named, *_, **more):
+        given.extend(label_of(one.effect) for one in named)
+        return False
+
+    monkeypatch.setattr(searching, "Piecewise", Pieced)
+    monkeypatch.setattr(searching, "shot_too", shot)
+    monkeypatch.setattr(searching, "accept", accept)
+    monkeypatch.setattr(searching, "loosened", lambda *_: None)
+    monkeypatch.setattr(searching, "refit_all", lambda *_, **more: shown)
+    search(fit, trials, Search(KINDS, Watch()))
+    assert given[0] == label_of(DRAG)
+    assert fitted == whole

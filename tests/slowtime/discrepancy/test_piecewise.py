@@ -6,12 +6,13 @@ import itertools
 import numpy as np
 import pytest
 
+from slowtime.discrepancy import naming
 from slowtime.discrepancy import piecewise as module
 from slowtime.discrepancy.candidates import Candidate, candidates, label_of
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.further import FAR_OFF, IN_PIECES
 from slowtime.discrepancy.locate import Located, locate
-from slowtime.discrepancy.naming import Named
+from slowtime.discrepancy.naming import GRADUALLY, SWIFTLY, Named, refit_all
 from slowtime.discrepancy.piecewise import AS_WELL, KEPT, MOST, TELLS, Piecewise, piecewise
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refit import Fit, begun_by, loudest, pieces, refit, shot
@@ -236,3 +237,17 @@ def test_a_law_that_will_not_come_near_is_not_fitted_to_the_end(stop):
     full, _ = shot(plant, parts, stop.before.noise, plant.values)
     cut, _ = shot(plant, parts, stop.before.noise, plant.values, beat=full.cost / 1e3)
     assert cut.cost >= full.cost
+
+
+def test_what_parts_of_records_told_is_fitted_to_growing_shares_of_them(stop, monkeypatch):
+    shares = []
+
+    def refitted(*_, horizons, **more):
+        shares.append(horizons)
+
+    monkeypatch.setattr(naming, "refitted", refitted)
+    (told,) = stop.told()
+    for nearby in (True, False):
+        label = dataclasses.replace(told, start=dataclasses.replace(told.start, nearby=nearby))
+        refit_all(stop.before, [label], stop.trials, KINDS, lambda *_: False)
+    assert shares == [GRADUALLY, SWIFTLY]
