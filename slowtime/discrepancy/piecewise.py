@@ -128,18 +128,18 @@ def piecewise(
     """
     some = _some(tried, labels, located, kinds)
     found: list[tuple[Candidate, Fit]] = []
-    for count, most in ((FEW, HINTS), (MORE, TELLS)):
-        parts = loudest(before.plant, trials, count)
-        try:
+    try:
+        for count, most in ((FEW, HINTS), (MORE, TELLS)):
+            parts = loudest(before.plant, trials, count)
             bare = _shot(before, None, parts, kinds, late)
             found = _fitted(before, some, bare, most, parts, kinds, late)
-        except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
-            return []
-        if not found:
-            return []
-        near = BESIDE * found[0][0].cost
-        some = [one for one, _ in found if one.cost <= near][:AS_WELL]
-    return [_started(before, one, fit, trials) for one, fit in found[:KEPT]]
+            near = BESIDE * found[0][0].cost if found else 0.0
+            some = [one for one, _ in found if one.cost <= near][:AS_WELL]
+            if not some:
+                break
+        return [_started(before, one, fit, trials) for one, fit in found[:KEPT]]
+    except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
+        return []
 
 
 def _some(
@@ -188,7 +188,7 @@ def _fitted(
     for label in labels:
         for effect in _sides(label.effect, kinds):
             if late():
-                break
+                raise GivenUp
             try:
                 fit = _shot(before, effect, parts, kinds, late, BESIDE * least)
             except (np.linalg.LinAlgError, FloatingPointError):

@@ -163,7 +163,7 @@ def begun_by(
     firsts = [origin.index(number) for number in range(len(trials))]
     rest = np.zeros(len(plant.state_names))
     return [
-        _told(
+        _begun(
             plant, cut[i], noise.of([number]), values, state_heard(plant, cut[i], rest)
         ).states[0]
         for number, i in enumerate(firsts)
@@ -209,14 +209,25 @@ def _followed(
         own = noise.of([number])
         led = state if np.isfinite(state).all() and state.size else rest
         begin = nearest(plant, piece, own, values, [led, state_heard(plant, piece, led)])
-        try:
-            told = _told(plant, piece, own, values, begin)
-        except FloatingPointError:
-            # Led a little astray, it runs over the edge of a well that it stays in.
-            told = _told(plant, piece, own, values, rest)
+        told = _begun(plant, piece, own, values, begin)
         found.append(told.states[0])
         left.append(told.cost / max(told.data, 1))
     return found, left
+
+
+def _begun(
+    plant: Plant,
+    piece: Trial,
+    noise: Noise,
+    values: Float[np.ndarray, " parameter"],
+    begin: State,
+) -> Fit:
+    """Fit a piece by its first state; from rest, where that leads nowhere."""
+    try:
+        return _told(plant, piece, noise, values, begin)
+    except FloatingPointError:
+        # Led a little astray, it runs over the edge of a well that it stays in.
+        return _told(plant, piece, noise, values, 0 * begin)
 
 
 def _told(
