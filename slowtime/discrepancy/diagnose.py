@@ -183,9 +183,14 @@ def _held_at_last(
 
 
 def _leaves_less(found: Found, other: Found) -> bool:
-    """Whether an account explains all, or leaves less than another of the same records."""
-    if found.fits[-1].chi2_in_band < EXPLAINED or len(found.trials) != len(other.trials):
+    """Whether an account explains all, or leaves less than another of the same records.
+
+    One that is judged by pieces of them explains these; whole records would not tell.
+    """
+    if found.fits[-1].chi2_in_band < EXPLAINED:
         return True
+    if len(found.trials) != len(other.trials):
+        return len(found.trials) > len(other.trials)
     return left_by(found.fits[-1]) < left_by(other.fits[-1])
 
 

@@ -275,17 +275,22 @@ def test_the_hold_that_does_better_at_the_end_is_taken_and_no_other(straight):
 
 
 @pytest.mark.parametrize(
-    ("chi2", "count", "less"),
-    [(1.2, 1, True), (90.0, 1, True), (9.0, 2, True), (9.0, 1, False)],
-)
-def test_of_two_accounts_that_which_leaves_less_is_kept(straight, chi2, count, less):
-    """What explains all leaves nothing that counts; of others' records nothing can be said."""
+    ("chi2", "counts", "less"),
+    [
+        (1.2, (1, 1), True), (90.0, (1, 1), True), (9.0, (1, 1), False),
+        (9.0, (2, 1), True), (9.0, (1, 2), False), (1.2, (1, 2), True),
+    ],
+)  # fmt: skip
+def test_of_two_accounts_that_which_leaves_less_is_kept(straight, chi2, counts, less):
+    """What explains all leaves nothing that counts; what explains pieces is no worse for that."""
     trial, wrong, right = straight
     left = 0.5 if chi2 == 90.0 else 2.0
     fit = dataclasses.replace(
         right, chi2_in_band=chi2, residual=tuple(left * one for one in wrong.residual)
     )
-    account, other = Found([fit], (trial,) * count), Found([wrong], (trial,))
+    account, other = (
+        Found([one], (trial,) * count) for one, count in zip((fit, wrong), counts, strict=True)
+    )
     assert diagnosing._leaves_less(account, other) is less
 
 
