@@ -282,7 +282,7 @@ def test_the_hold_that_does_better_at_the_end_is_taken_and_no_other(straight):
     ],
 )  # fmt: skip
 def test_of_two_accounts_that_which_leaves_less_is_kept(straight, chi2, counts, less):
-    """What explains all leaves nothing that counts; what explains pieces is no worse for that."""
+    """What explains all leaves nothing that counts; what explains pieces stands for all."""
     trial, wrong, right = straight
     left = 0.5 if chi2 == 90.0 else 2.0
     fit = dataclasses.replace(
