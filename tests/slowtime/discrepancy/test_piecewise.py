@@ -63,11 +63,6 @@ def lacking(*effects, level=8.0):
 
 
 @pytest.fixture(scope="module")
-def soft():
-    return lacking(SOFT, level=4.0)
-
-
-@pytest.fixture(scope="module")
 def stop():
     return lacking(STOP)
 
@@ -78,7 +73,14 @@ def two():
 
 
 @pytest.mark.parametrize(
-    ("effect", "level"), [(SOFT, 4.0), (STOP, 8.0), (HARD, 8.0), (HARD, 2.0), (DAMPED, 8.0)]
+    ("effect", "level"),
+    [
+        (SOFT, 4.0),
+        (STOP, 8.0),
+        pytest.param(HARD, 2.0, marks=pytest.mark.long),
+        pytest.param(HARD, 8.0, marks=pytest.mark.long),
+        pytest.param(DAMPED, 8.0, marks=pytest.mark.long),
+    ],
 )
 def test_pieces_tell_a_strong_law_and_how_strong_it_is(effect, level):
     given = lacking(effect, level=level)
