@@ -1,11 +1,12 @@
 """What is told first, where more than one effect is missing."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import pytest
 
 from slowtime.discrepancy import search as searching
-from slowtime.discrepancy.candidates import Candidate, label_of
+from slowtime.discrepancy.candidates import Candidate, Label, label_of
 from slowtime.discrepancy.choosing import begins, begun_with
 from slowtime.discrepancy.downward import Downward
 from slowtime.discrepancy.locate import locate
@@ -58,7 +59,8 @@ def test_what_stands_out_among_several_is_told_before_the_others(at, left, leave
 class Told:
     """Stands for what pieces of the records tell: nothing, or what it is given."""
 
-    begins, whole = None, ()
+    begins: Label | None = None
+    whole: Sequence[Candidate] = ()
 
     def __init__(self, told):
         self.told = told
@@ -101,7 +103,8 @@ def test_what_pieces_tell_comes_first_and_is_fitted_to_all_where_it_is_lost(
         Named(effect, TWO, dataclasses.replace(fit, chi2_in_band=chi2), 0.0)
         for effect, chi2 in ((CUBIC, left), (DRAG, 2 * left))
     ]
-    fitted, given = [], []
+    fitted: list[Label] = []
+    given: list[Label] = []
 
     class Pieced(Told):
         """Tells the one that leaves more of the whole."""
