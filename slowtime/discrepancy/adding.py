@@ -15,6 +15,7 @@ from .candidates import Start
 from .floor import Noise
 from .records import Trial
 from .refit import Fit, weights_of
+from .values import with_values
 
 
 def with_effect(description: Description, effect: Effect) -> Description:
@@ -101,6 +102,12 @@ def states_in(before: Fit, plant: Plant) -> list[np.ndarray]:
         else state
         for state in before.states
     ]
+
+
+def effects_in(fit: Fit) -> list[Effect]:
+    """Effects of the model of a fit, in order, with the numbers that they have in it."""
+    values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
+    return effects_of(with_values(fit.plant.description, values))
 
 
 def effects_of(description: Description) -> list[Effect]:

@@ -11,12 +11,11 @@ from collections.abc import Mapping
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Kind
 
-from .adding import effects_of
+from .adding import effects_in
 from .candidates import OFFSET
 from .diagnosis import Named as Answer
 from .floor import floats
 from .refit import Fit
-from .values import with_values
 from .verdict import numbers_of, sentence_of
 
 SEEN = 3.3
@@ -38,10 +37,8 @@ def with_offsets(description: Description, kinds: Mapping[str, Kind]) -> Descrip
 
 def offsets(fit: Fit, given: Description, kinds: Mapping[str, Kind]) -> list[Answer]:
     """Tell of the offsets that were added to what is given, where they are not about zero."""
-    values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
-    effects = effects_of(with_values(fit.plant.description, values))
     found = []
-    for number, effect in enumerate(effects):
+    for number, effect in enumerate(effects_in(fit)):
         if effect.kind != OFFSET or number < len(given.effects):
             continue
         numbers = numbers_of(fit, number)

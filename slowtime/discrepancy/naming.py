@@ -21,7 +21,7 @@ from slowtime.dynamics.effects import (
 from slowtime.dynamics.effects.kind import no_shapes
 from slowtime.dynamics.plant import Name
 
-from .adding import begun_with, carrying, effects_of
+from .adding import begun_with, carrying, effects_in
 from .candidates import Candidate, Label, Start, label_of
 from .floor import Noise
 from .gap import WHITE, whiteness
@@ -29,7 +29,6 @@ from .instants import switched
 from .records import Trial
 from .refit import WRONG, Fit, GivenUp, refit, shot, weights_of
 from .shapes import like_constant
-from .values import with_values
 
 KEPT = 6
 """How many labels are refitted."""
@@ -436,5 +435,4 @@ def stands(named: Named, trials: Sequence[Trial], kinds: Mapping[str, Kind]) -> 
 
 def settled(named: Named) -> Effect:
     """Give the effect as it was fitted last."""
-    values = dict(zip(named.fit.plant.parameters, named.fit.values.tolist(), strict=True))
-    return effects_of(with_values(named.description, values))[-1]
+    return effects_in(named.fit)[-1]

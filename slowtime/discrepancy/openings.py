@@ -26,12 +26,11 @@ from slowtime.dynamics.effects import (
     force_along,
 )
 
-from .adding import begun_with, effects_of, free_run, with_effect
+from .adding import begun_with, effects_in, free_run
 from .candidates import Candidate, can_be
 from .records import FEWEST, Trial
 from .refit import Fit, GivenUp, first_swings, refit
 from .shapes import joined, possible, sized
-from .values import with_values
 
 SHAPES, STRENGTHS = 4, (-0.56, -0.1, 0.1, 0.56)
 """Shapes of each law to begin with; and its force, beside that of the element's spring."""
@@ -79,11 +78,8 @@ def openings(
         beat = None if least is None else BESIDE * least
         fit = _fitted(before, effect, heads, kinds, beat, late)
         if fit is not None:
-            described = with_effect(before.plant.description, effect)
-            values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
-            settled = effects_of(with_values(described, values))[-1]
             cost = fit.chi2_in_band * before.data
-            found.append(Candidate(settled, cost, -cost / 2, bare))
+            found.append(Candidate(effects_in(fit)[-1], cost, -cost / 2, bare))
             least = fit.cost if least is None else min(least, fit.cost)
     found.sort(key=lambda one: one.cost)
     return found[:FOREMOST]

@@ -6,6 +6,7 @@ begun from there, ends in a minimum of its own. Over a few periods there is one 
 So the likeliest laws are fitted to pieces of the loudest part of each record.
 """
 
+import contextlib
 import dataclasses
 import itertools
 import math
@@ -15,14 +16,13 @@ import numpy as np
 
 from slowtime.dynamics.effects import Effect, Hidden, Kind, Unmeasured
 
-from .adding import begun_with, effects_of, with_effect
+from .adding import begun_with, effects_in
 from .candidates import Candidate, Label, Start, label_of
 from .further import FAR_OFF, IN_PIECES
 from .locate import Located
 from .naming import Named
 from .records import Trial
 from .refit import Fit, GivenUp, begun_by, loudest, shot
-from .values import with_values
 
 FEW, MORE = 4, 12
 """Pieces of each record to which all are fitted, and those that explain most of these."""
@@ -51,6 +51,13 @@ class Piecewise:
         Laws with what they explain of the force, the best first; those that are tried anyway.
     late
         Once true, there are none.
+
+    Attributes
+    ----------
+    told
+        Those laws, the best first, each with what it, and the model without it, would leave of
+        the records were they all as those pieces are. None where each leaves about half of
+        that, or more.
     """
 
     def __init__(
@@ -94,70 +101,93 @@ class Piecewise:
         if self._asked or self._late():
             return []
         self._asked = True
+        with contextlib.suppress(np.linalg.LinAlgError, FloatingPointError, GivenUp):
+            self.told = self._looked()
         reach = min((one.cost for one in self._labels), default=math.inf)
-        self.told = piecewise(
-            self._before, self._tried, self._labels, self._located, self._trials, self._kinds,
-            self._late,
-        )  # fmt: skip
         # What is left of pieces is no measure for what a law leaves along a force.
         return [dataclasses.replace(one, cost=min(one.cost, reach)) for one in self.told]
 
-
-def piecewise(
-    before: Fit,
-    tried: Sequence[Candidate],
-    labels: Sequence[Candidate],
-    located: Located,
-    trials: Sequence[Trial],
-    kinds: Mapping[str, Kind],
-    late: Callable[[], bool],
-) -> list[Candidate]:
-    """Give the laws that leave least of the records, piece by piece, the best first.
-
-    Each with what it, and the model without it, would leave of the records were they all as
-    those pieces are. None where each leaves about half of that, or more.
-
-    Parameters
-    ----------
-    before
-        The fit without them.
-    tried, labels
-        Laws with what they explain of the force, the best first; those that are tried anyway.
-    late
-        Once true, there are none.
-    """
-    some = _some(tried, labels, located, kinds)
-    found: list[tuple[Candidate, Fit]] = []
-    try:
+    def _looked(self) -> list[Candidate]:
+        some, found = self._likeliest(), list[tuple[Candidate, Fit]]()
         for count, most in ((FEW, HINTS), (MORE, TELLS)):
-            parts = loudest(before.plant, trials, count)
-            bare = _shot(before, None, parts, kinds, late)
-            found = _fitted(before, some, bare, most, parts, kinds, late)
-            near = BESIDE * found[0][0].cost if found else 0.0
-            some = [one for one, _ in found if one.cost <= near][:AS_WELL]
-            if not some:
+            found = self._fitted(some, count, most)
+            if not found:
                 break
-        return [_started(before, one, fit, trials) for one, fit in found[:KEPT]]
-    except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
-        return []
+            near = BESIDE * found[0][0].cost
+            some = [one for one, _ in found if one.cost <= near][:AS_WELL]
+        return [self._started(one, fit) for one, fit in found[:KEPT]]
 
+    def _likeliest(self) -> list[Candidate]:
+        """Give the likeliest laws, those at the best places first."""
+        groups = self._located.groups
+        most = REACH * groups[0].left
+        places = [p for g in groups if g.left <= most for p in g.places]
+        at = (
+            [one for one in self._tried if one.effect.place == place][
+                : max(AT_ONE, ALONE // len(places))
+            ]
+            for place in places
+        )
+        found: dict[Label, Candidate] = {}
+        for one in itertools.chain(self._labels, *at):
+            if len(found) < MOST and not _rides(self._kinds[one.effect.kind]):
+                found.setdefault(label_of(one.effect), one)
+        return list(found.values())
 
-def _some(
-    tried: Sequence[Candidate],
-    labels: Sequence[Candidate],
-    located: Located,
-    kinds: Mapping[str, Kind],
-) -> list[Candidate]:
-    """Give the likeliest laws, those at the best places first."""
-    most = REACH * located.groups[0].left
-    places = [p for g in located.groups if g.left <= most for p in g.places]
-    at = {place: [one for one in tried if one.effect.place == place] for place in places}
-    own = max(AT_ONE, ALONE // len(places))
-    found: dict[Label, Candidate] = {}
-    for one in [*labels, *(one for there in at.values() for one in there[:own])]:
-        if len(found) < MOST and not _rides(kinds[one.effect.kind]):
-            found.setdefault(label_of(one.effect), one)
-    return list(found.values())
+    def _fitted(
+        self, labels: Sequence[Candidate], count: int, most: float
+    ) -> list[tuple[Candidate, Fit]]:
+        """Fit each law to pieces; give those that explain them, the best first.
+
+        Parameters
+        ----------
+        count, most
+            Pieces of each record, and the share of what they leave without it that a law may.
+        """
+        parts = loudest(self._before.plant, self._trials, count)
+        data = self._before.data
+        bare = self._shot(None, parts)
+        found: dict[Label, tuple[Candidate, Fit]] = {}
+        least = most * bare.cost
+        for label in labels:
+            for effect in _sides(label.effect, self._kinds):
+                if self._late():
+                    raise GivenUp
+                try:
+                    fit = self._shot(effect, parts, BESIDE * least)
+                except (np.linalg.LinAlgError, FloatingPointError):
+                    continue
+                known = found.get(label_of(effect))
+                if not math.isfinite(fit.cost) or (known and known[1].cost <= fit.cost):
+                    continue
+                least = min(least, fit.cost)
+                one = dataclasses.replace(
+                    label,
+                    effect=effects_in(fit)[-1],
+                    cost=fit.chi2_in_band * data,
+                    bare=bare.chi2_in_band * data,
+                )
+                found[label_of(effect)] = one, fit
+        telling = (pair for pair in found.values() if pair[0].cost < most * pair[0].bare)
+        return sorted(telling, key=lambda pair: pair[0].cost)
+
+    def _shot(
+        self, effect: Effect | None, parts: Sequence[Trial], beat: float | None = None
+    ) -> Fit:
+        """Fit pieces, with one more effect or none, from what the model itself claims."""
+        before = self._before
+        plant = before.plant if effect is None else begun_with(before, effect, self._kinds)[0]
+        values = np.array([entry.value for entry in plant.entries.values()])
+        return shot(plant, parts, before.noise, values, self._late, beat)[0]
+
+    def _started(self, one: Candidate, fit: Fit) -> Candidate:
+        """Say where the free run may begin."""
+        plant = fit.plant
+        values = dict(zip(plant.parameters, fit.values.tolist(), strict=True))
+        states = begun_by(plant, self._trials, self._before.noise, fit.values)
+        begun = [dict(zip(plant.state_names, s.tolist(), strict=True)) for s in states]
+        constants = {name: value for name, value in values.items() if len(name) == 2}
+        return dataclasses.replace(one, start=Start(constants, begun, nearby=True))
 
 
 def _rides(kind: Kind) -> bool:
@@ -167,47 +197,6 @@ def _rides(kind: Kind) -> bool:
     )
 
 
-def _fitted(
-    before: Fit,
-    labels: Sequence[Candidate],
-    bare: Fit,
-    most: float,
-    parts: Sequence[Trial],
-    kinds: Mapping[str, Kind],
-    late: Callable[[], bool],
-) -> list[tuple[Candidate, Fit]]:
-    """Fit each law to the pieces; give those that explain them, the best first.
-
-    Parameters
-    ----------
-    bare, most
-        The fit to these without a law, and the share of that which one may leave.
-    """
-    found: dict[Label, tuple[Candidate, Fit]] = {}
-    least = most * bare.cost
-    for label in labels:
-        for effect in _sides(label.effect, kinds):
-            if late():
-                raise GivenUp
-            try:
-                fit = _shot(before, effect, parts, kinds, late, BESIDE * least)
-            except (np.linalg.LinAlgError, FloatingPointError):
-                continue
-            known = found.get(label_of(effect))
-            if not math.isfinite(fit.cost) or (known and known[1].cost <= fit.cost):
-                continue
-            least = min(least, fit.cost)
-            one = dataclasses.replace(
-                label,
-                effect=_settled(before, effect, fit),
-                cost=fit.chi2_in_band * before.data,
-                bare=bare.chi2_in_band * before.data,
-            )
-            found[label_of(effect)] = one, fit
-    telling = (pair for pair in found.values() if pair[0].cost < most * pair[0].bare)
-    return sorted(telling, key=lambda pair: pair[0].cost)
-
-
 def _sides(effect: Effect, kinds: Mapping[str, Kind]) -> Iterator[Effect]:
     """Give an effect with every choice that is not fitted: the motion tells which it is."""
     own = kinds[effect.kind].parameters
@@ -215,34 +204,3 @@ def _sides(effect: Effect, kinds: Mapping[str, Kind]) -> Iterator[Effect]:
     for chosen in itertools.product(*(p.choices for p in own if p.choices)):
         parameters = dict(effect.parameters) | dict(zip(names, chosen, strict=True))
         yield dataclasses.replace(effect, parameters=parameters)
-
-
-def _shot(
-    before: Fit,
-    effect: Effect | None,
-    parts: Sequence[Trial],
-    kinds: Mapping[str, Kind],
-    late: Callable[[], bool],
-    beat: float | None = None,
-) -> Fit:
-    """Fit pieces, with one more effect or none, from what the model claims of its constants."""
-    plant = before.plant if effect is None else begun_with(before, effect, kinds)[0]
-    values = np.array([entry.value for entry in plant.entries.values()])
-    return shot(plant, parts, before.noise, values, late, beat)[0]
-
-
-def _settled(before: Fit, effect: Effect, fit: Fit) -> Effect:
-    described = with_effect(before.plant.description, effect)
-    values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
-    return effects_of(with_values(described, values))[-1]
-
-
-def _started(before: Fit, one: Candidate, fit: Fit, trials: Sequence[Trial]) -> Candidate:
-    """Say where the free run may begin."""
-    plant = fit.plant
-    values = dict(zip(plant.parameters, fit.values.tolist(), strict=True))
-    states = begun_by(plant, trials, before.noise, fit.values)
-    names = plant.state_names
-    begun = [dict(zip(names, state.tolist(), strict=True)) for state in states]
-    constants = {name: value for name, value in values.items() if len(name) == 2}
-    return dataclasses.replace(one, start=Start(constants, begun, nearby=True))

@@ -14,13 +14,12 @@ from jaxtyping import Float
 from slowtime.dynamics.effects import Kind, Unmeasured
 from slowtime.dynamics.plant import Name, Plant
 
-from .adding import effects_of
+from .adding import effects_in
 from .diagnosis import Named as Answer
 from .equivalent import alone_off
 from .naming import CLEAR, GRADUALLY, evidence, sds_of_strength
 from .records import Trial
 from .refit import WRONG, Fit, refit
-from .values import with_values
 from .verdict import LEAST_GAIN, numbers_of, sentence_of
 
 
@@ -166,8 +165,7 @@ def all_told_again(
 
 def told_again(answer: Answer, fit: Fit, number: int, kinds: Mapping[str, Kind]) -> Answer:
     """Give an answer the numbers that its effect has in the last fit."""
-    values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
-    effect = effects_of(with_values(fit.plant.description, values))[number]
+    effect = effects_in(fit)[number]
     numbers = numbers_of(fit, number)
     return dataclasses.replace(
         answer,

@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from slowtime.dynamics.effects import Effect, Kind, Law, Motion, force_along
 
-from .adding import effects_of
+from .adding import effects_in
 from .candidates import SEVERAL
 from .found import Found
 from .further import left_by
@@ -24,7 +24,6 @@ from .records import Trial
 from .refit import WRONG, Fit, GivenUp, refit
 from .shapes import joined
 from .space import Space
-from .values import with_values
 from .watch import Watch
 
 UNIQUE = 3.0
@@ -58,8 +57,7 @@ def relearn(
     if number is None or not whole or last.chi2_in_band < WRONG or tell.hurries:
         return False
     own = len(last.plant.effects) - len(found.answers)
-    values = dict(zip(before.plant.parameters, before.values.tolist(), strict=True))
-    effect = effects_of(with_values(before.plant.description, values))[own + number]
+    effect = effects_in(before)[own + number]
     tell(f"learning {effect.kind} at {effect.place} from its force", 0.5)
     force, motion = _recovered(before, effect, located, trials, kinds)
     learnt = law_of(kinds[effect.kind], effect, force, motion)

@@ -13,7 +13,7 @@ import numpy as np
 from slowtime.dynamics.effects import Effect, Kind
 
 from .accepting import accept, bends_twice
-from .adding import effects_of
+from .adding import effects_in
 from .between import Hold
 from .candidates import candidates, label_of
 from .found import Found
@@ -23,7 +23,6 @@ from .locate import locate
 from .naming import chosen, refit_all, sds_of_strength, settled
 from .pruning import left_out, pruned, without
 from .unbent import unbent
-from .values import with_values
 from .verdict import LEAST_GAIN, doubts_about, moved_of
 from .watch import Watch
 
@@ -116,8 +115,7 @@ def _anew(
 ) -> Found | None:
     """Look for one effect again beside the others; the account with what was found last."""
     own, last, trials = len(found.fits[0].plant.effects), found.fits[-1], found.trials
-    values = dict(zip(last.plant.parameters, last.values.tolist(), strict=True))
-    known = effects_of(with_values(last.plant.description, values))[own + number]
+    known = effects_in(last)[own + number]
     tell(f"looking again at {known.kind} at {known.place}", 0.86)
     less = without(last, own + number, trials, kinds)
     if less is None:

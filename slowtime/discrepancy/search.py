@@ -53,7 +53,7 @@ MOST = 3
 """Effects that are looked for, one after the other."""
 LOST = 30.0
 """Mean square over the noise, in band, from which what a model with effects leaves of whole
-records tells less than what it leaves of how they begin."""
+records tells less than what it leaves of how they begin, or of their pieces."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -333,9 +333,12 @@ def _after(
         bent, before, tried, labels, trials, kinds,
         best=located.groups[0].places, near=located.near,
         several=located.groups[0].left > SEVERAL, shaken=shaken is not None,
-        late=_on_beginnings(tell, share),
+        late=_late(tell, "fitting laws to how the records begin", share + 0.2),
     )  # fmt: skip
-    pieces = Piecewise(before, tried, labels, located, trials, kinds, _on_pieces(tell, share))
+    pieces = Piecewise(
+        before, tried, labels, located, trials, kinds,
+        _late(tell, "fitting laws to pieces of the records", share + 0.06),
+    )  # fmt: skip
     together = Together(before, trials, kinds, how.stated, how.asked, tell)
 
     def more(so_far: Sequence[Named]) -> list[Candidate]:
@@ -403,17 +406,9 @@ def _after(
     return _accepted(found, before, named, how, trials, pulled=pulled)
 
 
-def _on_beginnings(tell: Watch, share: float) -> Callable[[], bool]:
+def _late(tell: Watch, stage: str, share: float) -> Callable[[], bool]:
     def late() -> bool:
-        tell("fitting laws to how the records begin", share + 0.2)
-        return tell.hurries
-
-    return late
-
-
-def _on_pieces(tell: Watch, share: float) -> Callable[[], bool]:
-    def late() -> bool:
-        tell("fitting laws to pieces of the records", share + 0.06)
+        tell(stage, share)
         return tell.hurries
 
     return late

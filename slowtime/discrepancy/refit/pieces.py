@@ -117,7 +117,7 @@ def pieces(plant: Plant, trials: Sequence[Trial]) -> tuple[tuple[Trial, ...], tu
     cut, origin = [], []
     for number, trial in enumerate(trials):
         samples = len(trial.outputs)
-        least = max(int(PERIODS / lowest * trial.rate_hz), FEWEST) if lowest else samples
+        least = _lasting(PERIODS, lowest, trial)
         edges = np.linspace(0, samples, max(samples // least, 1) + 1).astype(int).tolist()
         for first, last in itertools.pairwise(edges):
             cut.append(trial.part(first, last))
@@ -128,12 +128,7 @@ def pieces(plant: Plant, trials: Sequence[Trial]) -> tuple[tuple[Trial, ...], tu
 def first_swings(plant: Plant, trials: Sequence[Trial]) -> tuple[Trial, ...]:
     """Cut the first few swings out of each record; all of it, where nothing swings."""
     lowest = slowest_hz(plant)
-    found = []
-    for trial in trials:
-        whole = len(trial.outputs)
-        swings = int(SWINGS / lowest * trial.rate_hz) if lowest else whole
-        found.append(trial.part(0, min(max(swings, FEWEST), whole)))
-    return tuple(found)
+    return tuple(trial.part(0, _lasting(SWINGS, lowest, trial)) for trial in trials)
 
 
 def loudest(plant: Plant, trials: Sequence[Trial], count: int) -> tuple[Trial, ...]:
@@ -141,15 +136,20 @@ def loudest(plant: Plant, trials: Sequence[Trial], count: int) -> tuple[Trial, .
     lowest = slowest_hz(plant)
     found = []
     for trial in trials:
-        whole = len(trial.outputs)
-        length = int(count * PERIODS / lowest * trial.rate_hz) if lowest else whole
-        length = min(max(length, FEWEST), whole)
+        length = _lasting(count * PERIODS, lowest, trial)
         size = np.maximum(np.std(trial.measured, axis=0), np.finfo(float).tiny)
         power = np.sum((trial.measured / size) ** 2, axis=1)
         so_far = np.concatenate([[0.0], np.cumsum(power)])
-        first = int(np.argmax(so_far[length:] - so_far[: whole - length + 1]))
+        first = int(np.argmax(so_far[length:] - so_far[: len(so_far) - length]))
         found.append(trial.part(first, first + length))
     return tuple(found)
+
+
+def _lasting(periods: float, lowest_hz: float, trial: Trial) -> int:
+    """Give the samples that so many periods take; all there are, where it is shorter."""
+    whole = len(trial.outputs)
+    length = int(periods / lowest_hz * trial.rate_hz) if lowest_hz else whole
+    return min(max(length, FEWEST), whole)
 
 
 def begun_by(
@@ -163,7 +163,7 @@ def begun_by(
     firsts = [origin.index(number) for number in range(len(trials))]
     rest = np.zeros(len(plant.state_names))
     return [
-        _begun(
+        _told(
             plant, cut[i], noise.of([number]), values, state_heard(plant, cut[i], rest)
         ).states[0]
         for number, i in enumerate(firsts)
@@ -209,25 +209,10 @@ def _followed(
         own = noise.of([number])
         led = state if np.isfinite(state).all() and state.size else rest
         begin = nearest(plant, piece, own, values, [led, state_heard(plant, piece, led)])
-        told = _begun(plant, piece, own, values, begin)
+        told = _told(plant, piece, own, values, begin)
         found.append(told.states[0])
         left.append(told.cost / max(told.data, 1))
     return found, left
-
-
-def _begun(
-    plant: Plant,
-    piece: Trial,
-    noise: Noise,
-    values: Float[np.ndarray, " parameter"],
-    begin: State,
-) -> Fit:
-    """Fit a piece by its first state; from rest, where that leads nowhere."""
-    try:
-        return _told(plant, piece, noise, values, begin)
-    except FloatingPointError:
-        # Led a little astray, it runs over the edge of a well that it stays in.
-        return _told(plant, piece, noise, values, 0 * begin)
 
 
 def _told(
@@ -237,7 +222,16 @@ def _told(
     values: Float[np.ndarray, " parameter"],
     begin: State,
 ) -> Fit:
-    """Fit a piece by its first state, all constants held."""
-    return refit(
-        plant, (piece,), free=[], noise=noise, values=values, states=(begin,), horizons=(1.0,)
-    )
+    """Fit a piece by its first state, all constants held; from rest, where it runs away."""
+
+    def fitted(state: State) -> Fit:
+        return refit(
+            plant, (piece,), free=[], noise=noise, values=values, states=(state,),
+            horizons=(1.0,),
+        )  # fmt: skip
+
+    try:
+        return fitted(begin)
+    except FloatingPointError:
+        # Led a little astray, it runs over the edge of a well that it stays in.
+        return fitted(0 * begin)

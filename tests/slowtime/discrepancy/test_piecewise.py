@@ -13,7 +13,7 @@ from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.further import FAR_OFF, IN_PIECES
 from slowtime.discrepancy.locate import Located, locate
 from slowtime.discrepancy.naming import GRADUALLY, SWIFTLY, Named, refit_all
-from slowtime.discrepancy.piecewise import AS_WELL, KEPT, MOST, TELLS, Piecewise, piecewise
+from slowtime.discrepancy.piecewise import AS_WELL, KEPT, MOST, TELLS, Piecewise
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refit import Fit, begun_by, loudest, pieces, refit, shot
 from slowtime.discrepancy.unbent import unbent
@@ -52,7 +52,9 @@ class Lacking:
     def told(self, tried=None, labels=None, late=never):
         some = self.tried if tried is None else tried
         first = some[:3] if labels is None else labels
-        return piecewise(self.before, some, first, self.located, self.trials, KINDS, late)
+        pieced = Piecewise(self.before, some, first, self.located, self.trials, KINDS, late)
+        pieced([])
+        return pieced.told
 
 
 def lacking(*effects, level=8.0):
@@ -144,20 +146,20 @@ def test_nothing_is_told_once_it_is_late(stop):
 def test_few_are_tried_and_fewer_are_fitted_to_more_pieces(stop, monkeypatch):
     fits = []
 
-    def counted(before, effect, parts, *args):
-        fits.append((effect and label_of(effect), len(parts[0].outputs)))
-        return fitted(before, effect, parts, *args)
+    def counted(plant, parts, *args):
+        own = tuple(label_of(effect) for effect in plant.effects)
+        fits.append((own, len(parts[0].outputs)))
+        return shot(plant, parts, *args)
 
-    fitted = module._shot
-    monkeypatch.setattr(module, "_shot", counted)
+    monkeypatch.setattr(module, "shot", counted)
     stop.told()
     short, long = sorted({length for _, length in fits})
     first = {label for label, length in fits if length == short}
     then = {label for label, length in fits if length == long}
-    assert len(first - {None}) <= MOST
-    assert len(then - {None}) <= AS_WELL
+    assert len(first - {()}) <= MOST
+    assert len(then - {()}) <= AS_WELL
     assert then < first
-    assert {None} < then
+    assert {()} < then
 
 
 def asked(given, labels):
