@@ -57,7 +57,11 @@ def shot_too(
             if left.get(label_of(one.effect), np.inf) > SHORT_OF * one.cost < SHORT_OF * least
         ]
 
-    anew = [dataclasses.replace(one, start=None) for one in astray() if one.start]
+    anew = [
+        dataclasses.replace(one, start=None)
+        for one in astray()
+        if one.start and not one.start.nearby
+    ]
     found = joined(found, refit_all(before, anew, trials, kinds, tick), trials, kinds)
     if found[0].fit.chi2_in_band <= FAR_OFF:
         return found

@@ -12,28 +12,18 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Float
 
 from slowtime.dynamics.description import Spring
-from slowtime.dynamics.effects import (
-    Effect,
-    Friction,
-    Hidden,
-    Kind,
-    Law,
-    Motion,
-    Place,
-    force_along,
-)
+from slowtime.dynamics.effects import Effect, Kind, Place
 
 from .adding import begun_with, effects_in, free_run
 from .candidates import Candidate, can_be
 from .records import FEWEST, Trial
 from .refit import Fit, GivenUp, first_swings, refit
-from .shapes import joined, possible, sized
+from .shapes import as_strong, has_strength, joined
 
-SHAPES, STRENGTHS = 4, (-0.56, -0.1, 0.1, 0.56)
-"""Shapes of each law to begin with; and its force, beside that of the element's spring."""
+STRENGTHS = (-0.56, -0.1, 0.1, 0.56)
+"""Forces of a law to begin with, beside that of the element's spring."""
 GROWING = (0.2, 0.35, 0.6, 1.0)
 """Shares of the first swings to which laws are fitted; of the first the initial states are."""
 BESIDE = 10.0
@@ -119,40 +109,19 @@ def _started(
         motion = joined([run[place] for run in runs])
         spring = stiffness["stiffness", element.id] * motion.e
         for kind in kinds.values():
-            if not _acts(kind) or not can_be(kind, before.plant.description):
+            there = kind.where == "element" and has_strength(kind)
+            if not there or not can_be(kind, before.plant.description):
                 continue
+            laws = as_strong(kind, place, motion, spring, before.plant.description, STRENGTHS)
             nearest = min(
                 (
                     (free_run(before, effect, None, heads, kinds), number, effect)
-                    for number, effect in enumerate(_laws(before, kind, place, motion, spring))
+                    for number, effect in enumerate(laws)
                 ),
                 default=None,
             )
             if nearest is not None and math.isfinite(nearest[0]):
                 yield nearest[0], nearest[2]
-
-
-def _acts(kind: Kind) -> bool:
-    law = isinstance(kind.action, Law | Friction | Hidden)
-    return kind.where == "element" and law and bool(kind.strength) and not kind.quadrature
-
-
-def _laws(
-    before: Fit, kind: Kind, place: Place, motion: Motion, spring: Float[np.ndarray, " time"]
-) -> Iterator[Effect]:
-    """Give a law in some of its shapes, in several strengths."""
-    shapes = list(kind.shapes(motion))
-    some = np.unique(np.linspace(0, len(shapes) - 1, min(SHAPES, len(shapes))).astype(int))
-    assert kind.strength is not None
-    for shape in (shapes[i] for i in some):
-        unit = dict(shape) | {kind.strength: 1.0}
-        size = float(np.std(force_along(kind, unit, motion)))
-        if not 0 < size < math.inf:
-            continue
-        for share in STRENGTHS:
-            parameters = sized(kind, unit, share * float(np.std(spring)) / size)
-            if possible(kind, parameters, before.plant.description, place):
-                yield Effect(kind.name, place, parameters)
 
 
 def _fitted(

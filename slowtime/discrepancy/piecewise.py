@@ -3,7 +3,7 @@
 Where a law is strong, or one of several, the run without it is soon another motion: what it
 leaves, and the force that would make up for that, tell little, and the run with the right law,
 begun from there, ends in a minimum of its own. Over a few periods there is one minimum only.
-So the likeliest laws are fitted to pieces of the loudest part of each record.
+So the likeliest laws are fitted to pieces of a louder part of each record.
 """
 
 import contextlib
@@ -14,22 +14,28 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from slowtime.dynamics.effects import Effect, Hidden, Kind, Unmeasured
+from slowtime.dynamics.effects import Effect, Hidden, Kind, Place, Unmeasured
 
 from .adding import begun_with, effects_in
-from .candidates import Candidate, Label, Start, label_of
+from .candidates import Candidate, Label, Start, can_be, label_of
 from .further import FAR_OFF, IN_PIECES
 from .locate import Located
 from .naming import Named
 from .records import Trial
 from .refit import Fit, GivenUp, begun_by, loudest, shot
+from .shapes import as_strong, has_strength, joined
 
 FEW, MORE = 4, 12
 """Pieces of each record to which all are fitted, and those that explain most of these."""
 REACH = 1.5
 """Times what a force at the best place leaves, within which laws are tried at others."""
-AT_ONE, ALONE, MOST = 4, 8, 14
+AT_ONE, ALONE, MOST = 4, 8, 18
 """Laws that are tried at one of several places, at the only one, and in all."""
+QUIETER, PLAIN = (0.25, 0.5), 10.0
+"""Power of few pieces, beside that of the loudest, and the chi squared, over the noise, they
+must leave: where a law acts less, what wrong numbers make of it is no other motion yet."""
+ABOUT = 0.5
+"""Force of a law that explains nothing along the motion recovered, beside what acts there."""
 HINTS, TELLS = 0.6, 0.45
 """Share of what is left of few pieces, and of more, without it, that a law may leave which is
 there."""
@@ -80,7 +86,7 @@ class Piecewise:
         """Those, where the best leaves no more than noise: what is missing is only that."""
         most = IN_PIECES * self._before.data
         alone = bool(self.told) and self.told[0].cost < most
-        return [dataclasses.replace(one, start=None) for one in self.told if alone]
+        return self.told if alone else []
 
     @property
     def begins(self) -> Label | None:
@@ -108,13 +114,16 @@ class Piecewise:
         return [dataclasses.replace(one, cost=min(one.cost, reach)) for one in self.told]
 
     def _looked(self) -> list[Candidate]:
-        some, found = self._likeliest(), list[tuple[Candidate, Fit]]()
-        for count, most in ((FEW, HINTS), (MORE, TELLS)):
-            found = self._fitted(some, count, most)
-            if not found:
+        some = self._likeliest()
+        for parts, bare in self._quiet_then_loud():
+            found = self._fitted(some, parts, bare, HINTS)
+            if found:
                 break
-            near = BESIDE * found[0][0].cost
-            some = [one for one, _ in found if one.cost <= near][:AS_WELL]
+        else:
+            return []
+        near = BESIDE * found[0][0].cost
+        some = [one for one, _ in found if one.cost <= near][:AS_WELL]
+        found = self._fitted(some, *self._parts(MORE), TELLS)
         return [self._started(one, fit) for one, fit in found[:KEPT]]
 
     def _likeliest(self) -> list[Candidate]:
@@ -129,24 +138,44 @@ class Piecewise:
             for place in places
         )
         found: dict[Label, Candidate] = {}
-        for one in itertools.chain(self._labels, *at):
+        for one in itertools.chain(self._labels, *at, *map(self._overlooked, places)):
             if len(found) < MOST and not _rides(self._kinds[one.effect.kind]):
                 found.setdefault(label_of(one.effect), one)
         return list(found.values())
 
+    def _overlooked(self, place: Place) -> Iterator[Candidate]:
+        """Give laws that explain nothing along the motion recovered at a place.
+
+        Where that is not what moved, a law may seem to pull where it pushes.
+        """
+        tried = {one.effect.kind for one in self._tried if one.effect.place == place}
+        located, numbers = self._located, range(len(self._located.trials))
+        described = located.linear.description
+        others = [k for k in self._kinds.values() if k.where == place.kind and has_strength(k)]
+        latents = [located.latent(place, i) for i in numbers] if others else []
+        for kind in others:
+            if kind.name in tried or not can_be(kind, described):
+                continue
+            laws = list(
+                as_strong(
+                    kind, place, joined([one.motion for one in latents]),
+                    np.concatenate([one.force for one in latents]), described, (ABOUT, -ABOUT),
+                )
+            )  # fmt: skip
+            for law in laws[len(laws) // 2 :][:1]:
+                yield Candidate(law, math.inf, -math.inf, math.inf)
+
     def _fitted(
-        self, labels: Sequence[Candidate], count: int, most: float
+        self, labels: Sequence[Candidate], parts: Sequence[Trial], bare: Fit, most: float
     ) -> list[tuple[Candidate, Fit]]:
         """Fit each law to pieces; give those that explain them, the best first.
 
         Parameters
         ----------
-        count, most
-            Pieces of each record, and the share of what they leave without it that a law may.
+        bare, most
+            Their fit without it, and the share of what that leaves that a law may.
         """
-        parts = loudest(self._before.plant, self._trials, count)
         data = self._before.data
-        bare = self._shot(None, parts)
         found: dict[Label, tuple[Candidate, Fit]] = {}
         least = most * bare.cost
         for label in labels:
@@ -170,6 +199,22 @@ class Piecewise:
                 found[label_of(effect)] = one, fit
         telling = (pair for pair in found.values() if pair[0].cost < most * pair[0].bare)
         return sorted(telling, key=lambda pair: pair[0].cost)
+
+    def _quiet_then_loud(self) -> Iterator[tuple[tuple[Trial, ...], Fit]]:
+        """Give the quietest few pieces that still tell, and the loudest: some act only there.
+
+        Each with their fit without a law.
+        """
+        for share in QUIETER:
+            parts, bare = self._parts(FEW, share)
+            if bare.chi2_in_band > PLAIN:
+                yield parts, bare
+                break
+        yield self._parts(FEW)
+
+    def _parts(self, count: int, share: float = 1.0) -> tuple[tuple[Trial, ...], Fit]:
+        parts = loudest(self._before.plant, self._trials, count, share)
+        return parts, self._shot(None, parts)
 
     def _shot(
         self, effect: Effect | None, parts: Sequence[Trial], beat: float | None = None

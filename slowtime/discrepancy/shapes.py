@@ -1,7 +1,7 @@
 """A kind and a place in; the parameters with which it explains most there, out."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -43,6 +43,8 @@ MOST_CLOSER, ASIDE = 4, 0.12
 """How often one looks closer at an instant or a resonance, and how far beside that at first."""
 FINEST_S = 0.02
 """Spacing of instants at which looking closer ends."""
+SOME = 4
+"""Shapes of a law to begin a fit with, where none is known to be the best."""
 
 HALF, SCANNED, NEWTON = 0.5, 16, 5
 """Relative change of a series from one scanned value to the next; values on either side; steps
@@ -108,6 +110,45 @@ def sized(kind: Kind, parameters: Shape, strength: float) -> dict[str, float]:
     """Give a kind so many times its strength, with all that goes with that."""
     scaled = (kind.strength, *kind.scales)
     return {n: strength * value if n in scaled else value for n, value in parameters.items()}
+
+
+def has_strength(kind: Kind) -> bool:
+    """Whether a kind is a force that one number, and no phase, makes stronger."""
+    law = isinstance(kind.action, Law | Friction | Hidden)
+    return law and bool(kind.strength) and not kind.quadrature
+
+
+def as_strong(
+    kind: Kind,
+    place: Place,
+    motion: Motion,
+    force: Float[np.ndarray, " time"],
+    description: Description,
+    shares: Sequence[float],
+    most: int = SOME,
+) -> Iterator[Effect]:
+    """Give a law in some of its shapes, its force so many times as strong as another.
+
+    Parameters
+    ----------
+    motion, force
+        At its place.
+    most
+        Shapes.
+    """
+    shapes = list(kind.shapes(motion))
+    some = np.unique(np.linspace(0, len(shapes) - 1, min(most, len(shapes))).astype(int))
+    assert kind.strength is not None
+    for shape in (shapes[i] for i in some):
+        unit = dict(shape) | {kind.strength: 1.0}
+        size = float(np.std(force_along(kind, unit, motion)))
+        if not 0 < size < math.inf:
+            continue
+        for share in shares:
+            strength = share * float(np.std(force)) / size
+            parameters = sized(kind, unit, strength)
+            if strength and possible(kind, parameters, description, place):
+                yield Effect(kind.name, place, parameters)
 
 
 def possible(kind: Kind, parameters: Shape, description: Description, place: Place) -> bool:

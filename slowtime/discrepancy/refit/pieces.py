@@ -131,16 +131,25 @@ def first_swings(plant: Plant, trials: Sequence[Trial]) -> tuple[Trial, ...]:
     return tuple(trial.part(0, _lasting(SWINGS, lowest, trial)) for trial in trials)
 
 
-def loudest(plant: Plant, trials: Sequence[Trial], count: int) -> tuple[Trial, ...]:
-    """Cut the part out of each record in which most moves, as long as so many pieces."""
+def loudest(
+    plant: Plant, trials: Sequence[Trial], count: int, share: float = 1.0
+) -> tuple[Trial, ...]:
+    """Cut the part out of each record in which most moves, as long as so many pieces.
+
+    Parameters
+    ----------
+    share
+        Of the power of that part, for one that moves so much less.
+    """
     lowest = slowest_hz(plant)
     found = []
     for trial in trials:
         length = _lasting(count * PERIODS, lowest, trial)
         size = np.maximum(np.std(trial.measured, axis=0), np.finfo(float).tiny)
-        power = np.sum((trial.measured / size) ** 2, axis=1)
-        so_far = np.concatenate([[0.0], np.cumsum(power)])
-        first = int(np.argmax(so_far[length:] - so_far[: len(so_far) - length]))
+        moved = np.sum((trial.measured / size) ** 2, axis=1)
+        so_far = np.concatenate([[0.0], np.cumsum(moved)])
+        power = so_far[length:] - so_far[: len(so_far) - length]
+        first = int(np.argmin(np.abs(power - share * power.max())))
         found.append(trial.part(first, first + length))
     return tuple(found)
 

@@ -5,8 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from slowtime.discrepancy import further
 from slowtime.discrepancy.accepting import accept
-from slowtime.discrepancy.candidates import Candidate
+from slowtime.discrepancy.candidates import Candidate, Start
 from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.further import in_pieces, shot_too
 from slowtime.discrepancy.naming import refit_all, rescored
@@ -58,6 +59,23 @@ def test_a_law_that_explains_little_even_along_the_force_is_not_fitted_again(bef
     assert named[0].fit.chi2_in_band > 5.0
     again = shot_too(before, [few], named, trials, KINDS, nothing)
     assert [one.shot for one in again] == [None]
+
+
+@pytest.mark.parametrize("nearby", [True, False])
+def test_what_pieces_told_begins_where_they_told(before, trials, monkeypatch, nearby):
+    """What a force told is refitted without that first."""
+    asked = []
+
+    def refitted(before, labels, trials, kinds, tick, *, shooting=False):
+        asked.append((shooting, [one.start for one in labels]))
+        return []
+
+    told = Start({}, [{}], nearby=nearby)
+    few = dataclasses.replace(label(CUBIC, 300.0), start=told)
+    named = refit_all(before, [label(OTHER, 1e8)], trials, KINDS, nothing)
+    monkeypatch.setattr(further, "refit_all", refitted)
+    shot_too(before, [few], named, trials, KINDS, nothing)
+    assert asked == [(False, [] if nearby else [None]), (True, [told])]
 
 
 @pytest.mark.slow

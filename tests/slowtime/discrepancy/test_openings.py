@@ -21,10 +21,11 @@ from slowtime.discrepancy.openings import (
 from slowtime.discrepancy.records import FEWEST, Campaign, Trial
 from slowtime.discrepancy.refit import first_swings, refit
 from slowtime.discrepancy.refit.pieces import SWINGS
+from slowtime.discrepancy.shapes import SOME, as_strong, has_strength
 from slowtime.discrepancy.unbent import unbent
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Node, assemble
-from slowtime.dynamics.effects import Effect, Place, catalogue
+from slowtime.dynamics.effects import Effect, Motion, Place, catalogue, force_along
 from slowtime.dynamics.plant import Plant
 from tests.slowtime.discrepancy.test_downward import (
     GROUND,
@@ -55,6 +56,33 @@ STRONG = {
 
 def never():
     return False
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("share", [0.56, -0.1])
+def test_a_law_is_begun_as_strong_as_is_said(name, share):
+    rng = np.random.default_rng(3)
+    times = np.arange(400) / RATE
+    e = np.cumsum(rng.standard_normal(400)) * 1e-3
+    motion = Motion(e=e, v=np.gradient(e, 1 / RATE), a=np.zeros(400), times=times)
+    force = 700.0 * e
+    kind = KINDS[name]
+    assert has_strength(kind)
+    assert kind.strength is not None
+    found = list(as_strong(kind, MIDDLE, motion, force, THREE, (share, -share)))
+    assert 1 <= len(found) <= 2 * SOME
+    for effect in found:
+        size = np.std(force_along(kind, effect.parameters, motion))
+        assert size == pytest.approx(abs(share) * np.std(force))
+        assert not kind.parameter(kind.strength).refuses(effect.parameters[kind.strength])
+    assert not list(as_strong(kind, MIDDLE, motion, 0.0 * force, THREE, (share,)))
+
+
+def test_what_has_a_phase_or_is_no_force_has_no_strength():
+    kinds = catalogue()
+    assert not any(
+        has_strength(kinds[name]) for name in ("harmonic_force", "sensor_gain", "parametric")
+    )
 
 
 def lacking(name, place):

@@ -8,6 +8,7 @@ import pytest
 
 from slowtime.discrepancy import naming
 from slowtime.discrepancy import piecewise as module
+from slowtime.discrepancy.adding import begun_with
 from slowtime.discrepancy.candidates import Candidate, candidates, label_of
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.further import FAR_OFF, IN_PIECES
@@ -20,7 +21,10 @@ from slowtime.discrepancy.piecewise import (
     FEW,
     HINTS,
     KEPT,
+    MORE,
     MOST,
+    PLAIN,
+    QUIETER,
     REACH,
     TELLS,
     Piecewise,
@@ -28,8 +32,10 @@ from slowtime.discrepancy.piecewise import (
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refit import Fit, GivenUp, begun_by, loudest, pieces, refit, shot
 from slowtime.discrepancy.unbent import unbent
+from slowtime.dynamics.description import Input, Sensor
 from slowtime.dynamics.effects import Effect, Place, catalogue
 from slowtime.dynamics.plant import Plant
+from tests.slowtime.discrepancy.rigs import ONE, PLACE
 from tests.slowtime.discrepancy.test_downward import EVERY, GROUND, MIDDLE, TOP, recorded
 
 NAMES = (
@@ -37,6 +43,10 @@ NAMES = (
     "quadratic_damping", "viscous_damping", "stiffness_loss", "extra_dof", "harmonic_force",
 )  # fmt: skip
 KINDS = {name: kind for name, kind in catalogue().items() if name in NAMES}
+TURNED = {
+    name: catalogue()[name]
+    for name in ("pendulum_sine", "viscous_damping", "quadratic_damping", "stiffness_jump")
+}
 SOFT = Effect("quadratic_stiffness", MIDDLE, {"k2_n_per_m2": -2.5e3})
 STOP = Effect("gap_one_sided", GROUND, {"kg_n_per_m": 4000.0, "gap_m": 0.01, "side": -1.0})
 HARD = Effect("cubic_hardening", TOP, {"k3_n_per_m3": 3e6})
@@ -63,7 +73,9 @@ class Lacking:
     def told(self, tried=None, labels=None, late=never):
         some = self.tried if tried is None else tried
         first = some[:3] if labels is None else labels
-        pieced = Piecewise(self.before, some, first, self.located, self.trials, KINDS, late)
+        names = {one.effect.kind for one in (*some, *first)}
+        kinds = KINDS if tried is None else {name: KINDS[name] for name in names}
+        pieced = Piecewise(self.before, some, first, self.located, self.trials, kinds, late)
         pieced([])
         return pieced.told
 
@@ -206,7 +218,7 @@ def test_or_where_what_was_refitted_explains_little(stop):
     (told,) = pieced(left(stop.before, 1.1 * FAR_OFF))
     # It comes as early as the best along the force does.
     assert told.cost == near[0].cost < pieced.told[0].cost
-    assert [one.start for one in pieced.whole] == [None]
+    assert pieced.whole == pieced.told
 
 
 def test_what_leaves_more_than_noise_of_pieces_is_not_all_there_is(two):
@@ -220,6 +232,73 @@ def test_a_diagnosis_begins_with_what_the_pieces_tell():
     (told,) = diagnose(Campaign(description=EVERY, trials=trials), kinds=KINDS).effects
     assert label_of(told.effect) == label_of(STOP)
     assert told.effect.parameters["kg_n_per_m"] == pytest.approx(4000.0, rel=0.02)
+
+
+@pytest.fixture(scope="module")
+def overturned():
+    """A pendulum that turns over now and then, and a model without gravity."""
+    one = dataclasses.replace(
+        ONE,
+        unit_of_coordinate="rad",
+        inputs=(Input(channel="u", kind="force", node="m1", unit="N m"),),
+        sensors=(Sensor(channel="x", quantity="displacement", node="m1", unit="rad"),),
+    )
+    effect = Effect("pendulum_sine", PLACE, {"k": 800.0})
+    truth = Plant.of(dataclasses.replace(one, effects=(effect.entry(),)))
+    found = []
+    for seed in (5, 6):
+        rng = np.random.default_rng(seed)
+        push = 90.0 * np.convolve(rng.standard_normal(3000), np.hanning(9), "same")[:, None]
+        seen = truth.simulate(truth.values, push, 100.0)
+        heard = seen + 0.02 * rng.standard_normal(seen.shape)
+        found.append(Trial(inputs=push, outputs=heard, rate_hz=100.0))
+    assert np.abs(found[1].outputs).max() > 2 * np.pi
+    trials = tuple(found)
+    return unbent(refit(Plant.of(one, kinds=TURNED), trials), trials), trials
+
+
+def test_where_motion_turns_over_a_quieter_part_tells_the_law(overturned):
+    before, trials = overturned
+    located = locate(before, trials)
+    tried = candidates(before, located, TURNED)
+    pieced = Piecewise(before, tried, tried[:2], located, trials, TURNED, never)
+    pieced([])
+    assert pieced.begins == ("pendulum_sine", PLACE)
+    assert pieced.told[0].effect.parameters["k"] == pytest.approx(800.0, rel=2e-3)
+    assert pieced.whole == pieced.told
+
+
+@pytest.mark.parametrize("k", [100.0, 500.0])
+def test_in_a_quieter_part_a_law_is_found_from_farther_off(overturned, k):
+    before, trials = overturned
+    plant, _, _ = begun_with(before, Effect("pendulum_sine", PLACE, {"k": k}), TURNED)
+    nominal = np.array([entry.value for entry in plant.entries.values()])
+    for share in (*QUIETER, 1.0):
+        parts = loudest(plant, trials, FEW, share)
+        found, _ = shot(plant, parts, before.noise, nominal)
+        near = found.values[-1] == pytest.approx(800.0, rel=2e-3)
+        assert near == (found.chi2_in_band < 1.2) == (share < 1.0)
+
+
+def test_a_law_that_seems_to_pull_where_it_pushes_is_tried_all_the_same(stop):
+    """Along a motion that was not the one, it explained nothing."""
+    tried = [one for one in stop.tried if label_of(one.effect) != label_of(STOP)]
+    pieced = Piecewise(stop.before, tried, tried[:3], stop.located, stop.trials, KINDS, never)
+    pieced([])
+    assert pieced.begins == label_of(STOP)
+    assert pieced.told[0].effect.parameters["kg_n_per_m"] == pytest.approx(4000.0, rel=0.03)
+
+
+@pytest.mark.parametrize("share", [1.0, 0.5, 0.25])
+def test_a_quieter_part_has_so_much_of_the_power_of_the_loudest(share):
+    plant = Plant.of(EVERY)
+    rng = np.random.default_rng(1)
+    outputs = rng.standard_normal((8000, 3)) * np.linspace(0.1, 3.0, 8000)[:, None]
+    trial = Trial(inputs=np.zeros((8000, 1)), outputs=outputs, rate_hz=80.0)
+    (part,), (loud,) = loudest(plant, (trial,), 4, share), loudest(plant, (trial,), 4)
+    assert len(part.outputs) == len(loud.outputs)
+    power = np.sum(part.outputs**2) / np.sum(loud.outputs**2)
+    assert power == pytest.approx(share, rel=0.02)
 
 
 def test_the_loudest_part_of_each_record_is_as_long_as_its_pieces():
@@ -275,11 +354,13 @@ class Scripted:
     given: Lacking
     leaves: dict[str, tuple[float | Exception, float | Exception]]
     asked: list[tuple[str, bool, float | None]] = dataclasses.field(default_factory=list)
+    places: set[tuple[str, Place]] = dataclasses.field(default_factory=set)
 
     def __call__(self, plant, parts, noise, values, late, beat):
         kind = plant.effects[-1].kind if plant.effects else ""
         few = len(parts[0].outputs) == len(loudest(plant, self.given.trials, FEW)[0].outputs)
         self.asked.append((kind, few, beat))
+        self.places |= {label_of(effect) for effect in plant.effects}
         left = self.leaves.get(kind, (99.0, 99.0))[0 if few else 1]
         if isinstance(left, Exception):
             raise left
@@ -380,9 +461,53 @@ def test_laws_are_tried_where_a_force_leaves_about_as_little_as_at_the_best_plac
     top = laws(stop, "quadratic_stiffness", place=TOP)
     near.told([*laws(stop, *names), *top], [])
     # More are tried at a place that is the only one.
-    assert script.kinds(few=True) == {*names[: AT_ONE if tried else None]} | (
-        {"quadratic_stiffness"} if tried else set()
-    )
+    along = {*names[: AT_ONE if tried else None]}
+    beside = {"quadratic_stiffness"}  # it explains nothing there
+    assert {kind for kind, place in script.places if place == GROUND} == along | beside
+    over = {*names, "quadratic_stiffness"} if tried else set()
+    assert {kind for kind, place in script.places if place == TOP} == over
     script = scripted()
     near.told([], top)
-    assert script.kinds(few=True) == {"quadratic_stiffness"}
+    assert label_of(top[0].effect) in script.places
+
+
+QUIET, LESS = QUIETER
+LAST = [(MORE, 1.0)]
+
+
+@pytest.mark.parametrize(
+    ("plain", "tells", "cuts"),
+    [
+        ({QUIET, LESS}, {QUIET, LESS, 1.0}, [(FEW, QUIET), *LAST]),
+        ({LESS}, {QUIET, LESS, 1.0}, [(FEW, QUIET), (FEW, LESS), *LAST]),
+        (set(), {1.0}, [(FEW, QUIET), (FEW, LESS), (FEW, 1.0), *LAST]),
+        ({QUIET, LESS}, {1.0}, [(FEW, QUIET), (FEW, 1.0), *LAST]),
+        ({QUIET, LESS}, set(), [(FEW, QUIET), (FEW, 1.0)]),
+    ],
+    ids=["quiet", "less quiet", "loudest", "only the loudest", "nowhere"],
+)
+def test_the_quietest_part_that_tells_is_asked_first_and_the_loudest_last(
+    stop, monkeypatch, plain, tells, cuts
+):
+    asked = []
+
+    def cut(plant, trials, count, share=1.0):
+        asked.append((count, share))
+        return loudest(plant, trials, count, share)
+
+    def fitted(plant, parts, noise, values, late, beat):
+        count, share = asked[-1]
+        left = 1.1 * PLAIN if share in plain or share == 1.0 else 0.9 * PLAIN
+        if plant.effects and (count == MORE or share in tells):
+            left = 1.0
+        fit = dataclasses.replace(
+            stop.before, plant=plant, values=plant.values, cost=left, chi2_in_band=left
+        )
+        return fit, []
+
+    monkeypatch.setattr(module, "loudest", cut)
+    monkeypatch.setattr(module, "shot", fitted)
+    monkeypatch.setattr(module, "begun_by", lambda *_: [])
+    told = stop.told(laws(stop, "cubic_hardening"), [])
+    assert asked == cuts
+    assert bool(told) == bool(tells)
