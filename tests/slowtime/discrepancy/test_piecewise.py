@@ -268,16 +268,15 @@ def test_where_motion_turns_over_a_quieter_part_tells_the_law(overturned):
     assert pieced.whole == pieced.told
 
 
-@pytest.mark.parametrize("k", [100.0, 500.0])
-def test_in_a_quieter_part_a_law_is_found_from_farther_off(overturned, k):
+@pytest.mark.parametrize("share", [*QUIETER, 1.0])
+def test_in_a_quieter_part_a_law_is_found_from_farther_off(overturned, share):
     before, trials = overturned
-    plant, _, _ = begun_with(before, Effect("pendulum_sine", PLACE, {"k": k}), TURNED)
+    plant, _, _ = begun_with(before, Effect("pendulum_sine", PLACE, {"k": 100.0}), TURNED)
     nominal = np.array([entry.value for entry in plant.entries.values()])
-    for share in (*QUIETER, 1.0):
-        parts = loudest(plant, trials, FEW, share)
-        found, _ = shot(plant, parts, before.noise, nominal)
-        near = found.values[-1] == pytest.approx(800.0, rel=2e-3)
-        assert near == (found.chi2_in_band < 1.2) == (share < 1.0)
+    found, _ = shot(plant, loudest(plant, trials, FEW, share), before.noise, nominal)
+    quiet = share < 1.0
+    assert (found.chi2_in_band < 1.2) == quiet
+    assert (found.values[-1] == pytest.approx(800.0, rel=2e-3)) == quiet
 
 
 def test_a_law_that_seems_to_pull_where_it_pushes_is_tried_all_the_same(stop):
