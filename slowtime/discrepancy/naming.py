@@ -10,6 +10,7 @@ import numpy as np
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import (
     Effect,
+    Friction,
     Hidden,
     InputChange,
     Kind,
@@ -54,6 +55,8 @@ CLEAR, SEEN = 3.0, 2.0
 SWIFTLY, GRADUALLY = (0.4, 1.0), (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)
 """Growing shares of the records to which a label is fitted: from where its force has put all
 else, and from where the model stood without it."""
+SLOWLY = (0.02, 0.04, 0.06, 0.1, 0.15, 0.2, 0.3, 0.45, 0.65, 1.0)
+"""Those over which friction is followed from stick to stick."""
 
 FAR, HALF_WAY = 40.0, 0.3
 """Log evidence behind the best, also relative to the worst, from which a label is given up."""
@@ -200,6 +203,14 @@ def refitted(
     return Named(effect, description, fit, evidence(fit, kinds), short)
 
 
+def _growing(label: Candidate, kind: Kind, *, shooting: bool) -> tuple[float, ...]:
+    """Give the shares of the records to which a law is fitted one after the other."""
+    if shooting or (label.start is not None and not label.start.nearby):
+        return SWIFTLY
+    sticks = label.start is not None and isinstance(kind.action, Friction)
+    return SLOWLY if sticks else GRADUALLY
+
+
 def refit_all(
     before: Fit,
     labels: Sequence[Candidate],
@@ -240,11 +251,10 @@ def refit_all(
             break
         beat = min((n.fit.cost for n in found), default=None)
         late = functools.partial(_late, tick, label.effect, number)
-        swift = shooting or (label.start is not None and not label.start.nearby)
         named = refitted(
             before, label.effect, trials, kinds, noise, beat,
             start=label.start, shooting=shooting, late=late,
-            horizons=SWIFTLY if swift else GRADUALLY,
+            horizons=_growing(label, kind, shooting=shooting),
         )  # fmt: skip
         if named is None:
             continue

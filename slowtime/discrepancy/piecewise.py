@@ -29,9 +29,9 @@ FEW, MORE = 4, 12
 """Pieces of each record to which all are fitted, and those that explain most of these."""
 REACH = 1.5
 """Times what a force at the best place leaves, within which laws are tried at others."""
-AT_ONE, ALONE, MOST = 4, 8, 18
-"""Laws that are tried at one of several places, at the only one, and in all."""
-QUIETER, PLAIN = (0.25, 0.5), 10.0
+AT_ONE, ALONE, MOST = 4, 8, 24
+"""Laws that are tried first at one of several places, at the only one, and in all."""
+QUIETER, PLAIN = (0.25, 0.5, 1.0), 10.0
 """Power of few pieces, beside that of the loudest, and the chi squared, over the noise, they
 must leave: where a law acts less, what wrong numbers make of it is no other motion yet."""
 ABOUT = 0.5
@@ -114,12 +114,8 @@ class Piecewise:
         return [dataclasses.replace(one, cost=min(one.cost, reach)) for one in self.told]
 
     def _looked(self) -> list[Candidate]:
-        some = self._likeliest()
-        for parts, bare in self._quiet_then_loud():
-            found = self._fitted(some, parts, bare, HINTS)
-            if found:
-                break
-        else:
+        found = self._fitted(self._likeliest(), *self._quiet(), HINTS)
+        if not found:
             return []
         near = BESIDE * found[0][0].cost
         some = [one for one, _ in found if one.cost <= near][:AS_WELL]
@@ -131,14 +127,13 @@ class Piecewise:
         groups = self._located.groups
         most = REACH * groups[0].left
         places = [p for g in groups if g.left <= most for p in g.places]
-        at = (
-            [one for one in self._tried if one.effect.place == place][
-                : max(AT_ONE, ALONE // len(places))
-            ]
-            for place in places
-        )
+        at = [[one for one in self._tried if one.effect.place == place] for place in places]
+        few = max(AT_ONE, ALONE // len(places))
+        likely = itertools.chain.from_iterable(every[:few] for every in at)
+        others = itertools.chain.from_iterable(every[few:] for every in at)
+        overlooked = itertools.chain.from_iterable(map(self._overlooked, places))
         found: dict[Label, Candidate] = {}
-        for one in itertools.chain(self._labels, *at, *map(self._overlooked, places)):
+        for one in itertools.chain(self._labels, likely, overlooked, others):
             if len(found) < MOST and not _rides(self._kinds[one.effect.kind]):
                 found.setdefault(label_of(one.effect), one)
         return list(found.values())
@@ -200,17 +195,13 @@ class Piecewise:
         telling = (pair for pair in found.values() if pair[0].cost < most * pair[0].bare)
         return sorted(telling, key=lambda pair: pair[0].cost)
 
-    def _quiet_then_loud(self) -> Iterator[tuple[tuple[Trial, ...], Fit]]:
-        """Give the quietest few pieces that still tell, and the loudest: some act only there.
-
-        Each with their fit without a law.
-        """
+    def _quiet(self) -> tuple[tuple[Trial, ...], Fit]:
+        """Give the quietest few pieces that still tell, and their fit without a law."""
         for share in QUIETER:
             parts, bare = self._parts(FEW, share)
             if bare.chi2_in_band > PLAIN:
-                yield parts, bare
                 break
-        yield self._parts(FEW)
+        return parts, bare
 
     def _parts(self, count: int, share: float = 1.0) -> tuple[tuple[Trial, ...], Fit]:
         parts = loudest(self._before.plant, self._trials, count, share)

@@ -13,13 +13,10 @@ from slowtime.dynamics.effects import Friction, Kind
 from .found import Found
 from .further import FAR_OFF, left_by
 from .gap import UNWHITE, whiteness
-from .naming import GRADUALLY
+from .naming import GRADUALLY, SLOWLY
 from .openings import begun
 from .refit import WRONG, GivenUp, first_swings, refit
 from .verdict import hardly_any
-
-SLOWLY = (0.02, 0.04, 0.06, 0.1, 0.15, 0.2, 0.3, 0.45, 0.65, 1.0)
-"""Growing shares of records over which friction is followed from stick to stick."""
 
 
 def regrow(found: Found, kinds: Mapping[str, Kind]) -> None:

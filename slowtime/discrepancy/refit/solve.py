@@ -132,9 +132,15 @@ def costed(problem: Problem, point: Point, spread: tuple[State, ...]) -> Point:
 
 
 def normal_at(
-    problem: Problem, point: Point, spread: tuple[State, ...] = ()
+    problem: Problem,
+    point: Point,
+    spread: tuple[State, ...] = (),
+    least: tuple[State, ...] = (),
 ) -> tuple[Normal, tuple[State, ...]]:
-    """Linearise at a point; `spread` of the initial states is made where not given."""
+    """Linearise at a point; `spread` of the initial states is made where not given.
+
+    Not below the `least`.
+    """
     prior, made = problem.prior, []
     cost = prior.cost(point.values[list(prior.index)])
     products: list[Float[np.ndarray, "column column"]] = []
@@ -153,6 +159,8 @@ def normal_at(
         products.append(weights.products(trial.measured[: len(outputs)] - outputs, slopes))
         sizes = np.diag(products[-1])[free:-1]
         made.append(spread[number] if spread else _spread(sizes, weights, trial))
+        if least:
+            made[-1] = np.maximum(made[-1], least[number])
         cost += float(products[-1][-1, -1])
         if point.states[number].size:
             cost += float(np.sum((point.states[number] / made[-1]) ** 2))
@@ -183,6 +191,7 @@ def descend(
     late: Callable[[], bool] | None = None,
     *,
     fine: bool = False,
+    least: tuple[State, ...] = (),
 ) -> tuple[Point, Normal, tuple[State, ...]]:
     """Go down from a start until nothing is gained; never end above it.
 
@@ -196,8 +205,10 @@ def descend(
     fine
         To where a step gains nothing at all: along what the records hardly tell, a little of
         chi squared is a standard deviation.
+    least
+        Spread of the initial states below which it is not made.
     """
-    normal, spread = normal_at(problem, start)
+    normal, spread = normal_at(problem, start, least=least)
     full = tuple(state if state.size else np.zeros(normal.states) for state in start.states)
     point = dataclasses.replace(start, states=full, cost=normal.cost)
     if fine:

@@ -9,11 +9,11 @@ import pytest
 from slowtime.discrepancy import naming
 from slowtime.discrepancy import piecewise as module
 from slowtime.discrepancy.adding import begun_with
-from slowtime.discrepancy.candidates import Candidate, candidates, label_of
+from slowtime.discrepancy.candidates import Candidate, Start, candidates, label_of
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.further import FAR_OFF, IN_PIECES
 from slowtime.discrepancy.locate import Located, locate
-from slowtime.discrepancy.naming import GRADUALLY, SWIFTLY, Named, refit_all
+from slowtime.discrepancy.naming import GRADUALLY, SLOWLY, SWIFTLY, Named, refit_all
 from slowtime.discrepancy.piecewise import (
     AS_WELL,
     AT_ONE,
@@ -279,6 +279,26 @@ def test_in_a_quieter_part_a_law_is_found_from_farther_off(overturned, share):
     assert (found.values[-1] == pytest.approx(800.0, rel=2e-3)) == quiet
 
 
+def test_the_likeliest_are_tried_first_then_what_explains_nothing_then_the_others(
+    stop, scripted
+):
+    names = ("gap_symmetric", "viscous_damping", "stiffness_loss", "cubic_hardening",
+             "quadratic_damping")  # fmt: skip
+    groups = tuple(
+        dataclasses.replace(stop.located.group(place), places=(place,), left=1.0)
+        for place in (GROUND, TOP)
+    )
+    several = dataclasses.replace(
+        stop, located=dataclasses.replace(stop.located, groups=groups)
+    )
+    script = scripted()
+    several.told(laws(stop, *names), laws(stop, "quadratic_stiffness", place=TOP))
+    first = [kind for kind, few, _ in script.asked if kind][: 1 + AT_ONE]
+    assert first == ["quadratic_stiffness", *names[:AT_ONE]]
+    assert script.asked[-1][0] == names[AT_ONE]
+    assert "quadratic_stiffness" in [kind for kind, _, _ in script.asked[2 + AT_ONE :]]
+
+
 def test_a_law_that_seems_to_pull_where_it_pushes_is_tried_all_the_same(stop):
     """Along a motion that was not the one, it explained nothing."""
     tried = [one for one in stop.tried if label_of(one.effect) != label_of(STOP)]
@@ -332,18 +352,23 @@ def test_a_law_that_will_not_come_near_is_not_fitted_to_the_end(stop):
     assert cut.cost > full.cost
 
 
-def test_what_parts_of_records_told_is_fitted_to_growing_shares_of_them(stop, monkeypatch):
+RUBBED = Effect("coulomb", GROUND, {"friction_n": 1.0})
+
+
+@pytest.mark.parametrize(("effect", "slowly"), [(STOP, GRADUALLY), (RUBBED, SLOWLY)])
+def test_what_parts_of_records_told_is_fitted_to_growing_shares_of_them(
+    stop, monkeypatch, effect, slowly
+):
     shares = []
 
     def refitted(*_, horizons, **more):
         shares.append(horizons)
 
     monkeypatch.setattr(naming, "refitted", refitted)
-    (told,) = stop.told()
     for nearby in (True, False):
-        label = dataclasses.replace(told, start=dataclasses.replace(told.start, nearby=nearby))
-        refit_all(stop.before, [label], stop.trials, KINDS, lambda *_: False)
-    assert shares == [GRADUALLY, SWIFTLY]
+        label = Candidate(effect, 1.0, -1.0, 9.0, Start({}, [{}, {}], nearby=nearby))
+        refit_all(stop.before, [label], stop.trials, catalogue(), lambda *_: False)
+    assert shares == [slowly, SWIFTLY]
 
 
 @dataclasses.dataclass
@@ -459,34 +484,33 @@ def test_laws_are_tried_where_a_force_leaves_about_as_little_as_at_the_best_plac
     script = scripted()
     top = laws(stop, "quadratic_stiffness", place=TOP)
     near.told([*laws(stop, *names), *top], [])
-    # More are tried at a place that is the only one.
-    along = {*names[: AT_ONE if tried else None]}
-    beside = {"quadratic_stiffness"}  # it explains nothing there
-    assert {kind for kind, place in script.places if place == GROUND} == along | beside
-    over = {*names, "quadratic_stiffness"} if tried else set()
-    assert {kind for kind, place in script.places if place == TOP} == over
+    # What explains nothing at a place is tried there, too.
+    every = {*names, "quadratic_stiffness"}
+    assert {kind for kind, place in script.places if place == GROUND} == every
+    assert {kind for kind, place in script.places if place == TOP} == (
+        every if tried else set()
+    )
     script = scripted()
     near.told([], top)
     assert label_of(top[0].effect) in script.places
 
 
-QUIET, LESS = QUIETER
+QUIET, LESS, LOUDEST = QUIETER
 LAST = [(MORE, 1.0)]
 
 
 @pytest.mark.parametrize(
-    ("plain", "tells", "cuts"),
+    ("plain", "cuts"),
     [
-        ({QUIET, LESS}, {QUIET, LESS, 1.0}, [(FEW, QUIET), *LAST]),
-        ({LESS}, {QUIET, LESS, 1.0}, [(FEW, QUIET), (FEW, LESS), *LAST]),
-        (set(), {1.0}, [(FEW, QUIET), (FEW, LESS), (FEW, 1.0), *LAST]),
-        ({QUIET, LESS}, {1.0}, [(FEW, QUIET), (FEW, 1.0), *LAST]),
-        ({QUIET, LESS}, set(), [(FEW, QUIET), (FEW, 1.0)]),
+        ({QUIET, LESS}, [(FEW, QUIET)]),
+        ({LESS}, [(FEW, QUIET), (FEW, LESS)]),
+        (set(), [(FEW, QUIET), (FEW, LESS), (FEW, LOUDEST)]),
     ],
-    ids=["quiet", "less quiet", "loudest", "only the loudest", "nowhere"],
+    ids=["quiet", "less quiet", "loudest"],
 )
-def test_the_quietest_part_that_tells_is_asked_first_and_the_loudest_last(
-    stop, monkeypatch, plain, tells, cuts
+@pytest.mark.parametrize("there", [True, False])
+def test_the_quietest_part_is_asked_of_which_much_is_left(
+    stop, monkeypatch, plain, cuts, there
 ):
     asked = []
 
@@ -495,9 +519,8 @@ def test_the_quietest_part_that_tells_is_asked_first_and_the_loudest_last(
         return loudest(plant, trials, count, share)
 
     def fitted(plant, parts, noise, values, late, beat):
-        count, share = asked[-1]
-        left = 1.1 * PLAIN if share in plain or share == 1.0 else 0.9 * PLAIN
-        if plant.effects and (count == MORE or share in tells):
+        left = 1.1 * PLAIN if asked[-1][1] in plain else 0.9 * PLAIN
+        if plant.effects and there:
             left = 1.0
         fit = dataclasses.replace(
             stop.before, plant=plant, values=plant.values, cost=left, chi2_in_band=left
@@ -508,5 +531,5 @@ def test_the_quietest_part_that_tells_is_asked_first_and_the_loudest_last(
     monkeypatch.setattr(module, "shot", fitted)
     monkeypatch.setattr(module, "begun_by", lambda *_: [])
     told = stop.told(laws(stop, "cubic_hardening"), [])
-    assert asked == cuts
-    assert bool(told) == bool(tells)
+    assert bool(told) == there
+    assert asked == [*cuts, *LAST] if there else asked == cuts
