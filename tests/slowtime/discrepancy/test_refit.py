@@ -100,9 +100,9 @@ def test_the_very_first_part_is_fitted_to_the_end_before_anything_is_compared(
     right = refit(plant_of(rig), trials)
     goals = []
 
-    def noted(problem, start, beat=None, late=None, *, fine=False):
+    def noted(problem, start, beat=None, late=None, **how):
         goals.append((problem.samples[0] / len(trials[0].outputs), beat))
-        return descended(problem, start, beat, late, fine=fine)
+        return descended(problem, start, beat, late, **how)
 
     descended = solve.descend
     monkeypatch.setattr("slowtime.discrepancy.refit.fit.descend", noted)
@@ -117,6 +117,32 @@ def test_the_very_first_part_is_fitted_to_the_end_before_anything_is_compared(
     far = dataclasses.replace(far, tolerance=Tolerance(stiffness=1e-6, damping=0.1))
     with pytest.raises(solve.GivenUp):
         refit(Plant.of(far), trials, **parts)
+
+
+def test_what_a_state_makes_of_longer_records_narrows_nothing(clean, monkeypatch):
+    """Where motion is chaotic, that grows without end: it would hold each state where it is."""
+    _, trials, fit = clean[1]
+    spreads: list[Any] = []
+    sizes, size = [2.0, 1e-9, 1.0], [0.0]
+
+    def shrinking(squares, weights, trial):
+        return np.full(len(squares), size[0])
+
+    def noted(problem, start, *args, **how):
+        size[0] = sizes.pop()
+        found = descended(problem, start, *args, **how)
+        spreads.append(found[2])
+        return found
+
+    descended = solve.descend
+    monkeypatch.setattr("slowtime.discrepancy.refit.fit.descend", noted)
+    monkeypatch.setattr(solve, "_spread", shrinking)
+    refit(
+        fit.plant, trials, noise=fit.noise, values=fit.values, states=fit.states,
+        horizons=(0.25, 0.5, 1.0),
+    )  # fmt: skip
+    assert [float(one[0].min()) for one in spreads] == [1.0, 1.0, 2.0]
+    assert [float(one[0].max()) for one in spreads] == [1.0, 1.0, 2.0]
 
 
 def test_a_point_costs_the_same_with_slopes_and_without(clean):
