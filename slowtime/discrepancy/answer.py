@@ -70,6 +70,10 @@ FLOATS = (
     "No element holds the structure to the base: as given, it floats. Where it does not, join "
     "a node to `base`."
 )
+NOT_KEPT = (
+    "The model as given does better on the record it never saw than with what was fitted: it "
+    "is left as it was."
+)
 HURRIED = "Time ran out before every law was tried; --patience gives it more."
 
 
@@ -117,29 +121,32 @@ def report(
     verdict, sentence = _word(campaign.description, found, answers, kinds)
     if unknown:
         verdict, sentence = "unknown_effect", _unnamed(found, kinds)
+    # Constants that were bent to make up for what has no name are no better a model.
+    useless = unknown and bool(campaign.holdout) and errors[-1] > float(nominal.error.mean())
+    kept = nominal if useless else steps[-1]
     experiment = propose(found.pair, trials, kinds) if found.pair and not unknown else None
     if experiment is not None:
         sentence += f" What would decide: {experiment.sentence}"
     return Diagnosis(
         verdict=verdict,
-        sentence=sentence + _closing(steps, nominal, floor, bool(campaign.holdout)),
+        sentence=sentence + _closing(kept, nominal, floor, bool(campaign.holdout)),
         effects=tuple(answers),
         undecided=found.undecided if verdict == "undecided" else (),
         experiment=experiment,
         nothing_probability=_nothing(found, located),
-        moved=moved_of(last) | renumbered(last, campaign.description),
+        moved={} if useless else moved_of(last) | renumbered(last, campaign.description),
         where=_suspects(located),
         when=_when(located) if found.answers else When((), (), ""),
         findings=findings,
-        gap=_gap(campaign, found, nominal, steps, floor),
+        gap=_gap(campaign, found, nominal, steps, kept, floor),
         chi2_per_datum=last.chi2_per_datum,
         residual_white=whiteness(last) > WHITE,
         white_p_value=whiteness(last),
         nominal=campaign.description,
         refitted=_described(first),
-        augmented=saying_holds(_described(last)),
-        traces=traces_of(tests, nominal.runs, steps[0].runs, steps[-1].runs),
-        spectra=spectra_of(tests, steps[0].runs, steps[-1].runs, heard),
+        augmented=campaign.description if useless else saying_holds(_described(last)),
+        traces=traces_of(tests, nominal.runs, steps[0].runs, kept.runs),
+        spectra=spectra_of(tests, steps[0].runs, kept.runs, heard),
         surface=(
             _surface(located, () if unknown else found.answers, kinds, found.refuted)
             if found.answers or unknown
@@ -147,6 +154,7 @@ def report(
         ),
         notes=(
             *((NOT_HELD_OUT,) if not campaign.holdout else ()),
+            *((NOT_KEPT,) if useless else ()),
             *told_of_holds(campaign.description),
             *((FLOATS,) if floats(campaign.description) else ()),
             *((HURRIED,) if found.hurried else ()),
@@ -328,9 +336,9 @@ def _unnamed(found: Found, kinds: Mapping[str, Kind]) -> str:
     )
 
 
-def _closing(steps: Sequence[Judged], nominal: Judged, floor: float, held: bool) -> str:
+def _closing(kept: Judged, nominal: Judged, floor: float, held: bool) -> str:
     """Say how far the gap has closed, and how near it is to the noise."""
-    before, after = float(nominal.error.mean()), float(steps[-1].error.mean())
+    before, after = float(nominal.error.mean()), float(kept.error.mean())
     on = "the record it never saw" if held else "the last third of the records"
     fell = f"falls from {_percent(before)} to" if after < CLOSED * before else "is"
     close = after <= floor / CLOSED
@@ -368,6 +376,7 @@ def _gap(
     found: Found,
     nominal: Judged,
     steps: Sequence[Judged],
+    kept: Judged,
     floor: float,
 ) -> Gap:
     return Gap(
@@ -377,10 +386,10 @@ def _gap(
             Step(answer.effect.kind, answer.effect.place, float(step.error.mean()))
             for answer, step in zip(found.answers, steps[1:], strict=False)
         ),
-        augmented=float(steps[-1].error.mean()),
+        augmented=float(kept.error.mean()),
         noise_floor=floor,
         on="holdout" if campaign.holdout else "tail",
-        worst=float(steps[-1].error.max()),
+        worst=float(kept.error.max()),
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy import answer as answering
-from slowtime.discrepancy.answer import HURRIED, LOUD, report
+from slowtime.discrepancy.answer import HURRIED, LOUD, NOT_KEPT, report
 from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.locate import locate
 from slowtime.discrepancy.naming import Named, evidence
@@ -163,6 +163,49 @@ def test_noise_of_another_colour_is_no_discovery_where_no_record_shows_an_error(
     )
     assert told.verdict == verdict
     assert (LOUD in told.notes) == (unseen == 0.0)
+
+
+@pytest.mark.parametrize(("true", "kept"), [(800.0, False), (880.0, True)])
+@pytest.mark.parametrize("held", [True, False])
+def test_constants_bent_to_make_up_for_what_has_no_name_are_kept_where_they_do_better(
+    true, kept, held
+):
+    """Unless a record that was never seen says that they do not."""
+    rng = np.random.default_rng(4)
+    rig = dataclasses.replace(
+        chain([2.0], [800.0], dampings_n_s_per_m=[1.6]),
+        inputs=(Input(channel="f", kind="force", node="m1", unit="N"),),
+        sensors=(Sensor(channel="x", quantity="displacement", node="m1", unit="m"),),
+        tolerance=Tolerance(stiffness=0.02, damping=0.1),
+    )
+    plant = Plant.of(rig)
+
+    def record(stiffness):
+        push = rng.standard_normal((400, 1))
+        values = plant.values.copy()
+        values[plant.parameters.index(("stiffness", PLACE.id))] = stiffness
+        clean = plant.simulate(values, push, 64.0)
+        noise = 0.05 * clean.std() * rng.standard_normal(clean.shape)
+        return Trial(inputs=push, outputs=clean + noise, rate_hz=64.0)
+
+    trials = (record(880.0), record(880.0))
+    fit = refit(plant, trials)
+    found = Found(
+        [dataclasses.replace(fit, chi2_in_band=99.0)], trials, located=locate(fit, trials),
+        refuted=PLACE,
+    )  # fmt: skip
+    unseen = (record(true),) if held else ()
+    campaign = Campaign(description=rig, trials=trials, holdout=unseen)
+    told = report(campaign, trials, (), found, KINDS)
+    assert told.verdict == "unknown_effect"
+    bent = kept or not held
+    assert (NOT_KEPT in told.notes) == (not bent)
+    assert bool(told.moved) == bent
+    assert (told.augmented == rig) == (not bent)
+    assert told.gap.augmented == (told.gap.refitted_nominal if bent else told.gap.nominal)
+    assert told.gap.augmented <= 1.02 * told.gap.nominal
+    error = f"{100 * told.gap.augmented:.2g} %" if told.gap.augmented < 0.1 else " %"
+    assert error in told.sentence
 
 
 @pytest.mark.parametrize(
