@@ -178,28 +178,26 @@ def refit(
     start = point
     whole = tuple(len(trial.outputs) for trial in records)
     heard = noise or _heard(plant, records, point, silent)
-    # Where motion is chaotic, what a state makes of a long record is no measure of it.
-    least: tuple[Float[np.ndarray, " state"], ...] = ()
     for horizon in horizons[:-1]:
         counts = tuple(prev_fast_len(max(int(horizon * n), min(FEWEST, n))) for n in whole)
         goal = None
         if beat is not None and horizon >= SHORT:
             goal = beat * sum(counts) / sum(whole)
-        point, _, least = descend(problem_of(counts, heard), point, goal, late, least=least)
+        point = descend(problem_of(counts, heard), point, goal, late)[0]
         if goal is not None and point.cost > FORLORN * goal:
             raise GivenUp
     if noise is None:
-        point, _, least = descend(problem_of(whole, heard), point, late=late, least=least)
+        point = descend(problem_of(whole, heard), point, late=late)[0]
         heard = _heard(plant, records, point, silent)
     problem = problem_of(whole, heard)
-    best, normal, spread = descend(problem, point, beat, late, fine=fine, least=least)
+    best, normal, spread = descend(problem, point, beat, late, fine=fine)
     # Growing horizons may have led astray; from the start itself there is only down.
     moved = point is not start
     if moved and costed(problem, _full(start, normal), spread).cost < best.cost:
-        best, normal, spread = descend(problem, start, beat, late, fine=fine, least=least)
+        best, normal, spread = descend(problem, start, beat, late, fine=fine)
     if leads(plant, heard):
         problem = dataclasses.replace(problem, led=_led(problem, heard))
-        best, normal, _ = descend(problem, best, beat, late, fine=fine, least=least)
+        best, normal, _ = descend(problem, best, beat, late, fine=fine)
     return _account(problem, records, best, normal, heard, silent)
 
 

@@ -36,6 +36,8 @@ LITTLE_DAMPING = 1e-6
 """Damping at the start."""
 STRIDES = 6
 """Whole steps that are taken, up or down, before one looks whether they led down."""
+CHAOTIC, FIRST_PARTS = 1e3, 2.0 ** np.arange(-5, 1)
+"""Times that what a state makes outgrows the record in chaos, from some first part of it on."""
 BROAD = 3.0
 """Initial states may, a priori, explain so many times what was measured."""
 
@@ -132,15 +134,9 @@ def costed(problem: Problem, point: Point, spread: tuple[State, ...]) -> Point:
 
 
 def normal_at(
-    problem: Problem,
-    point: Point,
-    spread: tuple[State, ...] = (),
-    least: tuple[State, ...] = (),
+    problem: Problem, point: Point, spread: tuple[State, ...] = ()
 ) -> tuple[Normal, tuple[State, ...]]:
-    """Linearise at a point; `spread` of the initial states is made where not given.
-
-    Not below the `least`.
-    """
+    """Linearise at a point; `spread` of the initial states is made where not given."""
     prior, made = problem.prior, []
     cost = prior.cost(point.values[list(prior.index)])
     products: list[Float[np.ndarray, "column column"]] = []
@@ -158,9 +154,9 @@ def normal_at(
         )
         products.append(weights.products(trial.measured[: len(outputs)] - outputs, slopes))
         sizes = np.diag(products[-1])[free:-1]
-        made.append(spread[number] if spread else _spread(sizes, weights, trial))
-        if least:
-            made[-1] = np.maximum(made[-1], least[number])
+        made.append(
+            spread[number] if spread else _spread(sizes, slopes[:, :, free:], weights, trial)
+        )
         cost += float(products[-1][-1, -1])
         if point.states[number].size:
             cost += float(np.sum((point.states[number] / made[-1]) ** 2))
@@ -191,7 +187,6 @@ def descend(
     late: Callable[[], bool] | None = None,
     *,
     fine: bool = False,
-    least: tuple[State, ...] = (),
 ) -> tuple[Point, Normal, tuple[State, ...]]:
     """Go down from a start until nothing is gained; never end above it.
 
@@ -205,10 +200,8 @@ def descend(
     fine
         To where a step gains nothing at all: along what the records hardly tell, a little of
         chi squared is a standard deviation.
-    least
-        Spread of the initial states below which it is not made.
     """
-    normal, spread = normal_at(problem, start, least=least)
+    normal, spread = normal_at(problem, start)
     full = tuple(state if state.size else np.zeros(normal.states) for state in start.states)
     point = dataclasses.replace(start, states=full, cost=normal.cost)
     if fine:
@@ -317,16 +310,43 @@ def _moved(
     return Point(values=values, states=moved)
 
 
-def _spread(squares: State, weights: Weights, trial: Trial) -> State:
+def _spread(
+    squares: State,
+    slopes: Float[np.ndarray, "time sensor state"],
+    weights: Weights,
+    trial: Trial,
+) -> State:
     """Let each initial state, by one standard deviation, explain the record several times.
+
+    Where motion is chaotic, what a state makes grows without end: there it is to explain a
+    first part so.
 
     Parameters
     ----------
     squares
         Of what a unit of each makes, whitened.
+    slopes
+        What a unit of each makes.
     """
     size = np.sqrt(squares)
-    whole = BROAD * np.sqrt(weights.chi2(trial.measured[: len(weights.use)]))
+    measured = trial.measured[: len(weights.use)]
+    whole = BROAD * np.sqrt(weights.chi2(measured))
     if whole == 0.0:
         return np.ones_like(size)  # nothing was heard: they may as well be at rest
-    return np.asarray(whole / np.maximum(size, 1e-12 * size.max(initial=0.0) + 1e-300))
+    made = np.asarray(whole / np.maximum(size, 1e-12 * size.max(initial=0.0) + 1e-300))
+    grown = _grown(slopes, measured)
+    return np.where(grown > CHAOTIC, made * grown, made)
+
+
+def _grown(
+    slopes: Float[np.ndarray, "time sensor state"], measured: Float[np.ndarray, "time sensor"]
+) -> State:
+    """Give by how much what a state makes outgrows the record, from some part of it on."""
+    ends = np.unique((len(measured) * FIRST_PARTS).astype(int)) - 1
+    scale = np.std(measured, axis=0)
+    scale[scale == 0.0] = 1.0
+    heard = np.cumsum(np.sum((measured / scale) ** 2, axis=1))[ends]
+    with np.errstate(all="ignore"):
+        made = np.cumsum(np.sum((slopes / scale[:, None]) ** 2, axis=1), axis=0)[ends]
+        beside = np.sqrt(heard[:, None] / np.maximum(made, np.finfo(float).tiny))
+        return np.asarray(np.max(beside, axis=0) / beside[-1])
