@@ -8,7 +8,8 @@ import scipy.linalg
 import scipy.optimize
 from jaxtyping import Float
 
-from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.records import FEWEST, Trial
+from slowtime.dynamics.effects import Friction, Law
 from slowtime.dynamics.plant import Plant
 
 from .lead import Led
@@ -141,6 +142,8 @@ def normal_at(
     cost = prior.cost(point.values[list(prior.index)])
     products: list[Float[np.ndarray, "column column"]] = []
     free = len(prior.names)
+    acts = [problem.plant.kinds[effect.kind].action for effect in problem.plant.effects]
+    bends = any(isinstance(action, Law | Friction) for action in acts)
     for number, (trial, weights) in enumerate(
         zip(problem.trials, problem.weights, strict=True)
     ):
@@ -154,9 +157,10 @@ def normal_at(
         )
         products.append(weights.products(trial.measured[: len(outputs)] - outputs, slopes))
         sizes = np.diag(products[-1])[free:-1]
-        made.append(
-            spread[number] if spread else _spread(sizes, slopes[:, :, free:], weights, trial)
-        )
+        made.append(spread[number] if spread else _spread(sizes, weights, trial))
+        if bends and not spread:
+            outrun = _grown(slopes[:, :, free:], trial.measured[: len(outputs)])
+            made[-1] = np.where(outrun > CHAOTIC, outrun * made[-1], made[-1])
         cost += float(products[-1][-1, -1])
         if point.states[number].size:
             cost += float(np.sum((point.states[number] / made[-1]) ** 2))
@@ -310,39 +314,32 @@ def _moved(
     return Point(values=values, states=moved)
 
 
-def _spread(
-    squares: State,
-    slopes: Float[np.ndarray, "time sensor state"],
-    weights: Weights,
-    trial: Trial,
-) -> State:
+def _spread(squares: State, weights: Weights, trial: Trial) -> State:
     """Let each initial state, by one standard deviation, explain the record several times.
-
-    Where motion is chaotic, what a state makes grows without end: there it is to explain a
-    first part so.
 
     Parameters
     ----------
     squares
         Of what a unit of each makes, whitened.
-    slopes
-        What a unit of each makes.
     """
     size = np.sqrt(squares)
-    measured = trial.measured[: len(weights.use)]
-    whole = BROAD * np.sqrt(weights.chi2(measured))
+    whole = BROAD * np.sqrt(weights.chi2(trial.measured[: len(weights.use)]))
     if whole == 0.0:
         return np.ones_like(size)  # nothing was heard: they may as well be at rest
-    made = np.asarray(whole / np.maximum(size, 1e-12 * size.max(initial=0.0) + 1e-300))
-    grown = _grown(slopes, measured)
-    return np.where(grown > CHAOTIC, made * grown, made)
+    return np.asarray(whole / np.maximum(size, 1e-12 * size.max(initial=0.0) + 1e-300))
 
 
 def _grown(
     slopes: Float[np.ndarray, "time sensor state"], measured: Float[np.ndarray, "time sensor"]
 ) -> State:
-    """Give by how much what a state makes outgrows the record, from some part of it on."""
-    ends = np.unique((len(measured) * FIRST_PARTS).astype(int)) - 1
+    """Give by how much what a state makes outgrows the record, from some part of it on.
+
+    Where motion is chaotic, that grows without end, and would hold the state where it is: it is
+    to explain a first part several times. A linear model that is not stable grows as well, and
+    is to be held.
+    """
+    parts = np.maximum((len(measured) * FIRST_PARTS).astype(int), FEWEST)
+    ends = np.unique(np.minimum(parts, len(measured))) - 1
     scale = np.std(measured, axis=0)
     scale[scale == 0.0] = 1.0
     heard = np.cumsum(np.sum((measured / scale) ** 2, axis=1))[ends]
