@@ -252,11 +252,12 @@ class Diagnosis:
     findings
         Of the screening of channels.
     chi2_per_datum
-        Mean square of what the augmented model leaves, over the noise; 1 is as good as can be.
+        Mean square of what the last fit leaves, over the noise; 1 is as good as can be.
     residual_white, white_p_value
         Whether what remains looks like the noise that the sensors have anyway.
     nominal, refitted, augmented
-        Models; `augmented` has the effects in.
+        Models; `augmented` has the effects in. It is the nominal one where the effect is unknown
+        and a fit does worse on what was held out.
     traces, spectra, surface
         For pictures, of the records that were judged on.
     notes

@@ -3,7 +3,8 @@
 Where a law is strong, or one of several, the run without it is soon another motion: what it
 leaves, and the force that would make up for that, tell little, and the run with the right law,
 begun from there, ends in a minimum of its own. Over a few periods there is one minimum only.
-So the likeliest laws are fitted to pieces of a louder part of each record.
+So laws are fitted to a few pieces of each record, where as little moves as still shows that
+one is missing, and those that explain these to more, where most moves.
 """
 
 import contextlib

@@ -42,6 +42,13 @@ def named():
     return Named(effect, plant.description, fit, evidence(fit, KINDS))
 
 
+def noisy(plant, values, push, more, rng):
+    """A record with 5 % of noise, under a push and so much that was not recorded."""
+    clean = plant.simulate(values, push + more * rng.standard_normal(push.shape), 64.0)
+    noise = 0.05 * clean.std() * rng.standard_normal(clean.shape)
+    return Trial(inputs=push, outputs=clean + noise, rate_hz=64.0)
+
+
 def test_constants_that_may_be_off_take_their_share(named):
     assert shares_of([named], KINDS) == [1.0]
     (share,) = shares_of([named], KINDS, [named.score + leniency(named, KINDS)])
@@ -85,14 +92,8 @@ def test_a_constant_of_an_effect_in_the_model_that_is_off_is_told_of(given, told
 @pytest.mark.parametrize(("off", "told"), [(0.0, False), (1.5, False), (2.8, True)])
 def test_a_constant_that_is_rarely_as_far_off_is_told_of(off, told):
     rng = np.random.default_rng(6)
-    rig = dataclasses.replace(
-        chain([2.0], [800.0], dampings_n_s_per_m=[1.6]),
-        inputs=(Input(channel="f", kind="force", node="m1", unit="N"),),
-        sensors=(Sensor(channel="x", quantity="displacement", node="m1", unit="m"),),
-        tolerance=Tolerance(stiffness=0.02, damping=0.1),
-    )
-    plant = Plant.of(rig)
-    spring = rig.elements[0].id
+    plant = Plant.of(ONE)
+    spring = PLACE.id
     values = plant.values.copy()
     values[plant.parameters.index(("stiffness", spring))] *= 1 + off * 0.02
     push = rng.standard_normal((2000, 1))
@@ -101,7 +102,7 @@ def test_a_constant_that_is_rarely_as_far_off_is_told_of(off, told):
     trial = Trial(inputs=push, outputs=clean + noise, rate_hz=64.0)
     fit = refit(plant, (trial,))
     found = Found([fit], (trial,), located=locate(fit, (trial,)))
-    answer = report(Campaign(description=rig, trials=(trial,)), (trial,), (), found, KINDS)
+    answer = report(Campaign(description=ONE, trials=(trial,)), (trial,), (), found, KINDS)
     assert answer.verdict == "nothing_missing"
     notes = [note for note in answer.notes if "tolerances off" in note]
     assert len(notes) == told
@@ -133,19 +134,11 @@ def test_noise_of_another_colour_is_no_discovery_where_no_record_shows_an_error(
     unseen, chi2, chance, verdict
 ):
     rng = np.random.default_rng(4)
-    rig = dataclasses.replace(
-        chain([2.0], [800.0], dampings_n_s_per_m=[1.6]),
-        inputs=(Input(channel="f", kind="force", node="m1", unit="N"),),
-        sensors=(Sensor(channel="x", quantity="displacement", node="m1", unit="m"),),
-        tolerance=Tolerance(stiffness=0.01, damping=0.1),
-    )
+    rig = dataclasses.replace(ONE, tolerance=Tolerance(stiffness=0.01, damping=0.1))
     plant = Plant.of(rig)
 
     def record(more):
-        push = rng.standard_normal((400, 1))
-        clean = plant.simulate(plant.values, push + more * rng.standard_normal((400, 1)), 64.0)
-        noise = 0.05 * clean.std() * rng.standard_normal(clean.shape)
-        return Trial(inputs=push, outputs=clean + noise, rate_hz=64.0)
+        return noisy(plant, plant.values, rng.standard_normal((400, 1)), more, rng)
 
     trials = (record(0.0), record(0.0))
     fit = refit(plant, trials)
@@ -172,21 +165,12 @@ def test_constants_bent_to_make_up_for_what_has_no_name_are_kept_where_they_do_b
 ):
     """Unless a record that was never seen says that they do not."""
     rng = np.random.default_rng(4)
-    rig = dataclasses.replace(
-        chain([2.0], [800.0], dampings_n_s_per_m=[1.6]),
-        inputs=(Input(channel="f", kind="force", node="m1", unit="N"),),
-        sensors=(Sensor(channel="x", quantity="displacement", node="m1", unit="m"),),
-        tolerance=Tolerance(stiffness=0.02, damping=0.1),
-    )
-    plant = Plant.of(rig)
+    plant = Plant.of(ONE)
 
     def record(stiffness):
-        push = rng.standard_normal((400, 1))
         values = plant.values.copy()
         values[plant.parameters.index(("stiffness", PLACE.id))] = stiffness
-        clean = plant.simulate(values, push, 64.0)
-        noise = 0.05 * clean.std() * rng.standard_normal(clean.shape)
-        return Trial(inputs=push, outputs=clean + noise, rate_hz=64.0)
+        return noisy(plant, values, rng.standard_normal((400, 1)), 0.0, rng)
 
     trials = (record(880.0), record(880.0))
     fit = refit(plant, trials)
@@ -195,13 +179,13 @@ def test_constants_bent_to_make_up_for_what_has_no_name_are_kept_where_they_do_b
         refuted=PLACE,
     )  # fmt: skip
     unseen = (record(true),) if held else ()
-    campaign = Campaign(description=rig, trials=trials, holdout=unseen)
+    campaign = Campaign(description=ONE, trials=trials, holdout=unseen)
     told = report(campaign, trials, (), found, KINDS)
     assert told.verdict == "unknown_effect"
     bent = kept or not held
     assert (NOT_KEPT in told.notes) == (not bent)
     assert bool(told.moved) == bent
-    assert (told.augmented == rig) == (not bent)
+    assert (told.augmented == ONE) == (not bent)
     assert told.gap.augmented == (told.gap.refitted_nominal if bent else told.gap.nominal)
     assert told.gap.augmented <= 1.02 * told.gap.nominal
     error = f"{100 * told.gap.augmented:.2g} %" if told.gap.augmented < 0.1 else " %"
