@@ -256,8 +256,8 @@ class Diagnosis:
     residual_white, white_p_value
         Whether what remains looks like the noise that the sensors have anyway.
     nominal, refitted, augmented
-        Models; `augmented` has the effects in. It is the nominal one where the effect is unknown
-        and a fit does worse on what was held out.
+        Models; `augmented` has the effects in. It is the nominal one where the effect is
+        unknown, and a fit does worse on what was held out.
     traces, spectra, surface
         For pictures, of the records that were judged on.
     notes

@@ -15,6 +15,7 @@ from slowtime.discrepancy.further import FAR_OFF, IN_PIECES
 from slowtime.discrepancy.locate import Located, locate
 from slowtime.discrepancy.naming import GRADUALLY, SLOWLY, SWIFTLY, Named, refit_all
 from slowtime.discrepancy.piecewise import (
+    ABOUT,
     AS_WELL,
     AT_ONE,
     BESIDE,
@@ -33,7 +34,7 @@ from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refit import Fit, GivenUp, begun_by, loudest, pieces, refit, shot
 from slowtime.discrepancy.unbent import unbent
 from slowtime.dynamics.description import Input, Sensor
-from slowtime.dynamics.effects import Effect, Place, catalogue
+from slowtime.dynamics.effects import Effect, Place, catalogue, force_along
 from slowtime.dynamics.plant import Plant
 from tests.slowtime.discrepancy.rigs import ONE, PLACE
 from tests.slowtime.discrepancy.test_downward import EVERY, GROUND, MIDDLE, TOP, recorded
@@ -299,6 +300,46 @@ def test_the_likeliest_are_tried_first_then_what_explains_nothing_then_the_other
     assert "quadratic_stiffness" in [kind for kind, _, _ in script.asked[2 + AT_ONE :]]
 
 
+def test_a_law_that_explains_nothing_begins_with_half_the_force_and_others_as_told(
+    stop, scripted
+):
+    names = ("viscous_damping", "stiffness_loss", "gap_symmetric", "quadratic_damping",
+             "cubic_hardening", "quadratic_stiffness")  # fmt: skip
+    many = [replaced for name in names[:4] for replaced in laws(stop, name) * 2]
+    tried = [*many, *laws(stop, "quadratic_stiffness")]
+    alone = dataclasses.replace(
+        stop,
+        located=dataclasses.replace(
+            stop.located,
+            groups=(
+                dataclasses.replace(stop.located.group(GROUND), places=(GROUND,), left=1.0),
+            ),
+        ),
+    )
+    script = scripted()
+    alone.told(tried, laws(stop, "cubic_hardening", place=TOP))
+    # One that was tried there, if late, begins where it explained most.
+    assert script.begun["quadratic_stiffness", GROUND] == {"k2_n_per_m2": 1.0}
+    latents = [stop.located.latent(GROUND, i) for i in range(len(stop.trials))]
+    size = np.std(np.concatenate([one.force for one in latents]))
+    law, numbers = KINDS["cubic_hardening"], script.begun["cubic_hardening", GROUND]
+    made = np.concatenate([force_along(law, numbers, one.motion) for one in latents])
+    assert np.std(made) == pytest.approx(ABOUT * size)
+
+
+@pytest.mark.parametrize("unit", ["m", "rad"])
+def test_what_cannot_be_on_a_structure_is_not_tried_there(overturned, scripted, unit):
+    """A pendulum turns by angles."""
+    before, trials = overturned
+    located = locate(before, trials)
+    described = located.linear.description if unit == "rad" else ONE
+    linear = dataclasses.replace(located.linear, description=described)
+    located = dataclasses.replace(located, linear=linear)
+    script = scripted()
+    Piecewise(before, [], [], located, trials, TURNED, never)([])
+    assert (("pendulum_sine", PLACE) in script.begun) == (unit == "rad")
+
+
 def test_a_law_that_seems_to_pull_where_it_pushes_is_tried_all_the_same(stop):
     """Along a motion that was not the one, it explained nothing."""
     tried = [one for one in stop.tried if label_of(one.effect) != label_of(STOP)]
@@ -378,13 +419,14 @@ class Scripted:
     given: Lacking
     leaves: dict[str, tuple[float | Exception, float | Exception]]
     asked: list[tuple[str, bool, float | None]] = dataclasses.field(default_factory=list)
-    places: set[tuple[str, Place]] = dataclasses.field(default_factory=set)
+    begun: dict[tuple[str, Place], dict[str, float]] = dataclasses.field(default_factory=dict)
 
     def __call__(self, plant, parts, noise, values, late, beat):
         kind = plant.effects[-1].kind if plant.effects else ""
         few = len(parts[0].outputs) == len(loudest(plant, self.given.trials, FEW)[0].outputs)
         self.asked.append((kind, few, beat))
-        self.places |= {label_of(effect) for effect in plant.effects}
+        for effect in plant.effects:
+            self.begun.setdefault(label_of(effect), dict(effect.parameters))
         left = self.leaves.get(kind, (99.0, 99.0))[0 if few else 1]
         if isinstance(left, Exception):
             raise left
@@ -486,13 +528,11 @@ def test_laws_are_tried_where_a_force_leaves_about_as_little_as_at_the_best_plac
     near.told([*laws(stop, *names), *top], [])
     # What explains nothing at a place is tried there, too.
     every = {*names, "quadratic_stiffness"}
-    assert {kind for kind, place in script.places if place == GROUND} == every
-    assert {kind for kind, place in script.places if place == TOP} == (
-        every if tried else set()
-    )
+    assert {kind for kind, place in script.begun if place == GROUND} == every
+    assert {kind for kind, place in script.begun if place == TOP} == (every if tried else set())
     script = scripted()
     near.told([], top)
-    assert label_of(top[0].effect) in script.places
+    assert label_of(top[0].effect) in script.begun
 
 
 QUIET, LESS, LOUDEST = QUIETER

@@ -141,8 +141,20 @@ def test_what_a_state_makes_in_chaos_outgrows_the_record(clean, growth):
         assert np.all(outgrown > solve.CHAOTIC)
 
 
-@pytest.mark.parametrize("bends", [True, False])
-def test_initial_states_are_held_less_where_motion_is_chaotic(clean, monkeypatch, bends):
+def test_a_sensor_that_hears_nothing_does_not_say_how_a_state_grows(clean):
+    measured = clean[1][1][0].measured.copy()
+    slopes = np.ones((*measured.shape, 2))
+    measured[:, 0] = 0.0
+    assert np.all(solve._grown(slopes, measured) < 30.0)
+
+
+@pytest.mark.parametrize(
+    ("bends", "outgrown", "held"),
+    [(True, 1e6, 1e6), (True, 0.9 * solve.CHAOTIC, 1.0), (False, 1e6, 1.0)],
+)
+def test_initial_states_are_held_less_where_motion_is_chaotic(
+    clean, monkeypatch, bends, outgrown, held
+):
     rig, trials, fit = clean[1]
     law = Effect("cubic_hardening", Place("element", "j0"), {"k3_n_per_m3": 0.0})
     given = dataclasses.replace(rig.description, effects=(law.entry(),) if bends else ())
@@ -154,10 +166,11 @@ def test_initial_states_are_held_less_where_motion_is_chaotic(clean, monkeypatch
     )  # fmt: skip
     point = solve.Point(values=plant.values, states=fit.states)
     _, known = solve.normal_at(problem, point)
-    monkeypatch.setattr(solve, "_grown", lambda *_: np.full(len(fit.states[0]), 1e6))
+    many = np.full(len(fit.states[0]), outgrown)
+    monkeypatch.setattr(solve, "_grown", lambda *_: many)
     _, spread = solve.normal_at(problem, point)
     for one, before in zip(spread, known, strict=True):
-        np.testing.assert_allclose(one, before * (1e6 if bends else 1.0))
+        np.testing.assert_allclose(one, before * held)
 
 
 def test_a_point_costs_the_same_with_slopes_and_without(clean):
