@@ -15,15 +15,16 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from slowtime.dynamics.effects import Effect, Hidden, Kind, Place, Unmeasured
+from slowtime.dynamics.effects import Effect, Hidden, Kind, Law, Place, Unmeasured
 
 from .adding import begun_with, effects_in
 from .candidates import Candidate, Label, Start, can_be, label_of
 from .further import FAR_OFF, IN_PIECES
+from .instants import switched
 from .locate import Located
 from .naming import Named
 from .records import Trial
-from .refit import Fit, GivenUp, begun_by, loudest, shot
+from .refit import Fit, GivenUp, begun_by, loudest, pieces, shot
 from .shapes import as_strong, has_strength, joined
 
 FEW, MORE = 4, 12
@@ -43,6 +44,8 @@ there."""
 BESIDE, AS_WELL = 2.0, 3
 """Times what the best leaves, within which a law is fitted to more pieces, and to the end; how
 many such there may be."""
+WITHIN = (0.0, 0.25, 0.5, 0.75)
+"""Shares of a record's pieces after which a law that switches is begun to do so."""
 KEPT = 2
 """Laws that are given."""
 
@@ -175,24 +178,28 @@ class Piecewise:
         found: dict[Label, tuple[Candidate, Fit]] = {}
         least = most * bare.cost
         for label in labels:
-            for effect in _sides(label.effect, self._kinds):
+            fits = []
+            for effect in _begun(label.effect, parts, self._kinds):
                 if self._late():
                     raise GivenUp
                 try:
                     fit = self._shot(effect, parts, BESIDE * least)
                 except (np.linalg.LinAlgError, FloatingPointError):
                     continue
-                known = found.get(label_of(effect))
-                if not math.isfinite(fit.cost) or (known and known[1].cost <= fit.cost):
-                    continue
-                least = min(least, fit.cost)
-                one = dataclasses.replace(
-                    label,
-                    effect=effects_in(fit)[-1],
-                    cost=fit.chi2_in_band * data,
-                    bare=bare.chi2_in_band * data,
-                )
-                found[label_of(effect)] = one, fit
+                if math.isfinite(fit.cost):
+                    fits.append(fit)
+                    least = min(least, fit.cost)
+            if not fits:
+                continue
+            fit = self._switched(min(fits, key=lambda one: one.cost), parts)
+            least = min(least, fit.cost)
+            one = dataclasses.replace(
+                label,
+                effect=effects_in(fit)[-1],
+                cost=fit.chi2_in_band * data,
+                bare=bare.chi2_in_band * data,
+            )
+            found[label_of(one.effect)] = one, fit
         telling = (pair for pair in found.values() if pair[0].cost < most * pair[0].bare)
         return sorted(telling, key=lambda pair: pair[0].cost)
 
@@ -217,6 +224,11 @@ class Piecewise:
         values = np.array([entry.value for entry in plant.entries.values()])
         return shot(plant, parts, before.noise, values, self._late, beat)[0]
 
+    def _switched(self, fit: Fit, parts: Sequence[Trial]) -> Fit:
+        """Look for a better instant of a switch, in all pieces."""
+        cut, _ = pieces(fit.plant, parts)
+        return switched(fit, cut, self._kinds, None, math.inf, late=self._late)
+
     def _started(self, one: Candidate, fit: Fit) -> Candidate:
         """Say where the free run may begin."""
         plant = fit.plant
@@ -234,10 +246,18 @@ def _rides(kind: Kind) -> bool:
     )
 
 
-def _sides(effect: Effect, kinds: Mapping[str, Kind]) -> Iterator[Effect]:
-    """Give an effect with every choice that is not fitted: the motion tells which it is."""
-    own = kinds[effect.kind].parameters
-    names = [p.name for p in own if p.choices]
-    for chosen in itertools.product(*(p.choices for p in own if p.choices)):
-        parameters = dict(effect.parameters) | dict(zip(names, chosen, strict=True))
+def _begun(
+    effect: Effect, parts: Sequence[Trial], kinds: Mapping[str, Kind]
+) -> Iterator[Effect]:
+    """Give an effect with every choice that is not fitted: the motion tells which it is.
+
+    What switches is begun all over the pieces: from afar no fit comes to the right instant.
+    """
+    kind = kinds[effect.kind]
+    ways = {p.name: list(p.choices) for p in kind.parameters if p.choices}
+    for name in kind.action.switches if isinstance(kind.action, Law) else ():
+        within = {part.start_s + share * part.duration_s for part in parts for share in WITHIN}
+        ways[name] = [effect.parameters[name], *sorted(within)]
+    for chosen in itertools.product(*ways.values()):
+        parameters = dict(effect.parameters) | dict(zip(ways, chosen, strict=True))
         yield dataclasses.replace(effect, parameters=parameters)

@@ -41,7 +41,8 @@ from tests.slowtime.discrepancy.test_downward import EVERY, GROUND, MIDDLE, TOP,
 
 NAMES = (
     "quadratic_stiffness", "cubic_hardening", "gap_symmetric", "gap_one_sided",
-    "quadratic_damping", "viscous_damping", "stiffness_loss", "extra_dof", "harmonic_force",
+    "quadratic_damping", "viscous_damping", "stiffness_loss", "stiffness_jump", "extra_dof",
+    "harmonic_force",
 )  # fmt: skip
 KINDS = {name: kind for name, kind in catalogue().items() if name in NAMES}
 TURNED = {
@@ -134,6 +135,15 @@ def test_a_law_on_the_wrong_side_is_tried_on_the_other(stop):
         )
         (told,) = stop.told([guessed])
         assert told.effect.parameters["side"] == -1.0
+
+
+@pytest.mark.parametrize("instant", [2.0, 6.1, 9.3])
+def test_a_switch_is_looked_for_all_over_the_pieces(instant):
+    jump = Effect("stiffness_jump", GROUND, {"dk_n_per_m": 500.0, "t_jump_s": instant})
+    guess = dataclasses.replace(jump, parameters={"dk_n_per_m": 200.0, "t_jump_s": 11.8})
+    (told,) = lacking(jump).told([Candidate(guess, 1.0, -1.0, 9.0)])
+    assert told.effect.parameters["t_jump_s"] == pytest.approx(instant, abs=0.005)
+    assert told.effect.parameters["dk_n_per_m"] == pytest.approx(500.0, rel=5e-3)
 
 
 def test_where_the_right_law_is_not_tried_nothing_is_told(stop):
