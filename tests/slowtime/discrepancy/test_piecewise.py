@@ -469,6 +469,7 @@ def scripted(stop, monkeypatch):
         script = Scripted(stop, {k.replace("bare", ""): v for k, v in leaves.items()})
         monkeypatch.setattr(module, "shot", script)
         monkeypatch.setattr(module, "begun_by", lambda *_: [])
+        monkeypatch.setattr(module, "switched", lambda fit, *_, late: fit)
         return script
 
     return made
