@@ -5,12 +5,13 @@ the model as it was given, is left out; and so is a refit of constants that does
 """
 
 import dataclasses
+from collections.abc import Mapping
 
 import numpy as np
 
-from slowtime.dynamics.effects import Unmeasured
+from slowtime.dynamics.effects import Kind, Unmeasured
 
-from .adding import carrying
+from .adding import carrying, effects_of
 from .found import Found
 from .gap import UNWHITE, judge, judged, whiteness
 from .records import Campaign
@@ -33,11 +34,6 @@ def unmisled(found: Found, campaign: Campaign) -> None:
     own = [v for name, v in zip(last.plant.parameters, last.values, strict=True)
            if name[:2] == ("effect", len(last.plant.effects) - 1)]  # fmt: skip
     kinds = last.plant.kinds
-    unmeasured = [
-        answer.effect
-        for answer in found.answers
-        if isinstance(kinds[answer.effect.kind].action, Unmeasured)
-    ]
     if found.answers and not np.any(own):
         return
     tests = judged(found.trials, tuple(screen(trial).trial for trial in campaign.holdout))
@@ -47,8 +43,9 @@ def unmisled(found: Found, campaign: Campaign) -> None:
         last = found.fits[-1]
         if float(judge(last.plant.description, last, tests).error.mean()) <= bar:
             return
-        if len(found.answers) == len(unmeasured) == 1:
-            found.fits = [given, carrying(given, unmeasured[0], kinds)]
+        if len(found.answers) == 1 and _a_word(found, kinds):
+            effect = effects_of(last.plant.description)[-1]
+            found.fits = [given, carrying(given, effect, kinds)]
             return
         found.left = found.left or found.located
         if not found.answers:
@@ -58,3 +55,9 @@ def unmisled(found: Found, campaign: Campaign) -> None:
             found.undecided, found.pair = (), None
         found.fits.pop()
         found.answers.pop()
+        found.ended = False
+
+
+def _a_word(found: Found, kinds: Mapping[str, Kind]) -> bool:
+    """Whether what was found last is in the model as a word only, and leads nowhere."""
+    return found.ended or isinstance(kinds[found.answers[-1].effect.kind].action, Unmeasured)

@@ -195,7 +195,16 @@ def _wanders(found: Found, before: Fit, drift: Answer, how: Search, number: int)
     still = dict.fromkeys(drift.effect.parameters, 0.0)
     silent = dataclasses.replace(drift.effect, parameters=still)
     before = _by_the_others(found, before, drift, how, number)
+    if found.answers and all(_mean(answer, drift) for answer in found.answers):
+        found.answers, found.fits = [], found.fits[:1]
+        before = unbent(found.fits[0], found.trials)
     return ended(found, before, drift, how.kinds, silent)
+
+
+def _mean(answer: Answer, drift: Answer) -> bool:
+    """Whether a sensor was said to be off by the mean of its wandering."""
+    own = answer.effect.place == drift.effect.place
+    return own and answer.effect.kind == "sensor_bias"
 
 
 def _by_the_others(found: Found, before: Fit, drift: Answer, how: Search, number: int) -> Fit:

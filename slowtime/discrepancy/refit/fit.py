@@ -279,7 +279,8 @@ def _fitted(problem: Problem, normal: Normal) -> float:
     """Effective number of unknowns that the data, not the priors, have settled."""
     total = len(normal.gradient)
     free = len(problem.prior.names)
-    held = np.diag(normal.covariance)[:free] / problem.prior.sd**2
+    with np.errstate(invalid="ignore"):
+        held = np.diag(normal.covariance)[:free] / problem.prior.sd**2
     return float(total - np.clip(held, 0, 1).sum())
 
 

@@ -103,7 +103,8 @@ class Normal:
         """Of all unknowns."""
         scale = 1 / np.sqrt(np.maximum(np.diag(self.matrix), np.finfo(float).tiny))
         inner = self.matrix * np.outer(scale, scale)
-        return np.asarray(scipy.linalg.pinvh(inner) * np.outer(scale, scale))
+        with np.errstate(over="ignore"):  # of what nothing tells
+            return np.asarray(scipy.linalg.pinvh(inner) * np.outer(scale, scale))
 
 
 def outputs_at(problem: Problem, number: int, point: Point) -> Float[np.ndarray, "time sensor"]:
@@ -134,6 +135,7 @@ def costed(problem: Problem, point: Point, spread: tuple[State, ...]) -> Point:
     return dataclasses.replace(point, cost=cost if np.isfinite(cost) else np.inf)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # it is raised in the end
 def normal_at(
     problem: Problem, point: Point, spread: tuple[State, ...] = ()
 ) -> tuple[Normal, tuple[State, ...]]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy.adding import carrying
+from slowtime.discrepancy.diagnose import _prune
 from slowtime.discrepancy.diagnosis import Named
 from slowtime.discrepancy.found import Found
 from slowtime.discrepancy.gap import errors, free_runs, on_heads
@@ -72,6 +73,31 @@ def test_a_base_that_nobody_measured_stays_named_and_constants_are_as_given(foun
     plain = told.fits[0].plant
     np.testing.assert_array_equal(told.fits[0].values, plain.values)
     np.testing.assert_array_equal(told.fits[1].values[: len(plain.values)], plain.values)
+
+
+LAST = Effect("sensor_drift", Place("sensor", ONE.sensors[0].channel), {"drift_total": 0.0})
+
+
+@pytest.mark.parametrize("behind", [False, True])
+def test_a_drift_that_is_a_word_only_stays_alone_and_goes_with_what_leads_astray(found, behind):
+    """No answer is left without a fit, nor an end to the search without what ended it."""
+    answer = Named(LAST, "sensor", {}, 1.0, (), "")
+    bent = dataclasses.replace(
+        found.fits[0], values=1.3 * found.fits[0].values, chi2_in_band=50.0
+    )
+    fits = [bent, *found.fits[1:]] if behind else [bent]
+    answers = [*found.answers, answer] if behind else [answer]
+    fits = [*fits, carrying(fits[-1], LAST, catalogue())]
+    told = Found(fits, found.trials, located=BEFORE, answers=answers, ended=True)
+    unmisled(told, held_out(found))
+    assert told.answers == ([] if behind else [answer])
+    assert told.ended is not behind
+    assert len(told.fits) == 1 + len(told.answers)
+    plain = told.fits[0].plant
+    for fit in told.fits:
+        np.testing.assert_array_equal(fit.values[: len(plain.values)], plain.values)
+    _prune(told, found.trials, catalogue())
+    assert len(told.fits) == 1 + len(told.answers)
 
 
 def test_tails_are_judged_by_numbers_that_never_saw_them(found):

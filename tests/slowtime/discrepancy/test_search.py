@@ -228,6 +228,21 @@ def test_what_a_wandering_sensor_was_said_to_be_off_by_gives_way(beside):
     assert found.unheard
 
 
+@pytest.mark.parametrize("off", [True, False])
+def test_nor_is_there_an_offset_beside_a_wandering(monkeypatch, off):
+    """Where nothing else is missing, either."""
+    kinds, trials, first, law = with_the_law()
+    kinds |= {"sensor_bias": catalogue()["sensor_bias"]}
+    named, fit = (OFF, carrying(first, OFF, kinds)) if off else (CUBIC, law)
+    found = Found([first, fit], trials, answers=[answer_about(named, kinds)])
+    monkeypatch.setattr(searching, "_go_on", lambda *_: None)
+    drift = answer_about(STILL, kinds)
+    assert not searching._wanders(found, fit, drift, Search(kinds, Watch()), 1)
+    told = [answer.effect.kind for answer in found.answers]
+    assert told == ([] if off else ["cubic_hardening"]) + ["sensor_drift"]
+    assert [len(one.plant.effects) for one in found.fits] == list(range(len(told) + 1))
+
+
 def test_an_offset_beside_a_law_stays(beside):
     kinds, trials, first, law = with_the_law()
     kinds |= {"sensor_bias": catalogue()["sensor_bias"]}
