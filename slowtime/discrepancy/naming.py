@@ -372,19 +372,19 @@ def _heard_again(
 ) -> list[Named]:
     """Judge all by the noise that the best leaves, where they were fitted to another.
 
-    Where that is far from noise, the best is fitted `anew`, from where its model stands, until
-    it is `over`.
+    Where that is far from noise, the best is fitted `anew`, from where its model stands. All
+    that until it is `over`.
     """
     if not found or abs(found[0].fit.chi2_in_band - 1) < LOUDER * found[0].fit.in_band_sd:
         return found
     best = found[0]
     plant, values, states = best.fit.plant, best.fit.values, best.fit.states
     try:
-        fit = refit(plant, trials, values=values, states=states, horizons=(1.0,))
+        fit = refit(plant, trials, values=values, states=states, horizons=(1.0,), late=over)
         if anew and WRONG < fit.chi2_in_band < NEARLY * before.chi2_in_band:
             # One period off over a long record, the misfit has a minimum too.
             fit = _or_anew(fit, trials, over)
-    except FloatingPointError:
+    except (FloatingPointError, GivenUp):
         return found
     heard = dataclasses.replace(best, fit=fit, score=evidence(fit, kinds))
     if not _shown(heard, trials, kinds):
