@@ -119,7 +119,7 @@ def test_of_few_sensors_the_one_whose_clock_explains_all_is_told(skew):
     assert label.cost < 1.5 * before.data
 
 
-@pytest.mark.parametrize("heard", [(1, 3), (1, 2, 3)])
+@pytest.mark.parametrize("heard", [(1, 3), pytest.param((1, 2, 3), marks=pytest.mark.long)])
 def test_no_clock_is_asked_where_a_force_explains_all(heard, monkeypatch):
     of = shaken(heard)
     before, located, tried, trials = asked(

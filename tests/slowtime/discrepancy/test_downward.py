@@ -112,6 +112,7 @@ def ridden():
     return Campaign(description=rig, trials=tuple(trials)), rider, few
 
 
+@pytest.mark.long
 def test_a_hidden_oscillator_is_begun_near_the_modes_of_the_model(ridden):
     """Its splitting a mode in two leads the other constants far astray."""
     campaign, rider, few = ridden
@@ -239,6 +240,7 @@ def hummed():
     )
 
 
+@pytest.mark.long
 def test_one_sensor_does_not_tell_where_a_constant_changed(hummed):
     bent = refit(Plant.of(THREE, kinds=KINDS), hummed)
     labels = candidates(bent, locate(bent, hummed), KINDS)[:1]

@@ -9,7 +9,7 @@ from slowtime.discrepancy import search as searching
 from slowtime.discrepancy import turns
 from slowtime.discrepancy.candidates import Candidate, label_of
 from slowtime.discrepancy.found import Found
-from slowtime.discrepancy.naming import Named, refit_all
+from slowtime.discrepancy.naming import Named, _heard_again, refit_all
 from slowtime.discrepancy.refit import refit
 from slowtime.discrepancy.search import Search, search
 from slowtime.discrepancy.watch import Watch
@@ -161,3 +161,13 @@ def test_who_has_no_time_left_says_that_more_was_not_tried():
     found, late = Found([first], trials), Watch(late=lambda: True, over=lambda: True)
     assert not searching._after(found, first, Search(KINDS, late), 1, pulled=True)
     assert found.hurried
+
+
+@pytest.mark.parametrize("over", [True, False])
+def test_once_time_is_over_what_leaves_much_is_not_fitted_to_its_own_noise(over):
+    trials = seen((CUBIC, DRAG))
+    before = refit(Plant.of(TWO, kinds=KINDS), trials)
+    fit = dataclasses.replace(before, chi2_in_band=50.0)
+    found = [Named(DRAG, TWO, fit, 0.0)]
+    again = _heard_again(before, found, trials, KINDS, anew=True, over=lambda: over)
+    assert (again[0].fit is fit) == over

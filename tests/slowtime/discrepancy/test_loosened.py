@@ -49,6 +49,7 @@ def test_what_a_law_makes_up_for_a_constant_can_do_itself(stuck):
     assert moved.value == pytest.approx(1100.0, abs=4 * moved.sd)
 
 
+@pytest.mark.long
 def test_what_is_missing_is_looked_for_from_the_lowest_minimum(stuck):
     bent, trials = stuck
     found = search(bent, trials, Search(KINDS, Watch()))

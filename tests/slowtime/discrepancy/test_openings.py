@@ -102,13 +102,13 @@ def hard():
     ("name", "place"),
     [
         ("quadratic_stiffness", GROUND),
-        ("quadratic_stiffness", MIDDLE),
-        ("cubic_hardening", GROUND),
+        pytest.param("quadratic_stiffness", MIDDLE, marks=pytest.mark.long),
+        pytest.param("cubic_hardening", GROUND, marks=pytest.mark.long),
         ("cubic_hardening", MIDDLE),
-        ("cubic_hardening", TOP),
+        pytest.param("cubic_hardening", TOP, marks=pytest.mark.long),
         ("quadratic_damping", GROUND),
-        ("quadratic_damping", MIDDLE),
-        ("quadratic_damping", TOP),
+        pytest.param("quadratic_damping", MIDDLE, marks=pytest.mark.long),
+        pytest.param("quadratic_damping", TOP, marks=pytest.mark.long),
     ],
 )
 def test_a_strong_law_explains_how_records_begin_and_no_other_does(name, place):

@@ -103,7 +103,7 @@ def two():
     ("effect", "level"),
     [
         (SOFT, 4.0),
-        (STOP, 8.0),
+        pytest.param(STOP, 8.0, marks=pytest.mark.long),
         pytest.param(HARD, 2.0, marks=pytest.mark.long),
         pytest.param(HARD, 8.0, marks=pytest.mark.long),
         pytest.param(DAMPED, 8.0, marks=pytest.mark.long),
@@ -137,7 +137,7 @@ def test_a_law_on_the_wrong_side_is_tried_on_the_other(stop):
         assert told.effect.parameters["side"] == -1.0
 
 
-@pytest.mark.parametrize("instant", [2.0, 6.1, 9.3])
+@pytest.mark.parametrize("instant", [2.0, 6.1, pytest.param(9.3, marks=pytest.mark.long)])
 def test_a_switch_is_looked_for_all_over_the_pieces(instant):
     jump = Effect("stiffness_jump", GROUND, {"dk_n_per_m": 500.0, "t_jump_s": instant})
     guess = dataclasses.replace(jump, parameters={"dk_n_per_m": 200.0, "t_jump_s": 11.8})
@@ -238,6 +238,7 @@ def test_what_leaves_more_than_noise_of_pieces_is_not_all_there_is(two):
     assert pieced.whole == []
 
 
+@pytest.mark.long
 def test_a_diagnosis_begins_with_what_the_pieces_tell():
     trials = recorded(EVERY, (STOP,), level=8.0, seconds=20.0)
     (told,) = diagnose(Campaign(description=EVERY, trials=trials), kinds=KINDS).effects
