@@ -5,10 +5,12 @@ import math
 
 import pytest
 
+from slowtime.discrepancy import choosing, turns
 from slowtime.discrepancy import search as searching
-from slowtime.discrepancy import turns
-from slowtime.discrepancy.candidates import Candidate, label_of
+from slowtime.discrepancy.candidates import SEVERAL, Candidate, candidates, label_of
+from slowtime.discrepancy.choosing import labels_of
 from slowtime.discrepancy.found import Found
+from slowtime.discrepancy.locate import locate
 from slowtime.discrepancy.naming import Named, _heard_again, refit_all
 from slowtime.discrepancy.refit import refit
 from slowtime.discrepancy.search import Search, search
@@ -108,7 +110,7 @@ def test_what_one_sensor_cannot_tell_from_the_best_is_tried_as_early(monkeypatch
     monkeypatch.setattr(turns, "APART", 1.001)
     monkeypatch.setattr(searching, "refit_all", heard)
     monkeypatch.setattr(searching, "LOST", math.inf)
-    monkeypatch.setattr(searching, "mirrored", lambda labels, *_: [labels[0]])
+    monkeypatch.setattr(choosing, "mirrored", lambda labels, *_: [labels[0]])
     first = refit(Plant.of(one, kinds=KINDS), trials := seen((CUBIC, DRAG), of=one))
     search(first, trials, Search(KINDS, Watch(late=lambda: len(orders) > 1)))
     far = [cost >= 1.001 * min(orders[1]) for cost in orders[1]]
@@ -117,15 +119,21 @@ def test_what_one_sensor_cannot_tell_from_the_best_is_tried_as_early(monkeypatch
     assert far == sorted(far)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("several", [0.0, 1e9])
+@pytest.mark.parametrize(("left", "few"), [(0.9, False), (1.1, True)])
 def test_where_several_are_missing_fewer_are_refitted_before_the_next_is_sought(
-    monkeypatch, rounds, several
+    monkeypatch, left, few
 ):
-    monkeypatch.setattr(searching, "SEVERAL", several)
-    monkeypatch.setattr(searching, "HASTY", 1)
-    named(seen((CUBIC, DRAG)), late=lambda: bool(rounds))
-    assert (rounds[0][0] == 1) == (several == 0.0)
+    monkeypatch.setattr(choosing, "HASTY", 1)
+    trials = seen((CUBIC, DRAG))
+    first = refit(Plant.of(TWO, kinds=KINDS), trials)
+    located = locate(first, trials)
+    tried = candidates(first, located, KINDS)
+    assert len(tried) > 1
+    best = dataclasses.replace(located.groups[0], left=left * SEVERAL)
+    located = dataclasses.replace(located, groups=(best, *located.groups[1:]))
+    found = Found([first], trials)
+    labels = labels_of(found, first, located, tried, KINDS, number=0, quick=False)
+    assert (len(labels) == 1) == few
 
 
 @pytest.mark.long
