@@ -34,7 +34,7 @@ def unmisled(found: Found, campaign: Campaign) -> None:
     own = [v for name, v in zip(last.plant.parameters, last.values, strict=True)
            if name[:2] == ("effect", len(last.plant.effects) - 1)]  # fmt: skip
     kinds = last.plant.kinds
-    if found.answers and not np.any(own):
+    if found.answers and not (np.any(own) or _a_word(found, kinds)):
         return
     tests = judged(found.trials, tuple(screen(trial).trial for trial in campaign.holdout))
     given = dataclasses.replace(first, values=first.plant.values)

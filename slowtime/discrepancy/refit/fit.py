@@ -281,7 +281,8 @@ def _fitted(problem: Problem, normal: Normal) -> float:
     free = len(problem.prior.names)
     with np.errstate(invalid="ignore"):
         held = np.diag(normal.covariance)[:free] / problem.prior.sd**2
-    return float(total - np.clip(held, 0, 1).sum())
+    # What neither the data nor a prior tell is infinite over infinite, and not settled.
+    return float(total - np.clip(np.nan_to_num(held, nan=1.0), 0, 1).sum())
 
 
 def _floor_sd(problem: Problem, noise: Noise) -> float:

@@ -135,7 +135,7 @@ def costed(problem: Problem, point: Point, spread: tuple[State, ...]) -> Point:
     return dataclasses.replace(point, cost=cost if np.isfinite(cost) else np.inf)
 
 
-@np.errstate(over="ignore", invalid="ignore")  # it is raised in the end
+@np.errstate(all="ignore")  # it is raised in the end
 def normal_at(
     problem: Problem, point: Point, spread: tuple[State, ...] = ()
 ) -> tuple[Normal, tuple[State, ...]]:

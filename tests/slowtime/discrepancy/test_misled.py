@@ -60,8 +60,9 @@ def test_what_explains_the_records_stays_whatever_it_does_elsewhere(found):
     assert len(kept.fits) == 2
 
 
-def test_a_base_that_nobody_measured_stays_named_and_constants_are_as_given(found):
-    base = Effect("base_motion", Place("base", "base"), {"rms_m_per_s2": 0.3})
+@pytest.mark.parametrize("rms", [0.3, 0.0])
+def test_a_base_that_nobody_measured_stays_named_and_constants_are_as_given(found, rms):
+    base = Effect("base_motion", Place("base", "base"), {"rms_m_per_s2": rms})
     bent = dataclasses.replace(
         found.fits[0], values=1.3 * found.fits[0].values, chi2_in_band=50.0
     )

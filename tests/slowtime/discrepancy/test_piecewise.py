@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import math
 
 import numpy as np
 import pytest
@@ -144,6 +145,13 @@ def test_a_switch_is_looked_for_all_over_the_pieces(instant):
     (told,) = lacking(jump).told([Candidate(guess, 1.0, -1.0, 9.0)])
     assert told.effect.parameters["t_jump_s"] == pytest.approx(instant, abs=0.005)
     assert told.effect.parameters["dk_n_per_m"] == pytest.approx(500.0, rel=5e-3)
+
+
+def test_a_switch_is_begun_where_a_force_told_it_too():
+    """Between the instants that are tried anyway, from none of which it is found."""
+    jump = Effect("stiffness_jump", GROUND, {"dk_n_per_m": 500.0, "t_jump_s": 5.0})
+    (told,) = lacking(jump).told([Candidate(jump, 1.0, -1.0, 9.0)])
+    assert told.effect.parameters["t_jump_s"] == pytest.approx(5.0, abs=0.005)
 
 
 def test_where_the_right_law_is_not_tried_nothing_is_told(stop):
@@ -496,6 +504,31 @@ def test_a_law_that_runs_away_from_pieces_does_not_stop_the_others(stop, scripte
     assert [one.effect.kind for one in stop.told(two, [])] == ["cubic_hardening"]
     scripted(bare=(error, error), cubic_hardening=(10.0, 10.0))
     assert stop.told(two, []) == []
+
+
+def test_a_side_on_which_a_law_runs_away_does_not_hide_the_other(stop, scripted, monkeypatch):
+    script = scripted(gap_one_sided=(10.0, 10.0))
+
+    def shot_(plant, *args):
+        fit, states = script(plant, *args)
+        sides = [one.parameters.get("side") for one in plant.effects]
+        return dataclasses.replace(fit, cost=math.nan if 1.0 in sides else fit.cost), states
+
+    monkeypatch.setattr(module, "shot", shot_)
+    (told,) = stop.told([Candidate(STOP, 1.0, -1.0, 9.0)], [])
+    assert told.effect.parameters["side"] == -1.0
+
+
+def test_what_one_law_leaves_is_to_be_come_near_by_the_next(stop, scripted, monkeypatch):
+    """And by the same on its other side; where its switch was moved, what that leaves."""
+    bare, first, better = 100.0, 20.0, 12.0
+    script = scripted(gap_one_sided=(first, first), viscous_damping=(15.0, 15.0))
+    monkeypatch.setattr(
+        module, "switched", lambda fit, *_, late: dataclasses.replace(fit, cost=better)
+    )
+    stop.told([Candidate(STOP, 1.0, -1.0, 9.0), *laws(stop, "viscous_damping")], [])
+    beats = [beat for kind, few, beat in script.asked if kind and few]
+    assert beats[:3] == [BESIDE * HINTS * bare, BESIDE * first, BESIDE * better]
 
 
 def test_those_that_come_near_the_best_are_fitted_to_more_pieces_and_the_best_are_given(

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from slowtime.discrepancy.floor.colour import white_noise
 from slowtime.discrepancy.records import FEWEST
+from slowtime.discrepancy.refit import fit as fitting
 from slowtime.discrepancy.refit import prior_of, refit, solve
 from slowtime.discrepancy.refit.solve import Normal, _step
 from slowtime.discrepancy.refit.weights import weights_of
@@ -171,6 +172,49 @@ def test_initial_states_are_held_less_where_motion_is_chaotic(
     _, spread = solve.normal_at(problem, point)
     for one, before in zip(spread, known, strict=True):
         np.testing.assert_allclose(one, before * held)
+
+
+def test_what_grows_beyond_bounds_is_refused_and_nobody_is_warned(clean, monkeypatch):
+    """Warnings are errors here; to whom diagnoses they would be noise."""
+    rig, trials, fit = clean[1]
+    plant = Plant.of(rig.description)
+    problem = solve.Problem(
+        plant=plant, prior=prior_of(plant), trials=tuple(trials[:1]),
+        weights=(weights_of(trials[0], fit.noise, 0),), samples=(len(trials[0].outputs),),
+    )  # fmt: skip
+    point = solve.Point(values=plant.values, states=fit.states[:1])
+    far = Plant.sensitivities
+
+    def huge(*args, **more):
+        outputs, slopes = far(*args, **more)
+        return outputs, 1e200 * slopes
+
+    monkeypatch.setattr(Plant, "sensitivities", huge)
+    with pytest.raises(FloatingPointError, match="beyond bounds"):
+        solve.normal_at(problem, point)
+
+
+def test_of_what_nothing_tells_the_variance_is_without_bound_and_nobody_is_warned():
+    matrix = np.diag([1.0, 1e-320, 1e-320])
+    normal = Normal(cost=0.0, matrix=matrix, gradient=np.zeros(3), states=0)
+    variance = np.diag(normal.covariance)
+    assert variance[0] == pytest.approx(1.0)
+    assert np.all(variance[1:] > 1e300)
+
+
+def test_what_neither_data_nor_a_prior_tell_is_not_settled(clean):
+    rig, trials, fit = clean[1]
+    plant = Plant.of(rig.description)
+    prior = prior_of(plant)
+    count = len(prior.names)
+    problem = solve.Problem(
+        plant=plant, prior=dataclasses.replace(prior, sd=np.full(count, np.inf)),
+        trials=(trials[0],), weights=(weights_of(trials[0], fit.noise, 0),),
+        samples=(len(trials[0].outputs),),
+    )  # fmt: skip
+    told = np.append(np.ones(count - 1), 1e-320)
+    normal = Normal(cost=0.0, matrix=np.diag(told), gradient=np.zeros(count), states=0)
+    assert fitting._fitted(problem, normal) == count - 1
 
 
 def test_a_point_costs_the_same_with_slopes_and_without(clean):

@@ -228,19 +228,34 @@ def test_what_a_wandering_sensor_was_said_to_be_off_by_gives_way(beside):
     assert found.unheard
 
 
-@pytest.mark.parametrize("off", [True, False])
-def test_nor_is_there_an_offset_beside_a_wandering(monkeypatch, off):
+@pytest.mark.parametrize(
+    ("named", "stays"),
+    [
+        (OFF, False),
+        (dataclasses.replace(OFF, place=Place("sensor", "v_m1")), True),
+        (Effect("sensor_gain", OFF.place, {"gain": 1.1}), True),
+        (CUBIC, True),
+    ],
+    ids=["offset", "offset of another", "gain", "law"],
+)
+def test_nor_is_there_an_offset_beside_a_wandering(monkeypatch, named, stays):
     """Where nothing else is missing, either."""
-    kinds, trials, first, law = with_the_law()
-    kinds |= {"sensor_bias": catalogue()["sensor_bias"]}
-    named, fit = (OFF, carrying(first, OFF, kinds)) if off else (CUBIC, law)
+    kinds, trials, first, _ = with_the_law()
+    kinds |= {name: catalogue()[name] for name in ("sensor_bias", "sensor_gain")}
+    first = dataclasses.replace(first, values=1.3 * first.values, chi2_in_band=50.0)
+    fit = carrying(first, named, kinds)
     found = Found([first, fit], trials, answers=[answer_about(named, kinds)])
     monkeypatch.setattr(searching, "_go_on", lambda *_: None)
     drift = answer_about(STILL, kinds)
     assert not searching._wanders(found, fit, drift, Search(kinds, Watch()), 1)
     told = [answer.effect.kind for answer in found.answers]
-    assert told == ([] if off else ["cubic_hardening"]) + ["sensor_drift"]
+    assert told == [named.kind] * stays + ["sensor_drift"]
     assert [len(one.plant.effects) for one in found.fits] == list(range(len(told) + 1))
+    # Without the offset, constants make up for it: they are held to what was claimed.
+    begun = fit if stays else unbent(first, trials)
+    assert begun is not first
+    count = len(begun.values)
+    np.testing.assert_array_equal(found.fits[-1].values[:count], begun.values)
 
 
 def test_an_offset_beside_a_law_stays(beside):
