@@ -10,7 +10,7 @@ from rich.table import Table
 
 from twin_server.serve.access import Scope, TokenFile
 
-from .options import Name
+from .options import Name, PlainText
 from .terminal import ERR
 
 file_option = click.option(
@@ -40,7 +40,7 @@ def tokens() -> None:
 
 
 @tokens.command()
-@click.argument("name")
+@click.argument("name", type=PlainText())
 @click.option(
     "--scope",
     type=click.Choice([scope.word for scope in Scope]),

@@ -9,7 +9,7 @@ from rich.table import Table
 
 from slowtime_services.credentials import ROLES, Authority, Issued
 
-from .options import Name, together
+from .options import Name, PlainText, together
 from .terminal import ERR, plural
 
 HOSTS = ("localhost", "127.0.0.1")
@@ -55,6 +55,7 @@ def keys() -> None:
     "--host",
     "hosts",
     multiple=True,
+    type=PlainText(),
     help="Name or address at which others reach the router; localhost always.",
 )
 @days_option

@@ -180,3 +180,27 @@ def test_what_is_no_model_file_is_told_so(tmp_path, content, words):
     (tmp_path / "m.yaml").write_bytes(content)
     with pytest.raises(ModelFileError, match=words):
         read_model(tmp_path / "m.yaml")
+
+
+@pytest.mark.parametrize(
+    ("was", "named"),
+    [
+        ("name: rig", "`name`"),
+        ("channel: a1", "`channel`"),
+        ("id: m1", "`id`"),
+        ("unit: N", "`unit`"),
+    ],
+)
+@pytest.mark.parametrize("character", [r"\u202e", r"\x1b", r"\n", r"\u2066"])
+def test_a_name_with_a_character_that_is_not_seen_is_refused_by_its_line(was, named, character):
+    key, _, word = was.partition(": ")
+    text = RIG.replace(was, f'{key}: "{word}{character}"')
+    line = next(i for i, row in enumerate(text.splitlines(), 1) if character in row)
+    with pytest.raises(ModelFileError, match=rf"line {line}: {named}: .*has U\+\w{{4}}"):
+        parse_model(text, "rig.yaml")
+
+
+def test_texts_of_effects_are_held_to_it_too():
+    effects = 'effects:\n  - {effect: coulomb, element: "j1\\u202e", friction_n: 4.1}\n'
+    with pytest.raises(ModelFileError, match=r"has U\+202E RIGHT-TO-LEFT OVERRIDE"):
+        parse_model(RIG + effects, "rig.yaml")
