@@ -1,11 +1,18 @@
 """What was wrong with somebody's input, in a sentence."""
 
-from typing import TYPE_CHECKING, Any
+import sys
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 from slowtime_schemas.plain_text import refused_character
 
 if TYPE_CHECKING:
     from pydantic import ValidationError
+
+
+def is_validation(error: Exception) -> "TypeGuard[ValidationError]":
+    """Tell whether pydantic refused somebody's input, without importing pydantic to ask."""
+    pydantic = sys.modules.get("pydantic")
+    return pydantic is not None and isinstance(error, pydantic.ValidationError)
 
 
 def readable(error: "ValidationError") -> str:

@@ -205,7 +205,7 @@ connect_option = click.option(
 
 credentials_option = click.option(
     "--credentials",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
     help="Folder made by `slowtime keys`: speak over TLS, as whom it names.",
 )
 
