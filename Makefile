@@ -90,12 +90,12 @@ figures: .venv/dev  ## draw the book's figures into docs/figures
 .venv/run: pyproject.toml constraints.txt
 	@test -n "$(PYTHON)" || { echo "slowtime needs Python 3.11 or newer; none was found. Give one: make PYTHON=/path/to/python3"; exit 2; }
 	@test -x $(BIN)/python || { echo "Making a virtual environment in .venv with $(PYTHON) ..."; $(PYTHON) -m venv .venv; }
-	@echo "Installing slowtime and what it needs into .venv: about 60 packages, a minute or two, this once ..."
+	@echo "Installing slowtime and what it needs into .venv: about 45 packages, a minute or two, this once ..."
 	@$(PIP_INSTALL) -e . && touch $@
 	@echo "Installed. \`$(BIN)/slowtime --help\` lists the verbs."
 
 .venv/dev: .venv/run
-	@echo "Installing the development tools into .venv: about 90 packages more, this once ..."
+	@echo "Installing the development tools into .venv: about 75 packages more, this once ..."
 	@$(PIP_INSTALL) -e '.[dev]' && touch $@
 
 .venv-peers/ready: .venv/run
