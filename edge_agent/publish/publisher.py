@@ -41,6 +41,10 @@ MOST_AT_ONCE = 10_000
 """Features in one answer; who wants more asks again."""
 
 
+MOST_RANGES = 1_000
+"""Damaged ranges of a boot in one answer; the next are told once these are acknowledged."""
+
+
 class Publisher:
     """The voice of one edge agent.
 
@@ -142,6 +146,8 @@ class Publisher:
     def health(self) -> None:
         """Say how the agent is, and where its account ends."""
         held = {entry.boot: entry for entry in self._spool.held()}.get(self.origin.boot)
+        if self._spool.damaged:
+            self.put("spool_damaged", self._spool.damaged)
         self._send_message(
             HEALTH,
             Health(
@@ -184,7 +190,9 @@ class Publisher:
 
     def _answer_account(self, query: Query) -> Iterator[tuple[str, bytes]]:
         for held in self._spool.held():
-            yield self._request("account"), json.dumps(held._asdict()).encode()
+            damaged = self._spool.damaged_ranges(held.boot)[:MOST_RANGES]
+            entry = held._asdict() | ({"damaged": damaged} if damaged else {})
+            yield self._request("account"), json.dumps(entry).encode()
 
     def _answer_features(self, query: Query) -> Iterator[tuple[str, bytes]]:
         boot = query.parameters.get("boot", self.origin.boot)

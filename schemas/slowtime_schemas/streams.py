@@ -169,7 +169,8 @@ def request_key(site: str, asset: str, what: str) -> str:
 
 
 REQUESTS = {
-    "account": "what the spool holds: one JSON object per boot, {boot, first, last}",
+    "account": "what the spool holds: one JSON object per boot, {boot, first, last}, and where "
+    "records are damaged {damaged: [[first, last], …]}",
     "features": "features messages again; parameters boot, first, last",
     "raw": "the last samples from the ring buffer; parameter seconds",
     "about": "the about message",

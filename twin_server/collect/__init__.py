@@ -1,12 +1,13 @@
 """First stage of the twin: whatever arrives in; features in order out, none missing unseen."""
 
-from .account import Account
+from .account import DAMAGED, Account
 from .healing import Healer
 from .reception import Reception
 from .refusals import Refusals
 from .runs import Arrival, Change, Holding, Lost, Ordered, Run, Want
 
 __all__ = [
+    "DAMAGED",
     "Account",
     "Arrival",
     "Change",

@@ -16,6 +16,7 @@ from twin_server.settings import HealingSettings
 from .runs import SEQUENCES, Arrival, Change, Holding, Line, Lost, Ordered, Run, Want
 
 BACKWARDS = "its sensor time runs back"
+DAMAGED = "the edge's spool is damaged there"
 
 
 class Account:
@@ -406,6 +407,9 @@ class Account:
         now_s: float,
         change: Change,
     ) -> None:
+        holding = next((entry for entry in listing if entry.boot == run.boot), None)
+        if certain and holding is not None:
+            self._lose_damaged(run, holding, change)
         hole = run.missing()
         if hole is None:
             run.calm()
@@ -413,7 +417,6 @@ class Account:
         if hole[0] > want.first:
             run.progress(now_s)
             return
-        holding = next((entry for entry in listing if entry.boot == run.boot), None)
         obtainable = holding is not None and holding.last >= hole[0]
         if certain and listing and not obtainable:
             self._pass_over(line, run, hole, "the edge no longer holds it", change)
@@ -430,6 +433,15 @@ class Account:
             run.calm()
         else:
             run.progress(now_s)
+
+    def _lose_damaged(self, run: Run, holding: Holding, change: Change) -> None:
+        """Pass over what is damaged in the spool, as far as all before it has come."""
+        while (hole := run.missing()) is not None:
+            damaged = _damaged_part(hole, holding)
+            if damaged is None:
+                return
+            self._lose(run, *damaged, DAMAGED, change)
+            self._flow(run, change)
 
     def _pass_over(
         self, line: Line, run: Run, hole: tuple[int, int], why: str, change: Change
@@ -477,3 +489,12 @@ class Account:
             run.closed, run.flows = True, False
             run.calm()
             change.touched[run] = None
+
+
+def _damaged_part(hole: tuple[int, int], holding: Holding) -> tuple[int, int] | None:
+    """Give as much of a hole, from its first on, as the edge says is damaged."""
+    first, until = hole[0], hole[0]
+    for begin, end in sorted(holding.damaged):
+        if begin <= until <= end:
+            until = end + 1
+    return (first, min(until - 1, hole[1])) if until > first else None

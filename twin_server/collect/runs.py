@@ -27,6 +27,8 @@ class Holding(NamedTuple):
     boot: str
     first: int
     last: int
+    damaged: tuple[tuple[int, int], ...] = ()
+    """First and last of each range whose records are damaged there."""
 
 
 class Want(NamedTuple):

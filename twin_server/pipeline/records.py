@@ -6,7 +6,7 @@ from typing import Any
 from slowtime_schemas.codec import Refused, decode
 from slowtime_schemas.messages import Event, Features
 from slowtime_schemas.streams import FEATURES
-from twin_server.collect import Change, Lost, Run
+from twin_server.collect import DAMAGED, Change, Lost, Run
 from twin_server.details import Detail
 from twin_server.estimate import Notice, Twin
 from twin_server.persist import EventRow, RunRow, TwinRow
@@ -119,7 +119,7 @@ def lost_event(lost: Lost) -> EventRow:
             sequence=lost.last,
             t_ns=max(run.last_t_ns, 0),
             kind="features_lost",
-            severity="warning" if run.last >= 0 else "info",
+            severity="warning" if run.last >= 0 or lost.why == DAMAGED else "info",
             message=(
                 f"{count} features of boot {run.boot} are missing, {lost.first} to "
                 f"{lost.last}: {lost.why}."
