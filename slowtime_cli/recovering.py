@@ -8,7 +8,7 @@ from slowtime_services.record import Recovered
 from slowtime_services.record import recover as recover_file
 
 from .options import OutFile
-from .terminal import plural
+from .terminal import note, plural
 
 
 @click.command(
@@ -24,12 +24,22 @@ Examples:
     type=OutFile(".mcap"),
     help="Sound file to write; it must not exist yet.",
 )
-def recover(damaged: Path, out: Path) -> None:
-    """Make a recording sound again that was cut short or not closed.
+def recover(damaged: Path, out: Path) -> int:
+    """Make a recording sound again that was cut short, damaged or not closed.
 
-    Everything that is whole in it is kept, indexed, and can be opened by any MCAP reader.
+    Everything that is whole in it is kept, indexed, and can be opened by any MCAP reader. Where
+    nothing is, OUT is not written and the exit status is 1.
     """
-    click.echo(f"{out}: {_describe(recover_file(damaged, out))}")
+    kept = recover_file(damaged, out)
+    if kept.messages == 0:
+        out.unlink(missing_ok=True)
+        note(
+            f"nothing was recovered: {damaged} holds no whole message "
+            f"({_losses(kept) or 'it is empty'}); {out} is not written."
+        )
+        return 1
+    click.echo(f"{out}: {_describe(kept)}")
+    return 0
 
 
 def _describe(kept: Recovered) -> str:
@@ -38,9 +48,17 @@ def _describe(kept: Recovered) -> str:
     said = plural(kept.messages, "message") + (f" ({by_topic})" if by_topic else "")
     if kept.was_sound:
         return f"{said}. The recording was sound; this is a copy."
+    return f"{said}; {_losses(kept) or 'only its index was missing'}."
+
+
+def _losses(kept: Recovered) -> str:
     lost = []
     if kept.damaged_chunks:
         lost.append(f"{plural(kept.damaged_chunks, 'damaged chunk')} left out")
+    if kept.nameless:
+        lost.append(f"{plural(kept.nameless, 'message')} of unknown channels left out")
+    if kept.torn_chunks:
+        lost.append(f"{plural(kept.torn_chunks, 'chunk')} cut short and kept as far as written")
     if kept.unread_bytes:
         lost.append(f"{plural(kept.unread_bytes, 'byte')} at the end not readable")
-    return f"{said}; {', '.join(lost) or 'only its index was missing'}."
+    return ", ".join(lost)
