@@ -34,7 +34,8 @@ class AdmissionSettings(Frozen):
     max_ahead_s: NotNegative = 300.0
     """How far a sender's clock may be from ours, and a live sensor's time ahead of it."""
     max_age_s: Positive = 30 * 86_400.0
-    """How old a live sensor's time may be unless replayed; a spool holds what is weeks old."""
+    """Readings of a live sensor that are older on arrival are taken in by their sensor time all
+    the same, since a spool may have held them; an event `old_readings` says so."""
     not_before_ns: Annotated[int, Field(ge=0)] = YEAR_2000_NS
     """No sensor time is earlier: a clock that was never set."""
     max_jump: Count = 1_000_000

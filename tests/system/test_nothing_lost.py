@@ -145,3 +145,33 @@ def test_bits_flipped_at_200_places_of_a_spool_cost_their_records_and_each_is_in
     assert {event["severity"] for event in events(twin, "features_lost")} == {"warning"}
     assert eventually(lambda: len(list((tmp_path / "spool").glob("*.b1.*.spool"))) == 0)
     assert list((tmp_path / "spool").glob("*.damaged"))
+
+
+def test_what_a_spool_has_held_for_31_days_is_taken_in_by_its_sensor_time(house, tmp_path):
+    begins = time.time_ns() - 31 * DAY_NS
+    old = [features(n, t_ns=begins + n * DAY_NS // 4) for n in range(120)]
+    spooled(tmp_path / "spool", "b1", old)
+    twin = house.twin()
+    house.agent("b2").features(features(0, boot="b2", t_ns=time.time_ns()))
+    assert eventually(lambda: len(history(twin)) == 121)
+    assert history(twin) == [*(("b1", n) for n in range(120)), ("b2", 0)]
+    assert [row.t_ns for row in twin.store.messages(TWIN, (0, -1), 120)] == [
+        m.t_ns for m in old
+    ]
+    assert not reported_lost(twin)
+    (event,) = events(twin, "old_readings")
+    assert event["severity"] == "warning"
+    assert (event["details"]["boot"], event["details"]["first"]) == ("b1", 0)
+    assert 30.9 < event["details"]["age_days"] < 31.1
+    assert eventually(lambda: not list((tmp_path / "spool").glob("*.b1.*.spool")))
+
+
+def test_a_running_agent_whose_sensor_is_31_days_behind_loses_nothing_either(house):
+    twin = house.twin()
+    agent = house.agent("b1")
+    behind = time.time_ns() - 31 * DAY_NS
+    for n in range(20):
+        agent.features(features(n, t_ns=behind + n * 10**9))
+    assert eventually(lambda: len(history(twin)) == 20)
+    assert not reported_lost(twin)
+    assert len(events(twin, "old_readings")) == 1

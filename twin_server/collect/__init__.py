@@ -4,11 +4,12 @@ from .account import DAMAGED, Account
 from .healing import Healer
 from .reception import Reception
 from .refusals import Refusals
-from .runs import Arrival, Change, Holding, Lost, Ordered, Run, Want
+from .runs import Aged, Arrival, Change, Holding, Lost, Ordered, Run, Want
 
 __all__ = [
     "DAMAGED",
     "Account",
+    "Aged",
     "Arrival",
     "Change",
     "Healer",

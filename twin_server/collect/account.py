@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from slowtime_schemas.messages import Health
 from twin_server.settings import HealingSettings
 
-from .runs import SEQUENCES, Arrival, Change, Holding, Line, Lost, Ordered, Run, Want
+from .runs import SEQUENCES, Aged, Arrival, Change, Holding, Line, Lost, Ordered, Run, Want
 
 BACKWARDS = "its sensor time runs back"
 DAMAGED = "the edge's spool is damaged there"
@@ -244,6 +244,9 @@ class Account:
             Ordered(run, features, arrival.payload, features.sequence - run.last - 1)
         )
         run.last, run.last_t_ns = features.sequence, features.t_ns
+        if arrival.age_s and not run.aged:
+            run.aged = True
+            change.aged.append(Aged(run, features.sequence, arrival.age_s))
 
     def _check_end(self, run: Run, change: Change) -> None:
         if run.followed:

@@ -15,7 +15,7 @@ REASONS: Mapping[str, str] = MappingProxyType(
     {
         **codec.REASONS,
         "future_clock": "the sender's clock, or a live sensor's time, lies in the future",
-        "stale_clock": "the sender's clock, or a live sensor's time, lies too far in the past",
+        "stale_clock": "the sender's clock lies too far in the past",
         "unset_clock": "the sensor's time lies before any that is believed",
         "clock_not_increasing": "the sensor's time does not increase within a boot",
         "duplicate": "the features are known already",

@@ -19,6 +19,8 @@ class Arrival(NamedTuple):
     features: Features
     payload: bytes
     replayed: bool = False
+    age_s: float = 0.0
+    """On arrival, where that is more than usual; else 0."""
 
 
 class Holding(NamedTuple):
@@ -62,6 +64,8 @@ class Run:
         Whether a later boot has been let in.
     gone
         Whether the edge has forgotten this boot: what is missing cannot be had.
+    aged
+        Whether it has been told that readings of this boot came late.
     """
 
     site: str
@@ -77,6 +81,7 @@ class Run:
     closed: bool = False
     gone: bool = False
     followed: bool = False
+    aged: bool = False
     held: dict[int, Arrival] = dataclasses.field(default_factory=dict)
     lost: list[tuple[int, int]] = dataclasses.field(default_factory=list)
     worried: bool = False
@@ -219,6 +224,14 @@ class Lost(NamedTuple):
     why: str
 
 
+class Aged(NamedTuple):
+    """The first reading of a boot that was old on arrival."""
+
+    run: Run
+    sequence: int
+    age_s: float
+
+
 @dataclasses.dataclass(slots=True)
 class Change:
     """What follows from some messages, to be made durable at once.
@@ -231,6 +244,8 @@ class Change:
         Features to be kept until their turn, and those whose turn has come.
     lost
         Ranges the order has passed over.
+    aged
+        Boots of which readings were old on arrival, each once.
     refused
         Reasons and sentences.
     early
@@ -243,6 +258,7 @@ class Change:
     held: list[tuple[Run, int, bytes]] = dataclasses.field(default_factory=list)
     released: list[tuple[Run, int]] = dataclasses.field(default_factory=list)
     lost: list[Lost] = dataclasses.field(default_factory=list)
+    aged: list[Aged] = dataclasses.field(default_factory=list)
     refused: list[tuple[str, str]] = dataclasses.field(default_factory=list)
     touched: dict[Run, None] = dataclasses.field(default_factory=dict)
     early: int = 0

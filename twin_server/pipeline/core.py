@@ -40,6 +40,7 @@ from .records import (
     address,
     decoded,
     lost_event,
+    old_event,
     rows_of_held,
     rows_of_released,
     run_of,
@@ -392,6 +393,7 @@ class Pipeline:
             self._clock.now_ns(),
         )
         cut.events += [lost_event(lost) for lost in change.lost]
+        cut.events += [old_event(aged) for aged in change.aged]
         cut.runs += [
             run_row(run, self._units.get(run.number, "s"))
             for run in change.touched

@@ -6,7 +6,7 @@ from typing import Any
 from slowtime_schemas.codec import Refused, decode
 from slowtime_schemas.messages import Event, Features
 from slowtime_schemas.streams import FEATURES
-from twin_server.collect import DAMAGED, Change, Lost, Run
+from twin_server.collect import DAMAGED, Aged, Change, Lost, Run
 from twin_server.details import Detail
 from twin_server.estimate import Notice, Twin
 from twin_server.persist import EventRow, RunRow, TwinRow
@@ -130,3 +130,26 @@ def lost_event(lost: Lost) -> EventRow:
         ),
         derived=False,
     )  # fmt: skip
+
+
+def old_event(aged: Aged) -> EventRow:
+    """Make an event of readings that were old when they came."""
+    run, days = aged.run, aged.age_s / 86_400
+    return event_row(
+        Event(
+            site=run.site,
+            asset=run.asset,
+            boot=run.boot,
+            sequence=aged.sequence,
+            t_ns=max(run.last_t_ns, 0),
+            kind="old_readings",
+            severity="warning",
+            message=(
+                f"Readings of boot {run.boot} were {days:.1f} days old when they came, from "
+                f"sequence {aged.sequence} on. They are taken in by their sensor time. If the "
+                "edge agent was not offline so long, its sensor's clock is behind: set it."
+            ),
+            details={"boot": run.boot, "first": aged.sequence, "age_days": round(days, 3)},
+        ),
+        derived=False,
+    )
