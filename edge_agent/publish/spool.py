@@ -29,6 +29,7 @@ logger = logging.getLogger(__name__)
 
 SUFFIX = ".spool"
 DROPPED = "dropped.json"
+WITHHELD = "withheld.json"
 MOST_DROPPED = 1_000
 """Boots dropped whole that are remembered; a device that reboots forever forgets the first."""
 _NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND
@@ -96,6 +97,7 @@ class Spool:
         self._guard = _lock_folder(folder)
         self._damaged = DamagedBytes(folder)
         self._gone = _read_dropped(folder / DROPPED)
+        self._withheld = _read_dropped(folder / WITHHELD)
         paths = sorted(folder.glob(f"*{SUFFIX}"), key=lambda path: (_place(path), path.name))
         self._place = 1 + max(map(_place, paths), default=0)
         self._segments = [
@@ -210,15 +212,33 @@ class Spool:
                 self._note_damage(path, boot, data, Damage(len(data), len(data), due, ends))
 
     def acknowledge(self, boot: str, sequence: int) -> int:
-        """Forget segments of `boot` that end by `sequence`; say how many features that was."""
+        """Forget segments of `boot` that end by `sequence`; say how many features that was.
+
+        Of a boot that is withheld nothing is forgotten.
+        """
         with self._lock:
+            if boot in self._withheld:
+                return 0
             done = [s for s in self._segments if s.boot == boot and s.last <= sequence]
             for segment in done:
                 self._remove(segment)
             if self._gone.get(boot, sequence + 1) <= sequence:
                 del self._gone[boot]
-                self._write_dropped()
+                self._write(DROPPED, self._gone)
             return sum(segment.count for segment in done)
+
+    def withhold(self, boot: str, sequence: int) -> bool:
+        """Keep what there is of `boot`, whatever is acknowledged; False where it is so already.
+
+        It lasts across restarts, until `withheld.json` is deleted while no agent runs; a full
+        spool drops its oldest segments all the same.
+        """
+        with self._lock:
+            if boot in self._withheld:
+                return False
+            self._withheld[boot] = sequence
+            self._write(WITHHELD, self._withheld)
+            return True
 
     def close(self) -> None:
         """Bring everything to the disk and let go of the folder; a second time does nothing."""
@@ -303,13 +323,13 @@ class Spool:
                 self._gone[oldest.boot] = oldest.last
                 for boot in list(self._gone)[:-MOST_DROPPED]:
                     del self._gone[boot]
-                self._write_dropped()
+                self._write(DROPPED, self._gone)
 
-    def _write_dropped(self) -> None:
-        """Remember across a restart what was dropped whole; a full disk may prevent it."""
-        path = self.folder / DROPPED
+    def _write(self, name: str, boots: dict[str, int]) -> None:
+        """Remember some boots across a restart; a full disk may prevent it."""
+        path = self.folder / name
         try:
-            path.with_suffix(".new").write_text(json.dumps(self._gone))
+            path.with_suffix(".new").write_text(json.dumps(boots))
             path.with_suffix(".new").replace(path)
         except OSError:
             logger.exception("%s cannot be written; it is remembered until the end.", path)

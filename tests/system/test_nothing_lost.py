@@ -10,8 +10,9 @@ import pytest
 from edge_agent.publish import Publisher, Spool
 from edge_agent.settings import Origin, PublishSettings
 from slowtime_schemas.codec import encode
-from slowtime_schemas.messages import Features, Mode, Quality
+from slowtime_schemas.messages import Acknowledgement, Features, Mode, Quality
 from slowtime_schemas.quantities import Quantity
+from slowtime_schemas.streams import ACK, FEATURES
 from slowtime_services.bus import MemoryBus
 from slowtime_services.clock import SystemClock
 from twin_server.persist import SqliteStore
@@ -109,9 +110,22 @@ def events(pipeline, kind):
     return [event for event in found if event["kind"] == kind]
 
 
+def rows_of(store):
+    rows = store.messages(TWIN, (0, -1), 10**6)
+    return [((json.loads(row.message)["boot"], row.sequence), row.message) for row in rows]
+
+
 def history(pipeline):
-    rows = pipeline.store.messages(TWIN, (0, -1), 10**6)
-    return [(json.loads(row.message)["boot"], row.sequence) for row in rows]
+    return [key for key, _ in rows_of(pipeline.store)]
+
+
+def messages_of(database):
+    with contextlib.closing(SqliteStore(database)) as store:
+        return rows_of(store)
+
+
+def history_of(database):
+    return [key for key, _ in messages_of(database)]
 
 
 def reported_lost(pipeline):
@@ -175,3 +189,102 @@ def test_a_running_agent_whose_sensor_is_31_days_behind_loses_nothing_either(hou
     assert eventually(lambda: len(history(twin)) == 20)
     assert not reported_lost(twin)
     assert len(events(twin, "old_readings")) == 1
+
+
+def in_spool(folder, boot):
+    """Sequences of a boot that are still in a spool, as its next agent would read them."""
+    spool = Spool(folder, f"reader-{time.monotonic_ns()}")
+    held = {json.loads(payload)["sequence"] for payload in spool.read(boot)}
+    spool.close()
+    return held
+
+
+def test_two_agents_of_one_asset_are_named_and_neither_loses_what_it_has(house, tmp_path):
+    twin = house.twin()
+    one, other = house.agent("b1", "one"), house.agent("b2", "other")
+    for n in range(10):
+        one.features(features(n))
+    assert eventually(lambda: len(history(twin)) == 10)
+    for n in range(30):
+        other.features(features(n, boot="b2", frequency_hz=5.0))
+        one.features(features(10 + n))
+    assert eventually(lambda: events(twin, "two_agents"))
+    assert eventually(lambda: history(twin).count(("b2", 29)) == 1)
+    other.health()
+    one.health()
+    (event,) = events(twin, "two_agents")
+    assert event["details"]["boots"] == ["b1", "b2"]
+    assert "boot b1 goes on although boot b2 has begun" in event["message"]
+    house.close()
+    arrived = set(history_of(tmp_path / "twin.sqlite"))
+    for boot, folder, made in (("b1", "one", 40), ("b2", "other", 30)):
+        kept = {(boot, n) for n in in_spool(tmp_path / folder, boot)}
+        assert {(boot, n) for n in range(made)} <= arrived | kept
+    assert ("b1", 39) in {("b1", n) for n in in_spool(tmp_path / "one", "b1")}
+
+
+@pytest.mark.parametrize("restarted", [False, True], ids=["at once", "one after the other"])
+def test_two_agents_under_one_boot_are_named_and_neither_loses_what_it_has(
+    house, tmp_path, restarted
+):
+    twin = house.twin()
+    one = house.agent("b1", "one")
+    mine = [features(n) for n in range(40)]
+    yours = [features(n, frequency_hz=5.0) for n in range(25)]
+    for message in mine[:20]:
+        one.features(message)
+    assert eventually(lambda: len(history(twin)) == 20)
+    if restarted:
+        one.close()
+        mine = mine[:20]
+    time.sleep(1.2)  # an agent that begins within the same second is told by its readings only
+    other = house.agent("b1", "other")
+    for message in yours:
+        other.features(message)
+    if not restarted:
+        for message in mine[20:]:
+            one.features(message)
+    assert eventually(lambda: events(twin, "two_agents"))
+    other.health()
+    assert eventually(lambda: twin.gauges()["inbox"] == 0)
+    (event,) = events(twin, "two_agents")
+    assert event["details"]["boots"] == ["b1", "b1"]
+    assert "began at" in event["message"] or "sensor time" in event["message"]
+    house.close()
+    arrived = {payload for _, payload in messages_of(tmp_path / "twin.sqlite")}
+    for folder, made in (("one", mine), ("other", yours)):
+        kept = in_spool(tmp_path / folder, "b1")
+        for message in made:
+            assert encode(message) in arrived or message.sequence in kept, (folder, message)
+
+
+def test_an_agent_that_hears_of_features_it_has_not_made_deletes_nothing(house, tmp_path):
+    agent = house.agent("b1")
+    for n in range(3):
+        agent.features(features(n))
+    for word in (
+        {"sequence": 900},
+        {"sequence": 2, "first": 0, "digest": "0" * 16},
+        {"sequence": 2},
+    ):
+        ack = Acknowledgement(site="lab", asset="beam", boot="b1", t_ns=1, **word)
+        house.bus.publish(ACK.key("lab", "beam"), encode(ack), encoding=ACK.encoding)
+    assert agent.counters["foreign_acks"] == 2
+    agent.close()
+    assert in_spool(tmp_path / "spool", "b1") == {0, 1, 2}
+    assert json.loads((tmp_path / "spool" / "withheld.json").read_text()) == {"b1": 900}
+
+
+def test_an_agent_of_before_is_acknowledged_in_the_version_that_it_reads(house):
+    heard = []
+    house.bus.subscribe(ACK.everywhere, lambda sample: heard.append(json.loads(sample.payload)))
+    twin = house.twin()
+    message = features(0)
+    house.bus.publish(FEATURES.key("lab", "beam"), encode(message), encoding=FEATURES.encoding)
+    assert eventually(lambda: heard)
+    assert (heard[0]["version"], heard[0]["sequence"]) == (1, 0)
+    assert set(heard[0]) == {"version", "site", "asset", "boot", "sequence", "t_ns"}
+    agent = house.agent("b2")
+    agent.features(features(0, boot="b2"))
+    assert eventually(lambda: ("b2", 0) in history(twin))
+    assert eventually(lambda: any(ack["version"] == 2 for ack in heard))

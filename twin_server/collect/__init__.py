@@ -1,10 +1,10 @@
 """First stage of the twin: whatever arrives in; features in order out, none missing unseen."""
 
-from .account import DAMAGED, Account
+from .account import DAMAGED, Account, told_apart
 from .healing import Healer
 from .reception import Reception
 from .refusals import Refusals
-from .runs import Aged, Arrival, Change, Holding, Lost, Ordered, Run, Want
+from .runs import Aged, Arrival, Change, Holding, Lost, Ordered, Repeated, Rivals, Run, Want
 
 __all__ = [
     "DAMAGED",
@@ -18,6 +18,9 @@ __all__ = [
     "Ordered",
     "Reception",
     "Refusals",
+    "Repeated",
+    "Rivals",
     "Run",
     "Want",
+    "told_apart",
 ]

@@ -21,6 +21,7 @@ REASONS: Mapping[str, str] = MappingProxyType(
         "duplicate": "the features are known already",
         "too_late": "the features were given up as lost, and the order has moved on",
         "closed_boot": "a later boot of the same asset has begun",
+        "two_agents": "another agent has sent other features under the same boot and sequence",
         "sequence_jump": "the sequence is impossibly far ahead",
         "held_full": "too much is out of order; it is asked for again",
         "inbox_full": "the server is behind; it is asked for again",

@@ -28,6 +28,7 @@ from twin_server.collect import (
     Reception,
     Refusals,
     Want,
+    told_apart,
 )
 from twin_server.estimate import Checkpoint, Twin
 from twin_server.persist import Cut, Store, StoreError
@@ -41,6 +42,7 @@ from .records import (
     decoded,
     lost_event,
     old_event,
+    rivals_event,
     rows_of_held,
     rows_of_released,
     run_of,
@@ -50,6 +52,9 @@ from .records import (
 from .voice import ACK_EVERY_S, Voice
 
 logger = logging.getLogger(__name__)
+
+MOST_COMPARED = 100
+"""Features of one batch that came again and are compared with what was kept."""
 
 T = TypeVar("T")
 Answered = tuple[Want, Sequence[Holding] | None, bool]
@@ -376,10 +381,13 @@ class Pipeline:
 
     def _conclude(self, change: Change) -> None:
         """Estimate, make durable, and only then tell anybody."""
+        self._compare(change)
         for reason, sentence in change.refused:
             self.refusals.refuse(reason, sentence)
         self._voice.owe(change.touched)
-        if not (change.ordered or change.touched or change.lost or change.held):
+        if not (
+            change.ordered or change.touched or change.lost or change.held or change.rivals
+        ):
             return
         cut = Cut(held=rows_of_held(change), released=rows_of_released(change))
         twins = dict(self._twins)
@@ -394,6 +402,7 @@ class Pipeline:
         )
         cut.events += [lost_event(lost) for lost in change.lost]
         cut.events += [old_event(aged) for aged in change.aged]
+        cut.events += [rivals_event(rivals) for rivals in change.rivals]
         cut.runs += [
             run_row(run, self._units.get(run.number, "s"))
             for run in change.touched
@@ -403,6 +412,26 @@ class Pipeline:
         self._twins = twins
         self._count(change, cut)
         self._voice.tell(change.ordered, fresh, self._units, cut.events, numbers)
+
+    def _compare(self, change: Change) -> None:
+        """Hold what came again against what was kept: it may come from another agent."""
+        for run, sequence, payload in change.repeated[:MOST_COMPARED]:
+            rows = self.store.messages(f"{run.site}.{run.asset}", (run.number, sequence - 1), 1)
+            kept = next(
+                (r for r in rows if (r.number, r.sequence) == (run.number, sequence)), None
+            )
+            if kept is None or kept.message == payload:
+                continue
+            how = told_apart(sequence, kept.t_ns, decoded(payload).t_ns)
+            self._account.contest(run, how, change)
+            change.refused.append(
+                (
+                    "two_agents",
+                    f"{run}: sequence {sequence} was given with other content than before. "
+                    "Allowed: one agent at a time per asset. Give each its own asset name, and "
+                    "leave `boot` unset.",
+                )
+            )
 
     def _count(self, change: Change, cut: Cut) -> None:
         self.counts["batches"] += 1

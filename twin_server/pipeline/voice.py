@@ -1,6 +1,7 @@
 """All that the twin says: on the bus, and to those who listen; only of what is durable."""
 
 import collections
+import json
 import logging
 import time
 from collections.abc import Iterable, Mapping, Sequence
@@ -10,6 +11,7 @@ from slowtime_schemas.messages import Acknowledgement, Registered
 from slowtime_schemas.streams import ACK, EVENT, REGISTRATION, STATE
 from slowtime_services.bus import Bus
 from slowtime_services.clock import Clock
+from slowtime_services.digests import written
 from twin_server.collect import Ordered, Run
 from twin_server.details import part
 from twin_server.estimate import Twin
@@ -125,15 +127,9 @@ class Voice:
         self._acknowledged_s = now
         runs, self._owed = self._owed, {}
         for run in runs:
-            if run.number and run.next:
-                ack = Acknowledgement(
-                    site=run.site,
-                    asset=run.asset,
-                    boot=run.boot,
-                    sequence=run.next - 1,
-                    t_ns=self._clock.now_ns(),
-                )
-                self._publish(ACK.key(run.site, run.asset), encode(ack), ACK.encoding)
+            if run.number and run.next and not run.contested:
+                ack = acknowledgement(run, self._clock.now_ns())
+                self._publish(ACK.key(run.site, run.asset), ack, ACK.encoding)
 
     def announce_all(self, twins: Mapping[tuple[str, str], Twin]) -> None:
         """Say now and then how twins are registered, for recorders that began since."""
@@ -175,3 +171,21 @@ class Voice:
             # History is durable and REST answers: a bus that fails stops nothing else.
             self._counts["not_published"] += 1
             logger.exception("A message on %s could not be published.", key)
+
+
+def acknowledgement(run: Run, now_ns: int) -> bytes:
+    """Write the acknowledgement of a boot in the version that its agent reads."""
+    last = run.next - 1
+    known = run.last == last and run.stretch <= last
+    ack = Acknowledgement(
+        site=run.site,
+        asset=run.asset,
+        boot=run.boot,
+        sequence=last,
+        t_ns=now_ns,
+        first=run.stretch if known else None,
+        digest=written(run.digest) if known else None,
+    )
+    if run.ack_version >= Acknowledgement.VERSION:
+        return encode(ack)
+    return json.dumps(ack.model_dump(exclude={"first", "digest"}) | {"version": 1}).encode()
