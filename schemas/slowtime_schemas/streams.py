@@ -154,6 +154,11 @@ def alive_key(site: str, asset: str) -> str:
     return f"{ROOT}/{site}/{asset}/alive"
 
 
+def server_key(name: str) -> str:
+    """Key of the liveliness token of a twin server."""
+    return f"{ROOT}/server/{name}"
+
+
 def any_key(site: str = "*", asset: str = "*") -> str:
     """Key expression of every stream at once, so that one subscription keeps their order."""
     return f"{ROOT}/{site}/{asset}/*"

@@ -12,11 +12,11 @@ from edge_agent.settings import Origin, PublishSettings
 from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Acknowledgement, Features, Mode, Quality
 from slowtime_schemas.quantities import Quantity
-from slowtime_schemas.streams import ACK, FEATURES
+from slowtime_schemas.streams import ACK, FEATURES, STATE, server_key
 from slowtime_services.bus import MemoryBus
 from slowtime_services.clock import SystemClock
 from twin_server.persist import SqliteStore
-from twin_server.pipeline import Pipeline
+from twin_server.pipeline import Pipeline, TwinKnowledge
 from twin_server.settings import TwinSettings
 
 DAY_NS = 86_400 * 10**9
@@ -288,3 +288,37 @@ def test_an_agent_of_before_is_acknowledged_in_the_version_that_it_reads(house):
     agent.features(features(0, boot="b2"))
     assert eventually(lambda: ("b2", 0) in history(twin))
     assert eventually(lambda: any(ack["version"] == 2 for ack in heard))
+
+
+def test_a_second_server_on_the_bus_says_so_and_acknowledges_and_publishes_nothing(
+    house, tmp_path, caplog
+):
+    heard = []
+    for stream in (ACK, STATE):
+        house.bus.subscribe(stream.everywhere, lambda sample: heard.append(sample.key))
+    first = house.twin("first")
+    assert eventually(lambda: first.trouble == "" and "announced" in seen(house))
+    second = house.twin("second")
+    assert eventually(lambda: "Another twin server was on this bus first" in second.trouble)
+    assert any("Another twin server was on this bus first" in text for text in caplog.messages)
+    assert any("A second twin server is on this bus" in text for text in caplog.messages)
+    assert first.trouble == ""
+    first.stop()
+    assert eventually(lambda: second.trouble == "")
+    assert any("this one speaks from now on" in text for text in caplog.messages)
+    third = house.twin("third")
+    agent = house.agent("b1")
+    for n in range(5):
+        agent.features(features(n))
+    assert eventually(lambda: len(history(second)) == len(history(third)) == 5)
+    assert eventually(lambda: heard.count(STATE.key("lab", "beam")) >= 5)
+    assert heard.count(STATE.key("lab", "beam")) == 5
+    assert second.counts["published"] > 0 == third.counts["published"]
+    knowledge = TwinKnowledge(third, third.store, bus=house.bus)
+    assert any("Stop one of the two" in trouble for trouble in knowledge.troubles())
+
+
+def seen(house):
+    found = []
+    house.bus.watch(server_key("*"), lambda key, alive: found.append("announced")).close()
+    return found

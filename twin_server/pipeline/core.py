@@ -37,6 +37,7 @@ from twin_server.settings import TwinSettings
 
 from .estimating import NOTHING, begun, estimate_anew, estimate_next, noted, registered
 from .news import Listener
+from .precedence import Precedence
 from .records import (
     address,
     decoded,
@@ -93,7 +94,14 @@ class Pipeline:
         self._worker: threading.Thread | None = None
         self._healer: Healer | None = None
         self.counts: collections.Counter[str] = collections.Counter()
-        self._voice = Voice(bus, self._clock, self.counts, settings.pipeline.states_per_batch)
+        self._precedence = Precedence(bus, self._clock)
+        self._voice = Voice(
+            bus,
+            self._clock,
+            self.counts,
+            settings.pipeline.states_per_batch,
+            self._precedence,
+        )
         self.failing: str = ""
         self._account = self._new_account()
         self._stale = True
@@ -103,6 +111,7 @@ class Pipeline:
     def start(self) -> None:
         """Begin to work, and to listen where there is a bus."""
         self._worker = threading.Thread(target=self._work, name="twin", daemon=True)
+        self._precedence.start()
         self._worker.start()
         if self._bus is None:
             return
@@ -129,6 +138,7 @@ class Pipeline:
         if self._worker is not None:
             self._worker.join()
             self._worker = None
+        self._precedence.stop()
 
     @property
     def working(self) -> bool:
@@ -221,6 +231,11 @@ class Pipeline:
         return self._heard.get(address(twin_id))
 
     @property
+    def trouble(self) -> str:
+        """What another twin server on the bus keeps this one from; empty without one."""
+        return self._precedence.trouble
+
+    @property
     def waiting(self) -> int:
         """How many messages wait to be taken in."""
         return len(self._inbox)
@@ -274,6 +289,7 @@ class Pipeline:
                 real = [sample for sample in samples if sample is not None]
                 if real:
                     self._guarded(lambda real=real: self._take(real))  # type: ignore[misc]
+                self._guarded(self._precedence.step)
                 self._guarded(self._voice.acknowledge)
                 self._guarded(lambda: self._voice.announce_all(self._twins))
             if self._inbox.closed and not samples and not self._calls:
@@ -530,6 +546,8 @@ class Pipeline:
 
     def _answer_registrations(self, query: Query) -> Iterator[tuple[str, bytes]]:
         """Say how twins are registered to somebody who asks; in a thread of the bus."""
+        if self._precedence.first is not None:
+            return  # the first twin server answers
         for key, twin in list(self._twins.items()):
             if matches(query.key, request_key(*key, "registration")):
                 yield REGISTRATION.key(*key), self._voice.registration(key, twin)

@@ -268,6 +268,8 @@ class TwinKnowledge:
         found = []
         if not self._pipeline.working:
             found.append("The working thread has ended. Restart the server.")
+        if self._pipeline.trouble:
+            found.append(self._pipeline.trouble)
         if self._pipeline.failing:
             found.append(f"The last batch failed: {self._pipeline.failing}")
         if not getattr(self._bus, "connected", True):

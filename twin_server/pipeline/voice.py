@@ -20,6 +20,7 @@ from twin_server.rendering import state_messages
 
 from .estimating import NO_BOOT, Fresh
 from .news import Listener, News
+from .precedence import Precedence
 from .records import body_of
 
 logger = logging.getLogger(__name__)
@@ -35,6 +36,8 @@ class Voice:
     ----------
     bus
         None for a pipeline that is fed by hand.
+    precedence
+        Whether another twin server speaks on this bus.
     counts
         Where it counts what was published and what was not.
     states_per_batch
@@ -47,8 +50,10 @@ class Voice:
         clock: Clock,
         counts: collections.Counter[str],
         states_per_batch: int,
+        precedence: Precedence,
     ) -> None:
         self._bus, self._clock, self._counts = bus, clock, counts
+        self._precedence = precedence
         self._states_per_batch = states_per_batch
         self._listeners: list[Listener] = []
         self._owed: dict[Run, None] = {}
@@ -124,6 +129,8 @@ class Voice:
         now = time.monotonic()
         if not self._owed or now - self._acknowledged_s < ACK_EVERY_S:
             return
+        if not self._precedence.acknowledges:
+            return
         self._acknowledged_s = now
         runs, self._owed = self._owed, {}
         for run in runs:
@@ -162,7 +169,7 @@ class Voice:
         return encode(message)
 
     def _publish(self, key: str, payload: bytes, encoding: str) -> None:
-        if self._bus is None:
+        if self._bus is None or self._precedence.first is not None:
             return
         try:
             self._bus.publish(key, payload, encoding=encoding)
