@@ -6,9 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
 
-from slowtime.evolution import extremes
 from slowtime_services.bus import Bus
 from twin_server.estimate import (
     Outlooks,
@@ -25,7 +23,6 @@ from twin_server.orders import SimulationOrder
 from twin_server.persist import History, Store
 from twin_server.registration import Registration
 from twin_server.serve import Chapter, Hub, Moment, Outlook, ProblemError
-from twin_server.states import States, shown
 from twin_server.thresholds import Limit
 
 from .core import Pipeline
@@ -133,13 +130,13 @@ class TwinKnowledge:
     ) -> Chapter:
         """States between two moments; of too many, those that show what all of them show."""
         start, end = start or Moment(), end or Moment()
-        found = self._store.history(
+        found = self._store.thinned(
             twin_id,
+            max_points,
             t_ns=(start.t_ns, end.t_ns),
             slow_time=(start.slow_time, end.slow_time),
-            pick=lambda states, changes: thin(states, max_points, changes),
         )
-        return _chapter(found)
+        return _chapter(found.history)._replace(bands=found.bands)
 
     def since(self, twin_id: str, key: int, limit: int) -> Chapter:
         """States behind the one of `key`."""
@@ -305,36 +302,6 @@ class Herald:
     def reset(self, twin_id: str) -> None:
         """Hand on that a twin's history has been made anew, or has gone."""
         self._hub.reset(twin_id)
-
-
-def thin(
-    states: States,
-    max_points: int,
-    changes: Float[np.ndarray, "time parameter 3"] | None = None,
-) -> Int[np.ndarray, " kept"]:
-    """Pick at most `max_points` states, among them the extremes of all that varies.
-
-    Parameters
-    ----------
-    changes
-        Value, lo and hi of the parameters of a twin of elements, which then come first.
-    """
-    if len(states) <= max_points:
-        return np.arange(len(states))
-    varies = [states[name][:, [0, 2, 3]] for name in shown(states) or ["frequency_hz"]]
-    if changes is not None:
-        varies = [changes[:, i] for i in range(changes.shape[1])] + varies
-    varies = varies[: max(1, max_points // 6)]
-    kept = [
-        extremes(
-            np.ascontiguousarray(one[:, 0]),
-            max_points // len(varies),
-            lo=np.ascontiguousarray(one[:, 1]),
-            hi=np.ascontiguousarray(one[:, 2]),
-        )
-        for one in varies
-    ]
-    return np.unique(np.concatenate(kept))
 
 
 def _past(twin: Twin, found: History, count: int) -> dict[str, Past]:

@@ -179,7 +179,13 @@ def _twins(
         chapter = knowledge.history(
             twin_id, moment_of("start", start), moment_of("end", end), max_points
         )
-        return Response(points(_objects(twin_id, chapter, shapes=shapes)), media_type=JSON)
+        objects = _objects(twin_id, chapter, shapes=shapes)
+        if chapter.bands is None:
+            return Response(points(objects), media_type=JSON)
+        elements = registration.changes == "elements"
+        names = registration.structure().free if elements else ()
+        unit = chapter.units[-1]
+        return Response(points(objects, chapter.bands, unit, names), media_type=JSON)
 
     @api.get("/twins/{twin_id}/modes", response_model=models.ModesModel, responses=_PROBLEMS)
     def modes(twin_id: TwinId, registration: Known, at: MomentText = None) -> Response:

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.evolution.crossing import Crossing
+from twin_server.buckets import Buckets
 from twin_server.details import Bodies
 from twin_server.orders import SimulationOrder
 from twin_server.registration import Registration
@@ -26,6 +27,8 @@ class Chapter(NamedTuple):
     boots: Sequence[str]
     units: Sequence[str]
     bodies: Bodies = ()
+    bands: Buckets | None = None
+    """What all states show, where these are but some of them."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
