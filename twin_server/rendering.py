@@ -79,10 +79,10 @@ def points(
     names
         Of the free parameters of a twin of elements.
     """
-    told = (
-        b"null" if bands is None else to_json(_bands(bands, unit, names), inf_nan_mode="null")
-    )
-    return f'{{"points":[{",".join(objects)}],"bands":'.encode() + told + b"}"
+    told = f'{{"points":[{",".join(objects)}]'.encode()
+    if bands is not None:
+        told += b',"bands":' + to_json(_bands(bands, unit, names), inf_nan_mode="null")
+    return told + b"}"
 
 
 def _bands(bands: Buckets, unit: str, names: Sequence[str]) -> dict[str, Any]:

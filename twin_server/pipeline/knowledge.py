@@ -29,6 +29,7 @@ from .core import Pipeline
 from .lookout import CHANGED
 from .news import News
 from .simulating import Simulating
+from .workers import Here, Workers
 
 SHIFT = 40
 _LOOK_BACK = 1_000
@@ -54,17 +55,26 @@ class TwinKnowledge:
         Asked whether it is connected, where it can tell.
     refresh
         A forecast learns anew after so many readings.
+    workers
+        Where is computed what takes long; by default in the thread that asks.
     """
 
     def __init__(
-        self, pipeline: Pipeline, store: Store, *, bus: Bus | None = None, refresh: int = 25
+        self,
+        pipeline: Pipeline,
+        store: Store,
+        *,
+        bus: Bus | None = None,
+        refresh: int = 25,
+        workers: Workers | None = None,
     ) -> None:
         self._pipeline, self._store, self._bus = pipeline, store, bus
         self._refresh = refresh
         self._learnt: dict[str, _Learnt] = {}
         self._of_the_past: dict[str, _Learnt] = {}
-        self._learning = threading.Lock()
-        self._simulating = Simulating(store)
+        self._workers = workers or Here()
+        self._learning: dict[str, threading.Lock] = {}
+        self._simulating = Simulating(store, self._workers)
 
     def ids(self) -> list[str]:
         """All twins, in the order of their registration."""
@@ -164,7 +174,8 @@ class TwinKnowledge:
         if twin is None or not len(found.states):
             return None
         past = _past(twin, found, len(found.states))
-        foresight = foresee(
+        foresight = self._workers.run(
+            foresee,
             past,
             self._outlooks(twin_id, twin, found, past=at != Moment()),
             twin.registration.forecast.horizon if horizon is None else horizon,
@@ -185,8 +196,14 @@ class TwinKnowledge:
             found.boots[found.number[-1]][1],
         )
 
-    def simulate(self, twin_id: str, order: SimulationOrder) -> dict[str, Any]:
-        """Tell what a twin would do under a load."""
+    def check(self, twin_id: str, order: SimulationOrder) -> None:
+        """Refuse a load that a twin cannot be run under, at no cost."""
+        twin = self._pipeline.twin(twin_id)
+        if twin is not None:
+            self._simulating.check(twin, order)
+
+    def simulate(self, twin_id: str, order: SimulationOrder) -> bytes:
+        """Tell what a twin would do under a load, as JSON."""
         twin = self._pipeline.twin(twin_id)
         found = self._store.history(twin_id, limit=_LOOK_BACK, newest=True)
         if twin is None or not len(found.states):
@@ -223,11 +240,13 @@ class TwinKnowledge:
             last = len(sequence) - 1
             known = _past(twin, found, last + 1)
         key = found.number[last] << SHIFT | int(sequence[last])
-        with self._learning:
+        with self._learning.setdefault(twin_id, threading.Lock()):
             learnt = kept.get(twin_id)
             if learnt is None or learnt[:2] != (twin.registration, key):
                 process = twin.registration.forecast.process
-                learnt = _Learnt(twin.registration, key, learn(known, process, changes))
+                learnt = _Learnt(
+                    twin.registration, key, self._workers.run(learn, known, process, changes)
+                )
                 kept[twin_id] = learnt
         return learnt.outlooks
 

@@ -117,8 +117,12 @@ class Knowledge(Protocol):
         """Where a twin is heading, or was at a moment; None where too little was known."""
         ...
 
-    def simulate(self, twin_id: str, order: SimulationOrder) -> Mapping[str, Any]:
-        """Tell what a twin would do under a load; what cannot be run is a `ProblemError`."""
+    def check(self, twin_id: str, order: SimulationOrder) -> None:
+        """Refuse, by a `ProblemError`, what cannot be run of a twin anyway; costs nothing."""
+        ...
+
+    def simulate(self, twin_id: str, order: SimulationOrder) -> bytes:
+        """Tell what a twin would do, as JSON; what cannot be run is a `ProblemError`."""
         ...
 
     def events(

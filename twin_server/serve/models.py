@@ -285,7 +285,7 @@ class HistoryModel(BaseModel):
 
     points: list[State]
     bands: BandsModel | None = Field(
-        None, description="What all readings show; null where all of them are in `points`."
+        None, description="What all readings show; left out where all of them are in `points`."
     )
 
 
