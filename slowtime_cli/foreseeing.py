@@ -1,6 +1,7 @@
 """The verbs `forecast` and `whatif`: where a twin is heading, and what it would do today."""
 
 import contextlib
+import json
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -224,7 +225,7 @@ def whatif(
         )
     else:
         with _made(asked) as (knowledge, twin_id, _), _said():
-            body = knowledge.simulate(twin_id, order)
+            body = json.loads(knowledge.simulate(twin_id, order))
     if out is not None:
         write_json(out, body)
     if out != STDOUT:
