@@ -13,12 +13,12 @@ from starlette.responses import FileResponse
 
 from slowtime_schemas import asyncapi
 from twin_server.details import without_shapes
+from twin_server.principals import EVERYBODY, NOBODY, principal_of
 from twin_server.registration import Registration
 from twin_server.rendering import event_object, points, state_objects
 from twin_server.settings import ServeSettings
 
 from . import diagnoses, exports, forecasts, models, problems, recordings, simulations
-from .access.principals import EVERYBODY, NOBODY, principal_of
 from .diagnoses import Ordering
 from .document import document
 from .knowledge import Chapter, Knowledge

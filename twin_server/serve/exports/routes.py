@@ -7,10 +7,10 @@ from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic_core import from_json, to_json
 
 from slowtime_schemas.quantities import Name
+from twin_server.principals import principal_of
 from twin_server.registration import Registration
 from twin_server.rendering import state_objects
 from twin_server.serve import problems
-from twin_server.serve.access.principals import principal_of
 from twin_server.serve.knowledge import Knowledge
 from twin_server.serve.moments import MomentText, moment_of
 from twin_server.serve.problems import ProblemError
