@@ -56,7 +56,7 @@ VERBS = {
     ),
     "recover": Verb(
         "recovering:recover",
-        "Make a recording sound again that was cut short, damaged or not closed.",
+        "Make a recording sound again that was cut short or damaged.",
     ),
     "layout": Verb(
         "viewing:layout", "Write a layout for Foxglove or Lichtblick that fits a recording."
