@@ -8,7 +8,8 @@ BIN := .venv/bin
 export OPENBLAS_NUM_THREADS ?= 1
 # Processes are started by the dozen under test: each module is compiled once.
 unexport PYTHONDONTWRITEBYTECODE
-PIP_INSTALL := $(BIN)/python -m pip --disable-pip-version-check --quiet install -c constraints.txt
+# Not --quiet: a first installation takes a minute or more, and says what it is at.
+PIP_INSTALL := $(BIN)/python -m pip --disable-pip-version-check install --progress-bar on -c constraints.txt
 
 .PHONY: demo test test-long test-slow blind blind-pairs blind-slow peers peers-torch faults load check bench tutorials gallery surrogates figures docs pictures clean help
 
@@ -88,17 +89,19 @@ figures: .venv/dev  ## draw the book's figures into docs/figures
 
 .venv/run: pyproject.toml constraints.txt
 	@test -n "$(PYTHON)" || { echo "slowtime needs Python 3.11 or newer; none was found. Give one: make PYTHON=/path/to/python3"; exit 2; }
-	@test -x $(BIN)/python || { echo "Setting up .venv with $(PYTHON) ..."; $(PYTHON) -m venv .venv; }
+	@test -x $(BIN)/python || { echo "Making a virtual environment in .venv with $(PYTHON) ..."; $(PYTHON) -m venv .venv; }
+	@echo "Installing slowtime and what it needs into .venv: about 60 packages, a minute or two, this once ..."
 	@$(PIP_INSTALL) -e . && touch $@
+	@echo "Installed. \`$(BIN)/slowtime --help\` lists the verbs."
 
 .venv/dev: .venv/run
-	@echo "Installing the development tools ..."
+	@echo "Installing the development tools into .venv: about 90 packages more, this once ..."
 	@$(PIP_INSTALL) -e '.[dev]' && touch $@
 
 .venv-peers/ready: .venv/run
-	@echo "Setting up .venv-peers ..."
+	@echo "Installing the tools to compare with into .venv-peers, this once ..."
 	@$(BIN)/python -m venv .venv-peers
-	@.venv-peers/bin/python -m pip --disable-pip-version-check --quiet install -c constraints.txt -e '.[peers]' && touch $@
+	@.venv-peers/bin/python -m pip --disable-pip-version-check install --progress-bar on -c constraints.txt -e '.[peers]' && touch $@
 
 pictures: .venv/dev  ## take the pictures of the page, in every view, into docs
 	$(BIN)/python docs/figures/page.py

@@ -9,6 +9,10 @@ from typing import Any
 
 import click
 
+from slowtime_schemas.plain_text import plain_text
+
+from .faults import unseen
+
 ROUTER = "tcp/127.0.0.1:7447"
 ENCRYPTED_ROUTER = "tls/127.0.0.1:7447"
 NAME = r"[a-z0-9][a-z0-9_-]{0,62}"
@@ -48,8 +52,27 @@ class Name(click.ParamType):  # type: ignore[type-arg]  # generic only in the ne
     ) -> str:
         """Refuse what could not be part of a key."""
         if not self._pattern.fullmatch(str(value)):
-            self.fail(f"{value!r} is no name. Allowed: {self._allowed}.", param, ctx)
+            self.fail(
+                f"{value!a} is no name{unseen(str(value))}. Allowed: {self._allowed}.",
+                param,
+                ctx,
+            )
         return str(value)
+
+
+class PlainText(click.ParamType):  # type: ignore[type-arg]  # generic only in the newest click
+    """A text for people, without control, bidirectional or other invisible characters."""
+
+    name = "text"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str:
+        """Refuse what would be shown as something else."""
+        try:
+            return plain_text(str(value))
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
 
 
 class Endpoint(click.ParamType):  # type: ignore[type-arg]  # generic only in the newest click
@@ -182,7 +205,7 @@ connect_option = click.option(
 
 credentials_option = click.option(
     "--credentials",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
     help="Folder made by `slowtime keys`: speak over TLS, as whom it names.",
 )
 

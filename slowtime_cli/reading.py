@@ -1,4 +1,4 @@
-"""The flags with which every verb reads a record, whatever wrote it."""
+"""How every verb reads a record, whatever wrote it."""
 
 import dataclasses
 import functools
@@ -11,36 +11,17 @@ import click
 from slowtime_services.files import Record, find_column, read_record
 from slowtime_services.replay import record_of
 
-from .options import POSITIVE, names
+from .options import names
 from .terminal import note
 
 BINARY = (".mcap", ".npy", ".npz", ".mat")
 
-FLAGS = (
-    click.option(
-        "--rate-hz",
-        type=POSITIVE,
-        help="Samples per second, where the file does not say.",
-    ),
-    click.option("--channels", help="Columns to use, by name or number from 0: a,b."),
-    click.option(
-        "--skip-lines",
-        type=click.IntRange(min=0),
-        help="Lines before header or data.  [default: found out]",
-    ),
-    click.option("--columns", help="Names of all columns, where the file has none: a,b,c."),
-    click.option(
-        "--time-column",
-        help="Column of time, by name or number; none if there is none.  [default: found out]",
-    ),
-)
 
-
-def record_flags(verb: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the flags, and hand the verb a `Record` in place of them."""
+def with_record(verb: Callable[..., Any]) -> Callable[..., Any]:
+    """Hand a verb that takes `verbs.flags.RECORD` a `Record` in place of them."""
 
     @functools.wraps(verb)
-    def with_record(
+    def reading(
         record_path: Path,
         rate_hz: float | None,
         channels: str | None,
@@ -61,13 +42,7 @@ def record_flags(verb: Callable[..., Any]) -> Callable[..., Any]:
             note(text)
         return verb(record=record, path=record_path, **others)
 
-    for flag in reversed(FLAGS):
-        with_record = flag(with_record)
-    return click.argument(
-        "record_path",
-        metavar="RECORD",
-        type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    )(with_record)
+    return reading
 
 
 def read_any(

@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 
+import anyio
 import uvicorn
 from starlette.types import ASGIApp
 
@@ -23,12 +24,13 @@ from twin_server.pipeline import (
     Lookout,
     Orders,
     Pipeline,
+    Processes,
     Recordings,
     Tracing,
     TwinKnowledge,
 )
 from twin_server.registration import WrongRegistrationsError, registrations
-from twin_server.serve import Hub, create_app
+from twin_server.serve import Hub, Lane, create_app
 from twin_server.serve.access import (
     Guard,
     NotSecuredError,
@@ -114,12 +116,20 @@ class _AddressError(OSError):
     pass
 
 
+SWITCH_S = 0.001
+"""How long one thread may keep the interpreter from the others: the door's is one of many."""
+
+
 class _Server(uvicorn.Server):
     """Uvicorn that ends the live streams before it waits for its clients."""
 
-    def __init__(self, config: uvicorn.Config, hub: Hub) -> None:
+    def __init__(self, config: uvicorn.Config, hub: Hub, threads: int) -> None:
         super().__init__(config)
-        self._hub = hub
+        self._hub, self._threads = hub, threads
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        anyio.to_thread.current_default_thread_limiter().total_tokens = self._threads
+        await super().startup(sockets)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         self._hub.close()
@@ -146,8 +156,11 @@ def _serve(
     pipeline.listen(lookout)
     if traces is not None:
         pipeline.listen(Tracing(pipeline, traces, clock or SystemClock()))
+    workers = Processes(limits.workers, limits.work_timeout_s)
+    workers.warm()
+    lane = Lane(limits.workers, limits.max_waiting, limits.max_waiting_of_one)
     knowledge = TwinKnowledge(
-        pipeline, store, bus=bus, refresh=settings.serve.forecast_refresh_readings
+        pipeline, store, bus=bus, refresh=limits.forecast_refresh_readings, workers=workers
     )
     orders = Orders(
         pipeline, store, settings.diagnose, settings.gap, diagnosis, bus=bus, clock=clock
@@ -160,10 +173,11 @@ def _serve(
     )
     app = create_app(
         knowledge, hub, settings.serve, orders, recordings,
-        largest_recording=settings.recordings.max_bytes,
+        largest_recording=settings.recordings.max_bytes, lane=lane,
     )  # fmt: skip
     door_of = guard.around(app)
-    server = _Server(_config(Traced(door_of, traces) if traces else door_of, settings), hub)
+    config = _config(Traced(door_of, traces) if traces else door_of, settings)
+    server = _Server(config, hub, limits.reading_threads)
     # Off the main thread, where uvicorn leaves the signals alone.
     door = threading.Thread(
         target=server.run, kwargs={"sockets": [listening]}, name="http", daemon=True
@@ -176,6 +190,7 @@ def _serve(
     lookout.start()
     door.start()
     collect_less_often()
+    sys.setswitchinterval(SWITCH_S)
     try:
         while not server.started and door.is_alive():
             stop.wait(0.01)
@@ -189,6 +204,8 @@ def _serve(
             pass
     finally:
         server.should_exit = True
+        lane.close()
+        workers.close()
         door.join(settings.shutdown_s + 1.0)
         recordings.stop()
         orders.stop()

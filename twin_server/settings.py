@@ -34,7 +34,8 @@ class AdmissionSettings(Frozen):
     max_ahead_s: NotNegative = 300.0
     """How far a sender's clock may be from ours, and a live sensor's time ahead of it."""
     max_age_s: Positive = 30 * 86_400.0
-    """How old a live sensor's time may be unless replayed; a spool holds what is weeks old."""
+    """Readings of a live sensor that are older on arrival are taken in by their sensor time all
+    the same, since a spool may have held them; an event `old_readings` says so."""
     not_before_ns: Annotated[int, Field(ge=0)] = YEAR_2000_NS
     """No sensor time is earlier: a clock that was never set."""
     max_jump: Count = 1_000_000
@@ -87,6 +88,18 @@ class ServeSettings(Frozen):
     """Twins whose estimates are among the metrics; where there are more, none are."""
     forecast_refresh_readings: Count = 25
     max_forecast_points: Annotated[int, Field(ge=2)] = 200
+    workers: Count = 2
+    """Processes that forecast, learn and simulate; one is kept free of what takes longest."""
+    max_waiting: Count = 32
+    """Requests that wait for these; more are answered with 503."""
+    max_waiting_of_one: Count = 8
+    """Of these, forecasts of one twin; and simulations, all together."""
+    work_timeout_s: Positive = 120.0
+    """How long one of them may take until it is ended."""
+    max_exports: Count = 16
+    """Tables that are given at once."""
+    reading_threads: Count = 8
+    """Threads that answer what only has to be read."""
 
 
 class DiagnoseSettings(Frozen):

@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from .matern import Belief
+
 Slopes = list[np.ndarray]
 """Of a matrix, to the logarithm of each free parameter."""
 
@@ -68,6 +70,11 @@ class Process(abc.ABC):
     @abc.abstractmethod
     def spread(self) -> tuple[np.ndarray, Slopes]:
         """Covariance of the state before any reading, and its slopes."""
+
+    def start(self, time: float) -> Belief:
+        """Belief before any reading, at `time`, no later than the first."""
+        own, _ = self.spread()
+        return Belief(float(time), np.zeros(own.shape[:-1]), own)
 
     @abc.abstractmethod
     def moves(self, step: Float[np.ndarray, " time"]) -> tuple[np.ndarray, Slopes]:

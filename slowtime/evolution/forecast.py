@@ -14,15 +14,14 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtr
 
-from slowtime.estimation import hyperparameters, kernels, matern, streaming
+from slowtime.estimation import hyperparameters, kernels, matern, streaming, sweeps
 from slowtime.estimation.hyperparameters import Prior
 from slowtime.estimation.matern import Belief, Jump, SlowProcess
 from slowtime.estimation.processes import Process, Sum
 
-from . import jumps as jumping
-from . import mixture, repeating
+from . import mixture, repeating, selection
 from .change import Series, check_level
-from .learning import NET, learn
+from .learning import NET, Learnt, learn
 
 Usable: TypeAlias = Float[np.ndarray, " usable"]
 
@@ -32,8 +31,11 @@ Choice: TypeAlias = Literal["evidence", "smooth", "repeating"]
 _UNLIKELY = 0.01
 """Probability below which a kind of process is left out."""
 
-_JUMP_ODDS = 100.0
-"""How much likelier a history must be with a jump than without."""
+_SCORING = 12
+"""Members of a family by which jumps are scored once it is learnt: the likeliest."""
+
+_RELEARNT = 3
+"""How often processes are learnt anew with jumps before these must have settled."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -153,61 +155,114 @@ def fit(
     time, values, sds = history(slow_time, value, sd)
     prior, base = prior_of(time, values)
     sds = np.maximum(sds, 1e-6 * base.sd)
-    found = _without_jump(time, values, sds, prior, base, (), process)
-    size = 3.0 * float(base.sd)
-    seen = [at for at in suspected if time[0] <= at < time[-1]]
-    gap = float(np.median(np.diff(time)))
-    for at in (*seen, *jumping.candidates(time, values, sds)):
-        if any(abs(at - other) < gap for other, _ in found[0].jumps):
-            continue
-        told = (*found[0].jumps, (at, size))
-        # With the jump out of it, what is left scatters less, and the prior must know.
-        inner = prior_of(time, _levelled(time, values, [t for t, _ in told]))
-        tried = _without_jump(
-            time, values, sds, inner[0], _vague(inner[1], base), told, process
-        )
-        if tried[1] - np.log(len(time)) > found[1] + np.log(_JUMP_ODDS):
-            found = tried
-    return found[0]
+    readings = time, values, sds
+    plain = _smooth(readings, prior, base, ())
+    seen = np.searchsorted(time, [at for at in suspected if time[0] <= at < time[-1]], "right")
+    scored = selection.Scored(*readings, 3.0 * float(base.sd), tuple(sorted(seen.tolist())))
+    stepped = _with_jumps(scored, base)
+    if stepped is None:
+        return _with_waves(readings, plain, process)[0]
+    places, smooth = stepped
+    odds = selection.penalty(len(time), len(places))
+    there = _with_waves(readings, smooth, process)
+    without = Outlook(plain.family, plain.learnt.weights), plain.learnt.log_evidence
+    if process == "repeating":
+        without = _with_waves(readings, plain, process)
+    elif selection.keeps_a_beat(scored, places):
+        without = _with_waves(readings, plain, process, there[1] - odds)
+    return there[0] if there[1] - odds > without[1] else without[0]
 
 
-def _without_jump(
-    time: Usable,
-    values: Usable,
-    sds: Usable,
+@dataclasses.dataclass(frozen=True, slots=True)
+class _Smooth:
+    """Processes without a wave, with jumps given, as they were learnt."""
+
+    told: tuple[Jump, ...]
+    prior: Prior
+    base: SlowProcess
+    family: SlowProcess
+    learnt: Learnt
+
+
+def _smooth(
+    readings: tuple[Usable, Usable, Usable],
     prior: Prior,
     base: SlowProcess,
     told: tuple[Jump, ...],
-    process: Choice,
-) -> tuple[Outlook, float]:
-    """Learn kinds of processes with jumps given; and the evidence for all of them."""
+) -> _Smooth:
+    """Learn processes without a wave, with jumps given."""
 
     def plain(points: np.ndarray, smoothness: float) -> np.ndarray:
         family = _members(base, smoothness, points)
-        return np.asarray(matern.log_likelihood(family, time, values, sds, jumps=told))
+        return np.asarray(sweeps.log_likelihood(family, *readings, jumps=told))
 
     net = prior.net(NET)
     scores = {s: plain(net, s) for s in kernels.SMOOTHNESSES}
     density = prior.log_density(net)
     smoothness = max(scores, key=lambda s: float((scores[s] + density).max()))
-    smooth = learn(lambda points: plain(points, smoothness), prior, scores[smoothness])
-    family = _members(base, smoothness, smooth.points)
+    learnt = learn(lambda points: plain(points, smoothness), prior, scores[smoothness])
+    return _Smooth(told, prior, base, _members(base, smoothness, learnt.points), learnt)
+
+
+def _with_jumps(
+    scored: selection.Scored, base: SlowProcess
+) -> tuple[selection.Places, _Smooth] | None:
+    """Learn processes with the jumps that are selected; None where none is.
+
+    First by processes that are calm between jumps, then by those learnt with these jumps.
+    """
+    time, values = scored.time, scored.value
+    places = selection.begin(scored, base)
+    scored = scored.like_those(places)
+    best: tuple[float, selection.Places, _Smooth] | None = None
+    for _ in range(_RELEARNT):
+        if not places:
+            break
+        told = scored.jumps(places)
+        # With the jumps out of it, what is left scatters less, and the prior must know.
+        inner = prior_of(time, _levelled(time, values, [at for at, _ in told]))
+        found = _smooth((time, values, scored.sd), inner[0], _vague(inner[1], base), told)
+        score = found.learnt.log_evidence - selection.penalty(len(time), len(places))
+        if best is not None and score <= best[0]:
+            break
+        best = score, places, found
+        top = np.argsort(-found.learnt.weights, kind="stable")[:_SCORING]
+        family = _members(found.base, float(found.family.smoothness), found.learnt.points[top])
+        before = np.log(found.learnt.weights[top]) - np.asarray(
+            sweeps.log_likelihood(family, time, values, scored.sd, jumps=told)
+        )
+        again, _ = selection.select(scored, family, before, places)
+        if again == places:
+            break
+        places = again
+    return None if best is None else best[1:]
+
+
+def _with_waves(
+    readings: tuple[Usable, Usable, Usable],
+    smooth: _Smooth,
+    process: Choice,
+    beaten: float = -np.inf,
+) -> tuple[Outlook, float]:
+    """Set processes with a wave beside those without; and the evidence for all of them."""
+    time, values, _ = readings
+    told, learnt, family = smooth.told, smooth.learnt, smooth.family
     wave = None
     if process != "smooth":
         levelled = _levelled(time, values, [at for at, _ in told])
         wave = repeating.learn_wave(
-            (time, values, sds), levelled, prior, base, told, smooth.best
+            readings, levelled, smooth.prior, smooth.base, told, learnt.best, beaten=beaten
         )
     if wave is None:
-        return Outlook(family, smooth.weights, jumps=told), smooth.log_evidence
+        return Outlook(family, learnt.weights, jumps=told), learnt.log_evidence
     if process == "repeating":
-        outlook = Outlook(family, smooth.weights, wave.family, wave.weights, 1.0, told)
+        outlook = Outlook(family, learnt.weights, wave.family, wave.weights, 1.0, told)
         return outlook, wave.log_evidence
-    both = float(np.logaddexp(smooth.log_evidence, wave.log_evidence) - np.log(2.0))
+    both = float(np.logaddexp(learnt.log_evidence, wave.log_evidence) - np.log(2.0))
     share = float(np.exp(wave.log_evidence - np.log(2.0) - both))
     if share < _UNLIKELY:
-        return Outlook(family, smooth.weights, jumps=told), both
-    return Outlook(family, smooth.weights, wave.family, wave.weights, share, told), both
+        return Outlook(family, learnt.weights, jumps=told), both
+    return Outlook(family, learnt.weights, wave.family, wave.weights, share, told), both
 
 
 def predict(

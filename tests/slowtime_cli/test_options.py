@@ -73,3 +73,27 @@ def test_an_empty_name_is_refused(text):
     with pytest.raises(click.UsageError, match=r"--columns .* has an empty name"):
         names(text, "--columns")
     assert names(None, "--columns") is None
+
+
+@pytest.mark.parametrize("character", ["\u202e", "\x1b", "\n"])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("tokens", "add", "ann{}", "--scope", "viewer", "--site", "lab"),
+        ("tokens", "add", "ann", "--scope", "viewer", "--site", "lab{}"),
+        ("keys", "make", "lab", "--asset", "beam{}"),
+        ("edge", "--site", "lab", "--asset", "beam{}"),
+        ("import", "record.csv", "out.mcap", "--asset", "beam{}"),
+    ],
+)
+def test_a_name_with_a_character_that_is_not_seen_is_refused_by_its_code(
+    refused, record, arguments, character
+):
+    said = refused(*(text.format(character) for text in arguments))
+    assert f"U+{ord(character):04X}" in said
+    assert character not in said.replace("\n", "") or character == "\n"
+
+
+def test_settings_say_which_character_of_a_name_is_not_allowed(refused, tmp_path):
+    (tmp_path / "edge.json").write_text('{"site": "lab", "asset": "beam\\u202e"}')
+    assert "U+202E RIGHT-TO-LEFT OVERRIDE" in refused("edge", "--config", "edge.json")

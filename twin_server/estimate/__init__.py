@@ -16,7 +16,7 @@ from .foresight import (
 from .lookout import Noticed, Series
 from .notices import Notice
 from .today import Today, UnknownTodayError, today_of
-from .whatif import OrderError, Simulated, simulate
+from .whatif import OrderError, Simulated, check, simulate
 
 __all__ = [
     "Checkpoint",
@@ -32,6 +32,7 @@ __all__ = [
     "Today",
     "Twin",
     "UnknownTodayError",
+    "check",
     "estimate",
     "foresee",
     "learn",

@@ -12,8 +12,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from pydantic_core import to_json
 from starlette.responses import FileResponse
 
+from twin_server.principals import principal_of
+
 from . import problems
-from .access.principals import principal_of
 
 NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}\.mcap$"
 Name = Annotated[str, Path(pattern=NAME, description="Of the file, such as monday.mcap.")]

@@ -50,6 +50,32 @@ def test_fewer_points_hide_no_extreme(server, max_points):
                 assert extreme(values) == extreme(p[quantity][end] for p in every)
 
 
+@pytest.mark.parametrize("max_points", [2, 12, 50])
+def test_a_thinned_history_tells_what_all_readings_show(server, max_points):
+    every = server.get(f"{TWIN}/history").json()
+    assert "bands" not in every
+    found = server.get(f"{TWIN}/history", max_points=max_points).json()
+    bands = models.HistoryModel.model_validate(found).bands
+    assert bands is not None
+    assert bands.readings == sum(bands.count) == 300
+    assert sum(bands.valid) == sum(p["valid"] for p in every["points"])
+    assert len(bands.count) <= max(1, max_points // 2)
+    ends = zip(bands.start.slow_time, bands.end.slow_time, bands.count, strict=True)
+    for number, (start, end, count) in enumerate(ends):
+        part = every["points"][int(start) : int(end) + 1]
+        assert len(part) == count
+        for name in ("frequency_hz", "stiffness_change"):
+            band, told = bands.quantities[name], [p[name] for p in part]
+            assert band.min[number] == min(one["value"] for one in told)
+            assert band.max[number] == max(one["value"] for one in told)
+            assert band.lo[number] == min(one["lo"] for one in told)
+            assert band.hi[number] == max(one["hi"] for one in told)
+            assert band.mean[number] == pytest.approx(np.mean([one["value"] for one in told]))
+        true = [p["truth"]["stiffness_change"] for p in part]
+        assert bands.truth["stiffness_change"].min[number] == min(true)
+        assert bands.truth["stiffness_change"].max[number] == max(true)
+
+
 @pytest.mark.parametrize(
     ("span", "sequences"),
     [

@@ -12,14 +12,14 @@ from typing import Any, Self
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from twin_server.principals import EVERYBODY, KEY, NOBODY, Principal
 from twin_server.serve.problems import MEDIA_TYPE, problem
 from twin_server.settings import TwinSettings
+from twin_server.tokens import LONGEST, RefusedTokenError, TokenFile
 
 from .openid import OpenId
 from .policy import UNKNOWN, Reach, Rule, find
-from .principals import EVERYBODY, KEY, NOBODY, Principal
 from .rates import Rate
-from .tokens import LONGEST, RefusedTokenError, TokenFile
 
 logger = logging.getLogger(__name__)
 

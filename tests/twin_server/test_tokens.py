@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from twin_server.serve.access import Scope, TokenFile, WrongTokenFileError
-from twin_server.serve.access.tokens import RefusedTokenError
+from twin_server.tokens import RefusedTokenError
 
 DAY = datetime.timedelta(days=1)
 
