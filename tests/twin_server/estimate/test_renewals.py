@@ -1,5 +1,7 @@
 """A renewal that the edge announces becomes an event, once, however the stream is cut."""
 
+import itertools
+
 import pytest
 
 from slowtime_schemas.quantities import RENEWALS
@@ -24,7 +26,7 @@ def told(messages, cuts=()):
     registration = Registration.model_validate({"nominal": NOMINAL})
     checkpoint, found = Checkpoint.start(registration), []
     edges = [0, *cuts, len(messages)]
-    for first, last in zip(edges, edges[1:], strict=False):
+    for first, last in itertools.pairwise(edges):
         part = messages[first:last]
         done = estimate(
             [Twin(registration, checkpoint)], part, [0] * len(part), [0] * len(part)

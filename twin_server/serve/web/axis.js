@@ -2,7 +2,7 @@
 import { colour, placeOf, spanOf } from "./traces.js";
 import { atTime, isClock, unitOf } from "./words.js";
 
-const TICKS = 5, DAY_MS = 86400e3, MOST_NOTES = 4;
+const TICKS = 6, DAY_MS = 86400e3, MOST_NOTES = 4;
 
 /** Sensor time [ms since 1970] of a slow time, between readings and beyond them; null where sensor time does not rise with it. */
 function calendarOf(points) {
@@ -26,10 +26,10 @@ function calendarOf(points) {
   };
 }
 
-/** A step of 1, 2 or 5 times a power of ten, such that about `TICKS` fit. */
+/** A step of 1, 2, 2.5 or 5 times a power of ten, such that about `TICKS` fit. */
 function stepOf(span) {
   const rough = span / TICKS, power = 10 ** Math.floor(Math.log10(rough));
-  return power * [1, 2, 5, 10].find((times) => times * power >= rough);
+  return power * [1, 2, 2.5, 5, 10].find((times) => times * power >= rough);
 }
 
 function dateOf(ms, span, isFirst) {

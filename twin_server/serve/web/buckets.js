@@ -19,6 +19,9 @@ function median(values) {
 /** Slow time from one reading to the next, typically. */
 export const stepOf = (points) => median(points.slice(1).map((point, i) => point.slow_time - points[i].slow_time));
 
+/** Whether one of `times` is within two steps of `at`. */
+export const isNear = (at, times, step) => [...times].some((time) => Math.abs(time - at) <= 2 * step);
+
 /** The slow time from which a pause is a gap; of readings that were thinned nothing is known of pauses. */
 function longest(points, whole) {
   const typical = whole ? stepOf(points) : 0;

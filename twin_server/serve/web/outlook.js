@@ -1,4 +1,5 @@
 // Where a twin is heading, in words: when each threshold is reached, and how far the readings say anything.
+import { isNear, stepOf } from "./buckets.js";
 import { atTime, make, number, slowTime, titleOf } from "./words.js";
 
 const NARROW = "\u202f";
@@ -40,13 +41,13 @@ export class Outlook {
     head.append(row);
     this.body = make("tbody");
     this.table.append(make("caption", "Forecast: when thresholds are reached"), head, this.body);
-    this.trouble = make("p", "", "facts");
+    this.trouble = make("p", "", "trouble");
     this.trouble.setAttribute("role", "status");
     this.root.append(this.table, this.note, this.trouble);
     this.root.hidden = true;
   }
 
-  tell({ forecast, latest, unforeseen }) {
+  tell({ forecast, latest, unforeseen, renewed, points }) {
     this.root.hidden = !forecast && !unforeseen;
     if (this.trouble.textContent !== (unforeseen ?? "")) this.trouble.textContent = unforeseen ?? "";
     this.trouble.hidden = !unforeseen;
@@ -58,7 +59,8 @@ export class Outlook {
     this.body.replaceChildren(...forecast.crossings.map((crossing) => row(crossing, forecast.since, at)));
     const period = Object.entries(forecast.periods).filter(([, length]) => length)
       .map(([name, length]) => `${titleOf(name)} repeats every ${+length.toPrecision(4)}`);
-    const jumps = Object.entries(forecast.jumps).filter(([, times]) => times.length)
+    const own = (times) => times.filter((time) => !isNear(time, renewed, stepOf(points)));
+    const jumps = Object.entries(forecast.jumps).map(([name, times]) => [name, own(times)]).filter(([, times]) => times.length)
       .map(([name, times]) => `${titleOf(name)}: sudden change after ${times.map(at).join(" and ")}`);
     const until = `Beyond ${at(forecast.until)} the forecast only extrapolates its trend.`;
     this.note.textContent = [`Forecast from ${at(forecast.since)}`, ...period, ...jumps, until].join(" \u00b7 ");

@@ -1,5 +1,5 @@
 // What the page knows of one twin: its history, what the live stream adds to it, and which instant is looked at.
-import { stepOf } from "./buckets.js";
+import { isNear, stepOf } from "./buckets.js";
 import { ask } from "./link.js";
 import { historyOf } from "./window.js";
 
@@ -25,8 +25,8 @@ function raisedBy(events) {
 /** Renewals and sudden changes of the structure; a jump that a renewal explains is no change of its own. */
 function marksOf(events, points) {
   const renewed = events.filter(({ kind, slow_time }) => kind === "renewed" && slow_time !== null).map(({ slow_time }) => slow_time);
-  const near = 2 * stepOf(points), sudden = events.filter(({ kind }) => kind === "model_changed").map(({ details }) => details.since);
-  const own = sudden.filter((since) => !renewed.some((at) => at > since - near && at <= since + near));
+  const sudden = events.filter(({ kind }) => kind === "model_changed").map(({ details }) => details.since);
+  const own = sudden.filter((since) => !isNear(since, renewed, stepOf(points)));
   return [
     ...renewed.map((slow_time) => ({ kind: "renewed", slow_time })),
     ...[...new Set(own)].map((slow_time) => ({ kind: "sudden", slow_time })),
