@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Literal
 
 import click
 
@@ -29,7 +30,14 @@ from slowtime_services.replay import replay as replay_file
 from .connecting import connected
 from .offline import offline_twin
 from .options import names
-from .terminal import INTERRUPTED, bar, counting, removed_unless_finished, until_signalled
+from .terminal import (
+    INTERRUPTED,
+    bar,
+    counting,
+    plural,
+    removed_unless_finished,
+    until_signalled,
+)
 
 
 def record(
@@ -40,17 +48,30 @@ def record(
     streams: str | None,
     duration_s: float,
     number: bool,
+    keep_bytes: int | None,
+    when_full: Literal["drop-oldest", "stop"],
 ) -> int:
     """Record what travels on the bus into an MCAP file."""
     chosen = names(streams, "--streams")
     wanted = _meant_for_recording() if chosen is None else [_stream(name) for name in chosen]
     site, _, name = asset.partition(".")
-    path = free_path(out) if number and out.exists() else out
+    path = free_path(out) if number and out.exists() and keep_bytes is None else out
+    then: Literal["drop_oldest", "stop"] = "stop" if when_full == "stop" else "drop_oldest"
     with until_signalled(duration_s) as stop, connected(connect, stop, credentials) as bus:
-        with Recorder(bus, path, streams=wanted, site=site, asset=name) as recorder:
+        with Recorder(
+            bus, path, streams=wanted, site=site, asset=name,
+            keep_bytes=keep_bytes, when_full=then,
+        ) as recorder:  # fmt: skip
             with counting("Recording") as tell:
                 recorder.run(stop, lambda now: tell(_describe(now)))
         click.echo(_describe(recorder.recording))
+    if recorder.full:
+        click.echo(
+            "slowtime: The recording has ended, as its files have reached what --keep allows. "
+            "Allow more, move some away, or give --when-full drop-oldest.",
+            err=True,
+        )
+        return 1
     return INTERRUPTED if duration_s and stop.interrupted else 0
 
 
@@ -67,6 +88,8 @@ def _stream(name: str) -> Stream:
 def _describe(now: Recording) -> str:
     counts = ", ".join(f"{count} {name}" for name, count in sorted(now.counts.items()))
     lost = f", {now.dropped} dropped" if now.dropped else ""
+    lost += f", {now.unwritten} after it was full" if now.unwritten else ""
+    lost += f", {plural(now.deleted, 'old file')} deleted" if now.deleted else ""
     files = ", ".join(str(path) for path in now.paths)
     return f"{counts or 'nothing yet'}{lost}, {now.bytes_written / 1e6:.1f} MB in {files}"
 

@@ -183,7 +183,7 @@ def twin(tls_certificate: Path | None, tls_key: Path | None, **_given: object) -
 
 @click.command(
     cls=Deferred,
-    work="processes:router",
+    work="routing:router",
     epilog="""\b
 Examples:
   slowtime router
@@ -216,7 +216,7 @@ def router(**_given: object) -> None:
 
 @click.command(
     cls=Deferred,
-    work="processes:status",
+    work="routing:status",
     epilog="""\b
 Examples:
   slowtime status

@@ -10,6 +10,7 @@ from slowtime_cli.options import (
     Name,
     Number,
     OutFile,
+    Size,
     connect_option,
     credentials_option,
     together,
@@ -26,6 +27,7 @@ Examples:
   slowtime record --out house.mcap
   slowtime record --out tower.mcap --asset demo.tower --duration 60
   slowtime record --out features.mcap --streams features,health
+  slowtime record --out house.mcap --number --keep 4GB
 """,
 )
 @click.option(
@@ -53,6 +55,20 @@ Examples:
     help="Seconds to record; 0 until Ctrl-C.",
 )
 @click.option("--number", is_flag=True, help="Where OUT exists, put a number after its name.")
+@click.option(
+    "--keep",
+    "keep_bytes",
+    type=Size(),
+    help="Most that the files of OUT, numbered ones of before among them, take on the disk, "
+    "such as 4GB; at an eighth of it another file begins.  [default: no bound]",
+)
+@click.option(
+    "--when-full",
+    type=click.Choice(["drop-oldest", "stop"]),
+    default="drop-oldest",
+    show_default=True,
+    help="With --keep: delete the oldest of these files, or end the recording with status 1.",
+)
 def record(out: Path, number: bool, **_given: object) -> None:
     """Record what travels on the bus into an MCAP file.
 

@@ -1,7 +1,7 @@
 import click
 import pytest
 
-from slowtime_cli.options import POSITIVE, Endpoint, Instant, Name, Number, OutFile, names
+from slowtime_cli.options import POSITIVE, Endpoint, Instant, Name, Number, OutFile, Size, names
 
 
 @pytest.mark.parametrize("value", ["nan", "inf", "-inf", "0", "-1", "x", "1e999"])
@@ -73,6 +73,20 @@ def test_an_empty_name_is_refused(text):
     with pytest.raises(click.UsageError, match=r"--columns .* has an empty name"):
         names(text, "--columns")
     assert names(None, "--columns") is None
+
+
+@pytest.mark.parametrize(
+    ("text", "size"),
+    [("4GB", 4 * 10**9), ("1.5 GiB", 3 * 2**29), ("500mb", 500 * 10**6), ("4096", 4096)],
+)
+def test_a_size_is_in_bytes_whatever_its_unit(text, size):
+    assert Size().convert(text, None, None) == size
+
+
+@pytest.mark.parametrize("text", ["", "GB", "4 parsecs", "-1MB", "0", "0.0GB", "1e9", "nan"])
+def test_what_is_no_size_is_refused(text):
+    with pytest.raises(click.BadParameter, match=r"is no size\. Give one such as 500MB"):
+        Size().convert(text, None, None)
 
 
 @pytest.mark.parametrize("character", ["\u202e", "\x1b", "\n"])
