@@ -11,7 +11,7 @@ call is written into a `Change`, for the pipeline to make durable.
 import datetime
 from collections.abc import Iterable, Sequence
 
-from slowtime_schemas.messages import ACK_VERSION, Health
+from slowtime_schemas.messages import ACK_VERSION, Features, Health
 from twin_server.settings import HealingSettings
 
 from .runs import (
@@ -35,6 +35,9 @@ LEFT_BEHIND = "a later boot had begun before it could be asked for; the edge kee
 SAME_AGENT_MS = 1_000
 """An agent says when it began to the microsecond; one that restarts takes longer than this."""
 MOST_AGENTS = 8
+SURVIVES = 2
+"""Messages of health of a closed boot, from after a later one began, that show that its agent
+lives: one may have been on its way when it ended."""
 
 
 class Account:
@@ -110,14 +113,18 @@ class Account:
         for health, replayed in healths:
             key = (health.site, health.asset, health.boot)
             run = self._runs.get(key)
+            if not replayed:
+                line = self._line(health.site, health.asset)
+                line.ack_version = health.counters.get(ACK_VERSION, 1)
             if run is None:
                 if health.last_sequence < 0:
                     continue
                 run = self._meet(*key, now_s, change)
                 self._line(health.site, health.asset).replayed = replayed
             if not replayed:
-                run.ack_version = health.counters.get(ACK_VERSION, 1)
+                run.ack_version = line.ack_version
                 self._recognise(run, health, change)
+                self._look_for_survivor(line, run, health, change)
             if health.last_sequence > run.told:
                 run.told = health.last_sequence
                 if run.next <= run.told:
@@ -125,6 +132,13 @@ class Account:
             if 0 <= health.first_held < run.next:
                 # The edge still holds what is durable here: our word did not reach it.
                 change.touched[run] = None
+
+    def disbelieve(self, refused: Iterable[tuple[Features, str]]) -> None:
+        """Note what came and was refused for its sensor time, to say so if it is given up."""
+        for features, reason in refused:
+            run = self._runs.get((features.site, features.asset, features.boot))
+            if run is not None and len(run.disbelieved) < self._settings.max_held:
+                run.disbelieved[features.sequence] = reason
 
     def contest(self, run: Run, how: str, change: Change) -> None:
         """Note that two agents send under one boot: nothing more of it is acknowledged."""
@@ -143,6 +157,21 @@ class Account:
             if len(run.agents) > 1:
                 one, other = (_instant(ms * 10**6) for ms in run.agents[-2:])
                 self.contest(run, f"one began at {one}, the other at {other}", change)
+
+    def _look_for_survivor(self, line: Line, run: Run, health: Health, change: Change) -> None:
+        """See whether the agent of a closed boot lives on beside that of a later one."""
+        later = line.runs[-1] if line.runs else run
+        if run.rivalled or not run.closed or later is run or not later.agents:
+            return
+        if health.t_ns // 10**6 > later.agents[-1] + SAME_AGENT_MS:
+            run.outlived += 1
+        if run.outlived >= SURVIVES:
+            self._tell_of_rivals(run, change)
+
+    def _tell_of_rivals(self, run: Run, change: Change) -> None:
+        run.rivalled = True
+        latest = self._line(run.site, run.asset).runs[-1].boot
+        change.rivals.append(Rivals(run, latest, run.next, "they use different boots"))
 
     def watch(self, site: str, asset: str, *, alive: bool) -> None:
         """Learn that an edge has appeared, or gone."""
@@ -256,7 +285,7 @@ class Account:
     def _meet(self, site: str, asset: str, boot: str, now_s: float, change: Change) -> Run:
         """Note a boot never seen; the edge is asked what else it has before it is let in."""
         line = self._line(site, asset)
-        run = Run(site, asset, boot, since_s=now_s)
+        run = Run(site, asset, boot, since_s=now_s, ack_version=line.ack_version)
         self._runs[site, asset, boot] = line.waiting[boot] = run
         self._uneasy[site, asset] = line
         line.ease()
@@ -321,9 +350,7 @@ class Account:
             return
         sequence = arrival.features.sequence
         if reason == "closed_boot" and not run.rivalled:
-            run.rivalled = True
-            latest = self._line(run.site, run.asset).runs[-1].boot
-            change.rivals.append(Rivals(run, latest, run.next, "they use different boots"))
+            self._tell_of_rivals(run, change)
         elif reason == "duplicate" and sequence in run.held:
             if run.held[sequence].payload != arrival.payload:
                 times = run.held[sequence].features.t_ns, arrival.features.t_ns
@@ -493,7 +520,7 @@ class Account:
             self._pass_over(line, run, (hole[0], until), "the edge no longer holds it", change)
         elif run.impatient(certain, line, now_s, self._settings):
             why = "the edge did not give it" if certain else "nobody could be asked for it"
-            self._pass_over(line, run, hole, why, change)
+            self._pass_over(line, run, *_reasoned(run, hole, why), change)
         else:
             run.put_off(now_s, self._settings)
             return
@@ -568,6 +595,16 @@ def _damaged_part(hole: tuple[int, int], holding: Holding) -> tuple[int, int] | 
         if begin <= until <= end:
             until = end + 1
     return (first, min(until - 1, hole[1])) if until > first else None
+
+
+def _reasoned(run: Run, hole: tuple[int, int], why: str) -> tuple[tuple[int, int], str]:
+    """Give the first part of a hole that has one reason, and that reason."""
+    reason = run.disbelieved.get(hole[0])
+    until = hole[0]
+    while until < hole[1] and run.disbelieved.get(until + 1) == reason:
+        until += 1
+    part = (hole[0], until if run.disbelieved else hole[1])
+    return part, why if reason is None else f"its sensor time is not believed ({reason})"
 
 
 def told_apart(sequence: int, one_ns: int, other_ns: int) -> str:

@@ -25,6 +25,8 @@ class Received(NamedTuple):
     """With whether they were replayed."""
     registrations: list[tuple[str, Registration]]
     """By twin id; replayed ones only, since those of the moment are our own."""
+    disbelieved: list[tuple[Features, str]]
+    """Features whose sensor time is not believed, and the reason."""
     misdated: int = 0
     """How many were refused because their sender's clock is off: they may be sound later."""
 
@@ -59,7 +61,7 @@ class Reception:
 
     def read(self, samples: Iterable[Sample], now_ns: int) -> Received:
         """Take what is believed out of `samples`, in their order."""
-        received = Received([], [], [])
+        received = Received([], [], [], [])
         arrivals, misdated = received.arrivals, 0
         for sample in samples:
             if not self.admits(sample):
@@ -71,7 +73,7 @@ class Reception:
                     self._check_sender(sample.sent_ns, now_ns)
                     misdated -= 1
                 if type(message) is Features:
-                    self._check_sensor(message, now_ns)
+                    self._check_sensor(message, now_ns, received)
                     age_s = 0.0 if sample.replayed else self._age_s(message, now_ns)
                     arrivals.append(Arrival(message, sample.payload, sample.replayed, age_s))
                 elif type(message) is Health:
@@ -114,7 +116,14 @@ class Reception:
         old = features.time_base == "live" and age_s > self._limits.max_age_s
         return age_s if old else 0.0
 
-    def _check_sensor(self, features: Features, now_ns: int) -> None:
+    def _check_sensor(self, features: Features, now_ns: int, received: Received) -> None:
+        try:
+            self._check_sensor_time(features, now_ns)
+        except Refused as refused:
+            received.disbelieved.append((features, refused.reason))
+            raise
+
+    def _check_sensor_time(self, features: Features, now_ns: int) -> None:
         limits = self._limits
         if features.t_ns < limits.not_before_ns or features.start_ns < limits.not_before_ns:
             raise Refused(

@@ -77,6 +77,10 @@ class Run:
         Whether it has been told that two agents send as this asset.
     contested
         Whether two agents send under this very boot: then nothing more is acknowledged.
+    outlived
+        How often its agent was heard of after a later boot had begun.
+    disbelieved
+        Why the sensor time of what came under a sequence was not believed.
     """
 
     site: str
@@ -99,6 +103,8 @@ class Run:
     agents: list[int] = dataclasses.field(default_factory=list)
     rivalled: bool = False
     contested: bool = False
+    outlived: int = 0
+    disbelieved: dict[int, str] = dataclasses.field(default_factory=dict)
     held: dict[int, Arrival] = dataclasses.field(default_factory=dict)
     lost: list[tuple[int, int]] = dataclasses.field(default_factory=list)
     worried: bool = False
@@ -170,6 +176,8 @@ class Line:
         Whether to ask for its account.
     busy
         Whether it is being asked something.
+    ack_version
+        Of the acknowledgements that the agent that spoke last reads.
     """
 
     site: str
@@ -181,6 +189,7 @@ class Line:
     replayed: bool = False
     inquire: bool = False
     busy: bool = False
+    ack_version: int = 1
     due_s: float = 0.0
     tries: int = 0
     delays: int = 0

@@ -361,6 +361,7 @@ class Pipeline:
             healths = [h for h in healths if (h[0].site, h[0].asset) in self._twins]
         self._heard.update(((a.features.site, a.features.asset), now_ns) for a in arrivals)
         self._take_arrivals(arrivals)
+        self._account.disbelieve(received.disbelieved)
         if healths:
             self._durably(lambda c: self._account.hear(healths, time.monotonic(), c))
         return received.misdated

@@ -44,11 +44,11 @@ class World:
         message = self.make(sequence, boot=boot, **more)
         return Arrival(message, encode(message))
 
-    def health(self, boot, last, first_held=0, uptime_s=1.0):
+    def health(self, boot, last, first_held=0, uptime_s=1.0, t_s=1000):
         change = Change()
         message = Health(
-            site="lab", asset="beam", boot=boot, sequence=0, t_ns=10**12, last_sequence=last,
-            first_held=first_held, uptime_s=uptime_s,
+            site="lab", asset="beam", boot=boot, sequence=0, t_ns=t_s * 10**9,
+            last_sequence=last, first_held=first_held, uptime_s=uptime_s,
         )  # fmt: skip
         self.account.hear([(message, False)], self.now_s, change)
         self.note(change)
@@ -469,6 +469,22 @@ def test_a_closed_boot_that_goes_on_is_another_agent_and_told_once(world):
     ((run, other, first, _),) = world.changes.rivals
     assert (run.boot, other, first, run.next) == ("b1", "b2", 1, 1)
     assert world.lost == []
+
+
+def test_an_agent_of_a_closed_boot_that_still_tells_of_itself_is_another_one(world):
+    world.spool = {"b1": {0}, "b2": {0}}
+    world.arrive(("b1", 0))
+    world.heal()
+    world.arrive(("b2", 0))
+    world.heal()
+    world.health("b2", 0, t_s=1000)
+    world.health("b1", 0, t_s=999, uptime_s=500.0)
+    world.health("b1", 0, t_s=1005, uptime_s=506.0)
+    assert not world.changes.rivals
+    world.health("b1", 0, t_s=1006, uptime_s=507.0)
+    world.health("b1", 0, t_s=1007, uptime_s=508.0)
+    ((run, other, first, _),) = world.changes.rivals
+    assert (run.boot, other, first) == ("b1", "b2", 1)
 
 
 def test_agents_of_one_boot_are_told_apart_by_when_they_began_and_by_what_waits(world):
