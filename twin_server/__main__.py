@@ -3,6 +3,7 @@
 import contextlib
 import gc
 import logging
+import os
 import socket
 import sys
 import threading
@@ -37,7 +38,7 @@ from twin_server.serve.access import (
     WrongTokenFileError,
     guarded,
 )
-from twin_server.serve.heads import Heads
+from twin_server.serve.connections import Connections, Limits
 from twin_server.serve.tracing import Traced
 from twin_server.settings import TwinSettings
 
@@ -116,6 +117,9 @@ class _AddressError(OSError):
     pass
 
 
+OTHER_FILES = 512
+"""Files beside connections: database, bus, recordings, processes."""
+
 SWITCH_S = 0.001
 """How long one thread may keep the interpreter from the others: the door's is one of many."""
 
@@ -156,6 +160,7 @@ def _serve(
     pipeline.listen(lookout)
     if traces is not None:
         pipeline.listen(Tracing(pipeline, traces, clock or SystemClock()))
+    allow_files(limits.max_connections + OTHER_FILES)
     workers = Processes(limits.workers, limits.work_timeout_s)
     workers.warm()
     lane = Lane(limits.workers, limits.max_waiting, limits.max_waiting_of_one)
@@ -176,7 +181,8 @@ def _serve(
         largest_recording=settings.recordings.max_bytes, lane=lane,
     )  # fmt: skip
     door_of = guard.around(app)
-    config = _config(Traced(door_of, traces) if traces else door_of, settings)
+    connections = Connections(_limits(settings))
+    config = _config(Traced(door_of, traces) if traces else door_of, settings, connections)
     server = _Server(config, hub, limits.reading_threads)
     # Off the main thread, where uvicorn leaves the signals alone.
     door = threading.Thread(
@@ -213,6 +219,25 @@ def _serve(
         pipeline.stop()
 
 
+def allow_files(count: int) -> None:
+    """Let this process have so many files and connections, as far as the system allows."""
+    if os.name != "posix":  # pragma: no cover
+        return
+    import resource
+
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = count if hard == resource.RLIM_INFINITY else min(count, hard)
+    if soft != resource.RLIM_INFINITY and soft < most:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+    if most < count:
+        logger.warning(
+            "%d files may be open here, and %d connections need more. Raise the limit "
+            "(ulimit -n, or LimitNOFILE= of the unit), or lower serve.max_connections.",
+            most,
+            count - OTHER_FILES,
+        )
+
+
 def collect_less_often() -> None:
     """Keep the garbage collector from walking through all twins for every batch.
 
@@ -224,10 +249,23 @@ def collect_less_often() -> None:
     gc.set_threshold(100_000, 20, 50)
 
 
-def _config(app: ASGIApp, settings: TwinSettings) -> uvicorn.Config:
+def _limits(settings: TwinSettings) -> Limits:
+    serve = settings.serve
+    return Limits(
+        head_s=serve.head_s,
+        body_s=serve.body_s,
+        slowest_bytes_per_s=serve.slowest_bytes_per_s,
+        upload_s=serve.upload_s,
+        most=serve.max_connections,
+        # A proxy has all connections; it is for that to bound those of its own clients.
+        most_of_one=None if settings.access.behind_proxy else serve.max_connections_of_one,
+    )
+
+
+def _config(app: ASGIApp, settings: TwinSettings, connections: Connections) -> uvicorn.Config:
     return uvicorn.Config(
         app,
-        http=Heads,
+        http=connections.protocol(),
         log_config=None,
         access_log=False,
         lifespan="off",

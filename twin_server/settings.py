@@ -79,8 +79,17 @@ class ServeSettings(Frozen):
     max_live_clients: Count = 500
     max_live_of_one: Count = 50
     """Of these, those of one token."""
-    max_connections: Count = 2_000
-    """More at once are answered with 503."""
+    max_connections: Annotated[int, Field(ge=2)] = 2_000
+    """More at once are answered with 503; those on which nothing was asked give way."""
+    max_connections_of_one: Count = 1_000
+    """Of these, those of one address; behind a proxy that is the proxy's to bound."""
+    head_s: Positive = 10.0
+    """Time for the head of a request, and for a first one."""
+    body_s: Positive = 30.0
+    """How long a body, or the taking of an answer, may be slower than the following."""
+    slowest_bytes_per_s: Positive = 8_192.0
+    upload_s: Positive = 3_600.0
+    """Time for a whole body."""
     live_backlog: Annotated[int, Field(ge=16)] = 2_000
     """Events a slow client may be behind, or a returning one may have missed."""
     max_measured: Annotated[int, Field(ge=0)] = 200
