@@ -8,7 +8,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from twin_server.serve.access import Scope, TokenFile
+from twin_server.serve.access import Scope, TokenFile, WrongNameError
 
 from .options import Name
 from .terminal import ERR
@@ -65,7 +65,10 @@ def tokens() -> None:
 @file_option
 def add(name: str, scope: str, sites: tuple[str, ...], days: float, path: Path) -> None:
     """Make a token for NAME and print it, this once."""
-    text = TokenFile(path).add(name[:80], scope, sites, datetime.timedelta(days=days))
+    try:
+        text = TokenFile(path).add(name[:80], scope, sites, datetime.timedelta(days=days))
+    except WrongNameError as error:
+        raise click.UsageError(str(error)) from error
     click.echo(text)
     ERR.print("Keep it safe: it cannot be shown again.")
 

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import ConfigDict, Field, ValidationError, model_validator
 
 from slowtime_schemas.model_file import ModelFile
+from slowtime_schemas.quantities import KEPT, Visible
 from slowtime_services.models import description_of
 
 from .model import Model, model_of
@@ -82,7 +83,7 @@ class Covariates(Frozen):
     """
 
     names: Annotated[
-        tuple[Annotated[str, Field(min_length=1, max_length=64)], ...],
+        tuple[Annotated[str, Field(min_length=1, max_length=64), Visible], ...],
         Field(
             min_length=1,
             max_length=8,
@@ -197,7 +198,7 @@ class Registration(Frozen):
         },
     )
 
-    name: Annotated[str, Field(max_length=100)] = ""
+    name: Annotated[str, Field(max_length=100), Visible] = ""
     """For people; the twin's id is what everything else knows it by."""
     changes: Literal["stiffness", "mass", "both", "elements"] = "stiffness"
     """What may change; the rest is assumed to stay, and said so in every state."""
@@ -343,8 +344,8 @@ class Registration(Frozen):
 
     @classmethod
     def from_json(cls, text: str) -> "Registration":
-        """Read what `to_json` has written."""
-        return cls.model_validate_json(text)
+        """Read what `to_json` has written, by an older version too."""
+        return cls.model_validate_json(text, context=KEPT)
 
     def to_json(self) -> str:
         """Write it as text, all defaults included, so that later defaults change nothing."""
@@ -360,7 +361,7 @@ class Registration(Frozen):
 def _structure(
     model: str, parameters: tuple[tuple[str, float], ...] | None, prior_sd: float
 ) -> Model:
-    description = description_of(ModelFile.model_validate_json(model))
+    description = description_of(ModelFile.model_validate_json(model, context=KEPT))
     return model_of(
         description, None if parameters is None else dict(parameters), prior_sd=prior_sd
     )

@@ -143,6 +143,8 @@ class RecordingSettings(Frozen):
     max_files: Count = 500
     patience_s: Positive = 30.0
     """How long nothing may come of one that is being sent."""
+    max_at_once: Count = 16
+    """That are being sent at the same time."""
 
 
 class GapSettings(Frozen):

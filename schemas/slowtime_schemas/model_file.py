@@ -16,7 +16,7 @@ from pydantic import (
     Tag,
 )
 
-from .quantities import Frozen
+from .quantities import Frozen, Visible
 
 
 def _no_truth_value(value: Any) -> Any:
@@ -29,8 +29,8 @@ def _no_truth_value(value: Any) -> Any:
 Number = Annotated[FiniteFloat, BeforeValidator(_no_truth_value)]
 Positive = Annotated[Number, Field(gt=0)]
 NotNegative = Annotated[Number, Field(ge=0)]
-Id = Annotated[str, StringConstraints(pattern=r"^\S(.{0,62}\S)?$")]
-Unit = Annotated[str, StringConstraints(min_length=1, max_length=32)]
+Id = Annotated[str, StringConstraints(pattern=r"^\S(.{0,62}\S)?$"), Visible]
+Unit = Annotated[str, StringConstraints(min_length=1, max_length=32), Visible]
 
 
 class Part(Frozen):
@@ -150,7 +150,7 @@ class ModelFile(Part):
     VERSION: ClassVar[int] = 1
 
     slowtime_model: Literal[1] = Field(description="Version of this format.")
-    name: str = ""
+    name: Annotated[str, Visible] = ""
     unit_of_coordinate: Literal["m", "rad"] = Field(
         default="m",
         description="rad makes every length an angle, force a torque, mass an inertia.",

@@ -1,16 +1,19 @@
 """The smallest nouns: names, numbers with their standard deviation, free-form content."""
 
 import math
+import unicodedata
 from typing import Annotated, Any
 
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Field,
     FiniteFloat,
     NonNegativeFloat,
     StringConstraints,
+    ValidationInfo,
 )
 
 Name = Annotated[
@@ -19,6 +22,55 @@ Name = Annotated[
     Field(description="Lower-case letters, digits, '-' and '_', at most 63; part of a key."),
 ]
 """A site or an asset."""
+
+_INVISIBLE = ("Cc", "Cf", "Cs", "Zl", "Zp")
+"""Unicode categories: controls, formats (directions among them), half pairs, line ends."""
+
+_JOINERS = "\u200c\u200d"
+"""Formats that words of Persian and of Indian languages are spelt with."""
+
+KEPT = {"kept": True}
+"""Context of validation for what was let in before: nothing is refused of it any more."""
+
+
+def invisible(text: str) -> str | None:
+    r"""Name the first character that cannot be seen, or turns others about.
+
+    Examples
+    --------
+    >>> invisible("Tower"), invisible("To\u202ewer")
+    (None, 'character 3 is U+202E (right-to-left override)')
+    """
+    for place, one in enumerate(text, start=1):
+        if unicodedata.category(one) in _INVISIBLE and one not in _JOINERS:
+            name = unicodedata.name(one, "a control character").lower()
+            return f"character {place} is U+{ord(one):04X} ({name})"
+    return None
+
+
+def visible(text: str) -> str:
+    """Give a name back if each of its characters can be seen.
+
+    Raises
+    ------
+    ValueError
+        Naming the character.
+    """
+    if (found := invisible(text)) is not None:
+        raise ValueError(
+            f"{found}, which is not shown, or changes how others are. Allowed are characters "
+            "that can be seen, and spaces. Leave it out"
+        )
+    return text
+
+
+def _visible(given: Any, info: ValidationInfo) -> Any:
+    kept = (info.context or {}).get("kept")
+    return visible(given) if isinstance(given, str) and not kept else given
+
+
+Visible = BeforeValidator(_visible)
+"""Of a name: what it looks like is what it is."""
 
 BootId = Annotated[
     str,

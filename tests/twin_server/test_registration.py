@@ -189,3 +189,10 @@ def test_covariates_do_not_go_with_what_is_smoothed_or_holds_at_no_temperature()
     at = {**weather, "reference": {"temperature_c": 10.0}}
     made = Registration(covariates=at, nominal=nominal)
     assert Registration.from_json(made.to_json()) == made
+
+
+def test_what_was_registered_by_older_software_is_read_whatever_its_name():
+    kept = Registration(name="x").to_json().replace('"x"', '"To\u202ewer"')
+    assert Registration.from_json(kept).name == "To\u202ewer"
+    with pytest.raises(ValueError, match="right-to-left override"):
+        Registration(name="To\u202ewer")

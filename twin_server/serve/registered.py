@@ -5,13 +5,15 @@ from typing import Annotated
 
 from fastapi import Path
 from fastapi.concurrency import run_in_threadpool
+from pydantic import BeforeValidator
 
+from slowtime_schemas.quantities import visible
 from twin_server.registration import ID, Registration
 
 from .knowledge import Knowledge
 from .problems import ProblemError
 
-TwinId = Annotated[str, Path(pattern=ID)]
+TwinId = Annotated[str, Path(pattern=ID), BeforeValidator(visible)]
 
 
 def registered_in(knowledge: Knowledge) -> Callable[[str], Awaitable[Registration]]:

@@ -205,7 +205,7 @@ def test_a_client_that_leaves_is_nobodys_fault(server, caplog):
         "Content-Length: 9000\r\n\r\nxyz",
     ]
     for head in heads:
-        for _ in range(5):
+        for _ in range(2):
             with socket.create_connection(address, PATIENCE_S) as one:
                 one.sendall(head.encode())
     assert server.get("/healthz").status_code == 200

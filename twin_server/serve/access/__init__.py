@@ -4,7 +4,7 @@ from .guard import Guard, NotSecuredError, guarded
 from .openid import OpenId
 from .policy import POLICY, Reach, Rule, find
 from .principals import EVERYBODY, Principal, Scope, principal_of
-from .tokens import Token, TokenFile, WrongTokenFileError
+from .tokens import Token, TokenFile, WrongNameError, WrongTokenFileError
 
 __all__ = [
     "EVERYBODY",
@@ -18,6 +18,7 @@ __all__ = [
     "Scope",
     "Token",
     "TokenFile",
+    "WrongNameError",
     "WrongTokenFileError",
     "find",
     "guarded",

@@ -23,11 +23,17 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
+from slowtime_schemas.quantities import invisible
+
 from .principals import Principal, Scope
 
 FORM = re.compile(r"slowtime_([0-9a-f]{8})_([A-Za-z0-9_-]{43})")
 LONGEST = 8_192
 """Characters of a bearer token that is looked at; JWTs may be long."""
+
+
+class WrongNameError(ValueError):
+    """A name that does not look like what it is; the text says what to do."""
 
 
 class WrongTokenFileError(ValueError):
@@ -113,7 +119,18 @@ class TokenFile:
     def add(
         self, name: str, scope: str, sites: Sequence[str], lasts: datetime.timedelta
     ) -> str:
-        """Make a token and return it: it can never be shown again."""
+        """Make a token and return it: it can never be shown again.
+
+        Raises
+        ------
+        WrongNameError
+            Where its name has characters that cannot be seen.
+        """
+        if (found := invisible(name)) is not None:
+            raise WrongNameError(
+                f"NAME: {found}, which is not shown, or changes how others are. Give a name "
+                "of characters that can be seen."
+            )
         number = secrets.token_hex(4)
         text = f"slowtime_{number}_{secrets.token_urlsafe(32)}"
         now = datetime.datetime.fromtimestamp(self._now(), datetime.UTC)
