@@ -7,14 +7,13 @@ import os
 import socket
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
 
 import anyio
 import uvicorn
 from starlette.types import ASGIApp
 
-from slowtime_services.bus import Bus, BusUnreachableError, ZenohBus
+from slowtime_services.bus import Bus, LateBus, ZenohBus
 from slowtime_services.clock import Clock, SystemClock
 from slowtime_services.credentials import CredentialsError, options_for
 from slowtime_services.ending import ended_by_signals
@@ -48,7 +47,7 @@ DIAGNOSIS = (sys.executable, "-m", "twin_server.diagnose")
 """Command of the process that makes one diagnosis."""
 
 ATTEMPT_S = 2.0
-"""For how long Zenoh is asked to find the router at once."""
+"""For how long Zenoh is asked to find the router at once, and the server does not begin yet."""
 
 
 def run(
@@ -93,12 +92,13 @@ def run(
             store = open_store(settings.database, synchronous=settings.synchronous)
             open_things.callback(store.close)
             if bus is None:
-                bus = open_things.enter_context(_open_bus(settings, clock, stop))
+                late = open_things.enter_context(_late_bus(settings, clock))
+                late.wait(min(ATTEMPT_S, settings.connect_timeout_s))
+                bus = late
             _serve(
                 settings, guard, listening, store, bus, clock, stop, ready, diagnosis, traces
             )
     except (
-        BusUnreachableError,
         CredentialsError,
         NotSecuredError,
         NoTelemetryError,
@@ -279,22 +279,20 @@ def _config(app: ASGIApp, settings: TwinSettings, connections: Connections) -> u
     )
 
 
-def _open_bus(settings: TwinSettings, clock: Clock | None, stop: threading.Event) -> ZenohBus:
-    """Wait for the router a little at a time: nobody hears a signal while Zenoh opens."""
+def _late_bus(settings: TwinSettings, clock: Clock | None) -> LateBus:
+    """Wait for the router as long as it takes; page and history need none."""
     options = options_for(settings.credentials, settings.connect, settings.zenoh)
-    deadline = time.monotonic() + settings.connect_timeout_s
-    while True:
-        try:
-            return ZenohBus(
-                "client",
-                connect=settings.connect,
-                open_timeout_s=min(ATTEMPT_S, settings.connect_timeout_s),
-                options=options,
-                clock=clock,
-            )
-        except BusUnreachableError:
-            if stop.wait(0.1) or time.monotonic() >= deadline:
-                raise
+
+    def opened() -> ZenohBus:
+        return ZenohBus(
+            "client",
+            connect=settings.connect,
+            open_timeout_s=min(ATTEMPT_S, settings.connect_timeout_s),
+            options=options,
+            clock=clock,
+        )
+
+    return LateBus(opened, say_every_s=settings.connect_timeout_s)
 
 
 @contextlib.contextmanager

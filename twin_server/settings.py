@@ -240,6 +240,8 @@ class TwinSettings(ProcessSettings):
     connect: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
     """Where the router is."""
     connect_timeout_s: Positive = 30.0
+    """How often the log says that there is no router yet; the server waits for one as long as
+    it takes, and `/readyz` says so."""
     credentials: Path | None = None
     """Folder that `slowtime keys` made for the server; None to speak in the clear."""
     zenoh: dict[str, Any] = Field(default_factory=dict, repr=False)
