@@ -174,6 +174,7 @@ def _serve(
             pipeline.register(twin_id, registration)
     orders.start()
     lookout.start()
+    knowledge.prospects.start()
     door.start()
     collect_less_often()
     try:
@@ -193,6 +194,7 @@ def _serve(
         recordings.stop()
         orders.stop()
         lookout.stop()
+        knowledge.prospects.stop()
         pipeline.stop()
 
 

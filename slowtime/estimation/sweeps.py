@@ -1,8 +1,8 @@
 r"""Whole series through the filter of a family of processes, there and back, compiled.
 
 The recursions of `matern.run` and `matern.smooth`, without a Python step per reading. On the
-way back the score and the information of the state are carried (de Jong, 1989). Of an intervention
-that adds :math:`\delta` to a number of the state just before reading i, and so
+way back the score and the information of the state are carried (de Jong, 1989). Of an
+intervention that adds :math:`\delta` to a number of the state just before reading i, and so
 :math:`\delta x_i` to the readings, they are
 
 .. math:: s_i = x_i^T V^{-1} (y - \mu), \qquad S_i = x_i^T V^{-1} x_i
@@ -181,6 +181,54 @@ def interventions(
         Shifts that are taken for given, as for `matern.run`.
     """
     return Passes(process, time).interventions(value, sd, jumps=jumps)
+
+
+def sample(
+    process: Startable,
+    belief: Belief,
+    times: Float[np.ndarray, " later"],
+    owners: Int[np.ndarray, " path"],
+    rng: np.random.Generator,
+) -> Float[np.ndarray, "path later"]:
+    """Draw futures of a family from a belief, each a whole path of one member.
+
+    Parameters
+    ----------
+    times
+        Ascending, none before the belief.
+    owners
+        Of each path, the number of its member.
+    """
+    apart = np.diff(times, prepend=belief.time)
+    scale = max(float(apart.max(initial=0.0)), 1e-300)
+    steps, which = np.unique(np.round(apart / scale, 12), return_inverse=True)
+    mean, covariance = _flat(belief)
+    found = np.zeros((len(owners), len(times)))
+    begun = _any_root(covariance)
+    size = mean.shape[1]
+    width = max(1, _ENTRIES // max(1, len(times) * size))
+    for part, move, noise, seen in _parts(process, steps * scale, times, len(mean)):
+        roots = _any_root(noise)
+        mine = np.flatnonzero((owners >= part.start) & (owners < part.stop))
+        for first in range(0, len(mine), width):
+            rows = mine[first : first + width]
+            own = owners[rows]
+            at_first = rng.standard_normal((len(rows), size, 1))
+            state = mean[own] + (begun[own] @ at_first)[..., 0]
+            shocks = rng.standard_normal((len(rows), len(times), size))
+            drawn = np.zeros((len(rows), len(times)))
+            _kernel("paths")(
+                move, roots, seen, *_pattern(move), which.astype(np.int64),
+                (own - part.start).astype(np.int64), state, shocks, drawn,
+            )  # fmt: skip
+            found[rows] = drawn
+    return found
+
+
+def _any_root(covariance: np.ndarray) -> np.ndarray:
+    """Root of a covariance that rounding may have made a little negative, as short steps do."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :])
 
 
 def _steps(
@@ -453,7 +501,36 @@ def _there_and_back_loop(  # type: ignore[no-untyped-def]
             information[f, i] = known[0, 0]
 
 
-_LOOPS = {"forward": _forward_loop, "there_and_back": _there_and_back_loop}
+def _paths_loop(  # type: ignore[no-untyped-def]
+    move, roots, seen, begins, columns, which, owners, state, shocks, drawn
+):
+    size = state.shape[1]
+    moved = np.zeros(size)
+    for n in range(state.shape[0]):
+        f = owners[n]
+        s = f if seen.shape[1] > 1 else 0
+        x = state[n]
+        for i in range(shocks.shape[1]):
+            k = which[i]
+            for r in range(size):
+                entry = 0.0
+                for e in range(begins[r], begins[r + 1]):
+                    entry += move[k, f, r, columns[e]] * x[columns[e]]
+                for c in range(size):
+                    entry += roots[k, f, r, c] * shocks[n, i, c]
+                moved[r] = entry
+            entry = 0.0
+            for r in range(size):
+                x[r] = moved[r]
+                entry += moved[r] * seen[i, s, r]
+            drawn[n, i] = entry
+
+
+_LOOPS = {
+    "forward": _forward_loop,
+    "there_and_back": _there_and_back_loop,
+    "paths": _paths_loop,
+}
 
 
 @functools.cache
