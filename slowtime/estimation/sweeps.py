@@ -526,7 +526,7 @@ def _paths_loop(  # type: ignore[no-untyped-def]
             drawn[n, i] = entry
 
 
-_LOOPS = {
+_LOOPS: dict[str, Callable[..., Any]] = {
     "forward": _forward_loop,
     "there_and_back": _there_and_back_loop,
     "paths": _paths_loop,

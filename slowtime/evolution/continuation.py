@@ -64,7 +64,7 @@ class Continuation:
     @property
     def time(self) -> float:
         """Slow time of the last reading."""
-        return self.smooth.time
+        return float(self.smooth.time)
 
     def follow(self, slow_time: Series, value: Series, sd: Series) -> "Continuation":
         """Take in further readings, at a constant cost each.

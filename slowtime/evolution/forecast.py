@@ -44,6 +44,9 @@ as far as a wave is found at all: teeth whose height wanders by a third reach 0.
 _SCORING = 12
 """Members of a family by which jumps are scored once it is learnt: the likeliest."""
 
+_SAME = 1
+"""Readings by which jumps may move without the processes being learnt anew."""
+
 _RELEARNT = 3
 """How often processes are learnt anew with jumps before these must have settled."""
 
@@ -139,15 +142,16 @@ def _smooth(
     prior: Prior,
     base: SlowProcess,
     told: tuple[Jump, ...],
+    among: Sequence[float] = kernels.SMOOTHNESSES,
 ) -> _Smooth:
-    """Learn processes without a wave, with jumps given."""
+    """Learn processes without a wave, with jumps given, of one smoothness `among` these."""
 
     def plain(points: np.ndarray, smoothness: float) -> np.ndarray:
         family = _members(base, smoothness, points)
         return np.asarray(sweeps.log_likelihood(family, *readings, jumps=told))
 
     net = prior.net(NET)
-    scores = {s: plain(net, s) for s in kernels.SMOOTHNESSES}
+    scores = {s: plain(net, s) for s in among}
     density = prior.log_density(net)
     smoothness = max(scores, key=lambda s: float((scores[s] + density).max()))
     learnt = learn(lambda points: plain(points, smoothness), prior, scores[smoothness])
@@ -165,13 +169,15 @@ def _with_jumps(
     places = selection.begin(scored, base)
     scored = scored.like_those(places)
     best: tuple[float, selection.Places, _Smooth] | None = None
+    among: Sequence[float] = kernels.SMOOTHNESSES
     for _ in range(_RELEARNT):
         if not places:
             break
         told = scored.jumps(places)
         # With the jumps out of it, what is left scatters less, and the prior must know.
         inner = prior_of(time, _levelled(time, values, [at for at, _ in told]))
-        found = _smooth((time, values, scored.sd), inner[0], _vague(inner[1], base), told)
+        readings, vague = (time, values, scored.sd), _vague(inner[1], base)
+        found = _smooth(readings, inner[0], vague, told, among)
         score = found.learnt.log_evidence - selection.penalty(len(time), len(places))
         if best is not None and score <= best[0]:
             break
@@ -182,9 +188,10 @@ def _with_jumps(
             sweeps.log_likelihood(family, time, values, scored.sd, jumps=told)
         )
         again, _ = selection.select(scored, family, before, places)
-        if again == places:
+        moved = [abs(one - other) for one, other in zip(again, places, strict=False)]
+        if len(again) == len(places) and max(moved) <= _SAME:
             break
-        places = again
+        places, among = again, (found.family.smoothness,)
     return None if best is None else best[1:]
 
 
@@ -269,8 +276,6 @@ def _levelled(time: Usable, values: Usable, after: Sequence[float]) -> Usable:
     """Values with jumps taken out by least squares, about a straight line."""
     if not after:
         return values
-    span = time[-1] - time[0]
-    steps = [(time > at).astype(float) for at in after]
-    design = np.column_stack([np.ones_like(time), (time - time[0]) / span, *steps])
-    found = np.linalg.lstsq(design, values, rcond=None)[0]
-    return np.asarray(values - design[:, 2:] @ found[2:])
+    places = np.unique(np.searchsorted(time, after, side="right"))
+    sizes = selection.step_sizes(time, values, tuple(places.tolist()))
+    return np.asarray(values - (np.arange(len(time))[:, None] >= places) @ sizes)
