@@ -1,14 +1,13 @@
 """When will a threshold be crossed: the distribution of the time of the first crossing."""
 
 import dataclasses
+import functools
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from slowtime.estimation import sweeps
-from slowtime.estimation.matern import Belief, SlowProcess
-from slowtime.estimation.processes import Sum
 
 from . import continuation
 from .change import Series
@@ -155,14 +154,32 @@ def draw(
             "later slow time."
         )
     later = np.linspace(begun.time, horizon, points + 1)
-    rng = np.random.default_rng(seed)
-    drawn = np.concatenate(
-        [
-            _paths(process, belief, weights, later, paths, rng)
-            for process, belief, weights in begun.kinds()
-        ]
-    )
-    return Futures(later, drawn, rng.standard_normal(len(drawn)))
+    kinds = list(begun.kinds())
+    weights = np.concatenate([weights for _, _, weights in kinds])
+    counts = np.random.default_rng(seed).multinomial(paths, weights / weights.sum())
+    drawn, first = [], 0
+    for process, belief, own in kinds:
+        mine, counts = counts[: len(own)], counts[len(own) :]
+        owners = np.repeat(np.arange(len(own)), mine)
+        shocks = _shocks(seed, paths, points + 2, belief.mean.shape[-1])
+        rows = slice(first, first + len(owners))
+        drawn.append(sweeps.sample(process, belief, later, owners, shocks[rows]))
+        first += len(owners)
+    return Futures(later, np.concatenate(drawn), _shocks(seed, paths, 1, 1)[:, 0, 0])
+
+
+@functools.lru_cache(maxsize=4)
+def _shocks(
+    seed: int, paths: int, steps: int, size: int
+) -> Float[np.ndarray, "path step state"]:
+    """Random numbers of futures: the same at every call, and half the time that they take.
+
+    Of 2,000 paths over 121 times 4 to 8 MB without a wave, 25 to 45 MB with one.
+    """
+    rng = np.random.default_rng([seed, size])
+    shocks: Float[np.ndarray, "path step state"] = rng.standard_normal((paths, steps, size))
+    shocks.flags.writeable = False
+    return shocks
 
 
 def _first(
@@ -188,18 +205,3 @@ def _first(
         float(later[-1]),
         float(below[:, 0].mean()),
     )
-
-
-def _paths(
-    process: SlowProcess | Sum,
-    belief: Belief,
-    weights: np.ndarray,
-    later: np.ndarray,
-    paths: int,
-    rng: np.random.Generator,
-) -> np.ndarray:
-    """Futures of a family, of each member as many as its probability asks for."""
-    counts = rng.multinomial(
-        round(paths * float(weights.sum())), weights / max(float(weights.sum()), 1e-300)
-    )
-    return sweeps.sample(process, belief, later, np.repeat(np.arange(len(counts)), counts), rng)
