@@ -194,6 +194,7 @@ def _serve(
             pipeline.register(twin_id, registration)
     orders.start()
     lookout.start()
+    knowledge.prospects.start()
     door.start()
     collect_less_often()
     sys.setswitchinterval(SWITCH_S)
@@ -216,6 +217,7 @@ def _serve(
         recordings.stop()
         orders.stop()
         lookout.stop()
+        knowledge.prospects.stop()
         pipeline.stop()
 
 
