@@ -9,6 +9,7 @@ from typing import Any, Literal, NamedTuple, TypeVar, cast
 import click
 
 from slowtime_services.client import AnswerError, Client, UnreachableError
+from slowtime_services.files import ALL
 from twin_server.orders import SimulationOrder
 from twin_server.pipeline import TwinKnowledge
 from twin_server.registration import Registration, registrations
@@ -17,7 +18,7 @@ from twin_server.serve import ProblemError, foretell
 from .evolving import Changes, as_built, registration_of, samples_of
 from .offline import offline_twin
 from .options import POSITIVE, STDOUT, Name, Number, OutFile
-from .reading import read_any
+from .reading import Given, read_any, tell_reading
 from .terminal import note, show, write_json
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -244,9 +245,8 @@ def _recorded(
 ) -> tuple[list[float], float]:
     if path is None:
         raise click.UsageError("A recorded load needs --record FILE.")
-    record = read_any(path, rate_hz)
-    for text in record.notes:
-        note(text)
+    record = read_any(path, Given(rate_hz=rate_hz, keep=(ALL,)))
+    tell_reading(record)
     if record.gaps:
         raise click.UsageError(f"{path.name} lacks samples. Cut it at its gaps.")
     names = record.channels
