@@ -55,7 +55,8 @@ VERBS = {
         "recording:replay", "Play a recording again and print the hash of its history."
     ),
     "recover": Verb(
-        "recovering:recover", "Make a recording sound again that was cut short or not closed."
+        "recovering:recover",
+        "Make a recording sound again that was cut short or damaged.",
     ),
     "layout": Verb(
         "viewing:layout", "Write a layout for Foxglove or Lichtblick that fits a recording."

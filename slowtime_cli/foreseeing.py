@@ -1,6 +1,7 @@
 """The verbs `forecast` and `whatif`: where a twin is heading, and what it would do today."""
 
 import contextlib
+import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any, Literal, NamedTuple, cast
 import click
 
 from slowtime_services.client import AnswerError, Client, UnreachableError
+from slowtime_services.files import ALL
 from twin_server.orders import SimulationOrder
 from twin_server.pipeline import TwinKnowledge
 from twin_server.registration import Registration, registrations
@@ -17,7 +19,7 @@ from twin_server.serve import ProblemError, foretell
 from .evolving import Changes, registration_of, samples_of
 from .offline import offline_twin
 from .options import STDOUT
-from .reading import read_any
+from .reading import Given, read_any, tell_reading
 from .terminal import note, show, write_json
 
 Side = Literal["below", "above"]
@@ -90,7 +92,7 @@ def whatif(
         )
     else:
         with _made(asked) as (knowledge, twin_id, _), _said():
-            body = knowledge.simulate(twin_id, order)
+            body = json.loads(knowledge.simulate(twin_id, order))
     if out is not None:
         write_json(out, body)
     if out != STDOUT:
@@ -109,9 +111,8 @@ def _recorded(
     path: Path | None, channel: str | None, rate_hz: float | None
 ) -> tuple[list[float], float]:
     assert path is not None
-    record = read_any(path, rate_hz)
-    for text in record.notes:
-        note(text)
+    record = read_any(path, Given(rate_hz=rate_hz, keep=(ALL,)))
+    tell_reading(record)
     if record.gaps:
         raise click.UsageError(f"{path.name} lacks samples. Cut it at its gaps.")
     names = record.channels

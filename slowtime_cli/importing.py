@@ -30,7 +30,7 @@ def import_(
     total = -(-len(record.samples) // max(1, round(block_s * record.rate_hz)))
     with (
         removed_unless_finished(out),
-        RecordingWriter(out) as writer,
+        RecordingWriter(out, metadata=_metadata(record, path)) as writer,
         bar("Importing", total) as tell,
     ):
         for number, block in enumerate(record.blocks(block_s, start_ns=begin)):
@@ -50,12 +50,23 @@ def import_(
                 units=block.units,
             )
             payload = encode_raw(header, samples.tobytes())
-            writer.write(RAW, site, name, payload, block.start_ns, block.start_ns)
+            writer.write(
+                RAW, site, name, payload, block.start_ns, block.start_ns, until_ns=block.end_ns
+            )
             tell(number + 1)
     click.echo(
         f"{out}: {len(record.samples)} samples of {', '.join(record.channels)} at "
         f"{record.rate_hz:g} Hz, {record.duration_s:.3f} s, as {site}.{name}"
     )
+
+
+def _metadata(record: Record, path: Path) -> dict[str, str]:
+    """How the file was read, for the recording's own metadata."""
+    said = {"imported_from": path.name}
+    for key, texts in (("assumptions", record.assumptions), ("notes", record.notes)):
+        if texts:
+            said[key] = " | ".join(texts)
+    return said
 
 
 def _start_ns(record: Record, start_ns: int | None) -> int:

@@ -34,6 +34,7 @@ from .terminal import (
     INTERRUPTED,
     bar,
     counting,
+    note,
     plural,
     removed_unless_finished,
     until_signalled,
@@ -134,6 +135,11 @@ def _onto_the_bus(
     )
     if stop.interrupted:
         return INTERRUPTED
+    if played.features == 0:
+        note(
+            f"{recording} holds no features, which are what a twin takes. Where it holds "
+            f"samples: slowtime edge --recording {recording}"
+        )
     if server is not None:
         for asset in _assets(recording):
             _print_hash(asset, _asked_of(server, asset))
@@ -159,22 +165,41 @@ def _into(recording: Path, database: Path) -> int:
             f"{database} exists. Give a new file, so that the history is fresh."
         )
     assets = list(_assets(recording))
+    through_the_edge = not assets and bool(_assets_of(recording, RAW))
+    if through_the_edge:
+        assets = _assets_of(recording, RAW)
+        note(
+            f"{recording} holds samples and no features; an edge agent with default settings "
+            "reads them here. For settings of yours: slowtime edge --recording."
+        )
     if not assets:
         raise click.UsageError(
-            f"{recording} holds no features for a twin. Run its raw blocks through an edge "
-            "agent first: slowtime edge --recording."
+            f"{recording} holds neither features nor samples for a twin. Give a recording of "
+            "`slowtime record`, `slowtime import` or `slowtime simulate`."
         )
     with (
         removed_unless_finished(database),
         offline_twin(database) as (pipeline, store),
         bar("Replaying", _how_many(recording)) as tell,
     ):
-        pipeline.ingest(_samples(recording, tell))
+        pipeline.ingest(
+            _features_of_samples(recording) if through_the_edge else _samples(recording, tell)
+        )
         pipeline.give_up()
         for asset in assets:
             digest, count = store.digest(asset)
             _print_hash(asset, {"sha256": digest, "features": count})
     return 0
+
+
+def _features_of_samples(recording: Path) -> Iterator[Sample]:
+    """Read what a recording has of registrations, and features out of its raw blocks."""
+    for message in read_recording(recording, streams=[REGISTRATION]):
+        yield Sample(message.key, message.payload, message.publish_ns, replayed=True)
+    for payload in rerun(raw_blocks(recording), Processing()):
+        features = decode(FEATURES, payload)
+        key = FEATURES.key(features.site, features.asset)
+        yield Sample(key, payload, None, replayed=True)
 
 
 def _how_many(recording: Path) -> int:
@@ -231,5 +256,9 @@ def _recorded_settings(recording: Path, site: str, asset: str) -> Processing:
 
 
 def _assets(recording: Path) -> Iterator[str]:
-    keys = contents(recording, streams=[FEATURES]).counts
-    return iter(sorted({".".join(key.split("/")[2:4]) for key, count in keys.items() if count}))
+    return iter(_assets_of(recording, FEATURES))
+
+
+def _assets_of(recording: Path, stream: Stream) -> list[str]:
+    keys = contents(recording, streams=[stream]).counts
+    return sorted({".".join(key.split("/")[2:4]) for key, count in keys.items() if count})

@@ -85,7 +85,15 @@ def _as_recording(simulated: Simulated, epochs: int, name: str, out: Path) -> No
                 truth=dict(block.truth) or None,
             )
             payload = encode_raw(header, samples.tobytes())
-            writer.write(RAW, "demo", name, payload, block.start_ns, block.start_ns)
+            writer.write(
+                RAW,
+                "demo",
+                name,
+                payload,
+                block.start_ns,
+                block.start_ns,
+                until_ns=block.end_ns,
+            )
             tell((block.epoch or 0) + 1)
 
 

@@ -61,6 +61,9 @@ Covariates = Annotated[
 ]
 """Numbers known beside the measured ones: temperature, load, a simulator's truth."""
 
+RENEWALS = "renewals"
+"""Covariate that counts how often the structure was renewed; its rise announces a renewal."""
+
 
 def _finite_throughout(value: Any) -> Any:
     """Refuse NaN and infinity anywhere inside free-form content, which JSON cannot carry."""

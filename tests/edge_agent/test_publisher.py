@@ -164,7 +164,7 @@ def test_health_tells_where_the_account_ends_and_what_has_been_counted(bus, publ
     first, second = (Health.model_validate_json(payload) for payload in got)
     assert (first.last_sequence, first.first_held) == (-1, -1)
     assert (second.last_sequence, second.first_held, second.dropped) == (2, 0, 0)
-    assert second.counters == {"features": 3, "refused_backwards": 2}
+    assert second.counters == {"features": 3, "refused_backwards": 2, "ack_version": 2}
     assert second.sequence == first.sequence + 1
 
 

@@ -27,6 +27,18 @@ def test_the_history_of_another_recording_is_another(run, recorded):
     assert a != b
 
 
+def test_a_recording_of_samples_alone_is_read_by_an_edge_agent_on_the_way(run, tmp_path):
+    run("simulate", "--structure", "tank", "--epochs", 2, "--seed", 1, "--out", "raw.mcap")
+    done = run("replay", "raw.mcap", "--into", "a.sqlite")
+    assert done.status == 0
+    assert re.fullmatch(r"demo.tank  sha256:[0-9a-f]{64}  of 2 features\n", done.out)
+    assert "raw.mcap holds samples and no features; an edge agent with default" in done.err
+    assert run("replay", "raw.mcap", "--into", "b.sqlite").out == done.out
+    said = run("layout", "raw.mcap", "--out", "layout.json")
+    assert said.status == 2
+    assert "slowtime edge --recording" in said.err
+
+
 def test_a_recording_of_features_evolves_by_asset(run, refused, recorded):
     path = recorded(assets=("beam", "fan"))
     assert "holds lab.beam, lab.fan. Name one with --asset." in refused("evolve", path)
@@ -51,7 +63,6 @@ def test_what_cannot_be_replayed_is_refused_before_a_router_is_waited_for(
         ((record, *NOBODY), "is no recording: it begins with"),
         (("cut.mcap", *NOBODY), "Run `slowtime recover"),
         (("cut.mcap", "--into", "a.sqlite"), "Run `slowtime recover"),
-        (("raw.mcap", "--into", "a.sqlite"), "no features for a twin. Run its raw blocks"),
         (("raw.mcap", "--edge"), "does not hold the settings of the edge agent of demo.tank"),
         ((path, "--edge"), "holds no raw blocks. Run the edge with --raw while recording."),
         ((path, "--into", path), "exists. Give a new file, so that the history is fresh."),

@@ -17,6 +17,7 @@ from slowtime_schemas.streams import (
     alive_key,
     any_key,
     request_key,
+    server_key,
 )
 from slowtime_services.bus import BusUnreachableError, Sample, ZenohBus
 from slowtime_services.credentials import Authority, Credentials, access_control
@@ -126,6 +127,17 @@ def test_who_is_alive_cannot_be_forged(join, eventually):
     beam.announce(alive_key("lab", "beam"))
     assert eventually(lambda: seen)
     assert seen == [alive_key("lab", "beam")]
+
+
+def test_a_server_sees_another_server_and_no_edge_is_taken_for_one(join, eventually):
+    server, beam = join("server"), join("edge-beam")
+    seen: list[str] = []
+    server.watch(server_key("*"), lambda key, alive: seen.append(key))
+    beam.announce(server_key("forged"))
+    other = join("server")
+    other.announce(server_key("other"))
+    assert eventually(lambda: seen)
+    assert seen == [server_key("other")]
 
 
 def test_an_observer_writes_nothing(join, eventually):
