@@ -29,7 +29,7 @@ function calendarOf(points) {
 /** A step of 1, 2, 2.5 or 5 times a power of ten, such that about `TICKS` fit. */
 function stepOf(span) {
   const rough = span / TICKS, power = 10 ** Math.floor(Math.log10(rough));
-  return power * [1, 2, 2.5, 5, 10].find((times) => times * power >= rough);
+  return power * [1, 2, 2.5, 5, 10].find((times) => times * power >= 0.8 * rough);
 }
 
 function dateOf(ms, span, isFirst) {
