@@ -56,6 +56,13 @@ class FileInput(Frozen):
     skip_lines: Annotated[int, Field(ge=0)] | None = None
     columns: tuple[str, ...] | None = None
     time_column: str | None = None
+    time_unit: Literal["s", "ms", "us", "ns", "min", "h", "d"] | None = None
+    """Unit of that column, where the file does not say."""
+    wrapped: bool | None = None
+    """Whether all columns are one series, several values a line; None to find out."""
+    keep: tuple[str, ...] = ()
+    """Columns to keep that would be set aside, as counters or constants; `all` for each. Those
+    of covariates are kept in any case."""
     block_s: Positive = 0.1
     start_ns: Annotated[int, Field(ge=0)] | None = None
     speed: NotNegative = 0.0

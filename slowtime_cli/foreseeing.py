@@ -10,6 +10,7 @@ from typing import Any, Literal, NamedTuple, cast
 import click
 
 from slowtime_services.client import AnswerError, Client, UnreachableError
+from slowtime_services.files import ALL
 from twin_server.orders import SimulationOrder
 from twin_server.pipeline import TwinKnowledge
 from twin_server.registration import Registration, registrations
@@ -18,7 +19,7 @@ from twin_server.serve import ProblemError, foretell
 from .evolving import Changes, registration_of, samples_of
 from .offline import offline_twin
 from .options import STDOUT
-from .reading import read_any
+from .reading import Given, read_any, tell_reading
 from .terminal import note, show, write_json
 
 Side = Literal["below", "above"]
@@ -110,9 +111,8 @@ def _recorded(
     path: Path | None, channel: str | None, rate_hz: float | None
 ) -> tuple[list[float], float]:
     assert path is not None
-    record = read_any(path, rate_hz)
-    for text in record.notes:
-        note(text)
+    record = read_any(path, Given(rate_hz=rate_hz, keep=(ALL,)))
+    tell_reading(record)
     if record.gaps:
         raise click.UsageError(f"{path.name} lacks samples. Cut it at its gaps.")
     names = record.channels

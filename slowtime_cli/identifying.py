@@ -51,6 +51,7 @@ def identify(
         "rate_hz": record.rate_hz,
         "channels": list(record.channels),
         "duration_s": record.duration_s,
+        "assumptions": [*record.assumptions, *record.notes],
     }
     silent = out is not None and str(out) == "-"
     if window_s is None:

@@ -30,7 +30,7 @@ def import_(
     total = -(-len(record.samples) // max(1, round(block_s * record.rate_hz)))
     with (
         removed_unless_finished(out),
-        RecordingWriter(out) as writer,
+        RecordingWriter(out, metadata=_metadata(record, path)) as writer,
         bar("Importing", total) as tell,
     ):
         for number, block in enumerate(record.blocks(block_s, start_ns=begin)):
@@ -58,6 +58,15 @@ def import_(
         f"{out}: {len(record.samples)} samples of {', '.join(record.channels)} at "
         f"{record.rate_hz:g} Hz, {record.duration_s:.3f} s, as {site}.{name}"
     )
+
+
+def _metadata(record: Record, path: Path) -> dict[str, str]:
+    """How the file was read, for the recording's own metadata."""
+    said = {"imported_from": path.name}
+    for key, texts in (("assumptions", record.assumptions), ("notes", record.notes)):
+        if texts:
+            said[key] = " | ".join(texts)
+    return said
 
 
 def _start_ns(record: Record, start_ns: int | None) -> int:

@@ -1,8 +1,8 @@
 r"""Whole series through the filter of a family of processes, there and back, compiled.
 
 The recursions of `matern.run` and `matern.smooth`, without a Python step per reading. On the
-way back the score and the information of the state are carried (de Jong, 1989). Of an intervention
-that adds :math:`\delta` to a number of the state just before reading i, and so
+way back the score and the information of the state are carried (de Jong, 1989). Of an
+intervention that adds :math:`\delta` to a number of the state just before reading i, and so
 :math:`\delta x_i` to the readings, they are
 
 .. math:: s_i = x_i^T V^{-1} (y - \mu), \qquad S_i = x_i^T V^{-1} x_i
@@ -110,11 +110,11 @@ def carried(
     Where a series is cut changes nothing, to the last bit.
     """
     steps, which = _steps(belief.time, time)
-    family = belief.mean.shape[:-1]
-    mean, covariance = _flat(belief)
-    total = np.zeros(len(mean))
+    known = _Known(process, belief, steps, time)
+    mean, covariance = known.belief()
+    family, total = known.family, np.zeros(len(mean))
     lifts = _lifts(time, jumps)
-    for part, move, noise, seen in _parts(process, steps, time, len(mean)):
+    for part, move, noise, seen in known.parts():
         pattern = _pattern(move)
         _kernel("forward")(
             move, noise, seen, *pattern, which, value, sd, lifts,
@@ -144,21 +144,22 @@ class Passes:
 
     def __init__(self, process: Startable, time: Series) -> None:
         self._time = time
-        self._start = process.start(float(time[0]))
-        steps, self._which = _steps(self._start.time, time)
-        self._count = int(np.prod(self._start.mean.shape[:-1], dtype=int))
+        start = process.start(float(time[0]))
+        steps, self._which = _steps(start.time, time)
+        known = _Known(process, start, steps, time)
+        self._start = known.belief
         self._parts = [
             (part, move, noise, seen, *_pattern(move))
-            for part, move, noise, seen in _parts(process, steps, time, self._count)
+            for part, move, noise, seen in known.parts()
         ]
 
     def interventions(
         self, value: Series, sd: Series, *, jumps: Sequence[Jump] = ()
     ) -> Interventions:
         """Score a shift of the level before every reading, as the function of this name."""
-        mean, covariance = _flat(self._start)
-        total = np.zeros(self._count)
-        shape = (self._count, len(self._time))
+        mean, covariance = self._start()
+        total = np.zeros(len(mean))
+        shape = (len(mean), len(self._time))
         score, information, left_out = (np.zeros(shape) for _ in range(3))
         lifts = _lifts(self._time, jumps)
         for part, *known in self._parts:
@@ -183,19 +184,59 @@ def interventions(
     return Passes(process, time).interventions(value, sd, jumps=jumps)
 
 
+def sample(
+    process: Startable,
+    belief: Belief,
+    times: Float[np.ndarray, " later"],
+    owners: Int[np.ndarray, " path"],
+    shocks: Float[np.ndarray, "path step state"],
+) -> Float[np.ndarray, "path later"]:
+    """Draw futures of a family from a belief, each a whole path of one member.
+
+    Parameters
+    ----------
+    times
+        Ascending, none before the belief.
+    owners
+        Of each path, the number of its member.
+    shocks
+        Independent standard normal numbers: for the belief, then for each time.
+    """
+    apart = np.diff(times, prepend=belief.time)
+    scale = max(float(apart.max(initial=0.0)), 1e-300)
+    steps, which = np.unique(np.round(apart / scale, 12), return_inverse=True)
+    known = _Known(process, belief, steps * scale, times)
+    mean, covariance = known.belief()
+    begun = _roots(covariance[None])[0]
+    found = np.zeros((len(owners), len(times)))
+    for part, move, noise, seen in known.parts():
+        mine = np.flatnonzero((owners >= part.start) & (owners < part.stop))
+        own = owners[mine]
+        state = mean[own] + (begun[own] @ shocks[mine, 0, :, None])[..., 0]
+        roots = _roots(noise)
+        drawn = np.zeros((len(mine), len(times)))
+        _kernel("paths")(
+            move, roots, seen, *_pattern(move), *_pattern(roots), which.astype(np.int64),
+            (own - part.start).astype(np.int64), mine, state, shocks, drawn,
+        )  # fmt: skip
+        found[mine] = drawn
+    return found
+
+
+def _roots(covariances: np.ndarray) -> np.ndarray:
+    """Lower triangular roots of covariances, singular ones too, as short steps make them."""
+    roots = np.ascontiguousarray(covariances)
+    found = np.zeros_like(roots)
+    _kernel("roots")(roots, found)
+    return found
+
+
 def _steps(
     begin: float, time: Series
 ) -> tuple[Float[np.ndarray, " step"], Int[np.ndarray, " time"]]:
     """Time steps that differ, and which of them leads to each reading."""
     steps, which = np.unique(np.diff(time, prepend=begin), return_inverse=True)
     return steps, which.astype(np.int64)
-
-
-def _flat(belief: Belief) -> tuple[np.ndarray, np.ndarray]:
-    """Own copies of mean and covariance, with one axis for the family."""
-    size = belief.mean.shape[-1]
-    mean = np.array(belief.mean, dtype=np.float64).reshape(-1, size)
-    return mean, np.array(belief.covariance, dtype=np.float64).reshape(-1, size, size)
 
 
 def _lifts(time: Series, jumps: Sequence[Jump]) -> Series:
@@ -207,27 +248,47 @@ def _lifts(time: Series, jumps: Sequence[Jump]) -> Series:
     return lifts[:-1]
 
 
-def _parts(
-    process: Startable, steps: np.ndarray, time: Series, count: int
-) -> Iterator[tuple[slice, np.ndarray, np.ndarray, np.ndarray]]:
-    """Transitions, process noises and what is seen, of parts of the family that fit."""
-    move, noise = process.advance(steps)
-    seen = process.seen(time)
-    size = move.shape[-1]
-    whole = (len(steps), count, size, size)
-    family = np.broadcast_to(move.reshape(len(steps), -1, size, size), whole)
-    noises = np.broadcast_to(noise.reshape(len(steps), -1, size, size), whole)
-    sights = seen.reshape(len(time), -1, size)
-    width = max(1, _ENTRIES // max(1, len(steps) * size * size))
-    for begin in range(0, count, width):
-        part = slice(begin, min(count, begin + width))
-        own = sights if sights.shape[1] == 1 else sights[:, part]
-        yield (
-            part,
-            np.ascontiguousarray(family[:, part]),
-            np.ascontiguousarray(noises[:, part]),
-            np.ascontiguousarray(own),
-        )
+class _Known:
+    """What of a pass does not hang on the readings: transitions, noises, what is seen."""
+
+    def __init__(
+        self, process: Startable, belief: Belief, steps: np.ndarray, time: np.ndarray
+    ) -> None:
+        self._belief = belief
+        self._move, self._noise = process.advance(steps)
+        self._seen = process.seen(time)
+        shapes = (self._move.shape[1:-2], self._noise.shape[1:-2], self._seen.shape[1:-1])
+        self.family = np.broadcast_shapes(belief.mean.shape[:-1], *shapes)
+
+    def belief(self) -> tuple[np.ndarray, np.ndarray]:
+        """Give own copies of mean and covariance, with one axis for the family."""
+        size = self._belief.mean.shape[-1]
+        mean = np.broadcast_to(self._belief.mean, (*self.family, size))
+        covariance = np.broadcast_to(self._belief.covariance, (*self.family, size, size))
+        return mean.copy().reshape(-1, size), covariance.copy().reshape(-1, size, size)
+
+    def parts(self) -> Iterator[tuple[slice, np.ndarray, np.ndarray, np.ndarray]]:
+        """Give the same of parts of the family, as large as may be held at once."""
+        steps, size = len(self._move), self._move.shape[-1]
+        count = int(np.prod(self.family, dtype=int))
+        whole = (steps, *self.family, size, size)
+        flat = (steps, count, size, size)
+        move = np.broadcast_to(self._move, whole).reshape(flat)
+        noise = np.broadcast_to(self._noise, whole).reshape(flat)
+        seen = self._seen
+        if seen.ndim > 2:
+            seen = np.broadcast_to(seen, (len(seen), *self.family, size))
+        seen = seen.reshape(len(seen), -1, size)
+        width = max(1, _ENTRIES // max(1, steps * size * size))
+        for begin in range(0, count, width):
+            part = slice(begin, min(count, begin + width))
+            own = seen if seen.shape[1] == 1 else seen[:, part]
+            yield (
+                part,
+                np.ascontiguousarray(move[:, part]),
+                np.ascontiguousarray(noise[:, part]),
+                np.ascontiguousarray(own),
+            )
 
 
 def _pattern(move: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -453,7 +514,60 @@ def _there_and_back_loop(  # type: ignore[no-untyped-def]
             information[f, i] = known[0, 0]
 
 
-_LOOPS = {"forward": _forward_loop, "there_and_back": _there_and_back_loop}
+def _roots_loop(covariances, roots):  # type: ignore[no-untyped-def]
+    steps, family, size, _ = covariances.shape
+    for k in range(steps):
+        for f in range(family):
+            for c in range(size):
+                left = covariances[k, f, c, c]
+                whole = left
+                for e in range(c):
+                    left -= roots[k, f, c, e] * roots[k, f, c, e]
+                # What rounding has left of nothing.
+                if left <= 1e-14 * whole:
+                    continue
+                root = np.sqrt(left)
+                roots[k, f, c, c] = root
+                for r in range(c + 1, size):
+                    entry = covariances[k, f, r, c]
+                    for e in range(c):
+                        entry -= roots[k, f, r, e] * roots[k, f, c, e]
+                    roots[k, f, r, c] = entry / root
+
+
+def _paths_loop(  # type: ignore[no-untyped-def]
+    move, roots, seen, begins, columns, root_begins, root_columns, which, owners, rows, state,
+    shocks, drawn,
+):  # fmt: skip
+    size = state.shape[1]
+    moved = np.zeros(size)
+    for n in range(state.shape[0]):
+        f = owners[n]
+        s = f if seen.shape[1] > 1 else 0
+        x = state[n]
+        z = shocks[rows[n]]
+        for i in range(drawn.shape[1]):
+            k = which[i]
+            for r in range(size):
+                entry = 0.0
+                for e in range(begins[r], begins[r + 1]):
+                    entry += move[k, f, r, columns[e]] * x[columns[e]]
+                for e in range(root_begins[r], root_begins[r + 1]):
+                    entry += roots[k, f, r, root_columns[e]] * z[i + 1, root_columns[e]]
+                moved[r] = entry
+            entry = 0.0
+            for r in range(size):
+                x[r] = moved[r]
+                entry += moved[r] * seen[i, s, r]
+            drawn[n, i] = entry
+
+
+_LOOPS: dict[str, Callable[..., Any]] = {
+    "forward": _forward_loop,
+    "there_and_back": _there_and_back_loop,
+    "roots": _roots_loop,
+    "paths": _paths_loop,
+}
 
 
 @functools.cache

@@ -36,10 +36,6 @@ _BESIDE = 8
 """Readings on either side of a jump whose gain it explains: what else is there waits for the
 next pass."""
 
-_BEAT = 0.8
-"""Resultant of the jumps' phases from which they may be the edges of something that repeats
-itself [1]. Twenty jumps at random reach 0.6 at some period, teeth that wander 0.9."""
-
 _ROUNDS = 12
 """Passes of one forward selection, each of which takes in all maxima that are apart."""
 
@@ -227,22 +223,22 @@ def _apart(places: Sequence[int]) -> Places:
     return tuple(kept)
 
 
-def keeps_a_beat(scored: Scored, places: Places) -> bool:
-    r"""Whether the jumps come back regularly, as the edges of a wave or of teeth do.
+def regularity(scored: Scored, places: Places) -> float:
+    r"""How regularly jumps come back, as the edges of a wave or of teeth do [1].
 
-    Of jumps :math:`\delta_j` at :math:`t_j` it asks whether
-    :math:`|\sum_j \delta_j e^{2 \pi i r t_j / T}| / \sum_j |\delta_j|` is near one for
-    some number r of rounds in the history; of jumps at random it is about
-    :math:`1 / \sqrt k`. Of one or two jumps nothing can be said.
+    Of jumps :math:`\delta_j` at :math:`t_j` it is the greatest
+    :math:`|\sum_j \delta_j e^{2 \pi i r t_j / T}| / \sum_j |\delta_j|` over the number r of
+    rounds in the history: one where they are regular, about :math:`1 / \sqrt k` of k at random.
+    Of one or two nothing can be said, and it is one.
     """
     if len(places) <= 2:
-        return True
+        return 1.0
     span = float(scored.time[-1] - scored.time[0])
     at = scored.time[list(places)] - scored.time[0]
     sizes = step_sizes(scored.time, scored.value, places)
     rounds = np.arange(1.5, 4.0 * len(places), 0.125)
     turned = np.exp(2j * np.pi * rounds[:, None] * at / span) @ sizes
-    return bool(np.abs(turned).max() > _BEAT * np.abs(sizes).sum())
+    return float(np.abs(turned).max() / max(float(np.abs(sizes).sum()), 1e-300))
 
 
 def step_sizes(time: Usable, values: Usable, places: Places) -> Float[np.ndarray, " jump"]:
@@ -254,4 +250,6 @@ def step_sizes(time: Usable, values: Usable, places: Places) -> Float[np.ndarray
             np.arange(len(time))[:, None] >= np.array(places, dtype=int),
         ]
     )
-    return np.asarray(np.linalg.lstsq(design, values, rcond=None)[0][2:])
+    # A small system, well conditioned, that is solved at once and by one thread.
+    found = np.linalg.solve(design.T @ design, design.T @ (values - values[0]))
+    return np.asarray(found[2:])

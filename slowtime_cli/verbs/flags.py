@@ -29,12 +29,15 @@ class SettingsFile(click.Path):
         return path
 
 
+TIME_UNITS = ("s", "ms", "us", "ns", "min", "h", "d")
+"""As `slowtime_services.files.UNITS`, without reading files yet."""
+
 RECORD = (
     click.argument("record_path", metavar="RECORD", type=EXISTING),
     click.option(
         "--rate-hz",
         type=POSITIVE,
-        help="Samples per second, where the file does not say.",
+        help="Samples per second, where the file does not say; overrules what it says.",
     ),
     click.option("--channels", help="Columns to use, by name or number from 0: a,b."),
     click.option(
@@ -46,6 +49,26 @@ RECORD = (
     click.option(
         "--time-column",
         help="Column of time, by name or number; none if there is none.  [default: found out]",
+    ),
+    click.option(
+        "--time-unit",
+        type=click.Choice(TIME_UNITS),
+        help="Unit of that column.  [default: by its name]",
+    ),
+    click.option(
+        "--date-order",
+        type=click.Choice(["dmy", "mdy"]),
+        help="What comes first in dates such as 04/05/2024.  [default: found out]",
+    ),
+    click.option(
+        "--wrapped/--not-wrapped",
+        default=None,
+        help="Whether all columns are one series, several values a line.  [default: found out]",
+    ),
+    click.option(
+        "--keep",
+        help="Columns to keep that would be set aside, such as counters and magnitudes: a,b; "
+        "or all.",
     ),
 )
 """A record, and how to read it; `slowtime_cli.reading.with_record` takes them."""

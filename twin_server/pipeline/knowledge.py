@@ -1,24 +1,10 @@
 """What pipeline and store know together, as those who serve it ask for it."""
 
-import json
-import threading
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import Any
 
 from slowtime_services.bus import Bus
-from twin_server.estimate import (
-    Outlooks,
-    Twin,
-    foresee,
-    learn,
-    normal_of,
-    now_of,
-    past_of,
-    past_of_elements,
-)
-from twin_server.estimate.foresight import FEWEST, Past
+from twin_server.estimate import Foresight, foresee_from, normal_of, now_of
 from twin_server.orders import SimulationOrder
 from twin_server.persist import History, Store
 from twin_server.registration import Registration
@@ -26,24 +12,13 @@ from twin_server.serve import Chapter, Hub, Moment, Outlook, ProblemError
 from twin_server.thresholds import Limit
 
 from .core import Pipeline
-from .lookout import CHANGED
 from .news import News
+from .prospects import Prospects
 from .simulating import Simulating
 from .workers import Here, Workers
 
 SHIFT = 40
 _LOOK_BACK = 1_000
-
-_AFTER = (3, 8)
-"""Readings after a change of the model at which a forecast learns anew."""
-
-
-class _Learnt(NamedTuple):
-    """A forecast's costly part, and up to which reading it was learnt."""
-
-    registration: Registration
-    key: int
-    outlooks: Outlooks
 
 
 class TwinKnowledge:
@@ -69,11 +44,9 @@ class TwinKnowledge:
         workers: Workers | None = None,
     ) -> None:
         self._pipeline, self._store, self._bus = pipeline, store, bus
-        self._refresh = refresh
-        self._learnt: dict[str, _Learnt] = {}
-        self._of_the_past: dict[str, _Learnt] = {}
         self._workers = workers or Here()
-        self._learning: dict[str, threading.Lock] = {}
+        self.prospects = Prospects(pipeline, store, refresh=refresh, run=self._workers.run)
+        pipeline.listen(self.prospects)
         self._simulating = Simulating(store, self._workers)
 
     def ids(self) -> list[str]:
@@ -163,38 +136,16 @@ class TwinKnowledge:
     ) -> Outlook | None:
         """Where a twin is heading, or was at a moment; None where too little was known."""
         twin = self._pipeline.twin(twin_id)
-        at = at or Moment()
-        found = self._store.history(
-            twin_id,
-            t_ns=(None, at.t_ns),
-            slow_time=(None, at.slow_time),
-            limit=_LOOK_BACK,
-            newest=True,
-        )
-        if twin is None or not len(found.states):
+        if twin is None:
             return None
-        past = _past(twin, found, len(found.states))
-        foresight = self._workers.run(
-            foresee,
-            past,
-            self._outlooks(twin_id, twin, found, past=at != Moment()),
-            twin.registration.forecast.horizon if horizon is None else horizon,
-            count,
-            thresholds,
-        )
-        if foresight is None:
+        ahead = twin.registration.forecast.horizon if horizon is None else horizon
+        if at is None or at == Moment():
+            told = self.prospects.foresee(twin_id, ahead, count, tuple(thresholds))
+            return None if told is None else _outlook(*told)
+        known = self.prospects.at(twin_id, at.t_ns, at.slow_time)
+        if known is None:
             return None
-        return Outlook(
-            foresight.since,
-            foresight.slow_time,
-            foresight.bands,
-            foresight.until,
-            foresight.reasons,
-            foresight.crossings,
-            {name: one.period for name, one in foresight.outlooks.items()},
-            {name: [at for at, _ in one.jumps] for name, one in foresight.outlooks.items()},
-            found.boots[found.number[-1]][1],
-        )
+        return _outlook(foresee_from(known[0], ahead, count, thresholds), known[1])
 
     def check(self, twin_id: str, order: SimulationOrder) -> None:
         """Refuse a load that a twin cannot be run under, at no cost."""
@@ -212,53 +163,8 @@ class TwinKnowledge:
                 "not-known-yet",
                 f"There are no features of {twin_id} yet. Start the edge agent.",
             )
-        past = _past(twin, found, len(found.states))
-        now = now_of(past, self._outlooks(twin_id, twin, found))
+        now = now_of(self.prospects.prospect(twin_id))
         return self._simulating.run(twin_id, twin, found, now, order)
-
-    def _outlooks(
-        self, twin_id: str, twin: Twin, found: History, *, past: bool = False
-    ) -> Outlooks:
-        """Learn from the past up to the last reading whose number is a multiple of `refresh`.
-
-        So that a server that has started again foretells what it would have, to the last bit.
-        After a change of the model it is learnt anew as soon as some readings have followed.
-        What was learnt for a moment of the past does not drive out what is learnt of today.
-        """
-        kept = self._of_the_past if past else self._learnt
-        sequence = found.states["sequence"]
-        marks = np.flatnonzero(sequence % self._refresh == 0)
-        last = int(marks[-1]) if len(marks) else -1
-        changes = self._changes(twin_id)
-        since = [at for each in changes.values() for at in each]
-        time = found.states["slow_time"]
-        followed = np.searchsorted(time, since, side="right")[:, None] - 1 + np.array(_AFTER)
-        last = int(np.max(followed[followed < len(time)], initial=last))
-        known = _past(twin, found, last + 1)
-        enough = len(next(iter(known.values())).slow_time) >= FEWEST if known else False
-        if not enough:
-            last = len(sequence) - 1
-            known = _past(twin, found, last + 1)
-        key = found.number[last] << SHIFT | int(sequence[last])
-        with self._learning.setdefault(twin_id, threading.Lock()):
-            learnt = kept.get(twin_id)
-            if learnt is None or learnt[:2] != (twin.registration, key):
-                process = twin.registration.forecast.process
-                learnt = _Learnt(
-                    twin.registration, key, self._workers.run(learn, known, process, changes)
-                )
-                kept[twin_id] = learnt
-        return learnt.outlooks
-
-    def _changes(self, twin_id: str) -> dict[str, list[float]]:
-        """Slow times after which each quantity was told to have gone elsewhere."""
-        found: dict[str, list[float]] = {}
-        for row in self._store.events(twin_id, limit=_LOOK_BACK, newest=True):
-            body = json.loads(row.body)
-            if body["kind"] == CHANGED:
-                details = body["details"]
-                found.setdefault(details["quantity"], []).append(details["since"])
-        return found
 
     def events(
         self, twin_id: str | None, *, after: int, limit: int, newest: bool
@@ -307,7 +213,7 @@ class TwinKnowledge:
 
     def gauges(self) -> Mapping[str, Any]:
         """How things are now."""
-        return self._pipeline.gauges()
+        return {**self._pipeline.gauges(), "forecasts_due": self.prospects.due}
 
 
 class Herald:
@@ -325,12 +231,18 @@ class Herald:
         self._hub.reset(twin_id)
 
 
-def _past(twin: Twin, found: History, count: int) -> dict[str, Past]:
-    """Past of a twin as its first `count` states of `found` tell it."""
-    elements = twin.checkpoint.elements
-    if elements is None:
-        return past_of(found.states[:count], twin.checkpoint.known)
-    return past_of_elements(found.states[:count], found.bodies[:count], elements)
+def _outlook(foresight: Foresight, unit: str | None) -> Outlook:
+    return Outlook(
+        foresight.since,
+        foresight.slow_time,
+        foresight.bands,
+        foresight.until,
+        foresight.reasons,
+        foresight.crossings,
+        {name: one.period for name, one in foresight.outlooks.items()},
+        {name: [at for at, _ in one.jumps] for name, one in foresight.outlooks.items()},
+        unit,
+    )
 
 
 def _chapter(found: History) -> Chapter:

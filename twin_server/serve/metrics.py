@@ -35,6 +35,7 @@ _GAUGES = {
     "held": "Features held out of order now.",
     "inbox": "Messages that wait to be worked.",
     "live_clients": "Clients of the live stream.",
+    "forecasts_due": "Twins whose forecast waits to be learnt anew.",
 }
 _OF_ASSET = {
     "alive": "Whether the edge agent is there.",

@@ -6,12 +6,13 @@ from typing import Annotated
 from fastapi import Path
 from fastapi.concurrency import run_in_threadpool
 
+from slowtime_schemas.quantities import Plain
 from twin_server.registration import ID, Registration
 
 from .knowledge import Knowledge
 from .problems import ProblemError
 
-TwinId = Annotated[str, Path(pattern=ID)]
+TwinId = Annotated[str, Path(pattern=ID), Plain]
 
 
 def registered_in(knowledge: Knowledge) -> Callable[[str], Awaitable[Registration]]:
