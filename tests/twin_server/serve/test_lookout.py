@@ -171,3 +171,8 @@ def test_a_jump_that_was_announced_as_a_renewal_is_no_sudden_change(
     assert told(server) == []
     found = server.get(f"{TWIN}/events", limit=1000).json()["events"]
     assert [one["slow_time"] for one in found if one["kind"] == "renewed"] == [AT]
+    # What is foretold follows from the renewed structure alone.
+    ahead = server.get(f"{TWIN}/forecast").json()
+    assert ahead["jumps"] == {"stiffness_change": []}
+    assert ahead["points"][-1]["slow_time"] - ahead["since"] == pytest.approx(19 / 4)
+    assert ahead["points"][0]["stiffness_change"]["hi"] < -0.08
