@@ -32,6 +32,7 @@ from twin_server.estimate import (
     prospect_of,
 )
 from twin_server.estimate.foresight import FEWEST
+from twin_server.estimate.renewals import RENEWED
 from twin_server.persist import History, Store
 from twin_server.registration import Registration
 from twin_server.states import States
@@ -240,7 +241,7 @@ class Prospects:
         )
         if twin is None or not len(found.states):
             return None
-        changes = self._changes(twin_id)
+        found, changes = self._since_renewal(twin_id, found)
         last = _mark(_Rows.of(found), changes, self._refresh)
         lesson = _lesson(twin, found, last, changes)
         known = self._of_the_past.get(twin_id)
@@ -287,6 +288,9 @@ class Prospects:
         for news in waiting:
             for name, since in _changes_in(body for _, body in news.events):
                 kept.changes.setdefault(name, []).append(since)
+            if _renewals_in(body for _, body in news.events):
+                # Of another structure from here on: only what follows is read again.
+                kept.sound = False
             if not len(news.states) or not kept.sound or kept.rows is None:
                 continue
             numbers = [number for number, _, _ in news.runs]
@@ -330,10 +334,10 @@ class Prospects:
                     return
                 kept.waiting.clear()
                 kept.count = 0
-            changes = self._changes(twin_id)
             found = self._store.history(twin_id, limit=LOOK_BACK, newest=True)
             if not len(found.states):
                 return
+            found, changes = self._since_renewal(twin_id, found)
             last = _mark(_Rows.of(found), changes, self._refresh)
             lesson = _lesson(twin, found, last, changes)
             outlooks = kept.outlooks
@@ -357,13 +361,20 @@ class Prospects:
         learnt: Outlooks = self._run(learn, known, process, dict(lesson.suspected))
         return learnt
 
-    def _changes(self, twin_id: str) -> dict[str, list[float]]:
-        """Slow times after which each quantity was told to have gone elsewhere."""
-        found: dict[str, list[float]] = {}
-        rows = self._store.events(twin_id, limit=LOOK_BACK, newest=True)
-        for name, since in _changes_in(row.body for row in rows):
-            found.setdefault(name, []).append(since)
-        return found
+    def _since_renewal(
+        self, twin_id: str, found: History
+    ) -> tuple[History, dict[str, list[float]]]:
+        """Keep what came since the structure was last renewed, and its sudden changes.
+
+        These are slow times after which each quantity was told to have gone elsewhere.
+        """
+        bodies = [row.body for row in self._store.events(twin_id, limit=LOOK_BACK, newest=True)]
+        found = _cut(found, _renewals_in(bodies))
+        changes: dict[str, list[float]] = {}
+        for name, since in _changes_in(bodies):
+            if since >= found.states["slow_time"].min():
+                changes.setdefault(name, []).append(since)
+        return found, changes
 
     def _catch_up(self, twin_id: str) -> None:
         kept, twin = self._kept.get(twin_id), self._pipeline.twin(twin_id)
@@ -453,6 +464,28 @@ def _changes_in(bodies: Iterable[str]) -> list[tuple[str, float]]:
             if body["kind"] == CHANGED:
                 found.append((body["details"]["quantity"], body["details"]["since"]))
     return found
+
+
+def _renewals_in(bodies: Iterable[str]) -> list[float]:
+    """Slow times of the first readings of renewed structures among some events."""
+    found = []
+    for text in bodies:
+        if RENEWED in text:
+            body = json.loads(text)
+            if body["kind"] == RENEWED:
+                found.append(body["slow_time"])
+    return found
+
+
+def _cut(found: History, renewals: list[float]) -> History:
+    """Keep a history from the last reading that is the first of a renewed structure."""
+    firsts = np.flatnonzero(np.isin(found.states["slow_time"], renewals))
+    if not firsts.size:
+        return found
+    kept = slice(int(firsts[-1]), None)
+    return found._replace(
+        states=found.states[kept], number=found.number[kept], bodies=found.bodies[kept]
+    )
 
 
 def _prospect(twin: Twin, found: History, last: int, outlooks: Outlooks) -> Prospect | None:

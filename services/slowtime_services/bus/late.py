@@ -73,6 +73,11 @@ class LateBus:
         """How many times a callback or a handler raised."""
         return 0 if self._bus is None else self._bus.callback_errors
 
+    @property
+    def watch_delay_s(self) -> float:
+        """How long `watch` may take; before there is a bus, it tells of nobody."""
+        return math.inf if self._bus is None else self._bus.watch_delay_s
+
     def publish(
         self, key: str, payload: bytes, *, encoding: str, replayed: bool = False
     ) -> None:

@@ -1,5 +1,6 @@
 """A bus that is opened in the background: silent until then, and like any other afterwards."""
 
+import math
 import threading
 
 import pytest
@@ -36,11 +37,13 @@ def test_what_was_declared_before_there_was_a_bus_holds_once_there_is_one(caplog
         late.publish("a/b", b"nobody hears it", encoding="x")
         assert late.ask("q") == []
         assert not connected(late)
+        assert late.watch_delay_s == math.inf, "who is there is not known without a bus"
         closed.close()
         assert router.asked.acquire(timeout=60)
         router.there.set()
         assert late.wait(60)
         assert connected(late)
+        assert late.watch_delay_s == router.bus.watch_delay_s
         assert [one.payload for one in router.bus.ask("q")] == [b"answer"]
         router.bus.publish("a/b", b"heard", encoding="x")
         late.publish("a/c", b"sent", encoding="x")

@@ -2,7 +2,7 @@
 import { colour, placeOf, spanOf } from "./traces.js";
 import { atTime, isClock, unitOf } from "./words.js";
 
-const TICKS = 6, DAY_MS = 86400e3, MOST_NOTES = 4;
+const PX_A_TICK = 80, DAY_MS = 86400e3, MOST_NOTES = 4;
 
 /** Sensor time [ms since 1970] of a slow time, between readings and beyond them; null where sensor time does not rise with it. */
 function calendarOf(points) {
@@ -26,29 +26,29 @@ function calendarOf(points) {
   };
 }
 
-/** A step of 1, 2, 2.5 or 5 times a power of ten, such that about `TICKS` fit. */
-function stepOf(span) {
-  const rough = span / TICKS, power = 10 ** Math.floor(Math.log10(rough));
-  return power * [1, 2, 2.5, 5, 10].find((times) => times * power >= rough);
+/** A step of 1, 2, 2.5 or 5 times a power of ten, such that about `ticks` fit. */
+function stepOf(span, ticks) {
+  const rough = span / ticks, power = 10 ** Math.floor(Math.log10(rough));
+  return power * [1, 2, 2.5, 5, 10].find((times) => times * power >= 0.8 * rough);
 }
 
 function dateOf(ms, span, isFirst) {
   const date = new Date(ms), year = isFirst || span > 2 * 365 * DAY_MS ? { year: "numeric" } : {};
-  if (span > 2 * DAY_MS) return date.toLocaleDateString(undefined, { ...(span > 2 * 365 * DAY_MS ? {} : { day: "numeric" }), month: "short", ...year });
+  if (span > 4 * DAY_MS) return date.toLocaleDateString(undefined, { ...(span > 2 * 365 * DAY_MS ? {} : { day: "numeric" }), month: "short", ...year });
   const time = date.toLocaleTimeString(undefined, { hour: "2-digit", minute: "2-digit", ...(span < 600e3 ? { second: "2-digit" } : {}) });
   return isFirst ? `${time}, ${date.toLocaleDateString()}` : time;
 }
 
 /** What Plotly is told of the axis; `shown` is the range that somebody zoomed to. */
-export function timeAxis(twin, shown) {
+export function timeAxis(twin, shown, width) {
   const last = twin.points.at(-1), range = spanOf(twin);
   if (!last || isClock(last)) return { nticks: 7, range, title: { text: "date and time", standoff: 6 } };
   const title = { text: `time [${unitOf(last)}]`, standoff: 6 }, at = calendarOf(twin.points), [from, to] = shown ?? range;
   if (!at || !(to > from)) return { nticks: 7, range, title };
-  const step = stepOf(to - from), values = [], span = at(to) - at(from);
+  const step = stepOf(to - from, Math.max(2, Math.min(6, width / PX_A_TICK))), values = [], span = at(to) - at(from);
   for (let i = Math.ceil(from / step); i * step <= to; i += 1) values.push(+(i * step).toPrecision(12));
   const texts = values.map((value, i) => `${value}<br>${dateOf(at(value), span, i === 0)}`);
-  return { range, title, tickmode: "array", tickvals: values, ticktext: texts };
+  return { range, title, tickmode: "array", tickangle: 0, tickvals: values, ticktext: texts };
 }
 
 export const MARKS = {

@@ -73,7 +73,7 @@ export class Elements {
     const calm = names.length ? "No element is seen to have changed" : "";
     const text = said.length ? `${said.join("; ")}.` : calm && `${calm}.`;
     if (this.verdict.textContent !== text) this.verdict.textContent = text;
-    this.verdict.dataset.state = said.length ? "bad" : "good";
+    this.verdict.dataset.state = said.length ? "waiting" : "good";
     this.list(elements, suspects, latest.posterior_to_prior ?? {});
     this.caption(elements, suspects);
   }
@@ -277,7 +277,7 @@ function drawnPast(twin, known, elements, accused, base, zoomed) {
   const layout = {
     ...base, margin: MARGIN, annotations: [...marks.notes, ...notes],
     shapes: [...marks.shapes, ...limitsOf(twin.latest ?? {}), ...instantOf(twin)],
-    xaxis: { ...axisOf(), zeroline: false, ...timeAxis(twin, zoomed) },
+    xaxis: { ...axisOf(), zeroline: false, ...timeAxis(twin, zoomed, base.width) },
     yaxis: { ...axisOf(), nticks: 6, range: reachOf([...known, ...twin.later], shown, accused, twin.forecast), title: { text: "change [%]", standoff: 4 } },
   };
   return [traces, layout, shown];

@@ -2,7 +2,7 @@
 import { isNear, stepOf } from "./buckets.js";
 import { atTime, make, number, slowTime, titleOf } from "./words.js";
 
-const NARROW = "\u202f";
+const NARROW = "\u202f", JUMPS_SAID = 2;
 const percent = (x, places = 0) => `${number(100 * x, places)}${NARROW}%`;
 const few = (x) => `${+(100 * x).toPrecision(3)}`.replace("-", "\u2212");
 
@@ -25,6 +25,12 @@ function row(crossing, since, at) {
   row.append(title, ...cells, make("td", `${percent(crossing.within)} by ${at(crossing.horizon)}`));
   row.setAttribute("aria-label", crossing.sentence);
   return row;
+}
+
+/** The latest of sudden changes, and how many there were before. */
+function saidOf(times, at) {
+  const more = times.length > JUMPS_SAID ? ` (and ${times.length - JUMPS_SAID} before)` : "";
+  return `sudden change after ${times.slice(-JUMPS_SAID).map(at).join(" and ")}${more}`;
 }
 
 export class Outlook {
@@ -61,7 +67,7 @@ export class Outlook {
       .map(([name, length]) => `${titleOf(name)} repeats every ${+length.toPrecision(4)}`);
     const own = (times) => times.filter((time) => !isNear(time, renewed, stepOf(points)));
     const jumps = Object.entries(forecast.jumps).map(([name, times]) => [name, own(times)]).filter(([, times]) => times.length)
-      .map(([name, times]) => `${titleOf(name)}: sudden change after ${times.map(at).join(" and ")}`);
+      .map(([name, times]) => `${titleOf(name)}: ${saidOf(times, at)}`);
     const until = `Beyond ${at(forecast.until)} the forecast only extrapolates its trend.`;
     this.note.textContent = [`Forecast from ${at(forecast.since)}`, ...period, ...jumps, until].join(" \u00b7 ");
     this.root.dataset.since = forecast.since;

@@ -10,6 +10,8 @@ const told = ({ boot, sequence, alive, valid, normal, raised, registration }) =>
   JSON.stringify([boot, sequence, alive, valid, normal, raised, registration])
 );
 
+const RENEWED_SINCE = "The structure was renewed after the last forecast. The next one is on its way.";
+
 const of = ({ quantity, side, limit }) => `${quantity} ${side} ${limit}`;
 
 /** The alarms that these events have raised and not cleared. */
@@ -50,7 +52,10 @@ export class Twin {
     const { id, base, latest, events, forecast, at, bands, unforeseen, touch } = this, points = this.shown;
     const marks = marksOf(events, points), renewed = new Set(marks.filter(({ kind }) => kind === "renewed").map(({ slow_time }) => slow_time));
     const common = { id, base, at, bands, marks, renewed, whole: !this.thinned, unforeseen, touch };
-    if (!at) return { ...common, latest, points, later: [], events, forecast };
+    // What was foretold of the structure as it was says nothing of the renewed one.
+    const old = forecast && [...renewed].some((time) => time > forecast.since);
+    const now = old ? { forecast: null, unforeseen: unforeseen ?? RENEWED_SINCE } : { forecast };
+    if (!at) return { ...common, latest, points, later: [], events, ...now };
     const seen = points.findLastIndex((point) => point.slow_time <= at.slow_time) + 1;
     const then = events.filter((event) => isOf(event, at));
     return {

@@ -59,7 +59,8 @@ export const unitOf = (point) => UNITS[point.slow_time_unit] || point.slow_time_
 
 export function slowTime(point) {
   if (isClock(point)) return new Date(1000 * point.slow_time).toLocaleString();
-  return `${+point.slow_time.toPrecision(6)} ${unitOf(point)}`;
+  const digits = Math.abs(point.slow_time) < 1e5 ? +point.slow_time.toPrecision(6) : Math.round(point.slow_time);
+  return `${digits} ${unitOf(point)}`;
 }
 
 /** How long ago, in the largest unit that fits. */
