@@ -45,7 +45,8 @@ def accounted(trials, *effects):
 @pytest.mark.parametrize("first", [True, False], ids=["first", "last"])
 def test_it_goes_to_where_it_leaves_least(name, first):
     true = TRUE[name]
-    trials = seen((true, DRAG), samples=600)
+    # Beside less noise, which minimum the wrong law is fitted into hangs on the last digit.
+    trials = seen((true, DRAG), samples=600, noise=0.05)
     wrong = dataclasses.replace(true, place=OTHER[name])
     found = accounted(trials, *((wrong, DRAG) if first else (DRAG, wrong)))
     before = found.fits[-1].chi2_in_band
