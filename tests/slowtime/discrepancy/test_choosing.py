@@ -73,7 +73,12 @@ class Told:
 
 
 @pytest.mark.parametrize(
-    ("stands_out", "told", "down"), [(True, [], False), (False, [], True), (False, [1], False)],
+    ("stands_out", "told", "down"),
+    [
+        (True, [], False),
+        (False, [], True),
+        pytest.param(False, [1], False, marks=pytest.mark.long),
+    ],
     ids=["stands out", "nothing tells", "pieces tell"],
 )  # fmt: skip
 def test_where_one_stands_out_no_law_is_tried_on_how_records_begin(
@@ -93,7 +98,10 @@ def test_where_one_stands_out_no_law_is_tried_on_how_records_begin(
     assert bool(asked) is down
 
 
-@pytest.mark.parametrize(("left", "whole"), [(20.0, []), (50.0, [label_of(DRAG)])])
+@pytest.mark.parametrize(
+    ("left", "whole"),
+    [(20.0, []), pytest.param(50.0, [label_of(DRAG)], marks=pytest.mark.long)],
+)
 def test_what_pieces_tell_comes_first_and_is_fitted_to_all_where_it_is_lost(
     monkeypatch, left, whole
 ):
