@@ -1,5 +1,7 @@
 # One word per job; CI runs the same words. Each word does its own set-up in .venv.
 PORT ?= 8000
+# Each worker of the tests imports and collects all of them for itself.
+WORKERS ?= 2
 DURATION ?= 0
 PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$p; break; }; done)
@@ -19,11 +21,11 @@ help:  ## this list
 demo: .venv/run  ## router, edges, twin and page on http://127.0.0.1:$(PORT); DURATION=0 until Ctrl-C
 	@$(BIN)/slowtime demo --port $(PORT) --duration $(DURATION)
 
-test: .venv/dev  ## the default suite, five minutes or so on two cores
-	$(BIN)/python -m pytest -q -n 3 --dist loadfile --no-loadscope-reorder -m "not slow and not long"
+test: .venv/dev  ## the default suite, some minutes on two cores; WORKERS=2
+	$(BIN)/python -m pytest -q -n $(WORKERS) --dist loadfile --no-loadscope-reorder -m "not slow and not long"
 
 test-long: .venv/dev  ## what takes longer: whole flows, pages and searches
-	$(BIN)/python -m pytest -q -n 3 --dist loadfile --no-loadscope-reorder -m "long and not slow"
+	$(BIN)/python -m pytest -q -n $(WORKERS) --dist loadfile --no-loadscope-reorder -m "long and not slow"
 
 test-slow: .venv/dev  ## what takes hours: statistics over hundreds of runs
 	$(BIN)/python -m pytest -q -m slow --hypothesis-profile=default

@@ -143,7 +143,7 @@ def test_the_force_is_recovered_with_an_honest_error(found):
         assert np.std(error) < 0.25 * np.std(missing)
 
 
-@pytest.mark.parametrize("seed", [3, 6])
+@pytest.mark.parametrize("seed", [3, pytest.param(6, marks=pytest.mark.long)])
 def test_accelerometers_tell_a_motion_and_not_their_noise_at_low_frequency(
     campaign, wrong, seed
 ):
