@@ -10,6 +10,7 @@ import json
 import re
 import subprocess
 import sys
+from typing import Any
 
 import click
 import pytest
@@ -115,7 +116,7 @@ def test_every_help_is_told_and_every_missing_file_refused_by_name():
 
 @pytest.mark.parametrize(("path", "command"), WORKS, ids=[" ".join(path) for path, _ in WORKS])
 def test_the_work_of_a_verb_takes_the_arguments_that_it_declares(path, command):
-    given = {parameter.name: None for parameter in command.params}
+    given: dict[Any, Any] = {parameter.name: None for parameter in command.params}
     inspect.signature(command.callback).bind(**given)
     work = command.load()
     if hasattr(work, "__wrapped__"):  # which hands on a record in place of how to read it
