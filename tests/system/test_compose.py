@@ -91,7 +91,8 @@ def test_every_file_and_profile_is_one_that_compose_understands():
 def test_no_process_has_a_capability_or_writes_into_its_image(house, port, service):
     told = _compose(
         "exec", "-T", service, "sh", "-c",
-        "grep -E 'CapEff|NoNewPrivs' /proc/self/status; touch /opt/x 2>/dev/null || echo refused",
+        "grep -E 'CapEff|NoNewPrivs' /proc/self/status; "
+        "touch /opt/x 2>/dev/null || echo refused",
         port=port,
     )  # fmt: skip
     assert told.split() == ["CapEff:", "0" * 16, "NoNewPrivs:", "1", "refused"]
