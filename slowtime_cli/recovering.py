@@ -7,29 +7,11 @@ import click
 from slowtime_services.record import Recovered
 from slowtime_services.record import recover as recover_file
 
-from .options import OutFile
 from .terminal import note, plural
 
 
-@click.command(
-    epilog="""\b
-Examples:
-  slowtime recover killed.mcap --out sound.mcap
-"""
-)
-@click.argument("damaged", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@click.option(
-    "--out",
-    required=True,
-    type=OutFile(".mcap"),
-    help="Sound file to write; it must not exist yet.",
-)
 def recover(damaged: Path, out: Path) -> int:
-    """Make a recording sound again that was cut short, damaged or not closed.
-
-    Everything that is whole in it is kept, indexed, and can be opened by any MCAP reader. Where
-    nothing is, OUT is not written and the exit status is 1.
-    """
+    """Make a recording sound again; the exit status is 1 where nothing was whole in it."""
     kept = recover_file(damaged, out)
     if kept.messages == 0:
         out.unlink(missing_ok=True)

@@ -8,6 +8,7 @@ was first. The others keep a history of their own, and publish and acknowledge n
 import contextlib
 import datetime
 import logging
+import math
 import platform
 import secrets
 import threading
@@ -36,7 +37,7 @@ class Precedence:
         self._name = ""
         self._others: set[str] = set()
         self._handles: list[Handle] = []
-        self._decided_s = 0.0
+        self._looks_s: float | None = None
         self._told: str | None = None
         self._lock = threading.Lock()
 
@@ -44,12 +45,11 @@ class Precedence:
         """Look who is there, and be there."""
         if self._bus is None:
             return
-        self._decided_s = time.monotonic() + self._bus.watch_delay_s
         self._handles = [self._bus.watch(server_key("*"), self._see)]
 
     def step(self) -> None:
         """Announce this server once those that were there are known."""
-        if self._bus is None or self._name or time.monotonic() < self._decided_s:
+        if self._bus is None or self._name or not self._has_looked(self._bus):
             return
         with self._lock:
             latest = max(map(_began, self._others), default=0)
@@ -57,6 +57,15 @@ class Precedence:
             self._name = f"{began_ns:020d}-{secrets.token_hex(3)}-{_host()}"
         self._handles.append(self._bus.announce(server_key(self._name)))
         self._tell()
+
+    def _has_looked(self, bus: Bus) -> bool:
+        """Whether a bus that may open late has been watched for long enough."""
+        now_s, delay_s = time.monotonic(), bus.watch_delay_s
+        if not math.isfinite(delay_s):
+            return False
+        if self._looks_s is None:
+            self._looks_s = now_s
+        return now_s >= self._looks_s + delay_s
 
     def stop(self) -> None:
         """Be there no longer."""
