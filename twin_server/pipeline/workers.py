@@ -135,12 +135,17 @@ class Processes:
             self.run(os.getpid)
 
     def _begin(self) -> "_Worker":
-        with self._lock:
-            if self._closed:
-                raise _ended("The server is ending.")
+        if not self._closed:
+            # Without the lock: what the first one waits for is loaded for seconds.
             worker = _Worker(self._context)
-            self._all.add(worker)
-        return worker
+            with self._lock:
+                closed = self._closed
+                if not closed:
+                    self._all.add(worker)
+            if not closed:
+                return worker
+            worker.kill()
+        raise _ended("The server is ending.")
 
     def _end(self, worker: "_Worker") -> None:
         with self._lock:
