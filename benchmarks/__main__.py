@@ -4,7 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from . import flow, identification, modal_truth, plant, startup, transport
+from . import flow, foresight, identification, modal_truth, plant, startup, transport
 
 TRUTH_RUNS = 8
 """Of each structure of known modes: a minute or two; 300 take the better part of an hour."""
@@ -28,6 +28,8 @@ def main() -> int:
     print("\n# Filters and streaming processes, beside filterpy and scikit-learn\n")
     sys.stdout.flush()
     status |= subprocess.run([python, "-m", "benchmarks.learning"], check=False).returncode
+    print("\n# Forecasts\n")
+    status |= foresight.main([])
     print("\n# Models with effects\n")
     status = plant.main() or status
     print("\n# Transport and recordings\n")

@@ -141,7 +141,7 @@ def requests(lengths: tuple[int, ...]) -> bool:
 
 def fill(settings: TwinSettings, lengths: tuple[int, ...]) -> None:
     """Give each twin its history."""
-    store = open_store(settings.database, synchronous="off")
+    store = open_store(settings.database, synchronous="NORMAL")
     pipeline = Pipeline(settings, store)
     for length in lengths:
         nominal = {"frequency_hz": 3.0, "damping_ratio": 0.02}
@@ -247,8 +247,8 @@ def bands(runs: int) -> bool:
         held, own, stay = np.mean(rows, axis=0)
         print(f"  {kind:12s} {held:6.3f} {own:9.4f} {stay:9.4f}")
     pooled = float(np.mean([row[0] for rows in found.values() for row in rows]))
-    print(f"  pooled       {pooled:6.3f}                      (held to 0.90 to 0.99)")
-    return 0.90 <= pooled <= 0.99
+    print(f"  pooled       {pooled:6.3f}                      (held to 0.90 or more)")
+    return pooled >= 0.90
 
 
 def main(arguments: list[str] | None = None) -> int:

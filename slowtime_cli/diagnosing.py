@@ -12,7 +12,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from slowtime.discrepancy.diagnosis import Diagnosis
 from slowtime_schemas.diagnosis_file import DiagnosisFile, Where
 from slowtime_services.diagnose import diagnose_records, read_any, roles_of, write_results
-from slowtime_services.diagnose.words import number
+from slowtime_services.diagnose.words import labelled, number
 from slowtime_services.effects import known
 from slowtime_services.models import read_description
 
@@ -98,8 +98,11 @@ def _tell(found: Diagnosis, document: DiagnosisFile, out: Path) -> None:
     click.echo(f"{document.verdict.replace('_', ' ')}: {document.sentence}")
     rows, plain = [], []
     for effect in document.effects:
-        numbers = {name: number(n) for name, n in effect.parameters.items() if n.sd > 0}
-        told = ", ".join(f"{name} {text}" for name, text in numbers.items())
+        told = ", ".join(
+            f"{labelled(name, n.unit)} {number(n)}"
+            for name, n in effect.parameters.items()
+            if n.sd > 0
+        )
         rows.append((effect.effect, _at(effect.where), told, f"{effect.probability:.3f}"))
         plain.append(
             {

@@ -18,6 +18,7 @@ from slowtime.signals.block import Block
 from slowtime_schemas.codec import Refused, decode_sample, encode
 from slowtime_schemas.messages import (
     ACK_VERSION,
+    FOREIGN_ACKS,
     About,
     Acknowledgement,
     Features,
@@ -37,6 +38,7 @@ from slowtime_schemas.streams import (
 )
 from slowtime_services.bus import Bus, Handle, Query, Sample
 from slowtime_services.clock import Clock
+from slowtime_services.digests import digest_of, written
 from slowtime_services.tracing import Made, Traces
 
 from .agreement import Agreement
@@ -201,10 +203,13 @@ class Publisher:
     def _is_ours(self, word: Acknowledgement) -> bool:
         """Whether an acknowledgement may speak of what this agent has made."""
         if word.boot != self.origin.boot:
+            differs = self._differs_from_spool(word)
+        else:
+            verdict = self._agreement.compare(word.first, word.sequence, word.digest)
+            differs = verdict == "differs"
+        if not differs:
             return True
-        if self._agreement.compare(word.first, word.sequence, word.digest) != "differs":
-            return True
-        self.count("foreign_acks")
+        self.count(FOREIGN_ACKS)
         if self._spool.withhold(word.boot, word.sequence):
             logger.error(
                 "The twin has acknowledged other features of %s.%s, boot %s, up to %d than "
@@ -219,10 +224,26 @@ class Publisher:
             )
         return False
 
+    def _differs_from_spool(self, word: Acknowledgement) -> bool:
+        """Hold the digest of an earlier boot against what the spool has of it."""
+        if word.first is None or word.sequence - word.first >= MOST_AT_ONCE:
+            return False
+        held = {entry.boot: entry for entry in self._spool.held()}.get(word.boot)
+        if held is None or not held.first <= word.first <= word.sequence <= held.last:
+            return False
+        payloads = list(self._spool.read(word.boot, word.first, word.sequence))
+        if len(payloads) <= word.sequence - word.first:
+            return False  # some are damaged
+        total = sum(digest_of(n, p) for n, p in enumerate(payloads, word.first))
+        return written(total) != word.digest
+
     def _answer_account(self, query: Query) -> Iterator[tuple[str, bytes]]:
         for held in self._spool.held():
-            damaged = self._spool.damaged_ranges(held.boot)[:MOST_RANGES]
-            entry = held._asdict() | ({"damaged": damaged} if damaged else {})
+            entry: dict[str, Any] = held._asdict() | {ACK_VERSION: Acknowledgement.VERSION}
+            if damaged := self._spool.damaged_ranges(held.boot)[:MOST_RANGES]:
+                entry["damaged"] = damaged
+            if self._spool.withholds(held.boot):
+                entry["withheld"] = True
             yield self._request("account"), json.dumps(entry).encode()
 
     def _answer_features(self, query: Query) -> Iterator[tuple[str, bytes]]:

@@ -227,6 +227,10 @@ class Spool:
                 self._write(DROPPED, self._gone)
             return sum(segment.count for segment in done)
 
+    def withholds(self, boot: str) -> bool:
+        """Whether nothing of `boot` is forgotten, whatever is acknowledged."""
+        return boot in self._withheld
+
     def withhold(self, boot: str, sequence: int) -> bool:
         """Keep what there is of `boot`, whatever is acknowledged; False where it is so already.
 

@@ -182,6 +182,8 @@ def _request_channel(what: str) -> Node:
                     "boot": {"type": "string"},
                     "first": whole,
                     "last": whole,
+                    "ack_version": whole,
+                    "withheld": {"type": "boolean"},
                     "damaged": {
                         "type": "array",
                         "items": {

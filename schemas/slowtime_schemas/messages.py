@@ -189,6 +189,9 @@ class Features(Message):
 ACK_VERSION = "ack_version"
 """Counter of `Health`: newest version of `Acknowledgement` the agent reads; 1 if absent."""
 
+FOREIGN_ACKS = "foreign_acks"
+"""Counter of `Health`: acknowledgements of readings that another agent must have made."""
+
 
 class Health(Message):
     """How an edge agent is doing; also the tail of its account (`last_sequence`)."""

@@ -174,8 +174,9 @@ def request_key(site: str, asset: str, what: str) -> str:
 
 
 REQUESTS = {
-    "account": "what the spool holds: one JSON object per boot, {boot, first, last}, and where "
-    "records are damaged {damaged: [[first, last], …]}",
+    "account": "what the spool holds: one JSON object per boot, {boot, first, last, "
+    "ack_version}, and where records are damaged {damaged: [[first, last], …]}, and where "
+    "another agent's were acknowledged {withheld: true}",
     "features": "features messages again; parameters boot, first, last",
     "raw": "the last samples from the ring buffer; parameter seconds",
     "about": "the about message",

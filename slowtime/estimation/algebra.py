@@ -298,6 +298,7 @@ class Product(Process):
 
     def transitions(self, step: np.ndarray) -> np.ndarray:
         """See `Process`."""
+        parts: list[tuple[np.ndarray, Slopes]]
         parts = [(one.transitions(step), []) for one in (self.first, self.second)]
         return _kron(*_aligned(parts))[0]
 

@@ -163,4 +163,4 @@ def begin(outlook: Outlook, slow_time: Series, value: Series, sd: Series) -> Con
 
 
 def _floored(outlook: Outlook, sds: np.ndarray) -> np.ndarray:
-    return np.maximum(sds, 1e-6 * np.min(outlook.family.sd))
+    return np.asarray(np.maximum(sds, 1e-6 * np.min(outlook.family.sd)))

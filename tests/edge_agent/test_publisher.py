@@ -118,8 +118,8 @@ def test_the_account_lists_earlier_boots_too_and_an_acknowledgement_clears_them(
     publisher.features(features(0))
     account = [json.loads(line) for line in ask(bus, "account")]
     assert account == [
-        {"boot": "b0", "first": 0, "last": 4},
-        {"boot": "b1", "first": 0, "last": 0},
+        {"boot": "b0", "first": 0, "last": 4, "ack_version": 2},
+        {"boot": "b1", "first": 0, "last": 0, "ack_version": 2},
     ]
     word = Acknowledgement(site="lab", asset="beam", boot="b0", sequence=4, t_ns=0)
     bus.publish(ACK.key("lab", "beam"), encode(word), encoding=ACK.encoding)

@@ -52,12 +52,11 @@ def test_a_recording_of_features_evolves_by_asset(run, refused, recorded):
 
 
 def test_what_cannot_be_replayed_is_refused_before_a_router_is_waited_for(
-    refused, run, recorded, record, tmp_path
+    refused, run, recorded, record, unawaited, tmp_path
 ):
     path = recorded()
     (tmp_path / "cut.mcap").write_bytes(path.read_bytes()[:-50])
     run("simulate", "--structure", "tank", "--epochs", 1, "--out", "raw.mcap")
-    began = time.monotonic()
     for arguments, says in [
         (("missing.mcap",), "File 'missing.mcap' does not exist"),
         ((record, *NOBODY), "is no recording: it begins with"),
@@ -73,13 +72,13 @@ def test_what_cannot_be_replayed_is_refused_before_a_router_is_waited_for(
         ((path, "--connect", "nonsense"), "'nonsense' is no endpoint. Give PROTOCOL/ADDRESS"),
     ]:
         assert says in refused("replay", *arguments)
-    assert time.monotonic() - began < 5
     assert not (tmp_path / "a.sqlite").exists()
 
 
-def test_what_cannot_be_recorded_is_refused_before_a_router_is_waited_for(refused, recorded):
+def test_what_cannot_be_recorded_is_refused_before_a_router_is_waited_for(
+    refused, recorded, unawaited
+):
     path = recorded()
-    began = time.monotonic()
     for arguments, says in [
         ((), "Missing option '--out'"),
         (("--out", path, *NOBODY), "--number to have one put after it."),
@@ -93,7 +92,6 @@ def test_what_cannot_be_recorded_is_refused_before_a_router_is_waited_for(refuse
         (("--out", "a.mcap", "--connect", "nonsense"), "'nonsense' is no endpoint"),
     ]:
         assert says in refused("record", *arguments)
-    assert time.monotonic() - began < 5
 
 
 @pytest.mark.long

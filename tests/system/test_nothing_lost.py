@@ -220,6 +220,33 @@ def test_two_agents_of_one_asset_are_named_and_neither_loses_what_it_has(house, 
         assert {(boot, n) for n in range(made)} <= arrived | kept
 
 
+@pytest.mark.parametrize("as_an_earlier_boot", [False, True])
+def test_a_server_that_starts_again_compares_what_an_agent_holds_with_its_history(
+    house, tmp_path, as_an_earlier_boot
+):
+    twin = house.twin()
+    one = house.agent("b1", "one")
+    for n in range(20):
+        one.features(features(n))
+    assert eventually(lambda: len(history(twin)) == 20)
+    one.close()
+    twin.stop()
+    twin.store.close()
+    yours = [features(n, frequency_hz=5.0) for n in range(12)]
+    if as_an_earlier_boot:
+        spooled(tmp_path / "other", "b1", yours)
+        other = house.agent("b2", "other")
+    else:
+        other = house.agent("b1", "other")
+        for message in yours:
+            other.features(message)
+    twin = house.twin()
+    assert eventually(lambda: (other.health(), events(twin, "two_agents"))[-1])
+    assert events(twin, "two_agents")[0]["details"]["boots"] == ["b1", "b1"]
+    house.close()
+    assert in_spool(tmp_path / "other", "b1") == set(range(12))
+
+
 @pytest.mark.parametrize("restarted", [False, True], ids=["at once", "one after the other"])
 def test_two_agents_under_one_boot_are_named_and_neither_loses_what_it_has(
     house, tmp_path, restarted

@@ -11,7 +11,7 @@ call is written into a `Change`, for the pipeline to make durable.
 import datetime
 from collections.abc import Iterable, Sequence
 
-from slowtime_schemas.messages import ACK_VERSION, Features, Health
+from slowtime_schemas.messages import ACK_VERSION, FOREIGN_ACKS, Features, Health
 from twin_server.settings import HealingSettings
 
 from .runs import (
@@ -31,6 +31,7 @@ from .runs import (
 
 BACKWARDS = "its sensor time runs back"
 DAMAGED = "the edge's spool is damaged there"
+OTHERS_TAKEN = "an agent holds other readings than those that were taken in"
 LEFT_BEHIND = "a later boot had begun before it could be asked for; the edge keeps it"
 SAME_AGENT_MS = 1_000
 """An agent says when it began to the microsecond; one that restarts takes longer than this."""
@@ -116,6 +117,7 @@ class Account:
             if not replayed:
                 line = self._line(health.site, health.asset)
                 line.ack_version = health.counters.get(ACK_VERSION, 1)
+                self._hear_of_foreign_acks(line, health)
             if run is None:
                 if health.last_sequence < 0:
                     continue
@@ -130,6 +132,7 @@ class Account:
                 if run.next <= run.told:
                     self._worry(run, now_s)
             if 0 <= health.first_held < run.next:
+                run.held_from = health.first_held
                 # The edge still holds what is durable here: our word did not reach it.
                 change.touched[run] = None
 
@@ -146,6 +149,15 @@ class Account:
         if not run.rivalled:
             run.rivalled = True
             change.rivals.append(Rivals(run, run.boot, run.next, how))
+
+    def _hear_of_foreign_acks(self, line: Line, health: Health) -> None:
+        """Ask an agent that was told of another's readings, which boot it means."""
+        foreign = health.counters.get(FOREIGN_ACKS, 0)
+        if foreign and foreign != line.foreign_acks:
+            line.inquire = True
+            line.ease()
+            self._uneasy[line.site, line.asset] = line
+        line.foreign_acks = foreign
 
     def _recognise(self, run: Run, health: Health, change: Change) -> None:
         """Tell the agents of a boot apart by when they began."""
@@ -415,6 +427,10 @@ class Account:
             known = self._runs.get((line.site, line.asset, holding.boot))
             if known is None or not known.number:
                 continue
+            known.ack_version = holding.ack_version
+            known.held_from, known.held_to = holding.first, holding.last
+            if holding.withheld and not known.contested:
+                self.contest(known, OTHERS_TAKEN, change)
             if holding.last > known.told:
                 known.told = holding.last
                 # Durable together with the boots let in after it: a server that starts again

@@ -6,6 +6,7 @@ import logging
 import threading
 from collections.abc import Callable, Sequence
 
+from slowtime_schemas.messages import ACK_VERSION
 from slowtime_schemas.streams import request_key
 from slowtime_services.bus import Bus, BusClosedError, Sample
 from twin_server.settings import HealingSettings
@@ -114,7 +115,12 @@ def _holding(answer: Sample) -> Holding | None:
         content = json.loads(answer.payload)
         damaged = tuple((int(a), int(b)) for a, b in content.get("damaged", ()))
         holding = Holding(
-            str(content["boot"]), int(content["first"]), int(content["last"]), damaged
+            str(content["boot"]),
+            int(content["first"]),
+            int(content["last"]),
+            damaged,
+            int(content.get(ACK_VERSION, 1)),
+            content.get("withheld") is True,
         )
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         logger.warning("An account on %s makes no sense: %r (%s)", answer.key, error, answer)

@@ -1,6 +1,7 @@
 """The nouns of the account: one boot's run, one asset's line of runs, what to ask for."""
 
 import dataclasses
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from slowtime_schemas.messages import Features
@@ -32,6 +33,9 @@ class Holding(NamedTuple):
     last: int
     damaged: tuple[tuple[int, int], ...] = ()
     """First and last of each range whose records are damaged there."""
+    ack_version: int = 1
+    withheld: bool = False
+    """Whether readings of another agent have been acknowledged to it."""
 
 
 class Want(NamedTuple):
@@ -71,6 +75,9 @@ class Run:
         From where on all has been accepted, none lost in between, and the sum of its digests.
     ack_version
         Of the acknowledgements that its agent reads.
+    held_from, held_to
+        What its agent said it holds, to be compared before it is acknowledged; -1 where that
+        is done, or where it did not say.
     agents
         When the agents began that speak of it [ms]; more than one are a mistake.
     rivalled
@@ -100,6 +107,8 @@ class Run:
     stretch: int = 0
     digest: int = 0
     ack_version: int = 1
+    held_from: int = -1
+    held_to: int = -1
     agents: list[int] = dataclasses.field(default_factory=list)
     rivalled: bool = False
     contested: bool = False
@@ -127,6 +136,14 @@ class Run:
     def take(self, sequence: int, payload: bytes) -> None:
         """Count what was accepted into the digest."""
         self.digest = (self.digest + digest_of(sequence, payload)) % MODULUS
+
+    def extend(self, rows: Sequence[tuple[int, bytes]]) -> None:
+        """Take into the digest what was accepted right before it; ascending."""
+        for sequence, payload in reversed(rows):
+            if sequence != self.stretch - 1:
+                return
+            self.take(sequence, payload)
+            self.stretch = sequence
 
     def interrupt(self, first: int) -> None:
         """Begin a new digest from `first` on, since what is before it was lost."""
@@ -178,6 +195,8 @@ class Line:
         Whether it is being asked something.
     ack_version
         Of the acknowledgements that the agent that spoke last reads.
+    foreign_acks
+        How many acknowledgements its agent took for another's, as far as it said.
     """
 
     site: str
@@ -190,6 +209,7 @@ class Line:
     inquire: bool = False
     busy: bool = False
     ack_version: int = 1
+    foreign_acks: int = 0
     due_s: float = 0.0
     tries: int = 0
     delays: int = 0

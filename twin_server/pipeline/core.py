@@ -27,6 +27,7 @@ from twin_server.collect import (
     Holding,
     Reception,
     Refusals,
+    Run,
     Want,
     told_apart,
 )
@@ -50,12 +51,15 @@ from .records import (
     run_row,
     twin_row,
 )
-from .voice import ACK_EVERY_S, Voice
+from .voice import ACK_EVERY_S, Proof, Voice
 
 logger = logging.getLogger(__name__)
 
 MOST_COMPARED = 100
 """Features of one batch that came again and are compared with what was kept."""
+
+MOST_INCLUDED = 10_000
+"""Features of before that are taken into a digest; an agent compares as many of a boot."""
 
 T = TypeVar("T")
 Answered = tuple[Want, Sequence[Holding] | None, bool]
@@ -101,6 +105,7 @@ class Pipeline:
             self.counts,
             settings.pipeline.states_per_batch,
             self._precedence,
+            self._proof,
         )
         self.failing: str = ""
         self._account = self._new_account()
@@ -429,6 +434,37 @@ class Pipeline:
         self._twins = twins
         self._count(change, cut)
         self._voice.tell(change.ordered, fresh, self._units, cut.events, numbers)
+
+    def _proof(self, run: Run) -> Proof:
+        """Give what to acknowledge of a run, with the digest of what its agent still holds.
+
+        After a start the digest of a run begins where its history ends, and says nothing of
+        what the agent is about to delete; and what an agent holds of an earlier boot may end
+        before the history does, if another agent has made that.
+        """
+        first, last = run.held_from, run.held_to
+        run.held_from = run.held_to = -1
+        if 0 <= first <= last < run.next - 1:
+            part = Run(run.site, run.asset, run.boot, stretch=last + 1)
+            part.extend(self._accepted(run, max(first, last + 1 - MOST_INCLUDED), last))
+            if part.stretch <= last:
+                return Proof(last, part.stretch, part.digest)
+        elif 0 <= first < run.stretch:
+            begin = max(first, run.stretch - MOST_INCLUDED)
+            run.extend(self._accepted(run, begin, run.stretch - 1))
+        if run.last == run.next - 1 >= run.stretch:
+            return Proof(run.last, run.stretch, run.digest)
+        return Proof(run.next - 1, None, 0)
+
+    def _accepted(self, run: Run, first: int, last: int) -> list[tuple[int, bytes]]:
+        rows = self.store.messages(
+            f"{run.site}.{run.asset}", (run.number, first - 1), last + 1 - first
+        )
+        return [
+            (row.sequence, row.message)
+            for row in rows
+            if row.number == run.number and row.sequence <= last
+        ]
 
     def _compare(self, change: Change) -> None:
         """Hold what came again against what was kept: it may come from another agent."""

@@ -4,7 +4,8 @@ import collections
 import json
 import logging
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Acknowledgement, Registered
@@ -29,6 +30,14 @@ ACK_EVERY_S = 0.1
 ANNOUNCE_EVERY_S = 1.0 / (REGISTRATION.nominal_rate_hz or 0.1)
 
 
+class Proof(NamedTuple):
+    """Up to where a run is acknowledged, and the digest of what that is from `first` on."""
+
+    sequence: int
+    first: int | None
+    digest: int
+
+
 class Voice:
     """Publishes, acknowledges, announces, and tells listeners.
 
@@ -38,6 +47,8 @@ class Voice:
         None for a pipeline that is fed by hand.
     precedence
         Whether another twin server speaks on this bus.
+    prove
+        Says what to acknowledge of a run.
     counts
         Where it counts what was published and what was not.
     states_per_batch
@@ -51,9 +62,10 @@ class Voice:
         counts: collections.Counter[str],
         states_per_batch: int,
         precedence: Precedence,
+        prove: Callable[[Run], Proof],
     ) -> None:
         self._bus, self._clock, self._counts = bus, clock, counts
-        self._precedence = precedence
+        self._precedence, self._prove = precedence, prove
         self._states_per_batch = states_per_batch
         self._listeners: list[Listener] = []
         self._owed: dict[Run, None] = {}
@@ -135,7 +147,7 @@ class Voice:
         runs, self._owed = self._owed, {}
         for run in runs:
             if run.number and run.next and not run.contested:
-                ack = acknowledgement(run, self._clock.now_ns())
+                ack = acknowledgement(run, self._prove(run), self._clock.now_ns())
                 self._publish(ACK.key(run.site, run.asset), ack, ACK.encoding)
 
     def announce_all(self, twins: Mapping[tuple[str, str], Twin]) -> None:
@@ -180,18 +192,16 @@ class Voice:
             logger.exception("A message on %s could not be published.", key)
 
 
-def acknowledgement(run: Run, now_ns: int) -> bytes:
+def acknowledgement(run: Run, proof: Proof, now_ns: int) -> bytes:
     """Write the acknowledgement of a boot in the version that its agent reads."""
-    last = run.next - 1
-    known = run.last == last and run.stretch <= last
     ack = Acknowledgement(
         site=run.site,
         asset=run.asset,
         boot=run.boot,
-        sequence=last,
+        sequence=proof.sequence,
         t_ns=now_ns,
-        first=run.stretch if known else None,
-        digest=written(run.digest) if known else None,
+        first=proof.first,
+        digest=None if proof.first is None else written(proof.digest),
     )
     if run.ack_version >= Acknowledgement.VERSION:
         return encode(ack)

@@ -172,7 +172,8 @@ class _Worker:
 
     @property
     def alive(self) -> bool:
-        return bool(self._process.is_alive())
+        # A pipe that has something to say before it was asked has come to its end.
+        return bool(self._process.is_alive()) and not self._pipe.poll(0)
 
     def send(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
         self._pipe.send((function, arguments))

@@ -25,6 +25,7 @@ _PROBLEMS = problems.answers(
     {
         404: "No such twin",
         422: "A parameter that is not valid",
+        503: "Too many wait already; `Retry-After` says when to come back",
     }
 )
 _OF_THE_WHOLE = ("stiffness_change", "mass_change")

@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses
+import functools
 import re
 from collections.abc import Sequence
 from typing import Literal
@@ -82,13 +83,7 @@ class Dialect:
 
     def kind(self, field: str) -> Kind:
         """Kind of a field in this dialect."""
-        if len(field) > LONGEST_FIELD:
-            return "word"
-        if self.is_number(field):
-            return "number"
-        if field.casefold() in MISSING:
-            return "missing"
-        return kind_of(field) or "word"
+        return "word" if len(field) > LONGEST_FIELD else _kind(self, field)
 
     def with_point(self, field: str) -> str:
         """Write a field with a decimal point and without marks between thousands."""
@@ -104,6 +99,17 @@ class Dialect:
             return float("nan")
         return float(self.with_point(field).replace("d", "e").replace("D", "e"))
 
+
+@functools.lru_cache(maxsize=1 << 15)
+def _kind(dialect: Dialect, field: str) -> Kind:
+    if dialect.is_number(field):
+        return "number"
+    if field.casefold() in MISSING:
+        return "missing"
+    return _stamp_kind(field) or "word"
+
+
+_stamp_kind = functools.lru_cache(maxsize=1 << 15)(kind_of)
 
 DIALECTS = (
     Dialect("\t", "."), Dialect(";", "."), Dialect(",", "."), Dialect("|", "."),
@@ -133,6 +139,9 @@ def find_layout(lines: Sequence[str], name: str, skip: int | None) -> Layout:
     head = lines[offset : offset + HEAD_LINES]
     best: tuple[tuple[int, int, int], Layout] | None = None
     for dialect in DIALECTS:
+        mark = dialect.delimiter
+        if mark is not None and not any(mark in line for line in head):
+            continue  # as one column, the lines are read by runs of blanks
         run = _longest_run(head, dialect)
         if run is None or _is_decimal_comma(head[run.first : run.first + run.length], dialect):
             continue

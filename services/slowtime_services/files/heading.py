@@ -22,6 +22,8 @@ _CHANNEL_WORD = re.compile(
     r"force|strain|load|temp|volt|gyr|mag|ais?\d|signal|value|wert|mess|respon|count|index|sample",
     re.I,
 )
+_SENTENCE = frozenset("of in the by for from and is at to with on was".split())
+"""Words that stand in sentences, and hardly alone as a name."""
 _RULE = re.compile(r"[\s\-=_+|*~.;,]+$")
 
 
@@ -40,7 +42,7 @@ def read_heading(
     rows = _rows_above(preamble, dialect, width)
     if not rows and width > 1:
         # The number of a row, or the time beside a date, often has no name of its own.
-        fewer = _rows_above(preamble, dialect, width - 1)
+        fewer = _rows_above(preamble, dialect, width - 1, most_between=0)
         rows = [["", *row] for row in fewer] if any(map(_is_heading, fewer[:2])) else []
     units: tuple[str, ...] = ("",) * width
     while rows and _is_beside_names(rows[0]) and (len(rows) > 1 or _are_only_units(rows[0])):
@@ -54,7 +56,9 @@ def read_heading(
     return names, tuple(unit or below for (_, unit), below in zip(named, units, strict=True))
 
 
-def _rows_above(preamble: Sequence[str], dialect: Dialect, width: int) -> list[list[str]]:
+def _rows_above(
+    preamble: Sequence[str], dialect: Dialect, width: int, most_between: int = MOST_BETWEEN
+) -> list[list[str]]:
     """Lines of as many words as there are columns, from the last line upwards."""
     rows: list[list[str]] = []
     between = 0
@@ -62,9 +66,11 @@ def _rows_above(preamble: Sequence[str], dialect: Dialect, width: int) -> list[l
         if not line.strip() or _RULE.match(line.strip().lstrip("#%!;*/")):
             continue
         fields = _fields(line, dialect, width)
+        if fields is not None and not rows and between and not _is_heading(fields):
+            fields = None  # words a few lines above the rows are a heading only if they look so
         if fields is not None:
             rows.append(fields)
-        elif rows or between == MOST_BETWEEN:
+        elif rows or between == most_between:
             break
         between += fields is None
         if len(rows) == MOST_ROWS:
@@ -76,10 +82,12 @@ def _fields(line: str, dialect: Dialect, width: int) -> list[str] | None:
     """Fields of a line of words; None where it does not have one for each column."""
     for text in dict.fromkeys((line.lstrip(_MARKS), line.strip("\r\n"))):
         for split in _ways_to_split(text, dialect):
-            fields = _fitted(split, width)
-            if fields is None:
+            fields = _fitted(split, width, spare=dialect.delimiter is not None)
+            if fields is None or any(field.endswith(":") for field in fields[:-1]):
                 continue
-            numbers = sum(map(_is_numeric, fields))
+            if dialect.delimiter is None and _SENTENCE.intersection(map(str.casefold, fields)):
+                continue
+            numbers = sum(map(_is_numeric, split))
             if numbers and not (is_time_name(fields[0]) and _counts(fields[1:])):
                 continue
             return fields
@@ -110,14 +118,14 @@ def _ways_to_split(text: str, dialect: Dialect) -> list[list[str]]:
     return ways
 
 
-def _fitted(fields: list[str], width: int) -> list[str] | None:
-    """Fields for `width` columns: those beyond are of columns without rows, as of comments."""
+def _fitted(fields: list[str], width: int, *, spare: bool) -> list[str] | None:
+    """Fields for `width` columns; with `spare`, one beyond is of a column without rows."""
     if len(fields) < width or not any(fields):
         return None
     if sum(map(bool, fields[:width])) * 2 < width:
         return None
     # More than one word too many, and the line is a sentence.
-    if len(fields) > width + 1 and any(fields[width + 1 :]):
+    if len(fields) > width + spare and any(fields[width + spare :]):
         return None
     return fields[:width]
 
@@ -149,12 +157,15 @@ def _is_heading(fields: Sequence[str]) -> bool:
     """Whether there is positive evidence that the words are names of columns."""
     bracketed = sum(bool(_name_and_unit(field)[1]) for field in fields)
     named = sum(bool(_CHANNEL_WORD.search(field)) for field in fields)
-    return bool(bracketed) or any(map(is_time_name, fields)) or named * 2 >= len(fields)
+    timed = sum(map(is_time_name, fields))
+    return bool(bracketed) or is_time_name(fields[0]) or (named + timed) * 2 >= len(fields)
 
 
 def _are_settings(rows: Sequence[Sequence[str]]) -> bool:
     """Whether lines one above the other are settings, a key and its value each."""
-    return len(rows) > 1 and len(rows[0]) <= 3
+    if len(rows[0]) == 1:
+        return bool(re.search(r"[:=]", rows[0][0]))
+    return len(rows) > 2 and len(rows[0]) <= 3
 
 
 def _name_and_unit(field: str) -> tuple[str, str]:

@@ -9,6 +9,7 @@ whether columns are channels or one series. Where no reading does, nobody but a 
 import dataclasses
 import itertools
 from collections.abc import Iterator
+from typing import Literal
 
 from .facts import Fact, Facts
 from .record import RecordError
@@ -49,6 +50,8 @@ class Measured:
         Whether a heading names the columns.
     smooth
         Whether the columns look like one series.
+    apart
+        Whether they look like channels.
     wrapped
         What a person says of that; None for nothing.
     """
@@ -62,6 +65,7 @@ class Measured:
     given_rate_hz: float | None = None
     named: bool = False
     smooth: bool = False
+    apart: bool = False
     wrapped: bool | None = None
 
     @property
@@ -109,7 +113,7 @@ def judge(name: str, facts: Facts, measured: Measured) -> Verdict:
     fit = [r for r in readings if _agrees(r, facts, measured)]
     if not fit:
         raise _contradiction(name, facts, measured, rates)
-    fit = _without_doubtful(name, fit, measured)
+    fit = _without_doubtful(name, fit, facts, measured)
     chosen = fit[0]
     if len({r.rate_hz for r in fit}) > 1:
         raise RecordError(
@@ -120,7 +124,7 @@ def judge(name: str, facts: Facts, measured: Measured) -> Verdict:
     said: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     if rate is None:
-        rate, said = _computed_rate(name, facts, chosen)
+        rate, said = _computed_rate(name, facts, chosen.samples + measured.missing)
     elif facts.found:
         said = (f"{rate:g} Hz by the heading ({_quoted(facts, 'rate', 'interval')})",)
         if all(fact.rank == 0 for fact in facts.of("rate")) and facts.of("rate"):
@@ -191,6 +195,11 @@ def _near(one: float, other: float, within: float) -> bool:
     return abs(one - other) <= within * max(abs(one), abs(other))
 
 
+def is_near(measured_hz: float, stated_hz: float) -> bool:
+    """Whether a measured rate is that which a heading means."""
+    return _near(measured_hz, stated_hz, NEAR_RATE)
+
+
 def _agrees(reading: _Reading, facts: Facts, measured: Measured) -> bool:
     counts = all(_count_agrees(fact, reading, measured) for fact in facts.of("count"))
     if reading.rate_hz is None:
@@ -203,9 +212,12 @@ def _agrees(reading: _Reading, facts: Facts, measured: Measured) -> bool:
 
 def _count_agrees(fact: Fact, reading: _Reading, measured: Measured) -> bool:
     allowed = {reading.samples, reading.samples + measured.missing}
-    if not reading.wrapped:
-        allowed.add(reading.samples * measured.width)
-    return any(abs(value - samples) <= 1 for value in fact.values for samples in allowed)
+    every = reading.samples * measured.width if not measured.tail else -1
+    return any(
+        abs(value - samples) <= 1 or (value == every and not reading.wrapped)
+        for value in fact.values
+        for samples in allowed
+    )
 
 
 def _duration_agrees(fact: Fact, samples: int, rate_hz: float) -> bool:
@@ -216,34 +228,37 @@ def _duration_agrees(fact: Fact, samples: int, rate_hz: float) -> bool:
     )
 
 
-def _without_doubtful(name: str, fit: list[_Reading], measured: Measured) -> list[_Reading]:
+def _without_doubtful(
+    name: str, fit: list[_Reading], facts: Facts, measured: Measured
+) -> list[_Reading]:
     """Keep the readings of one layout, for which there is evidence."""
     if len({r.wrapped for r in fit}) == 1:
         return fit
-    if measured.named or not measured.smooth:
+    counted = measured.series in [v for fact in facts.of("count") for v in fact.values]
+    if measured.named or not (measured.smooth or counted):
         return [r for r in fit if not r.wrapped]
+    if counted and not measured.apart:
+        return [r for r in fit if r.wrapped]
     raise RecordError(
-        f"The {measured.width} columns of {name} have no names and look like one series that "
-        f"is written {measured.width} values a line ({measured.series} samples), not like "
-        f"{measured.width} channels of {measured.rows} samples. Say --wrapped if it is one "
-        "series, --not-wrapped if columns are channels."
+        f"The {measured.width} columns of {name} have no names. They may be one series that "
+        f"is written {measured.width} values a line ({measured.series} samples), or "
+        f"{measured.width} channels of {measured.rows} samples{_quoting(facts, 'count')}. Say "
+        "--wrapped if it is one series, --not-wrapped if columns are channels."
     )
 
 
-def _computed_rate(
-    name: str, facts: Facts, reading: _Reading
-) -> tuple[float | None, tuple[str, ...]]:
+def _computed_rate(name: str, facts: Facts, count: int) -> tuple[float | None, tuple[str, ...]]:
     """Rate from a duration and the number of samples, where it is a whole number."""
     for fact in facts.of("duration"):
-        for samples in (reading.samples, reading.samples - 1):
-            rate = samples / fact.values[0]
+        lasts = fact.values[0]
+        for samples in (count, count - 1):
+            rate = samples / lasts
             if round(rate) and _near(rate, round(rate), TIDY):
-                said = f"{rate:g} Hz from {reading.samples} samples in {fact.values[0]:g} s"
+                said = f"{rate:g} Hz from {count} samples in {lasts:g} s"
                 return float(round(rate)), (f"{said} (heading: {fact.text!r})",)
         raise RecordError(
             f"{name} states no rate, but how long it lasts ({fact.text!r}, line {fact.line}): "
-            f"with {reading.samples} samples that would be "
-            f"{reading.samples / fact.values[0]:.6g} Hz. Give --rate-hz."
+            f"with {count} samples that would be {count / lasts:.6g} Hz. Give --rate-hz."
         )
     return None, ()
 
@@ -260,7 +275,7 @@ def _as_given(name: str, facts: Facts, measured: Measured) -> Verdict:
     if not fit:
         # Of a file that was cut or thinned, no figure fits; columns are what they seem.
         fit = [_Reading(wrapped, samples, rate) for wrapped, samples in _layouts(measured)]
-    chosen = _without_doubtful(name, fit, measured)[0]
+    chosen = _without_doubtful(name, fit, facts, measured)[0]
     overruled = [
         f"{fact.text!r} (line {fact.line})"
         for fact in (*facts.of("rate"), *facts.of("interval"))
@@ -349,6 +364,10 @@ def _contradiction(
         f". It was cut, thinned, or is laid out otherwise. Give {flag} to read it as it stands"
         + (", with --wrapped if all columns are one series." if width > 1 else ".")
     )
+
+
+def _quoting(facts: Facts, kind: Literal["count"]) -> str:
+    return f" (heading: {_quoted(facts, kind)})" if facts.of(kind) else ""
 
 
 def _quoted(facts: Facts, *kinds: str) -> str:

@@ -22,7 +22,7 @@ from .sheet import Column, Sheet
 from .stamps import DateOrder
 from .text import read_text
 from .time_units import UNITS, is_time_name
-from .timeaxis import TimeAxis
+from .timeaxis import TimeAxis, UnevenError
 
 MAX_BYTES = 1 << 30
 SLOWEST_HZ, FASTEST_HZ = 1e-6, 1e9
@@ -146,7 +146,7 @@ def _record(file: str, sheet: Sheet, said: _Said, missing: _Missing) -> Record:
     if missing.skip and lost.any():
         sheet = _only_rows(sheet, rows)
         told = _tell(sheet, said)
-    axis, notes = _axis(file, told, said, names)
+    axis, notes = _axis(told, said, sheet.facts)
     gaps = axis.gaps if axis is not None else ()
     if axis is None and missing.skip:
         gaps = tuple(_gaps_of(rows))
@@ -245,12 +245,8 @@ def _measured(
     values = [sheet.columns[i].values for i in kept]
     alone = len(kept) == len(sheet.columns) and all(v.dtype.kind in "fiu" for v in values)
     layered = alone and len(kept) > 1 and axis is None and not sheet.format
-    smooth = (
-        layered
-        and not sheet.named
-        and said.wrapped is None
-        and wrapping.looks_wrapped(np.column_stack(values).astype(float))
-    )
+    open_to_doubt = layered and not sheet.named and said.wrapped is None
+    table = np.column_stack(values).astype(float) if open_to_doubt else None
     return plausibility.Measured(
         rows=len(values[0]),
         width=len(kept),
@@ -260,7 +256,8 @@ def _measured(
         clock_sure=told.clock is None or told.clock.sure,
         given_rate_hz=said.rate_hz,
         named=sheet.named,
-        smooth=smooth,
+        smooth=table is not None and wrapping.looks_wrapped(table),
+        apart=table is not None and wrapping.looks_like_channels(table),
         wrapped=said.wrapped if layered else False,
     )
 
@@ -470,7 +467,7 @@ def _gaps_of(rows: np.ndarray[tuple[int], np.dtype[np.intp]]) -> Iterator[Gap]:
 
 
 def _axis(
-    file: str, told: clock.Told, said: _Said, names: tuple[str, ...]
+    told: clock.Told, said: _Said, facts: Facts
 ) -> tuple[TimeAxis | None, tuple[str, ...]]:
     """Give what the clock says; a rate that was given overrules it."""
     notes = told.notes
@@ -478,7 +475,7 @@ def _axis(
         if told.refusal is None:
             return None, notes
         if said.rate_hz is None and (said.time_column is not None or told.columns):
-            raise told.refusal
+            return None, (*notes, _heading_instead(facts, told.refusal))
         if said.rate_hz is not None:
             notes += (f"The clock was not used, since a rate was given: {told.refusal}",)
         return None, notes
@@ -493,6 +490,23 @@ def _axis(
     if axis.jitter > 0.05:
         notes += (f"The clock jitters by {100 * axis.jitter:.0f} % of a step (rms).",)
     return axis, notes
+
+
+def _heading_instead(facts: Facts, refusal: RecordError) -> str:
+    """Note that the heading's rate is used, where uneven times have it on average.
+
+    Raises
+    ------
+    RecordError
+        The refusal, where the heading states no rate, or another.
+    """
+    stated = [value for fact in facts.of("rate") for value in fact.values]
+    stated += [1 / value for fact in facts.of("interval") for value in fact.values]
+    if isinstance(refusal, UnevenError) and stated and plausibility.is_near(
+        refusal.mean_hz, stated[0]
+    ):  # fmt: skip
+        return f"The clock was not used, the heading states its mean rate: {refusal}"
+    raise refusal
 
 
 def _no_clock(sheet: Sheet) -> str:

@@ -135,16 +135,15 @@ def _magnitudes(columns: Sequence[Column], names: Sequence[str]) -> dict[int, st
     numbers = [np.asarray(c.values, dtype=float) for c in columns]
     if len(columns) < 3 or len(numbers[0]) < FEWEST_ROWS:
         return found
-    rows = np.linspace(0, len(numbers[0]) - 1, min(SAMPLE_ROWS, len(numbers[0]))).astype(int)
+    whole = np.flatnonzero(np.isfinite(np.column_stack(numbers)).all(axis=1))
+    if len(whole) < FEWEST_ROWS:
+        return found
+    rows = whole[np.linspace(0, len(whole) - 1, min(SAMPLE_ROWS, len(whole))).astype(int)]
     sample = [values[rows] for values in numbers]
     for place, values in enumerate(sample):
-        if not np.isfinite(values).all() or not (values >= 0).all() or not values.any():
+        if not (values >= 0).all() or not values.any():
             continue
-        others = [
-            i
-            for i, other in enumerate(sample)
-            if i != place and i not in found and np.isfinite(other).all()
-        ]
+        others = [i for i in range(len(sample)) if i != place and i not in found]
         parts = _components(values, [sample[i] for i in others[:MOST_CHANNELS]])
         if parts is not None:
             of = ", ".join(names[others[i]] for i in parts)

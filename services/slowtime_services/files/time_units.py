@@ -164,7 +164,8 @@ def scale_of(
     dated = [g for g in possible if g.zero is not None and _is_sane(g.rate_hz)]
     if dated:
         best = dated[0]
-        said = f"{name!r} in {_NAMES[best.scale]} since 1970, by its size"
+        year = 1904 if best.zero else 1970
+        said = f"{name!r} in {_NAMES[best.scale]} since {year}, by its size"
         return Scale(best.scale, best.zero, said, sure=False)
     for low, high, zero, counted in _DAY_COUNTS:
         if (

@@ -32,6 +32,14 @@ REGULAR = 0.3
 """Relative scatter of the lengths of bursts, beyond which they are called uneven instead."""
 FEWEST_REPEATED = 0.3
 """Share of rows that repeat the time above them, from which the column has too few digits."""
+ONE_DIGIT = 1.05
+"""Range of deviations, in the last digit, that rounding or cutting off leaves."""
+FINE = 2e-3
+"""Last digit, in the length of the record, that leaves the rate sure enough to be used where
+times repeat."""
+MOST_SCATTER = 0.7
+"""Range of deviations from an even clock [steps] without a gap. A sample that is missing in the
+middle of a record makes 1."""
 _WRAPS = (2.0**32, 2.0**31, 2.0**24, 2.0**16, 2.0**15, 2.0**8)
 """Counts at which the counters of loggers begin anew."""
 _DECIMAL_PLACES = 12
@@ -47,6 +55,14 @@ class TimeAxis:
     jitter: float
     """Root mean square of the deviation from a constant step, in steps."""
     notes: tuple[str, ...] = ()
+
+
+class UnevenError(RecordError):
+    """Times that are of no even clock; `mean_hz` is their rate on average."""
+
+    def __init__(self, said: str, mean_hz: float) -> None:
+        super().__init__(said)
+        self.mean_hz = mean_hz
 
 
 def looks_like_time(values: Float[np.ndarray, " time"]) -> bool:
@@ -131,14 +147,21 @@ def read_time(
     seconds = np.asarray(values - values[0], dtype=float) * scale
     digit = (quantum if quantum is not None else _quantum(values)) * scale
     notes: tuple[str, ...] = ()
-    if (np.diff(seconds) == 0).any() and not (np.diff(seconds) < 0).any():
-        seconds, notes = _spread(seconds, name, first_line)
-        digit = max(digit, float(seconds[1] - seconds[0]))
-    _refuse_disorder(values, seconds, name, first_line)
     count = len(values)
-    step = float(seconds[-1] / (count - 1))
     instants = np.arange(count)
-    if np.abs(seconds / step - instants).max() > 0.5 + 1e-6:
+    even = _even_step(seconds, instants)
+    printed = bool(digit) and _scatter(seconds, instants, even) <= ONE_DIGIT * digit
+    if (np.diff(seconds) == 0).any() and not (np.diff(seconds) < 0).any():
+        spread = _spread(seconds, name)
+        if spread is not None:
+            seconds, said = spread
+            notes, even = (said,), _even_step(seconds, instants)
+        elif not (printed and digit <= FINE * seconds[-1]):
+            _refuse_repeated(seconds, name, first_line)
+    if not printed:
+        _refuse_disorder(values, seconds, name, first_line)
+    step = even
+    if not printed and _scatter(seconds, instants, even) > MOST_SCATTER * even:
         step = float(np.median(np.diff(seconds)))
         for _ in range(3):
             instants = np.concatenate(([0], np.cumsum(np.round(np.diff(seconds) / step))))
@@ -151,13 +174,14 @@ def read_time(
     jitter = float(np.sqrt(np.mean((deviation - deviation.mean()) ** 2)))
     scattered = jumps[jumps > 0].sum() > MOST_MISSING * (instants[-1] + 1)
     scattered = scattered and np.median(np.diff(np.flatnonzero(jumps > 0))) < FEWEST_IN_A_ROW
-    if jitter > MOST_JITTER or (jumps < 0).any() or scattered:
-        raise RecordError(
+    if (jitter > MOST_JITTER and not printed) or (jumps < 0).any() or scattered:
+        raise UnevenError(
             f"The times in column {name!r} are too uneven for one sampling rate: they deviate "
             f"by {jitter:.2g} steps (rms) from a step of {step:.6g} s (at most {MOST_JITTER:g}"
             f"), and {int(jumps[jumps > 0].sum())} samples would be missing. {count} samples "
             f"in {seconds[-1]:.6g} s are {1 / _mean(seconds):.6g} Hz on average. Resample "
-            "the record, or give --rate-hz if the column is not the clock."
+            "the record, or give --rate-hz if the column is not the clock.",
+            1 / _mean(seconds),
         )
     gaps = tuple(Gap(int(row) + 1, int(jumps[row])) for row in np.flatnonzero(jumps))
     rate = _tidy_rate(step, seconds, instants, digit)
@@ -185,45 +209,69 @@ def _refuse_disorder(
         )
 
 
+def _even_step(
+    seconds: Float[np.ndarray, " time"], instants: Shaped[np.ndarray, " time"]
+) -> float:
+    """Fit the step of an even clock without gaps."""
+    centred = instants - instants.mean()
+    step = float(seconds @ centred / (centred @ centred))
+    return step if step > 0 else float(seconds[-1] / max(len(seconds) - 1, 1)) or 1.0
+
+
+def _scatter(
+    seconds: Float[np.ndarray, " time"], instants: Shaped[np.ndarray, " time"], step: float
+) -> float:
+    """Range of the deviations from an even clock [s]."""
+    return float(np.ptp(seconds - instants * step))
+
+
 def _spread(
-    seconds: Float[np.ndarray, " time"], name: str, first_line: int
-) -> tuple[Float[np.ndarray, " time"], tuple[str, ...]]:
+    seconds: Float[np.ndarray, " time"], name: str
+) -> tuple[Float[np.ndarray, " time"], str] | None:
     """Spread times that equally many rows share, as of a clock printed to whole seconds.
 
-    Raises
-    ------
-    RecordError
-        Where the groups are not equally large: the rate is then not known.
+    None where groups are not equally large, or their step is not that of a last digit: times
+    may then be those at which a buffer was emptied.
     """
     edges = np.flatnonzero(np.diff(seconds) > 0) + 1
     sizes = np.diff(edges)
-    repeated = np.count_nonzero(np.diff(seconds) == 0)
-    if len(sizes) == 0 or repeated < FEWEST_REPEATED * len(seconds):
-        return seconds, ()  # a few repeated rows are a fault of the file
-    size, quantum = int(np.median(sizes)), float(np.median(np.diff(seconds[edges])))
+    if len(sizes) == 0:
+        return None
+    size, quantum = int(sizes[0]), float(np.median(np.diff(seconds[edges])))
     whole = (
         size > 1
         and (sizes == size).all()
         and np.allclose(np.diff(seconds[edges]), quantum, rtol=1e-6)
         and max(edges[0], len(seconds) - edges[-1]) <= size
     )
-    mean = len(seconds[edges[0] : edges[-1]]) / max(
-        seconds[edges[-1]] - seconds[edges[0]], 1e-12
-    )
-    line = f" (line {first_line} on)" if first_line else ""
     if not whole or not _is_decimal(quantum):
-        raise RecordError(
-            f"The times in column {name!r}{line} repeat: about {size} rows share each, with "
-            f"{quantum:.6g} s from one to the next, which are {mean:.6g} Hz on average. Either "
-            "the column has too few digits, or rows were stamped as a buffer was emptied. If "
-            f"samples are evenly apart, give --rate-hz {mean:.4g} or the rate as it was set."
-        )
+        return None
     spread = (np.arange(len(seconds)) - edges[0]) * quantum / size + seconds[edges[0]]
-    said = (
+    return spread, (
         f"{size} rows share each time in column {name!r}, {quantum:g} s apart: read as evenly "
         f"spaced, {size / quantum:g} Hz."
     )
-    return spread, (said,)
+
+
+def _refuse_repeated(seconds: Float[np.ndarray, " time"], name: str, first_line: int) -> None:
+    """Ask about times that many rows share; of a few, the order is at fault."""
+    steps = np.diff(seconds)
+    if np.count_nonzero(steps == 0) < FEWEST_REPEATED * len(seconds) or not steps.any():
+        return
+    edges = np.flatnonzero(steps > 0) + 1
+    size, quantum = (
+        float(np.median(np.diff(edges, prepend=0))),
+        float(np.median(steps[edges - 1])),
+    )
+    mean = 1 / _mean(seconds)
+    line = f" (line {first_line} on)" if first_line else ""
+    raise UnevenError(
+        f"The times in column {name!r}{line} repeat: about {size:g} rows share each, with "
+        f"{quantum:.6g} s from one to the next, which are {mean:.6g} Hz on average. Either the "
+        "column has too few digits, or rows were stamped as a buffer was emptied. If samples "
+        f"are evenly apart, give --rate-hz {mean:.4g} or the rate as it was set.",
+        mean,
+    )
 
 
 def _is_decimal(quantum: float) -> bool:
@@ -248,12 +296,13 @@ def _refuse_bursts(
     if len(runs) < 2 or np.std(runs) > REGULAR * np.mean(runs):
         return
     mean = 1 / _mean(seconds)
-    raise RecordError(
+    raise UnevenError(
         f"The times in column {name!r} come in bursts: {round(float(np.median(runs)))} samples "
         f"{np.median(steps):.4g} s apart, then a pause of {np.median(steps[pauses]):.4g} s; "
         f"{mean:.6g} Hz on average. They are too uneven for one sampling rate. If a buffer was "
         f"emptied at once and the sensor sampled evenly, give --rate-hz {mean:.4g} or the rate "
-        "as it was set; else resample the record."
+        "as it was set; else resample the record.",
+        mean,
     )
 
 

@@ -12,6 +12,8 @@ structure often differ by more."""
 CLOSE = 0.6
 """Mean square step between neighbouring columns, in that of unrelated values, up to which they
 follow one another."""
+LARGEST_SPREAD = 10.0
+"""Ratio of the columns' variances beyond which they are no parts of one series."""
 SEAM = 2.5
 """Ratio of the step from the end of a line to the next, and those within a line."""
 
@@ -43,6 +45,18 @@ def looks_wrapped(values: Float[np.ndarray, "row column"]) -> bool:
         and within.max() < SEAM * within.min()
         and typical <= down
     )
+
+
+def looks_like_channels(values: Float[np.ndarray, "row column"]) -> bool:
+    """Whether each column is nearer to its own past than to its neighbours."""
+    if len(values) < FEWEST_ROWS or not np.isfinite(values).all():
+        return False
+    variances = values.var(axis=0)
+    if variances.max() > LARGEST_SPREAD * max(float(variances.min()), 1e-300):
+        return True
+    within = float(np.mean(np.diff(values, axis=1) ** 2))
+    down = float(np.mean(np.diff(values, axis=0) ** 2))
+    return down < CLOSE * within
 
 
 def unwrap(

@@ -297,8 +297,7 @@ class Recorder:
         self._writer.flush(sync=True)
         self._flushed = now
         self._bytes_on_disk = self._size()
-        self._stay_within_bound()
-        if self.full:
+        if not self._stay_within_bound():
             return
         too_large = self._rotate_bytes and self._writer.bytes_written >= self._rotate_bytes
         too_old = self._rotate_s and now - self._began >= self._rotate_s
@@ -320,9 +319,10 @@ class Recorder:
         most = self._keep_bytes
         return most is not None and self._series.size() > most - SPARE_BYTES
 
-    def _stay_within_bound(self) -> None:
+    def _stay_within_bound(self) -> bool:
+        """Delete what is too much, or end the recording; whether it goes on."""
         if not self._reached():
-            return
+            return True
         assert self._keep_bytes is not None
         if self._when_full == "stop":
             self._writer.close()
@@ -333,7 +333,7 @@ class Recorder:
                 self._paths[0],
                 self._keep_bytes,
             )
-            return
+            return False
         deleted = self._series.shrink_to(self._keep_bytes - SPARE_BYTES, self._paths[-1])
         for path, size in deleted:
             self._deleted += 1
@@ -347,6 +347,7 @@ class Recorder:
             )
         gone = {path for path, _ in deleted}
         self._paths = [path for path in self._paths if path not in gone]
+        return True
 
     def _size(self) -> int:
         """Bytes of the files of this run that are still there."""

@@ -109,7 +109,7 @@ def test_a_page_of_another_site_changes_nothing(door, tmp_path, with_token):
         settings = TwinSettings(database=tmp_path / "x.sqlite")
         door = dataclasses.replace(door, guard=guarded(settings).around(door.app))
     headers = {"Authorization": f"Bearer {door.words['admin of all']}"} if with_token else {}
-    asked = [
+    asked: list[tuple[str, str, dict[str, Any]]] = [
         ("PUT", f"{TWINS}/lab.beam", {"json": {}}),
         ("POST", f"{TWINS}/lab.beam/simulate", {"content": b"{}"}),
         ("POST", "/api/v1/recordings/a.mcap/replay", {"content": b"{}"}),
