@@ -57,7 +57,9 @@ def run(
         clock = clock or SystemClock()
         if traces is None and (traces := traces_of("edge")) is not None:
             stack.callback(traces.close)
-        source = source or open_source(settings.input, clock, stop)
+        source = source or open_source(
+            settings.input, clock, stop, tuple(settings.extract.covariates.values())
+        )
         if bus is None:
             bus = stack.enter_context(_connected(settings, clock, stop))
         boot = settings.boot or new_boot(clock)

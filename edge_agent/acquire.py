@@ -18,7 +18,7 @@ from slowtime.signals.block import Block
 from slowtime_schemas.messages import TimeBase
 from slowtime_schemas.raw import RawHeader
 from slowtime_services.clock import Clock
-from slowtime_services.files import UNDATED_NS, read_record
+from slowtime_services.files import ALL, UNDATED_NS, read_record
 from slowtime_services.replay import raw_blocks
 
 from .settings import (
@@ -103,6 +103,8 @@ class FileSource:
 
     settings: FileInput
     pacer: Pacer
+    covariates: tuple[str, ...] = ()
+    """Channels that are kept though they may never change, as a temperature may."""
     time_base: TimeBase = "recorded"
     slow_time_unit: str = "s"
 
@@ -116,8 +118,13 @@ class FileSource:
             skip_lines=given.skip_lines,
             columns=given.columns,
             time_column=given.time_column,
+            time_unit=given.time_unit,
+            wrapped=given.wrapped,
+            keep=given.keep if ALL in given.keep else (*given.keep, *self.covariates),
             keep_missing=True,
         )
+        for said in (*record.notes, *record.assumptions):
+            logger.info("%s: %s", given.path, said)
         begins_ns = record.start_ns if given.start_ns is None else given.start_ns
         if begins_ns is None:
             begins_ns = UNDATED_NS
@@ -152,13 +159,15 @@ class RecordingSource:
         return raw_blocks(given.path, site=given.site, asset=given.asset)
 
 
-def open_source(settings: Input, clock: Clock, stop: threading.Event) -> Source:
-    """Open the source that the settings name."""
+def open_source(
+    settings: Input, clock: Clock, stop: threading.Event, covariates: tuple[str, ...] = ()
+) -> Source:
+    """Open the source that the settings name, with the covariates among its channels."""
     pacer = Pacer(clock, stop)
     if isinstance(settings, SimulatedInput):
         return SimulatedSource(settings, pacer)
     if isinstance(settings, FileInput):
-        return FileSource(settings, pacer)
+        return FileSource(settings, pacer, covariates=covariates)
     return RecordingSource(settings, pacer)
 
 

@@ -11,10 +11,10 @@ from slowtime.dynamics.description import Description, Input
 from slowtime.dynamics.effects import Kind
 from slowtime.dynamics.units import UNITS
 from slowtime_services.effects import known
-from slowtime_services.files import MAX_BYTES, Record
+from slowtime_services.files import ALL, MAX_BYTES, Record
 from slowtime_services.models import ambient_model, read_description, run_model
 
-from .reading import read_any
+from .reading import Given, read_any, tell_reading
 from .terminal import note, plural, removed_unless_finished
 
 Series = np.ndarray[Any, np.dtype[np.float64]]
@@ -48,7 +48,7 @@ def simulate_model(
         if record_path is None:
             wanted = ", ".join(entry.channel for entry in description.inputs)
             raise click.UsageError(f"{model.name} has inputs: {wanted}. Give --input RECORD.")
-        record = read_any(record_path, rate_hz)
+        record = read_any(record_path, Given(rate_hz=rate_hz, keep=(ALL,)))
         times, arrays = _under(description, record, hold, kinds, seed)
     else:
         if record_path is not None:
@@ -76,8 +76,7 @@ def _under(
     kinds: Mapping[str, Kind],
     seed: int | None,
 ) -> tuple[Series, dict[str, Series]]:
-    for text in record.notes:
-        note(text)
+    tell_reading(record)
     if record.gaps:
         raise click.UsageError(
             f"The record lacks {sum(gap.missing for gap in record.gaps)} samples, so that the "

@@ -1,4 +1,4 @@
-"""The flags with which every verb reads a record, whatever wrote it."""
+"""How every verb reads a record, whatever wrote it."""
 
 import dataclasses
 import functools
@@ -8,91 +8,75 @@ from typing import Any
 
 import click
 
-from slowtime_services.files import Record, find_column, read_record
+from slowtime_services.files import DateOrder, Record, find_column, read_record
 from slowtime_services.replay import record_of
 
-from .options import POSITIVE, names
+from .options import names
 from .terminal import note
 
 BINARY = (".mcap", ".npy", ".npz", ".mat")
 
-FLAGS = (
-    click.option(
-        "--rate-hz",
-        type=POSITIVE,
-        help="Samples per second, where the file does not say.",
-    ),
-    click.option("--channels", help="Columns to use, by name or number from 0: a,b."),
-    click.option(
-        "--skip-lines",
-        type=click.IntRange(min=0),
-        help="Lines before header or data.  [default: found out]",
-    ),
-    click.option("--columns", help="Names of all columns, where the file has none: a,b,c."),
-    click.option(
-        "--time-column",
-        help="Column of time, by name or number; none if there is none.  [default: found out]",
-    ),
-)
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Given:
+    """What flags say of a record."""
+
+    rate_hz: float | None = None
+    channels: tuple[str, ...] | None = None
+    skip_lines: int | None = None
+    columns: tuple[str, ...] | None = None
+    time_column: str | None = None
+    time_unit: str | None = None
+    date_order: DateOrder | None = None
+    wrapped: bool | None = None
+    keep: tuple[str, ...] = ()
 
 
-def record_flags(verb: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the flags, and hand the verb a `Record` in place of them."""
+TEXT_ONLY = ("time_column", "time_unit", "date_order", "wrapped", "keep")
+"""Flags that say nothing of a recording, which names its channels and carries its clock."""
+
+
+def with_record(verb: Callable[..., Any]) -> Callable[..., Any]:
+    """Hand a verb that takes `verbs.flags.RECORD` a `Record` in place of them."""
 
     @functools.wraps(verb)
-    def with_record(
-        record_path: Path,
-        rate_hz: float | None,
-        channels: str | None,
-        skip_lines: int | None,
-        columns: str | None,
-        time_column: str | None,
-        **others: Any,
-    ) -> Any:
-        record = read_any(
-            record_path,
-            rate_hz,
-            names(channels, "--channels"),
-            skip_lines,
-            names(columns, "--columns"),
-            time_column,
-        )
-        for text in record.notes:
-            note(text)
-        return verb(record=record, path=record_path, **others)
+    def reading(record_path: Path, **flags: Any) -> Any:
+        said = {field.name: flags.pop(field.name) for field in dataclasses.fields(Given)}
+        for name in ("channels", "columns", "keep"):
+            said[name] = names(said[name], f"--{name}")
+        record = read_any(record_path, Given(**{**said, "keep": said["keep"] or ()}))
+        tell_reading(record)
+        return verb(record=record, path=record_path, **flags)
 
-    for flag in reversed(FLAGS):
-        with_record = flag(with_record)
-    return click.argument(
-        "record_path",
-        metavar="RECORD",
-        type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    )(with_record)
+    return reading
 
 
-def read_any(
-    path: Path,
-    rate_hz: float | None = None,
-    channels: tuple[str, ...] | None = None,
-    skip_lines: int | None = None,
-    columns: tuple[str, ...] | None = None,
-    time_column: str | None = None,
-) -> Record:
+def tell_reading(record: Record) -> None:
+    """Say what a person should know of how a file was read, and what was assumed, in a line."""
+    for text in record.notes:
+        note(text)
+    if record.assumptions:
+        note(f"read with {'; '.join(record.assumptions)}.")
+
+
+def read_any(path: Path, given: Given | None = None) -> Record:
     """Read a record of any kind, a recording among them."""
+    given = given or Given()
     kind = path.suffix.lower()
-    if kind in BINARY and skip_lines:
+    if kind in BINARY and given.skip_lines:
         note(f"--skip-lines was not used: a {kind} file has no lines.")
     if kind == ".mcap":
-        if time_column is not None:
-            note("--time-column was not used: an MCAP recording carries its own clock.")
-        return _as_told(record_of(path), path, rate_hz, channels, columns)
+        for name in TEXT_ONLY:
+            if getattr(given, name) not in (None, ()):
+                flag = name.replace("_", "-")
+                note(
+                    f"--{flag} was not used: an MCAP recording carries its own clock and names."
+                )
+        return _as_told(record_of(path), path, given.rate_hz, given.channels, given.columns)
     return read_record(
         path,
-        rate_hz=rate_hz,
-        channels=channels,
-        skip_lines=skip_lines,
-        columns=columns,
-        time_column=time_column,
+        **{field.name: getattr(given, field.name) for field in dataclasses.fields(Given)},
+        skip_missing=True,
     )
 
 

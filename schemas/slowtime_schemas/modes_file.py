@@ -91,6 +91,10 @@ class ModesFile(Frozen):
         Field(min_length=1, description="Those identified from; the order of components."),
     ]
     duration_s: NotNegative
+    assumptions: Annotated[
+        tuple[str, ...],
+        Field(description="What was taken for granted in reading the record, a sentence each."),
+    ] = ()
     modes: Annotated[Modes | None, Field(description="Of the whole record.")] = None
     window_s: Positive | None = None
     epochs: tuple[Window, ...] | None = None

@@ -26,6 +26,9 @@ AMBIENT = RIG.replace("inputs:\n  - {channel: u, kind: force, node: m1, unit: N}
 T = 3.0 + np.arange(400) / 200.0
 PUSH = 5 * np.sin(np.arange(400) ** 1.5 / 50)
 
+SECONDS = "note: read with time from column 't' in seconds, for want of a unit.\n"
+"""What is said of a clock whose name tells no unit."""
+
 
 @pytest.fixture
 def model(text):
@@ -45,7 +48,7 @@ def written(tmp_path, name="out.npz"):
 
 def test_out_holds_t_and_one_array_for_each_sensor(run, tmp_path, model, record):
     done = run("simulate", "--model", model, "--input", record, "--out", "out.npz")
-    assert (done.status, done.err) == (0, "")
+    assert (done.status, done.err) == (0, SECONDS)
     assert done.out == "out.npz: 400 samples of a1, x2 at 200 Hz\n"
     arrays = written(tmp_path)
     assert set(arrays) == {"t", "a1", "x2"}
@@ -187,7 +190,7 @@ def test_effects_run_those_of_ones_own_too(run, tmp_path, text, record):
     for name, entry in entries.items():
         model = text(effected(entry), f"{name}.yaml")
         done = run("simulate", "--model", model, *flags, "--out", f"{name}.npz")
-        assert (done.status, done.err) == (0, "")
+        assert (done.status, done.err) == (0, SECONDS)
     listed, found = (written(tmp_path, f"{name}.npz") for name in entries)
     np.testing.assert_allclose(found["x2"], listed["x2"], atol=1e-6 * np.ptp(listed["x2"]))
     plain = text(RIG.splitlines(), "rig.yaml")

@@ -20,7 +20,7 @@ from .foresight import (
 from .lookout import Noticed, Series
 from .notices import Notice
 from .today import Today, UnknownTodayError, today_of
-from .whatif import OrderError, Simulated, simulate
+from .whatif import OrderError, Simulated, check, simulate
 
 __all__ = [
     "Checkpoint",
@@ -37,6 +37,7 @@ __all__ = [
     "Today",
     "Twin",
     "UnknownTodayError",
+    "check",
     "estimate",
     "follow",
     "foresee",

@@ -3,23 +3,19 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-from jaxtyping import Float, Int
-
-from slowtime.evolution import extremes
 from slowtime_services.bus import Bus
 from twin_server.estimate import Foresight, foresee_from, normal_of, now_of
 from twin_server.orders import SimulationOrder
 from twin_server.persist import History, Store
 from twin_server.registration import Registration
 from twin_server.serve import Chapter, Hub, Moment, Outlook, ProblemError
-from twin_server.states import States, shown
 from twin_server.thresholds import Limit
 
 from .core import Pipeline
 from .news import News
 from .prospects import Prospects
 from .simulating import Simulating
+from .workers import Here, Workers
 
 SHIFT = 40
 _LOOK_BACK = 1_000
@@ -34,15 +30,24 @@ class TwinKnowledge:
         Asked whether it is connected, where it can tell.
     refresh
         A forecast learns anew after so many readings.
+    workers
+        Where is computed what takes long; by default in the thread that asks.
     """
 
     def __init__(
-        self, pipeline: Pipeline, store: Store, *, bus: Bus | None = None, refresh: int = 25
+        self,
+        pipeline: Pipeline,
+        store: Store,
+        *,
+        bus: Bus | None = None,
+        refresh: int = 25,
+        workers: Workers | None = None,
     ) -> None:
         self._pipeline, self._store, self._bus = pipeline, store, bus
-        self.prospects = Prospects(pipeline, store, refresh=refresh)
+        self._workers = workers or Here()
+        self.prospects = Prospects(pipeline, store, refresh=refresh, run=self._workers.run)
         pipeline.listen(self.prospects)
-        self._simulating = Simulating(store)
+        self._simulating = Simulating(store, self._workers)
 
     def ids(self) -> list[str]:
         """All twins, in the order of their registration."""
@@ -108,13 +113,13 @@ class TwinKnowledge:
     ) -> Chapter:
         """States between two moments; of too many, those that show what all of them show."""
         start, end = start or Moment(), end or Moment()
-        found = self._store.history(
+        found = self._store.thinned(
             twin_id,
+            max_points,
             t_ns=(start.t_ns, end.t_ns),
             slow_time=(start.slow_time, end.slow_time),
-            pick=lambda states, changes: thin(states, max_points, changes),
         )
-        return _chapter(found)
+        return _chapter(found.history)._replace(bands=found.bands)
 
     def since(self, twin_id: str, key: int, limit: int) -> Chapter:
         """States behind the one of `key`."""
@@ -142,8 +147,14 @@ class TwinKnowledge:
             return None
         return _outlook(foresee_from(known[0], ahead, count, thresholds), known[1])
 
-    def simulate(self, twin_id: str, order: SimulationOrder) -> dict[str, Any]:
-        """Tell what a twin would do under a load."""
+    def check(self, twin_id: str, order: SimulationOrder) -> None:
+        """Refuse a load that a twin cannot be run under, at no cost."""
+        twin = self._pipeline.twin(twin_id)
+        if twin is not None:
+            self._simulating.check(twin, order)
+
+    def simulate(self, twin_id: str, order: SimulationOrder) -> bytes:
+        """Tell what a twin would do under a load, as JSON."""
         twin = self._pipeline.twin(twin_id)
         found = self._store.history(twin_id, limit=_LOOK_BACK, newest=True)
         if twin is None or not len(found.states):
@@ -179,6 +190,8 @@ class TwinKnowledge:
         found = []
         if not self._pipeline.working:
             found.append("The working thread has ended. Restart the server.")
+        if self._pipeline.trouble:
+            found.append(self._pipeline.trouble)
         if self._pipeline.failing:
             found.append(f"The last batch failed: {self._pipeline.failing}")
         if not getattr(self._bus, "connected", True):
@@ -216,36 +229,6 @@ class Herald:
     def reset(self, twin_id: str) -> None:
         """Hand on that a twin's history has been made anew, or has gone."""
         self._hub.reset(twin_id)
-
-
-def thin(
-    states: States,
-    max_points: int,
-    changes: Float[np.ndarray, "time parameter 3"] | None = None,
-) -> Int[np.ndarray, " kept"]:
-    """Pick at most `max_points` states, among them the extremes of all that varies.
-
-    Parameters
-    ----------
-    changes
-        Value, lo and hi of the parameters of a twin of elements, which then come first.
-    """
-    if len(states) <= max_points:
-        return np.arange(len(states))
-    varies = [states[name][:, [0, 2, 3]] for name in shown(states) or ["frequency_hz"]]
-    if changes is not None:
-        varies = [changes[:, i] for i in range(changes.shape[1])] + varies
-    varies = varies[: max(1, max_points // 6)]
-    kept = [
-        extremes(
-            np.ascontiguousarray(one[:, 0]),
-            max_points // len(varies),
-            lo=np.ascontiguousarray(one[:, 1]),
-            hi=np.ascontiguousarray(one[:, 2]),
-        )
-        for one in varies
-    ]
-    return np.unique(np.concatenate(kept))
 
 
 def _outlook(foresight: Foresight, unit: str | None) -> Outlook:

@@ -32,6 +32,7 @@ from twin_server.estimate import (
     prospect_of,
 )
 from twin_server.estimate.foresight import FEWEST
+from twin_server.estimate.renewals import RENEWED
 from twin_server.persist import History, Store
 from twin_server.registration import Registration
 from twin_server.states import States
@@ -240,7 +241,7 @@ class Prospects:
         )
         if twin is None or not len(found.states):
             return None
-        changes = self._changes(twin_id)
+        found, changes = self._since_renewal(twin_id, found)
         rows = _Rows.of(found.number, found.states)
         last = _mark(rows, changes, self._refresh)
         lesson = _lesson(twin, rows, last, changes)
@@ -288,6 +289,9 @@ class Prospects:
         for news in waiting:
             for name, since in _changes_in(body for _, body in news.events):
                 kept.changes.setdefault(name, []).append(since)
+            if _renewals_in(body for _, body in news.events):
+                # Of another structure from here on: only what follows is read again.
+                kept.sound = False
             if not len(news.states) or not kept.sound or kept.rows is None:
                 continue
             numbers = [number for number, _, _ in news.runs]
@@ -330,10 +334,10 @@ class Prospects:
                     return
                 kept.waiting.clear()
                 kept.count = 0
-            changes = self._changes(twin_id)
             found = self._store.history(twin_id, limit=LOOK_BACK, newest=True)
             if not len(found.states):
                 return
+            found, changes = self._since_renewal(twin_id, found)
             rows = _Rows.of(found.number, found.states)
             last = _mark(rows, changes, self._refresh)
             lesson = _lesson(twin, rows, last, changes)
@@ -358,13 +362,19 @@ class Prospects:
         learnt: Outlooks = self._run(learn, known, process, dict(lesson.suspected))
         return learnt
 
-    def _changes(self, twin_id: str) -> dict[str, list[float]]:
-        """Slow times after which each quantity was told to have gone elsewhere."""
-        found: dict[str, list[float]] = {}
-        rows = self._store.events(twin_id, limit=LOOK_BACK, newest=True)
-        for name, since in _changes_in(row.body for row in rows):
-            found.setdefault(name, []).append(since)
-        return found
+    def _since_renewal(
+        self, twin_id: str, found: History
+    ) -> tuple[History, dict[str, list[float]]]:
+        """Keep what came since the structure was last renewed, and its sudden changes.
+
+        These are slow times after which each quantity was told to have gone elsewhere.
+        """
+        bodies = [row.body for row in self._store.events(twin_id, limit=LOOK_BACK, newest=True)]
+        found = _cut(found, _renewals_in(bodies))
+        changes: dict[str, list[float]] = {}
+        for name, since in _changes_in(bodies):
+            changes.setdefault(name, []).append(since)
+        return found, changes
 
     def _warm(self) -> None:
         """Forecast something once: what is compiled for it is there for the first who asks."""
@@ -432,19 +442,24 @@ def _mark(rows: _Rows, changes: Mapping[str, list[float]], refresh: int) -> int:
     count = len(rows.keys)
     marks = np.flatnonzero((rows.keys & _SEQUENCE) % refresh == 0)
     last = int(marks[-1]) if len(marks) else -1
-    since = [at for each in changes.values() for at in each]
+    begun = rows.times.min()
+    since = [at for each in changes.values() for at in each if at >= begun]
     followed = np.searchsorted(rows.times, since, side="right")[:, None] - 1 + np.array(_AFTER)
     last = int(np.max(followed[followed < count], initial=last))
     return last if np.count_nonzero(rows.valid[: last + 1]) >= FEWEST else count - 1
 
 
 def _lesson(twin: Twin, rows: _Rows, last: int, changes: Mapping[str, list[float]]) -> Lesson:
-    suspected = _suspected(changes, float(rows.times[last]))
+    within = float(rows.times.min()), float(rows.times[last])
+    suspected = _suspected(changes, *within)
     return Lesson(twin.registration, int(rows.keys[last]), suspected)
 
 
-def _suspected(changes: Mapping[str, list[float]], until: float) -> Suspected:
-    told = {name: sorted({at for at in each if at < until}) for name, each in changes.items()}
+def _suspected(changes: Mapping[str, list[float]], first: float, until: float) -> Suspected:
+    told = {
+        name: sorted({at for at in each if first <= at < until})
+        for name, each in changes.items()
+    }
     return tuple((name, tuple(each)) for name, each in sorted(told.items()) if each)
 
 
@@ -457,6 +472,28 @@ def _changes_in(bodies: Iterable[str]) -> list[tuple[str, float]]:
             if body["kind"] == CHANGED:
                 found.append((body["details"]["quantity"], body["details"]["since"]))
     return found
+
+
+def _renewals_in(bodies: Iterable[str]) -> list[float]:
+    """Slow times of the first readings of renewed structures among some events."""
+    found = []
+    for text in bodies:
+        if RENEWED in text:
+            body = json.loads(text)
+            if body["kind"] == RENEWED:
+                found.append(body["slow_time"])
+    return found
+
+
+def _cut(found: History, renewals: list[float]) -> History:
+    """Keep a history from the last reading that is the first of a renewed structure."""
+    firsts = np.flatnonzero(np.isin(found.states["slow_time"], renewals))
+    if not firsts.size:
+        return found
+    kept = slice(int(firsts[-1]), None)
+    return found._replace(
+        states=found.states[kept], number=found.number[kept], bodies=found.bodies[kept]
+    )
 
 
 def _prospect(twin: Twin, found: History, last: int, outlooks: Outlooks) -> Prospect | None:

@@ -75,6 +75,8 @@ def read_any(
                 rate_hz=rate_hz,
                 skip_lines=skip_lines if path.suffix.lower() not in BINARY else None,
                 time_column=time_column,
+                # A model names its channels, so that a column of zeros may well be a force.
+                keep=("all",),
                 keep_missing=True,
             )
     except RecordError as error:

@@ -1,11 +1,16 @@
 """Files of measurements in, records out: text of any kind, NumPy, MATLAB."""
 
-from .read import MAX_BYTES, read_record
+from .read import ALL, MAX_BYTES, read_record
 from .record import UNDATED_NS, Gap, Record, RecordError, accelerations, find_column
+from .stamps import DateOrder
+from .time_units import UNITS
 
 __all__ = [
+    "ALL",
     "MAX_BYTES",
     "UNDATED_NS",
+    "UNITS",
+    "DateOrder",
     "Gap",
     "Record",
     "RecordError",

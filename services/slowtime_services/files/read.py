@@ -1,27 +1,41 @@
-"""One door for every kind of file: find the clock, choose the channels, say what was found."""
+"""One door for every kind of file: find the clock, choose the channels, hold both to account.
+
+The stages: a file becomes a `Sheet` of columns with names, units and the figures of its
+heading; its clock is told apart (`clock`), then what is no channel (`roles`); what remains is
+held against the heading (`plausibility`), which also decides whether columns are channels or
+one series. What was taken for granted on the way stands in the record.
+"""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Shaped
 
+from . import clock, plausibility, roles, wrapping
 from .apart import read_matlab
 from .arrays import Arrays, read_npy, read_npz
+from .facts import Fact, Facts
 from .record import Gap, Record, RecordError, Values, find_column, in_sensor_type
-from .text import read_table
-from .timeaxis import TimeAxis, is_time_name, looks_like_time, read_time
+from .sheet import Column, Sheet
+from .stamps import DateOrder
+from .text import read_text
+from .time_units import UNITS, is_time_name
+from .timeaxis import TimeAxis, UnevenError
 
-Column = Shaped[np.ndarray, " time"]
 MAX_BYTES = 1 << 30
 SLOWEST_HZ, FASTEST_HZ = 1e-6, 1e9
-"""Sampling rates beyond these are taken for slips of the pen."""
+"""Sampling rates that a person may give; beyond these they are slips of the pen."""
+ALL = "all"
+MOST_MISSING = 0.2
+"""Share of rows that may lack a value and be left out; beyond it, the file is to be mended."""
 _ARRAYS = {".npy": read_npy, ".npz": read_npz, ".mat": read_matlab}
 _RATE_NAMES = frozenset(
     "rate_hz rate fs f_s samplerate sample_rate sampling_rate samplingrate sampling_frequency "
     "samplingfrequency fs_hz sr".split()
 )
+_INTERVAL_NAMES = frozenset("dt delta_t sample_interval sampling_interval dt_s".split())
 
 
 def read_record(
@@ -32,7 +46,12 @@ def read_record(
     skip_lines: int | None = None,
     columns: Sequence[str] | None = None,
     time_column: str | None = None,
+    time_unit: str | None = None,
+    date_order: DateOrder | None = None,
+    wrapped: bool | None = None,
+    keep: Sequence[str] = (),
     keep_missing: bool = False,
+    skip_missing: bool = False,
     max_bytes: int = MAX_BYTES,
 ) -> Record:
     """Read a record of measurements from a file.
@@ -46,10 +65,10 @@ def read_record(
     ----------
     rate_hz
         Samples per second; None to find it in a time column, in a variable such as ``fs``,
-        or in the preamble. If given, it overrules them.
+        or in the heading. If given, it overrules them.
     channels
-        Names, or numbers from 0, of the columns to keep as samples; None for all but the clock.
-        Other columns go to `Record.aux`.
+        Names, or numbers from 0, of the columns to keep as samples; None for all but clocks,
+        counters, magnitudes, constants and words. Other columns go to `Record.aux`.
     skip_lines
         Lines of text before the first row of numbers; None to find out.
     columns
@@ -57,90 +76,206 @@ def read_record(
     time_column
         Name or number of the column that holds the clock; ``"none"`` if there is none; None to
         find out.
+    time_unit
+        Unit of that column: s, ms, us, ns, min, h or d; None to find out.
+    date_order
+        Whether day (``"dmy"``) or month (``"mdy"``) comes first in dates with slashes.
+    wrapped
+        Whether all columns are one series, several values a line; None to find out.
+    keep
+        Columns to keep as channels that would be set aside; ``("all",)`` for each.
     keep_missing
         Whether NaN and empty fields are kept, as NaN, instead of refused.
+    skip_missing
+        Whether rows in which a value is missing are left out as gaps, instead of refused.
     max_bytes
         What a file may hold at most.
 
     Raises
     ------
     RecordError
-        (a ValueError) where the file is no record; the text says what to do. OSError where it
-        cannot be opened.
+        (a ValueError) where the file is no record, or may be read in several ways; the text
+        says what to do. OSError where it cannot be opened.
     """
     path = Path(path)
-    if rate_hz is not None:
-        _refuse_rate(rate_hz)
+    _refuse_slips(rate_hz, time_unit)
     size = path.stat().st_size
     if size > max_bytes:
         raise RecordError(
             f"{path.name} has {size / 2**20:.0f} MiB; at most {max_bytes / 2**20:.0f} MiB "
             "are read at once. Cut it into several files, or raise max_bytes."
         )
-    table = _open(path, skip_lines, keep_missing, max_bytes)
-    names, values = _names(table.names, columns, len(table.values)), table.values
-    _refuse_unusable(values, names, path.name, keep_missing)
-    clock = _find_clock(names, values, time_column)
-    axis, notes = _time_axis(clock, names, table, rate_hz)
-    rate = rate_hz or (axis.rate_hz if axis else table.stated_rate_hz)
+    said = _Said(rate_hz, channels, time_column, time_unit, wrapped, tuple(keep))
+    missing = _Missing(keep_missing, skip_missing)
+    sheet = _open(path, skip_lines, max_bytes, date_order)
+    sheet = _renamed(sheet, columns)
+    if len(sheet.columns[0].values) < 2 and len(sheet.columns) + len(sheet.tail) < 2 + (
+        sheet.facts.found == ()
+    ) * len(sheet.columns):
+        raise RecordError(f"{path.name} has a single row. Give a record of at least two.")
+    record = _record(path.name, sheet, said, missing)
+    plausibility.refuse_beyond(path.name, record.rate_hz) if rate_hz is None else None
+    return record
+
+
+class _Said(NamedTuple):
+    """What a person says of a file."""
+
+    rate_hz: float | None
+    channels: Sequence[str] | None
+    time_column: str | None
+    time_unit: str | None
+    wrapped: bool | None
+    keep: tuple[str, ...]
+
+
+class _Missing(NamedTuple):
+    """What to do with values that are missing."""
+
+    keep: bool
+    skip: bool
+
+
+def _record(file: str, sheet: Sheet, said: _Said, missing: _Missing) -> Record:
+    """Decide what the columns are, hold that to account, and gather the samples."""
+    names = sheet.names
+    told = _tell(sheet, said)
+    kept, why = _kept(file, sheet, said, told.columns, sparse=not missing.keep)
+    lost = _rows_missing(file, sheet, kept, missing)
+    rows = np.arange(len(lost))[~lost]
+    if missing.skip and lost.any():
+        sheet = _only_rows(sheet, rows)
+        told = _tell(sheet, said)
+    axis, notes = _axis(told, said, sheet.facts)
+    gaps = axis.gaps if axis is not None else ()
+    if axis is None and missing.skip:
+        gaps = tuple(_gaps_of(rows))
+    values = [sheet.columns[i].values for i in kept]
+    measured = _measured(sheet, kept, said, axis, gaps, told)
+    verdict = plausibility.judge(file, sheet.facts, measured)
+    rate = verdict.rate_hz
     if rate is None:
-        raise RecordError(
-            f"{path.name} does not say how often it was sampled: {_no_clock(names, values)}. "
+        raise told.refusal or RecordError(
+            f"{file} does not say how often it was sampled: {_no_clock(sheet)}. "
             "Give --rate-hz, or name the clock with --time-column."
         )
-    _refuse_rate(rate)
-    kept = _kept(names, channels, clock)
-    if not kept:
-        raise RecordError(
-            f"{path.name} has no channel beside its clock. Give a file with samples."
-        )
-    others = {name: values[i] for i, name in enumerate(names) if i not in kept}
+    if (
+        said.rate_hz is None
+        and told.clock is None
+        and told.refusal is not None
+        and told.columns
+    ):
+        notes += (f"The column of times was not used: {told.refusal}",)
+    if verdict.wrapped:
+        return _series(sheet, kept, verdict, notes)
+    assumptions = (*sheet.assumptions, *_said_of(told, axis, why), *verdict.assumptions)
+    others = {n: _plain(sheet.columns[i]) for i, n in enumerate(names) if i not in kept}
+    start_ns = axis.start_ns if axis is not None else None
+    if lost.any():
+        notes += (_say_missing(values, lost, missing),)
+    if gaps:
+        notes += (_say_gaps(gaps),)
     return Record(
-        samples=in_sensor_type(np.column_stack([values[i] for i in kept])),
+        samples=in_sensor_type(_finite(np.column_stack(values))),
         rate_hz=float(rate),
         channels=tuple(names[i] for i in kept),
-        units=tuple(table.units[i] for i in kept),
-        start_ns=axis.start_ns if axis else None,
-        gaps=axis.gaps if axis else (),
-        aux={**table.aux, **others},
-        notes=notes,
+        units=tuple(sheet.columns[i].unit for i in kept),
+        start_ns=sheet.start_ns if start_ns is None else start_ns,
+        gaps=gaps,
+        aux={**sheet.aux, **{k: v for k, v in others.items() if v.dtype.kind in "fiub"}},
+        notes=(*sheet.notes, *notes, *verdict.notes),
+        assumptions=assumptions,
     )
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class _Columns:
-    """What every kind of file is brought to."""
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    values: tuple[Column, ...]
-    stated_rate_hz: float | None
-    aux: Arrays
-    notes: tuple[str, ...]
-    first_line: int
+def _plain(column: Column) -> Values:
+    """Values of a column that is no channel; of stamps, seconds from the first."""
+    if column.stamps is None:
+        return column.values
+    return np.asarray((column.values - column.values[0]) * 1e-9)
 
 
-def _open(path: Path, skip_lines: int | None, keep_missing: bool, max_bytes: int) -> _Columns:
+def _finite(samples: Values) -> Values:
+    """Put NaN in place of what is infinite."""
+    if samples.dtype.kind != "f" or not np.isinf(samples).any():
+        return samples
+    return np.where(np.isfinite(samples), samples, np.nan)
+
+
+def _tell(sheet: Sheet, said: _Said) -> clock.Told:
+    if said.wrapped:
+        return clock.Told(None, None, frozenset())
+    stated = {value for fact in sheet.facts.of("rate") for value in fact.values}
+    stated |= {1 / value for fact in sheet.facts.of("interval") for value in fact.values}
+    return clock.tell(
+        sheet,
+        sheet.names,
+        said.time_column,
+        unit=said.time_unit,
+        stated_rate_hz=stated.pop() if len(stated) == 1 else None,
+    )
+
+
+def _series(
+    sheet: Sheet, kept: Sequence[int], verdict: plausibility.Verdict, notes: tuple[str, ...]
+) -> Record:
+    """All columns as one series."""
+    table = np.column_stack([sheet.columns[i].values for i in kept]).astype(float)
+    assert verdict.rate_hz is not None
+    return Record(
+        samples=wrapping.unwrap(table, sheet.tail)[:, None],
+        rate_hz=float(verdict.rate_hz),
+        channels=("channel_0",),
+        units=("",),
+        start_ns=sheet.start_ns,
+        aux=sheet.aux,
+        notes=(*(n for n in sheet.notes if "cut short" not in n), *notes, *verdict.notes),
+        assumptions=(*sheet.assumptions, *verdict.assumptions),
+    )
+
+
+def _measured(
+    sheet: Sheet,
+    kept: Sequence[int],
+    said: _Said,
+    axis: TimeAxis | None,
+    gaps: Sequence[Gap],
+    told: clock.Told,
+) -> plausibility.Measured:
+    values = [sheet.columns[i].values for i in kept]
+    alone = len(kept) == len(sheet.columns) and all(v.dtype.kind in "fiu" for v in values)
+    layered = alone and len(kept) > 1 and axis is None and not sheet.format
+    open_to_doubt = layered and not sheet.named and said.wrapped is None
+    table = np.column_stack(values).astype(float) if open_to_doubt else None
+    return plausibility.Measured(
+        rows=len(values[0]),
+        width=len(kept),
+        tail=len(sheet.tail) if layered else 0,
+        missing=sum(gap.missing for gap in gaps),
+        clock_rate_hz=axis.rate_hz if axis is not None else None,
+        clock_sure=told.clock is None or told.clock.sure,
+        given_rate_hz=said.rate_hz,
+        named=sheet.named,
+        smooth=table is not None and wrapping.looks_wrapped(table),
+        apart=table is not None and wrapping.looks_like_channels(table),
+        wrapped=said.wrapped if layered else False,
+    )
+
+
+def _open(
+    path: Path, skip_lines: int | None, max_bytes: int, date_order: DateOrder | None
+) -> Sheet:
     kind = path.suffix.lower()
     if kind == ".mcap":
         raise RecordError(
             f"{path.name} is a recording, not a table. Read it with `slowtime replay`."
         )
     if kind in _ARRAYS:
-        return _columns(_ARRAYS[kind](path, max_bytes), path.name)
-    text = read_table(path, skip_lines=skip_lines, keep_missing=keep_missing)
-    return _Columns(
-        text.names,
-        text.units,
-        tuple(text.values.T),
-        text.stated_rate_hz,
-        {},
-        text.notes,
-        text.first_line,
-    )
+        return _sheet(_ARRAYS[kind](path, max_bytes), path.name)
+    return read_text(path, skip_lines=skip_lines, date_order=date_order)
 
 
-def _columns(arrays: Arrays, file: str) -> _Columns:
+def _sheet(arrays: Arrays, file: str) -> Sheet:
     """Arrays of one common length as columns; single numbers and other lengths apart."""
     plain = {k: np.squeeze(array) for k, array in arrays.items() if array.dtype.kind in "fiub"}
     tables = {k: array for k, array in plain.items() if array.ndim in (1, 2) and array.size > 1}
@@ -151,7 +286,7 @@ def _columns(arrays: Arrays, file: str) -> _Columns:
             "array per channel, plus t or rate_hz."
         )
     length = max(max(array.shape) for array in tables.values())
-    columns: dict[str, Column] = {}
+    columns: list[Column] = []
     aux: dict[str, Values] = {}
     other = [k for k, array in tables.items() if max(array.shape) != length]
     for name, array in plain.items():
@@ -162,120 +297,252 @@ def _columns(arrays: Arrays, file: str) -> _Columns:
         table = table if table.shape[0] == length else table.T
         width = table.shape[1]
         named = [name] if width == 1 else [f"{name}_{i}" for i in range(width)]
-        columns.update(zip(named, table.T, strict=True))
+        columns.extend(Column(n, "", v) for n, v in zip(named, table.T, strict=True))
     unreal = [k for k, array in arrays.items() if array.dtype.kind == "c"]
     left_out = (f"Left out, not being of length {length}: {', '.join(other)}.",) * bool(other)
     left_out += (f"Left out, holding complex numbers: {', '.join(unreal)}.",) * bool(unreal)
-    stated = [float(v) for k, v in aux.items() if v.ndim == 0 and _bare(k) in _RATE_NAMES]
-    return _Columns(
-        tuple(columns),
-        ("",) * len(columns),
-        tuple(columns.values()),
-        stated[0] if stated else None,
-        aux,
-        left_out,
-        0,
+    return Sheet(
+        columns=tuple(columns), named=True, facts=_facts_of(aux), aux=aux, notes=left_out
     )
 
 
-def _bare(name: str) -> str:
-    return name.rpartition(".")[2].casefold()
+def _facts_of(aux: Arrays) -> Facts:
+    """Find the rate or interval that a single number states by its name."""
+    found = []
+    for name, value in aux.items():
+        if value.ndim or not np.isfinite(value) or not value > 0:
+            continue
+        bare, number = name.rpartition(".")[2].casefold(), float(value)
+        if bare in _RATE_NAMES:
+            found.append(Fact("rate", (number,), f"{name} = {number:g}", 0))
+        elif bare in _INTERVAL_NAMES:
+            found.append(Fact("interval", (number,), f"{name} = {number:g}", 0))
+    return Facts(tuple(found))
 
 
-def _names(found: tuple[str, ...], given: Sequence[str] | None, width: int) -> tuple[str, ...]:
-    if given is not None and len(given) != width:
+def _renamed(sheet: Sheet, given: Sequence[str] | None) -> Sheet:
+    """Give columns the names that a person says."""
+    if given is None:
+        return sheet
+    width = len(sheet.columns)
+    if len(given) != width:
         raise RecordError(
             f"{len(given)} column names were given, {', '.join(given)}, for {width} columns. "
             "Give one name for each, the time column's included."
         )
-    names = tuple(given) if given is not None else found
-    if not names:
-        return tuple(f"channel_{i}" for i in range(width))
-    return tuple(
-        name if names.count(name) == 1 else f"{name}_{i}" for i, name in enumerate(names)
+    columns = (
+        dataclasses.replace(column, name=name)
+        for column, name in zip(sheet.columns, given, strict=True)
     )
+    return dataclasses.replace(sheet, columns=tuple(columns), named=True)
 
 
-def _refuse_unusable(
-    values: Sequence[Column],
-    names: tuple[str, ...],
-    file: str,
-    keep_missing: bool,
-) -> None:
-    if len(values[0]) < 2:
-        raise RecordError(f"{file} has a single row. Give a record of at least two.")
-    if keep_missing:
-        return
-    for name, column in zip(names, values, strict=True):
-        bad = np.flatnonzero(~np.isfinite(column))
-        if bad.size:
-            raise RecordError(
-                f"{file}, column {name}: {bad.size} values are not finite, the first in row "
-                f"{bad[0]}. Cut them out or fill them in; the edge agent can be told to treat "
-                "them as dropouts."
-            )
-
-
-def _refuse_rate(rate_hz: float) -> None:
-    if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
+def _refuse_slips(rate_hz: float | None, time_unit: str | None) -> None:
+    if rate_hz is not None and not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
         raise RecordError(
             f"{rate_hz:g} is not a sampling rate. Give samples per second, from {SLOWEST_HZ:g} "
             f"to {FASTEST_HZ:g}."
         )
+    if time_unit is not None and time_unit not in UNITS:
+        raise RecordError(f"{time_unit!r} is no unit of time. Allowed: {', '.join(UNITS)}.")
 
 
-def _find_clock(
-    names: tuple[str, ...], values: Sequence[Column], given: str | None
-) -> int | None:
-    """Which column is the clock: the one named, else by name, else by its constant step."""
-    if given is not None:
-        return None if given.casefold() == "none" else find_column(given, names)
-    rising = [i for i, v in enumerate(values) if v.dtype.kind in "fiu" and _rises(v)]
-    named = [i for i in rising if is_time_name(names[i])]
-    steady = [i for i in rising if len(values) > 1 and looks_like_time(values[i].astype(float))]
-    return next(iter(named + steady), None)
+def _kept(
+    file: str, sheet: Sheet, said: _Said, clocks: frozenset[int], *, sparse: bool
+) -> tuple[tuple[int, ...], dict[str, str]]:
+    """Columns to keep as channels, and why others are not."""
+    names = sheet.names
+    if said.channels is not None:
+        return _chosen(said.channels, names, clocks, sheet), {}
+    if said.wrapped:
+        return tuple(range(len(names))), {}
+    forced = set(range(len(names))) if tuple(said.keep) == (ALL,) else {
+        find_column(name, names) for name in said.keep
+    }  # fmt: skip
+    apart = {
+        place: reason
+        for place, reason in roles.aside(
+            sheet.columns,
+            names,
+            clocks,
+            sparse=sparse,
+            unnamed_clocks=(said.time_column or "").casefold() != "none",
+        ).items()
+        if place not in forced or sheet.columns[place].kind != "number"
+    }
+    kept = tuple(i for i in range(len(names)) if i not in clocks and i not in apart)
+    if not kept:
+        # A counter that is alone may be a sensor after all; words are none.
+        kept = tuple(i for i in apart if sheet.columns[i].kind == "number")
+        kept = tuple(i for i in kept if np.isfinite(sheet.columns[i].values).all())
+        apart = {place: reason for place, reason in apart.items() if place not in kept}
+    if not kept:
+        raise RecordError(
+            f"{file} has no channel beside its clock{_reasons(apart, names)}. Give a file with "
+            "samples, or say which columns are some with --channels."
+        )
+    return kept, {names[place]: reason for place, reason in apart.items()}
 
 
-def _no_clock(names: tuple[str, ...], values: Sequence[Column]) -> str:
+def _reasons(apart: dict[int, str], names: tuple[str, ...]) -> str:
+    said = "; ".join(f"{names[place]!r} is {reason}" for place, reason in apart.items())
+    return f" ({said})" if said else ""
+
+
+def _chosen(
+    channels: Sequence[str], names: tuple[str, ...], clocks: frozenset[int], sheet: Sheet
+) -> tuple[int, ...]:
+    kept = tuple(find_column(name, names) for name in channels)
+    for place in kept:
+        if place in clocks:
+            raise RecordError(
+                f"{names[place]!r} is the clock of the record, not a channel. Leave it out; if "
+                "it is one after all, give --time-column none and --rate-hz."
+            )
+        if sheet.columns[place].kind != "number":
+            raise RecordError(
+                f"{names[place]!r} holds {sheet.columns[place].kind}s, not numbers. Leave it "
+                "out."
+            )
+    if len(set(kept)) != len(kept):
+        raise RecordError(
+            f"A channel was named twice in {', '.join(channels)}. Name each once."
+        )
+    return kept
+
+
+def _rows_missing(
+    file: str, sheet: Sheet, kept: Sequence[int], missing: _Missing
+) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Rows in which a channel has no finite value."""
+    lost = np.zeros(len(sheet.columns[0].values), dtype=bool)
+    for place in kept:
+        column = sheet.columns[place]
+        bad = ~np.isfinite(column.values) if column.values.dtype.kind == "f" else lost & False
+        infinite = bad.any() and bool(np.isinf(column.values[bad]).any())
+        if bad.any() and not missing.keep and (infinite or not missing.skip):
+            raise _not_finite(file, sheet.names[place], column, bad)
+        lost |= bad
+    if missing.skip and lost.mean() > MOST_MISSING:
+        raise RecordError(
+            f"{file}: in {100 * lost.mean():.0f} % of its rows a value is missing; at most "
+            f"{100 * MOST_MISSING:.0f} % are left out as gaps. Leave out the columns that lack "
+            "them with --channels, or fill them in."
+        )
+    return lost
+
+
+def _not_finite(
+    file: str, name: str, column: Column, bad: np.ndarray[tuple[int], np.dtype[np.bool_]]
+) -> RecordError:
+    cure = (
+        "Cut the record there, or fill the value in; the edge agent can be told to treat such "
+        "values as dropouts."
+    )
+    if column.missing is not None:
+        line, field, text = column.missing
+        return RecordError(
+            f"Line {line}, field {field} is {text[:40]!r}: not a finite number. {cure}"
+        )
+    return RecordError(
+        f"{file}, column {name}: {np.count_nonzero(bad)} values are not finite, the first in "
+        f"row {np.flatnonzero(bad)[0]}. {cure}"
+    )
+
+
+def _only_rows(sheet: Sheet, rows: np.ndarray[tuple[int], np.dtype[np.intp]]) -> Sheet:
+    columns = []
+    for column in sheet.columns:
+        stamps = column.stamps
+        if stamps is not None:
+            stamps = dataclasses.replace(stamps, ns=stamps.ns[rows])
+        columns.append(dataclasses.replace(column, values=column.values[rows], stamps=stamps))
+    return dataclasses.replace(sheet, columns=tuple(columns))
+
+
+def _gaps_of(rows: np.ndarray[tuple[int], np.dtype[np.intp]]) -> Iterator[Gap]:
+    jumps = np.diff(rows) - 1
+    for at in np.flatnonzero(jumps):
+        yield Gap(int(at) + 1, int(jumps[at]))
+
+
+def _axis(
+    told: clock.Told, said: _Said, facts: Facts
+) -> tuple[TimeAxis | None, tuple[str, ...]]:
+    """Give what the clock says; a rate that was given overrules it."""
+    notes = told.notes
+    if told.axis is None or told.clock is None:
+        if told.refusal is None:
+            return None, notes
+        if said.rate_hz is None and (said.time_column is not None or told.columns):
+            return None, (*notes, _heading_instead(facts, told.refusal))
+        if said.rate_hz is not None:
+            notes += (f"The clock was not used, since a rate was given: {told.refusal}",)
+        return None, notes
+    axis, name = told.axis, told.clock.name
+    if said.rate_hz is not None and abs(axis.rate_hz / said.rate_hz - 1) > 1e-3:
+        notes += (
+            f"Column {name!r} says {axis.rate_hz:g} Hz; {said.rate_hz:g} Hz was given, and "
+            "used.",
+        )
+        return dataclasses.replace(axis, rate_hz=said.rate_hz, gaps=()), notes
+    notes += axis.notes
+    if axis.jitter > 0.05:
+        notes += (f"The clock jitters by {100 * axis.jitter:.0f} % of a step (rms).",)
+    return axis, notes
+
+
+def _heading_instead(facts: Facts, refusal: RecordError) -> str:
+    """Note that the heading's rate is used, where uneven times have it on average.
+
+    Raises
+    ------
+    RecordError
+        The refusal, where the heading states no rate, or another.
+    """
+    stated = [value for fact in facts.of("rate") for value in fact.values]
+    stated += [1 / value for fact in facts.of("interval") for value in fact.values]
+    if isinstance(refusal, UnevenError) and stated and plausibility.is_near(
+        refusal.mean_hz, stated[0]
+    ):  # fmt: skip
+        return f"The clock was not used, the heading states its mean rate: {refusal}"
+    raise refusal
+
+
+def _no_clock(sheet: Sheet) -> str:
     """Say why no column passes for a clock."""
-    for name, column in zip(names, values, strict=True):
-        if is_time_name(name):
-            back = int(np.sum(~(np.diff(column.astype(float)) > 0)))
+    names = sheet.names
+    for name, column in zip(names, sheet.columns, strict=True):
+        if is_time_name(name) and column.kind == "number":
+            with np.errstate(invalid="ignore"):  # two infinities in a row
+                back = int(np.sum(~(np.diff(column.values.astype(float)) > 0)))
             return (
-                f"column {name!r} does not run forwards in {back} of {len(column) - 1} steps, "
-                "and is no clock as it stands. Sort the rows by time if they are out of order"
+                f"column {name!r} does not run forwards in {back} of {len(column.values) - 1} "
+                "steps, and is no clock as it stands. Sort the rows by time if they are out of "
+                "order"
             )
     return f"no time column was found among {', '.join(names)}"
 
 
-def _rises(values: Column) -> bool:
-    return bool(values[-1] > values[0]) and bool(
-        (np.diff(values.astype(float)) > 0).mean() > 0.5
-    )
+def _said_of(told: clock.Told, axis: TimeAxis | None, why: dict[str, str]) -> Iterator[str]:
+    """Say what was taken for granted of the columns."""
+    if told.clock is not None and axis is not None:
+        yield f"time from column {told.clock.said}"
+    if why:
+        apart = "; ".join(f"{name!r}: {reason}" for name, reason in why.items())
+        yield f"set aside ({apart}), --keep keeps them"
 
 
-def _time_axis(
-    clock: int | None, names: tuple[str, ...], table: _Columns, rate_hz: float | None
-) -> tuple[TimeAxis | None, tuple[str, ...]]:
-    """Read the clock; a rate that was given overrules it."""
-    notes = table.notes
-    if clock is None:
-        return None, notes
-    name, unit = names[clock], table.units[clock]
-    try:
-        axis = read_time(table.values[clock], name=name, unit=unit, first_line=table.first_line)
-    except RecordError as error:
-        if rate_hz is None:
-            raise
-        return None, (*notes, f"The clock was not used, since a rate was given: {error}")
-    if rate_hz is not None and abs(axis.rate_hz / rate_hz - 1) > 1e-3:
-        said = f"Column {name!r} says {axis.rate_hz:g} Hz; {rate_hz:g} Hz was given, and used."
-        return dataclasses.replace(axis, rate_hz=rate_hz, gaps=()), (*notes, said)
-    if axis.gaps:
-        notes = (*notes, _say_gaps(axis.gaps))
-    if axis.jitter > 0.05:
-        notes = (*notes, f"The clock jitters by {100 * axis.jitter:.0f} % of a step (rms).")
-    return axis, notes
+def _say_missing(
+    values: Sequence[Values],
+    lost: np.ndarray[tuple[int], np.dtype[np.bool_]],
+    missing: _Missing,
+) -> str:
+    if missing.skip:
+        rows = int(np.count_nonzero(lost))
+        return f"{rows} rows in which a value is missing were left out."
+    count = sum(int(np.count_nonzero(~np.isfinite(v.astype(float)))) for v in values)
+    return f"{count} values are missing."
 
 
 def _say_gaps(gaps: tuple[Gap, ...]) -> str:
@@ -283,21 +550,3 @@ def _say_gaps(gaps: tuple[Gap, ...]) -> str:
     samples = "1 sample is" if missing == 1 else f"{missing} samples are"
     where = "1 gap," if len(gaps) == 1 else f"{len(gaps)} gaps, the first"
     return f"{samples} missing in {where} before row {gaps[0].row}."
-
-
-def _kept(
-    names: tuple[str, ...], channels: Sequence[str] | None, clock: int | None
-) -> tuple[int, ...]:
-    if channels is None:
-        return tuple(i for i in range(len(names)) if i != clock)
-    kept = tuple(find_column(name, names) for name in channels)
-    if clock in kept:
-        raise RecordError(
-            f"{names[clock]!r} is the clock of the record, not a channel. Leave it out; if "
-            "it is one after all, give --time-column none and --rate-hz."
-        )
-    if len(set(kept)) != len(kept):
-        raise RecordError(
-            f"A channel was named twice in {', '.join(channels)}. Name each once."
-        )
-    return kept

@@ -59,6 +59,9 @@ class Record:
         What else the file holds: the time column, columns not asked for, single numbers.
     notes
         What a person should know of how the file was read.
+    assumptions
+        What was taken for granted of it: which column is the clock, which are no channels,
+        where the rate is from.
     """
 
     samples: Shaped[np.ndarray, "time channel"]
@@ -69,6 +72,7 @@ class Record:
     gaps: tuple[Gap, ...] = ()
     aux: Mapping[str, Values] = dataclasses.field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
 
     @property
     def duration_s(self) -> float:

@@ -1,232 +1,174 @@
 """Text of any delimiter, with or without header: found out by looking at its first lines."""
 
-import dataclasses
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from .record import RecordError, looks_like_unit
+from .dialect import HEAD_LINES, Dialect, Kind, Layout, find_layout
+from .encoding import decode
+from .facts import Facts, find_facts
+from .formats import FORMATS
+from .heading import read_heading
+from .record import RecordError
+from .sheet import Column, ColumnKind, Sheet
+from .signatures import refuse_binary
+from .stamps import DateOrder, read_stamps
 
-HEAD_LINES = 400
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?$|[+-]?(nan|inf|infinity)$", re.I)
-_RATE = re.compile(
-    r"(?:sampl\w*[\s_-]*(?:rate|freq\w*)|\bfs)\b[^0-9\n]{0,20}?([0-9]+(?:[.,][0-9]+)?(?:e[+-]?\d+)?)",
-    re.I,
+MOST_FOOTER = 12
+"""Lines of words that may stand below the rows."""
+_SERIAL_STAMP = re.compile(r"(\d{1,2}:\d{2}:\d{2}[.,]\d+)\s*->\s*")
+"""What the Arduino IDE puts before each line that it logs."""
+_LABELLED = re.compile(
+    r"\s*([^\W\d][\w./^² ()\[\]-]{0,30}?)\s*[:=]\s*([+-]?[\d.,]+(?:[eE][+-]?\d+)?)"
 )
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class Dialect:
-    """How one file writes numbers."""
-
-    delimiter: str | None
-    """None is any run of blanks."""
-    decimal: str
-
-    def split(self, line: str) -> list[str]:
-        """Fields of a line; one delimiter left over at the end of the line closes nothing."""
-        line = line.strip() if self.delimiter in (None, " ") else line.strip(" \r\n\ufeff")
-        if self.delimiter is not None and line.endswith(self.delimiter):
-            line = line[: -len(self.delimiter)]
-        return [field.strip().strip("\"'").strip() for field in line.split(self.delimiter)]
-
-    def ends_open(self, line: str) -> bool:
-        """Whether a delimiter is the last thing on a line."""
-        return self.delimiter is not None and line.rstrip(" \r\n").endswith(self.delimiter)
-
-    def is_number(self, field: str) -> bool:
-        """Whether a field is a number in this dialect."""
-        return bool(_NUMBER.match(self.with_point(field)))
-
-    def with_point(self, field: str) -> str:
-        """Write a field with a decimal point."""
-        return field if self.decimal == "." else field.replace(",", ".")
-
-
-DIALECTS = (
-    Dialect("\t", "."), Dialect(";", "."), Dialect(",", "."), Dialect("|", "."),
-    Dialect(None, "."), Dialect("\t", ","), Dialect(";", ","), Dialect("|", ","),
-    Dialect(None, ","),
-)  # fmt: skip
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class Table:
-    """Numbers of a text file, and what its first lines say of them."""
-
-    values: Float[np.ndarray, "row column"]
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    first_line: int
-    stated_rate_hz: float | None
-    notes: tuple[str, ...]
-
-
-def read_table(
-    path: Path, *, skip_lines: int | None = None, keep_missing: bool = False
-) -> Table:
-    """Read a text file of numbers.
+def read_text(
+    path: Path, *, skip_lines: int | None = None, date_order: DateOrder | None = None
+) -> Sheet:
+    """Read a text file of numbers, stamps and words.
 
     Parameters
     ----------
     skip_lines
-        Lines before the first row of numbers; found out if None.
-    keep_missing
-        Whether empty and NaN fields become NaN instead of an error.
+        Lines before the first row; found out if None.
+    date_order
+        Whether day or month comes first in dates with slashes; found out if None.
+
+    Raises
+    ------
+    RecordError
+        Where there are no rows, or a line is not like the others.
     """
-    text = _decode(path)
-    lines = text.splitlines()
+    refuse_binary(path)
+    lines = decode(path).splitlines()
     if not any(line.strip() for line in lines):
         raise RecordError(
             f"{path.name} is empty. Give a file with at least two rows of numbers."
         )
-    dialect, first = _find_data(lines, path.name, skip_lines)
-    preamble = lines[:first]
-    width = len(dialect.split(lines[first]))
-    names, units = _header(preamble, dialect, width)
-    values, notes = _numbers(lines, first, dialect, width, keep_missing)
-    return Table(values, names, units, first + 1, _stated_rate(preamble), notes)
+    if skip_lines is None:
+        for form in FORMATS:
+            if form.recognise(lines[:HEAD_LINES]):
+                return form.read(lines, path.name)
+    return _read_table(_plain(lines), path.name, skip_lines, date_order)
 
 
-def _decode(path: Path) -> str:
-    raw = path.read_bytes()
-    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        try:
-            return raw.decode("utf-16")
-        except UnicodeDecodeError as error:
-            raise RecordError(
-                f"{path.name} begins as UTF-16 text and is none: {error.reason} at byte "
-                f"{error.start}. Allowed: text, .npy, .npz, .mat, .mcap."
-            ) from error
-    if b"\0" in raw[:4096]:
-        raise RecordError(
-            f"{path.name} is not text: it holds zero bytes. "
-            "Allowed: text, .npy, .npz, .mat, .mcap."
-        )
-    try:
-        return raw.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return raw.decode("latin-1")
+def _plain(lines: list[str]) -> list[str]:
+    """Lines without what a serial monitor or plotter adds to each."""
+    head = [line for line in lines[:HEAD_LINES] if line.strip()]
+    if sum(bool(_SERIAL_STAMP.match(line)) for line in head) > 0.8 * len(head):
+        body = _SERIAL_STAMP.sub("", head[-1])
+        mark = next((m for m in ("\t", ";", ",") if m in body), ",")
+        lines = [_SERIAL_STAMP.sub(rf"\1{mark}", line, count=1) for line in lines]
+        head = [line for line in lines[:HEAD_LINES] if line.strip()]
+    labels = [_labels(line) for line in head[-3:]]
+    if len(head) >= 3 and labels[0] and all(found == labels[0] for found in labels):
+        width = len(labels[0])
+        rows = [(_LABELLED.findall(line), line) for line in lines]
+        values = [
+            ";".join(value.rstrip(",.") for _, value in found)
+            for found, line in rows
+            if len(found) == width and tuple(name for name, _ in found) == labels[0]
+        ]
+        return [";".join(labels[0]), *values]
+    return lines
 
 
-def _find_data(lines: Sequence[str], name: str, skip: int | None) -> tuple[Dialect, int]:
-    """Find the dialect in which most of the head reads as rows of equally many numbers."""
-    offset = skip or 0
-    head = lines[offset : offset + HEAD_LINES]
-    best: tuple[int, int, Dialect, int] | None = None
-    for dialect in DIALECTS:
-        length, start, width = _longest_run(head, dialect, whole=len(head) < HEAD_LINES)
-        if length and not _is_decimal_comma(head[start : start + length], dialect):
-            score = (length, width if dialect.delimiter else 1)
-            if best is None or score > best[:2]:
-                best = (*score, dialect, start)
-    if best is None:
-        raise RecordError(
-            f"No row of numbers in the first {HEAD_LINES} lines of {name} "
-            f"(line {offset + 1} is {lines[offset][:60]!r}). "
-            "Say where they begin with --skip-lines, or convert the file to CSV."
-            if offset < len(lines)
-            else f"{name} has {len(lines)} lines, fewer than skip_lines={skip}. "
-            "Lower --skip-lines."
-        )
-    return best[2], offset + _first_row(head, best[2], best[3])
+def _labels(line: str) -> tuple[str, ...]:
+    """Labels of a line such as ``ax:0.12,ay:0.30``; none where it is another."""
+    if len(line) > 2000:
+        return ()
+    found = _LABELLED.findall(line)
+    rest = re.sub(r"[\s,;|]|m/s[\^²]?2?|deg|°", "", _LABELLED.sub("", line))
+    return tuple(name for name, _ in found) if found and not rest else ()
 
 
-def _first_row(head: Sequence[str], dialect: Dialect, inside: int) -> int:
-    """Where the rows begin; a bad line among the first does not make those a preamble."""
-    width = len(dialect.split(head[inside]))
-    rows = [index for index, line in enumerate(head) if line.strip()]
-    good = {index for index in rows if _is_row(dialect.split(head[index]), dialect, width)}
-    for at, index in enumerate(rows):
-        if index not in good:
-            continue
-        above = dialect.split(head[rows[at - 1]].lstrip("#%!; ")) if at else []
-        named = len(above) == width and not any(map(dialect.is_number, above))
-        if at == 0 or named or good.issuperset(rows[at : at + 3]):
-            return index
-    return inside
+def _read_table(
+    lines: list[str], name: str, skip_lines: int | None, date_order: DateOrder | None
+) -> Sheet:
+    layout = find_layout(lines, name, skip_lines)
+    dialect, preamble = layout.dialect, lines[: layout.first]
+    names, units = read_heading(preamble, dialect, len(layout.kinds))
+    lines, footer = _without_footer(lines, layout)
+    facts = find_facts(preamble, dialect.decimal)
+    if footer:
+        below = find_facts(footer, dialect.decimal, len(lines) + 1)
+        facts = Facts((*facts.found, *below.found), max(facts.factor, below.factor))
+    named = bool(names) and any(names)
+    rows = _Rows(lines, layout, names or ("",) * len(units), units, date_order)
+    columns, tail, notes = rows.read()
+    return Sheet(
+        columns=columns,
+        named=named,
+        facts=facts,
+        tail=tail,
+        notes=notes,
+        first_line=layout.first + 1,
+    )
 
 
-def _is_row(fields: Sequence[str], dialect: Dialect, width: int) -> bool:
-    return len(fields) == width and all(map(dialect.is_number, fields))
+def _without_footer(lines: list[str], layout: Layout) -> tuple[list[str], list[str]]:
+    """Rows and the lines of words below them."""
+    end = len(lines)
+    while end > layout.first and not lines[end - 1].strip():
+        end -= 1
+    top = end
+    while top > max(layout.first + 1, end - MOST_FOOTER) and _is_footer(lines[top - 1], layout):
+        top -= 1
+    if _is_footer(lines[top - 1], layout):
+        return lines[:end], []  # too long for a footer: a fault of the rows, which is named
+    return lines[:top], lines[top:end]
 
 
-def _longest_run(head: Sequence[str], dialect: Dialect, *, whole: bool) -> tuple[int, int, int]:
-    """Length, start and width of the longest run of rows with one number of numbers."""
-    best, start, width, length = (0, 0, 0), 0, 0, 0
-    for index, line in enumerate(head):
-        if not line.strip():
-            continue
-        fields = dialect.split(line)
-        numeric = sum(dialect.is_number(field) for field in fields)
-        # A row may miss a number; that is for the reader to refuse, with its line.
-        row = numeric == len(fields) or (
-            length > 0 and numeric and all(f == "" or dialect.is_number(f) for f in fields)
-        )
-        if row and (len(fields) == width or length == 0):
-            length, start = (length + 1, start if length else index)
-            width = len(fields)
-        elif row:
-            length, start, width = 1, index, len(fields)
-        else:
-            length = 0
-        if length > best[0]:
-            best = (length, start, width)
-    return best
+def _is_footer(line: str, layout: Layout) -> bool:
+    if not line.strip():
+        return True
+    fields = layout.dialect.split(line) if len(line) < 2000 else [line]
+    kinds = [layout.dialect.kind(field) for field in fields]
+    alike = sum(one == other for one, other in zip(kinds, layout.kinds, strict=False))
+    return bool(re.search(r"[^\W\d_]{3}", line)) and alike * 2 < max(len(layout.kinds), 2)
 
 
-def _is_decimal_comma(rows: Sequence[str], dialect: Dialect) -> bool:
-    """Whether "0,05" is one number: as two, the second would begin with a needless zero."""
-    if dialect != Dialect(",", "."):
-        return False
-    second = [fields[1] for row in rows if len(fields := dialect.split(row)) == 2]
-    return any(re.match(r"0\d", field) for field in second)
+class _Rows:
+    """Rows of one file: all by the quick reader, or one by one where it stumbles."""
 
+    def __init__(
+        self,
+        lines: list[str],
+        layout: Layout,
+        names: tuple[str, ...],
+        units: tuple[str, ...],
+        date_order: DateOrder | None,
+    ) -> None:
+        self._lines, self._layout = lines, layout
+        self._names, self._units, self._order = names, units, date_order
 
-def _header(
-    preamble: Sequence[str], dialect: Dialect, width: int
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names and units from the last lines above the numbers that have as many fields."""
-    rows: list[list[str]] = []
-    for line in reversed(preamble):
-        fields = dialect.split(line.lstrip("#%!; "))
-        fits = len(fields) == width and all(fields) and not any(map(dialect.is_number, fields))
-        if rows and not fits:
-            break
-        if fits:
-            rows.append(fields)
-    if not rows:
-        return (), ("",) * width
-    below = rows[0]
-    if len(rows) > 1 and sum(map(looks_like_unit, below)) * 2 >= width:
-        return tuple(rows[1]), tuple(unit.strip("[]") for unit in below)
-    named = [_name_and_unit(field) for field in below]
-    return tuple(name for name, _ in named), tuple(unit for _, unit in named)
+    def read(self) -> tuple[tuple[Column, ...], tuple[float, ...], tuple[str, ...]]:
+        """Columns, values of a short last row, and notes."""
+        kinds = self._layout.kinds
+        if set(kinds) == {"number"}:
+            values = self._quickly()
+            if values is not None:
+                columns = [
+                    Column(n, u, v)
+                    for n, u, v in zip(self._names, self._units, values.T, strict=True)
+                ]
+                return tuple(columns), (), ()
+        fields, numbers, tail, notes = self._with_care()
+        made = [
+            self._column(i, list(texts), numbers)
+            for i, texts in enumerate(zip(*fields, strict=True))
+        ]
+        return tuple(made), tail, notes
 
-
-def _name_and_unit(field: str) -> tuple[str, str]:
-    """Split ``"acc [m/s^2]"`` or ``"acc (g)"``."""
-    match = re.match(r"(.*\S)\s*[\[(]([^\])]*)[\])]$", field)
-    if match and (field.endswith("]") or looks_like_unit(match.group(2))):
-        return match.group(1), match.group(2)
-    return field, ""
-
-
-def _stated_rate(preamble: Sequence[str]) -> float | None:
-    match = _RATE.search("\n".join(preamble))
-    return float(match.group(1).replace(",", ".")) if match else None
-
-
-def _numbers(
-    lines: Sequence[str], first: int, dialect: Dialect, width: int, keep_missing: bool
-) -> tuple[Float[np.ndarray, "row column"], tuple[str, ...]]:
-    """All rows, by the quick reader; where it stumbles, by one that knows on which line."""
-    body = lines[first:]
-    if not any('"' in line or "'" in line for line in body[:3]):
+    def _quickly(self) -> Float[np.ndarray, "row column"] | None:
+        dialect, body = self._layout.dialect, self._lines[self._layout.first :]
+        if any('"' in line or "'" in line for line in body[:3]):
+            return None
         mark = dialect.delimiter
         if mark is not None and dialect.ends_open(body[0]):
             body = [line.rstrip(" \r").removesuffix(mark) for line in body]
@@ -235,55 +177,96 @@ def _numbers(
         try:
             values = np.loadtxt(io.StringIO(text), delimiter=mark, comments=None, ndmin=2)
         except ValueError:
-            pass  # the slow reader below says what is wrong, and where
-        else:
-            if values.shape[1] == width and (np.isfinite(values).all() or keep_missing):
-                return np.where(np.isfinite(values), values, np.nan), ()
-    return _numbers_with_care(lines, first, dialect, width, keep_missing)
+            return None  # the careful reader says what is wrong, and where
+        good = values.shape[1] == len(self._layout.kinds) and np.isfinite(values).all()
+        return values if good else None
 
+    def _with_care(
+        self,
+    ) -> tuple[list[list[str]], list[int], tuple[float, ...], tuple[str, ...]]:
+        """Fields of all rows, the lines they stand on, and what is left of the last."""
+        lines, dialect, kinds = self._lines, self._layout.dialect, self._layout.kinds
+        width = len(kinds)
+        rows: list[list[str]] = []
+        numbers: list[int] = []
+        last = max(index for index, line in enumerate(lines) if line.strip())
+        for index in range(self._layout.first, last + 1):
+            if not lines[index].strip():
+                continue
+            fields = dialect.split(lines[index])
+            if width > len(fields) >= width - 2 and dialect.ends_open(lines[index]):
+                fields += [""] * (width - len(fields))
+            if width > len(fields) and dialect.delimiter and _only_open(kinds, len(fields)):
+                fields += [""] * (width - len(fields))
+            if index == last and len(fields) < width and rows:
+                said = f"The last line ({index + 1}) is cut short and was left out."
+                return rows, numbers, _tail(fields, dialect), (said,)
+            if len(fields) > width and not any(fields[width:]):
+                del fields[width:]
+            if len(fields) != width:
+                raise RecordError(
+                    f"Line {index + 1} has {len(fields)} fields, the lines before it {width}. "
+                    "Mend or remove that line; if the first rows are not data, skip them with "
+                    "--skip-lines."
+                )
+            rows.append(fields)
+            numbers.append(index + 1)
+        return rows, numbers, (), ()
 
-def _numbers_with_care(
-    lines: Sequence[str], first: int, dialect: Dialect, width: int, keep_missing: bool
-) -> tuple[Float[np.ndarray, "row column"], tuple[str, ...]]:
-    rows: list[list[float]] = []
-    notes: list[str] = []
-    missing = 0
-    last = max(index for index, line in enumerate(lines) if line.strip())
-    for index in range(first, last + 1):
-        if not lines[index].strip():
-            continue
-        fields = dialect.split(lines[index])
-        if len(fields) == width - 1 and dialect.ends_open(lines[index]):
-            fields.append("")
-        if index == last and len(fields) < width and rows:
-            notes.append(f"The last line ({index + 1}) is cut short and was left out.")
-            break
-        row = [_number(field, dialect, index) for field in fields]
-        if len(row) != width:
+    def _column(self, at: int, texts: list[str], numbers: Sequence[int]) -> Column:
+        name, unit, kind = self._names[at], self._units[at], self._layout.kinds[at]
+        if kind in ("stamp", "date", "clock"):
+            return self._stamped(at, texts, numbers, kind)
+        if kind == "word":
+            return Column(name, unit, np.array(texts, dtype=object), "word")
+        dialect = self._layout.dialect
+        values = np.empty(len(texts))
+        missing = None
+        for row, text in enumerate(texts):
+            try:
+                plain = dialect.decimal == "." and "_" not in text
+                value = float(text) if plain else dialect.number(text)
+            except ValueError:
+                value = self._number(text, numbers[row])
+            if np.isnan(value):
+                missing = missing or (numbers[row], at + 1, text)
+            elif np.isinf(value) and (missing is None or not np.isinf(values[:row]).any()):
+                missing = (numbers[row], at + 1, text)
+            values[row] = value
+        return Column(name, unit, values, "number", None, missing)
+
+    def _number(self, text: str, line: int) -> float:
+        dialect = self._layout.dialect
+        if dialect.kind(text) not in ("number", "missing"):
             raise RecordError(
-                f"Line {index + 1} has {len(row)} fields, the lines before it {width}. Mend or "
-                "remove that line; if the first rows are not data, skip them with --skip-lines."
+                f"Line {line} has {text[:40]!r} where a number should be. Mend or remove that "
+                "line, or say where the numbers begin with --skip-lines."
             )
-        if not keep_missing and not np.isfinite(row).all():
-            column = int(np.flatnonzero(~np.isfinite(row))[0])
+        return dialect.number(text)
+
+    def _stamped(
+        self, at: int, texts: list[str], numbers: Sequence[int], kind: ColumnKind
+    ) -> Column:
+        try:
+            stamps = read_stamps(texts, self._order)
+        except ValueError as error:
+            said, row = error.args if len(error.args) == 2 else (str(error), 0)
             raise RecordError(
-                f"Line {index + 1}, field {column + 1} is {fields[column][:40]!r}: not a "
-                "finite number. Cut the record there, or fill the value in; the edge agent "
-                "can be told to treat such values as dropouts."
-            )
-        missing += sum(not np.isfinite(value) for value in row)
-        rows.append([value if np.isfinite(value) else np.nan for value in row])
-    if missing:
-        notes.append(f"{missing} values are missing.")
-    return np.array(rows, dtype=float), tuple(notes)
+                f"Line {numbers[row]}, field {at + 1}: {said}. Mend or remove that line."
+            ) from error
+        return Column(self._names[at], self._units[at], stamps.ns, kind, stamps)
 
 
-def _number(field: str, dialect: Dialect, index: int) -> float:
-    if field == "":
-        return float("nan")
-    if not dialect.is_number(field):
-        raise RecordError(
-            f"Line {index + 1} has {field[:40]!r} where a number should be. Mend or remove "
-            "that line, or say where the numbers begin with --skip-lines."
-        )
-    return float(dialect.with_point(field).replace("d", "e").replace("D", "e"))
+def _only_open(kinds: Sequence[Kind], present: int) -> bool:
+    """Whether the columns that a line lacks may be empty in every line."""
+    return all(kind == "missing" for kind in kinds[present:])
+
+
+def _tail(fields: Sequence[str], dialect: Dialect) -> tuple[float, ...]:
+    def values() -> Iterator[float]:
+        for field in fields:
+            if not dialect.is_number(field):
+                return
+            yield dialect.number(field)
+
+    return tuple(values())

@@ -1,0 +1,126 @@
+"""LabVIEW measurement files (.lvm): settings, then segments with a heading each.
+
+References
+----------
+.. [1] National Instruments, "Specification for the LabVIEW Measurement File (.lvm)", 2023.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from slowtime_services.files.dialect import Dialect
+from slowtime_services.files.facts import Fact, Facts
+from slowtime_services.files.record import RecordError
+from slowtime_services.files.sheet import Column, Sheet
+from slowtime_services.files.stamps import read_stamps
+
+END = "***End_of_Header***"
+_SEPARATORS = {"tab": "\t", "comma": ","}
+
+
+def recognise(lines: Sequence[str]) -> bool:
+    """Whether lines begin as a LabVIEW measurement does."""
+    return bool(lines) and lines[0].lstrip('\ufeff"').startswith("LabVIEW Measurement")
+
+
+def read(lines: Sequence[str], name: str) -> Sheet:
+    """Channels of the first segment, with their units and their interval."""
+    ends = [i for i, line in enumerate(lines) if line.strip().startswith(END)]
+    if len(ends) < 2:
+        raise RecordError(
+            f"{name} is a LabVIEW measurement (.lvm) with {len(ends)} of the two lines {END} "
+            "that stand above its samples: it is cut short. Save it anew, or export it as CSV."
+        )
+    settings = _settings(lines[: ends[0]])
+    mark = _SEPARATORS.get(settings.get("separator", "tab").casefold(), "\t")
+    decimal = "," if settings.get("decimal_separator", ".").strip() == "," else "."
+    dialect = Dialect(mark, decimal)
+    heading = {
+        (fields := line.split(mark))[0].strip().casefold(): [f.strip() for f in fields[1:]]
+        for line in lines[ends[0] + 1 : ends[1]]
+        if line.strip()
+    }
+    titles = [field.strip() for field in lines[ends[1] + 1].split(mark)]
+    last = ends[2] - len(heading) - 1 if len(ends) > 2 else len(lines)
+    count = int(_first(heading, "channels", dialect) or max(len(titles) - 2, 1))
+    rows = [
+        line.rstrip("\r\n").split(mark) for line in lines[ends[1] + 2 : last] if line.strip()
+    ]
+    rows = _whole(rows, count)
+    multiple = settings.get("x_columns", "one").casefold() == "multi"
+    places = [2 * i + 1 for i in range(count)] if multiple else list(range(1, count + 1))
+    units = [*heading.get("y_unit_label", []), *[""] * count]
+    columns = [
+        Column(titles[at] if at < len(titles) and titles[at] else f"channel_{i}", units[i],
+               _values(rows, at, dialect, name, ends[1] + 3))
+        for i, at in enumerate(places)
+    ]  # fmt: skip
+    facts = []
+    interval = _first(heading, "delta_x", dialect)
+    if interval is not None and interval > 0:
+        facts.append(Fact("interval", (interval,), f"Delta_X {interval:g}", ends[0] + 1, 2))
+    samples = _first(heading, "samples", dialect)
+    if samples and settings.get("multi_headings", "no").casefold() == "yes":
+        facts.append(Fact("count", (samples,), f"Samples {samples:g}", ends[0] + 1))
+    notes = (f"{name} holds {len(ends) - 1} segments; only the first is read.",)
+    return Sheet(
+        columns=tuple(columns),
+        named=True,
+        facts=Facts(tuple(facts)),
+        format="LabVIEW measurement",
+        start_ns=_start_ns(heading),
+        notes=notes if len(ends) > 2 else (),
+        first_line=ends[1] + 3,
+    )
+
+
+def _settings(lines: Sequence[str]) -> dict[str, str]:
+    found = {}
+    for line in lines:
+        key, *values = (
+            line.replace(",", "\t", 1).split("\t") if "\t" not in line else line.split("\t")
+        )
+        found[key.strip().casefold()] = values[0].strip() if values else ""
+        if key.strip() == "Decimal_Separator" and line.rstrip().endswith(","):
+            found["decimal_separator"] = ","
+    return found
+
+
+def _first(heading: dict[str, list[str]], key: str, dialect: Dialect) -> float | None:
+    said = heading.get(key) or [""]
+    return dialect.number(said[0]) if dialect.is_number(said[0]) else None
+
+
+def _whole(rows: list[list[str]], count: int) -> list[list[str]]:
+    """Rows without a last one that is cut short, and none of the lines of the next heading."""
+    if not rows:
+        raise RecordError("The LabVIEW measurement holds no samples. Give another file.")
+    while len(rows) > 1 and len(rows[-1]) <= min(count, len(rows[0]) - 1):
+        rows.pop()
+    return rows
+
+
+def _values(
+    rows: list[list[str]], at: int, dialect: Dialect, name: str, first_line: int
+) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
+    values = np.empty(len(rows))
+    for i, row in enumerate(rows):
+        field = row[at].strip() if at < len(row) else ""
+        if dialect.kind(field) not in ("number", "missing"):
+            raise RecordError(
+                f"Line {first_line + i} of {name} has {field[:40]!r} where a number should be. "
+                "Mend or remove that line."
+            )
+        values[i] = dialect.number(field)
+    return values
+
+
+def _start_ns(heading: dict[str, list[str]]) -> int | None:
+    """Start by the heading's own date and time, which name no zone: taken as UTC."""
+    dates, times = heading.get("date") or [""], heading.get("time") or [""]
+    try:
+        stamps = read_stamps([f"{dates[0]} {times[0]}"])
+    except ValueError:
+        return None
+    return int(stamps.ns[0])

@@ -1,0 +1,81 @@
+"""What every kind of file is brought to before anything is decided: columns and figures."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Shaped
+
+from .facts import Facts
+from .record import Values
+from .stamps import Stamps
+
+ColumnKind = Literal["number", "stamp", "date", "clock", "word"]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Column:
+    """One column of a file.
+
+    Parameters
+    ----------
+    values
+        Numbers, with NaN where one is missing; nanoseconds of a stamp; texts of words.
+    kind
+        What stands in it: numbers, dates with times, dates, times of day, words.
+    stamps
+        More of a column of stamps.
+    missing
+        Line, place in it from 1, and text of the first value that is missing or not finite.
+    """
+
+    name: str
+    unit: str
+    values: Shaped[np.ndarray, " time"]
+    kind: ColumnKind = "number"
+    stamps: Stamps | None = None
+    missing: tuple[int, int, str] | None = None
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Sheet:
+    """Columns of a file, and what its heading says of them.
+
+    Parameters
+    ----------
+    columns
+        In the order of the file, all of one length.
+    named
+        Whether the file gives the columns names.
+    facts
+        Figures of the heading.
+    tail
+        Values of a last row that is shorter than the others.
+    format
+        Name of a format that fixes the meaning of all this; empty for a table.
+    start_ns
+        Time of the first sample, where a heading states it.
+    first_line
+        Line of the first row; 0 where rows are not lines.
+    """
+
+    columns: tuple[Column, ...]
+    named: bool = False
+    facts: Facts = dataclasses.field(default_factory=Facts)
+    tail: tuple[float, ...] = ()
+    format: str = ""
+    start_ns: int | None = None
+    aux: Mapping[str, Values] = dataclasses.field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
+    first_line: int = 0
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns, each once."""
+        found = [column.name for column in self.columns]
+        return tuple(
+            f"channel_{i}" if not name else name if found.count(name) == 1 else f"{name}_{i}"
+            for i, name in enumerate(found)
+        )

@@ -1,0 +1,66 @@
+"""Whether the columns of a table are channels, or one series written several values a line."""
+
+import numpy as np
+from jaxtyping import Float
+
+FEWEST_ROWS = 24
+"""Rows from which statistics tell."""
+MOST_SPREAD = 3.0
+"""Ratio of the columns' variances up to which they may be parts of one series. Of n rows with
+few independent values each, a variance scatters by some tens of percent; channels of one
+structure often differ by more."""
+CLOSE = 0.6
+"""Mean square step between neighbouring columns, in that of unrelated values, up to which they
+follow one another."""
+LARGEST_SPREAD = 10.0
+"""Ratio of the columns' variances beyond which they are no parts of one series."""
+SEAM = 2.5
+"""Ratio of the step from the end of a line to the next, and those within a line."""
+
+
+def looks_wrapped(values: Float[np.ndarray, "row column"]) -> bool:
+    """Whether reading along the lines gives one smooth series.
+
+    In a series, the value at the end of a line is followed by that at the beginning of the
+    next as closely as values on one line follow each other, and no two neighbours are closer
+    than those. In a table of channels, neighbours on one line are of different sensors, and
+    each is nearer to its own past.
+    """
+    rows, width = values.shape
+    if rows < FEWEST_ROWS or width < 3 or not np.isfinite(values).all():
+        return False
+    variances = values.var(axis=0)
+    if not (variances > 0).all() or variances.max() > MOST_SPREAD * variances.min():
+        return False
+    total = float(values.var())
+    within = np.mean(np.diff(values, axis=1) ** 2, axis=0)
+    seam = float(np.mean((values[1:, 0] - values[:-1, -1]) ** 2))
+    down = float(np.mean(np.diff(values, axis=0) ** 2))
+    typical = float(within.mean())
+    if typical == 0:
+        return False
+    return bool(
+        typical < CLOSE * 2 * total
+        and 1 / SEAM < seam / typical < SEAM
+        and within.max() < SEAM * within.min()
+        and typical <= down
+    )
+
+
+def looks_like_channels(values: Float[np.ndarray, "row column"]) -> bool:
+    """Whether each column is nearer to its own past than to its neighbours."""
+    if len(values) < FEWEST_ROWS or not np.isfinite(values).all():
+        return False
+    variances = values.var(axis=0)
+    if variances.max() > LARGEST_SPREAD * max(float(variances.min()), 1e-300):
+        return True
+    within = float(np.mean(np.diff(values, axis=1) ** 2))
+    down = float(np.mean(np.diff(values, axis=0) ** 2))
+    return down < CLOSE * within
+
+
+def unwrap(
+    values: Float[np.ndarray, "row column"], tail: tuple[float, ...]
+) -> Float[np.ndarray, " value"]:
+    """One series, line by line, with what stands on a last line that is not full."""
+    return np.concatenate([values.ravel(), np.asarray(tail, dtype=float)])
