@@ -118,9 +118,18 @@ def fit(
     without = Outlook(plain.family, plain.learnt.weights), plain.learnt.log_evidence
     if process == "repeating":
         without = _with_waves(readings, plain, process)
+        # What is known to repeat itself has teeth where its jumps are regular.
+        if (
+            without[0].wave_share > 0.5
+            and selection.regularity(scored, places) > _MAYBE_REGULAR
+        ):
+            return without[0]
     elif (regular := selection.regularity(scored, places)) > _MAYBE_REGULAR:
         surely = regular > _REGULAR and len(places) >= _FEWEST_REGULAR
-        without = _with_waves(readings, plain, process, -np.inf if surely else there[1] - odds)
+        least = -np.inf if surely else there[1] - odds
+        # Edges come back: a history with two of them has jumped twice.
+        edges = len(places) > 1
+        without = _with_waves(readings, plain, process, least, edges=edges)
         if surely and without[0].wave_share > 0.5:
             return without[0]
     return there[0] if there[1] - odds > without[1] else without[0]
@@ -200,6 +209,8 @@ def _with_waves(
     smooth: _Smooth,
     process: Choice,
     beaten: float = -np.inf,
+    *,
+    edges: bool = True,
 ) -> tuple[Outlook, float]:
     """Set processes with a wave beside those without; and the evidence for all of them."""
     time, values, _ = readings
@@ -208,8 +219,9 @@ def _with_waves(
     if process != "smooth":
         levelled = _levelled(time, values, [at for at, _ in told])
         wave = repeating.learn_wave(
-            readings, levelled, smooth.prior, smooth.base, told, learnt.best, beaten=beaten
-        )
+            readings, levelled, smooth.prior, smooth.base, told, learnt.best,
+            beaten=beaten, edges=edges,
+        )  # fmt: skip
     if wave is None:
         return Outlook(family, learnt.weights, jumps=told), learnt.log_evidence
     if process == "repeating":

@@ -31,6 +31,7 @@ def learn_wave(
     *,
     only_teeth: bool = False,
     beaten: float = -np.inf,
+    edges: bool = True,
 ) -> Repeating | None:
     """Learn processes with a wave; None where least squares find no period.
 
@@ -49,6 +50,8 @@ def learn_wave(
         The likeliest parameters without a wave.
     only_teeth
         Whether None is the answer where another wave is likelier than teeth.
+    edges
+        Whether it may jump at all.
     beaten
         Log-evidence of what else explains the history: None is the answer where all trials of
         waves are so much less likely that learning would not make up for it.
@@ -63,11 +66,11 @@ def learn_wave(
         return np.asarray(sweeps.log_likelihood(family, time, values, sds, jumps=told))
 
     start = waves.trial(period, base, smooth, span)
-    kinds = (0, waves.EDGED)
+    kinds = (0, waves.EDGED) if edges else (0,)
     scores = [float(likelihood(waves.members(base, start, kind)).max()) for kind in kinds]
     wave_prior = waves.prior_of(period, time, levelled, base, prior)
     sought = waves.log_sought(time, period)
-    where = teeth.places(time, levelled, sds, period)
+    where = teeth.places(time, levelled, sds, period) if edges else np.zeros((0, 2))
     if len(where):
         edged = teeth.trial(start)
         of_teeth = likelihood(teeth.members(base, edged, where[:1]))

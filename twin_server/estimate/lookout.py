@@ -9,7 +9,7 @@ import dataclasses
 
 import numpy as np
 
-from slowtime.estimation import matern
+from slowtime.estimation import sweeps
 from slowtime.evolution import forecast, jumps
 from slowtime.evolution.jumps import RECENT
 
@@ -99,7 +99,7 @@ class Series:
         self.learnt_at = len(time)
         outlook = forecast.fit(time, value, sd, process="smooth")
         self.watch = jumps.Watch(process=outlook.family, jump_sd=JUMP_SD, odds=self.odds)
-        belief, _ = matern.run(outlook.family, time, value, sd, jumps=outlook.jumps)
+        belief, _ = sweeps.filtered(outlook.family, time, value, sd, jumps=outlook.jumps)
         self.state = self.watch.start(belief, np.log(outlook.weights))
         found = None
         for reading in self.past[-RECENT:]:

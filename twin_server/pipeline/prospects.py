@@ -12,7 +12,7 @@ import json
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -60,6 +60,7 @@ _AFTER = (3, 8)
 """Readings after a change of the model at which a forecast learns anew."""
 
 _SHIFT = 40
+_SEQUENCE = (1 << _SHIFT) - 1
 _PAUSE_S = 0.5
 
 Key: TypeAlias = int
@@ -80,27 +81,26 @@ class Lesson(NamedTuple):
     suspected: Suspected
 
 
-@dataclasses.dataclass(slots=True)
+@dataclasses.dataclass(frozen=True, slots=True)
 class _Rows:
     """The newest states of a twin, as far as marks need them."""
 
-    keys: collections.deque[Key]
-    sequences: collections.deque[int]
-    times: collections.deque[float]
-    valid: collections.deque[bool]
+    keys: Int[np.ndarray, " row"]
+    times: Float[np.ndarray, " row"]
+    valid: Bool[np.ndarray, " row"]
 
     @classmethod
-    def of(cls, found: History) -> "_Rows":
-        rows = cls(*(collections.deque(maxlen=LOOK_BACK) for _ in range(4)))
-        rows.add(found.number, found.states)
-        return rows
+    def of(cls, numbers: Sequence[int], states: States) -> "_Rows":
+        keys = np.array(numbers, dtype=np.int64) << _SHIFT | states["sequence"].astype(np.int64)
+        return cls(keys, np.array(states["slow_time"]), states["reasons"] == 0)
 
-    def add(self, numbers: Iterable[int], states: States) -> None:
-        sequences = states["sequence"].tolist()
-        self.keys.extend(n << _SHIFT | s for n, s in zip(numbers, sequences, strict=True))
-        self.sequences.extend(sequences)
-        self.times.extend(states["slow_time"].tolist())
-        self.valid.extend((states["reasons"] == 0).tolist())
+    def with_more(self, numbers: Sequence[int], states: States) -> "_Rows":
+        more = _Rows.of(numbers, states)
+        return _Rows(
+            np.concatenate([self.keys, more.keys])[-LOOK_BACK:],
+            np.concatenate([self.times, more.times])[-LOOK_BACK:],
+            np.concatenate([self.valid, more.valid])[-LOOK_BACK:],
+        )
 
 
 @dataclasses.dataclass(slots=True)
@@ -242,8 +242,9 @@ class Prospects:
         if twin is None or not len(found.states):
             return None
         found, changes = self._since_renewal(twin_id, found)
-        last = _mark(_Rows.of(found), changes, self._refresh)
-        lesson = _lesson(twin, found, last, changes)
+        rows = _Rows.of(found.number, found.states)
+        last = _mark(rows, changes, self._refresh)
+        lesson = _lesson(twin, rows, last, changes)
         known = self._of_the_past.get(twin_id)
         if known is None or known[0] != lesson:
             known = lesson, self._learn(twin, found, last, lesson)
@@ -306,17 +307,16 @@ class Prospects:
                 kept.sound = False
                 continue
             kept.answers.clear()
-            kept.rows.add(numbers, news.states)
-            kept.last, kept.unit = kept.rows.keys[-1], news.runs[-1][2]
+            kept.rows = kept.rows.with_more(numbers, news.states)
+            kept.last, kept.unit = int(kept.rows.keys[-1]), news.runs[-1][2]
 
     def _wanted(self, kept: _Kept, twin: Twin) -> Lesson | None:
         """Which lesson the readings so far call for; None where there are none."""
         rows = kept.rows
-        if rows is None or not rows.keys:
+        if rows is None:
             return None
         last = _mark(rows, kept.changes, self._refresh)
-        suspected = _suspected(kept.changes, rows.times[last])
-        return Lesson(twin.registration, rows.keys[last], suspected)
+        return _lesson(twin, rows, last, kept.changes)
 
     def _renew(self, twin_id: str, kept: _Kept) -> None:
         """Read the newest part of the history, and learn where it calls for it.
@@ -338,16 +338,17 @@ class Prospects:
             if not len(found.states):
                 return
             found, changes = self._since_renewal(twin_id, found)
-            last = _mark(_Rows.of(found), changes, self._refresh)
-            lesson = _lesson(twin, found, last, changes)
+            rows = _Rows.of(found.number, found.states)
+            last = _mark(rows, changes, self._refresh)
+            lesson = _lesson(twin, rows, last, changes)
             outlooks = kept.outlooks
             if lesson != kept.lesson:
                 outlooks = self._learn(twin, found, last, lesson)
             prospect = _prospect(twin, found, last, outlooks)
             with kept.lock:
                 kept.lesson, kept.outlooks, kept.prospect = lesson, outlooks, prospect
-                kept.rows, kept.changes = _Rows.of(found), changes
-                kept.last = kept.rows.keys[-1]
+                kept.rows, kept.changes = rows, changes
+                kept.last = int(rows.keys[-1])
                 kept.unit = found.boots[found.number[-1]][1]
                 kept.sound, kept.asked = True, False
                 kept.answers.clear()
@@ -372,9 +373,16 @@ class Prospects:
         found = _cut(found, _renewals_in(bodies))
         changes: dict[str, list[float]] = {}
         for name, since in _changes_in(bodies):
-            if since >= found.states["slow_time"].min():
-                changes.setdefault(name, []).append(since)
+            changes.setdefault(name, []).append(since)
         return found, changes
+
+    def _warm(self) -> None:
+        """Forecast something once: what is compiled for it is there for the first who asks."""
+        time_, noise = np.arange(20.0), 1e-3 * np.random.default_rng(0).standard_normal(20)
+        past = {"": Past(time_, noise, np.full(20, 1e-3), 0.0)}
+        prospect = prospect_of(past, learn(past, "smooth"))
+        if prospect is not None:
+            foresee_from(prospect, 1.0, 2, (Limit("", 0.0),))
 
     def _catch_up(self, twin_id: str) -> None:
         kept, twin = self._kept.get(twin_id), self._pipeline.twin(twin_id)
@@ -388,6 +396,7 @@ class Prospects:
             self._renew(twin_id, kept)
 
     def _work(self) -> None:
+        self._warm()
         while not self._stop.is_set():
             with self._changed:
                 if not self._due:
@@ -431,27 +440,26 @@ def _mark(rows: _Rows, changes: Mapping[str, list[float]], refresh: int) -> int:
     there are too few before the mark, up to the last.
     """
     count = len(rows.keys)
-    sequences: Int[np.ndarray, " row"] = np.array(rows.sequences)
-    times: Float[np.ndarray, " row"] = np.array(rows.times)
-    valid: Bool[np.ndarray, " row"] = np.array(rows.valid)
-    marks = np.flatnonzero(sequences % refresh == 0)
+    marks = np.flatnonzero((rows.keys & _SEQUENCE) % refresh == 0)
     last = int(marks[-1]) if len(marks) else -1
-    since = [at for each in changes.values() for at in each]
-    followed = np.searchsorted(times, since, side="right")[:, None] - 1 + np.array(_AFTER)
+    begun = rows.times.min()
+    since = [at for each in changes.values() for at in each if at >= begun]
+    followed = np.searchsorted(rows.times, since, side="right")[:, None] - 1 + np.array(_AFTER)
     last = int(np.max(followed[followed < count], initial=last))
-    return last if np.count_nonzero(valid[: last + 1]) >= FEWEST else count - 1
+    return last if np.count_nonzero(rows.valid[: last + 1]) >= FEWEST else count - 1
 
 
-def _lesson(
-    twin: Twin, found: History, last: int, changes: Mapping[str, list[float]]
-) -> Lesson:
-    key = found.number[last] << _SHIFT | int(found.states["sequence"][last])
-    suspected = _suspected(changes, float(found.states["slow_time"][last]))
-    return Lesson(twin.registration, key, suspected)
+def _lesson(twin: Twin, rows: _Rows, last: int, changes: Mapping[str, list[float]]) -> Lesson:
+    within = float(rows.times.min()), float(rows.times[last])
+    suspected = _suspected(changes, *within)
+    return Lesson(twin.registration, int(rows.keys[last]), suspected)
 
 
-def _suspected(changes: Mapping[str, list[float]], until: float) -> Suspected:
-    told = {name: sorted({at for at in each if at < until}) for name, each in changes.items()}
+def _suspected(changes: Mapping[str, list[float]], first: float, until: float) -> Suspected:
+    told = {
+        name: sorted({at for at in each if first <= at < until})
+        for name, each in changes.items()
+    }
     return tuple((name, tuple(each)) for name, each in sorted(told.items()) if each)
 
 

@@ -111,3 +111,12 @@ def test_jumps_that_come_back_are_told_from_those_at_random():
     edges = np.flatnonzero(np.abs(np.diff(0.1 * (TIME % 37.0 < 18.0))) > 0.05) + 1
     scored = selection.Scored(TIME, teeth, np.full(COUNT, SD), 0.1)
     assert selection.regularity(scored, tuple(edges.tolist())) > 0.95
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_single_jump_is_no_tooth_however_large_it_is(seed):
+    """Teeth of which a history holds two edges have jumped twice."""
+    value, at, _ = history(seed, 1, sizes=(6.0, 10.0))
+    outlook = forecast.fit(TIME, value, np.full(COUNT, SD))
+    assert [abs(round(since) + 1 - at[0]) <= 2 for since, _ in outlook.jumps] == [True]
+    assert outlook.period is None

@@ -10,6 +10,7 @@ const told = ({ boot, sequence, alive, valid, normal, raised, registration }) =>
   JSON.stringify([boot, sequence, alive, valid, normal, raised, registration])
 );
 
+const COMPUTING = "The forecast is being computed.";
 const RENEWED_SINCE = "The structure was renewed after the last forecast. The next one is on its way.";
 
 const of = ({ quantity, side, limit }) => `${quantity} ${side} ${limit}`;
@@ -153,6 +154,7 @@ export class Twin {
     if (!this.points.length || (at ? this.recalled === at : Date.now() - this.forecastAt < FORECAST_MS)) return;
     if (at) this.recalled = at;
     else this.forecastAt = Date.now();
+    if (!this[at ? "foretold" : "forecast"] && !this.unforeseen) this.unforeseen = COMPUTING;
     const path = `${this.base}/forecast?points=40${at ? `&at=slow:${at.slow_time}` : ""}`;
     const { forecast, trouble, wait } = await ask(path, PATIENCE_MS).then(
       (told) => ({ forecast: told }), ({ message, retry }) => ({ trouble: message, wait: retry }),
