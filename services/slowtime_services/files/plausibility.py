@@ -156,7 +156,10 @@ def _layouts(measured: Measured) -> list[tuple[bool, int]]:
     ]
     if single:
         return layouts[:1]
-    return layouts if measured.wrapped is None else [layouts[measured.wrapped]]
+    if measured.wrapped is not None:
+        return [layouts[measured.wrapped]]
+    # Columns with names are channels; a heading that says otherwise contradicts itself.
+    return layouts[:1] if measured.named else layouts
 
 
 def _stated_rates(name: str, facts: Facts) -> list[float]:

@@ -192,7 +192,7 @@ def scale_of(
         )
         raise RecordError(
             f"The times in column {name!r} have no unit: in seconds the rate would be "
-            f"{rate:.6g} Hz, which is none of vibration{'; ' + would if would else ''}. Say "
+            f"{rate:.6g} Hz, seldom one of vibration{'; ' + would if would else ''}. Say "
             f"which with --time-unit {'|'.join(UNITS)}, or give --rate-hz."
         )
     return Scale(1.0, None, f"{name!r} in seconds, for want of a unit", sure=False)

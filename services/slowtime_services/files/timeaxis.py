@@ -150,7 +150,9 @@ def read_time(
     count = len(values)
     instants = np.arange(count)
     even = _even_step(seconds, instants)
-    printed = bool(digit) and _scatter(seconds, instants, even) <= ONE_DIGIT * digit
+    # Where the last digit is the step itself, a step of two is a loss, not rounding.
+    coarse = bool(digit) and abs(digit / even - 1) > 0.1
+    printed = coarse and _scatter(seconds, instants, even) <= ONE_DIGIT * digit
     if (np.diff(seconds) == 0).any() and not (np.diff(seconds) < 0).any():
         spread = _spread(seconds, name)
         if spread is not None:
