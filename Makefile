@@ -1,5 +1,7 @@
 # One word per job; CI runs the same words. Each word does its own set-up in .venv.
 PORT ?= 8000
+# Each worker of the tests imports and collects all of them for itself.
+WORKERS ?= 2
 DURATION ?= 0
 PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$p; break; }; done)
@@ -8,7 +10,8 @@ BIN := .venv/bin
 export OPENBLAS_NUM_THREADS ?= 1
 # Processes are started by the dozen under test: each module is compiled once.
 unexport PYTHONDONTWRITEBYTECODE
-PIP_INSTALL := $(BIN)/python -m pip --disable-pip-version-check --quiet install -c constraints.txt
+# Not --quiet: a first installation takes a minute or more, and says what it is at.
+PIP_INSTALL := $(BIN)/python -m pip --disable-pip-version-check install --progress-bar on -c constraints.txt
 
 .PHONY: demo test test-long test-slow blind blind-pairs blind-slow peers peers-torch faults load check bench tutorials gallery surrogates figures docs pictures clean help
 
@@ -18,11 +21,11 @@ help:  ## this list
 demo: .venv/run  ## router, edges, twin and page on http://127.0.0.1:$(PORT); DURATION=0 until Ctrl-C
 	@$(BIN)/slowtime demo --port $(PORT) --duration $(DURATION)
 
-test: .venv/dev  ## the default suite, five minutes or so on two cores
-	$(BIN)/python -m pytest -q -n 3 --dist loadfile --no-loadscope-reorder -m "not slow and not long"
+test: .venv/dev  ## the default suite, some minutes on two cores; WORKERS=2
+	$(BIN)/python -m pytest -q -n $(WORKERS) --dist loadfile --no-loadscope-reorder -m "not slow and not long"
 
 test-long: .venv/dev  ## what takes longer: whole flows, pages and searches
-	$(BIN)/python -m pytest -q -n 3 --dist loadfile --no-loadscope-reorder -m "long and not slow"
+	$(BIN)/python -m pytest -q -n $(WORKERS) --dist loadfile --no-loadscope-reorder -m "long and not slow"
 
 test-slow: .venv/dev  ## what takes hours: statistics over hundreds of runs
 	$(BIN)/python -m pytest -q -m slow --hypothesis-profile=default
@@ -88,17 +91,19 @@ figures: .venv/dev  ## draw the book's figures into docs/figures
 
 .venv/run: pyproject.toml constraints.txt
 	@test -n "$(PYTHON)" || { echo "slowtime needs Python 3.11 or newer; none was found. Give one: make PYTHON=/path/to/python3"; exit 2; }
-	@test -x $(BIN)/python || { echo "Setting up .venv with $(PYTHON) ..."; $(PYTHON) -m venv .venv; }
+	@test -x $(BIN)/python || { echo "Making a virtual environment in .venv with $(PYTHON) ..."; $(PYTHON) -m venv .venv; }
+	@echo "Installing slowtime and what it needs into .venv: about 45 packages, a minute or two, this once ..."
 	@$(PIP_INSTALL) -e . && touch $@
+	@echo "Installed. \`$(BIN)/slowtime --help\` lists the verbs."
 
 .venv/dev: .venv/run
-	@echo "Installing the development tools ..."
+	@echo "Installing the development tools into .venv: about 75 packages more, this once ..."
 	@$(PIP_INSTALL) -e '.[dev]' && touch $@
 
 .venv-peers/ready: .venv/run
-	@echo "Setting up .venv-peers ..."
+	@echo "Installing the tools to compare with into .venv-peers, this once ..."
 	@$(BIN)/python -m venv .venv-peers
-	@.venv-peers/bin/python -m pip --disable-pip-version-check --quiet install -c constraints.txt -e '.[peers]' && touch $@
+	@.venv-peers/bin/python -m pip --disable-pip-version-check install --progress-bar on -c constraints.txt -e '.[peers]' && touch $@
 
 pictures: .venv/dev  ## take the pictures of the page, in every view, into docs
 	$(BIN)/python docs/figures/page.py

@@ -4,7 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from . import flow, identification, modal_truth, plant, transport
+from . import flow, foresight, identification, modal_truth, plant, startup, transport
 
 TRUTH_RUNS = 8
 """Of each structure of known modes: a minute or two; 300 take the better part of an hour."""
@@ -14,8 +14,10 @@ PEERS = Path(__file__).parents[1] / ".venv-peers/bin/python"
 
 def main() -> int:
     """Print every figure; 1 where one lies outside what it is held to."""
-    print("# Identification at the limit\n")
-    status = identification.main([])
+    print("# Start-up of the command\n")
+    status = startup.main()
+    print("\n# Identification at the limit\n")
+    status |= identification.main([])
     print("\n# Modes of simulated structures\n")
     status |= modal_truth.main(["--runs", str(TRUTH_RUNS)])
     print("\n# Modes of many channels, beside pyOMA-2 and without end\n")
@@ -26,6 +28,8 @@ def main() -> int:
     print("\n# Filters and streaming processes, beside filterpy and scikit-learn\n")
     sys.stdout.flush()
     status |= subprocess.run([python, "-m", "benchmarks.learning"], check=False).returncode
+    print("\n# Forecasts\n")
+    status |= foresight.main([])
     print("\n# Models with effects\n")
     status = plant.main() or status
     print("\n# Transport and recordings\n")

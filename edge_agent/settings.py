@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic_settings import SettingsConfigDict
 
 from slowtime_schemas.messages import About, TimeBase
-from slowtime_schemas.quantities import BootId, Name
+from slowtime_schemas.quantities import AS_STORED, BootId, Name, Plain, PlainText
 from slowtime_services.configuration import ProcessSettings
 from slowtime_services.simulate import AnyStructure, SimulatedStructure
 
@@ -33,7 +33,7 @@ class Origin(Frozen):
     asset: Name
     boot: BootId
     time_base: TimeBase = "live"
-    slow_time_unit: str = "s"
+    slow_time_unit: PlainText = "s"
 
 
 class SimulatedInput(Frozen):
@@ -54,7 +54,7 @@ class FileInput(Frozen):
     rate_hz: Positive | None = None
     channels: tuple[str, ...] | None = None
     skip_lines: Annotated[int, Field(ge=0)] | None = None
-    columns: tuple[str, ...] | None = None
+    columns: tuple[PlainText, ...] | None = None
     time_column: str | None = None
     time_unit: Literal["s", "ms", "us", "ns", "min", "h", "d"] | None = None
     """Unit of that column, where the file does not say."""
@@ -138,7 +138,7 @@ class ExtractSettings(Frozen):
 
     channels: tuple[str, ...] | None = None
     """Those to identify from; None for all accelerations, by name or unit, else for all."""
-    covariates: dict[str, str] = Field(default_factory=dict)
+    covariates: Annotated[dict[str, str], Plain] = Field(default_factory=dict)
     """Temperature, load: name of a covariate, with its unit, such as `temperature_c`, and the
     channel whose mean over a window it is. Nothing is identified from these channels."""
     method: Literal["auto", "ambient", "free_decay", "peak", "modes"] = "auto"
@@ -190,7 +190,7 @@ class Processing(Frozen):
     @classmethod
     def from_about(cls, about: About) -> "Processing":
         """Take the settings that an agent said it ran with."""
-        return cls.model_validate(about.settings["processing"])
+        return cls.model_validate(about.settings["processing"], context=AS_STORED)
 
 
 class SpoolSettings(Frozen):

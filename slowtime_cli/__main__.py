@@ -8,12 +8,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import click
-from pydantic import ValidationError
 
 from slowtime_services.logs import Format, formatter
 
-from . import version
-from .faults import readable
+from .faults import is_validation, readable
 from .trying import FIRST, HEADING, TRY, with_try
 
 
@@ -57,7 +55,8 @@ VERBS = {
         "recording:replay", "Play a recording again and print the hash of its history."
     ),
     "recover": Verb(
-        "recovering:recover", "Make a recording sound again that was cut short or not closed."
+        "recovering:recover",
+        "Make a recording sound again that was cut short or damaged.",
     ),
     "layout": Verb(
         "viewing:layout", "Write a layout for Foxglove or Lichtblick that fits a recording."
@@ -103,7 +102,7 @@ class Verbs(click.Group):
             return None
         module, name = VERBS[cmd_name].place.split(":")
         command: click.Command = getattr(
-            importlib.import_module(f"slowtime_cli.{module}"), name
+            importlib.import_module(f"slowtime_cli.verbs.{module}"), name
         )
         if HEADING not in (command.epilog or ""):
             command.epilog = with_try(command.epilog, TRY[cmd_name])
@@ -128,7 +127,7 @@ Examples:
         FIRST,
     ),
 )
-@click.version_option(version(), "-V", "--version", prog_name="slowtime")
+@click.version_option(None, "-V", "--version", package_name="slowtime", prog_name="slowtime")
 @click.option("-v", "--verbose", count=True, help="Say more; twice to hear the libraries too.")
 @click.option("-q", "--quiet", is_flag=True, help="Say only what went wrong.")
 @click.option(
@@ -172,10 +171,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
-    except ValidationError as error:
-        _say(readable(error))
-        sys.exit(2)
     except (ValueError, OSError) as error:
+        if is_validation(error):
+            _say(readable(error))
+            sys.exit(2)
         if os.environ.get("SLOWTIME_DEBUG"):
             raise
         _say(str(error))

@@ -8,61 +8,11 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from twin_server.serve.access import Scope, TokenFile
+from twin_server.tokens import TokenFile
 
-from .options import Name
 from .terminal import ERR
 
-file_option = click.option(
-    "--file",
-    "path",
-    type=click.Path(dir_okay=False, path_type=Path),
-    default=Path("tokens.json"),
-    show_default=True,
-    help="File of tokens; its key lies beside it.",
-)
 
-
-@click.group(
-    epilog="""\b
-Examples:
-  slowtime tokens add ann --scope operator --site lab --days 30
-  slowtime twin --tokens tokens.json --host 0.0.0.0 --behind-proxy
-  slowtime tokens list
-  slowtime tokens revoke 1a2b3c4d
-
-A running server heeds changes from the next request on. The file holds no token, only what a
-token can be recognised by.
-"""
-)
-def tokens() -> None:
-    """Make, list and revoke tokens for REST and the page."""
-
-
-@tokens.command()
-@click.argument("name")
-@click.option(
-    "--scope",
-    type=click.Choice([scope.word for scope in Scope]),
-    required=True,
-    help="viewer sees; operator registers and diagnoses too; admin deletes too.",
-)
-@click.option(
-    "--site",
-    "sites",
-    multiple=True,
-    required=True,
-    type=Name(any_=True),
-    help="Site it reaches; may be given several times; * for all.",
-)
-@click.option(
-    "--days",
-    type=click.FloatRange(0, 3650, min_open=True),
-    default=365,
-    show_default=True,
-    help="How long it is good.",
-)
-@file_option
 def add(name: str, scope: str, sites: tuple[str, ...], days: float, path: Path) -> None:
     """Make a token for NAME and print it, this once."""
     text = TokenFile(path).add(name[:80], scope, sites, datetime.timedelta(days=days))
@@ -70,8 +20,6 @@ def add(name: str, scope: str, sites: tuple[str, ...], days: float, path: Path) 
     ERR.print("Keep it safe: it cannot be shown again.")
 
 
-@tokens.command(name="list")
-@file_option
 def list_(path: Path) -> None:
     """Show whose tokens there are, and which are good."""
     now = datetime.datetime.now(datetime.UTC)
@@ -91,9 +39,6 @@ def list_(path: Path) -> None:
     Console().print(table)
 
 
-@tokens.command()
-@click.argument("number")
-@file_option
 def revoke(number: str, path: Path) -> None:
     """Take back the token of that NUMBER, now."""
     token = TokenFile(path).revoke(number)

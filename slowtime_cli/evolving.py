@@ -5,9 +5,9 @@ import csv
 import json
 import math
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import click
 from pydantic import ValidationError
@@ -23,10 +23,9 @@ from twin_server.rendering import points, state_objects
 
 from .faults import readable
 from .offline import offline_twin
-from .options import POSITIVE, STDOUT, Name, Number, OutFile
+from .options import STDOUT
 from .terminal import note, show, write_json
 
-F = TypeVar("F", bound=Callable[..., Any])
 SITE, ASSET = "offline", "record"
 NEEDED = ("slow_time", "frequency_hz", "frequency_sd")
 OPTIONAL = ("damping_ratio", "damping_sd")
@@ -35,40 +34,6 @@ ROWS = 40
 
 
 Changes = Literal["stiffness", "mass", "both"]
-AS_BUILT = (
-    click.option(
-        "--changes",
-        type=click.Choice(["stiffness", "mass", "both"]),
-        default="stiffness",
-        show_default=True,
-        help="What may change; the rest is assumed to stay.",
-    ),
-    click.option(
-        "--nominal-hz",
-        type=POSITIVE,
-        help="Natural frequency as built.  [default: learnt from the first epochs]",
-    ),
-    click.option(
-        "--nominal-damping",
-        type=Number(0, 1, max_open=True),
-        help="Damping ratio as built.",
-    ),
-    click.option(
-        "--learn-epochs",
-        type=click.IntRange(min=2),
-        default=20,
-        show_default=True,
-        help="Epochs from which the nominal model is learnt.",
-    ),
-)
-"""What a twin of one mode is told of its structure."""
-
-
-def as_built(function: F) -> F:
-    """Add the options of `AS_BUILT`."""
-    for decorate in reversed(AS_BUILT):
-        function = decorate(function)
-    return function
 
 
 def registration_of(
@@ -78,8 +43,6 @@ def registration_of(
     learn_epochs: int,
 ) -> Registration:
     """Make a registration of them."""
-    if nominal_damping is not None and nominal_hz is None:
-        raise click.UsageError("--nominal-damping goes with --nominal-hz.")
     nominal = (
         None
         if nominal_hz is None
@@ -88,27 +51,6 @@ def registration_of(
     return Registration(changes=changes, nominal=nominal, learn_epochs=learn_epochs)
 
 
-@click.command(
-    epilog="""\b
-Examples:
-  slowtime evolve modes.json --nominal-hz 5 --out states.json
-  slowtime evolve house.mcap --asset demo.tower --nominal-hz 5 --nominal-damping 0.01
-  slowtime evolve frequencies.csv --changes mass --out evolution.json
-
-A text file has a header and, between commas, semicolons or tabs, the columns slow_time,
-frequency_hz, frequency_sd and, where the damping is known, damping_ratio and damping_sd.
-"""
-)
-@click.argument("source", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@as_built
-@click.option(
-    "--asset", type=Name(parts=2), help="SITE.ASSET, where a recording holds several."
-)
-@click.option(
-    "--out",
-    type=OutFile(stdout=True),
-    help="JSON file to write, {points: [state, ...]}; - for stdout, and no table.",
-)
 def evolve(
     source: Path,
     changes: Changes,
@@ -118,11 +60,7 @@ def evolve(
     asset: str | None,
     out: Path | None,
 ) -> None:
-    """Tell how stiffness and mass have changed, from frequencies.
-
-    SOURCE is what `slowtime identify --window-s` wrote, an MCAP recording of features, or a
-    text file. Each epoch is judged by its own standard deviation.
-    """
+    """Tell how stiffness and mass have changed, from frequencies."""
     registration = registration_of(changes, nominal_hz, nominal_damping, learn_epochs)
     twin_id, samples = samples_of(source, asset)
     with offline_twin() as (pipeline, store):

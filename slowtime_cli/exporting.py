@@ -10,7 +10,7 @@ from typing import Literal, cast
 import click
 
 from slowtime_services.client import AnswerError, Client
-from twin_server.persist import backup
+from twin_server.persist import WrongStoreError, backup
 from twin_server.pipeline import TwinKnowledge
 from twin_server.serve.exports import (
     NotInstalledError,
@@ -23,39 +23,9 @@ from twin_server.serve.exports import (
 from twin_server.serve.moments import MomentError, parse_moment
 
 from .offline import offline_twin
-from .options import Name, OutFile
 from .terminal import removed_unless_finished
 
-DATABASE = click.Path(exists=True, dir_okay=False, path_type=Path)
 
-
-@click.command(
-    epilog="""\b
-Examples:
-  slowtime export twin.sqlite --asset demo.tower --out tower.csv
-  slowtime export twin.sqlite --asset demo.tower --start slow:100 --out tower.parquet
-  slowtime export --server http://127.0.0.1:8000 --site demo --out demo.json
-
-.csv and .parquet hold the history of one twin, a row a state; .json holds a site, its twins and
-their relations as a graph with models in DTDL version 3, which twin platforms load.
-"""
-)
-@click.argument("database", required=False, type=DATABASE)
-@click.option(
-    "--server",
-    metavar="URL",
-    help="Ask a running server instead, with the token in SLOWTIME_TOKEN, where it wants one.",
-)
-@click.option("--asset", type=Name(parts=2), help="SITE.ASSET; needed where there are several.")
-@click.option("--site", type=Name(), help="Of .json: this site alone.  [default: all]")
-@click.option("--start", metavar="MOMENT", help="First state: RFC 3339 or slow:NUMBER.")
-@click.option("--end", metavar="MOMENT", help="Last state: RFC 3339 or slow:NUMBER.")
-@click.option(
-    "--out",
-    required=True,
-    type=OutFile(".csv", ".parquet", ".json"),
-    help="File to write; its ending says what.",
-)
 def export(
     database: Path | None,
     server: str | None,
@@ -65,17 +35,8 @@ def export(
     end: str | None,
     out: Path,
 ) -> None:
-    """Write what a twin knows as CSV, Parquet or DTDL.
-
-    A server may go on writing the database meanwhile.
-    """
-    if (database is None) == (server is None):
-        raise click.UsageError("Give a twin's database, or --server; not both.")
+    """Write what a twin knows as CSV, Parquet or DTDL."""
     form = out.suffix.removeprefix(".")
-    if form == "json" and (start or end):
-        raise click.UsageError(
-            "--start and --end go with .csv and .parquet; a graph is of now."
-        )
     with removed_unless_finished(out), _sentences():
         if server is not None:
             _of_server(Client(server), form, asset, site, start, end, out)
@@ -152,5 +113,5 @@ def _sentences() -> Iterator[None]:
     """Say in a sentence why there is nothing."""
     try:
         yield
-    except (AnswerError, MomentError, NotInstalledError) as error:
+    except (AnswerError, MomentError, NotInstalledError, WrongStoreError) as error:
         raise click.UsageError(str(error)) from error

@@ -17,67 +17,16 @@ from slowtime_services.files import MARK, Record, accelerations, bridged
 from slowtime_services.models import read_description
 
 from . import modal
-from .options import POSITIVE, Number, OutFile
-from .reading import record_flags
+from .methods import ALL_CHANNELS
+from .reading import with_record
 from .terminal import counting, note, plural, show, write_json
 
 Samples = np.ndarray[Any, Any]
-ALL_CHANNELS = ("modes", "bayes", "efdd", "fdd")
-"""Methods that find the modes of all channels together, with shapes."""
 
 COLUMNS = ("frequency [Hz]", "damping [%]", "SNR [dB]", "method", "mistrust")
 
 
-@click.command(
-    epilog="""\b
-Examples:
-  slowtime identify record.csv --rate-hz 200
-  slowtime identify record.csv --rate-hz 200 --band-hz 1 20 --out modes.json
-  slowtime identify tower.mcap --window-s 60 --hop-s 60 --out modes.json
-  slowtime identify record.csv --rate-hz 200 --out - | python -m json.tool
-  slowtime identify record.csv --rate-hz 200 --method modes --report modes.html
-
-A terminal is shown a table; a pipe or a file gets lines with tabs between their fields.
-"""
-)
-@record_flags
-@click.option(
-    "--band-hz",
-    nargs=2,
-    type=Number(),
-    metavar="LO HI",
-    help="Where to look for modes.  [default: from a few cycles to 0.45 of the rate]",
-)
-@click.option(
-    "--window-s", type=POSITIVE, help="Identify window by window instead of the whole record."
-)
-@click.option(
-    "--hop-s",
-    type=POSITIVE,
-    help="From one window to the next.  [default: a quarter of a window]",
-)
-@click.option(
-    "--method",
-    default="auto",
-    show_default=True,
-    type=click.Choice(["auto", *ALL_CHANNELS, "ambient", "free_decay", "peak"]),
-    help="How to fit; auto finds out what the record is. modes: every mode of all channels "
-    "together, with shapes; lines of machines are told apart. bayes: these modes by the "
-    "fast Bayesian FFT. efdd, fdd: frequency domain decomposition, with and without damping.",
-)
-@click.option(
-    "--model",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    help="Model file (YAML) to compare the modes with, mode by mode.",
-)
-@click.option(
-    "--report",
-    type=OutFile(".html"),
-    help="HTML page to write: table, spectra, stabilisation diagram, shapes.",
-)
-@click.option(
-    "--out", type=OutFile(stdout=True), help="JSON file to write; - for stdout, and no table."
-)
+@with_record
 def identify(
     record: Record,
     path: Path,
@@ -89,25 +38,9 @@ def identify(
     report: Path | None,
     out: Path | None,
 ) -> None:
-    """Find natural frequencies and damping in a record, with errors.
-
-    RECORD is MCAP, text of any delimiter, NumPy or MATLAB. Frequencies are undamped natural
-    frequencies; errors are standard deviations. Where nothing stands out of the noise, nothing
-    is claimed.
-    """
-    if hop_s is not None and window_s is None:
-        raise click.UsageError("--hop-s goes with --window-s.")
-    if window_s is not None and (method in ALL_CHANNELS or model or report):
-        raise click.UsageError(
-            f"--window-s follows the first mode. Leave it out for --method "
-            f"{', '.join(ALL_CHANNELS)}, --model and --report."
-        )
-    if model or report:
-        method = "modes" if method == "auto" else method
-        if method not in ALL_CHANNELS:
-            raise click.UsageError(
-                f"--model and --report go with --method {', '.join(ALL_CHANNELS)}."
-            )
+    """Find natural frequencies and damping in a record, with errors."""
+    if (model or report) and method == "auto":
+        method = "modes"
     description = read_description(model) if model else None
     record = _accelerations_of(record)
     duration_s, rows = record.duration_s, len(record.samples)

@@ -10,46 +10,11 @@ from slowtime_schemas.streams import RAW
 from slowtime_services.files import UNDATED_NS, Record
 from slowtime_services.record import RecordingWriter
 
-from .options import POSITIVE, Instant, Name, OutFile
-from .reading import record_flags
+from .reading import with_record
 from .terminal import bar, note, removed_unless_finished
 
 
-@click.command(
-    "import",
-    epilog="""\b
-Examples:
-  slowtime import record.csv --out record.mcap
-  slowtime import trial.txt --out trial.mcap --asset beam --start 2022-07-19T22:55:00Z
-  slowtime import sensors.npy --rate-hz 256 --out sensors.mcap
-""",
-)
-@record_flags
-@click.option(
-    "--out",
-    required=True,
-    type=OutFile(".mcap"),
-    help="MCAP file to write; it must not exist yet.",
-)
-@click.option(
-    "--site", default="import", show_default=True, type=Name(), help="Site of the asset."
-)
-@click.option(
-    "--asset", type=Name(), help="Name of the asset.  [default: from the file's name]"
-)
-@click.option(
-    "--start",
-    "start_ns",
-    type=Instant(),
-    help="Time of the first sample, such as 2022-07-19T22:55:00Z; overrules the file.",
-)
-@click.option(
-    "--block-s",
-    default=0.1,
-    show_default=True,
-    type=POSITIVE,
-    help="Length of a raw block.",
-)
+@with_record
 def import_(
     record: Record,
     path: Path,
@@ -59,12 +24,7 @@ def import_(
     start_ns: int | None,
     block_s: float,
 ) -> None:
-    """Turn a text, NumPy or MATLAB record into an MCAP recording.
-
-    The recording holds raw blocks with their rate, channels and units; the same file gives the
-    same bytes. `slowtime edge --recording` and `slowtime identify` read it; so do Foxglove's
-    and other MCAP tools.
-    """
+    """Turn a text, NumPy or MATLAB record into an MCAP recording."""
     name = asset or _as_name(path)
     begin = _start_ns(record, start_ns)
     total = -(-len(record.samples) // max(1, round(block_s * record.rate_hz)))
@@ -90,7 +50,9 @@ def import_(
                 units=block.units,
             )
             payload = encode_raw(header, samples.tobytes())
-            writer.write(RAW, site, name, payload, block.start_ns, block.start_ns)
+            writer.write(
+                RAW, site, name, payload, block.start_ns, block.start_ns, until_ns=block.end_ns
+            )
             tell(number + 1)
     click.echo(
         f"{out}: {len(record.samples)} samples of {', '.join(record.channels)} at "

@@ -10,7 +10,7 @@ from slowtime_services.diagnose.histories import History, read_history
 from slowtime_services.diagnose.slow import diagnose_slowly, write_slow_results
 from slowtime_services.files import RecordError
 from twin_server.diagnose.slow import left_in
-from twin_server.persist import Store, backup, is_url, open_store
+from twin_server.persist import Store, WrongStoreError, backup, is_url, open_store
 from twin_server.pipeline.looking_back import history_of
 from twin_server.registration import Registration
 from twin_server.serve import ProblemError
@@ -68,7 +68,10 @@ def _history(source: str, twin: str | None) -> History:
     with tempfile.TemporaryDirectory() as folder:
         # A server may be writing it: what is looked at is a copy.
         copy = Path(folder) / "copy.sqlite"
-        backup(path, copy, lambda stage, share: None)
+        try:
+            backup(path, copy, lambda stage, share: None)
+        except WrongStoreError as error:
+            raise RecordError(str(error)) from error
         return _of_store(copy, twin)
 
 

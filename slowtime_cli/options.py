@@ -5,9 +5,13 @@ import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import click
+
+from slowtime_schemas.plain_text import plain_text
+
+from .faults import unseen
 
 ROUTER = "tcp/127.0.0.1:7447"
 ENCRYPTED_ROUTER = "tls/127.0.0.1:7447"
@@ -48,8 +52,27 @@ class Name(click.ParamType):  # type: ignore[type-arg]  # generic only in the ne
     ) -> str:
         """Refuse what could not be part of a key."""
         if not self._pattern.fullmatch(str(value)):
-            self.fail(f"{value!r} is no name. Allowed: {self._allowed}.", param, ctx)
+            self.fail(
+                f"{value!a} is no name{unseen(str(value))}. Allowed: {self._allowed}.",
+                param,
+                ctx,
+            )
         return str(value)
+
+
+class PlainText(click.ParamType):  # type: ignore[type-arg]  # generic only in the newest click
+    """A text for people, without control, bidirectional or other invisible characters."""
+
+    name = "text"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str:
+        """Refuse what would be shown as something else."""
+        try:
+            return plain_text(str(value))
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
 
 
 class Endpoint(click.ParamType):  # type: ignore[type-arg]  # generic only in the newest click
@@ -87,6 +110,29 @@ class Database(click.ParamType):  # type: ignore[type-arg]  # generic only in th
         if Path(text).is_dir():
             self.fail(f"{text} is a folder. Give a file in it.", param, ctx)
         return Path(text)
+
+
+class Size(click.ParamType):  # type: ignore[type-arg]  # generic only in the newest click
+    """An amount of bytes: 500MB, 4GB, 2GiB, or a number of bytes."""
+
+    name = "size"
+    _UNITS: ClassVar[dict[str, int]] = {
+        "": 1, "b": 1,
+        "kb": 10**3, "mb": 10**6, "gb": 10**9, "tb": 10**12,
+        "kib": 2**10, "mib": 2**20, "gib": 2**30, "tib": 2**40,
+    }  # fmt: skip
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> int:
+        """Turn text into bytes."""
+        if isinstance(value, int):
+            return value
+        match = re.fullmatch(r"(\d+(?:\.\d+)?) ?([a-zA-Z]*)", str(value))
+        unit = self._UNITS.get(match[2].lower()) if match else None
+        if match is None or unit is None or not float(match[1]):
+            self.fail(f"{value!a} is no size. Give one such as 500MB or 4GB.", param, ctx)
+        return round(float(match[1]) * unit)
 
 
 class Instant(click.ParamType):  # type: ignore[type-arg]  # generic only in the newest click
@@ -182,7 +228,7 @@ connect_option = click.option(
 
 credentials_option = click.option(
     "--credentials",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
     help="Folder made by `slowtime keys`: speak over TLS, as whom it names.",
 )
 

@@ -1,4 +1,4 @@
-"""The flags with which every verb reads a record, whatever wrote it."""
+"""How every verb reads a record, whatever wrote it."""
 
 import dataclasses
 import functools
@@ -8,52 +8,13 @@ from typing import Any
 
 import click
 
-from slowtime_services.files import UNITS, DateOrder, Record, find_column, read_record
+from slowtime_services.files import DateOrder, Record, find_column, read_record
 from slowtime_services.replay import record_of
 
-from .options import POSITIVE, names
+from .options import names
 from .terminal import note
 
 BINARY = (".mcap", ".npy", ".npz", ".mat")
-
-FLAGS = (
-    click.option(
-        "--rate-hz",
-        type=POSITIVE,
-        help="Samples per second, where the file does not say; overrules what it says.",
-    ),
-    click.option("--channels", help="Columns to use, by name or number from 0: a,b."),
-    click.option(
-        "--skip-lines",
-        type=click.IntRange(min=0),
-        help="Lines before header or data.  [default: found out]",
-    ),
-    click.option("--columns", help="Names of all columns, where the file has none: a,b,c."),
-    click.option(
-        "--time-column",
-        help="Column of time, by name or number; none if there is none.  [default: found out]",
-    ),
-    click.option(
-        "--time-unit",
-        type=click.Choice(list(UNITS)),
-        help="Unit of that column.  [default: by its name]",
-    ),
-    click.option(
-        "--date-order",
-        type=click.Choice(["dmy", "mdy"]),
-        help="What comes first in dates such as 04/05/2024.  [default: found out]",
-    ),
-    click.option(
-        "--wrapped/--not-wrapped",
-        default=None,
-        help="Whether all columns are one series, several values a line.  [default: found out]",
-    ),
-    click.option(
-        "--keep",
-        help="Columns to keep that would be set aside, such as counters and magnitudes: a,b; "
-        "or all.",
-    ),
-)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -75,11 +36,11 @@ TEXT_ONLY = ("time_column", "time_unit", "date_order", "wrapped", "keep")
 """Flags that say nothing of a recording, which names its channels and carries its clock."""
 
 
-def record_flags(verb: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the flags, and hand the verb a `Record` in place of them."""
+def with_record(verb: Callable[..., Any]) -> Callable[..., Any]:
+    """Hand a verb that takes `verbs.flags.RECORD` a `Record` in place of them."""
 
     @functools.wraps(verb)
-    def with_record(record_path: Path, **flags: Any) -> Any:
+    def reading(record_path: Path, **flags: Any) -> Any:
         said = {field.name: flags.pop(field.name) for field in dataclasses.fields(Given)}
         for name in ("channels", "columns", "keep"):
             said[name] = names(said[name], f"--{name}")
@@ -87,13 +48,7 @@ def record_flags(verb: Callable[..., Any]) -> Callable[..., Any]:
         tell_reading(record)
         return verb(record=record, path=record_path, **flags)
 
-    for flag in reversed(FLAGS):
-        with_record = flag(with_record)
-    return click.argument(
-        "record_path",
-        metavar="RECORD",
-        type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    )(with_record)
+    return reading
 
 
 def tell_reading(record: Record) -> None:

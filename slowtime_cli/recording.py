@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Literal
 
 import click
 
@@ -28,54 +29,18 @@ from slowtime_services.replay import replay as replay_file
 
 from .connecting import connected
 from .offline import offline_twin
-from .options import (
-    POSITIVE,
-    Name,
-    Number,
-    OutFile,
-    connect_option,
-    credentials_option,
-    names,
-    together,
+from .options import names
+from .terminal import (
+    INTERRUPTED,
+    bar,
+    counting,
+    note,
+    plural,
+    removed_unless_finished,
+    until_signalled,
 )
-from .terminal import INTERRUPTED, bar, counting, removed_unless_finished, until_signalled
-
-RECORDING = click.Path(exists=True, dir_okay=False, path_type=Path)
 
 
-@click.command(
-    epilog="""\b
-Examples:
-  slowtime record --out house.mcap
-  slowtime record --out tower.mcap --asset demo.tower --duration 60
-  slowtime record --out features.mcap --streams features,health
-"""
-)
-@click.option(
-    "--out",
-    required=True,
-    type=OutFile(".mcap"),
-    help="MCAP file to write; it must not exist yet.",
-)
-@connect_option
-@credentials_option
-@click.option(
-    "--asset",
-    default="*.*",
-    show_default=True,
-    type=Name(parts=2, any_=True),
-    help="SITE.ASSET to record; * for any.",
-)
-@click.option("--streams", help="Streams to record: a,b.  [default: all that are meant for it]")
-@click.option(
-    "--duration",
-    "duration_s",
-    default=0.0,
-    show_default=True,
-    type=Number(min=0),
-    help="Seconds to record; 0 until Ctrl-C.",
-)
-@click.option("--number", is_flag=True, help="Where OUT exists, put a number after its name.")
 def record(
     out: Path,
     connect: tuple[str, ...],
@@ -84,26 +49,30 @@ def record(
     streams: str | None,
     duration_s: float,
     number: bool,
+    keep_bytes: int | None,
+    when_full: Literal["drop-oldest", "stop"],
 ) -> int:
-    """Record what travels on the bus into an MCAP file.
-
-    What has arrived is on the disk within a second; a file left by a killed recorder is made
-    sound again by `slowtime recover`. Foxglove and Lichtblick open the result.
-    """
+    """Record what travels on the bus into an MCAP file."""
     chosen = names(streams, "--streams")
     wanted = _meant_for_recording() if chosen is None else [_stream(name) for name in chosen]
     site, _, name = asset.partition(".")
-    path = free_path(out) if number and out.exists() else out
-    if path.exists():
-        raise click.UsageError(
-            f"{path} exists and may be the only copy of a recording. Give another name, or "
-            "--number to have one put after it."
-        )
+    path = free_path(out) if number and out.exists() and keep_bytes is None else out
+    then: Literal["drop_oldest", "stop"] = "stop" if when_full == "stop" else "drop_oldest"
     with until_signalled(duration_s) as stop, connected(connect, stop, credentials) as bus:
-        with Recorder(bus, path, streams=wanted, site=site, asset=name) as recorder:
+        with Recorder(
+            bus, path, streams=wanted, site=site, asset=name,
+            keep_bytes=keep_bytes, when_full=then,
+        ) as recorder:  # fmt: skip
             with counting("Recording") as tell:
                 recorder.run(stop, lambda now: tell(_describe(now)))
         click.echo(_describe(recorder.recording))
+    if recorder.full:
+        click.echo(
+            "slowtime: The recording has ended, as its files have reached what --keep allows. "
+            "Allow more, move some away, or give --when-full drop-oldest.",
+            err=True,
+        )
+        return 1
     return INTERRUPTED if duration_s and stop.interrupted else 0
 
 
@@ -120,47 +89,12 @@ def _stream(name: str) -> Stream:
 def _describe(now: Recording) -> str:
     counts = ", ".join(f"{count} {name}" for name, count in sorted(now.counts.items()))
     lost = f", {now.dropped} dropped" if now.dropped else ""
+    lost += f", {now.unwritten} after it was full" if now.unwritten else ""
+    lost += f", {plural(now.deleted, 'old file')} deleted" if now.deleted else ""
     files = ", ".join(str(path) for path in now.paths)
     return f"{counts or 'nothing yet'}{lost}, {now.bytes_written / 1e6:.1f} MB in {files}"
 
 
-@click.command(
-    epilog="""\b
-Examples:
-  slowtime replay house.mcap                             onto the bus, as it was
-  slowtime replay house.mcap --fast --server http://127.0.0.1:8000
-  slowtime replay house.mcap --into fresh.sqlite         straight into a twin, no network
-  slowtime replay house.mcap --edge                      raw blocks through the edge again
-"""
-)
-@click.argument("recording", type=RECORDING)
-@connect_option
-@credentials_option
-@click.option(
-    "--speed",
-    default=1.0,
-    show_default=True,
-    type=POSITIVE,
-    help="Pace; 1 as it was.",
-)
-@click.option("--fast", is_flag=True, help="As fast as the twin acknowledges.")
-@click.option(
-    "--server",
-    metavar="URL",
-    help="Twin server to ask for the hash of its history; with the token in SLOWTIME_TOKEN, "
-    "where it wants one.",
-)
-@click.option(
-    "--into",
-    "database",
-    type=OutFile(),
-    help="New SQLite file: run through a twin here, without any bus.",
-)
-@click.option(
-    "--edge",
-    is_flag=True,
-    help="Run raw blocks through the edge agent and compare its features to those recorded.",
-)
 def replay(
     recording: Path,
     connect: tuple[str, ...],
@@ -171,11 +105,7 @@ def replay(
     database: Path | None,
     edge: bool,
 ) -> int:
-    """Play a recording again and print the hash of its history.
-
-    The same recording gives the same history, bit for bit, at any speed.
-    """
-    together([("--edge", edge), ("--into", database), ("--server", server)])
+    """Play a recording again and print the hash of its history."""
     if edge:
         return _through_the_edge(recording)
     if database is not None:
@@ -205,6 +135,11 @@ def _onto_the_bus(
     )
     if stop.interrupted:
         return INTERRUPTED
+    if played.features == 0:
+        note(
+            f"{recording} holds no features, which are what a twin takes. Where it holds "
+            f"samples: slowtime edge --recording {recording}"
+        )
     if server is not None:
         for asset in _assets(recording):
             _print_hash(asset, _asked_of(server, asset))
@@ -230,22 +165,41 @@ def _into(recording: Path, database: Path) -> int:
             f"{database} exists. Give a new file, so that the history is fresh."
         )
     assets = list(_assets(recording))
+    through_the_edge = not assets and bool(_assets_of(recording, RAW))
+    if through_the_edge:
+        assets = _assets_of(recording, RAW)
+        note(
+            f"{recording} holds samples and no features; an edge agent with default settings "
+            "reads them here. For settings of yours: slowtime edge --recording."
+        )
     if not assets:
         raise click.UsageError(
-            f"{recording} holds no features for a twin. Run its raw blocks through an edge "
-            "agent first: slowtime edge --recording."
+            f"{recording} holds neither features nor samples for a twin. Give a recording of "
+            "`slowtime record`, `slowtime import` or `slowtime simulate`."
         )
     with (
         removed_unless_finished(database),
         offline_twin(database) as (pipeline, store),
         bar("Replaying", _how_many(recording)) as tell,
     ):
-        pipeline.ingest(_samples(recording, tell))
+        pipeline.ingest(
+            _features_of_samples(recording) if through_the_edge else _samples(recording, tell)
+        )
         pipeline.give_up()
         for asset in assets:
             digest, count = store.digest(asset)
             _print_hash(asset, {"sha256": digest, "features": count})
     return 0
+
+
+def _features_of_samples(recording: Path) -> Iterator[Sample]:
+    """Read what a recording has of registrations, and features out of its raw blocks."""
+    for message in read_recording(recording, streams=[REGISTRATION]):
+        yield Sample(message.key, message.payload, message.publish_ns, replayed=True)
+    for payload in rerun(raw_blocks(recording), Processing()):
+        features = decode(FEATURES, payload)
+        key = FEATURES.key(features.site, features.asset)
+        yield Sample(key, payload, None, replayed=True)
 
 
 def _how_many(recording: Path) -> int:
@@ -302,5 +256,9 @@ def _recorded_settings(recording: Path, site: str, asset: str) -> Processing:
 
 
 def _assets(recording: Path) -> Iterator[str]:
-    keys = contents(recording, streams=[FEATURES]).counts
-    return iter(sorted({".".join(key.split("/")[2:4]) for key, count in keys.items() if count}))
+    return iter(_assets_of(recording, FEATURES))
+
+
+def _assets_of(recording: Path, stream: Stream) -> list[str]:
+    keys = contents(recording, streams=[stream]).counts
+    return sorted({".".join(key.split("/")[2:4]) for key, count in keys.items() if count})

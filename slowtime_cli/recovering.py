@@ -7,29 +7,21 @@ import click
 from slowtime_services.record import Recovered
 from slowtime_services.record import recover as recover_file
 
-from .options import OutFile
-from .terminal import plural
+from .terminal import note, plural
 
 
-@click.command(
-    epilog="""\b
-Examples:
-  slowtime recover killed.mcap --out sound.mcap
-"""
-)
-@click.argument("damaged", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@click.option(
-    "--out",
-    required=True,
-    type=OutFile(".mcap"),
-    help="Sound file to write; it must not exist yet.",
-)
-def recover(damaged: Path, out: Path) -> None:
-    """Make a recording sound again that was cut short or not closed.
-
-    Everything that is whole in it is kept, indexed, and can be opened by any MCAP reader.
-    """
-    click.echo(f"{out}: {_describe(recover_file(damaged, out))}")
+def recover(damaged: Path, out: Path) -> int:
+    """Make a recording sound again; the exit status is 1 where nothing was whole in it."""
+    kept = recover_file(damaged, out)
+    if kept.messages == 0:
+        out.unlink(missing_ok=True)
+        note(
+            f"nothing was recovered: {damaged} holds no whole message "
+            f"({_losses(kept) or 'it is empty'}); {out} is not written."
+        )
+        return 1
+    click.echo(f"{out}: {_describe(kept)}")
+    return 0
 
 
 def _describe(kept: Recovered) -> str:
@@ -38,9 +30,17 @@ def _describe(kept: Recovered) -> str:
     said = plural(kept.messages, "message") + (f" ({by_topic})" if by_topic else "")
     if kept.was_sound:
         return f"{said}. The recording was sound; this is a copy."
+    return f"{said}; {_losses(kept) or 'only its index was missing'}."
+
+
+def _losses(kept: Recovered) -> str:
     lost = []
     if kept.damaged_chunks:
         lost.append(f"{plural(kept.damaged_chunks, 'damaged chunk')} left out")
+    if kept.nameless:
+        lost.append(f"{plural(kept.nameless, 'message')} of unknown channels left out")
+    if kept.torn_chunks:
+        lost.append(f"{plural(kept.torn_chunks, 'chunk')} cut short and kept as far as written")
     if kept.unread_bytes:
         lost.append(f"{plural(kept.unread_bytes, 'byte')} at the end not readable")
-    return f"{said}; {', '.join(lost) or 'only its index was missing'}."
+    return ", ".join(lost)

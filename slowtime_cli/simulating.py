@@ -14,85 +14,10 @@ from slowtime_services.record import RecordingWriter
 from slowtime_services.simulate import Simulated, simulated_structure
 
 from .modelled import simulate_model
-from .options import POSITIVE, OutFile, together
-from .structures import STRUCTURES, structure
+from .structures import structure
 from .terminal import bar, plural, removed_unless_finished
 
-IN = click.Path(exists=True, dir_okay=False, path_type=Path)
 
-
-@click.command(
-    epilog="""\b
-Examples:
-  slowtime simulate --structure tower --epochs 8 --out tower.mcap
-  slowtime simulate --structure wing --epochs 20 --seed 7 --out wing.npz
-  slowtime simulate --structure frame --epochs 4 --out frame.npz
-  slowtime simulate --model rig.yaml --input shaker.csv --out rig.npz
-  slowtime simulate --model tower.yaml --duration 600 --rate-hz 50 --seed 1 --out tower.npz
-"""
-)
-@click.option(
-    "--structure",
-    "name",
-    type=click.Choice(sorted(STRUCTURES)),
-    help="Which of the structures that are known by name.",
-)
-@click.option("--model", type=IN, help="Model file (YAML) to run instead.")
-@click.option(
-    "--input",
-    "record",
-    type=IN,
-    metavar="RECORD",
-    help="With --model: record that holds its inputs, by channel name.",
-)
-@click.option(
-    "--epochs",
-    default=100,
-    show_default=True,
-    type=click.IntRange(min=1),
-    help="How many records.",
-)
-@click.option("--seed", type=click.IntRange(min=0), help="Decides every random number.")
-@click.option(
-    "--rate-hz",
-    type=POSITIVE,
-    help="With --model: samples per second, where no record says.",
-)
-@click.option(
-    "--duration",
-    "duration_s",
-    type=POSITIVE,
-    help="With --model without inputs: seconds of ambient vibration.",
-)
-@click.option(
-    "--force-psd",
-    default=1.0,
-    show_default=True,
-    type=POSITIVE,
-    help="Of the ambient force on each node, one-sided [N^2/Hz].",
-)
-@click.option(
-    "--hold",
-    default="first",
-    show_default=True,
-    type=click.Choice(["first", "zero", "band_limited"]),
-    help="What inputs do between samples: go straight to the next, stay, or be the signal "
-    "without anything above half the sampling rate.",
-)
-@click.option(
-    "--effects",
-    multiple=True,
-    type=IN,
-    metavar="FILE",
-    help="With --model: Python file that holds effects of your own; may be repeated.",
-)
-@click.option("--noise", is_flag=True, help="Add each sensor's noise_sd; needs --seed.")
-@click.option(
-    "--out",
-    required=True,
-    type=OutFile(".mcap", ".npz"),
-    help="MCAP or NumPy (.npz) file to write.",
-)
 def simulate(
     name: str | None,
     model: Path | None,
@@ -107,16 +32,7 @@ def simulate(
     effects: tuple[Path, ...],
     out: Path,
 ) -> None:
-    """Write the vibration of a structure that ages, or of a model file.
-
-    With --structure, epoch by epoch: MCAP holds raw blocks with the simulator's truth beside
-    them; .npz the samples (epoch, time), their slow times and the truth.
-
-    With --model, its effects included: from rest under the inputs found in RECORD, or
-    stationary under ambient forces where the model lists none. OUT (.npz) holds t [s] and one
-    array a sensor.
-    """
-    together((("--structure", name), ("--model", model)))
+    """Write the vibration of a structure that ages, or of a model file."""
     if model is not None:
         simulate_model(
             model,
@@ -131,8 +47,7 @@ def simulate(
             effects=effects,
         )
         return
-    if name is None:
-        raise click.UsageError("Missing option '--structure' or '--model'. Give one of them.")
+    assert name is not None
     settings = structure(name) | {"epochs": epochs} | ({} if seed is None else {"seed": seed})
     simulated = simulated_structure(settings)
     with removed_unless_finished(out):
@@ -170,7 +85,15 @@ def _as_recording(simulated: Simulated, epochs: int, name: str, out: Path) -> No
                 truth=dict(block.truth) or None,
             )
             payload = encode_raw(header, samples.tobytes())
-            writer.write(RAW, "demo", name, payload, block.start_ns, block.start_ns)
+            writer.write(
+                RAW,
+                "demo",
+                name,
+                payload,
+                block.start_ns,
+                block.start_ns,
+                until_ns=block.end_ns,
+            )
             tell((block.epoch or 0) + 1)
 
 

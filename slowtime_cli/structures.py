@@ -21,8 +21,14 @@ WEATHER = {
     "stiffness_per_c": -0.002,
     "stiffness_per_c_below": -0.008,
 }
-CRACKING = {"kind": "step", "at_slow_time": 400.0, "change": -0.03}
-WEAKENING = {"kind": "linear", "rate": -2e-3, "limit": -0.25, "begins": 30.0}
+CRACKING = {"kind": "step", "at_slow_time": 400.0, "change": -0.03, "renewed_after": 1460.0}
+WEAKENING = {
+    "kind": "linear",
+    "rate": -2e-3,
+    "limit": -0.25,
+    "begins": 30.0,
+    "renewed_after": 300.0,
+}
 
 STRUCTURES: Mapping[str, Mapping[str, Any]] = {
     "tower": {
@@ -93,14 +99,16 @@ METHODS = {
 }
 """How each is identified at the edge."""
 
-THRESHOLDS = {
+LIMITS = {
     "tower": ("stiffness_change", -0.3),
-    "tank": ("mass_change", 0.2),
     "wing": ("stiffness_change", -0.3),
     "frame": ("elements", -0.2),
     "bridge": ("stiffness_change", -0.1),
 }
-"""When is this change reached?"""
+"""Change below which an alarm is raised, and whose time is forecast."""
+
+THRESHOLDS = {"tank": ("mass_change", 0.2)}
+"""Change whose time is forecast, and which is no alarm: a full tank is what a tank is for."""
 
 REPEATING = ("tank", "wing")
 """Known to come again: what is filled is emptied, and that is no change of the model."""
@@ -123,23 +131,22 @@ def registration(name: str) -> dict[str, Any]:
     twin is told nothing but to learn for a year what the temperature does.
     """
     built = STRUCTURES[name]
-    quantity, at = THRESHOLDS[name]
-    asked: dict[str, Any] = {"thresholds": [{"quantity": quantity, "at": at}]}
-    if name in REPEATING:
-        asked["process"] = "repeating"
+    asked: dict[str, Any] = {"process": "repeating"} if name in REPEATING else {}
+    common: dict[str, Any] = {"changes": CHANGES[name], "forecast": asked}
+    if name in THRESHOLDS:
+        quantity, at = THRESHOLDS[name]
+        asked["thresholds"] = [{"quantity": quantity, "at": at}]
+    if name in LIMITS:
+        quantity, below = LIMITS[name]
+        common["alarms"] = [{"quantity": quantity, "below": below}]
     if name == "frame":
         model = _model(structure(name))
-        return {"changes": CHANGES[name], "model": model, "forecast": asked}
+        return {**common, "model": model}
     if name == "bridge":
         a_year = {"train_span": WEATHER["period"] - 1.0, "train_epochs": 300}
-        return {
-            "changes": CHANGES[name],
-            "covariates": {"names": ["temperature_c"], **a_year},
-            "forecast": asked,
-        }
+        return {**common, "covariates": {"names": ["temperature_c"], **a_year}}
     body: dict[str, Any] = {
-        "changes": CHANGES[name],
-        "forecast": asked,
+        **common,
         "nominal": {
             "frequency_hz": built["frequency_hz"],
             "damping_ratio": built["damping_ratio"],

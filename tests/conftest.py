@@ -8,7 +8,7 @@ import jaxtyping
 import pytest
 from hypothesis import settings
 
-from tests.shapes import jaxtyped
+from tests.shapes import TEST, jaxtyped
 
 # Before anything of the house is imported, which is where each function is wrapped.
 vars(jaxtyping)["jaxtyped"] = jaxtyped
@@ -22,6 +22,11 @@ ROOT = Path(__file__).parents[1]
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 PATIENCE_MS = 300_000
 WINDOW = {"width": 1200, "height": 900}
+
+
+def pytest_runtest_setup() -> None:
+    """Look at the first calls of each function in every test."""
+    TEST.begins()
 
 
 def _folder() -> Path:

@@ -1,4 +1,4 @@
-"""What the tests look at in every call of the house."""
+"""What the tests look at in the calls of the house."""
 
 import dataclasses
 
@@ -7,7 +7,7 @@ import pytest
 from jaxtyping import Float, TypeCheckError
 
 from slowtime.evolution.scores import crps
-from tests.shapes import wrapped
+from tests.shapes import EVERY, FIRST, TEST, wrapped
 
 Row = Float[np.ndarray, " time"]
 
@@ -39,6 +39,21 @@ def test_axes_of_a_call_within_a_call_are_its_own():
         return values
 
     assert len(wrapped(outer)(np.ones(3))) == 3
+
+
+def test_the_first_calls_of_every_test_are_looked_at_and_some_of_the_rest():
+    look = wrapped(longer)
+    wrong = []
+    for number in range(1, FIRST + 2 * EVERY + 1):
+        try:
+            look(np.ones(2), 1)
+        except TypeCheckError:
+            wrong.append(number)
+    assert wrong[:FIRST] == [*range(1, FIRST + 1)]
+    assert len(wrong) == FIRST + 2
+    TEST.begins()
+    with pytest.raises(TypeCheckError, match="return"):
+        look(np.ones(2), 1)
 
 
 def size(pair: "Pair") -> int:

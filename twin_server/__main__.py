@@ -3,16 +3,17 @@
 import contextlib
 import gc
 import logging
+import os
 import socket
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
 
+import anyio
 import uvicorn
 from starlette.types import ASGIApp
 
-from slowtime_services.bus import Bus, BusUnreachableError, ZenohBus
+from slowtime_services.bus import Bus, LateBus, ZenohBus
 from slowtime_services.clock import Clock, SystemClock
 from slowtime_services.credentials import CredentialsError, options_for
 from slowtime_services.ending import ended_by_signals
@@ -23,19 +24,20 @@ from twin_server.pipeline import (
     Lookout,
     Orders,
     Pipeline,
+    Processes,
     Recordings,
     Tracing,
     TwinKnowledge,
 )
 from twin_server.registration import WrongRegistrationsError, registrations
-from twin_server.serve import Hub, create_app
+from twin_server.serve import Hub, Lane, create_app
 from twin_server.serve.access import (
     Guard,
     NotSecuredError,
     WrongTokenFileError,
     guarded,
 )
-from twin_server.serve.heads import Heads
+from twin_server.serve.connections import Connections, Limits
 from twin_server.serve.tracing import Traced
 from twin_server.settings import TwinSettings
 
@@ -45,7 +47,7 @@ DIAGNOSIS = (sys.executable, "-m", "twin_server.diagnose")
 """Command of the process that makes one diagnosis."""
 
 ATTEMPT_S = 2.0
-"""For how long Zenoh is asked to find the router at once."""
+"""For how long Zenoh is asked to find the router at once, and the server does not begin yet."""
 
 
 def run(
@@ -90,12 +92,13 @@ def run(
             store = open_store(settings.database, synchronous=settings.synchronous)
             open_things.callback(store.close)
             if bus is None:
-                bus = open_things.enter_context(_open_bus(settings, clock, stop))
+                late = open_things.enter_context(_late_bus(settings, clock))
+                late.wait(min(ATTEMPT_S, settings.connect_timeout_s))
+                bus = late
             _serve(
                 settings, guard, listening, store, bus, clock, stop, ready, diagnosis, traces
             )
     except (
-        BusUnreachableError,
         CredentialsError,
         NotSecuredError,
         NoTelemetryError,
@@ -114,12 +117,23 @@ class _AddressError(OSError):
     pass
 
 
+OTHER_FILES = 512
+"""Files beside connections: database, bus, recordings, processes."""
+
+SWITCH_S = 0.001
+"""How long one thread may keep the interpreter from the others: the door's is one of many."""
+
+
 class _Server(uvicorn.Server):
     """Uvicorn that ends the live streams before it waits for its clients."""
 
-    def __init__(self, config: uvicorn.Config, hub: Hub) -> None:
+    def __init__(self, config: uvicorn.Config, hub: Hub, threads: int) -> None:
         super().__init__(config)
-        self._hub = hub
+        self._hub, self._threads = hub, threads
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        anyio.to_thread.current_default_thread_limiter().total_tokens = self._threads
+        await super().startup(sockets)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         self._hub.close()
@@ -146,8 +160,12 @@ def _serve(
     pipeline.listen(lookout)
     if traces is not None:
         pipeline.listen(Tracing(pipeline, traces, clock or SystemClock()))
+    allow_files(limits.max_connections + OTHER_FILES)
+    workers = Processes(limits.workers, limits.work_timeout_s)
+    workers.warm()
+    lane = Lane(limits.workers, limits.max_waiting, limits.max_waiting_of_one)
     knowledge = TwinKnowledge(
-        pipeline, store, bus=bus, refresh=settings.serve.forecast_refresh_readings
+        pipeline, store, bus=bus, refresh=limits.forecast_refresh_readings, workers=workers
     )
     orders = Orders(
         pipeline, store, settings.diagnose, settings.gap, diagnosis, bus=bus, clock=clock
@@ -160,10 +178,12 @@ def _serve(
     )
     app = create_app(
         knowledge, hub, settings.serve, orders, recordings,
-        largest_recording=settings.recordings.max_bytes,
+        largest_recording=settings.recordings.max_bytes, lane=lane,
     )  # fmt: skip
     door_of = guard.around(app)
-    server = _Server(_config(Traced(door_of, traces) if traces else door_of, settings), hub)
+    connections = Connections(_limits(settings))
+    config = _config(Traced(door_of, traces) if traces else door_of, settings, connections)
+    server = _Server(config, hub, limits.reading_threads)
     # Off the main thread, where uvicorn leaves the signals alone.
     door = threading.Thread(
         target=server.run, kwargs={"sockets": [listening]}, name="http", daemon=True
@@ -174,8 +194,10 @@ def _serve(
             pipeline.register(twin_id, registration)
     orders.start()
     lookout.start()
+    knowledge.prospects.start()
     door.start()
     collect_less_often()
+    sys.setswitchinterval(SWITCH_S)
     try:
         while not server.started and door.is_alive():
             stop.wait(0.01)
@@ -189,11 +211,33 @@ def _serve(
             pass
     finally:
         server.should_exit = True
+        lane.close()
+        workers.close()
         door.join(settings.shutdown_s + 1.0)
         recordings.stop()
         orders.stop()
         lookout.stop()
+        knowledge.prospects.stop()
         pipeline.stop()
+
+
+def allow_files(count: int) -> None:
+    """Let this process have so many files and connections, as far as the system allows."""
+    if os.name != "posix":  # pragma: no cover
+        return
+    import resource
+
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = count if hard == resource.RLIM_INFINITY else min(count, hard)
+    if soft != resource.RLIM_INFINITY and soft < most:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+    if most < count:
+        logger.warning(
+            "%d files may be open here, and %d connections need more. Raise the limit "
+            "(ulimit -n, or LimitNOFILE= of the unit), or lower serve.max_connections.",
+            most,
+            count - OTHER_FILES,
+        )
 
 
 def collect_less_often() -> None:
@@ -207,10 +251,23 @@ def collect_less_often() -> None:
     gc.set_threshold(100_000, 20, 50)
 
 
-def _config(app: ASGIApp, settings: TwinSettings) -> uvicorn.Config:
+def _limits(settings: TwinSettings) -> Limits:
+    serve = settings.serve
+    return Limits(
+        head_s=serve.head_s,
+        body_s=serve.body_s,
+        slowest_bytes_per_s=serve.slowest_bytes_per_s,
+        upload_s=serve.upload_s,
+        most=serve.max_connections,
+        # A proxy has all connections; it is for that to bound those of its own clients.
+        most_of_one=None if settings.access.behind_proxy else serve.max_connections_of_one,
+    )
+
+
+def _config(app: ASGIApp, settings: TwinSettings, connections: Connections) -> uvicorn.Config:
     return uvicorn.Config(
         app,
-        http=Heads,
+        http=connections.protocol(),
         log_config=None,
         access_log=False,
         lifespan="off",
@@ -224,22 +281,20 @@ def _config(app: ASGIApp, settings: TwinSettings) -> uvicorn.Config:
     )
 
 
-def _open_bus(settings: TwinSettings, clock: Clock | None, stop: threading.Event) -> ZenohBus:
-    """Wait for the router a little at a time: nobody hears a signal while Zenoh opens."""
+def _late_bus(settings: TwinSettings, clock: Clock | None) -> LateBus:
+    """Wait for the router as long as it takes; page and history need none."""
     options = options_for(settings.credentials, settings.connect, settings.zenoh)
-    deadline = time.monotonic() + settings.connect_timeout_s
-    while True:
-        try:
-            return ZenohBus(
-                "client",
-                connect=settings.connect,
-                open_timeout_s=min(ATTEMPT_S, settings.connect_timeout_s),
-                options=options,
-                clock=clock,
-            )
-        except BusUnreachableError:
-            if stop.wait(0.1) or time.monotonic() >= deadline:
-                raise
+
+    def opened() -> ZenohBus:
+        return ZenohBus(
+            "client",
+            connect=settings.connect,
+            open_timeout_s=min(ATTEMPT_S, settings.connect_timeout_s),
+            options=options,
+            clock=clock,
+        )
+
+    return LateBus(opened, say_every_s=settings.connect_timeout_s)
 
 
 @contextlib.contextmanager

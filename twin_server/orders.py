@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, JsonValue, model_validator
 
 from slowtime_schemas.model_file import ModelFile
+from slowtime_schemas.quantities import Plain
 
 Clock = Literal["fast", "slow"]
 State = Literal["queued", "running", "done", "failed", "cancelled"]
@@ -30,7 +31,7 @@ class FromRecordings(Frozen):
     """Raw samples of the twin in recordings that the server keeps."""
 
     files: Annotated[
-        tuple[Annotated[str, Field(pattern=r"^[^/\\]{1,200}\.mcap$")], ...],
+        tuple[Annotated[str, Field(pattern=r"^[^/\\]{1,200}\.mcap$"), Plain], ...],
         Field(max_length=64, description="Names; left out, all that the server keeps."),
     ] = ()
     start: Moment | None = None

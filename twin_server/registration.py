@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import ConfigDict, Field, ValidationError, model_validator
 
 from slowtime_schemas.model_file import ModelFile
+from slowtime_schemas.quantities import AS_STORED, Plain, PlainText
 from slowtime_services.models import description_of
 
 from .model import Model, model_of
@@ -82,7 +83,7 @@ class Covariates(Frozen):
     """
 
     names: Annotated[
-        tuple[Annotated[str, Field(min_length=1, max_length=64)], ...],
+        tuple[Annotated[str, Field(min_length=1, max_length=64), Plain], ...],
         Field(
             min_length=1,
             max_length=8,
@@ -91,7 +92,7 @@ class Covariates(Frozen):
         ),
     ]
     temperature: Annotated[
-        str | None,
+        PlainText | None,
         Field(description="Which of them may bend the law at freezing; by default by name."),
     ] = None
     freezing_c: Number = 0.0
@@ -101,6 +102,7 @@ class Covariates(Frozen):
     train_epochs: Annotated[int, Field(ge=30, le=1_000_000)] = 100
     reference: Annotated[
         dict[str, Number] | None,
+        Plain,
         Field(
             description="Where frequencies are compared; by default at the mean in training."
         ),
@@ -197,7 +199,7 @@ class Registration(Frozen):
         },
     )
 
-    name: Annotated[str, Field(max_length=100)] = ""
+    name: Annotated[str, Field(max_length=100), Plain] = ""
     """For people; the twin's id is what everything else knows it by."""
     changes: Literal["stiffness", "mass", "both", "elements"] = "stiffness"
     """What may change; the rest is assumed to stay, and said so in every state."""
@@ -208,6 +210,7 @@ class Registration(Frozen):
         Annotated[
             dict[str, Annotated[float, Field(gt=1e-9, le=10)]],
             Field(min_length=1, max_length=64),
+            Plain,
         ]
         | None
     ) = None
@@ -344,7 +347,7 @@ class Registration(Frozen):
     @classmethod
     def from_json(cls, text: str) -> "Registration":
         """Read what `to_json` has written."""
-        return cls.model_validate_json(text)
+        return cls.model_validate_json(text, context=AS_STORED)
 
     def to_json(self) -> str:
         """Write it as text, all defaults included, so that later defaults change nothing."""
@@ -360,7 +363,7 @@ class Registration(Frozen):
 def _structure(
     model: str, parameters: tuple[tuple[str, float], ...] | None, prior_sd: float
 ) -> Model:
-    description = description_of(ModelFile.model_validate_json(model))
+    description = description_of(ModelFile.model_validate_json(model, context=AS_STORED))
     return model_of(
         description, None if parameters is None else dict(parameters), prior_sd=prior_sd
     )
@@ -388,9 +391,9 @@ def registrations(path: Path | None) -> dict[str, Registration]:
         ) from error
     found = {}
     for twin_id, given in content.items() if isinstance(content, dict) else [(content, None)]:
-        if not re.match(ID, str(twin_id)):
+        if not re.fullmatch(ID, str(twin_id)):
             raise WrongRegistrationsError(
-                f"{path}: {twin_id!r:.60} is no twin's id. Give SITE.ASSET in lower case, such "
+                f"{path}: {twin_id!a:.60} is no twin's id. Give SITE.ASSET in lower case, such "
                 'as "lab.beam"; in TOML with quotes: ["lab.beam"].'
             )
         try:

@@ -10,10 +10,14 @@ from collections.abc import Iterator, Sequence
 from itertools import repeat
 from typing import Any
 
+import numpy as np
+from pydantic_core import to_json
+
 from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Event, TwinState
 from slowtime_schemas.streams import STATE
 
+from .buckets import Buckets
 from .details import Bodies, without_shapes
 from .states import ESTIMATES, USED_SMOOTHED, States, assumed, sentences
 
@@ -58,9 +62,59 @@ def state_messages(
         ).encode()
 
 
-def points(objects: Iterator[str]) -> bytes:
-    """Put states together to a history."""
-    return f'{{"points":[{",".join(objects)}]}}'.encode()
+def points(
+    objects: Iterator[str],
+    bands: Buckets | None = None,
+    unit: str = "",
+    names: Sequence[str] = (),
+) -> bytes:
+    """Put states together to a history.
+
+    Parameters
+    ----------
+    bands
+        What all states show, where `objects` are but some of them.
+    unit
+        Of slow time.
+    names
+        Of the free parameters of a twin of elements.
+    """
+    told = f'{{"points":[{",".join(objects)}]'.encode()
+    if bands is not None:
+        told += b',"bands":' + to_json(_bands(bands, unit, names), inf_nan_mode="null")
+    return told + b"}"
+
+
+def _bands(bands: Buckets, unit: str, names: Sequence[str]) -> dict[str, Any]:
+    """Columns of the buckets, one number a bucket."""
+    head, found = bands.head, bands.quantities
+    count = found["count"]
+    with np.errstate(invalid="ignore"):
+        mean = found["sum"] / np.where(count > 0, count, np.nan)
+    estimates: dict[str, Any] = {}
+    truth: dict[str, Any] = {}
+    every = [*ESTIMATES, *names]
+    # A parameter that the registration no longer names is another twin's, of the same boot.
+    for place, name in enumerate(every[: found.shape[1]]):
+        if count[:, place].any():
+            columns = {key: found[key][:, place].tolist() for key in ("min", "max", "lo", "hi")}
+            estimates[name] = {"mean": mean[:, place].tolist(), **columns}
+        true = found["truth"][:, place]
+        if not np.isnan(true).all():
+            truth[name] = {"min": true[:, 0].tolist(), "max": true[:, 1].tolist()}
+    return {
+        "readings": int(head["count"].sum()),
+        "slow_time_unit": unit,
+        "count": head["count"].tolist(),
+        "valid": head["valid"].tolist(),
+        **{
+            end: {name: head[name][:, place].tolist() for name in ("t_ns", "slow_time")}
+            for place, end in enumerate(("start", "end"))
+        },
+        "quantities": {name: estimates[name] for name in ESTIMATES if name in estimates},
+        "elements": {name: one for name, one in estimates.items() if name not in ESTIMATES},
+        "truth": truth,
+    }
 
 
 def event_body(event: Event) -> str:

@@ -34,7 +34,8 @@ class AdmissionSettings(Frozen):
     max_ahead_s: NotNegative = 300.0
     """How far a sender's clock may be from ours, and a live sensor's time ahead of it."""
     max_age_s: Positive = 30 * 86_400.0
-    """How old a live sensor's time may be unless replayed; a spool holds what is weeks old."""
+    """Readings of a live sensor that are older on arrival are taken in by their sensor time all
+    the same, since a spool may have held them; an event `old_readings` says so."""
     not_before_ns: Annotated[int, Field(ge=0)] = YEAR_2000_NS
     """No sensor time is earlier: a clock that was never set."""
     max_jump: Count = 1_000_000
@@ -79,14 +80,35 @@ class ServeSettings(Frozen):
     max_live_clients: Count = 500
     max_live_of_one: Count = 50
     """Of these, those of one token."""
-    max_connections: Count = 2_000
-    """More at once are answered with 503."""
+    max_connections: Annotated[int, Field(ge=2)] = 2_000
+    """More at once are answered with 503; those on which nothing was asked give way."""
+    max_connections_of_one: Count = 1_000
+    """Of these, those of one address; behind a proxy that is the proxy's to bound."""
+    head_s: Positive = 10.0
+    """Time for the head of a request, and for a first one."""
+    body_s: Positive = 30.0
+    """How long a body, or the taking of an answer, may be slower than the following."""
+    slowest_bytes_per_s: Positive = 8_192.0
+    upload_s: Positive = 3_600.0
+    """Time for a whole body."""
     live_backlog: Annotated[int, Field(ge=16)] = 2_000
     """Events a slow client may be behind, or a returning one may have missed."""
     max_measured: Annotated[int, Field(ge=0)] = 200
     """Twins whose estimates are among the metrics; where there are more, none are."""
     forecast_refresh_readings: Count = 25
     max_forecast_points: Annotated[int, Field(ge=2)] = 200
+    workers: Count = 2
+    """Processes that forecast, learn and simulate; one is kept free of what takes longest."""
+    max_waiting: Count = 32
+    """Requests that wait for these; more are answered with 503."""
+    max_waiting_of_one: Count = 8
+    """Of these, forecasts of one twin; and simulations, all together."""
+    work_timeout_s: Positive = 120.0
+    """How long one of them may take until it is ended."""
+    max_exports: Count = 16
+    """Tables that are given at once."""
+    reading_threads: Count = 8
+    """Threads that answer what only has to be read."""
 
 
 class DiagnoseSettings(Frozen):
@@ -122,6 +144,8 @@ class RecordingSettings(Frozen):
     max_files: Count = 500
     patience_s: Positive = 30.0
     """How long nothing may come of one that is being sent."""
+    max_at_once: Count = 16
+    """That are being sent at the same time."""
 
 
 class GapSettings(Frozen):
@@ -217,6 +241,8 @@ class TwinSettings(ProcessSettings):
     connect: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
     """Where the router is."""
     connect_timeout_s: Positive = 30.0
+    """How often the log says that there is no router yet; the server waits for one as long as
+    it takes, and `/readyz` says so."""
     credentials: Path | None = None
     """Folder that `slowtime keys` made for the server; None to speak in the clear."""
     zenoh: dict[str, Any] = Field(default_factory=dict, repr=False)

@@ -4,6 +4,8 @@ from typing import Annotated, Literal, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
+from slowtime_schemas.quantities import Plain
+
 from .orders import Frozen
 
 Positive = Annotated[float, Field(gt=0, lt=1e300, allow_inf_nan=False)]
@@ -20,6 +22,7 @@ Quantity = Annotated[
         examples=["stiffness_change", "elements", "storey2"],
         description=_OF_CHANGES,
     ),
+    Plain,
 ]
 
 

@@ -92,7 +92,7 @@ def _views(browser: Browser, url: str) -> Iterator[tuple[str, Page]]:
 
     page = opened("#demo.wing?at=150", "dark")
     _drawn(page, "mass_change")
-    page.get_by_text("What if a load came?").click()
+    page.get_by_text("Simulate a load").click()
     page.get_by_role("button", name="Run it").click()
     expect(page.locator(".whatif .main-svg").first).to_be_visible(timeout=PATIENCE_MS)
     yield "page_past", page

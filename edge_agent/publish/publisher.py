@@ -16,7 +16,15 @@ import numpy as np
 from edge_agent.settings import Origin, PublishSettings
 from slowtime.signals.block import Block
 from slowtime_schemas.codec import Refused, decode_sample, encode
-from slowtime_schemas.messages import About, Acknowledgement, Features, Health, Message
+from slowtime_schemas.messages import (
+    ACK_VERSION,
+    FOREIGN_ACKS,
+    About,
+    Acknowledgement,
+    Features,
+    Health,
+    Message,
+)
 from slowtime_schemas.raw import ITEM_BYTES, RawHeader, encode_raw
 from slowtime_schemas.streams import (
     ABOUT,
@@ -30,8 +38,10 @@ from slowtime_schemas.streams import (
 )
 from slowtime_services.bus import Bus, Handle, Query, Sample
 from slowtime_services.clock import Clock
+from slowtime_services.digests import digest_of, written
 from slowtime_services.tracing import Made, Traces
 
+from .agreement import Agreement
 from .ring import Ring
 from .spool import Spool, SpoolError
 
@@ -39,6 +49,10 @@ logger = logging.getLogger(__name__)
 
 MOST_AT_ONCE = 10_000
 """Features in one answer; who wants more asks again."""
+
+
+MOST_RANGES = 1_000
+"""Damaged ranges of a boot in one answer; the next are told once these are acknowledged."""
 
 
 class Publisher:
@@ -74,6 +88,7 @@ class Publisher:
         self._sequences: Counter[str] = Counter()
         self._last_features = -1
         self._acknowledged = -1
+        self._agreement = Agreement()
         self._began_ns = clock.now_ns()
         self._handles: list[Handle] = []
         self._changed = threading.Condition()
@@ -126,6 +141,7 @@ class Publisher:
         """Keep and send one features message."""
         began_ns = self._clock.now_ns()
         payload = encode(message)
+        self._agreement.note(message.sequence, payload)
         try:
             self._spool.append(message.sequence, payload)
         except SpoolError:
@@ -142,6 +158,8 @@ class Publisher:
     def health(self) -> None:
         """Say how the agent is, and where its account ends."""
         held = {entry.boot: entry for entry in self._spool.held()}.get(self.origin.boot)
+        if self._spool.damaged:
+            self.put("spool_damaged", self._spool.damaged)
         self._send_message(
             HEALTH,
             Health(
@@ -150,7 +168,7 @@ class Publisher:
                 first_held=held.first if held else -1,
                 dropped=self._spool.dropped,
                 uptime_s=max(0.0, (self._clock.now_ns() - self._began_ns) / 1e9),
-                counters=self.counters,
+                counters=self.counters | {ACK_VERSION: Acknowledgement.VERSION},
             ),
         )
 
@@ -175,16 +193,58 @@ class Publisher:
         except Refused as refused:
             self.count(f"refused_ack_{refused.reason}")
             return
-        if isinstance(message, Acknowledgement):
+        if isinstance(message, Acknowledgement) and self._is_ours(message):
             self._spool.acknowledge(message.boot, message.sequence)
             with self._changed:
                 if message.boot == self.origin.boot:
                     self._acknowledged = max(self._acknowledged, message.sequence)
                 self._changed.notify_all()
 
+    def _is_ours(self, word: Acknowledgement) -> bool:
+        """Whether an acknowledgement may speak of what this agent has made."""
+        if word.boot != self.origin.boot:
+            differs = self._differs_from_spool(word)
+        else:
+            verdict = self._agreement.compare(word.first, word.sequence, word.digest)
+            differs = verdict == "differs"
+        if not differs:
+            return True
+        self.count(FOREIGN_ACKS)
+        if self._spool.withhold(word.boot, word.sequence):
+            logger.error(
+                "The twin has acknowledged other features of %s.%s, boot %s, up to %d than "
+                "this agent has made: another agent sends under the same asset and boot. "
+                "Nothing of this boot is deleted from %s any more. Give each agent its own "
+                "asset name, and leave `boot` unset.",
+                self.origin.site,
+                self.origin.asset,
+                word.boot,
+                word.sequence,
+                self._spool.folder,
+            )
+        return False
+
+    def _differs_from_spool(self, word: Acknowledgement) -> bool:
+        """Hold the digest of an earlier boot against what the spool has of it."""
+        if word.first is None or word.sequence - word.first >= MOST_AT_ONCE:
+            return False
+        held = {entry.boot: entry for entry in self._spool.held()}.get(word.boot)
+        if held is None or not held.first <= word.first <= word.sequence <= held.last:
+            return False
+        payloads = list(self._spool.read(word.boot, word.first, word.sequence))
+        if len(payloads) <= word.sequence - word.first:
+            return False  # some are damaged
+        total = sum(digest_of(n, p) for n, p in enumerate(payloads, word.first))
+        return written(total) != word.digest
+
     def _answer_account(self, query: Query) -> Iterator[tuple[str, bytes]]:
         for held in self._spool.held():
-            yield self._request("account"), json.dumps(held._asdict()).encode()
+            entry: dict[str, Any] = held._asdict() | {ACK_VERSION: Acknowledgement.VERSION}
+            if damaged := self._spool.damaged_ranges(held.boot)[:MOST_RANGES]:
+                entry["damaged"] = damaged
+            if self._spool.withholds(held.boot):
+                entry["withheld"] = True
+            yield self._request("account"), json.dumps(entry).encode()
 
     def _answer_features(self, query: Query) -> Iterator[tuple[str, bytes]]:
         boot = query.parameters.get("boot", self.origin.boot)

@@ -1,35 +1,35 @@
 """Features on disk until the twin has them for good: appended, checked, bounded.
 
 A folder of segment files, each of one boot. A file is named by the boot's place among all, by
-its name and by its first sequence; no clock that was set back changes that place. It holds
-eight bytes of mark, then records of
+its name and by its first sequence; no clock that was set back changes that place. What is in it
+is told in `framing`.
 
-    length of payload (u32) · CRC-32 of sequence and payload (u32) · sequence (u64) · payload
-
-little-endian. A write that a kill or a power cut tears leaves a tail whose checksum does not
-hold; it is cut off when the folder is next opened, and everything before it stands.
+A record that was torn by a power cut, or has rotted on the disk, costs itself and no other: the
+next sound one is found, the damaged bytes are set aside (see `damage`), and the sequences that
+were in them are told with the account, so that the twin reports them as lost.
 
 Of a boot that has been dropped whole because the spool was full, the last sequence stays in
 `dropped.json` until the twin acknowledges it: so that it can report what it never had.
 """
 
 import dataclasses
+import itertools
 import json
 import logging
 import os
-import struct
 import threading
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal, NamedTuple
 
+from .damage import DamagedBytes
+from .framing import MARK, Damage, Sound, pack, scan
+
 logger = logging.getLogger(__name__)
 
-MARK = b"STSPOOL1"
-RECORD = struct.Struct("<IIQ")
 SUFFIX = ".spool"
 DROPPED = "dropped.json"
+WITHHELD = "withheld.json"
 MOST_DROPPED = 1_000
 """Boots dropped whole that are remembered; a device that reboots forever forgets the first."""
 _NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND
@@ -95,10 +95,16 @@ class Spool:
         self._last = -1
         folder.mkdir(parents=True, exist_ok=True)
         self._guard = _lock_folder(folder)
+        self._damaged = DamagedBytes(folder)
         self._gone = _read_dropped(folder / DROPPED)
+        self._withheld = _read_dropped(folder / WITHHELD)
         paths = sorted(folder.glob(f"*{SUFFIX}"), key=lambda path: (_place(path), path.name))
         self._place = 1 + max(map(_place, paths), default=0)
-        self._segments = [segment for path in paths if (segment := _open(path))]
+        self._segments = [
+            segment
+            for path, following in itertools.zip_longest(paths, paths[1:])
+            if (segment := _open(path, following, self._damaged))
+        ]
         self._size = sum(segment.size for segment in self._segments)
         if any(segment.boot == boot for segment in self._segments):
             _unlock(self._guard)
@@ -111,6 +117,11 @@ class Spool:
     def dropped(self) -> int:
         """How many features have been dropped unacknowledged because the spool was full."""
         return self._dropped
+
+    @property
+    def damaged(self) -> int:
+        """How many features have been found damaged since the spool was opened."""
+        return self._damaged.features
 
     @property
     def size(self) -> int:
@@ -132,6 +143,11 @@ class Spool:
                 found[segment.boot] = Held(segment.boot, first, segment.last)
             return tuple(found.values())
 
+    def damaged_ranges(self, boot: str) -> list[tuple[int, int]]:
+        """First and last of each range of features of `boot` whose records are damaged."""
+        with self._lock:
+            return self._damaged.ranges(boot)
+
     def append(self, sequence: int, payload: bytes) -> None:
         """Keep `payload`; when this returns, the death of the process does not lose it.
 
@@ -147,7 +163,7 @@ class Spool:
                 raise ValueError(
                     f"Sequence {sequence} was given after {self._last}. Sequences must grow."
                 )
-            record = _pack(sequence, payload)
+            record = pack(sequence, payload)
             segment = self._room_for(sequence)
             try:
                 _write_all(self._descriptor(), record)
@@ -166,34 +182,67 @@ class Spool:
             self._drop_oldest()
 
     def read(self, boot: str, first: int = 0, last: int | None = None) -> Iterator[bytes]:
-        """Give what is held of `boot` from `first` to `last`, in order."""
+        """Give what is held of `boot` from `first` to `last`, in order.
+
+        Damaged records are passed over, and noted.
+        """
         with self._lock:
             wanted = [
-                (segment.path, segment.size)
+                (segment.path, segment.size, segment.first, segment.last)
                 for segment in self._segments
                 if segment.boot == boot
                 and segment.last >= first
                 and (last is None or segment.first <= last)
             ]
-        for path, size in wanted:
+        for path, size, begins, ends in wanted:
             try:
                 data = path.read_bytes()[:size]
             except FileNotFoundError:  # acknowledged or dropped since
                 continue
-            for sequence, payload, _ in _records(data):
-                if sequence >= first and (last is None or sequence <= last):
-                    yield payload
+            due = begins
+            for part in scan(data, begins, ends + 1):
+                if isinstance(part, Damage):
+                    self._note_damage(path, boot, data, part)
+                    due = part.last + 1
+                    continue
+                due = part.sequence + 1
+                if part.sequence >= first and (last is None or part.sequence <= last):
+                    yield part.payload
+            if due <= ends:  # the end of the file has gone
+                self._note_damage(path, boot, data, Damage(len(data), len(data), due, ends))
 
     def acknowledge(self, boot: str, sequence: int) -> int:
-        """Forget segments of `boot` that end by `sequence`; say how many features that was."""
+        """Forget segments of `boot` that end by `sequence`; say how many features that was.
+
+        Of a boot that is withheld nothing is forgotten.
+        """
         with self._lock:
+            if boot in self._withheld:
+                return 0
             done = [s for s in self._segments if s.boot == boot and s.last <= sequence]
             for segment in done:
                 self._remove(segment)
             if self._gone.get(boot, sequence + 1) <= sequence:
                 del self._gone[boot]
-                self._write_dropped()
+                self._write(DROPPED, self._gone)
             return sum(segment.count for segment in done)
+
+    def withholds(self, boot: str) -> bool:
+        """Whether nothing of `boot` is forgotten, whatever is acknowledged."""
+        return boot in self._withheld
+
+    def withhold(self, boot: str, sequence: int) -> bool:
+        """Keep what there is of `boot`, whatever is acknowledged; False where it is so already.
+
+        It lasts across restarts, until `withheld.json` is deleted while no agent runs; a full
+        spool drops its oldest segments all the same.
+        """
+        with self._lock:
+            if boot in self._withheld:
+                return False
+            self._withheld[boot] = sequence
+            self._write(WITHHELD, self._withheld)
+            return True
 
     def close(self) -> None:
         """Bring everything to the disk and let go of the folder; a second time does nothing."""
@@ -202,6 +251,11 @@ class Spool:
             if self._guard is not None:
                 _unlock(self._guard)
                 self._guard = None
+
+    def _note_damage(self, path: Path, boot: str, data: bytes, damage: Damage) -> None:
+        with self._lock:
+            if any(segment.path == path for segment in self._segments):
+                self._damaged.found(path, boot, data, damage)
 
     def _descriptor(self) -> int:
         assert self._file is not None
@@ -273,13 +327,13 @@ class Spool:
                 self._gone[oldest.boot] = oldest.last
                 for boot in list(self._gone)[:-MOST_DROPPED]:
                     del self._gone[boot]
-                self._write_dropped()
+                self._write(DROPPED, self._gone)
 
-    def _write_dropped(self) -> None:
-        """Remember across a restart what was dropped whole; a full disk may prevent it."""
-        path = self.folder / DROPPED
+    def _write(self, name: str, boots: dict[str, int]) -> None:
+        """Remember some boots across a restart; a full disk may prevent it."""
+        path = self.folder / name
         try:
-            path.with_suffix(".new").write_text(json.dumps(self._gone))
+            path.with_suffix(".new").write_text(json.dumps(boots))
             path.with_suffix(".new").replace(path)
         except OSError:
             logger.exception("%s cannot be written; it is remembered until the end.", path)
@@ -288,28 +342,9 @@ class Spool:
         if self._file is not None and segment is self._segments[-1]:
             self._finish_segment(keep=False)
         self._segments.remove(segment)
+        self._damaged.forget(segment.path)
         self._size -= segment.size
         segment.path.unlink(missing_ok=True)
-
-
-def _pack(sequence: int, payload: bytes) -> bytes:
-    return RECORD.pack(len(payload), _checksum(sequence, payload), sequence) + payload
-
-
-def _checksum(sequence: int, payload: bytes) -> int:
-    return zlib.crc32(payload, zlib.crc32(sequence.to_bytes(8, "little")))
-
-
-def _records(data: bytes) -> Iterator[tuple[int, bytes, int]]:
-    """Sequence, payload and end of each sound record, up to the first that is not."""
-    at = len(MARK)
-    while at + RECORD.size <= len(data):
-        length, check, sequence = RECORD.unpack_from(data, at)
-        payload = data[at + RECORD.size : at + RECORD.size + length]
-        if len(payload) < length or _checksum(sequence, payload) != check:
-            return
-        at += RECORD.size + length
-        yield sequence, payload, at
 
 
 def _place(path: Path) -> int:
@@ -318,27 +353,35 @@ def _place(path: Path) -> int:
     return int(place) if len(place) == 8 and place.isdigit() else 0
 
 
-def _open(path: Path) -> _Segment | None:
-    """Look through a segment of an earlier run, and cut a torn tail off."""
-    data = path.read_bytes()
-    found = list(_records(data)) if data.startswith(MARK) else []
-    end = found[-1][2] if found else 0
-    if end < len(data):
-        logger.warning(
-            "%s: %d bytes after feature %s are torn and are cut off.",
-            path.name,
-            len(data) - max(end, len(MARK)),
-            found[-1][0] if found else "none",
-        )
-    if not found:
-        path.unlink()
-        return None
-    if end < len(data):
-        os.truncate(path, end)
+def _boot_of(path: Path) -> str:
     boot = path.name.removesuffix(SUFFIX).rpartition(".")[0]
-    if _place(path):
-        boot = boot.partition(".")[2]
-    return _Segment(path, boot, found[0][0], found[-1][0], len(found), end)
+    return boot.partition(".")[2] if _place(path) else boot
+
+
+def _first_of(path: Path) -> int:
+    """Give the sequence that a segment begins with, by its name; 0 where it does not say."""
+    first = path.name.removesuffix(SUFFIX).rpartition(".")[2]
+    return int(first) if first.isascii() and first.isdigit() else 0
+
+
+def _open(path: Path, next_path: Path | None, damaged: DamagedBytes) -> _Segment | None:
+    """Look through a segment of an earlier run; what is damaged in it is set aside."""
+    boot, first = _boot_of(path), _first_of(path)
+    following = None
+    if next_path is not None and _boot_of(next_path) == boot:
+        following = _first_of(next_path)
+    data = path.read_bytes()
+    segment = _Segment(path, boot, first, first - 1, 0, len(data))
+    for part in scan(data, first, following):
+        if isinstance(part, Sound):
+            segment.last, segment.count = part.sequence, segment.count + 1
+        else:
+            segment.last = max(segment.last, part.last)
+            damaged.found(segment.path, boot, data, part)
+    if segment.last < first and len(data) <= len(MARK):
+        path.unlink()  # its first record was never written
+        return None
+    return segment
 
 
 def _read_dropped(path: Path) -> dict[str, int]:

@@ -178,7 +178,22 @@ def _request_channel(what: str) -> Node:
             "payload": {
                 "type": "object",
                 "required": ["boot", "first", "last"],
-                "properties": {"boot": {"type": "string"}, "first": whole, "last": whole},
+                "properties": {
+                    "boot": {"type": "string"},
+                    "first": whole,
+                    "last": whole,
+                    "ack_version": whole,
+                    "withheld": {"type": "boolean"},
+                    "damaged": {
+                        "type": "array",
+                        "items": {
+                            "type": "array",
+                            "items": whole,
+                            "minItems": 2,
+                            "maxItems": 2,
+                        },
+                    },
+                },
             }
         }
     return _address(request_key("{site}", "{asset}", what)) | {

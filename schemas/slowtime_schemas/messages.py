@@ -186,6 +186,13 @@ class Features(Message):
         return self
 
 
+ACK_VERSION = "ack_version"
+"""Counter of `Health`: newest version of `Acknowledgement` the agent reads; 1 if absent."""
+
+FOREIGN_ACKS = "foreign_acks"
+"""Counter of `Health`: acknowledgements of readings that another agent must have made."""
+
+
 class Health(Message):
     """How an edge agent is doing; also the tail of its account (`last_sequence`)."""
 
@@ -228,12 +235,28 @@ class About(Message):
 
 
 class Acknowledgement(Message):
-    """The twin's word that features are durable, up to and including `sequence` of `boot`."""
+    """The twin's word that features are durable, up to and including `sequence` of `boot`.
+
+    An agent whose own features from `first` to `sequence` have another digest deletes nothing:
+    another agent sends under its name.
+    """
 
     MESSAGE: ClassVar[str] = "ack"
-    VERSION: ClassVar[int] = 1
+    VERSION: ClassVar[int] = 2
 
-    version: Literal[1] = 1
+    version: Literal[2] = 2
+    first: Annotated[
+        Sequence | None,
+        Field(description="From where on `digest` counts; null where there is none."),
+    ] = None
+    digest: Annotated[
+        Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{16}$")] | None,
+        Field(
+            description="Sum modulo 2^64, in hexadecimal, of the digests of the features from "
+            "`first` to `sequence`: BLAKE2b of 8 bytes of each payload, little-endian, keyed "
+            "with its sequence as 8 bytes, little-endian."
+        ),
+    ] = None
 
 
 class SeenMode(Frozen):

@@ -135,6 +135,12 @@ def _state_1(payload: Payload) -> Payload:
     return none | payload
 
 
+@MIGRATIONS.step("ack", from_version=1)
+def _ack_1(payload: Payload) -> Payload:
+    """Say nothing of what the features were."""
+    return {"first": None, "digest": None} | payload
+
+
 def migrate(message_name: str, payload_dict: Mapping[str, Any]) -> Payload:
     """`payload_dict` at the current version of `message_name`; see `Migrations.migrate`."""
     return MIGRATIONS.migrate(message_name, payload_dict)

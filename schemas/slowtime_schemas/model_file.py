@@ -4,6 +4,7 @@ What a schema can say is said here; that nodes exist and units fit is checked wh
 read, so that the error can name the line.
 """
 
+import re
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import (
@@ -16,21 +17,27 @@ from pydantic import (
     Tag,
 )
 
-from .quantities import Frozen
+from .quantities import Frozen, Plain, PlainText
+
+NUMBER = re.compile(r"[-+]?(\.\d+|\d+(\.\d*)?)([eE][-+]?\d+)?", re.ASCII)
+"""A finite number of the core schema of YAML 1.2, and of JSON."""
 
 
-def _no_truth_value(value: Any) -> Any:
-    # YAML reads yes, no, on and off as truth values, which would pass for 1 and 0.
+def _is_number(value: Any) -> Any:
+    # A truth value would pass for 1 or 0, and 1_000 or 1:30, which are text since YAML 1.2, for
+    # what they were in YAML 1.1.
     if isinstance(value, bool):
         raise ValueError(f"{value} is a truth value, not a number")
+    if isinstance(value, str) and not NUMBER.fullmatch(value):
+        raise ValueError("this is text, not a number. Write it as in 1000 or 4.0e7")
     return value
 
 
-Number = Annotated[FiniteFloat, BeforeValidator(_no_truth_value)]
+Number = Annotated[FiniteFloat, BeforeValidator(_is_number)]
 Positive = Annotated[Number, Field(gt=0)]
 NotNegative = Annotated[Number, Field(ge=0)]
-Id = Annotated[str, StringConstraints(pattern=r"^\S(.{0,62}\S)?$")]
-Unit = Annotated[str, StringConstraints(min_length=1, max_length=32)]
+Id = Annotated[str, StringConstraints(pattern=r"^\S(.{0,62}\S)?$"), Plain]
+Unit = Annotated[str, StringConstraints(min_length=1, max_length=32), Plain]
 
 
 class Part(Frozen):
@@ -150,14 +157,14 @@ class ModelFile(Part):
     VERSION: ClassVar[int] = 1
 
     slowtime_model: Literal[1] = Field(description="Version of this format.")
-    name: str = ""
+    name: PlainText = ""
     unit_of_coordinate: Literal["m", "rad"] = Field(
         default="m",
         description="rad makes every length an angle, force a torque, mass an inertia.",
     )
     nodes: tuple[Node, ...]
     elements: tuple[Element, ...] = ()
-    effects: tuple[Effect, ...] = ()
+    effects: tuple[Annotated[Effect, Plain], ...] = ()
     inputs: Annotated[
         tuple[ModelInput, ...], Field(description="None listed: ambient, unmeasured.")
     ] = ()

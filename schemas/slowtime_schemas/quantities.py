@@ -6,12 +6,29 @@ from typing import Annotated, Any
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Field,
     FiniteFloat,
     NonNegativeFloat,
     StringConstraints,
+    ValidationInfo,
 )
+
+from .plain_text import plain_throughout
+
+AS_STORED = {"names": "as stored"}
+"""Context of validation for what was taken in before names were held to plain text."""
+
+
+def _plain(value: Any, info: ValidationInfo) -> Any:
+    return value if info.context == AS_STORED else plain_throughout(value)
+
+
+# Before other rules of a text, whose errors would not name the character.
+Plain = BeforeValidator(_plain)
+"""Marks a value whose keys and texts have no control, bidirectional or invisible characters."""
+PlainText = Annotated[str, Plain]
 
 Name = Annotated[
     str,
@@ -43,6 +60,9 @@ Covariates = Annotated[
     Field(max_length=64, description="Named with their unit, such as temperature_c."),
 ]
 """Numbers known beside the measured ones: temperature, load, a simulator's truth."""
+
+RENEWALS = "renewals"
+"""Covariate that counts how often the structure was renewed; its rise announces a renewal."""
 
 
 def _finite_throughout(value: Any) -> Any:

@@ -154,6 +154,11 @@ def alive_key(site: str, asset: str) -> str:
     return f"{ROOT}/{site}/{asset}/alive"
 
 
+def server_key(name: str) -> str:
+    """Key of the liveliness token of a twin server."""
+    return f"{ROOT}/server/{name}"
+
+
 def any_key(site: str = "*", asset: str = "*") -> str:
     """Key expression of every stream at once, so that one subscription keeps their order."""
     return f"{ROOT}/{site}/{asset}/*"
@@ -169,7 +174,9 @@ def request_key(site: str, asset: str, what: str) -> str:
 
 
 REQUESTS = {
-    "account": "what the spool holds: one JSON object per boot, {boot, first, last}",
+    "account": "what the spool holds: one JSON object per boot, {boot, first, last, "
+    "ack_version}, and where records are damaged {damaged: [[first, last], …]}, and where "
+    "another agent's were acknowledged {withheld: true}",
     "features": "features messages again; parameters boot, first, last",
     "raw": "the last samples from the ring buffer; parameter seconds",
     "about": "the about message",

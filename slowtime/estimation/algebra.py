@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from .matern import Belief
+
 Slopes = list[np.ndarray]
 """Of a matrix, to the logarithm of each free parameter."""
 
@@ -69,6 +71,11 @@ class Process(abc.ABC):
     def spread(self) -> tuple[np.ndarray, Slopes]:
         """Covariance of the state before any reading, and its slopes."""
 
+    def start(self, time: float) -> Belief:
+        """Belief before any reading, at `time`, no later than the first."""
+        own, _ = self.spread()
+        return Belief(float(time), np.zeros(own.shape[:-1]), own)
+
     @abc.abstractmethod
     def moves(self, step: Float[np.ndarray, " time"]) -> tuple[np.ndarray, Slopes]:
         """Transitions over time steps, first axis, and their slopes."""
@@ -89,8 +96,17 @@ class Process(abc.ABC):
     def advance(self, step: Float[np.ndarray, " time"]) -> tuple[np.ndarray, np.ndarray]:
         """Transition and process noise over each of the time steps, first axis."""
         _check_ascending(step)
-        move, slopes = self.moves(step)
-        return move, self.noises(step, move, slopes)[0]
+        move = self.transitions(step)
+        return move, self._noise(step, move)
+
+    def transitions(self, step: Float[np.ndarray, " time"]) -> np.ndarray:
+        """Transitions over time steps, first axis, without their slopes."""
+        return self.moves(step)[0]
+
+    def _noise(self, step: Float[np.ndarray, " time"], move: np.ndarray) -> np.ndarray:
+        """Process noise over the same steps, without its slopes."""
+        own = self.spread()[0]
+        return np.asarray(own - move @ own @ np.swapaxes(move, -1, -2))
 
     def covariance(self, apart: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
         """Covariance of a stationary process with itself so far apart in time; one member."""
@@ -222,6 +238,14 @@ class Sum(Process):
         parts = [term.noises(step, *term.moves(step)) for term in self.terms]
         return _blocks(_aligned(parts))
 
+    def transitions(self, step: np.ndarray) -> np.ndarray:
+        """See `Process`."""
+        return _blocks(_aligned([(term.transitions(step), []) for term in self.terms]))[0]
+
+    def _noise(self, step: np.ndarray, move: np.ndarray) -> np.ndarray:
+        parts = [term._noise(step, term.transitions(step)) for term in self.terms]
+        return _blocks(_aligned([(part, []) for part in parts]))[0]
+
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Product(Process):
@@ -271,6 +295,12 @@ class Product(Process):
     def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
         """See `Process`."""
         return _kron(*_aligned([self.first.moves(step), self.second.moves(step)]))
+
+    def transitions(self, step: np.ndarray) -> np.ndarray:
+        """See `Process`."""
+        parts: list[tuple[np.ndarray, Slopes]]
+        parts = [(one.transitions(step), []) for one in (self.first, self.second)]
+        return _kron(*_aligned(parts))[0]
 
 
 def _terms(process: Process) -> tuple[Process, ...]:

@@ -143,8 +143,11 @@ class Trend(Leaf):
         self, step: np.ndarray, move: np.ndarray, slopes: Slopes
     ) -> tuple[np.ndarray, Slopes]:
         """See `Process`."""
-        noise = _each(self.drift) ** 2 * kernels.trend_noise(move[..., 0, 1])
+        noise = self._noise(step, move)
         return noise, self._chosen({"drift": 2.0 * noise}, noise)
+
+    def _noise(self, step: np.ndarray, move: np.ndarray) -> np.ndarray:
+        return np.asarray(_each(self.drift) ** 2 * kernels.trend_noise(move[..., 0, 1]))
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)

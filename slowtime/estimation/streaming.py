@@ -65,8 +65,7 @@ class Stream:
 
     def start(self, time: float) -> Belief:
         """Belief before any reading, at `time`, no later than the first."""
-        own, _ = self.process.spread()
-        return Belief(float(time), np.zeros(own.shape[:-1]), own)
+        return self.process.start(time)
 
     def step(
         self, belief: Belief, time: float, value: float, sd: float

@@ -14,7 +14,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.estimation import streaming
+from slowtime.estimation import streaming, sweeps
 from slowtime.estimation.processes import Constant, Matern, Sum
 
 from .change import Series
@@ -168,7 +168,7 @@ def _improved(
     logs = expert.process.logs
     steps = np.log(_FACTORS)
     tried = logs + np.array([(a, b) for a in steps for b in steps])
-    likelihood = streaming.log_likelihood(expert.process.at(tried), slow_time, value, noise)
+    likelihood = sweeps.log_likelihood(expert.process.at(tried), slow_time, value, noise)
     process = expert.process.at(tried[int(np.argmax(likelihood))])
     assert isinstance(process, Sum)
     gap = float(np.median(np.diff(slow_time)))

@@ -16,7 +16,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.estimation import streaming
+from slowtime.estimation import streaming, sweeps
 from slowtime.estimation.hyperparameters import Prior
 from slowtime.estimation.processes import Matern, Sum, Trend, quasi_periodic
 
@@ -108,7 +108,7 @@ def additive(slow_time: Series, value: Series, sd: Series) -> Scales:
 
     def likelihood(kind: Kind, points: np.ndarray) -> np.ndarray:
         family = makers[kind](slow_time, value, points)
-        return np.asarray(streaming.log_likelihood(family, slow_time, value, sd))
+        return np.asarray(sweeps.log_likelihood(family, slow_time, value, sd))
 
     found["rough"] = learn(lambda points: likelihood("rough", points), rough), rough
     if waving is not None:

@@ -4,13 +4,16 @@ Beside trend, Matérn process and smooth wave stands a sawtooth of the same peri
 lie between readings, so that what is known of period and edge is a set of places, not a peak.
 """
 
-from collections.abc import Sequence
+import functools
+import inspect
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from scipy.special import logsumexp
 
-from slowtime.estimation import streaming
+from slowtime.estimation import sweeps
 from slowtime.estimation.hyperparameters import Prior
 from slowtime.estimation.matern import Jump, SlowProcess
 from slowtime.estimation.processes import Sum
@@ -69,10 +72,9 @@ def places(time: Usable, value: Usable, sd: Usable, period: float) -> Places:
         inside = 0.5 * span - _ASIDE * gap
         seen = 1 + np.floor((inside - before) / one) + np.floor((inside - after) / one)
         edges = edges[seen >= _EDGES]
-        saw = ((time[:, None] - edges) / one % 1.0) * weight[:, None]
-        saw = saw - base @ (base.T @ saw)
-        size = np.maximum(np.sum(saw**2, axis=0), 1e-300)
-        rest = left @ left - (left @ saw) ** 2 / size
+        size, along = np.zeros(len(edges)), np.zeros(len(edges))
+        _kernel()(time, weight, left, np.ascontiguousarray(base), one, edges, size, along)
+        rest = left @ left - along**2 / np.maximum(size, 1e-300)
         found.append(np.column_stack([np.full(len(edges), one), edges, rest]))
     all_found = np.concatenate(found)
     order = np.argsort(all_found[:, 2], kind="stable")
@@ -136,7 +138,7 @@ def learn_teeth(
 
     def likelihood(points: np.ndarray, at: Places) -> np.ndarray:
         family = members(base, points, at)
-        return np.asarray(streaming.log_likelihood(family, *readings, jumps=told))
+        return np.asarray(sweeps.log_likelihood(family, *readings, jumps=told))
 
     def of_places(point: np.ndarray) -> np.ndarray:
         return likelihood(np.broadcast_to(point, (len(where), len(point))), where)
@@ -150,6 +152,34 @@ def learn_teeth(
     family = _paired(base, learnt, where, np.exp(logs - together))
     even = np.full(_PAIRS, 1.0 / _PAIRS)
     return Repeating(family, even, learnt.log_evidence + together - here)
+
+
+def _saw_loop(time, weight, left, base, period, edges, size, along):  # type: ignore[no-untyped-def]
+    """Square of each sawtooth beside the base, and its product with what the base leaves."""
+    inside = np.zeros(base.shape[1])
+    for e in range(len(edges)):
+        inside[:] = 0.0
+        square, product = 0.0, 0.0
+        for i in range(len(time)):
+            since = (time[i] - edges[e]) / period
+            saw = (since - np.floor(since)) * weight[i]
+            square += saw * saw
+            product += saw * left[i]
+            for b in range(base.shape[1]):
+                inside[b] += saw * base[i, b]
+        for b in range(base.shape[1]):
+            square -= inside[b] * inside[b]
+        size[e] = square
+        along[e] = product
+
+
+@functools.cache
+def _kernel() -> Callable[..., Any]:
+    """Compile the loop at its first call, so that an import costs nothing."""
+    import numba
+
+    compiled: Callable[..., Any] = numba.njit(cache=True, nogil=True)(inspect.unwrap(_saw_loop))
+    return compiled
 
 
 def _log_prior(where: Places, wave_prior: Prior, time: Usable) -> Float[np.ndarray, " place"]:

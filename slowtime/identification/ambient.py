@@ -5,18 +5,59 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.signals.spectra import detrended, periodogram
+from slowtime.signals.spectra import detrended, periodogram, transform
 
 from . import checks
+from .coherent_likelihood import Coefficients, climb
 from .combine import modal_series
+from .damping_posterior import DampingPosterior, damping_posterior
 from .detect import Candidate, strongest
+from .extent import Extent, widest
 from .identified import Identified, Measured
-from .whittle import Ordinates, Resonance, fit_resonance, fit_smooth, grouped, log_likelihood
-
-REACH = 60.0
-"""The band is f (1 ± REACH zeta), where nothing else limits it; a wide one fixes the floor."""
+from .stretches import FEWEST_CYCLES, widened
+from .whittle import (
+    COLOUR,
+    DAMPING,
+    FLOOR,
+    Ordinates,
+    Peak,
+    Resonance,
+    fit_resonance,
+    fit_smooth,
+    grouped,
+    log_likelihood,
+)
 
 STARTS = np.geomspace(5e-4, 0.15, 12)
+NEAR = 1.6
+"""The first guess looks so far about a candidate, in ratios of frequency ..."""
+
+FEWEST = 24
+"""... and at so many ordinates at least."""
+
+ROUNDS = 2
+"""The band is measured in half-bandwidths, which the first round finds."""
+
+ACCELERATION = 3.0
+"""Logarithm of the odds that a record is one of acceleration rather than anything else."""
+
+LONG = 100.0
+"""Half-bandwidths in the record, times 2 pi, beyond which ordinates are all but independent."""
+
+MOST_SD = 1.0
+"""Differences of the exact likelihood are scaled by no more than this."""
+
+OCTAVE = 2.0
+"""Below this share of the frequency coefficients are little but leakage, of which the straight
+line that was taken off the record takes a part."""
+
+UNSEEN = 1.0
+"""Standard deviation of the logarithm of the floor beyond which it is not in sight."""
+
+FEW = 50.0
+"""Half-bandwidths in the record, times 2 pi, below which the errors are not yet those of the
+uncertainty law, and damping is skewed."""
+
 THRESHOLD = 12.0
 """Gain in log-likelihood over a smooth spectrum below which there is no mode to speak of."""
 
@@ -26,7 +67,7 @@ def identify_ambient(
     rate_hz: float,
     *,
     band_hz: tuple[float, float] | None = None,
-    derivatives: int = 2,
+    derivatives: int | None = None,
 ) -> Identified:
     r"""Mode behind the strongest resonance of a response to ambient excitation.
 
@@ -49,7 +90,8 @@ def identify_ambient(
     band_hz
         Look only there; by default the whole usable spectrum.
     derivatives
-        What was measured: 2 acceleration, 1 velocity, 0 displacement.
+        What was measured: 2 acceleration, 1 velocity, 0 displacement; by default what the
+        skirts of the resonance say.
 
     Returns
     -------
@@ -69,12 +111,85 @@ def fit_ambient(
     columns: Float[np.ndarray, "time channel"],
     rate_hz: float,
     candidate: Candidate,
-    derivatives: int = 2,
+    derivatives: int | None = None,
 ) -> Identified:
     """Whittle fit of the resonance that `candidate` points at, within its band."""
     series = modal_series(columns, rate_hz, candidate)
+    return _identified(series, _extent(series, rate_hz, candidate, derivatives))
+
+
+def fit_ambient_steady(
+    columns: Float[np.ndarray, "time channel"], rate_hz: float, candidate: Candidate
+) -> Identified:
+    """Ambient fit of the whole, widened by what the two halves say against each other."""
+    series = modal_series(columns, rate_hz, candidate)
+    extent = _extent(series, rate_hz, candidate, None)
+    whole, middle = _identified(series, extent), len(series) // 2
+    if middle * candidate.frequency_hz / rate_hz < 2 * FEWEST_CYCLES:
+        return whole
+    halves = [
+        _of_half(half, rate_hz, extent)
+        for half in (series[:middle], series[len(series) - middle :])
+    ]
+    return widened(whole, halves[0], halves[1])
+
+
+def _of_half(half: Float[np.ndarray, " time"], rate_hz: float, extent: Extent) -> Measured:
+    """Frequency that half of a record has in the band of the whole."""
+    edges = extent.data.frequency_hz[[0, -1]]
+    whole = _ordinates(detrended(half[:, None])[:, 0], rate_hz, extent.data.derivatives)
+    start = extent.fit.parameters
+    data = grouped(whole.within(*edges), float(np.exp(start[0])))
+    fit = fit_resonance(data, start)
+    if not fit.converged:
+        return Measured(float(np.exp(fit.parameters[0])), float("inf"))
+    top, posterior = _posterior(half, data, fit)
+    frequency = float(np.exp(top.parameters[0]))
+    return Measured(frequency, frequency * float(np.sqrt(posterior.log_frequency_variance)))
+
+
+def _posterior(
+    series: Float[np.ndarray, " time"], data: Ordinates, fit: Resonance
+) -> tuple[Peak, DampingPosterior]:
+    """Top of the posterior in a band, and that of the damping.
+
+    Whittle's likelihood, or the one with all correlations where the record is short.
+    """
+    frequency, damping = np.exp(fit.parameters[:2])
+    if 2 * np.pi * damping * frequency * data.duration_s > LONG:
+
+        def of_ordinates(theta: np.ndarray) -> Peak:
+            held = fit_resonance(data, theta, held=(DAMPING,))
+            return Peak(held.parameters, held.covariance, held.log_likelihood)
+
+        top = Peak(fit.parameters, fit.covariance, fit.log_likelihood)
+        return top, damping_posterior(of_ordinates, top)
+    place, value = transform(series[:, None], data.rate_hz)
+    low, high = data.frequency_hz[[0, -1]]
+    inside = (place >= max(low, frequency / OCTAVE)) & (place <= high)
+    coefficients = Coefficients(
+        place[inside],
+        value[inside, 0],
+        data.duration_s,
+        data.derivatives,
+        float(fit.parameters[FLOOR]),
+    )
+    sd = np.minimum(np.sqrt(np.diag(fit.covariance)), MOST_SD)
+    # A floor far below all else cannot be told, and is no direction to climb in.
+    held = (FLOOR,) if np.sqrt(fit.covariance[FLOOR, FLOOR]) > UNSEEN else ()
+    top = climb(coefficients, fit.parameters, sd, held=held)
+
+    def of_coefficients(theta: np.ndarray) -> Peak:
+        return climb(coefficients, theta, sd, held=(DAMPING, *held))
+
+    return top, damping_posterior(of_coefficients, top)
+
+
+def _ordinates(
+    series: Float[np.ndarray, " time"], rate_hz: float, derivatives: int
+) -> Ordinates:
     spectrum = periodogram(series[:, None], rate_hz)
-    whole = Ordinates(
+    return Ordinates(
         frequency_hz=spectrum.frequency_hz,
         density=spectrum.density[:, 0],
         number=np.ones(len(spectrum.frequency_hz)),
@@ -82,52 +197,61 @@ def fit_ambient(
         count=len(series),
         derivatives=derivatives,
     )
-    whole = _within(whole, max(candidate.low_hz, 2 * spectrum.spacing_hz), candidate.high_hz)
-    start = _start(grouped(whole, candidate.frequency_hz), candidate)
-    for _ in range(2):
-        data = grouped(_around(whole, start), float(np.exp(start[0])))
-        fit = fit_resonance(data, start)
-        start = fit.parameters
-    return _identified(data, fit)
 
 
-def _within(data: Ordinates, low: float, high: float) -> Ordinates:
-    inside = (data.frequency_hz >= low) & (data.frequency_hz <= high)
-    return dataclasses.replace(
-        data,
-        frequency_hz=data.frequency_hz[inside],
-        density=data.density[inside],
-        number=data.number[inside],
-    )
+def _extent(
+    series: Float[np.ndarray, " time"],
+    rate_hz: float,
+    candidate: Candidate,
+    derivatives: int | None,
+) -> Extent:
+    """Band in which one mode explains the spectrum about a candidate, and the fit to it."""
+    whole = _ordinates(series, rate_hz, 2 if derivatives is None else derivatives)
+    lowest = max(candidate.low_hz, 2 / whole.duration_s)
+    whole = whole.within(lowest, candidate.high_hz)
+    whole, start = _measured(whole, candidate, derivatives)
+    for _ in range(ROUNDS):
+        extent = widest(whole, start)
+        start = extent.fit.parameters
+    return extent
 
 
-def _around(data: Ordinates, theta: np.ndarray) -> Ordinates:
-    """Keep the ordinates within reach of a resonance, 24 at least where there are as many."""
-    centre, damping = np.exp(theta[:2])
-    reach = max(REACH * damping * centre, 12.0 * data.rate_hz / data.count)
-    return _within(data, centre - reach, centre + reach)
+def _measured(
+    whole: Ordinates, candidate: Candidate, derivatives: int | None
+) -> tuple[Ordinates, np.ndarray]:
+    """Tell how often a displacement was differentiated; the first guess with it."""
+    near = whole.within(candidate.frequency_hz / NEAR, candidate.frequency_hz * NEAR)
+    if len(near.frequency_hz) < FEWEST:
+        near = whole
+    data = grouped(near, candidate.frequency_hz)
+    best: tuple[float, Ordinates, np.ndarray] | None = None
+    for tried in (2, 1, 0) if derivatives is None else (derivatives,):
+        as_tried = dataclasses.replace(data, derivatives=tried)
+        fit = fit_resonance(as_tried, _start(as_tried, candidate))
+        worth = fit.log_likelihood + (ACCELERATION if tried == 2 else 0.0)
+        if best is None or worth > best[0]:
+            start = np.append(fit.parameters, 0.0)
+            best = worth, dataclasses.replace(whole, derivatives=tried), start
+    assert best is not None
+    return best[1:]
 
 
 def _start(data: Ordinates, candidate: Candidate) -> np.ndarray:
     """Best of a grid over damping and a little frequency, levels from moments."""
     floor = max(np.quantile(data.density, 0.1), 1e-9 * data.density.max(), 1e-300)
     bins = data.rate_hz / data.count
+    damping = np.repeat(STARTS, 3)
+    nearby = np.maximum(bins, 0.5 * damping * candidate.frequency_hz)
+    frequency = candidate.frequency_hz + nearby * np.tile([-1.0, 0.0, 1.0], len(STARTS))
+    inside = (frequency > data.frequency_hz[0]) & (frequency < data.frequency_hz[-1])
     best: tuple[float, np.ndarray] | None = None
-    for damping in STARTS:
-        nearby = max(bins, 0.5 * damping * candidate.frequency_hz)
-        for offset in (-nearby, 0.0, nearby):
-            frequency = candidate.frequency_hz + offset
-            if not data.frequency_hz[0] < frequency < data.frequency_hz[-1]:
-                continue
-            shape = data.shape(float(np.log(frequency)), float(np.log(damping)))
-            shape = np.maximum(shape, 1e-12)
-            peak = max(
-                float(np.mean(data.density / (shape + floor / data.density.max()))), floor
-            )
-            expected = peak * shape + floor
-            likelihood = log_likelihood(data, expected)
-            if best is None or likelihood > best[0]:
-                best = likelihood, np.log([frequency, damping, peak, floor])
+    shapes = data.shapes(np.log(frequency[inside]), np.log(damping[inside]))
+    for f, z, row in zip(frequency[inside], damping[inside], shapes, strict=True):
+        shape = np.maximum(row, 1e-12)
+        peak = max(float(np.mean(data.density / (shape + floor / data.density.max()))), floor)
+        likelihood = log_likelihood(data, peak * shape + floor)
+        if best is None or likelihood > best[0]:
+            best = likelihood, np.log([f, z, peak, floor])
     if best is None:
         raise ValueError(
             f"No frequency bin near {candidate.frequency_hz:g} Hz lies inside the band. "
@@ -136,27 +260,29 @@ def _start(data: Ordinates, candidate: Candidate) -> np.ndarray:
     return best[1]
 
 
-def _identified(data: Ordinates, fit: Resonance) -> Identified:
-    frequency, damping, peak, floor = np.exp(fit.parameters)
-    # The error bar rests on an estimated bandwidth, whose own scatter makes the tails heavier.
-    sd = np.sqrt(np.diag(fit.covariance) * (1.0 + min(fit.covariance[1, 1], 1.0)))
+def _identified(series: Float[np.ndarray, " time"], extent: Extent) -> Identified:
+    data, fit = extent.data, extent.fit
+    top, posterior = _posterior(series, data, fit)
+    frequency, _, peak, floor = np.exp(top.parameters[:COLOUR])
+    damping = posterior.value
+    sd_f = float(frequency * np.sqrt(posterior.log_frequency_variance + extent.choice[0]))
+    sd_z = float(np.hypot(posterior.sd, damping * np.sqrt(extent.choice[1])))
     flags = []
     if not fit.converged:
         flags.append("not_converged")
     if fit.log_likelihood - fit_smooth(data) < THRESHOLD:
         flags.append("below_threshold")
-    duration = data.count / data.rate_hz
-    if damping * frequency * duration < 3.0:
+    if 2 * np.pi * damping * frequency * data.duration_s < FEW:
         flags.append("few_cycles")
     return Identified(
-        frequency_hz=Measured(float(frequency), float(frequency * sd[0])),
-        damping_ratio=Measured(float(damping), float(damping * sd[1])),
+        frequency_hz=Measured(float(frequency), sd_f),
+        damping_ratio=Measured(damping, sd_z),
         correlation=float(
-            fit.covariance[0, 1] / np.sqrt(fit.covariance[0, 0] * fit.covariance[1, 1])
+            top.covariance[0, 1] / np.sqrt(top.covariance[0, 0] * top.covariance[1, 1])
         ),
         snr_db=float(10 * np.log10(peak / floor)),
         amplitude=float(np.sqrt(peak * np.pi / 2 * damping * frequency)),
         method="ambient",
-        span_s=(0.0, duration),
+        span_s=(0.0, data.duration_s),
         flags=tuple(flags),
     )

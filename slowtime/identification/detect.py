@@ -68,7 +68,7 @@ def candidates(
     ordinates exceeds the quantile of a gamma law with probability `FALSE_ALARM` over the whole
     spectrum. What is weak beside a close, stronger peak is left to that one's fit.
     """
-    curve = _curve(columns, rate_hz, taper)
+    curve = _curve(columns, rate_hz, taper, high)
     inside = (curve.frequency_hz >= low) & (curve.frequency_hz <= high)
     height = np.where(inside, curve.level_db, -np.inf)
     tops = np.asarray(find_peaks(np.maximum(height, -300.0))[0])
@@ -91,7 +91,7 @@ def strongest(
     found = candidates(columns, rate_hz, low, high, taper=taper)
     if found:
         return max(found, key=lambda c: c.prominence_db)
-    curve = _curve(columns, rate_hz, taper)
+    curve = _curve(columns, rate_hz, taper, high)
     inside = (curve.frequency_hz >= low) & (curve.frequency_hz <= high)
     top = int(np.argmax(np.where(inside, curve.level_db, -np.inf)))
     return Candidate(float(curve.frequency_hz[top]), low, high, float(curve.level_db[top]))
@@ -127,13 +127,16 @@ def _outshines(other: Candidate, one: Candidate, duration_s: float) -> bool:
     return other.prominence_db - one.prominence_db > least + further
 
 
-def _curve(columns: np.ndarray, rate_hz: float, taper: str) -> _Curve:
+def _curve(columns: np.ndarray, rate_hz: float, taper: str, high: float) -> _Curve:
     spectrum = periodogram(columns, rate_hz, taper=taper)
-    floor = np.maximum(noise_floor(spectrum.density), 1e-300)
-    ratio = (spectrum.density / floor).mean(axis=1, keepdims=True)
+    # An anti-aliasing filter digs a hole beyond the band, beside which all else seems a peak.
+    count = int(np.searchsorted(spectrum.frequency_hz, high, side="right")) + 1
+    frequency, density = spectrum.frequency_hz[:count], spectrum.density[:count]
+    floor = np.maximum(noise_floor(density), 1e-300)
+    ratio = (density / floor).mean(axis=1, keepdims=True)
     level, number = smoothed(ratio, SMOOTHING)
     return _Curve(
-        spectrum.frequency_hz,
+        frequency,
         10 * np.log10(np.maximum(level[:, 0], 1e-30)),
         np.maximum(number / HANN_WORTH, 1.0),
     )

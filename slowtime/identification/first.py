@@ -4,26 +4,31 @@ import dataclasses
 from typing import Literal
 
 import numpy as np
+import scipy.fft as fft
 from jaxtyping import Float
 
 from slowtime.signals.spectra import detrended
 
 from . import checks
-from .ambient import fit_ambient
+from .ambient import fit_ambient, fit_ambient_steady
 from .combine import modal_series
 from .detect import Candidate, candidates, leading
 from .free_decay import fit_blow
 from .identified import Identified, Measured
 from .isolate import isolate
 from .peak import fit_peak
-from .stretches import best_stretch, widened
+from .randomness import is_random
+from .stretches import best_stretch
 
 Method = Literal["auto", "ambient", "free_decay", "peak"]
 
 EXPLAINED = 0.9
 """Share of the power that decays must explain before a record counts as a free decay."""
 
-FEWEST_CYCLES = 4.0
+CLEARLY = 0.99
+"""... and this share where what they leave is no noise: a mode driven at random, seen for less
+than its memory, is explained by decays to 90 or 95 %, and known much worse than they say."""
+
 MAINS_HZ = (50.0, 60.0)
 
 BURST_SHARE = 0.85
@@ -143,11 +148,13 @@ def identify_candidate(
         return fit_ambient(columns, rate_hz, candidate)
     series = modal_series(columns, rate_hz, candidate)
     part = isolate(series, rate_hz, candidate)
-    best = best_stretch(part, candidate)
-    if method == "free_decay" or best.explained >= EXPLAINED:
-        return _flag_line(best.identified)
-    steady = _steady(columns, rate_hz, candidate)
-    if _is_burst(part.series):
+    if method == "free_decay" or not is_random(part, candidate):
+        best = best_stretch(part, candidate)
+        coloured = "coloured_residual" in best.identified.flags
+        if method == "free_decay" or best.explained >= (CLEARLY if coloured else EXPLAINED):
+            return _flag_line(best.identified)
+    steady = fit_ambient_steady(columns, rate_hz, candidate)
+    if _is_burst(_in_band(series, rate_hz, part.band_hz)):
         steady = dataclasses.replace(steady, flags=(*steady.flags, "not_stationary"))
     return _flag_line(steady)
 
@@ -163,21 +170,6 @@ def _after_a_blow(
     if blow is None or blow.explained < EXPLAINED:
         return None
     return blow.identified if verdict(blow.identified) == "mode" else None
-
-
-def _steady(
-    columns: Float[np.ndarray, "time channel"], rate_hz: float, candidate: Candidate
-) -> Identified:
-    """Ambient fit of the whole, widened by what the two halves say against each other."""
-    whole = fit_ambient(columns, rate_hz, candidate)
-    middle = len(columns) // 2
-    if middle * candidate.frequency_hz / rate_hz < 2 * FEWEST_CYCLES:
-        return whole
-    halves = [
-        fit_ambient(detrended(half), rate_hz, candidate).frequency_hz
-        for half in (columns[:middle], columns[middle:])
-    ]
-    return widened(whole, halves[0], halves[1])
 
 
 def _in_order(
@@ -211,6 +203,15 @@ def _flag_line(mode: Identified) -> Identified:
     if undamped and at_mains and damping.sd < 0.02:
         return dataclasses.replace(mode, flags=(*mode.flags, "line"))
     return mode
+
+
+def _in_band(
+    series: Float[np.ndarray, " time"], rate_hz: float, band_hz: tuple[float, float]
+) -> Float[np.ndarray, " time"]:
+    """Part of a series that lies in a band, from its first sample to its last."""
+    frequency, coefficients = fft.rfftfreq(len(series), 1 / rate_hz), fft.rfft(series)
+    coefficients[(frequency < band_hz[0]) | (frequency > band_hz[1])] = 0.0
+    return np.asarray(fft.irfft(coefficients, len(series)))
 
 
 def _is_burst(series: Float[np.ndarray, " time"]) -> bool:

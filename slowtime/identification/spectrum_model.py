@@ -49,22 +49,46 @@ def expected_resonance(
     ----------
     .. [1] A. M. Sykulski et al., "The debiased Whittle likelihood", Biometrika 106 (2019).
     """
-    omega = 2 * np.pi * natural_hz
-    root = np.sqrt(1 - damping_ratio**2)
-    pole = omega * (-damping_ratio + 1j * root)
-    residue = (1 - 1j * damping_ratio / root) * (-(pole**2) / omega**2) ** derivatives
+    found = expected_resonances(
+        frequency_hz,
+        natural_hz=np.array([natural_hz]),
+        damping_ratio=np.array([damping_ratio]),
+        rate_hz=rate_hz,
+        count=count,
+        derivatives=derivatives,
+    )
+    return np.asarray(found[0])
+
+
+def expected_resonances(
+    frequency_hz: Float[np.ndarray, " frequency"],
+    *,
+    natural_hz: Float[np.ndarray, " case"],
+    damping_ratio: Float[np.ndarray, " case"],
+    rate_hz: float,
+    count: int,
+    derivatives: int = 2,
+) -> Float[np.ndarray, "case frequency"]:
+    """Predict the periodograms of several oscillators at once; see `expected_resonance`."""
+    omega = 2 * np.pi * natural_hz[:, None]
+    damping = damping_ratio[:, None]
+    root = np.sqrt(1 - damping**2)
+    pole = omega * (-damping + 1j * root)
+    residue = (1 - 1j * damping / root) * (-(pole**2) / omega**2) ** derivatives
     turn = np.exp(-2j * np.pi * frequency_hz / rate_hz)
     leaked = residue * _leakage(pole / rate_hz, turn, count)
     leaked += np.conj(residue) * _leakage(np.conj(pole) / rate_hz, turn, count)
-    square = (frequency_hz / natural_hz) ** 2
-    density = 4 * damping_ratio**2 * square**derivatives
-    density /= (1 - square) ** 2 + 4 * damping_ratio**2 * square
-    return np.asarray(density + damping_ratio * omega / rate_hz * leaked.real)
+    square = (frequency_hz / natural_hz[:, None]) ** 2
+    density = 4 * damping**2 * square**derivatives
+    density /= (1 - square) ** 2 + 4 * damping**2 * square
+    return np.asarray(density + damping * omega / rate_hz * leaked.real)
 
 
 def _leakage(
-    exponent: complex, turn: Complex[np.ndarray, " frequency"], count: int
-) -> Complex[np.ndarray, " frequency"]:
+    exponent: Complex[np.ndarray, "case 1"],
+    turn: Complex[np.ndarray, " frequency"],
+    count: int,
+) -> Complex[np.ndarray, "case frequency"]:
     r"""Second term of the triangle's sum for :math:`z = e^{exponent}\, turn`, turn^N = 1."""
     ratio = np.exp(exponent) * turn
     return np.asarray(-ratio / (1 - ratio) ** 2 * ((1 - np.exp(exponent * count)) / count))

@@ -21,6 +21,9 @@ FINALISTS = 3
 CHOSEN = 1.1
 """The smallest of many estimated errors is too small by about so much (by simulation)."""
 
+CHANCE = 3.84
+"""Squared standard score of the difference of two halves that is put down to chance (95 %)."""
+
 FEWEST_CYCLES = 4.0
 FEWEST_SAMPLES = 24
 
@@ -55,13 +58,13 @@ def widened(mode: Identified, first: Measured, second: Measured) -> Identified:
 
     A frequency that moves uniformly over a record moves by half its range between the means of
     the halves, and its spread about the mean is that over sqrt(3). What the halves' own errors
-    explain is taken off.
+    explain, with a probability of 95 %, is taken off.
     """
     if not np.isfinite([mode.frequency_hz.sd, first.sd, second.sd]).all():
         return mode
     change = first.value - second.value
     chance = first.sd**2 + second.sd**2
-    beyond = max(change**2 - chance, 0.0) / 3
+    beyond = max(change**2 - CHANCE * chance, 0.0) / 3
     flags = mode.flags
     if change**2 > 9 * chance:
         flags = (*flags, "changes_within_record")

@@ -10,15 +10,14 @@ expectation :math:`S_k(\theta)`; means of :math:`n_k` of them, gamma distributed
 """
 
 import dataclasses
-from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-from .spectrum_model import expected_resonance
+from .spectrum_model import expected_resonance, expected_resonances
 
 STEPS = 60
-CONVERGED = 1e-4
+CONVERGED = 1e-3
 """Stop when a scoring step moves no parameter by more than this many standard deviations."""
 
 NEARLY = 0.05
@@ -27,16 +26,32 @@ NEARLY = 0.05
 FLOOR_PRIOR = 1e-2
 """Prior information on the logarithm of the floor (sd 10): keeps an invisible one put."""
 
+COLOUR_PRIOR = 0.1
+"""Prior information on the exponent of the force's density about 0 (sd 3): a force whose
+density rises or falls faster than in proportion to frequency is no ambient one."""
+
+FREQUENCY, DAMPING, PEAK, FLOOR, COLOUR = range(5)
+"""Places of the parameters: ln f, ln zeta, ln peak density, ln floor, exponent of the force."""
+
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Resonance:
-    """A fitted resonance: parameters (ln f, ln zeta, ln peak density, ln floor)."""
+    """A fitted resonance: parameters (ln f, ln zeta, ln peak density, ln floor[, colour])."""
 
     parameters: Float[np.ndarray, " parameter"]
     covariance: Float[np.ndarray, "parameter parameter"]
     log_likelihood: float
     expected: Float[np.ndarray, " frequency"]
     converged: bool
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Peak:
+    """Top of a posterior: where it is, how high, and the covariance that its curvature says."""
+
+    parameters: Float[np.ndarray, " parameter"]
+    covariance: Float[np.ndarray, "parameter parameter"]
+    log_posterior: float
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,6 +68,11 @@ class Ordinates:
     count: int
     derivatives: int
 
+    @property
+    def duration_s(self) -> float:
+        """Of the record [s]."""
+        return self.count / self.rate_hz
+
     def shape(
         self, log_frequency: float, log_damping: float
     ) -> Float[np.ndarray, " frequency"]:
@@ -64,6 +84,29 @@ class Ordinates:
             rate_hz=self.rate_hz,
             count=self.count,
             derivatives=self.derivatives,
+        )
+
+    def shapes(
+        self, log_frequency: Float[np.ndarray, " case"], log_damping: Float[np.ndarray, " case"]
+    ) -> Float[np.ndarray, "case frequency"]:
+        """Predict several at once."""
+        return expected_resonances(
+            self.frequency_hz,
+            natural_hz=np.exp(log_frequency),
+            damping_ratio=np.minimum(np.exp(log_damping), 0.95),
+            rate_hz=self.rate_hz,
+            count=self.count,
+            derivatives=self.derivatives,
+        )
+
+    def within(self, low_hz: float, high_hz: float) -> "Ordinates":
+        """Keep the ordinates of a band."""
+        inside = (self.frequency_hz >= low_hz) & (self.frequency_hz <= high_hz)
+        return dataclasses.replace(
+            self,
+            frequency_hz=self.frequency_hz[inside],
+            density=self.density[inside],
+            number=self.number[inside],
         )
 
 
@@ -87,19 +130,37 @@ def grouped(data: Ordinates, centre_hz: float) -> Ordinates:
     )
 
 
-def fit_resonance(data: Ordinates, start: Float[np.ndarray, " parameter"]) -> Resonance:
-    """Maximum of Whittle's likelihood by Fisher scoring with step halving from `start`."""
+def fit_resonance(
+    data: Ordinates,
+    start: Float[np.ndarray, " parameter"],
+    *,
+    held: tuple[int, ...] = (),
+) -> Resonance:
+    """Maximum of Whittle's likelihood by Fisher scoring with step halving from `start`.
+
+    Parameters
+    ----------
+    data
+        Ordinates, grouped or not.
+    start
+        Parameters to start from: four for a white force, five for one of unknown colour.
+    held
+        Places of parameters that stay where they are; their covariance is 0.
+    """
+    prior = _prior(start)
+    free = np.array([k not in held for k in range(len(start))])
     theta, damping = start.copy(), 1e-3
     expected, slopes = _linearised(data, theta)
-    best = log_likelihood(data, expected)
+    best = log_likelihood(data, expected) - _priced(prior, theta, start)
     left = np.inf
     for _ in range(STEPS):
-        information = (slopes * data.number) @ slopes.T
-        information[3, 3] += FLOOR_PRIOR
+        information = (slopes * data.number) @ slopes.T + np.diag(prior)
         score = slopes @ (data.number * (data.density / expected - 1.0))
-        score[3] -= FLOOR_PRIOR * (theta[3] - start[3])
-        scale = np.diag(np.diag(information))
-        step = np.linalg.solve(information + damping * scale, score)
+        score = (score - prior * (theta - _expected_before(start)))[free]
+        within = information[np.ix_(free, free)]
+        scale = np.diag(np.diag(within))
+        step = np.zeros(len(theta))
+        step[free] = np.linalg.solve(within + damping * scale, score)
         trial = theta + np.clip(step, -1.0, 1.0)
         left = float(step @ information @ step)
         if left < CONVERGED**2:
@@ -108,7 +169,7 @@ def fit_resonance(data: Ordinates, start: Float[np.ndarray, " parameter"]) -> Re
             damping = max(damping, 1e-3) * 8.0
             continue
         trial_expected = _expected(data, trial)
-        likelihood = log_likelihood(data, trial_expected)
+        likelihood = log_likelihood(data, trial_expected) - _priced(prior, trial, start)
         if likelihood < best - 1e-9 * abs(best):
             damping = max(damping, 1e-3) * 8.0
             if damping > 1e9:
@@ -116,9 +177,8 @@ def fit_resonance(data: Ordinates, start: Float[np.ndarray, " parameter"]) -> Re
             continue
         theta, best, damping = trial, likelihood, damping / 8.0
         expected, slopes = _linearised(data, theta)
-    information = (slopes * data.number) @ slopes.T
-    information[3, 3] += FLOOR_PRIOR
-    return Resonance(theta, np.linalg.inv(information), best, expected, left < NEARLY**2)
+    information = (slopes * data.number) @ slopes.T + np.diag(prior)
+    return Resonance(theta, _inverse(information, free), best, expected, left < NEARLY**2)
 
 
 def log_likelihood(data: Ordinates, expected: Float[np.ndarray, " frequency"]) -> float:
@@ -141,32 +201,62 @@ def fit_smooth(data: Ordinates) -> float:
     return log_likelihood(data, np.exp(theta @ rows))
 
 
+def _prior(start: np.ndarray) -> np.ndarray:
+    """Prior information on each parameter."""
+    return np.array([0.0, 0.0, 0.0, FLOOR_PRIOR, COLOUR_PRIOR][: len(start)])
+
+
+def _expected_before(start: np.ndarray) -> np.ndarray:
+    """Where the prior has its middle: the floor as it was guessed, and a white force."""
+    return np.append(start[:COLOUR], 0.0)[: len(start)]
+
+
+def _priced(prior: np.ndarray, theta: np.ndarray, start: np.ndarray) -> float:
+    return 0.5 * float(prior @ (theta - _expected_before(start)) ** 2)
+
+
+def _inverse(information: np.ndarray, free: Bool[np.ndarray, " parameter"]) -> np.ndarray:
+    covariance = np.zeros_like(information)
+    covariance[np.ix_(free, free)] = np.linalg.inv(information[np.ix_(free, free)])
+    return covariance
+
+
 def _possible(data: Ordinates, theta: np.ndarray) -> bool:
     low, high = data.frequency_hz[0], data.frequency_hz[-1]
     return bool(low < np.exp(theta[0]) < high and -12.0 < theta[1] < np.log(0.9))
 
 
+def _coloured(data: Ordinates, theta: np.ndarray) -> Float[np.ndarray, " frequency"]:
+    """Density of the force relative to that at the resonance."""
+    if len(theta) <= COLOUR:
+        return np.ones(len(data.frequency_hz))
+    return np.asarray(np.exp(theta[COLOUR] * (np.log(data.frequency_hz) - theta[FREQUENCY])))
+
+
 def _expected(data: Ordinates, theta: np.ndarray) -> np.ndarray:
-    peak, floor = np.exp(theta[2:])
-    return np.asarray(peak * np.maximum(data.shape(theta[0], theta[1]), 1e-12) + floor)
+    peak, floor = np.exp(theta[[PEAK, FLOOR]])
+    shape = np.maximum(data.shape(theta[FREQUENCY], theta[DAMPING]), 1e-12)
+    return np.asarray(peak * shape * _coloured(data, theta) + floor)
 
 
 def _linearised(data: Ordinates, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Predict ordinates and the slopes of their logarithms, central differences for two."""
-    peak, floor = np.exp(theta[2:])
-    resonance = peak * np.maximum(data.shape(theta[0], theta[1]), 1e-12)
-    expected = resonance + floor
-    move_f, move_z = 1e-3 * float(np.exp(theta[1])), 1e-3
-    slopes = np.stack(
-        [
-            peak * _difference(lambda h: data.shape(theta[0] + h, theta[1]), move_f),
-            peak * _difference(lambda h: data.shape(theta[0], theta[1] + h), move_z),
-            resonance,
-            np.full_like(expected, floor),
-        ]
+    peak, floor = np.exp(theta[[PEAK, FLOOR]])
+    move_f, move_z = 1e-3 * float(np.exp(theta[DAMPING])), 1e-3
+    shapes = data.shapes(
+        theta[FREQUENCY] + move_f * np.array([0.0, 1.0, -1.0, 0.0, 0.0]),
+        theta[DAMPING] + move_z * np.array([0.0, 0.0, 0.0, 1.0, -1.0]),
     )
-    return expected, slopes / expected
-
-
-def _difference(curve: Callable[[float], np.ndarray], move: float) -> np.ndarray:
-    return np.asarray((curve(move) - curve(-move)) / (2 * move))
+    force = peak * _coloured(data, theta)
+    resonance = force * np.maximum(shapes[0], 1e-12)
+    expected = resonance + floor
+    slopes = [
+        force * (shapes[1] - shapes[2]) / (2 * move_f),
+        force * (shapes[3] - shapes[4]) / (2 * move_z),
+        resonance,
+        np.full_like(expected, floor),
+    ]
+    if len(theta) > COLOUR:
+        slopes[FREQUENCY] = slopes[FREQUENCY] - theta[COLOUR] * resonance
+        slopes.append(resonance * (np.log(data.frequency_hz) - theta[FREQUENCY]))
+    return expected, np.stack(slopes) / expected

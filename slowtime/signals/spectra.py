@@ -153,7 +153,7 @@ def noise_floor(
     ruler = np.linspace(centres[0], centres[-1], points)
     columns = [np.interp(ruler, centres, column) for column in logarithms.T]
     size = max(3, 2 * round(octaves * np.log(2.0) / (ruler[1] - ruler[0])) + 1)
-    floors = [percentile_filter(c, FLOOR_QUANTILE, size=size, mode="nearest") for c in columns]
+    floors = [percentile_filter(c, FLOOR_QUANTILE, size=size, mode="reflect") for c in columns]
     where = np.log(np.maximum(np.arange(count), 1))
     found = np.stack([np.interp(where, ruler, f) for f in floors], axis=1)
     scatter = np.interp(where, centres, np.minimum(width, MOST_AVERAGED).astype(float))

@@ -32,7 +32,14 @@ def shaken(rig, seed):
     return Seen({}, base, 0, stride, outputs, noise)
 
 
-@pytest.mark.parametrize("share", [-0.08, -0.05, -0.02, 0.02, 0.05, 0.09])
+@pytest.mark.parametrize(
+    "share",
+    [
+        -0.08,
+        0.05,
+        *(pytest.param(s, marks=pytest.mark.long) for s in (-0.05, -0.02, 0.02, 0.09)),
+    ],
+)
 def test_a_mass_on_a_shaken_base_is_what_its_constants_make_of_it(share):
     """Its motion is told by stiffness and damping over mass; phases slip on the way there."""
     heavy = dataclasses.replace(LIGHT, masses=(LIGHT.masses[0] * (1 + share),))
@@ -50,7 +57,9 @@ def test_a_mass_beyond_what_constants_may_do_is_seen():
     assert ratio > 10.0
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2, 3))]
+)
 def test_a_mass_that_constants_could_stand_for_is_drawn_beyond_what_is_claimed(seed):
     rng = np.random.default_rng(seed)
     designs = (draw_design("listed", ("added_mass",), rng) for _ in range(1000))
@@ -65,7 +74,7 @@ def test_a_mass_that_constants_could_stand_for_is_drawn_beyond_what_is_claimed(s
 
 @pytest.mark.parametrize(
     "seed",
-    [1, 2, 5, *(pytest.param(seed, marks=pytest.mark.long) for seed in (0, 3, 4, 6, 7))],
+    [2, *(pytest.param(seed, marks=pytest.mark.long) for seed in (0, 1, 3, 4, 5, 6, 7))],
 )
 def test_what_a_softer_spring_has_lost_is_beyond_what_is_claimed_of_it(seed):
     design = draw_design("listed", ("stiffness_loss",), np.random.default_rng(seed))

@@ -1,5 +1,6 @@
 """Commands that pages tell to type, held against the command itself."""
 
+import itertools
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,7 +13,10 @@ FILE = re.compile(r"[\w/-]+\.\w+(@[\d.:]*)?")
 
 
 def parse(arguments: Sequence[str], folder: Path) -> None:
-    """Parse what follows `slowtime`, in a folder in which every file that is named exists."""
+    """Parse what follows `slowtime`, in a folder in which all files and folders named exist."""
+    for before, word in itertools.pairwise(arguments):
+        if before == "--credentials":
+            (folder / word).mkdir(exist_ok=True, parents=True)
     for word in arguments:
         if FILE.fullmatch(word):
             path = folder / word.partition("@")[0]

@@ -104,8 +104,10 @@ def misfit(folder, said):
     assert (effect["effect"], effect["where"]["id"]) == ("coulomb", "j2")
     friction = effect["parameters"]["friction_n"]
     assert abs(friction["value"] - 0.5) < 4 * friction["sd"]
-    (left,) = re.findall(r"left over: ([\d.]+) %", said)
-    assert float(left) < 3.0
+    promised = BY_NAME["misfit"].read_text()
+    for figure in (r"left over: ([\d.]+) %", r"falls from \d+ % to ([\d.]+) %"):
+        (found,), (told,) = re.findall(figure, said), re.findall(figure, promised)
+        assert float(found) == pytest.approx(float(told), rel=0.1)
 
 
 def site_tls(folder, said):

@@ -118,8 +118,8 @@ def test_the_account_lists_earlier_boots_too_and_an_acknowledgement_clears_them(
     publisher.features(features(0))
     account = [json.loads(line) for line in ask(bus, "account")]
     assert account == [
-        {"boot": "b0", "first": 0, "last": 4},
-        {"boot": "b1", "first": 0, "last": 0},
+        {"boot": "b0", "first": 0, "last": 4, "ack_version": 2},
+        {"boot": "b1", "first": 0, "last": 0, "ack_version": 2},
     ]
     word = Acknowledgement(site="lab", asset="beam", boot="b0", sequence=4, t_ns=0)
     bus.publish(ACK.key("lab", "beam"), encode(word), encoding=ACK.encoding)
@@ -164,7 +164,7 @@ def test_health_tells_where_the_account_ends_and_what_has_been_counted(bus, publ
     first, second = (Health.model_validate_json(payload) for payload in got)
     assert (first.last_sequence, first.first_held) == (-1, -1)
     assert (second.last_sequence, second.first_held, second.dropped) == (2, 0, 0)
-    assert second.counters == {"features": 3, "refused_backwards": 2}
+    assert second.counters == {"features": 3, "refused_backwards": 2, "ack_version": 2}
     assert second.sequence == first.sequence + 1
 
 

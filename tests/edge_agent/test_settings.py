@@ -107,3 +107,15 @@ def test_a_file_that_is_not_there_or_of_another_kind_is_named(tmp_path):
         ValueError, match=r"edge\.yaml is no settings file. Allowed: \.toml and"
     ):
         EdgeSettings(config=tmp_path / "edge.yaml")
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"input": {"kind": "file", "path": "a.csv", "columns": ["t", "x\u202e"]}},
+        {"extract": {"covariates": {"temperature_c\x1b": "t"}}},
+    ],
+)
+def test_names_with_characters_that_are_not_seen_are_refused(given):
+    with pytest.raises(ValidationError, match=r"has U\+\w{4}"):
+        EdgeSettings(**given)

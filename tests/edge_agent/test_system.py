@@ -25,16 +25,20 @@ ROUTER = "import sys; from slowtime_services.router import run; run([sys.argv[1]
 
 
 class Ticking:
-    """An epoch of 64 samples every 20 ms."""
+    """An epoch of 64 samples every 20 ms; half of them once the gate is open."""
 
     time_base: TimeBase = "live"
     slow_time_unit = "s"
 
+    def __init__(self, gate):
+        self.gate = gate
+
     def __iter__(self):
         rng = np.random.default_rng(0)
-        began = time.monotonic()
         for number in range(round(SECONDS * RATE)):
-            time.sleep(max(0.0, began + number / RATE - time.monotonic()))
+            if number == round(SECONDS * RATE / 2):
+                self.gate.wait(300)
+            time.sleep(1 / RATE)
             yield Block(
                 samples=rng.standard_normal((64, 1)).astype("<f4"),
                 rate_hz=6400.0,
@@ -81,10 +85,12 @@ def test_a_router_that_is_killed_and_comes_back_costs_no_feature(tmp_path):
     def hear(sample):
         live[Features.model_validate_json(sample.payload).sequence] = sample.payload
 
-    router = start_router(endpoint)
+    router, gone = start_router(endpoint), threading.Event()
     status: list[int] = []
     edge = threading.Thread(
-        target=lambda: status.append(run(settings, source=Ticking(), stop=threading.Event()))
+        target=lambda: status.append(
+            run(settings, source=Ticking(gone), stop=threading.Event())
+        )
     )
     try:
         with ZenohBus("client", [endpoint]) as twin:
@@ -97,6 +103,7 @@ def test_a_router_that_is_killed_and_comes_back_costs_no_feature(tmp_path):
             eventually(lambda: len(live) > 40)
             router.kill()
             router.wait()
+            gone.set()
             time.sleep(2.0)
             router = start_router(endpoint)
             wanted = round(SECONDS * RATE)

@@ -93,6 +93,18 @@ def _disk(fault: Fault, house: House) -> Undo:
     return lambda: house.fill_disk(fault.who, -1)
 
 
+def _rot(fault: Fault, house: House) -> Undo:
+    """Kill an edge, and flip a few bits of its spool before it starts again."""
+    house.down(fault.who, signal.SIGKILL)
+    rng = random.Random(fault.at_s)
+    for path in sorted((house.home / "spool" / f"lab.{fault.who}").glob("*.spool")):
+        data = bytearray(path.read_bytes())
+        for _ in range(rng.randrange(3) if data else 0):
+            data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+        path.write_bytes(data)
+    return lambda: house.up(fault.who)
+
+
 def _lock(fault: Fault, house: House) -> Undo:
     return hold(house.database)
 
@@ -171,5 +183,5 @@ def _send(house: House, messages: list[tuple[str, bytes]]) -> None:
 _KINDS: dict[str, Callable[[Fault, House], Undo]] = {
     "kill": _kill, "end": _end, "freeze": _freeze, "cut": _cut, "stall": _stall,
     "burst": _burst, "poison": _poison, "echo": _echo, "clock": _clock, "disk": _disk,
-    "lock": _lock, "slow": _slow,
+    "lock": _lock, "rot": _rot, "slow": _slow,
 }  # fmt: skip

@@ -46,6 +46,13 @@ def look(database: str) -> Seen:
     return Seen(history, lost)
 
 
+def rivals(database: str) -> list[str]:
+    """Tell of what the server takes for two agents of one asset; there are none."""
+    with _asking(database) as ask:
+        told = [json.loads(body) for (body,) in ask("select body from events")]
+    return [event["message"] for event in told if event["kind"] == "two_agents"]
+
+
 def hold(database: str) -> Callable[[], None]:
     """Hold the database as an impolite backup or a curious person would; what ends it.
 

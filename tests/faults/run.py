@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from .harm import Undo, inflict
-from .history import differences, look
+from .history import differences, look, rivals
 from .house import House
 from .ledger import Verdict, judge
 from .schedule import ASSETS, Plan
@@ -59,6 +59,7 @@ def run(plan: Plan, home: Path, database: str | None = None) -> Outcome:
         faults = verdict.faults
         if verdict.lost and not plan.may_lose:
             faults.append(f"{verdict.lost} lost, and nothing in the schedule excuses it")
+        faults += rivals(database)
         if verdict.accepted == 0 and plan.seconds >= 5:
             faults.append("nothing arrived at all")
         statuses = house.end()

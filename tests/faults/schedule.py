@@ -39,6 +39,7 @@ KINDS: dict[str, tuple[tuple[str, ...], tuple[float, float], float]] = {
     "clock": (("twin", *ASSETS), (1.0, 8.0), 1.5),
     "disk": (("twin", *ASSETS), (0.3, 5.0), 1.5),
     "lock": (("twin",), (0.3, 14.0), 0.7),
+    "rot": (ASSETS, (0.0, 3.0), 1.0),
     "slow": (("bus", "live"), (2.0, 8.0), 0.7),
 }
 """All that can go wrong here."""
@@ -67,7 +68,8 @@ class Plan:
         """Whether anything in the schedule excuses a loss, which then must be reported."""
         edge_disk = any(f.kind == "disk" and f.who != "twin" for f in self.faults)
         clock = self.time_base == "live" and any(f.kind == "clock" for f in self.faults)
-        return edge_disk or clock or self.spool_bytes < 2**20
+        rot = any(f.kind == "rot" for f in self.faults)
+        return edge_disk or clock or rot or self.spool_bytes < 2**20
 
 
 def plan(seed: int, seconds: float) -> Plan:

@@ -22,6 +22,7 @@ from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Features, Mode, Quality
 from slowtime_schemas.quantities import Quantity
 from slowtime_schemas.streams import FEATURES
+from slowtime_services.bus import ZenohBus
 from slowtime_services.record import RecordingWriter
 
 RATE_HZ = 100.0
@@ -87,6 +88,16 @@ def refused(run):
         return " ".join(done.err.split())
 
     return command
+
+
+@pytest.fixture
+def unawaited(monkeypatch):
+    """Fail where a router is looked for."""
+
+    def open_bus(*_args, **_options):
+        pytest.fail("A router was looked for.")
+
+    monkeypatch.setattr(ZenohBus, "__init__", open_bus)
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from slowtime_cli.demo import summary
+from slowtime_cli.demo import latest, summary
 
 
 def estimate(value, sd=1.0):
@@ -46,6 +46,31 @@ def test_the_summary_judges_each_element_and_names_the_suspect():
         "  demo.frame: of 3 epochs, 95 % intervals held the true storey1 in 100.0%, "
         "the true storey2 in 0.0%; suspected now: storey2"
     )
+
+
+class Server:
+    """Gives 250,000 readings in buckets of 50,000, and the latest 100,000 whole."""
+
+    def json(self, method, path, query):
+        assert (method, path, query["max_points"]) == (
+            "GET",
+            "/twins/demo.tank/history",
+            100_000,
+        )
+        if "start" in query:
+            return {"points": [query["start"]], "bands": None}
+        starts = [0, 50, 100, 150, 200]
+        bands = {"readings": 250_000, "count": [50_000] * 5, "start": {"t_ns": starts}}
+        return {"points": [], "bands": bands}
+
+
+def test_a_history_too_long_to_be_given_whole_is_judged_by_its_latest_readings():
+    history, whole = latest(Server(), "tank")
+    assert (history["points"], whole) == ([150], False)
+    point = {"truth": {"mass_change": 0.0}, "mass_change": estimate(0.0), "assumed": []}
+    point |= {"stiffness_change": None}
+    said = summary("tank", {"points": [point]}, whole=False)
+    assert said.startswith("  demo.tank: of the latest 1 epochs, 95 % intervals held the true")
 
 
 def test_a_demo_that_cannot_run_says_why_before_anything_starts(refused, tmp_path, port):

@@ -28,3 +28,9 @@ def test_wrong_orders_are_refused_in_a_sentence(refused):
     assert "Missing option '--site'" in refused("tokens", "add", "a", "--scope", "viewer")
     assert "is not one of" in refused("tokens", "add", "a", "--scope", "king", "--site", "lab")
     assert "go together" in refused("twin", "--tls-key", __file__)
+
+
+def test_listing_tokens_of_a_file_that_is_not_there_is_refused_and_makes_none(refused):
+    for words in (("list",), ("revoke", "1a2b3c4d")):
+        assert "'tokens.json' does not exist" in refused("tokens", *words)
+    assert list(Path().iterdir()) == []

@@ -91,6 +91,7 @@ def test_a_server_gives_the_same(run, database):
             ("twin.sqlite", "--asset", "lab.beam", "--start", "soon", "--out", "a.csv"),
             "no moment",
         ),
+        ((__file__, "--out", "a.csv"), "file is not a database"),
         (("--server", "http://127.0.0.1:9", "--out", "a.json"), "did not answer"),
         (("--server", "localhost", "--out", "a.json"), "no address of a server"),
     ],

@@ -14,6 +14,7 @@ import pytest
         (("--history", "h.csv", "--twin", "a.b"), "holds one history: leave --twin out"),
         (("h.csv", "--history", "h.csv"), "takes no MODEL and no RECORD"),
         (("--history", "h.csv"), "no column of the value"),
+        (("--history", __file__), "file is not a database"),
     ],
 )
 def test_what_cannot_be_is_said(run, tmp_path, monkeypatch, arguments, says):

@@ -1,7 +1,7 @@
 import click
 import pytest
 
-from slowtime_cli.options import POSITIVE, Endpoint, Instant, Name, Number, OutFile, names
+from slowtime_cli.options import POSITIVE, Endpoint, Instant, Name, Number, OutFile, Size, names
 
 
 @pytest.mark.parametrize("value", ["nan", "inf", "-inf", "0", "-1", "x", "1e999"])
@@ -73,3 +73,41 @@ def test_an_empty_name_is_refused(text):
     with pytest.raises(click.UsageError, match=r"--columns .* has an empty name"):
         names(text, "--columns")
     assert names(None, "--columns") is None
+
+
+@pytest.mark.parametrize(
+    ("text", "size"),
+    [("4GB", 4 * 10**9), ("1.5 GiB", 3 * 2**29), ("500mb", 500 * 10**6), ("4096", 4096)],
+)
+def test_a_size_is_in_bytes_whatever_its_unit(text, size):
+    assert Size().convert(text, None, None) == size
+
+
+@pytest.mark.parametrize("text", ["", "GB", "4 parsecs", "-1MB", "0", "0.0GB", "1e9", "nan"])
+def test_what_is_no_size_is_refused(text):
+    with pytest.raises(click.BadParameter, match=r"is no size\. Give one such as 500MB"):
+        Size().convert(text, None, None)
+
+
+@pytest.mark.parametrize("character", ["\u202e", "\x1b", "\n"])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("tokens", "add", "ann{}", "--scope", "viewer", "--site", "lab"),
+        ("tokens", "add", "ann", "--scope", "viewer", "--site", "lab{}"),
+        ("keys", "make", "lab", "--asset", "beam{}"),
+        ("edge", "--site", "lab", "--asset", "beam{}"),
+        ("import", "record.csv", "out.mcap", "--asset", "beam{}"),
+    ],
+)
+def test_a_name_with_a_character_that_is_not_seen_is_refused_by_its_code(
+    refused, record, arguments, character
+):
+    said = refused(*(text.format(character) for text in arguments))
+    assert f"U+{ord(character):04X}" in said
+    assert character not in said.replace("\n", "") or character == "\n"
+
+
+def test_settings_say_which_character_of_a_name_is_not_allowed(refused, tmp_path):
+    (tmp_path / "edge.json").write_text('{"site": "lab", "asset": "beam\\u202e"}')
+    assert "U+202E RIGHT-TO-LEFT OVERRIDE" in refused("edge", "--config", "edge.json")

@@ -1,6 +1,5 @@
 import json
 import signal
-import time
 
 import pytest
 
@@ -42,9 +41,10 @@ def test_a_config_that_cannot_be_read_is_named(refused, tmp_path, verb):
         assert says in refused(verb, "--config", name)
 
 
-def test_a_twin_that_cannot_run_says_why_before_a_router_is_waited_for(refused, tmp_path):
+def test_a_twin_that_cannot_run_says_why_before_a_router_is_waited_for(
+    refused, unawaited, tmp_path
+):
     (tmp_path / "twins.json").write_text(json.dumps({"Beam": {"changes": "mass"}}))
-    began = time.monotonic()
     for arguments, says in [
         (("--register", "twins.json"), "'Beam' is no twin's id. Give SITE.ASSET in lower case"),
         (("--port", "99999"), "99999 is not in the range 0<=x<=65535"),
@@ -52,7 +52,6 @@ def test_a_twin_that_cannot_run_says_why_before_a_router_is_waited_for(refused, 
         (("--database", "."), ". is a folder. Give a file in it."),
     ]:
         assert says in refused("twin", *arguments)
-    assert time.monotonic() - began < 5
 
 
 def test_a_router_that_cannot_listen_says_why(refused):

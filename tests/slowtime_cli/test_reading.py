@@ -11,6 +11,9 @@ import pytest
 import scipy.io
 from mcap.reader import make_reader
 
+from slowtime_cli.verbs.flags import TIME_UNITS
+from slowtime_services.files import UNITS
+
 RATE = ("--rate-hz", "100")
 
 
@@ -352,3 +355,7 @@ def test_other_peoples_mcap_says_what_is_in_it(refused, data):
     for path in sorted((data / "foreign_mcap").glob("*.mcap")):
         said = refused("identify", path)
         assert "has no vibration in it: topics found:" in said or "is damaged" in said
+
+
+def test_the_units_of_the_time_flag_are_those_that_files_know():
+    assert set(TIME_UNITS) == set(UNITS)

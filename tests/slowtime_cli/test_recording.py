@@ -27,6 +27,18 @@ def test_the_history_of_another_recording_is_another(run, recorded):
     assert a != b
 
 
+def test_a_recording_of_samples_alone_is_read_by_an_edge_agent_on_the_way(run, tmp_path):
+    run("simulate", "--structure", "tank", "--epochs", 2, "--seed", 1, "--out", "raw.mcap")
+    done = run("replay", "raw.mcap", "--into", "a.sqlite")
+    assert done.status == 0
+    assert re.fullmatch(r"demo.tank  sha256:[0-9a-f]{64}  of 2 features\n", done.out)
+    assert "raw.mcap holds samples and no features; an edge agent with default" in done.err
+    assert run("replay", "raw.mcap", "--into", "b.sqlite").out == done.out
+    said = run("layout", "raw.mcap", "--out", "layout.json")
+    assert said.status == 2
+    assert "slowtime edge --recording" in said.err
+
+
 def test_a_recording_of_features_evolves_by_asset(run, refused, recorded):
     path = recorded(assets=("beam", "fan"))
     assert "holds lab.beam, lab.fan. Name one with --asset." in refused("evolve", path)
@@ -40,18 +52,16 @@ def test_a_recording_of_features_evolves_by_asset(run, refused, recorded):
 
 
 def test_what_cannot_be_replayed_is_refused_before_a_router_is_waited_for(
-    refused, run, recorded, record, tmp_path
+    refused, run, recorded, record, unawaited, tmp_path
 ):
     path = recorded()
     (tmp_path / "cut.mcap").write_bytes(path.read_bytes()[:-50])
     run("simulate", "--structure", "tank", "--epochs", 1, "--out", "raw.mcap")
-    began = time.monotonic()
     for arguments, says in [
         (("missing.mcap",), "File 'missing.mcap' does not exist"),
         ((record, *NOBODY), "is no recording: it begins with"),
         (("cut.mcap", *NOBODY), "Run `slowtime recover"),
         (("cut.mcap", "--into", "a.sqlite"), "Run `slowtime recover"),
-        (("raw.mcap", "--into", "a.sqlite"), "no features for a twin. Run its raw blocks"),
         (("raw.mcap", "--edge"), "does not hold the settings of the edge agent of demo.tank"),
         ((path, "--edge"), "holds no raw blocks. Run the edge with --raw while recording."),
         ((path, "--into", path), "exists. Give a new file, so that the history is fresh."),
@@ -62,13 +72,13 @@ def test_what_cannot_be_replayed_is_refused_before_a_router_is_waited_for(
         ((path, "--connect", "nonsense"), "'nonsense' is no endpoint. Give PROTOCOL/ADDRESS"),
     ]:
         assert says in refused("replay", *arguments)
-    assert time.monotonic() - began < 5
     assert not (tmp_path / "a.sqlite").exists()
 
 
-def test_what_cannot_be_recorded_is_refused_before_a_router_is_waited_for(refused, recorded):
+def test_what_cannot_be_recorded_is_refused_before_a_router_is_waited_for(
+    refused, recorded, unawaited
+):
     path = recorded()
-    began = time.monotonic()
     for arguments, says in [
         ((), "Missing option '--out'"),
         (("--out", path, *NOBODY), "--number to have one put after it."),
@@ -82,7 +92,6 @@ def test_what_cannot_be_recorded_is_refused_before_a_router_is_waited_for(refuse
         (("--out", "a.mcap", "--connect", "nonsense"), "'nonsense' is no endpoint"),
     ]:
         assert says in refused("record", *arguments)
-    assert time.monotonic() - began < 5
 
 
 @pytest.mark.long

@@ -1,4 +1,7 @@
 import pytest
+from mcap.reader import make_reader
+
+from slowtime_services.replay import raw_blocks
 
 
 @pytest.fixture
@@ -35,10 +38,42 @@ def test_what_is_lost_is_told(run, whole, tmp_path):
     (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 4])
     assert "at the end not readable." in run("recover", "cut.mcap", "--out", "a.mcap").out
     damaged = bytearray(whole)
-    damaged[len(whole) // 3] ^= 0xFF
+    with (tmp_path / "whole.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    damaged[summary.chunk_indexes[1].chunk_start_offset + 200] ^= 0xFF
     (tmp_path / "damaged.mcap").write_bytes(damaged)
     done = run("recover", "damaged.mcap", "--out", "b.mcap")
     assert (done.status, "1 damaged chunk left out" in done.out) == (0, True)
+
+
+def test_where_nothing_is_recovered_nothing_is_written_and_the_status_says_so(
+    run, whole, tmp_path
+):
+    (tmp_path / "cut.mcap").write_bytes(whole[:200])
+    done = run("recover", "cut.mcap", "--out", "a.mcap")
+    assert (done.status, done.out) == (1, "")
+    assert "nothing was recovered: cut.mcap holds no whole message" in done.err
+    assert not (tmp_path / "a.mcap").exists()
+
+
+@pytest.mark.parametrize("block_s", ["1", "0.3", "0.1"])
+def test_what_was_imported_and_cut_short_comes_back_but_for_a_second(run, tmp_path, block_s):
+    rows = "".join(f"{i / 100:.2f},{(i * 37 % 101) / 50 - 1:.5f}\n" for i in range(3000))
+    (tmp_path / "record.csv").write_text("time,acc\n" + rows)
+    run("import", "record.csv", "--out", "long.mcap", "--block-s", block_s)
+    data = (tmp_path / "long.mcap").read_bytes()
+    with (tmp_path / "long.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    for index in summary.chunk_indexes:
+        assert index.message_end_time - index.message_start_time < 10**9
+    before = sum(i.chunk_start_offset + i.chunk_length <= len(data) * 0.6
+                 for i in summary.chunk_indexes)  # fmt: skip
+    (tmp_path / "torn.mcap").write_bytes(data[: len(data) * 6 // 10])
+    assert run("recover", "torn.mcap", "--out", "back.mcap").status == 0
+    blocks = [block for _, block in raw_blocks(tmp_path / "back.mcap")]
+    assert sum(len(block.samples) for block in blocks) >= 90 * before > 1400
 
 
 def test_what_cannot_be_recovered_is_refused(refused, whole, record, tmp_path):

@@ -211,6 +211,10 @@ class Edge:
         for sequence in sequences:
             del self.spool[boot][sequence]
 
+    def conceal(self):
+        """Answer still, but no longer announce that the edge is alive."""
+        self.handles.pop().close()
+
     def close(self):
         for handle in self.handles:
             handle.close()

@@ -1,15 +1,19 @@
 """The process: it ends when asked to, and says what to do when it cannot begin."""
 
 import os
+import queue
 import signal
 import socket
 import subprocess
 import sys
+import threading
 import urllib.request
+from concurrent.futures import ThreadPoolExecutor
 
+import httpx
 import pytest
 
-from slowtime_services.bus import MemoryBus
+from slowtime_services.bus import MemoryBus, ZenohBus
 from twin_server.__main__ import run
 
 CHILD = """
@@ -66,16 +70,47 @@ def test_a_database_of_somebody_else_is_left_alone(tmp_path, settings, caplog):
     assert (tmp_path / "x.sqlite").read_bytes() == b"something else " * 100
 
 
-def test_a_router_that_is_not_there_is_said_not_to_be(tmp_path, settings, caplog):
+def test_a_router_that_is_not_there_is_waited_for_and_said_not_to_be(
+    tmp_path, settings, caplog, ageing, edge, eventually
+):
+    """Page and history answer meanwhile; once there is one, features arrive."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
     own = settings.model_copy(
         update={
             "database": tmp_path / "x.sqlite",
-            "connect": ("tcp/127.0.0.1:1",),
+            "connect": (f"tcp/127.0.0.1:{port}",),
             "connect_timeout_s": 0.3,
         }
     )
-    assert run(own) == 2
-    assert "No router answers at tcp/127.0.0.1:1" in caplog.text
+    urls: queue.SimpleQueue[str] = queue.SimpleQueue()
+    stop = threading.Event()
+    with ThreadPoolExecutor(1) as pool:
+        ended = pool.submit(run, own, stop=stop, ready=urls.put)
+        try:
+            url = urls.get(timeout=60)
+            waiting = httpx.get(f"{url}/readyz", timeout=60)
+            assert waiting.status_code == 503
+            assert "The router is not connected" in waiting.json()["detail"]
+            assert httpx.get(f"{url}/api/v1/twins", timeout=60).json() == {"twins": []}
+            assert eventually(lambda: caplog.text.count("No router answers") > 1)
+            with ZenohBus("router", listen=own.connect) as router:
+                assert eventually(
+                    lambda: httpx.get(f"{url}/readyz", timeout=60).status_code == 200
+                )
+                speaker = edge(router)
+                for message in ageing(5):
+                    speaker.make(message)
+
+                def count():
+                    told = httpx.get(f"{url}/api/v1/twins/lab.beam/history/hash", timeout=60)
+                    return told.json().get("features")
+
+                assert eventually(lambda: count() == 5)
+                speaker.close()
+        finally:
+            stop.set()
+        assert ended.result(60) == 0
 
 
 def test_a_wrong_file_of_registrations_is_the_user_s_to_mend(tmp_path, settings, caplog):

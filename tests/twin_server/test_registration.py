@@ -189,3 +189,29 @@ def test_covariates_do_not_go_with_what_is_smoothed_or_holds_at_no_temperature()
     at = {**weather, "reference": {"temperature_c": 10.0}}
     made = Registration(covariates=at, nominal=nominal)
     assert Registration.from_json(made.to_json()) == made
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"name": "Tower\u202e"},
+        {"name": "Tower\n"},
+        {"covariates": {"names": ["temperature_c\u2066"]}},
+        {"covariates": {"names": ["a"], "reference": {"a\x1b": 1.0}}},
+        {"alarms": [{"quantity": "stiffness_change\u200f", "below": -0.1}]},
+    ],
+)
+def test_names_with_characters_that_are_not_seen_are_refused(given):
+    with pytest.raises(ValidationError, match=r"has U\+\w{4}"):
+        Registration.model_validate(given)
+
+
+def test_a_twin_registered_before_names_were_held_to_that_is_read_again():
+    stored = Registration(name="Tower").to_json().replace("Tower", r"Tow\u202eer")
+    assert Registration.from_json(stored).name == "Tow\u202eer"
+
+
+def test_a_line_break_behind_an_id_is_no_id(tmp_path):
+    (tmp_path / "known.json").write_text('{"lab.beam\\n": {}}')
+    with pytest.raises(WrongRegistrationsError, match=r"is no twin's id"):
+        registrations(tmp_path / "known.json")

@@ -1,13 +1,15 @@
 """First stage of the twin: whatever arrives in; features in order out, none missing unseen."""
 
-from .account import Account
+from .account import DAMAGED, Account, told_apart
 from .healing import Healer
 from .reception import Reception
 from .refusals import Refusals
-from .runs import Arrival, Change, Holding, Lost, Ordered, Run, Want
+from .runs import Aged, Arrival, Change, Holding, Lost, Ordered, Repeated, Rivals, Run, Want
 
 __all__ = [
+    "DAMAGED",
     "Account",
+    "Aged",
     "Arrival",
     "Change",
     "Healer",
@@ -16,6 +18,9 @@ __all__ = [
     "Ordered",
     "Reception",
     "Refusals",
+    "Repeated",
+    "Rivals",
     "Run",
     "Want",
+    "told_apart",
 ]

@@ -8,14 +8,37 @@ The account does no I/O and has no clock: the seconds are arguments, and what fo
 call is written into a `Change`, for the pipeline to make durable.
 """
 
+import datetime
 from collections.abc import Iterable, Sequence
 
-from slowtime_schemas.messages import Health
+from slowtime_schemas.messages import ACK_VERSION, FOREIGN_ACKS, Features, Health
 from twin_server.settings import HealingSettings
 
-from .runs import SEQUENCES, Arrival, Change, Holding, Line, Lost, Ordered, Run, Want
+from .runs import (
+    SEQUENCES,
+    Aged,
+    Arrival,
+    Change,
+    Holding,
+    Line,
+    Lost,
+    Ordered,
+    Repeated,
+    Rivals,
+    Run,
+    Want,
+)
 
 BACKWARDS = "its sensor time runs back"
+DAMAGED = "the edge's spool is damaged there"
+OTHERS_TAKEN = "an agent holds other readings than those that were taken in"
+LEFT_BEHIND = "a later boot had begun before it could be asked for; the edge keeps it"
+SAME_AGENT_MS = 1_000
+"""An agent says when it began to the microsecond; one that restarts takes longer than this."""
+MOST_AGENTS = 8
+SURVIVES = 2
+"""Messages of health of a closed boot, from after a later one began, that show that its agent
+lives: one may have been on its way when it ended."""
 
 
 class Account:
@@ -47,6 +70,7 @@ class Account:
             line = self._line(run.site, run.asset)
             if line.runs:
                 line.runs[-1].followed = True
+            run.interrupt(run.next)
             line.runs.append(run)
             self._runs[run.site, run.asset, run.boot] = run
             self._uneasy[run.site, run.asset] = line
@@ -90,18 +114,76 @@ class Account:
         for health, replayed in healths:
             key = (health.site, health.asset, health.boot)
             run = self._runs.get(key)
+            if not replayed:
+                line = self._line(health.site, health.asset)
+                line.ack_version = health.counters.get(ACK_VERSION, 1)
+                self._hear_of_foreign_acks(line, health)
             if run is None:
                 if health.last_sequence < 0:
                     continue
                 run = self._meet(*key, now_s, change)
                 self._line(health.site, health.asset).replayed = replayed
+            if not replayed:
+                run.ack_version = line.ack_version
+                self._recognise(run, health, change)
+                self._look_for_survivor(line, run, health, change)
             if health.last_sequence > run.told:
                 run.told = health.last_sequence
                 if run.next <= run.told:
                     self._worry(run, now_s)
             if 0 <= health.first_held < run.next:
+                run.held_from = health.first_held
                 # The edge still holds what is durable here: our word did not reach it.
                 change.touched[run] = None
+
+    def disbelieve(self, refused: Iterable[tuple[Features, str]]) -> None:
+        """Note what came and was refused for its sensor time, to say so if it is given up."""
+        for features, reason in refused:
+            run = self._runs.get((features.site, features.asset, features.boot))
+            if run is not None and len(run.disbelieved) < self._settings.max_held:
+                run.disbelieved[features.sequence] = reason
+
+    def contest(self, run: Run, how: str, change: Change) -> None:
+        """Note that two agents send under one boot: nothing more of it is acknowledged."""
+        run.contested = True
+        if not run.rivalled:
+            run.rivalled = True
+            change.rivals.append(Rivals(run, run.boot, run.next, how))
+
+    def _hear_of_foreign_acks(self, line: Line, health: Health) -> None:
+        """Ask an agent that was told of another's readings, which boot it means."""
+        foreign = health.counters.get(FOREIGN_ACKS, 0)
+        if foreign and foreign != line.foreign_acks:
+            line.inquire = True
+            line.ease()
+            self._uneasy[line.site, line.asset] = line
+        line.foreign_acks = foreign
+
+    def _recognise(self, run: Run, health: Health, change: Change) -> None:
+        """Tell the agents of a boot apart by when they began."""
+        if health.uptime_s <= 0:
+            return
+        began_ms = health.t_ns // 10**6 - round(health.uptime_s * 1e3)
+        if all(abs(began_ms - other) > SAME_AGENT_MS for other in run.agents):
+            run.agents = [*run.agents, began_ms][-MOST_AGENTS:]
+            if len(run.agents) > 1:
+                one, other = (_instant(ms * 10**6) for ms in run.agents[-2:])
+                self.contest(run, f"one began at {one}, the other at {other}", change)
+
+    def _look_for_survivor(self, line: Line, run: Run, health: Health, change: Change) -> None:
+        """See whether the agent of a closed boot lives on beside that of a later one."""
+        later = line.runs[-1] if line.runs else run
+        if run.rivalled or not run.closed or later is run or not later.agents:
+            return
+        if health.t_ns // 10**6 > later.agents[-1] + SAME_AGENT_MS:
+            run.outlived += 1
+        if run.outlived >= SURVIVES:
+            self._tell_of_rivals(run, change)
+
+    def _tell_of_rivals(self, run: Run, change: Change) -> None:
+        run.rivalled = True
+        latest = self._line(run.site, run.asset).runs[-1].boot
+        change.rivals.append(Rivals(run, latest, run.next, "they use different boots"))
 
     def watch(self, site: str, asset: str, *, alive: bool) -> None:
         """Learn that an edge has appeared, or gone."""
@@ -215,7 +297,7 @@ class Account:
     def _meet(self, site: str, asset: str, boot: str, now_s: float, change: Change) -> Run:
         """Note a boot never seen; the edge is asked what else it has before it is let in."""
         line = self._line(site, asset)
-        run = Run(site, asset, boot, since_s=now_s)
+        run = Run(site, asset, boot, since_s=now_s, ack_version=line.ack_version)
         self._runs[site, asset, boot] = line.waiting[boot] = run
         self._uneasy[site, asset] = line
         line.ease()
@@ -243,6 +325,10 @@ class Account:
             Ordered(run, features, arrival.payload, features.sequence - run.last - 1)
         )
         run.last, run.last_t_ns = features.sequence, features.t_ns
+        run.take(features.sequence, arrival.payload)
+        if arrival.age_s and not run.aged:
+            run.aged = True
+            change.aged.append(Aged(run, features.sequence, arrival.age_s))
 
     def _check_end(self, run: Run, change: Change) -> None:
         if run.followed:
@@ -260,6 +346,7 @@ class Account:
         refusal = self._refusal(run, sequence)
         if refusal is not None:
             change.refused.append(refusal)
+            self._look_for_rivals(run, arrival, refusal[0], change)
             change.touched[run] = None
             return
         run.held[sequence] = arrival
@@ -268,6 +355,20 @@ class Account:
             change.touched[run] = None
             change.early += 1
         self._worry(run, now_s)
+
+    def _look_for_rivals(self, run: Run, arrival: Arrival, reason: str, change: Change) -> None:
+        """See whether what was refused comes from a second agent."""
+        if arrival.replayed:
+            return
+        sequence = arrival.features.sequence
+        if reason == "closed_boot" and not run.rivalled:
+            self._tell_of_rivals(run, change)
+        elif reason == "duplicate" and sequence in run.held:
+            if run.held[sequence].payload != arrival.payload:
+                times = run.held[sequence].features.t_ns, arrival.features.t_ns
+                self.contest(run, told_apart(sequence, *times), change)
+        elif reason == "duplicate":
+            change.repeated.append(Repeated(run, sequence, arrival.payload))
 
     def _refusal(self, run: Run, sequence: int) -> tuple[str, str] | None:
         what = f"{run}: sequence {sequence} was given, "
@@ -326,18 +427,29 @@ class Account:
             known = self._runs.get((line.site, line.asset, holding.boot))
             if known is None or not known.number:
                 continue
+            known.ack_version = holding.ack_version
+            known.held_from, known.held_to = holding.first, holding.last
+            if holding.withheld and not known.contested:
+                self.contest(known, OTHERS_TAKEN, change)
             if holding.last > known.told:
                 known.told = holding.last
                 # Durable together with the boots let in after it: a server that starts again
                 # would close it as whole.
                 change.touched[known] = None
                 self._worry(known, now_s)
-            if known.closed and holding.last >= known.next:
-                why = "a later boot had begun before it could be asked for"
-                self._lose(known, known.next, holding.last, why, change)
+            if known.closed and holding.last >= known.next and not known.rivalled:
+                self._leave_behind(known, holding, change)
             if holding.last < known.next:
                 change.touched[known] = None  # it keeps what is durable: it is told again
         self._admit(line, listing, now_s, change)
+
+    def _leave_behind(self, run: Run, holding: Holding, change: Change) -> None:
+        """Report what an edge holds of a closed boot; unacknowledged, it stays in the spool."""
+        first = max(run.next, max((last for _, last in run.lost), default=-1) + 1)
+        if first <= holding.last:
+            run.lost.append((first, holding.last))
+            change.lost.append(Lost(run, first, holding.last, LEFT_BEHIND))
+            change.touched[run] = None
 
     def _admit(
         self, line: Line, listing: Sequence[Holding], now_s: float, change: Change
@@ -406,6 +518,9 @@ class Account:
         now_s: float,
         change: Change,
     ) -> None:
+        holding = next((entry for entry in listing if entry.boot == run.boot), None)
+        if certain and holding is not None:
+            self._lose_damaged(run, holding, change)
         hole = run.missing()
         if hole is None:
             run.calm()
@@ -413,7 +528,6 @@ class Account:
         if hole[0] > want.first:
             run.progress(now_s)
             return
-        holding = next((entry for entry in listing if entry.boot == run.boot), None)
         obtainable = holding is not None and holding.last >= hole[0]
         if certain and listing and not obtainable:
             self._pass_over(line, run, hole, "the edge no longer holds it", change)
@@ -422,7 +536,7 @@ class Account:
             self._pass_over(line, run, (hole[0], until), "the edge no longer holds it", change)
         elif run.impatient(certain, line, now_s, self._settings):
             why = "the edge did not give it" if certain else "nobody could be asked for it"
-            self._pass_over(line, run, hole, why, change)
+            self._pass_over(line, run, *_reasoned(run, hole, why), change)
         else:
             run.put_off(now_s, self._settings)
             return
@@ -430,6 +544,15 @@ class Account:
             run.calm()
         else:
             run.progress(now_s)
+
+    def _lose_damaged(self, run: Run, holding: Holding, change: Change) -> None:
+        """Pass over what is damaged in the spool, as far as all before it has come."""
+        while (hole := run.missing()) is not None:
+            damaged = _damaged_part(hole, holding)
+            if damaged is None:
+                return
+            self._lose(run, *damaged, DAMAGED, change)
+            self._flow(run, change)
 
     def _pass_over(
         self, line: Line, run: Run, hole: tuple[int, int], why: str, change: Change
@@ -444,11 +567,13 @@ class Account:
     def _lose(self, run: Run, first: int, last: int, why: str, change: Change) -> None:
         run.lost.append((first, last))
         run.next = last + 1
+        run.interrupt(run.next)
         change.lost.append(Lost(run, first, last, why))
         change.touched[run] = None
 
     def _lose_one(self, run: Run, sequence: int, change: Change) -> None:
         """Report one that has come and cannot be kept; neighbours in one range."""
+        run.interrupt(sequence + 1)
         if run.lost and run.lost[-1][1] == sequence - 1:
             run.lost[-1] = (run.lost[-1][0], sequence)
         else:
@@ -477,3 +602,37 @@ class Account:
             run.closed, run.flows = True, False
             run.calm()
             change.touched[run] = None
+
+
+def _damaged_part(hole: tuple[int, int], holding: Holding) -> tuple[int, int] | None:
+    """Give as much of a hole, from its first on, as the edge says is damaged."""
+    first, until = hole[0], hole[0]
+    for begin, end in sorted(holding.damaged):
+        if begin <= until <= end:
+            until = end + 1
+    return (first, min(until - 1, hole[1])) if until > first else None
+
+
+def _reasoned(run: Run, hole: tuple[int, int], why: str) -> tuple[tuple[int, int], str]:
+    """Give the first part of a hole that has one reason, and that reason."""
+    reason = run.disbelieved.get(hole[0])
+    until = hole[0]
+    while until < hole[1] and run.disbelieved.get(until + 1) == reason:
+        until += 1
+    part = (hole[0], until if run.disbelieved else hole[1])
+    return part, why if reason is None else f"its sensor time is not believed ({reason})"
+
+
+def told_apart(sequence: int, one_ns: int, other_ns: int) -> str:
+    """Say what distinguishes two readings that came under one sequence."""
+    if one_ns == other_ns:
+        return f"reading {sequence} came twice, with different content"
+    return (
+        f"reading {sequence} came with sensor time {_instant(one_ns)}, and again with "
+        f"{_instant(other_ns)} and other content"
+    )
+
+
+def _instant(t_ns: int) -> str:
+    when = datetime.datetime.fromtimestamp(t_ns // 10**9, datetime.UTC)
+    return f"{when:%Y-%m-%dT%H:%M:%S}.{t_ns % 10**9 // 10**6:03d}Z"

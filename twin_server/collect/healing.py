@@ -6,6 +6,7 @@ import logging
 import threading
 from collections.abc import Callable, Sequence
 
+from slowtime_schemas.messages import ACK_VERSION
 from slowtime_schemas.streams import request_key
 from slowtime_services.bus import Bus, BusClosedError, Sample
 from twin_server.settings import HealingSettings
@@ -112,8 +113,16 @@ def _holding(answer: Sample) -> Holding | None:
     """Read one entry of an edge's account; None, and logged, where it makes no sense."""
     try:
         content = json.loads(answer.payload)
-        holding = Holding(str(content["boot"]), int(content["first"]), int(content["last"]))
-    except (ValueError, KeyError, TypeError) as error:
+        damaged = tuple((int(a), int(b)) for a, b in content.get("damaged", ()))
+        holding = Holding(
+            str(content["boot"]),
+            int(content["first"]),
+            int(content["last"]),
+            damaged,
+            int(content.get(ACK_VERSION, 1)),
+            content.get("withheld") is True,
+        )
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         logger.warning("An account on %s makes no sense: %r (%s)", answer.key, error, answer)
         return None
     return holding if 0 <= holding.first < SEQUENCES and holding.last < SEQUENCES else None

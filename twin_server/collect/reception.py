@@ -25,6 +25,8 @@ class Received(NamedTuple):
     """With whether they were replayed."""
     registrations: list[tuple[str, Registration]]
     """By twin id; replayed ones only, since those of the moment are our own."""
+    disbelieved: list[tuple[Features, str]]
+    """Features whose sensor time is not believed, and the reason."""
     misdated: int = 0
     """How many were refused because their sender's clock is off: they may be sound later."""
 
@@ -59,7 +61,7 @@ class Reception:
 
     def read(self, samples: Iterable[Sample], now_ns: int) -> Received:
         """Take what is believed out of `samples`, in their order."""
-        received = Received([], [], [])
+        received = Received([], [], [], [])
         arrivals, misdated = received.arrivals, 0
         for sample in samples:
             if not self.admits(sample):
@@ -71,8 +73,9 @@ class Reception:
                     self._check_sender(sample.sent_ns, now_ns)
                     misdated -= 1
                 if type(message) is Features:
-                    self._check_sensor(message, now_ns, sample.replayed)
-                    arrivals.append(Arrival(message, sample.payload, sample.replayed))
+                    self._check_sensor(message, now_ns, received)
+                    age_s = 0.0 if sample.replayed else self._age_s(message, now_ns)
+                    arrivals.append(Arrival(message, sample.payload, sample.replayed, age_s))
                 elif type(message) is Health:
                     received.healths.append((message, sample.replayed))
                 elif type(message) is Registered and sample.replayed:
@@ -107,7 +110,20 @@ class Reception:
                 f"up to {self._limits.max_ahead_s:.0f} s. Set that machine's clock, or ours.",
             )
 
-    def _check_sensor(self, features: Features, now_ns: int, replayed: bool) -> None:
+    def _age_s(self, features: Features, now_ns: int) -> float:
+        """How old a live sensor's reading is, where that is more than `max_age_s`; else 0."""
+        age_s = (now_ns - features.t_ns) / 1e9
+        old = features.time_base == "live" and age_s > self._limits.max_age_s
+        return age_s if old else 0.0
+
+    def _check_sensor(self, features: Features, now_ns: int, received: Received) -> None:
+        try:
+            self._check_sensor_time(features, now_ns)
+        except Refused as refused:
+            received.disbelieved.append((features, refused.reason))
+            raise
+
+    def _check_sensor_time(self, features: Features, now_ns: int) -> None:
         limits = self._limits
         if features.t_ns < limits.not_before_ns or features.start_ns < limits.not_before_ns:
             raise Refused(
@@ -123,13 +139,6 @@ class Reception:
                 "future_clock",
                 f"t_ns={features.t_ns}, {off_s:.0f} s ahead of ours, was given. Allowed: up to "
                 f"{limits.max_ahead_s:.0f} s. Set the sensor's clock, or ours.",
-            )
-        if not replayed and -off_s > limits.max_age_s:
-            raise Refused(
-                "stale_clock",
-                f"t_ns={features.t_ns}, {-off_s / 86_400:.1f} days ago, was given. Allowed: up "
-                f"to {limits.max_age_s / 86_400:.1f}. Set the sensor's clock; or raise "
-                'max_age_s; or give time_base "recorded".',
             )
 
 

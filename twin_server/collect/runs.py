@@ -1,9 +1,11 @@
 """The nouns of the account: one boot's run, one asset's line of runs, what to ask for."""
 
 import dataclasses
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from slowtime_schemas.messages import Features
+from slowtime_services.digests import MODULUS, digest_of
 from twin_server.settings import HealingSettings
 
 SEQUENCES = 2**40
@@ -19,6 +21,8 @@ class Arrival(NamedTuple):
     features: Features
     payload: bytes
     replayed: bool = False
+    age_s: float = 0.0
+    """On arrival, where that is more than usual; else 0."""
 
 
 class Holding(NamedTuple):
@@ -27,6 +31,11 @@ class Holding(NamedTuple):
     boot: str
     first: int
     last: int
+    damaged: tuple[tuple[int, int], ...] = ()
+    """First and last of each range whose records are damaged there."""
+    ack_version: int = 1
+    withheld: bool = False
+    """Whether readings of another agent have been acknowledged to it."""
 
 
 class Want(NamedTuple):
@@ -60,6 +69,25 @@ class Run:
         Whether a later boot has been let in.
     gone
         Whether the edge has forgotten this boot: what is missing cannot be had.
+    aged
+        Whether it has been told that readings of this boot came late.
+    stretch, digest
+        From where on all has been accepted, none lost in between, and the sum of its digests.
+    ack_version
+        Of the acknowledgements that its agent reads.
+    held_from, held_to
+        What its agent said it holds, to be compared before it is acknowledged; -1 where that
+        is done, or where it did not say.
+    agents
+        When the agents began that speak of it [ms]; more than one are a mistake.
+    rivalled
+        Whether it has been told that two agents send as this asset.
+    contested
+        Whether two agents send under this very boot: then nothing more is acknowledged.
+    outlived
+        How often its agent was heard of after a later boot had begun.
+    disbelieved
+        Why the sensor time of what came under a sequence was not believed.
     """
 
     site: str
@@ -75,6 +103,17 @@ class Run:
     closed: bool = False
     gone: bool = False
     followed: bool = False
+    aged: bool = False
+    stretch: int = 0
+    digest: int = 0
+    ack_version: int = 1
+    held_from: int = -1
+    held_to: int = -1
+    agents: list[int] = dataclasses.field(default_factory=list)
+    rivalled: bool = False
+    contested: bool = False
+    outlived: int = 0
+    disbelieved: dict[int, str] = dataclasses.field(default_factory=dict)
     held: dict[int, Arrival] = dataclasses.field(default_factory=dict)
     lost: list[tuple[int, int]] = dataclasses.field(default_factory=list)
     worried: bool = False
@@ -93,6 +132,22 @@ class Run:
             return (self.next, first_held - 1) if first_held > self.next else None
         last = self.told if self.told > self.forgotten else -1
         return (self.next, last) if last >= self.next else None
+
+    def take(self, sequence: int, payload: bytes) -> None:
+        """Count what was accepted into the digest."""
+        self.digest = (self.digest + digest_of(sequence, payload)) % MODULUS
+
+    def extend(self, rows: Sequence[tuple[int, bytes]]) -> None:
+        """Take into the digest what was accepted right before it; ascending."""
+        for sequence, payload in reversed(rows):
+            if sequence != self.stretch - 1:
+                return
+            self.take(sequence, payload)
+            self.stretch = sequence
+
+    def interrupt(self, first: int) -> None:
+        """Begin a new digest from `first` on, since what is before it was lost."""
+        self.stretch, self.digest = first, 0
 
     def calm(self) -> None:
         """Nothing is missing."""
@@ -138,6 +193,10 @@ class Line:
         Whether to ask for its account.
     busy
         Whether it is being asked something.
+    ack_version
+        Of the acknowledgements that the agent that spoke last reads.
+    foreign_acks
+        How many acknowledgements its agent took for another's, as far as it said.
     """
 
     site: str
@@ -149,6 +208,8 @@ class Line:
     replayed: bool = False
     inquire: bool = False
     busy: bool = False
+    ack_version: int = 1
+    foreign_acks: int = 0
     due_s: float = 0.0
     tries: int = 0
     delays: int = 0
@@ -217,6 +278,43 @@ class Lost(NamedTuple):
     why: str
 
 
+class Aged(NamedTuple):
+    """The first reading of a boot that was old on arrival."""
+
+    run: Run
+    sequence: int
+    age_s: float
+
+
+class Rivals(NamedTuple):
+    """Two agents that send as one asset.
+
+    Parameters
+    ----------
+    run
+        Of the one; of both where they use the same boot.
+    other
+        Boot of the other.
+    first
+        From where on the features of `run` are not taken in.
+    how
+        What tells the two apart.
+    """
+
+    run: Run
+    other: str
+    first: int
+    how: str
+
+
+class Repeated(NamedTuple):
+    """Features under a sequence that is known, to be compared with what was kept."""
+
+    run: Run
+    sequence: int
+    payload: bytes
+
+
 @dataclasses.dataclass(slots=True)
 class Change:
     """What follows from some messages, to be made durable at once.
@@ -229,6 +327,12 @@ class Change:
         Features to be kept until their turn, and those whose turn has come.
     lost
         Ranges the order has passed over.
+    aged
+        Boots of which readings were old on arrival, each once.
+    rivals
+        Agents that send as one asset, each pair once.
+    repeated
+        What came again.
     refused
         Reasons and sentences.
     early
@@ -241,6 +345,9 @@ class Change:
     held: list[tuple[Run, int, bytes]] = dataclasses.field(default_factory=list)
     released: list[tuple[Run, int]] = dataclasses.field(default_factory=list)
     lost: list[Lost] = dataclasses.field(default_factory=list)
+    aged: list[Aged] = dataclasses.field(default_factory=list)
+    rivals: list[Rivals] = dataclasses.field(default_factory=list)
+    repeated: list[Repeated] = dataclasses.field(default_factory=list)
     refused: list[tuple[str, str]] = dataclasses.field(default_factory=list)
     touched: dict[Run, None] = dataclasses.field(default_factory=dict)
     early: int = 0

@@ -7,16 +7,20 @@ from .foresight import (
     Foresight,
     Outlooks,
     Past,
+    Prospect,
+    follow,
     foresee,
+    foresee_from,
     learn,
     now_of,
     past_of,
     past_of_elements,
+    prospect_of,
 )
 from .lookout import Noticed, Series
 from .notices import Notice
 from .today import Today, UnknownTodayError, today_of
-from .whatif import OrderError, Simulated, simulate
+from .whatif import OrderError, Simulated, check, simulate
 
 __all__ = [
     "Checkpoint",
@@ -27,18 +31,23 @@ __all__ = [
     "OrderError",
     "Outlooks",
     "Past",
+    "Prospect",
     "Series",
     "Simulated",
     "Today",
     "Twin",
     "UnknownTodayError",
+    "check",
     "estimate",
+    "follow",
     "foresee",
+    "foresee_from",
     "learn",
     "normal_of",
     "now_of",
     "past_of",
     "past_of_elements",
+    "prospect_of",
     "simulate",
     "today_of",
 ]

@@ -67,6 +67,8 @@ class Checkpoint:
     training, condition
         Of a twin of one mode under covariates: readings of its training, and, once that is
         over, what is normal.
+    renewals
+        How often the structure was renewed, as the edge counts it; None where it does not.
     """
 
     known: Known | None = None
@@ -76,6 +78,7 @@ class Checkpoint:
     elements: Memory | None = None
     training: Training | None = None
     condition: Condition | None = None
+    renewals: float | None = None
 
     @classmethod
     def start(cls, registration: Registration) -> "Checkpoint":
@@ -109,6 +112,7 @@ class Checkpoint:
             elements=None if elements is None else Memory.from_dict(elements),
             training=training_of(content.get("training")),
             condition=condition_of(content.get("condition")),
+            renewals=content.get("renewals"),
         )
 
     def nominal(self) -> dict[str, float] | None:

@@ -27,6 +27,7 @@ from .checkpoint import Checkpoint, Twin
 from .columns import Columns, columns
 from .nominals import Nominals, nominals_of
 from .notices import Notice
+from .renewals import follow_renewals
 from .telling import tell
 from .watching import watch
 
@@ -96,7 +97,9 @@ def estimate(
     notices: list[list[Notice]] = []
     for place, (twin, rows) in enumerate(zip(twins, rows_of, strict=True)):
         checkpoints[place], seen = watch(twin.registration, checkpoints[place], states[rows])
-        seen = sorted(learnt[place] + seen, key=lambda notice: notice.row)
+        theirs = [features[row] for row in rows.tolist()]
+        checkpoints[place], renewed = follow_renewals(checkpoints[place], theirs)
+        seen = sorted(renewed + learnt[place] + seen, key=lambda notice: notice.row)
         notices.append([notice._replace(row=int(rows[notice.row])) for notice in seen])
     return Estimated(states, checkpoints, notices)
 

@@ -9,8 +9,9 @@ import numpy as np
 from jaxtyping import Float
 from pydantic_core import from_json
 
-from slowtime.evolution import forecast
-from slowtime.evolution.crossing import Crossing, first_crossing
+from slowtime.evolution import continuation, forecast
+from slowtime.evolution.continuation import Continuation
+from slowtime.evolution.crossing import Crossing, Futures, draw
 from twin_server.details import Bodies
 from twin_server.states import ASSUMES_MASS, ASSUMES_STIFFNESS, States
 from twin_server.thresholds import Limit
@@ -62,6 +63,25 @@ class Foresight:
     outlooks: Outlooks
     reasons: tuple[str, ...]
     crossings: tuple[tuple[Limit, Crossing], ...] = ()
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Prospect:
+    """All that a forecast needs of a past: as much after many readings as after few.
+
+    Parameters
+    ----------
+    begun, common
+        Of each quantity, its outlook with what is believed after the last reading, and
+        `Past.common` as it was when that was learnt.
+    first, since
+        Slow times of the first reading that is used, and of the last.
+    """
+
+    begun: Mapping[str, Continuation]
+    common: Mapping[str, float]
+    first: float
+    since: float
 
 
 class Past(NamedTuple):
@@ -138,6 +158,45 @@ def learn(
     }
 
 
+def prospect_of(past: Mapping[str, Past], outlooks: Outlooks) -> Prospect | None:
+    """Take in the past of each quantity; None where there is too little to go by.
+
+    Parameters
+    ----------
+    past
+        Of each, its history, oldest first; all at the same slow times.
+    outlooks
+        What `learn` has learnt, from this past or from an earlier one.
+    """
+    if not _is_enough(past) or not set(past) <= set(outlooks):
+        return None
+    time = next(iter(past.values())).slow_time
+    begun = {
+        name: continuation.begin(outlooks[name], one.slow_time, one.value, one.own_sd)
+        for name, one in past.items()
+    }
+    common = {name: one.common for name, one in past.items()}
+    return Prospect(begun, common, float(time.min()), float(time.max()))
+
+
+def follow(prospect: Prospect, past: Mapping[str, Past]) -> Prospect:
+    """Take in further readings, at a constant cost each.
+
+    Raises
+    ------
+    ValueError
+        Where one is earlier than the last: begin anew with `prospect_of`.
+    """
+    begun, since = dict(prospect.begun), prospect.since
+    for name, one in past.items():
+        if name not in begun or not len(one.slow_time):
+            continue
+        known = one._replace(common=prospect.common[name])
+        begun[name] = begun[name].follow(known.slow_time, known.value, known.own_sd)
+        since = max(since, float(known.slow_time.max()))
+    return dataclasses.replace(prospect, begun=begun, since=since)
+
+
 def foresee(
     past: Mapping[str, Past],
     outlooks: Outlooks,
@@ -149,10 +208,25 @@ def foresee(
 
     Parameters
     ----------
-    past
-        Of each, its history, oldest first; all at the same slow times.
-    outlooks
-        What `learn` has learnt, from this past or from an earlier one.
+    past, outlooks
+        As for `prospect_of`.
+    horizon, count, thresholds
+        As for `foresee_from`.
+    """
+    prospect = prospect_of(past, outlooks)
+    return None if prospect is None else foresee_from(prospect, horizon, count, thresholds)
+
+
+def foresee_from(
+    prospect: Prospect,
+    horizon: float | None,
+    count: int,
+    thresholds: Sequence[Limit] = (),
+) -> Foresight:
+    """Forecast each quantity, at a cost that does not hang on the length of its past.
+
+    Parameters
+    ----------
     horizon
         How far ahead, in slow time; None for a quarter of the history that is used, and for
         thresholds all of it.
@@ -161,18 +235,13 @@ def foresee(
     thresholds
         Of which it is asked when they are reached.
     """
-    if not _is_enough(past) or not set(past) <= set(outlooks):
-        return None
-    time = next(iter(past.values())).slow_time
-    since, span = float(time.max()), float(np.ptp(time))
+    since, span = prospect.since, prospect.since - prospect.first
     later = since + (horizon or 0.25 * span) * np.arange(1, count + 1) / count
     bands: dict[str, Float[np.ndarray, "later 4"]] = {}
     until = np.inf
-    for name, one in past.items():
-        ahead = forecast.predict(
-            outlooks[name], time, one.value, one.own_sd, later, level=LEVEL
-        )
-        widened = np.hypot(ahead.sd, one.common * np.abs(1.0 + ahead.mean))
+    for name, begun in prospect.begun.items():
+        ahead = begun.predict(later, level=LEVEL)
+        widened = np.hypot(ahead.sd, prospect.common[name] * np.abs(1.0 + ahead.mean))
         wider = widened / np.where(ahead.sd > 0, ahead.sd, 1.0)
         lo, hi = (ahead.mean + (end - ahead.mean) * wider for end in (ahead.lo, ahead.hi))
         bands[name] = np.column_stack((ahead.mean, widened, lo, hi))
@@ -183,45 +252,39 @@ def foresee(
             f"Beyond slow time {until:.6g} the readings say little: the forecast repeats its "
             "trend there. Ask for a shorter horizon, or wait for more readings.",
         )
-    crossings = tuple(
-        (limit, _crossing(past[limit.quantity], outlooks, limit, since + (horizon or span)))
-        for limit in thresholds
-        if limit.quantity in past
-    )
-    used = {name: outlooks[name] for name in past}
+    crossings = _crossings(prospect, thresholds, since + (horizon or span))
+    used = {name: begun.outlook for name, begun in prospect.begun.items()}
     return Foresight(since, later, bands, float(until), used, reasons, crossings)
 
 
-def now_of(past: Mapping[str, Past], outlooks: Outlooks) -> dict[str, tuple[float, float]]:
+def now_of(prospect: Prospect | None) -> dict[str, tuple[float, float]]:
     """Mean and sd of each change at its last reading, given all readings."""
     found: dict[str, tuple[float, float]] = {}
-    if not _is_enough(past):
-        return found
-    for name, one in past.items():
-        if name in outlooks:
-            since = np.array([one.slow_time.max()])
-            here = forecast.predict(
-                outlooks[name], one.slow_time, one.value, one.own_sd, since, level=LEVEL
-            )
-            mean = float(here.mean[0])
-            sd = math.hypot(float(here.sd[0]), one.common * abs(1.0 + mean))
-            found[name] = mean, sd
+    for name, begun in ({} if prospect is None else prospect.begun).items():
+        here = begun.predict(np.array([begun.time]), level=LEVEL)
+        mean = float(here.mean[0])
+        assert prospect is not None
+        sd = math.hypot(float(here.sd[0]), prospect.common[name] * abs(1.0 + mean))
+        found[name] = mean, sd
     return found
 
 
-def _crossing(one: Past, outlooks: Outlooks, limit: Limit, horizon: float) -> Crossing:
-    return first_crossing(
-        outlooks[limit.quantity],
-        one.slow_time,
-        one.value,
-        one.own_sd,
-        limit.at,
-        horizon,
-        toward=limit.toward,
-        common_sd=one.common * abs(1.0 + limit.at),
-        points=_POINTS,
-        paths=_PATHS,
-    )
+def _crossings(
+    prospect: Prospect, thresholds: Sequence[Limit], horizon: float
+) -> tuple[tuple[Limit, Crossing], ...]:
+    """Tell of each threshold when it is reached, all of a quantity by the same futures."""
+    futures: dict[str, Futures] = {}
+    found = []
+    for limit in thresholds:
+        name = limit.quantity
+        if name not in prospect.begun:
+            continue
+        if name not in futures:
+            futures[name] = draw(prospect.begun[name], horizon, points=_POINTS, paths=_PATHS)
+        common = prospect.common[name] * abs(1.0 + limit.at)
+        told = futures[name].crossing(limit.at, toward=limit.toward, common_sd=common)
+        found.append((limit, told))
+    return tuple(found)
 
 
 def _is_enough(past: Mapping[str, Past]) -> bool:

@@ -20,6 +20,7 @@ from .covariates import words
 from .elements import Found, Reading, follow
 from .memory import Suspicion
 from .notices import Notice
+from .renewals import follow_renewals
 from .watching import Estimates, watch
 
 QUANTILE = 1.959963984540054
@@ -61,7 +62,8 @@ def tell(
     )
     memory = dataclasses.replace(found.memory, suspicions=suspicions)
     checkpoint, watched = watch(registration, checkpoint, states, parameters)
-    notices = sorted([*notices, *changed, *watched], key=lambda notice: notice.row)
+    checkpoint, renewed = follow_renewals(checkpoint, features)
+    notices = sorted([*renewed, *notices, *changed, *watched], key=lambda notice: notice.row)
     return Told(
         states,
         [

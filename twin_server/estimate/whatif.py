@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -13,10 +13,12 @@ from slowtime.dynamics import loads
 from slowtime.dynamics.description import BASE, Description, Input, Sensor, assemble
 from slowtime.dynamics.parts import Beam
 from slowtime.evolution.whatif import Bands, Believed, bands, respond
-from slowtime_services.models import run_model
+from slowtime_services.models import description_of, run_model
 from twin_server.model import MASS
 from twin_server.orders import MOST_SAMPLES, SimulationOrder
+from twin_server.registration import Registration
 
+from .checkpoint import Checkpoint
 from .today import ALONE, Today
 
 MOST_KEPT = 8_000_000
@@ -32,6 +34,9 @@ MOST_OF_EFFECTS = 400_000
 """Samples in all draws of a structure that is not linear, each of which takes longer."""
 
 DRAWS, FEWEST_DRAWS = 400, 20
+
+_NEAR = 0.5
+"""Part of its nominal frequency that a twin is taken to have kept, before it is looked at."""
 
 FINE = 20
 """Samples a period, below which a load that is straight between them is not a cosine."""
@@ -80,16 +85,8 @@ def simulate(today: Today, order: SimulationOrder) -> Simulated:
     """
     believed = today.believed
     nodes = believed.structure.dof_names
-    on = _place(today, order.on)
-    outputs = order.outputs or tuple(nodes)
-    strange = [name for name in outputs if name not in nodes]
-    if strange:
-        raise OrderError(
-            f"outputs has {', '.join(strange):.200}. Allowed: {', '.join(nodes)}, each of "
-            "which moves."
-        )
-    if len(set(outputs)) < len(outputs):
-        raise OrderError(f"outputs names one twice: {', '.join(outputs)}. Name each once.")
+    on = _place(nodes, today.has_mass, order.on)
+    outputs = _outputs(nodes, order)
     lowest, highest = _range(believed)
     rate_hz, times = _instants(order, lowest, highest)
     draws = _draws(today, order, len(times), len(outputs))
@@ -126,14 +123,58 @@ def simulate(today: Today, order: SimulationOrder) -> Simulated:
     )  # fmt: skip
 
 
-def _place(today: Today, on: str) -> str | None:
+def check(registration: Registration, checkpoint: Checkpoint, order: SimulationOrder) -> None:
+    """Refuse what no twin so registered can be run under, before anything is computed.
+
+    Raises
+    ------
+    OrderError
+        As `simulate` does, as far as it can be told without knowing the twin of today.
+    """
+    if registration.model is None:
+        nodes: tuple[str, ...] = (ALONE,)
+        nominal = registration.nominal
+        has_mass = nominal is not None and nominal.mass_kg is not None
+    else:
+        nodes, has_mass = assemble(description_of(registration.model)).names, True
+    _place(nodes, has_mass, order.on)
+    outputs, known = _outputs(nodes, order), checkpoint.known
+    slowest = 0.0 if known is None else _NEAR * known.frequency_hz
+    if order.load.kind == "harmonic":
+        slowest = max(slowest, order.load.frequency_hz)
+    samples = 0.0
+    if order.load.kind == "recorded":
+        samples = float(len(order.load.samples))
+    elif order.duration_s is not None:
+        samples = order.duration_s * (order.rate_hz or FINE * slowest)
+        if samples > MOST_SAMPLES + 0.5:
+            raise _too_long(order.duration_s, order.rate_hz or FINE * slowest)
+    effects = registration.model is not None and bool(registration.model.effects)
+    if samples >= 1.0:
+        _check_amount(order, math.ceil(samples), len(outputs), len(nodes), effects=effects)
+
+
+def _outputs(nodes: Sequence[str], order: SimulationOrder) -> tuple[str, ...]:
+    """Nodes whose motion is asked for."""
+    outputs = order.outputs or tuple(nodes)
+    strange = [name for name in outputs if name not in nodes]
+    if strange:
+        raise OrderError(
+            f"outputs has {', '.join(strange):.200}. Allowed: {', '.join(nodes)}, each of "
+            "which moves."
+        )
+    if len(set(outputs)) < len(outputs):
+        raise OrderError(f"outputs names one twice: {', '.join(outputs)}. Name each once.")
+    return outputs
+
+
+def _place(nodes: Sequence[str], has_mass: bool, on: str) -> str | None:
     """Where the load acts; None for the base."""
-    nodes = today.believed.structure.dof_names
     if on == BASE:
         return None
     if on not in nodes:
         raise OrderError(f"on={on!r:.80} is no place. Allowed: {BASE}, {', '.join(nodes)}.")
-    if not today.has_mass:
+    if not has_mass:
         raise OrderError(
             f"A force on {ALONE!r} needs a mass, which this twin has not been told. Register "
             "it with nominal.mass_kg, damping_n_s_per_m and stiffness_n_per_m, or with a "
@@ -161,10 +202,7 @@ def _instants(
     if order.duration_s is None and order.rate_hz is None:
         rate_hz = min(rate_hz, MOST_SAMPLES / duration_s)
     if duration_s * rate_hz > MOST_SAMPLES + 0.5:
-        raise OrderError(
-            f"{duration_s:g} s at {rate_hz:g} Hz are {duration_s * rate_hz:,.0f} samples. "
-            f"Allowed: {MOST_SAMPLES:,}. Give a shorter duration_s or a lower rate_hz."
-        )
+        raise _too_long(duration_s, rate_hz)
     if duration_s * rate_hz < 2.0:
         raise OrderError(
             f"{duration_s:g} s at {rate_hz:g} Hz are fewer than 2 samples. Give a longer "
@@ -173,13 +211,28 @@ def _instants(
     return rate_hz, loads.instants(duration_s, rate_hz)
 
 
+def _too_long(duration_s: float, rate_hz: float) -> OrderError:
+    return OrderError(
+        f"{duration_s:g} s at {rate_hz:g} Hz are {duration_s * rate_hz:,.0f} samples. "
+        f"Allowed: {MOST_SAMPLES:,}. Give a shorter duration_s or a lower rate_hz."
+    )
+
+
 def _draws(today: Today, order: SimulationOrder, samples: int, outputs: int) -> int:
     """How many structures are run; no more than there is room and time for."""
+    size, effects = today.believed.structure.size, today.description is not None
+    return _check_amount(order, samples, outputs, size, effects=effects)
+
+
+def _check_amount(
+    order: SimulationOrder, samples: int, outputs: int, size: int, *, effects: bool
+) -> int:
+    """Give the number of draws, or refuse what would be too much of them."""
     most = [
         (MOST_KEPT // (samples * outputs), "outputs"),
-        (MOST_MOVED // (samples * today.believed.structure.size), "degrees of freedom"),
+        (MOST_MOVED // (samples * size), "degrees of freedom"),
     ]
-    if today.description is not None:
+    if effects:
         most.append((MOST_OF_EFFECTS // samples, "a model with effects"))
     allowed, why = min(most)
     draws = min(DRAWS, allowed) if order.draws is None else order.draws

@@ -5,19 +5,30 @@ sum of their checksums, so that a row that has vanished is noticed as well.
 """
 
 import importlib.resources
+import logging
 import sqlite3
 from collections.abc import Callable, Iterable
+from typing import Any
 
 from twin_server.states import LAYOUT
 
-from .sealing import DIAGNOSES, EVENTS, NUMBERS, TABLES, Table
+from .errors import DamagedStoreError
+from .hashing import Roller, Rolling
+from .levels import build
+from .sealing import DIAGNOSES, DIGESTS, EVENTS, FEATURES, LEVELS, NUMBERS, TABLES, Table
 from .sql import insert_all
 
+logger = logging.getLogger(__name__)
+
 APPLICATION = 0x536C6F77
-VERSION = 256 * LAYOUT + 4
+VERSION = 256 * LAYOUT + 5
 """Layout of the states, and of the tables around them."""
 
+WITHOUT_LEVELS = 256 * LAYOUT + 4
+"""The version before, which lacks what is derived from features and nothing else."""
+
 _OLDER = tuple(range(256 * LAYOUT + 1, VERSION))
+_DERIVED = (LEVELS, DIGESTS)
 _AT_ONCE = 2_000
 
 Tell = Callable[[str, int], None]
@@ -32,13 +43,32 @@ def schema() -> str:
 def postgres_schema() -> str:
     """Write the same tables for PostgreSQL; it keeps checksums of pages instead of tallies."""
     text = importlib.resources.files(__package__).joinpath("schema.sql").read_text()
+    return _for_postgres(text) + "create table layouts (version bigint not null);"
+
+
+def postgres_derived() -> str:
+    """Write the tables that a PostgreSQL database of the version before lacks."""
+    return _for_postgres("".join(_of_derived()))
+
+
+def _for_postgres(text: str) -> str:
     for ours, theirs in (
         (" integer", " bigint"),
         (" real", " double precision"),
         (" blob", " bytea"),
     ):
         text = text.replace(ours, theirs)
-    return text + "create table layouts (version bigint not null);"
+    return text
+
+
+def _of_derived() -> Iterable[str]:
+    """Statements of the schema that make the tables which the version before lacks."""
+    text = importlib.resources.files(__package__).joinpath("schema.sql").read_text()
+    for statement in _statements(text):
+        # A comment belongs to the statement behind it, and to how SQLite keeps that.
+        made = statement[statement.index("create ") :]
+        if made.startswith(tuple(f"create table {table.name} " for table in _DERIVED)):
+            yield made
 
 
 _TALLIES = """
@@ -70,24 +100,44 @@ end;
 """
 
 
-def damages(reader: sqlite3.Connection, tell: Tell | None = None) -> list[str]:
-    """All that is not as it was written: pages, tables, rows; empty where all is sound."""
+def damages(
+    reader: sqlite3.Connection, tell: Tell | None = None
+) -> tuple[list[str], dict[str, Rolling]]:
+    """All that is not as it was written: pages, tables, rows, hashes; empty if all is sound.
+
+    And of each twin the hash of its history, which the same pass has rolled.
+    """
     found = [row[0] for row in reader.execute("pragma integrity_check(5)") if row[0] != "ok"]
     if found or (found := _changed(reader)):
-        return found
+        return found, {}
     tallies = {what: rest for what, *rest in reader.execute("select * from tallies")}
+    try:
+        roller = Roller(reader)
+    except DamagedStoreError as error:
+        return [str(error)], {}
     for table in TABLES:
         rows, total = 0, 0
         count = len(table.columns)
-        for row in reader.execute(f"select {', '.join(table.all_columns)} from {table.name}"):
+        for row in all_rows(reader, table):
             if not table.is_sound(row):
                 found.append(f"the row {row[0]!r:.40} of {table.name} is not as it was written")
+            elif table is FEATURES:
+                roller.take(row[0], row[3], row[4])
             rows, total = rows + 1, total + sum(row[count:])
         if not found and tallies.get(table.name) != [rows, total]:
             found.append(f"rows of {table.name} are missing")
         if tell is not None:
             tell(table.name, rows)
-    return found
+    return found or roller.wrong, roller.found
+
+
+def all_rows(reader: Any, table: Table) -> Iterable[tuple[Any, ...]]:
+    """Read a table, features in the order of their ids."""
+    question = f"select {', '.join(table.all_columns)} from {table.name}"
+    rows: Iterable[tuple[Any, ...]] = reader.execute(
+        f"{question} order by id" if table is FEATURES else question
+    )
+    return rows
 
 
 def _changed(reader: sqlite3.Connection) -> list[str]:
@@ -109,6 +159,9 @@ def bring_up_to_date(writer: sqlite3.Connection, version: int) -> bool:
     """Copy the rows of an older version into new tables, all at once; False if too foreign."""
     if version not in _OLDER:
         return False
+    if version == WITHOUT_LEVELS:
+        _add_derived(writer)
+        return True
     names = [
         row[0]
         for row in writer.execute(
@@ -127,6 +180,7 @@ def bring_up_to_date(writer: sqlite3.Connection, version: int) -> bool:
             if table.name in names:
                 insert_all(writer, table, _old_rows(writer, table))
         _number_as_before(writer, names)
+        build_levels(writer)
         for name in names:
             writer.execute(f"drop table old_{name}")
         writer.execute(f"pragma user_version={VERSION}")
@@ -136,6 +190,33 @@ def bring_up_to_date(writer: sqlite3.Connection, version: int) -> bool:
             writer.execute("rollback")
         raise
     return True
+
+
+def build_levels(writer: Any) -> None:
+    """Make the buckets of all boots out of their features."""
+    numbers = [row[0] for row in writer.execute("select number from runs order by number")]
+    if numbers:
+        logger.info("Buckets of the histories of %d boots are made, once.", len(numbers))
+    for number in numbers:
+        build(writer, number)
+
+
+def _add_derived(writer: sqlite3.Connection) -> None:
+    """Make what the version before lacked; all at once, or not at all."""
+    writer.execute("begin immediate")
+    try:
+        for statement in _of_derived():
+            writer.execute(statement)
+        for table in _DERIVED:
+            for statement in _statements(_triggers(table)):
+                writer.execute(statement)
+        build_levels(writer)
+        writer.execute(f"pragma user_version={VERSION}")
+        writer.execute("commit")
+    except BaseException:
+        if writer.in_transaction:
+            writer.execute("rollback")
+        raise
 
 
 def _old_rows(writer: sqlite3.Connection, table: Table) -> Iterable[tuple[object, ...]]:

@@ -12,8 +12,16 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 from .errors import DamagedStoreError, StoreError, WrongStoreError
-from .layout import VERSION, postgres_schema
-from .sealing import TABLES
+from .hashing import Roller
+from .layout import (
+    VERSION,
+    WITHOUT_LEVELS,
+    all_rows,
+    build_levels,
+    postgres_derived,
+    postgres_schema,
+)
+from .sealing import FEATURES, TABLES
 from .sql import SqlStore
 
 GUARD = 0x736C6F77
@@ -58,6 +66,7 @@ class PostgresStore(SqlStore):
     """
 
     def __init__(self, url: str, *, verify: bool = True) -> None:
+        super().__init__()
         self._url, self.name = url, without_secret(url)
         self._psycopg = _driver()
         self._lock = threading.RLock()
@@ -86,15 +95,20 @@ class PostgresStore(SqlStore):
         the cluster is made (``initdb --data-checksums``).
         """
         with self._reading() as reader:
+            roller = Roller(reader)
             for table in TABLES:
                 rows = 0
-                names = ", ".join(table.all_columns)
-                for row in reader.execute(f"select {names} from {table.name}"):
+                for row in all_rows(reader, table):
                     rows += 1
                     if not table.is_sound(row):
                         raise self._damaged(f"row {row[0]!r:.40} of {table.name}")
+                    if table is FEATURES:
+                        roller.take(row[0], row[3], row[4])
                 if tell is not None:
                     tell(table.name, rows)
+        if roller.wrong:
+            raise self._damaged(roller.wrong[0])
+        self._hashes.adopt(roller.found)
 
     def close(self) -> None:
         """Leave; readers in other threads must have ended."""
@@ -112,6 +126,12 @@ class PostgresStore(SqlStore):
                 writer.execute("insert into layouts values (?)", (VERSION,))
             return
         version = writer.execute("select max(version) from layouts").fetchone()[0]
+        if version == WITHOUT_LEVELS:
+            with writer.raw.transaction():
+                writer.raw.execute(postgres_derived())
+                build_levels(writer)
+                writer.execute("insert into layouts values (?)", (VERSION,))
+            return
         if version != VERSION:
             raise WrongStoreError(
                 f"{self.name} is of version {version}; this software reads {VERSION}. Give "

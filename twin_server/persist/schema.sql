@@ -1,4 +1,4 @@
--- Version 4. A feature's id is number << 40 | sequence: boots are numbered in the order in which
+-- Version 5. A feature's id is number << 40 | sequence: boots are numbered in the order in which
 -- they were let in, so that ascending ids are a twin's history in order. Each row has checksums
 -- of what it says (see sealing.py).
 create table twins (
@@ -45,6 +45,21 @@ create table details (
   body blob not null,
   changes_crc integer not null,
   body_crc integer not null
+);
+-- Buckets of consecutive states (see levels.py): of 8^level sequences, from the one of `id` on.
+create table levels (
+  level integer not null,
+  id integer not null,
+  bucket blob not null,
+  crc integer not null,
+  primary key (level, id)
+);
+-- Hash of a history up to the feature of `id`, and of how many it is (see hashing.py).
+create table digests (
+  id integer primary key,
+  count integer not null,
+  sha256 text not null,
+  crc integer not null
 );
 create table held (
   number integer not null,

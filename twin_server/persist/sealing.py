@@ -59,6 +59,8 @@ FEATURES = _table(
 DETAILS = _table(
     "details", "id changes body", "id", changes_crc="id changes", body_crc="id body"
 )
+LEVELS = _table("levels", "level id bucket", "level, id")
+DIGESTS = _table("digests", "id count sha256", "id")
 HELD = _table("held", "number sequence message", "number, sequence")
 EVENTS = _table("events", "number twin site asset t_ns slow_time derived body", "number")
 DIAGNOSES = _table(
@@ -69,7 +71,7 @@ DIAGNOSES = _table(
     files_crc="number page model",
 )
 NUMBERS = _table("numbers", "what value", "what")
-TABLES = (TWINS, RUNS, FEATURES, DETAILS, HELD, EVENTS, DIAGNOSES, NUMBERS)
+TABLES = (TWINS, RUNS, FEATURES, DETAILS, LEVELS, DIGESTS, HELD, EVENTS, DIAGNOSES, NUMBERS)
 
 
 def seal(*values: object) -> int:

@@ -2,16 +2,19 @@
 
 import abc
 import contextlib
-import hashlib
 import itertools
+import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
+from twin_server.buckets import Buckets, thin
 from twin_server.states import from_bytes
 
 from . import diagnosing
 from .detailing import changes, column, delete_details, has_details, insert_details
 from .diagnosing import DiagnosisRow
+from .hashing import Rolling, Row, insert_digests, rolled
+from .levels import Grown, build, coarse, delete_levels, extend
 from .sealing import EVENTS, FEATURES, HELD, NUMBERS, RUNS, TWINS, Table, damaged, opened, seal
 from .searching import SHIFT, Span, spans_by_slow_time, spans_by_time, whole
 from .store import (
@@ -20,9 +23,9 @@ from .store import (
     EventRow,
     FeatureRow,
     History,
-    Pick,
     RunRow,
     StateRow,
+    Thinned,
     TwinRow,
 )
 
@@ -41,6 +44,9 @@ class Connection(Protocol):
 
 class SqlStore(abc.ABC):
     """All of a store but its connections."""
+
+    def __init__(self) -> None:
+        self._hashes = Hashes()
 
     @abc.abstractmethod
     def _writing(self) -> contextlib.AbstractContextManager[Connection]:
@@ -73,24 +79,75 @@ class SqlStore(abc.ABC):
 
     def write(self, cut: Cut) -> list[int]:
         """Make `cut` durable; give the numbers of its events."""
-        with self._writing() as writer:
-            _write_twins(writer, cut.twins)
-            _write_runs(writer, cut.runs, cut.features)
-            _insert(
-                writer,
-                FEATURES,
-                (
-                    (n << SHIFT | s, t, float(slow), m, b)
-                    for n, s, t, slow, m, b in cut.features
-                ),
+        news: dict[str, Rolling | None] = {}
+        try:
+            with self._writing() as writer:
+                numbers = self._write(writer, cut, news)
+        except BaseException:
+            self._hashes.settle({twin_id: None for twin_id, one in news.items() if one is None})
+            raise
+        self._hashes.settle(news)
+        return numbers
+
+    def _write(
+        self, writer: Connection, cut: Cut, news: dict[str, Rolling | None]
+    ) -> list[int]:
+        """Write all of a cut; what its histories' hashes will be then is put into `news`."""
+        _write_twins(writer, cut.twins)
+        written = _write_runs(writer, cut.runs, cut.features)
+        _insert(
+            writer,
+            FEATURES,
+            ((n << SHIFT | s, t, float(slow), m, b) for n, s, t, slow, m, b in cut.features),
+        )
+        insert_details(writer, cut.details)
+        extend(writer, [grown for _, _, grown in written])
+        self._roll(writer, cut, written, news)
+        _insert(writer, HELD, cut.held, otherwise="on conflict do nothing")
+        if cut.released:
+            writer.executemany(
+                "delete from held where number = ? and sequence = ?", cut.released
             )
-            insert_details(writer, cut.details)
-            _insert(writer, HELD, cut.held, otherwise="on conflict do nothing")
-            if cut.released:
-                writer.executemany(
-                    "delete from held where number = ? and sequence = ?", cut.released
+        return _insert_events(writer, cut.events)
+
+    def _roll(
+        self,
+        writer: Connection,
+        cut: Cut,
+        written: Sequence["Written"],
+        news: dict[str, Rolling | None],
+    ) -> None:
+        """Roll on the hashes of the histories that `cut` makes longer, and keep some.
+
+        Of a history in which rows were put before others there is none in `news`.
+        """
+        bodies = {(d.number, d.sequence): d.body for d in cut.details}
+        of_run: dict[int, list[Row]] = {}
+        for n, s, _, _, message, state in cut.features:
+            row = Row(n << SHIFT | s, message, state, bodies.get((n, s)))
+            of_run.setdefault(n, []).append(row)
+        kept: list[tuple[int, int, str]] = []
+        for twin_id, boot, grown in written:
+            if grown.number not in of_run:
+                continue
+            rows = of_run[grown.number]
+            rolling = news[twin_id] if twin_id in news else self._hashes.known(twin_id)
+            spans = [] if rolling is not None else whole(writer, twin_id)
+            if rolling is None and not _has_rows_before(spans, grown):
+                rolling = Rolling()
+            if rolling is not None and rolling.last < rows[0].key:
+                kept += rolled(rolling, rows, boot)
+                news[twin_id] = rolling
+                continue
+            news[twin_id] = None
+            self._hashes.lose(twin_id)
+            for span in spans or whole(writer, twin_id):
+                # What follows a row that was put before it has another hash now.
+                since = max(span.first, rows[0].key)
+                writer.execute(
+                    "delete from digests where id between ? and ?", (since, span.last)
                 )
-            return _insert_events(writer, cut.events)
+        insert_digests(writer, kept)
 
     def messages(self, twin_id: str, after: tuple[int, int], limit: int) -> list[FeatureRow]:
         """Read the next features of a twin, in order, after (boot number, sequence)."""
@@ -111,8 +168,10 @@ class SqlStore(abc.ABC):
         finish: Callable[[], tuple[TwinRow, Sequence[EventRow]]],
     ) -> None:
         """Replace a twin's states, its registration and its derived events, all at once."""
-        with self._writing() as writer:
+        with self._hashes.remade(twin_id), self._writing() as writer:
             delete_details(writer, twin_id)
+            spans = whole(writer, twin_id)
+            _delete_derived(writer, spans)
             rows = iter(states)
             while part := list(itertools.islice(rows, _AT_ONCE)):
                 keys = [row.number << SHIFT | row.sequence for row in part]
@@ -127,16 +186,20 @@ class SqlStore(abc.ABC):
                     writer,
                     [DetailRow(r.number, r.sequence, *r.detail) for r in part if r.detail],
                 )
+            for span in spans:
+                build(writer, span.number)
             twin, events = finish()
             writer.execute("delete from events where twin = ? and derived = 1", (twin_id,))
             self.write(Cut(twins=[twin], events=list(events)))
 
     def delete(self, twin_id: str) -> bool:
         """Forget a twin and all it has seen; False where there is none."""
-        with self._writing() as writer:
+        with self._hashes.remade(twin_id), self._writing() as writer:
             following = self.runs()[1]
             delete_details(writer, twin_id)
-            for span in whole(writer, twin_id):
+            spans = whole(writer, twin_id)
+            _delete_derived(writer, spans)
+            for span in spans:
                 writer.execute(
                     "delete from features where id between ? and ?", (span.first, span.last)
                 )
@@ -156,7 +219,6 @@ class SqlStore(abc.ABC):
         after: tuple[int, int] | None = None,
         limit: int | None = None,
         newest: bool = False,
-        pick: Pick | None = None,
     ) -> History:
         """States between two times, both included, or after (boot number, sequence)."""
         with self._reading() as reader:
@@ -169,12 +231,45 @@ class SqlStore(abc.ABC):
             rows = _states(reader, spans, slow_time, limit, newest)
             states = from_bytes(state for _, state in rows)
             keys = [key for key, _ in rows]
-            detailed = has_details(reader, keys)
-            if pick is not None and keys:
-                kept = pick(states, changes(reader, keys) if detailed else None)
-                states, keys = states[kept], [keys[i] for i in kept.tolist()]
-            bodies = column(reader, keys, "body") if detailed else ()
+            bodies = column(reader, keys, "body") if has_details(reader, keys) else ()
         return History(states, [key >> SHIFT for key in keys], boots, bodies)
+
+    def thinned(
+        self,
+        twin_id: str,
+        max_points: int,
+        *,
+        t_ns: tuple[int | None, int | None] = (None, None),
+        slow_time: tuple[float | None, float | None] = (None, None),
+    ) -> Thinned:
+        """At most `max_points` states between two times, and of what all of them show."""
+        with self._reading() as reader:
+            spans = whole(reader, twin_id)
+            boots = {span.number: (span.boot, span.unit) for span in spans}
+            ends = {span.number: span.last for span in spans}
+            spans = spans_by_time(reader, spans, *t_ns)
+            spans = spans_by_slow_time(reader, spans, *slow_time)
+            coarsened = None
+            if all(span.rises for span in spans):
+                coarsened = coarse(reader, spans, ends, _LOOKED_AT * max_points)
+            if coarsened is not None:
+                keys = coarsened.picked(max_points).tolist()
+                rows = _states_of(reader, keys)
+                states = from_bytes(rows[key] for key in keys)
+            else:
+                every = _states(reader, spans, slow_time, None, False)
+                states, keys = from_bytes(state for _, state in every), [k for k, _ in every]
+                if len(states) > max_points:
+                    detailed = has_details(reader, keys)
+                    parameters = changes(reader, keys) if detailed else None
+                    bodies = column(reader, keys, "body") if detailed else ()
+                    coarsened = Buckets.of_states(keys, states, parameters, bodies)
+                    kept = thin(states, max_points, parameters)
+                    states, keys = states[kept], [keys[i] for i in kept.tolist()]
+            bodies = column(reader, keys, "body") if has_details(reader, keys) else ()
+        history = History(states, [key >> SHIFT for key in keys], boots, bodies)
+        bands = None if coarsened is None else coarsened.coarser(max(1, max_points // 2))
+        return Thinned(history, bands)
 
     def count(self, twin_id: str) -> int:
         """How many features a twin has."""
@@ -187,20 +282,26 @@ class SqlStore(abc.ABC):
 
     def digest(self, twin_id: str) -> tuple[str, int]:
         """SHA-256 over all features of a twin, their states and details, and their number."""
-        digest, count = hashlib.sha256(), 0
+        rolling, settled = self._hashes.begun(twin_id)
         with self._reading() as reader:
             for span in whole(reader, twin_id):
-                floor = span.first
-                while rows := _select(
-                    reader, FEATURES, "where id between ? and ?", (floor, span.last), _AT_ONCE
+                floor = max(span.first, rolling.last + 1)
+                while floor <= span.last and (
+                    rows := _select(
+                        reader,
+                        FEATURES,
+                        "where id between ? and ?",
+                        (floor, span.last),
+                        _AT_ONCE,
+                    )
                 ):
                     keys = [row[0] for row in rows]
                     bodies = column(reader, keys, "body") or [None] * len(keys)
                     for (key, _, _, message, state), body in zip(rows, bodies, strict=True):
-                        head = f"{span.boot} {key & _LOW} {len(message)} {len(state)}\n"
-                        digest.update(head.encode() + message + state + (body or b""))
-                    count, floor = count + len(rows), keys[-1] + 1
-        return digest.hexdigest(), count
+                        rolling.take(Row(key, message, state, body), span.boot)
+                    floor = keys[-1] + 1
+        self._hashes.offer(twin_id, rolling, settled)
+        return rolling.hexadecimal, rolling.count
 
     def events(
         self,
@@ -262,7 +363,95 @@ class SqlStore(abc.ABC):
             return _select(reader, table, where, parameters)
 
 
+class Written(NamedTuple):
+    """A boot that was written: of which twin, its name, and how it has grown."""
+
+    twin_id: str
+    boot: str
+    grown: Grown
+
+
+def _has_rows_before(spans: Sequence[Span], grown: Grown) -> bool:
+    return grown.before >= 0 or any(
+        span.last >= span.first for span in spans if span.number != grown.number
+    )
+
+
+class Hashes:
+    """Hashes of histories as they are now, of each twin that was written or asked about."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._found: dict[str, Rolling] = {}
+        self._being_made: set[str] = set()
+        self._times_made: dict[str, int] = {}
+
+    def adopt(self, found: dict[str, Rolling]) -> None:
+        """Begin with what has been rolled while all was looked through."""
+        with self._lock:
+            self._found.update(found)
+
+    def known(self, twin_id: str) -> Rolling | None:
+        """Give a hash to roll on, where there is one."""
+        with self._lock:
+            found = self._found.get(twin_id)
+            return None if found is None else found.copy()
+
+    def lose(self, twin_id: str) -> None:
+        """Know nothing of a history until `settle`: it will not be what it was, longer."""
+        with self._lock:
+            self._found.pop(twin_id, None)
+            self._being_made.add(twin_id)
+
+    def settle(self, news: dict[str, Rolling | None]) -> None:
+        """Take over what has become durable."""
+        with self._lock:
+            for twin_id, rolling in news.items():
+                if rolling is not None:
+                    self._found[twin_id] = rolling
+                else:
+                    self._forget(twin_id)
+
+    @contextlib.contextmanager
+    def remade(self, twin_id: str) -> Iterator[None]:
+        """Know nothing of a history while it is made anew, nor of the one before it."""
+        self.lose(twin_id)
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._forget(twin_id)
+
+    def _forget(self, twin_id: str) -> None:
+        self._found.pop(twin_id, None)
+        self._times_made[twin_id] = self._times_made.get(twin_id, 0) + 1
+        self._being_made.discard(twin_id)
+
+    def begun(self, twin_id: str) -> tuple[Rolling, int | None]:
+        """Give what is known of a history, and what to `offer` one that goes further with."""
+        with self._lock:
+            if twin_id in self._being_made:
+                return Rolling(), None
+            found = self._found.get(twin_id)
+            made = self._times_made.get(twin_id, 0)
+            return (Rolling() if found is None else found.copy()), made
+
+    def offer(self, twin_id: str, rolling: Rolling, made: int | None) -> None:
+        """Keep a hash for the next time, unless the history was made anew meanwhile."""
+        with self._lock:
+            before = self._found.get(twin_id)
+            if (
+                made is not None
+                and made == self._times_made.get(twin_id, 0)
+                and twin_id not in self._being_made
+                and (before is None or before.count < rolling.count)
+            ):
+                self._found[twin_id] = rolling
+
+
 _LOW = (1 << SHIFT) - 1
+_LOOKED_AT = 4
+"""Buckets that are looked at for each point of a thinned history."""
 _AT_ONCE = 1_000
 _ASKED = 500
 _ALL = 1 << 62
@@ -347,14 +536,19 @@ def _write_twins(writer: Connection, twins: Sequence[TwinRow]) -> None:
 
 def _write_runs(
     writer: Connection, runs: Sequence[RunRow], features: Sequence[FeatureRow]
-) -> None:
-    """Keep accounts, and of each boot whether slow time always rose: so it can be searched."""
+) -> list[Written]:
+    """Keep accounts, and of each boot whether slow time always rose: so it can be searched.
+
+    Returns
+    -------
+    The boots in order, and how each has grown.
+    """
     times: dict[int, list[float]] = {}
     for feature in features:
         times.setdefault(feature.number, []).append(float(feature.slow_time))
     given = {run.number: run for run in runs}
     known = _known(writer, RUNS, list(given.keys() | times.keys()))
-    rows = []
+    rows, written = [], []
     for number in sorted(given.keys() | times.keys()):
         before = known.get(number)
         last, rises = before[12:14] if before is not None else (None, 1)
@@ -364,8 +558,12 @@ def _write_runs(
             rises = int(bool(rises) and (last is None or last <= theirs[0]) and _rise(theirs))
             last = theirs[-1]
         account = (*run[:9], int(run.closed), run.lost)
-        rows.append((*account, f"{run.site}.{run.asset}", last, rises))
+        twin_id = f"{run.site}.{run.asset}"
+        rows.append((*account, twin_id, last, rises))
+        grown = Grown(number, -1 if before is None else before[6], run.last)
+        written.append(Written(twin_id, run.boot, grown))
     _upsert(writer, RUNS, rows)
+    return written
 
 
 def _rise(times: Sequence[float]) -> bool:
@@ -396,6 +594,33 @@ def _insert_events(writer: Connection, events: Sequence[EventRow]) -> list[int]:
         ),
     )
     return numbers
+
+
+def _delete_derived(writer: Connection, spans: Sequence[Span]) -> None:
+    """Drop what was made out of features, to be made again."""
+    delete_levels(writer, spans)
+    for span in spans:
+        writer.execute("delete from digests where id between ? and ?", (span.first, span.last))
+
+
+def _states_of(reader: Connection, keys: Sequence[int]) -> dict[int, bytes]:
+    """States of some keys, by them."""
+    found: dict[int, bytes] = {}
+    for first in range(0, len(keys), _ASKED):
+        asked = keys[first : first + _ASKED]
+        for key, state, crc in reader.execute(
+            "select id, state, state_crc from features "
+            f"where id in ({','.join('?' * len(asked))})",
+            asked,
+        ):
+            if seal(key, state) != crc:
+                raise damaged(
+                    f"The state of feature {key & _LOW} of boot number {key >> SHIFT}"
+                )
+            found[key] = state
+    if len(found) < len(keys):
+        raise damaged("A bucket of states, or a state that it names,")
+    return found
 
 
 def _states(

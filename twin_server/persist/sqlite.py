@@ -48,6 +48,7 @@ class SqliteStore(SqlStore):
         verify: bool = True,
         lock_s: float = LOCK_S,
     ) -> None:
+        super().__init__()
         self.path = Path(path)
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self._lock = threading.RLock()
@@ -80,9 +81,10 @@ class SqliteStore(SqlStore):
             Told the name of each table and how many rows it has.
         """
         with self._reading() as reader:
-            found = damages(reader, tell)
+            found, hashes = damages(reader, tell)
         if found:
             raise _damaged(self.path, "; ".join(found[:5]))
+        self._hashes.adopt(hashes)
 
     def close(self) -> None:
         """Leave; readers in other threads must have ended."""
@@ -207,7 +209,7 @@ def look_through(path: Path, tell: Callable[[str, int], None] | None = None) -> 
                 "it once, which brings an older one up to date."
             )
         reader.execute("begin")
-        found = damages(reader, tell)
+        found, _ = damages(reader, tell)
     if found:
         raise _damaged(path, "; ".join(found[:5]))
 

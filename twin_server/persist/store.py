@@ -6,11 +6,9 @@ all. Any thread reads, and sees whole cuts only.
 
 import dataclasses
 from collections.abc import Callable, Iterable, Sequence
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, Protocol
 
-import numpy as np
-from jaxtyping import Float, Int
-
+from twin_server.buckets import Buckets
 from twin_server.details import Bodies, Detail
 from twin_server.states import States
 
@@ -115,10 +113,12 @@ class StateRow(NamedTuple):
     detail: Detail | None = None
 
 
-Pick: TypeAlias = Callable[
-    [States, Float[np.ndarray, "time parameter 3"] | None], Int[np.ndarray, " kept"]
-]
-"""Which of some states to keep, by them and value, lo and hi of parameters where there are."""
+class Thinned(NamedTuple):
+    """Part of a history: some states that show what all of them show."""
+
+    history: History
+    bands: Buckets | None
+    """Of all states; None where all of them are in `history`."""
 
 
 class Store(Protocol):
@@ -178,7 +178,6 @@ class Store(Protocol):
         after: tuple[int, int] | None = None,
         limit: int | None = None,
         newest: bool = False,
-        pick: Pick | None = None,
     ) -> History:
         """States between two times, both included, or after (boot number, sequence), in order.
 
@@ -186,8 +185,20 @@ class Store(Protocol):
         ----------
         limit, newest
             At most so many: the first, or with `newest` the last ones.
-        pick
-            Of these, which to give.
+        """
+        ...
+
+    def thinned(
+        self,
+        twin_id: str,
+        max_points: int,
+        *,
+        t_ns: tuple[int | None, int | None] = (None, None),
+        slow_time: tuple[float | None, float | None] = (None, None),
+    ) -> Thinned:
+        """At most `max_points` states between two times, and what all of them show.
+
+        It costs about the same whether there are a thousand states or a million.
         """
         ...
 

@@ -7,15 +7,19 @@ from .news import Listener, News
 from .ordering import Orders
 from .recordings import Recordings
 from .tracing import Tracing
+from .workers import Here, Processes, Workers
 
 __all__ = [
     "Herald",
+    "Here",
     "Listener",
     "Lookout",
     "News",
     "Orders",
     "Pipeline",
+    "Processes",
     "Recordings",
     "Tracing",
     "TwinKnowledge",
+    "Workers",
 ]

@@ -27,7 +27,9 @@ from twin_server.collect import (
     Holding,
     Reception,
     Refusals,
+    Run,
     Want,
+    told_apart,
 )
 from twin_server.estimate import Checkpoint, Twin
 from twin_server.persist import Cut, Store, StoreError
@@ -36,19 +38,28 @@ from twin_server.settings import TwinSettings
 
 from .estimating import NOTHING, begun, estimate_anew, estimate_next, noted, registered
 from .news import Listener
+from .precedence import Precedence
 from .records import (
     address,
     decoded,
     lost_event,
+    old_event,
+    rivals_event,
     rows_of_held,
     rows_of_released,
     run_of,
     run_row,
     twin_row,
 )
-from .voice import ACK_EVERY_S, Voice
+from .voice import ACK_EVERY_S, Proof, Voice
 
 logger = logging.getLogger(__name__)
+
+MOST_COMPARED = 100
+"""Features of one batch that came again and are compared with what was kept."""
+
+MOST_INCLUDED = 10_000
+"""Features of before that are taken into a digest; an agent compares as many of a boot."""
 
 T = TypeVar("T")
 Answered = tuple[Want, Sequence[Holding] | None, bool]
@@ -87,7 +98,15 @@ class Pipeline:
         self._worker: threading.Thread | None = None
         self._healer: Healer | None = None
         self.counts: collections.Counter[str] = collections.Counter()
-        self._voice = Voice(bus, self._clock, self.counts, settings.pipeline.states_per_batch)
+        self._precedence = Precedence(bus, self._clock)
+        self._voice = Voice(
+            bus,
+            self._clock,
+            self.counts,
+            settings.pipeline.states_per_batch,
+            self._precedence,
+            self._proof,
+        )
         self.failing: str = ""
         self._account = self._new_account()
         self._stale = True
@@ -97,6 +116,7 @@ class Pipeline:
     def start(self) -> None:
         """Begin to work, and to listen where there is a bus."""
         self._worker = threading.Thread(target=self._work, name="twin", daemon=True)
+        self._precedence.start()
         self._worker.start()
         if self._bus is None:
             return
@@ -123,6 +143,7 @@ class Pipeline:
         if self._worker is not None:
             self._worker.join()
             self._worker = None
+        self._precedence.stop()
 
     @property
     def working(self) -> bool:
@@ -215,6 +236,11 @@ class Pipeline:
         return self._heard.get(address(twin_id))
 
     @property
+    def trouble(self) -> str:
+        """What another twin server on the bus keeps this one from; empty without one."""
+        return self._precedence.trouble
+
+    @property
     def waiting(self) -> int:
         """How many messages wait to be taken in."""
         return len(self._inbox)
@@ -268,6 +294,7 @@ class Pipeline:
                 real = [sample for sample in samples if sample is not None]
                 if real:
                     self._guarded(lambda real=real: self._take(real))  # type: ignore[misc]
+                self._guarded(self._precedence.step)
                 self._guarded(self._voice.acknowledge)
                 self._guarded(lambda: self._voice.announce_all(self._twins))
             if self._inbox.closed and not samples and not self._calls:
@@ -339,6 +366,7 @@ class Pipeline:
             healths = [h for h in healths if (h[0].site, h[0].asset) in self._twins]
         self._heard.update(((a.features.site, a.features.asset), now_ns) for a in arrivals)
         self._take_arrivals(arrivals)
+        self._account.disbelieve(received.disbelieved)
         if healths:
             self._durably(lambda c: self._account.hear(healths, time.monotonic(), c))
         return received.misdated
@@ -375,10 +403,13 @@ class Pipeline:
 
     def _conclude(self, change: Change) -> None:
         """Estimate, make durable, and only then tell anybody."""
+        self._compare(change)
         for reason, sentence in change.refused:
             self.refusals.refuse(reason, sentence)
         self._voice.owe(change.touched)
-        if not (change.ordered or change.touched or change.lost or change.held):
+        if not (
+            change.ordered or change.touched or change.lost or change.held or change.rivals
+        ):
             return
         cut = Cut(held=rows_of_held(change), released=rows_of_released(change))
         twins = dict(self._twins)
@@ -392,6 +423,8 @@ class Pipeline:
             self._clock.now_ns(),
         )
         cut.events += [lost_event(lost) for lost in change.lost]
+        cut.events += [old_event(aged) for aged in change.aged]
+        cut.events += [rivals_event(rivals) for rivals in change.rivals]
         cut.runs += [
             run_row(run, self._units.get(run.number, "s"))
             for run in change.touched
@@ -401,6 +434,57 @@ class Pipeline:
         self._twins = twins
         self._count(change, cut)
         self._voice.tell(change.ordered, fresh, self._units, cut.events, numbers)
+
+    def _proof(self, run: Run) -> Proof:
+        """Give what to acknowledge of a run, with the digest of what its agent still holds.
+
+        After a start the digest of a run begins where its history ends, and says nothing of
+        what the agent is about to delete; and what an agent holds of an earlier boot may end
+        before the history does, if another agent has made that.
+        """
+        first, last = run.held_from, run.held_to
+        run.held_from = run.held_to = -1
+        if 0 <= first <= last < run.next - 1:
+            part = Run(run.site, run.asset, run.boot, stretch=last + 1)
+            part.extend(self._accepted(run, max(first, last + 1 - MOST_INCLUDED), last))
+            if part.stretch <= last:
+                return Proof(last, part.stretch, part.digest)
+        elif 0 <= first < run.stretch:
+            begin = max(first, run.stretch - MOST_INCLUDED)
+            run.extend(self._accepted(run, begin, run.stretch - 1))
+        if run.last == run.next - 1 >= run.stretch:
+            return Proof(run.last, run.stretch, run.digest)
+        return Proof(run.next - 1, None, 0)
+
+    def _accepted(self, run: Run, first: int, last: int) -> list[tuple[int, bytes]]:
+        rows = self.store.messages(
+            f"{run.site}.{run.asset}", (run.number, first - 1), last + 1 - first
+        )
+        return [
+            (row.sequence, row.message)
+            for row in rows
+            if row.number == run.number and row.sequence <= last
+        ]
+
+    def _compare(self, change: Change) -> None:
+        """Hold what came again against what was kept: it may come from another agent."""
+        for run, sequence, payload in change.repeated[:MOST_COMPARED]:
+            rows = self.store.messages(f"{run.site}.{run.asset}", (run.number, sequence - 1), 1)
+            kept = next(
+                (r for r in rows if (r.number, r.sequence) == (run.number, sequence)), None
+            )
+            if kept is None or kept.message == payload:
+                continue
+            how = told_apart(sequence, kept.t_ns, decoded(payload).t_ns)
+            self._account.contest(run, how, change)
+            change.refused.append(
+                (
+                    "two_agents",
+                    f"{run}: sequence {sequence} was given with other content than before. "
+                    "Allowed: one agent at a time per asset. Give each its own asset name, and "
+                    "leave `boot` unset.",
+                )
+            )
 
     def _count(self, change: Change, cut: Cut) -> None:
         self.counts["batches"] += 1
@@ -499,6 +583,8 @@ class Pipeline:
 
     def _answer_registrations(self, query: Query) -> Iterator[tuple[str, bytes]]:
         """Say how twins are registered to somebody who asks; in a thread of the bus."""
+        if self._precedence.first is not None:
+            return  # the first twin server answers
         for key, twin in list(self._twins.items()):
             if matches(query.key, request_key(*key, "registration")):
                 yield REGISTRATION.key(*key), self._voice.registration(key, twin)

@@ -1,51 +1,24 @@
 """What pipeline and store know together, as those who serve it ask for it."""
 
-import json
-import threading
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
-import numpy as np
-from jaxtyping import Float, Int
-
-from slowtime.evolution import extremes
 from slowtime_services.bus import Bus
-from twin_server.estimate import (
-    Outlooks,
-    Twin,
-    foresee,
-    learn,
-    normal_of,
-    now_of,
-    past_of,
-    past_of_elements,
-)
-from twin_server.estimate.foresight import FEWEST, Past
+from twin_server.estimate import Foresight, foresee_from, normal_of, now_of
 from twin_server.orders import SimulationOrder
 from twin_server.persist import History, Store
 from twin_server.registration import Registration
 from twin_server.serve import Chapter, Hub, Moment, Outlook, ProblemError
-from twin_server.states import States, shown
 from twin_server.thresholds import Limit
 
 from .core import Pipeline
-from .lookout import CHANGED
 from .news import News
+from .prospects import Prospects
 from .simulating import Simulating
+from .workers import Here, Workers
 
 SHIFT = 40
 _LOOK_BACK = 1_000
-
-_AFTER = (3, 8)
-"""Readings after a change of the model at which a forecast learns anew."""
-
-
-class _Learnt(NamedTuple):
-    """A forecast's costly part, and up to which reading it was learnt."""
-
-    registration: Registration
-    key: int
-    outlooks: Outlooks
 
 
 class TwinKnowledge:
@@ -57,17 +30,24 @@ class TwinKnowledge:
         Asked whether it is connected, where it can tell.
     refresh
         A forecast learns anew after so many readings.
+    workers
+        Where is computed what takes long; by default in the thread that asks.
     """
 
     def __init__(
-        self, pipeline: Pipeline, store: Store, *, bus: Bus | None = None, refresh: int = 25
+        self,
+        pipeline: Pipeline,
+        store: Store,
+        *,
+        bus: Bus | None = None,
+        refresh: int = 25,
+        workers: Workers | None = None,
     ) -> None:
         self._pipeline, self._store, self._bus = pipeline, store, bus
-        self._refresh = refresh
-        self._learnt: dict[str, _Learnt] = {}
-        self._of_the_past: dict[str, _Learnt] = {}
-        self._learning = threading.Lock()
-        self._simulating = Simulating(store)
+        self._workers = workers or Here()
+        self.prospects = Prospects(pipeline, store, refresh=refresh, run=self._workers.run)
+        pipeline.listen(self.prospects)
+        self._simulating = Simulating(store, self._workers)
 
     def ids(self) -> list[str]:
         """All twins, in the order of their registration."""
@@ -133,13 +113,13 @@ class TwinKnowledge:
     ) -> Chapter:
         """States between two moments; of too many, those that show what all of them show."""
         start, end = start or Moment(), end or Moment()
-        found = self._store.history(
+        found = self._store.thinned(
             twin_id,
+            max_points,
             t_ns=(start.t_ns, end.t_ns),
             slow_time=(start.slow_time, end.slow_time),
-            pick=lambda states, changes: thin(states, max_points, changes),
         )
-        return _chapter(found)
+        return _chapter(found.history)._replace(bands=found.bands)
 
     def since(self, twin_id: str, key: int, limit: int) -> Chapter:
         """States behind the one of `key`."""
@@ -156,40 +136,25 @@ class TwinKnowledge:
     ) -> Outlook | None:
         """Where a twin is heading, or was at a moment; None where too little was known."""
         twin = self._pipeline.twin(twin_id)
-        at = at or Moment()
-        found = self._store.history(
-            twin_id,
-            t_ns=(None, at.t_ns),
-            slow_time=(None, at.slow_time),
-            limit=_LOOK_BACK,
-            newest=True,
-        )
-        if twin is None or not len(found.states):
+        if twin is None:
             return None
-        past = _past(twin, found, len(found.states))
-        foresight = foresee(
-            past,
-            self._outlooks(twin_id, twin, found, past=at != Moment()),
-            twin.registration.forecast.horizon if horizon is None else horizon,
-            count,
-            thresholds,
-        )
-        if foresight is None:
+        ahead = twin.registration.forecast.horizon if horizon is None else horizon
+        if at is None or at == Moment():
+            told = self.prospects.foresee(twin_id, ahead, count, tuple(thresholds))
+            return None if told is None else _outlook(*told)
+        known = self.prospects.at(twin_id, at.t_ns, at.slow_time)
+        if known is None:
             return None
-        return Outlook(
-            foresight.since,
-            foresight.slow_time,
-            foresight.bands,
-            foresight.until,
-            foresight.reasons,
-            foresight.crossings,
-            {name: one.period for name, one in foresight.outlooks.items()},
-            {name: [at for at, _ in one.jumps] for name, one in foresight.outlooks.items()},
-            found.boots[found.number[-1]][1],
-        )
+        return _outlook(foresee_from(known[0], ahead, count, thresholds), known[1])
 
-    def simulate(self, twin_id: str, order: SimulationOrder) -> dict[str, Any]:
-        """Tell what a twin would do under a load."""
+    def check(self, twin_id: str, order: SimulationOrder) -> None:
+        """Refuse a load that a twin cannot be run under, at no cost."""
+        twin = self._pipeline.twin(twin_id)
+        if twin is not None:
+            self._simulating.check(twin, order)
+
+    def simulate(self, twin_id: str, order: SimulationOrder) -> bytes:
+        """Tell what a twin would do under a load, as JSON."""
         twin = self._pipeline.twin(twin_id)
         found = self._store.history(twin_id, limit=_LOOK_BACK, newest=True)
         if twin is None or not len(found.states):
@@ -198,51 +163,8 @@ class TwinKnowledge:
                 "not-known-yet",
                 f"There are no features of {twin_id} yet. Start the edge agent.",
             )
-        past = _past(twin, found, len(found.states))
-        now = now_of(past, self._outlooks(twin_id, twin, found))
+        now = now_of(self.prospects.prospect(twin_id))
         return self._simulating.run(twin_id, twin, found, now, order)
-
-    def _outlooks(
-        self, twin_id: str, twin: Twin, found: History, *, past: bool = False
-    ) -> Outlooks:
-        """Learn from the past up to the last reading whose number is a multiple of `refresh`.
-
-        So that a server that has started again foretells what it would have, to the last bit.
-        After a change of the model it is learnt anew as soon as some readings have followed.
-        What was learnt for a moment of the past does not drive out what is learnt of today.
-        """
-        kept = self._of_the_past if past else self._learnt
-        sequence = found.states["sequence"]
-        marks = np.flatnonzero(sequence % self._refresh == 0)
-        last = int(marks[-1]) if len(marks) else -1
-        changes = self._changes(twin_id)
-        since = [at for each in changes.values() for at in each]
-        time = found.states["slow_time"]
-        followed = np.searchsorted(time, since, side="right")[:, None] - 1 + np.array(_AFTER)
-        last = int(np.max(followed[followed < len(time)], initial=last))
-        known = _past(twin, found, last + 1)
-        enough = len(next(iter(known.values())).slow_time) >= FEWEST if known else False
-        if not enough:
-            last = len(sequence) - 1
-            known = _past(twin, found, last + 1)
-        key = found.number[last] << SHIFT | int(sequence[last])
-        with self._learning:
-            learnt = kept.get(twin_id)
-            if learnt is None or learnt[:2] != (twin.registration, key):
-                process = twin.registration.forecast.process
-                learnt = _Learnt(twin.registration, key, learn(known, process, changes))
-                kept[twin_id] = learnt
-        return learnt.outlooks
-
-    def _changes(self, twin_id: str) -> dict[str, list[float]]:
-        """Slow times after which each quantity was told to have gone elsewhere."""
-        found: dict[str, list[float]] = {}
-        for row in self._store.events(twin_id, limit=_LOOK_BACK, newest=True):
-            body = json.loads(row.body)
-            if body["kind"] == CHANGED:
-                details = body["details"]
-                found.setdefault(details["quantity"], []).append(details["since"])
-        return found
 
     def events(
         self, twin_id: str | None, *, after: int, limit: int, newest: bool
@@ -268,6 +190,8 @@ class TwinKnowledge:
         found = []
         if not self._pipeline.working:
             found.append("The working thread has ended. Restart the server.")
+        if self._pipeline.trouble:
+            found.append(self._pipeline.trouble)
         if self._pipeline.failing:
             found.append(f"The last batch failed: {self._pipeline.failing}")
         if not getattr(self._bus, "connected", True):
@@ -289,7 +213,7 @@ class TwinKnowledge:
 
     def gauges(self) -> Mapping[str, Any]:
         """How things are now."""
-        return self._pipeline.gauges()
+        return {**self._pipeline.gauges(), "forecasts_due": self.prospects.due}
 
 
 class Herald:
@@ -307,42 +231,18 @@ class Herald:
         self._hub.reset(twin_id)
 
 
-def thin(
-    states: States,
-    max_points: int,
-    changes: Float[np.ndarray, "time parameter 3"] | None = None,
-) -> Int[np.ndarray, " kept"]:
-    """Pick at most `max_points` states, among them the extremes of all that varies.
-
-    Parameters
-    ----------
-    changes
-        Value, lo and hi of the parameters of a twin of elements, which then come first.
-    """
-    if len(states) <= max_points:
-        return np.arange(len(states))
-    varies = [states[name][:, [0, 2, 3]] for name in shown(states) or ["frequency_hz"]]
-    if changes is not None:
-        varies = [changes[:, i] for i in range(changes.shape[1])] + varies
-    varies = varies[: max(1, max_points // 6)]
-    kept = [
-        extremes(
-            np.ascontiguousarray(one[:, 0]),
-            max_points // len(varies),
-            lo=np.ascontiguousarray(one[:, 1]),
-            hi=np.ascontiguousarray(one[:, 2]),
-        )
-        for one in varies
-    ]
-    return np.unique(np.concatenate(kept))
-
-
-def _past(twin: Twin, found: History, count: int) -> dict[str, Past]:
-    """Past of a twin as its first `count` states of `found` tell it."""
-    elements = twin.checkpoint.elements
-    if elements is None:
-        return past_of(found.states[:count], twin.checkpoint.known)
-    return past_of_elements(found.states[:count], found.bodies[:count], elements)
+def _outlook(foresight: Foresight, unit: str | None) -> Outlook:
+    return Outlook(
+        foresight.since,
+        foresight.slow_time,
+        foresight.bands,
+        foresight.until,
+        foresight.reasons,
+        foresight.crossings,
+        {name: one.period for name, one in foresight.outlooks.items()},
+        {name: [at for at, _ in one.jumps] for name, one in foresight.outlooks.items()},
+        unit,
+    )
 
 
 def _chapter(found: History) -> Chapter:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from slowtime_schemas.quantities import RENEWALS
 from twin_server import states as st
 from twin_server.diagnose import HISTORY
 from twin_server.diagnose.slow import COVARIATE
@@ -115,6 +116,8 @@ def _covariates(
             if row is None:
                 continue
             for name, value in decoded(message.message).covariates.items():
+                if name == RENEWALS:  # tells of an event, and explains no change
+                    continue
                 columns.setdefault(name, np.full(len(rows), np.nan))[row] = value
         after = (messages[-1].number, messages[-1].sequence)
         if after >= max(rows):

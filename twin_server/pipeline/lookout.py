@@ -13,6 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from twin_server.estimate import Noticed, Past, Series, past_of, past_of_elements
 from twin_server.estimate.lookout import MOST
+from twin_server.estimate.renewals import RENEWED
 from twin_server.persist import Store
 
 from .core import Pipeline
@@ -44,6 +45,12 @@ def was_told(
     """
     apart = at - found.since
     return any(name == quantity and abs(since - found.since) < apart for name, since in told)
+
+
+def _renewals(bodies: Iterable[str]) -> list[float]:
+    """Slow times of the first readings of renewed structures."""
+    events = [json.loads(body) for body in bodies]
+    return [event["slow_time"] for event in events if event["kind"] == RENEWED]
 
 
 class Lookout:
@@ -159,7 +166,8 @@ class Lookout:
                 if elements is None
                 else past_of_elements(news.states, news.bodies, elements)
             )
-            for name, found, _, _ in self._taken(twin_id, past, odds):
+            renewed = _renewals(body for _, body in news.events)
+            for name, found, _, _ in self._taken(twin_id, past, odds, renewed):
                 self._say(twin_id, name, found)
 
     def _look_back(self, twin_id: str, odds: float) -> None:
@@ -177,16 +185,24 @@ class Lookout:
             if elements is None
             else past_of_elements(found.states, found.bodies, elements)
         )
-        every = self._taken(twin_id, past, odds)
+        rows = self._store.events(twin_id, limit=10_000, newest=True)
+        every = self._taken(twin_id, past, odds, _renewals(row.body for row in rows))
         told = self._told(twin_id) if every else set()
         for name, noticed, at, left in every:
             if (left < LATE or at > seen) and not was_told(told, name, noticed, at):
                 self._say(twin_id, name, noticed)
 
     def _taken(
-        self, twin_id: str, past: Mapping[str, Past], odds: float
+        self,
+        twin_id: str,
+        past: Mapping[str, Past],
+        odds: float,
+        renewed: Sequence[float] = (),
     ) -> list[tuple[str, Noticed, float, int]]:
-        """Take in readings; what was noticed, when, and how many readings follow."""
+        """Take in readings; what was noticed, when, and how many readings follow.
+
+        A series begins anew at each of the slow times `renewed`: that jump was announced.
+        """
         mind, found = self._minds[twin_id], []
         for name, one in past.items():
             series = mind.setdefault(name, Series(odds))
@@ -197,6 +213,8 @@ class Lookout:
                 if value != value or sd != sd:
                     continue
                 self._seen[twin_id] = at
+                if series.past and any(series.past[-1][0] < one <= at for one in renewed):
+                    series = mind[name] = Series(odds)
                 if (noticed := series.take(at, value, sd)) is not None:
                     found.append((name, noticed, at, len(one.value) - 1 - number))
         return found
@@ -211,13 +229,14 @@ class Lookout:
         }
 
     def _say(self, twin_id: str, name: str, found: Noticed) -> None:
-        said = f"{100 * found.size:+.3g} % ± {100 * found.sd:.2g} %"
+        moved = "rose" if found.size > 0 else "fell"
+        said = f"{100 * abs(found.size):.3g} % ± {100 * found.sd:.2g} %"
         self._pipeline.note(
             twin_id,
             CHANGED,
             "warning",
-            f"The model has changed: {name} went elsewhere after slow time {found.since:.6g}, "
-            f"by {said.replace('-', '−')}. The forecast goes on from there.",
+            f"Sudden change: {name} {moved} by {said} after slow time {found.since:.6g}. The "
+            "forecast continues from there.",
             {
                 "quantity": name,
                 "since": found.since,

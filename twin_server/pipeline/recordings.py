@@ -84,7 +84,8 @@ class Recordings:
     ) -> None:
         self._folder, self._settings, self._known, self._bus = folder, settings, known, bus
         self._read: dict[str, _Kept] = {}
-        self._taking = threading.Lock()
+        self._coming: dict[str, int] = {}
+        self._checking = threading.Lock()
         self._lock = threading.Lock()
         self._played: dict[str, _Replay] = {}
         self._thread: threading.Thread | None = None
@@ -128,22 +129,37 @@ class Recordings:
     async def take(self, name: str, chunks: AsyncIterator[bytes], reaches: Reaches) -> None:
         """Write one beside the others under another name, read it through, and keep it."""
         folder = self._folder_for(name)
-        if not self._taking.acquire(blocking=False):
-            raise ProblemError(
-                503,
-                "busy",
-                "Another recording is being taken in. Try again.",
-                **{"Retry-After": "5"},
-            )
+        self._begin(name)
         partial = folder / f".{name}.partial"
         try:
-            await self._write(partial, chunks)
-            await asyncio.to_thread(_check_sound, partial, name)
-            _check_reached(contents(partial), reaches)
+            await self._write(partial, name, chunks)
+            await asyncio.to_thread(self._check, partial, name, reaches)
             self._place(partial, folder / name)
         finally:
             partial.unlink(missing_ok=True)
-            self._taking.release()
+            self._coming.pop(name, None)
+
+    def _begin(self, name: str) -> None:
+        """Let one more come beside those that are coming; each of a name of its own."""
+        if name in self._coming:
+            raise ProblemError(
+                409, "being-taken-in", f"{name} is being taken in already. Give another name."
+            )
+        if len(self._coming) >= self._settings.max_at_once:
+            raise ProblemError(
+                503,
+                "busy",
+                f"{len(self._coming)} recordings are being taken in. Allowed: "
+                f"{self._settings.max_at_once} at once (recordings.max_at_once). Try again.",
+                **{"Retry-After": "5"},
+            )
+        self._coming[name] = 0
+
+    def _check(self, partial: Path, name: str, reaches: Reaches) -> None:
+        """Read one through; one at a time, since that takes a processor."""
+        with self._checking:
+            _check_sound(partial, name)
+            _check_reached(contents(partial), reaches)
 
     def delete(self, name: str, reaches: Reaches) -> None:
         """Delete one that is not being played."""
@@ -260,11 +276,10 @@ class Recordings:
             )
         return self._folder
 
-    async def _write(self, partial: Path, chunks: AsyncIterator[bytes]) -> None:
+    async def _write(self, partial: Path, name: str, chunks: AsyncIterator[bytes]) -> None:
         """Write what comes; not more than there is room for, and not for ever."""
         settings = self._settings
-        room = settings.max_total_bytes - sum(path.stat().st_size for path in self._paths())
-        written = 0
+        room = self._room()
         with partial.open("wb") as file:
             while True:
                 try:
@@ -277,20 +292,29 @@ class Recordings:
                     ) from None
                 if chunk is None:
                     break
-                written += len(chunk)
-                if written > room:
-                    raise ProblemError(
-                        507,
-                        "no-room",
-                        f"All recordings together may have {settings.max_total_bytes:,} bytes "
-                        "(recordings.max_total_bytes). Delete one first.",
-                    )
+                self._coming[name] += len(chunk)
+                if sum(self._coming.values()) > room:
+                    raise self._no_room()
                 await asyncio.to_thread(file.write, chunk)
             file.flush()
-            os.fsync(file.fileno())
+            await asyncio.to_thread(os.fsync, file.fileno())
+
+    def _room(self) -> int:
+        used = sum(path.stat().st_size for path in self._paths())
+        return self._settings.max_total_bytes - used
+
+    def _no_room(self) -> ProblemError:
+        return ProblemError(
+            507,
+            "no-room",
+            f"All recordings together may have {self._settings.max_total_bytes:,} bytes "
+            "(recordings.max_total_bytes). Delete one first.",
+        )
 
     def _place(self, partial: Path, path: Path) -> None:
-        """Give it its name; not if somebody else has taken that meanwhile."""
+        """Give it its name; not if somebody else has taken that, or its room, meanwhile."""
+        if partial.stat().st_size > self._room():
+            raise self._no_room()
         try:
             os.link(partial, path)
         except FileExistsError:

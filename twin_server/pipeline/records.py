@@ -6,7 +6,7 @@ from typing import Any
 from slowtime_schemas.codec import Refused, decode
 from slowtime_schemas.messages import Event, Features
 from slowtime_schemas.streams import FEATURES
-from twin_server.collect import Change, Lost, Run
+from twin_server.collect import DAMAGED, Aged, Change, Lost, Rivals, Run
 from twin_server.details import Detail
 from twin_server.estimate import Notice, Twin
 from twin_server.persist import EventRow, RunRow, TwinRow
@@ -119,13 +119,69 @@ def lost_event(lost: Lost) -> EventRow:
             sequence=lost.last,
             t_ns=max(run.last_t_ns, 0),
             kind="features_lost",
-            severity="warning" if run.last >= 0 else "info",
+            severity="warning" if run.last >= 0 or lost.why == DAMAGED else "info",
             message=(
                 f"{count} features of boot {run.boot} are missing, {lost.first} to "
                 f"{lost.last}: {lost.why}."
             ),
             details={
                 "boot": run.boot, "first": lost.first, "last": lost.last, "why": lost.why,
+            },
+        ),
+        derived=False,
+    )  # fmt: skip
+
+
+def old_event(aged: Aged) -> EventRow:
+    """Make an event of readings that were old when they came."""
+    run, days = aged.run, aged.age_s / 86_400
+    return event_row(
+        Event(
+            site=run.site,
+            asset=run.asset,
+            boot=run.boot,
+            sequence=aged.sequence,
+            t_ns=max(run.last_t_ns, 0),
+            kind="old_readings",
+            severity="warning",
+            message=(
+                f"Readings of boot {run.boot} were {days:.1f} days old when they came, from "
+                f"sequence {aged.sequence} on. They are taken in by their sensor time. If the "
+                "edge agent was not offline so long, its sensor's clock is behind: set it."
+            ),
+            details={"boot": run.boot, "first": aged.sequence, "age_days": round(days, 3)},
+        ),
+        derived=False,
+    )
+
+
+def rivals_event(rivals: Rivals) -> EventRow:
+    """Make an event of two agents that send as one asset."""
+    run, same = rivals.run, rivals.other == rivals.run.boot
+    twin_id = f"{run.site}.{run.asset}"
+    message = (
+        f"Two edge agents send as {twin_id} under one boot, {run.boot}: {rivals.how}. What "
+        "comes first is taken in, and nothing of this boot is acknowledged any more, so that "
+        "both keep their readings in their spools. Give each agent its own asset name, and "
+        "leave `boot` unset."
+        if same
+        else f"Two edge agents send as {twin_id}: boot {run.boot} goes on although boot "
+        f"{rivals.other} has begun. Readings of boot {run.boot} from {rivals.first} on are not "
+        "taken in; they stay in its agent's spool. Stop one agent, or give each its own asset "
+        "name."
+    )
+    return event_row(
+        Event(
+            site=run.site,
+            asset=run.asset,
+            boot=run.boot,
+            sequence=max(run.last, 0),
+            t_ns=max(run.last_t_ns, 0),
+            kind="two_agents",
+            severity="warning",
+            message=message,
+            details={
+                "boots": [run.boot, rivals.other], "first": rivals.first, "how": rivals.how,
             },
         ),
         derived=False,

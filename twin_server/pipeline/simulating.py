@@ -1,15 +1,18 @@
 """A twin and an order in; what it would do under the load, as REST gives it, out."""
 
-import threading
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from pydantic_core import to_json
+
+from slowtime_schemas.messages import Features
 from twin_server.estimate import (
     OrderError,
     Simulated,
     Today,
     Twin,
     UnknownTodayError,
+    check,
     simulate,
     today_of,
 )
@@ -19,19 +22,36 @@ from twin_server.rendering import estimate_objects
 from twin_server.serve import ProblemError
 
 from .records import decoded
-
-PATIENCE_S = 10.0
-"""How long one simulation waits for another."""
+from .workers import Workers
 
 _UNITS = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s^2"}
 _ROUND = 7
 
 
 class Simulating:
-    """Runs one simulation at a time: each may fill a processor for seconds."""
+    """Has simulations run where there is room for them.
 
-    def __init__(self, store: Store) -> None:
-        self._store, self._one = store, threading.Lock()
+    Parameters
+    ----------
+    workers
+        Where they are run.
+    """
+
+    def __init__(self, store: Store, workers: Workers) -> None:
+        self._store, self._workers = store, workers
+
+    def check(self, twin: Twin, order: SimulationOrder) -> None:
+        """Refuse what cannot be run anyway, at no cost.
+
+        Raises
+        ------
+        ProblemError
+            Saying what to change.
+        """
+        try:
+            check(twin.registration, twin.checkpoint, order)
+        except OrderError as error:
+            raise ProblemError(422, "not-valid", str(error)) from error
 
     def run(
         self,
@@ -40,8 +60,8 @@ class Simulating:
         found: History,
         now: Mapping[str, tuple[float, float]],
         order: SimulationOrder,
-    ) -> dict[str, Any]:
-        """Give the answer.
+    ) -> bytes:
+        """Give the answer as JSON.
 
         Parameters
         ----------
@@ -53,33 +73,39 @@ class Simulating:
         Raises
         ------
         ProblemError
-            Where it cannot be run, or others have to be waited for too long.
+            Where it cannot be run.
         """
-        if not self._one.acquire(timeout=PATIENCE_S):
-            raise ProblemError(
-                503,
-                "busy",
-                "Other simulations are being run. Try again later, or ask for fewer samples.",
-                **{"Retry-After": "5"},
-            )
+        last = None
+        if twin.checkpoint.elements is not None and len(found.states):
+            after = found.number[-1], int(found.states["sequence"][-1]) - 1
+            rows = self._store.messages(twin_id, after, 1)
+            last = decoded(rows[0].message) if rows else None
         try:
-            last = None
-            if twin.checkpoint.elements is not None and len(found.states):
-                after = found.number[-1], int(found.states["sequence"][-1]) - 1
-                rows = self._store.messages(twin_id, after, 1)
-                last = decoded(rows[0].message) if rows else None
-            today = today_of(
-                twin.registration, twin.checkpoint, found.states, found.bodies, now, last
-            )
-            answer = simulate(today, order)
+            return self._workers.run(answered, twin_id, twin, found, now, last, order)
         except UnknownTodayError as error:
             raise ProblemError(409, "not-known-yet", str(error)) from error
         except OrderError as error:
             raise ProblemError(422, "not-valid", str(error)) from error
-        finally:
-            self._one.release()
-        unit = found.boots[found.number[-1]][1]
-        return _told(twin_id, twin, today, unit, order, answer)
+
+
+def answered(
+    twin_id: str,
+    twin: Twin,
+    found: History,
+    now: Mapping[str, tuple[float, float]],
+    last: Features | None,
+    order: SimulationOrder,
+) -> bytes:
+    """Run today's twin, and write what it does as REST gives it.
+
+    Raises
+    ------
+    UnknownTodayError, OrderError
+        Where it cannot be run.
+    """
+    today = today_of(twin.registration, twin.checkpoint, found.states, found.bodies, now, last)
+    unit = found.boots[found.number[-1]][1]
+    return to_json(_told(twin_id, twin, today, unit, order, simulate(today, order)))
 
 
 def _told(

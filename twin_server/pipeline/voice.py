@@ -1,15 +1,18 @@
 """All that the twin says: on the bus, and to those who listen; only of what is durable."""
 
 import collections
+import json
 import logging
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Acknowledgement, Registered
 from slowtime_schemas.streams import ACK, EVENT, REGISTRATION, STATE
 from slowtime_services.bus import Bus
 from slowtime_services.clock import Clock
+from slowtime_services.digests import written
 from twin_server.collect import Ordered, Run
 from twin_server.details import part
 from twin_server.estimate import Twin
@@ -18,12 +21,21 @@ from twin_server.rendering import state_messages
 
 from .estimating import NO_BOOT, Fresh
 from .news import Listener, News
+from .precedence import Precedence
 from .records import body_of
 
 logger = logging.getLogger(__name__)
 
 ACK_EVERY_S = 0.1
 ANNOUNCE_EVERY_S = 1.0 / (REGISTRATION.nominal_rate_hz or 0.1)
+
+
+class Proof(NamedTuple):
+    """Up to where a run is acknowledged, and the digest of what that is from `first` on."""
+
+    sequence: int
+    first: int | None
+    digest: int
 
 
 class Voice:
@@ -33,6 +45,10 @@ class Voice:
     ----------
     bus
         None for a pipeline that is fed by hand.
+    precedence
+        Whether another twin server speaks on this bus.
+    prove
+        Says what to acknowledge of a run.
     counts
         Where it counts what was published and what was not.
     states_per_batch
@@ -45,8 +61,11 @@ class Voice:
         clock: Clock,
         counts: collections.Counter[str],
         states_per_batch: int,
+        precedence: Precedence,
+        prove: Callable[[Run], Proof],
     ) -> None:
         self._bus, self._clock, self._counts = bus, clock, counts
+        self._precedence, self._prove = precedence, prove
         self._states_per_batch = states_per_batch
         self._listeners: list[Listener] = []
         self._owed: dict[Run, None] = {}
@@ -122,18 +141,14 @@ class Voice:
         now = time.monotonic()
         if not self._owed or now - self._acknowledged_s < ACK_EVERY_S:
             return
+        if not self._precedence.acknowledges:
+            return
         self._acknowledged_s = now
         runs, self._owed = self._owed, {}
         for run in runs:
-            if run.number and run.next:
-                ack = Acknowledgement(
-                    site=run.site,
-                    asset=run.asset,
-                    boot=run.boot,
-                    sequence=run.next - 1,
-                    t_ns=self._clock.now_ns(),
-                )
-                self._publish(ACK.key(run.site, run.asset), encode(ack), ACK.encoding)
+            if run.number and run.next and not run.contested:
+                ack = acknowledgement(run, self._prove(run), self._clock.now_ns())
+                self._publish(ACK.key(run.site, run.asset), ack, ACK.encoding)
 
     def announce_all(self, twins: Mapping[tuple[str, str], Twin]) -> None:
         """Say now and then how twins are registered, for recorders that began since."""
@@ -166,7 +181,7 @@ class Voice:
         return encode(message)
 
     def _publish(self, key: str, payload: bytes, encoding: str) -> None:
-        if self._bus is None:
+        if self._bus is None or self._precedence.first is not None:
             return
         try:
             self._bus.publish(key, payload, encoding=encoding)
@@ -175,3 +190,19 @@ class Voice:
             # History is durable and REST answers: a bus that fails stops nothing else.
             self._counts["not_published"] += 1
             logger.exception("A message on %s could not be published.", key)
+
+
+def acknowledgement(run: Run, proof: Proof, now_ns: int) -> bytes:
+    """Write the acknowledgement of a boot in the version that its agent reads."""
+    ack = Acknowledgement(
+        site=run.site,
+        asset=run.asset,
+        boot=run.boot,
+        sequence=proof.sequence,
+        t_ns=now_ns,
+        first=proof.first,
+        digest=None if proof.first is None else written(proof.digest),
+    )
+    if run.ack_version >= Acknowledgement.VERSION:
+        return encode(ack)
+    return json.dumps(ack.model_dump(exclude={"first", "digest"}) | {"version": 1}).encode()

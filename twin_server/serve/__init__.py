@@ -4,6 +4,7 @@ from .api import create_app
 from .diagnoses import Ordering
 from .forecasts import foretell
 from .knowledge import Chapter, Knowledge, Outlook
+from .lanes import Lane
 from .live import Hub
 from .moments import Moment
 from .problems import ProblemError
@@ -12,6 +13,7 @@ __all__ = [
     "Chapter",
     "Hub",
     "Knowledge",
+    "Lane",
     "Moment",
     "Ordering",
     "Outlook",

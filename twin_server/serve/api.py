@@ -1,7 +1,8 @@
 """REST under /api/v1, health and metrics, and the page; errors are problem documents."""
 
+import asyncio
 import importlib.metadata
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,15 +13,16 @@ from starlette.responses import FileResponse
 
 from slowtime_schemas import asyncapi
 from twin_server.details import without_shapes
+from twin_server.principals import EVERYBODY, NOBODY, principal_of
 from twin_server.registration import Registration
 from twin_server.rendering import event_object, points, state_objects
 from twin_server.settings import ServeSettings
 
 from . import diagnoses, exports, forecasts, models, problems, recordings, simulations
-from .access.principals import EVERYBODY, NOBODY, principal_of
 from .diagnoses import Ordering
 from .document import document
 from .knowledge import Chapter, Knowledge
+from .lanes import Lane
 from .limits import BodyLimit
 from .live import Hub, LiveResponse
 from .metrics import exposition
@@ -29,6 +31,8 @@ from .problems import ProblemError
 from .recordings import Keeping
 from .registered import TwinId, registered_in
 from .session import session
+from .shared import Shared
+from .turnstile import Turnstile
 
 WEB = Path(__file__).parent / "web"
 PLOTLY = Path(plotly.__file__).parent / "package_data" / "plotly.min.js"
@@ -40,6 +44,9 @@ _PROBLEMS = problems.answers(
         422: "A parameter that is not valid",
     }
 )
+READY_S = 5.0
+"""How long the database may take to answer until the server is said not to be ready."""
+
 _OF_ONE_MODE = models.State.model_fields.keys() - models.OfElements.model_fields
 _EMPTY: dict[str, Any] = dict.fromkeys(_OF_ONE_MODE) | {
     "correlation": 0.0,
@@ -64,6 +71,7 @@ def create_app(
     keeping: Keeping | None = None,
     *,
     largest_recording: int = 0,
+    lane: Lane | None = None,
 ) -> FastAPI:
     """Make the ASGI application; without `ordering`, one that diagnoses nothing.
 
@@ -71,7 +79,11 @@ def create_app(
     ----------
     keeping, largest_recording
         Of recordings; without it, none are known of.
+    lane
+        Where it is waited for what takes long; by default one as the settings say.
     """
+    if lane is None:
+        lane = Lane(settings.workers, settings.max_waiting, settings.max_waiting_of_one)
     app = FastAPI(
         title="slowtime twin server",
         version=importlib.metadata.version("slowtime"),
@@ -82,17 +94,18 @@ def create_app(
     )
     problems.install(app)
     larger = {"/api/v1/recordings/": largest_recording} if keeping is not None else {}
+    app.add_middleware(Turnstile, streamed="/api/v1/recordings/")
     app.add_middleware(BodyLimit, max_bytes=settings.max_body_bytes, larger=larger)
     known = registered_in(knowledge)
     app.include_router(_twins(knowledge, hub, settings, known), prefix="/api/v1")
-    app.include_router(forecasts.routes(knowledge, settings, known), prefix="/api/v1")
-    app.include_router(simulations.routes(knowledge, known), prefix="/api/v1")
-    app.include_router(exports.routes(knowledge, known), prefix="/api/v1")
+    app.include_router(forecasts.routes(knowledge, settings, known, lane), prefix="/api/v1")
+    app.include_router(simulations.routes(knowledge, known, lane), prefix="/api/v1")
+    app.include_router(exports.routes(knowledge, known, settings.max_exports), prefix="/api/v1")
     if ordering is not None:
         app.include_router(diagnoses.routes(ordering, known), prefix="/api/v1")
     if keeping is not None:
         app.include_router(recordings.routes(keeping), prefix="/api/v1")
-    app.include_router(_operations(knowledge, hub, settings))
+    app.include_router(_operations(knowledge, hub, settings, lane))
     app.include_router(session())
     app.include_router(_page())
     document(app)
@@ -103,7 +116,7 @@ def _twins(
     knowledge: Knowledge,
     hub: Hub,
     settings: ServeSettings,
-    known: Callable[[str], Registration],
+    known: Callable[[str], Awaitable[Registration]],
 ) -> APIRouter:
     api = APIRouter(tags=["twins"])
 
@@ -179,7 +192,13 @@ def _twins(
         chapter = knowledge.history(
             twin_id, moment_of("start", start), moment_of("end", end), max_points
         )
-        return Response(points(_objects(twin_id, chapter, shapes=shapes)), media_type=JSON)
+        objects = _objects(twin_id, chapter, shapes=shapes)
+        if chapter.bands is None:
+            return Response(points(objects), media_type=JSON)
+        elements = registration.changes == "elements"
+        names = registration.structure().free if elements else ()
+        unit = chapter.units[-1]
+        return Response(points(objects, chapter.bands, unit, names), media_type=JSON)
 
     @api.get("/twins/{twin_id}/modes", response_model=models.ModesModel, responses=_PROBLEMS)
     def modes(twin_id: TwinId, registration: Known, at: MomentText = None) -> Response:
@@ -238,11 +257,19 @@ def _twins(
     return api
 
 
-def _operations(knowledge: Knowledge, hub: Hub, settings: ServeSettings) -> APIRouter:
+def _operations(
+    knowledge: Knowledge, hub: Hub, settings: ServeSettings, lane: Lane
+) -> APIRouter:
+    """Make the routes of those who watch the server: none waits for what the others ask."""
     api = APIRouter(tags=["operations"])
+    troubles = Shared(knowledge.troubles, "readyz")
+    counted = Shared(
+        lambda: exposition(knowledge, hub.count, hub.dropped, settings.max_measured, lane),
+        "metrics",
+    )
 
     @api.get("/healthz", response_model=models.HealthModel)
-    def healthz() -> Response:
+    async def healthz() -> Response:
         """Whether the process lives."""
         return _json({"status": "ok"})
 
@@ -251,13 +278,19 @@ def _operations(knowledge: Knowledge, hub: Hub, settings: ServeSettings) -> APIR
         response_model=models.HealthModel,
         responses={503: {"content": {problems.MEDIA_TYPE: {}}, "description": "Not ready"}},
     )
-    def readyz(request: Request) -> Response:
+    async def readyz(request: Request) -> Response:
         """Whether the server can do its work: bus, worker and database."""
-        troubles = knowledge.troubles()
-        if troubles:
+        try:
+            found = await asyncio.wait_for(troubles.ask(), READY_S)
+        except TimeoutError:
+            found = [
+                f"The database has not answered for {READY_S:g} s: a history is being made "
+                "anew, or the disk is slow. Wait, or look at the log."
+            ]
+        if found:
             if principal_of(request.scope) is NOBODY:
-                troubles = ["The server's log says why."]
-            return problems.respond(request, 503, "not-ready", " ".join(troubles))
+                found = ["The server's log says why."]
+            return problems.respond(request, 503, "not-ready", " ".join(found))
         return _json({"status": "ok"})
 
     @api.get("/api/v1/asyncapi.json", response_class=Response)
@@ -266,9 +299,9 @@ def _operations(knowledge: Knowledge, hub: Hub, settings: ServeSettings) -> APIR
         return Response(asyncapi.served(), media_type=JSON)
 
     @api.get("/metrics", response_class=Response)
-    def metrics() -> Response:
+    async def metrics() -> Response:
         """Give counts and gauges as Prometheus reads them."""
-        text = exposition(knowledge, hub.count, hub.dropped, settings.max_measured)
+        text = await counted.ask()
         return Response(text, media_type="text/plain; version=0.0.4; charset=utf-8")
 
     return api

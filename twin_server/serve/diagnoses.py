@@ -1,6 +1,6 @@
 """Diagnoses at the door: ordered, listed, read, cancelled, adopted and undone."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from typing import Annotated, Any, Protocol
 
 from fastapi import APIRouter, Depends, Path, Response
@@ -73,7 +73,7 @@ class Ordering(Protocol):
         ...
 
 
-def routes(ordering: Ordering, known: Callable[[str], Registration]) -> APIRouter:
+def routes(ordering: Ordering, known: Callable[[str], Awaitable[Registration]]) -> APIRouter:
     """Make the routes.
 
     Parameters

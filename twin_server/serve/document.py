@@ -5,7 +5,7 @@ from typing import Any
 from fastapi import FastAPI
 
 from . import problems
-from .access.guard import COOKIE
+from .access.guard import COOKIE, SAFE
 from .access.policy import Reach, find
 
 SCHEMES = {
@@ -27,7 +27,7 @@ NEEDED: list[dict[str, list[str]]] = [{name: []} for name in SCHEMES]
 REFUSALS = problems.answers(
     {
         401: "No token, or one that has ended, was revoked or is not known",
-        403: "A token that may not",
+        403: "A token that may not, or a page of another site",
         429: "Asked too often; `Retry-After` says when to come back",
     }
 )
@@ -53,7 +53,7 @@ def document(app: FastAPI) -> None:
 
 def _add(method: str, path: str, operation: dict[str, Any]) -> None:
     rule, _ = find(method, path)
-    refusals = {429}
+    refusals = {429} if method in SAFE else {403, 429}
     if rule.reach is not Reach.OPEN:
         refusals |= {401, 403}
         operation["security"] = NEEDED

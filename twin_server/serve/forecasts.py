@@ -1,10 +1,10 @@
 """Where a twin is heading, at the door: bands, and when thresholds are reached."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from fastapi import APIRouter, Depends, Query, Response
+from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic import Field
 from pydantic_core import to_json
 
@@ -16,6 +16,7 @@ from twin_server.thresholds import Limit
 
 from . import models, problems
 from .knowledge import Knowledge
+from .lanes import Lane
 from .moments import Moment, MomentText, moment_of
 from .problems import ProblemError
 from .registered import TwinId
@@ -24,6 +25,7 @@ _PROBLEMS = problems.answers(
     {
         404: "No such twin",
         422: "A parameter that is not valid",
+        503: "Too many wait already; `Retry-After` says when to come back",
     }
 )
 _OF_THE_WHOLE = ("stiffness_change", "mass_change")
@@ -38,7 +40,10 @@ Side = Literal["below", "above"]
 
 
 def routes(
-    knowledge: Knowledge, settings: ServeSettings, known: Callable[[str], Registration]
+    knowledge: Knowledge,
+    settings: ServeSettings,
+    known: Callable[[str], Awaitable[Registration]],
+    lane: Lane,
 ) -> APIRouter:
     """Make the routes.
 
@@ -46,6 +51,8 @@ def routes(
     ----------
     known
         Gives the registration of the twin in the path, or raises.
+    lane
+        Where it is waited for what takes long.
     """
     api = APIRouter(tags=["twins"])
 
@@ -54,7 +61,8 @@ def routes(
     @api.get(
         "/twins/{twin_id}/forecast", response_model=models.ForecastModel, responses=_PROBLEMS
     )
-    def forecast(
+    async def forecast(
+        request: Request,
         twin_id: TwinId,
         registration: Known,
         horizon: Annotated[
@@ -90,11 +98,21 @@ def routes(
         And of each threshold the time by which it is reached with 10, 50 and 90 %, or that it
         is not within the horizon.
         """
-        body = foretell(
-            knowledge, twin_id, registration, horizon, count,
-            threshold=threshold, quantity=quantity, toward=toward, at=moment_of("at", at),
-        )  # fmt: skip
-        return Response(to_json(body), media_type="application/json")
+        moment = moment_of("at", at)
+        asked = _asked(registration, threshold, quantity, toward)
+
+        def foretold() -> bytes:
+            return to_json(_forecast(knowledge, twin_id, horizon, count, asked, moment))
+
+        # Of one twin one at a time: what the first has learnt is there for the others.
+        body = await lane.run(
+            request,
+            foretold,
+            group=twin_id,
+            share=(twin_id, registration, horizon, count, tuple(asked), moment),
+            light=moment is None,
+        )
+        return Response(body, media_type="application/json")
 
     return api
 
@@ -118,6 +136,17 @@ def foretell(
     ProblemError
         Where a threshold is of nothing that is estimated.
     """
+    asked = _asked(registration, threshold, quantity, toward)
+    return _forecast(knowledge, twin_id, horizon, count, asked, at)
+
+
+def _asked(
+    registration: Registration,
+    threshold: float | None,
+    quantity: str | None,
+    toward: Side | None,
+) -> list[tuple[str, Limit]]:
+    """All thresholds whose time is told, and who asks for each."""
     asked: list[tuple[str, Limit]] = []
     if threshold is not None:
         name = _quantity(registration, quantity)
@@ -131,7 +160,7 @@ def foretell(
         )
     for limit in registration.thresholds():
         asked.append(("registration" if limit.toward is None else "alarm", limit))
-    return _forecast(knowledge, twin_id, horizon, count, asked, at)
+    return asked
 
 
 def _quantity(registration: Registration, given: str | None) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.evolution.crossing import Crossing
+from twin_server.buckets import Buckets
 from twin_server.details import Bodies
 from twin_server.orders import SimulationOrder
 from twin_server.registration import Registration
@@ -26,6 +27,8 @@ class Chapter(NamedTuple):
     boots: Sequence[str]
     units: Sequence[str]
     bodies: Bodies = ()
+    bands: Buckets | None = None
+    """What all states show, where these are but some of them."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -114,8 +117,12 @@ class Knowledge(Protocol):
         """Where a twin is heading, or was at a moment; None where too little was known."""
         ...
 
-    def simulate(self, twin_id: str, order: SimulationOrder) -> Mapping[str, Any]:
-        """Tell what a twin would do under a load; what cannot be run is a `ProblemError`."""
+    def check(self, twin_id: str, order: SimulationOrder) -> None:
+        """Refuse, by a `ProblemError`, what cannot be run of a twin anyway; costs nothing."""
+        ...
+
+    def simulate(self, twin_id: str, order: SimulationOrder) -> bytes:
+        """Tell what a twin would do, as JSON; what cannot be run is a `ProblemError`."""
         ...
 
     def events(

@@ -14,6 +14,7 @@ from pydantic_core import from_json
 from twin_server.states import ESTIMATES
 
 from .knowledge import Knowledge
+from .lanes import WAYS, Lane
 
 _COUNTERS = {
     "accepted": "Features that were let through, each once.",
@@ -34,6 +35,7 @@ _GAUGES = {
     "held": "Features held out of order now.",
     "inbox": "Messages that wait to be worked.",
     "live_clients": "Clients of the live stream.",
+    "forecasts_due": "Twins whose forecast waits to be learnt anew.",
 }
 _OF_ASSET = {
     "alive": "Whether the edge agent is there.",
@@ -66,11 +68,18 @@ class Metric(NamedTuple):
 
 
 def exposition(
-    knowledge: Knowledge, live_clients: int, dropped_clients: int, most_assets: int
+    knowledge: Knowledge,
+    live_clients: int,
+    dropped_clients: int,
+    most_assets: int,
+    lane: Lane | None = None,
 ) -> str:
     """All metrics as text; of more than `most_assets` twins, without those of each asset."""
     lines: list[str] = []
-    for name, kind, says, metrics in _server(knowledge, live_clients, dropped_clients):
+    for name, kind, says, metrics in (
+        *_server(knowledge, live_clients, dropped_clients),
+        *(() if lane is None else _work(lane)),
+    ):
         lines += _family(f"slowtime_twin_{name}", kind, says, metrics)
     ids = knowledge.ids()
     found = _assets(knowledge, ids if len(ids) <= most_assets else [])
@@ -100,6 +109,23 @@ def _server(
     yield "live_dropped_total", "counter", "Live clients dropped as too slow.", dropped
     for name, says in _GAUGES.items():
         yield name, "gauge", says, [Metric({}, gauges.get(name, 0))]
+
+
+def _work(lane: Lane) -> Iterator[tuple[str, str, str, Sequence[Metric]]]:
+    yield (
+        "work_waiting",
+        "gauge",
+        "Requests that wait to be computed.",
+        [Metric({}, lane.waiting)],
+    )
+    yield (
+        "work_running",
+        "gauge",
+        "Requests that are being computed.",
+        [Metric({}, lane.running)],
+    )
+    ends = [Metric({"end": word}, lane.counts[word]) for word in WAYS]
+    yield "work_total", "counter", "Requests that take long, by what became of them.", ends
 
 
 def _assets(knowledge: Knowledge, twin_ids: Iterable[str]) -> dict[str, list[Metric]]:

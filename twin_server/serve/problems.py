@@ -10,10 +10,14 @@ from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field
 from pydantic_core import to_json
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 
 logger = logging.getLogger(__name__)
 
 MEDIA_TYPE = "application/problem+json"
+
+CLIENT_LEFT = 499
+"""What nginx calls it; nobody is there to read it."""
 
 
 class Problem(BaseModel):
@@ -79,6 +83,7 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(ProblemError, _ours)
     app.add_exception_handler(RequestValidationError, _not_valid)
     app.add_exception_handler(HTTPException, _http)
+    app.add_exception_handler(ClientDisconnect, _left)
     app.add_exception_handler(Exception, _fault)
 
 
@@ -134,6 +139,12 @@ async def _http(request: Request, error: Exception) -> Response:
     response = respond(request, error.status_code, slug, detail)
     response.headers.update(headers)
     return response
+
+
+async def _left(request: Request, error: Exception) -> Response:
+    """Answer nobody: the client has left, which is no fault of anybody."""
+    logger.debug("%s %s: the client left.", request.method, request.url.path)
+    return Response(status_code=CLIENT_LEFT)
 
 
 async def _fault(request: Request, error: Exception) -> Response:

@@ -8,15 +8,22 @@ from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal, Protocol
 
 from fastapi import APIRouter, Path, Request, Response
+from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic_core import to_json
 from starlette.responses import FileResponse
 
+from slowtime_schemas.quantities import Plain
+from twin_server.principals import principal_of
+
 from . import problems
-from .access.principals import principal_of
 
 NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}\.mcap$"
-Name = Annotated[str, Path(pattern=NAME, description="Of the file, such as monday.mcap.")]
+Name = Annotated[
+    str,
+    Path(pattern=NAME, description="Of the file, such as monday.mcap."),
+    Plain,
+]
 Reaches = Callable[[str], bool]
 """Whether who asks may see a site."""
 
@@ -163,7 +170,7 @@ def routes(keeping: Keeping) -> APIRouter:
         One of that name that is there already is never replaced.
         """
         await keeping.take(name, request.stream(), reaches(request))
-        return told(request, 201)
+        return await run_in_threadpool(told, request, 201)
 
     @api.get("/recordings/{name}", response_class=Response, responses=_PROBLEMS)
     def give(name: Name, request: Request) -> FileResponse:

@@ -1,26 +1,30 @@
 """The twin in a path: what it may be called, and how it is registered, or that it is not."""
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Annotated
 
 from fastapi import Path
+from fastapi.concurrency import run_in_threadpool
 
+from slowtime_schemas.quantities import Plain
 from twin_server.registration import ID, Registration
 
 from .knowledge import Knowledge
 from .problems import ProblemError
 
-TwinId = Annotated[str, Path(pattern=ID)]
+TwinId = Annotated[str, Path(pattern=ID), Plain]
 
 
-def registered_in(knowledge: Knowledge) -> Callable[[str], Registration]:
+def registered_in(knowledge: Knowledge) -> Callable[[str], Awaitable[Registration]]:
     """Make what routes depend on: it gives the registration of the twin in the path."""
 
-    def registered(twin_id: TwinId) -> Registration:
+    async def registered(twin_id: TwinId) -> Registration:
+        # In the event loop: a twin that is there costs a look into a dictionary.
         registration = knowledge.registration(twin_id)
         if registration is None:
             site = twin_id.partition(".")[0]
-            there = [i for i in knowledge.ids() if i.startswith(f"{site}.")]
+            ids = await run_in_threadpool(knowledge.ids)
+            there = [i for i in ids if i.startswith(f"{site}.")]
             some = ", ".join(there[:20]) or "none yet"
             raise ProblemError(
                 404,

@@ -6,8 +6,9 @@ from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, Field
 from pydantic_core import to_json
 
+from twin_server.principals import principal_of
+
 from .access.guard import COOKIE
-from .access.principals import principal_of
 
 LONGEST_S = 30 * 86_400
 

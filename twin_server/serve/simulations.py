@@ -1,11 +1,11 @@
 """What a twin would do under a load, at the door."""
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Depends, Response
+from fastapi import APIRouter, Depends, Request, Response
+from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel, Field
-from pydantic_core import to_json
 
 from slowtime_schemas.quantities import Estimate
 from twin_server.orders import SimulationOrder
@@ -13,7 +13,9 @@ from twin_server.registration import Registration
 
 from . import problems
 from .knowledge import Knowledge
+from .lanes import Lane
 from .registered import TwinId
+from .turnstile import passed
 
 _PROBLEMS = problems.answers(
     {
@@ -24,6 +26,9 @@ _PROBLEMS = problems.answers(
     }
 )
 
+
+SIMULATIONS = "simulations"
+"""Group of all simulations: each may take memory and a processor for seconds."""
 
 _PEAK = {"value": 0.021, "sd": 0.0007, "lo": 0.0197, "hi": 0.0224}
 EXAMPLE: dict[str, Any] = {
@@ -114,18 +119,23 @@ class SimulationModel(BaseModel):
     reasons: list[str] = Field(description="Why the bands should not be relied on.")
 
 
-def routes(knowledge: Knowledge, known: Callable[[str], Registration]) -> APIRouter:
+def routes(
+    knowledge: Knowledge, known: Callable[[str], Awaitable[Registration]], lane: Lane
+) -> APIRouter:
     """Make the routes.
 
     Parameters
     ----------
     known
         Gives the registration of the twin in the path, or raises.
+    lane
+        Where it is waited for what takes long.
     """
     api = APIRouter(tags=["twins"])
 
     @api.post("/twins/{twin_id}/simulate", response_model=SimulationModel, responses=_PROBLEMS)
-    def simulate(
+    async def simulate(
+        request: Request,
         twin_id: TwinId,
         registration: Annotated[Registration, Depends(known)],
         order: SimulationOrder,
@@ -135,7 +145,14 @@ def routes(knowledge: Knowledge, known: Callable[[str], Registration]) -> APIRou
         Stiffness, mass and damping are drawn from what is believed of them now; each structure
         drawn is run from rest under the same load, which is straight between its samples.
         """
-        answer = knowledge.simulate(twin_id, order)
-        return Response(to_json(answer), media_type="application/json")
+        await run_in_threadpool(knowledge.check, twin_id, order)
+        passed(request.scope)
+        answer = await lane.run(
+            request,
+            lambda: knowledge.simulate(twin_id, order),
+            group=SIMULATIONS,
+            share=(SIMULATIONS, twin_id, order),
+        )
+        return Response(answer, media_type="application/json")
 
     return api

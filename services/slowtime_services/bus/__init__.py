@@ -2,6 +2,7 @@
 
 from .inbox import Inbox
 from .keys import InvalidKeyError, matches
+from .late import LateBus
 from .memory import MemoryBus
 from .protocol import (
     Answers,
@@ -22,6 +23,7 @@ __all__ = [
     "Handle",
     "Inbox",
     "InvalidKeyError",
+    "LateBus",
     "MemoryBus",
     "Query",
     "Sample",

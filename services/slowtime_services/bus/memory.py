@@ -64,6 +64,11 @@ class MemoryBus:
         """How many times a callback or a handler of this bus raised."""
         return self._callback_errors
 
+    @property
+    def watch_delay_s(self) -> float:
+        """None: `watch` tells of those that are alive before it returns."""
+        return 0.0
+
     def publish(
         self, key: str, payload: bytes, *, encoding: str, replayed: bool = False
     ) -> None:

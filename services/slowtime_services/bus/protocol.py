@@ -64,6 +64,11 @@ class Bus(Protocol):
         """How many times a callback or a handler raised."""
         ...
 
+    @property
+    def watch_delay_s(self) -> float:
+        """How long `watch` may take to tell of those that are alive already [s]."""
+        ...
+
     def publish(
         self, key: str, payload: bytes, *, encoding: str, replayed: bool = False
     ) -> None:

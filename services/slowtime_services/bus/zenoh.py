@@ -64,6 +64,9 @@ class _Declared:
         self._bus._withdraw(self)
 
 
+WATCH_DELAY_S = 1.0
+
+
 class ZenohBus:
     """Messages between processes and machines.
 
@@ -128,6 +131,11 @@ class ZenohBus:
     def callback_errors(self) -> int:
         """How many times a callback or a handler of this bus raised."""
         return self._callback_errors
+
+    @property
+    def watch_delay_s(self) -> float:
+        """A round trip to the router, with much to spare on a busy machine."""
+        return WATCH_DELAY_S
 
     @property
     def connected(self) -> bool:

@@ -24,6 +24,7 @@ from slowtime_schemas.streams import (
     alive_key,
     any_key,
     request_key,
+    server_key,
 )
 
 OF_EDGES = (FEATURES, HEALTH, ABOUT, RAW)
@@ -87,7 +88,8 @@ def server() -> Role:
         answers=tuple(request_key("*", "*", what) for what in ASKED_OF_TWINS),
         replies=(REGISTRATION.everywhere,),
         asks=tuple(request_key("*", "*", what) for what in ASKED_OF_EDGES),
-        watches=(alive_key("*", "*"),),
+        announces=(server_key("*"),),
+        watches=(alive_key("*", "*"), server_key("*")),
     )
 
 

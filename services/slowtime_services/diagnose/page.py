@@ -9,7 +9,7 @@ from slowtime_schemas.diagnosis_file import DiagnosisFile, FoundEffect, Rival
 from slowtime_services.reports import Section, Table, write_page
 
 from .charts import gap_chart, residual_charts, run_charts, surface_chart
-from .words import VERDICTS, named, number, placed, rare
+from .words import VERDICTS, labelled, named, number, placed, rare
 
 
 def write_report(path: Path, diagnosis: Diagnosis, document: DiagnosisFile) -> None:
@@ -44,7 +44,9 @@ def _effects(document: DiagnosisFile) -> Iterator[Section]:
     for effect in document.effects:
         place = placed(effect.where.kind, effect.where.id)
         numbers = ", ".join(
-            f"{name} = {number(n)}" for name, n in effect.parameters.items() if n.sd > 0
+            f"{labelled(name, n.unit)} = {number(n)}"
+            for name, n in effect.parameters.items()
+            if n.sd > 0
         )
         rows.append((named(effect.effect), effect.family, place, numbers, _chance(effect)))
         rivals += [

@@ -1,6 +1,11 @@
 """Words that report, page and terminal share."""
 
+import re
+
 from slowtime_schemas.diagnosis_file import Estimated
+
+UNIT = re.compile(r"(?:_(?:n|m[23]?|s2?|kg|hz|rad|c|per))+$")
+"""A unit at the end of a parameter's name."""
 
 VERDICTS = {
     "missing_effect": "The model lacks an effect",
@@ -22,6 +27,19 @@ def named(effect: str) -> str:
     'gap one sided'
     """
     return effect.replace("_", " ")
+
+
+def labelled(parameter: str, unit: str) -> str:
+    """Name a parameter as a person reads it, without its unit, which its number carries.
+
+    Examples
+    --------
+    >>> labelled("friction_n", "N"), labelled("k3_n_per_m3", "N/m^3"), labelled("n", "")
+    ('friction', 'k3', 'n')
+    >>> labelled("friction_n", "N m"), labelled("t_jump_s", "s"), labelled("drift_total", "g")
+    ('friction', 't jump', 'drift total')
+    """
+    return (UNIT.sub("", parameter) if unit else parameter).replace("_", " ")
 
 
 def placed(kind: str, name: str) -> str:

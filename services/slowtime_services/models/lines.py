@@ -1,16 +1,19 @@
-"""YAML in; plain values out, and the line on which each of them stands.
+"""YAML 1.2 in; plain values out, and the line on which each of them stands.
 
 Only what JSON could also say: no objects, no aliases (which a few lines can make unfold to any
 size), no key twice. JSON is YAML, and read alike.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import yaml
 
+from .core_schema import CoreLoader
+
 Path = tuple[str | int, ...]
 DEPTH = 16
+NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 
 
 class YamlError(ValueError):
@@ -21,8 +24,14 @@ class YamlError(ValueError):
         self.line = line
 
 
-def read_with_lines(text: str) -> tuple[Any, Mapping[Path, int]]:
+def read_with_lines(text: str, names: Collection[str] = ()) -> tuple[Any, Mapping[Path, int]]:
     r"""Read a document, and tell of each key and item its line, counted from 1.
+
+    Parameters
+    ----------
+    names
+        Keys whose values, however deep, are names: kept as they are written, so that a node
+        ``1.10`` is not called ``1.1``, nor one ``1e3`` ``1000.0``.
 
     Raises
     ------
@@ -39,11 +48,11 @@ def read_with_lines(text: str) -> tuple[Any, Mapping[Path, int]]:
     lines: dict[Path, int] = {}
     try:
         _refuse_aliases(text)
-        loader = yaml.SafeLoader(text)
+        loader = CoreLoader(text)
         root = loader.get_single_node()
         if root is None:
             raise YamlError(1, "The file is empty. Begin it with `slowtime_model: 1`.")
-        return _values(loader, root, (), lines), lines
+        return _values(loader, root, (), lines, frozenset(names)), lines
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else 1
@@ -61,7 +70,7 @@ def read_with_lines(text: str) -> tuple[Any, Mapping[Path, int]]:
 
 def _refuse_aliases(text: str) -> None:
     depth = 0
-    for event in yaml.parse(text, Loader=yaml.SafeLoader):
+    for event in yaml.parse(text, Loader=CoreLoader):
         line = event.start_mark.line + 1
         if isinstance(event, yaml.AliasEvent):
             raise YamlError(line, f"`*{event.anchor}` is an alias. Write the value out.")
@@ -75,11 +84,17 @@ def _refuse_aliases(text: str) -> None:
             )
 
 
-def _values(loader: Any, node: yaml.Node, path: Path, lines: dict[Path, int]) -> Any:
+def _values(
+    loader: Any, node: yaml.Node, path: Path, lines: dict[Path, int], names: frozenset[str]
+) -> Any:
     lines.setdefault(path, node.start_mark.line + 1)
     if isinstance(node, yaml.SequenceNode):
-        return [_values(loader, item, (*path, i), lines) for i, item in enumerate(node.value)]
+        return [
+            _values(loader, item, (*path, i), lines, names) for i, item in enumerate(node.value)
+        ]
     if not isinstance(node, yaml.MappingNode):
+        if node.tag in NUMBERS and not names.isdisjoint(path):
+            return node.value
         return _scalar(loader, node)
     values: dict[str, Any] = {}
     for key_node, value_node in node.value:
@@ -91,7 +106,7 @@ def _values(loader: Any, node: yaml.Node, path: Path, lines: dict[Path, int]) ->
             first = lines[(*path, key)]
             raise YamlError(line, f"`{key}` stands here twice, first on line {first}.")
         lines[(*path, key)] = line
-        values[key] = _values(loader, value_node, (*path, key), lines)
+        values[key] = _values(loader, value_node, (*path, key), lines, names)
     return values
 
 

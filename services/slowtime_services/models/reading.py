@@ -19,6 +19,8 @@ from .lines import Path, YamlError, read_with_lines
 MAX_BYTES = 1 << 20
 SHOWN = 8
 """Faults that are told of at once."""
+NAMES = ("name", "id", "between", "effect", "element", "node", "input", "sensor", "channel")
+"""Keys of names, which may look like numbers."""
 
 
 class ModelFileError(ValueError):
@@ -63,7 +65,7 @@ def read_description(
 def parse_model(text: str, name: str, kinds: Mapping[str, Kind] | None = None) -> ModelFile:
     """Check the text of a model file; `name` is what errors call it."""
     try:
-        values, lines = read_with_lines(text)
+        values, lines = read_with_lines(text, NAMES)
     except YamlError as error:
         raise ModelFileError(f"{name}, line {error.line}: {error}") from None
     if not isinstance(values, dict):

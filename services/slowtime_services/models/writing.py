@@ -9,6 +9,8 @@ import yaml
 from slowtime.dynamics.description import Beam, Description, Element
 from slowtime_schemas.model_file import ModelFile
 
+from .core_schema import CoreDumper
+
 GROUPS = ("nodes", "elements", "effects", "inputs", "sensors")
 
 
@@ -57,8 +59,13 @@ def _entry(key: str, value: Any) -> str:
 
 
 def _flow(value: Any) -> str:
-    text = yaml.safe_dump(
-        value, default_flow_style=True, sort_keys=False, width=10**6, allow_unicode=True
+    text = yaml.dump(
+        value,
+        Dumper=CoreDumper,
+        default_flow_style=True,
+        sort_keys=False,
+        width=10**6,
+        allow_unicode=True,
     )
     return str(text).removesuffix("...\n")
 

@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import Literal, NamedTuple, Self
 
 from slowtime_schemas.streams import (
     FEATURES,
@@ -23,11 +23,18 @@ from slowtime_services.bus import Bus, Inbox, Sample
 from slowtime_services.clock import Clock, SystemClock
 
 from .healing import Healer
-from .writer import RecordingWriter, free_path
+from .series import Series
+from .writer import CHUNK_BYTES, RecordingWriter, free_path
 
 logger = logging.getLogger(__name__)
 
 RECORDED = tuple(stream for stream in STREAMS if stream.recorded)
+LEAST_BYTES = 16 * CHUNK_BYTES
+"""Least that a bounded recording may take on the disk."""
+SPARE_BYTES = 2 * CHUNK_BYTES
+"""Kept free below the bound: a chunk that is being gathered, and the index that ends a file."""
+FILES = 8
+"""Files that a bounded recording consists of, so that at most an eighth goes at once."""
 
 
 class _Arrival(NamedTuple):
@@ -50,6 +57,10 @@ class Recording:
     """Messages too large for their stream."""
     missing: int
     """Features that are known to exist and have not come, though asked for."""
+    deleted: int = 0
+    """Files that were deleted to stay within the bound."""
+    unwritten: int = 0
+    """Messages that came after the bound was reached, where that ends the recording."""
 
 
 class Recorder:
@@ -63,7 +74,7 @@ class Recorder:
     bus
         Where to listen; it is left open.
     path
-        The file; it must not exist.
+        The file; it must not exist. With `keep_bytes`, where files of its name exist, the next.
     streams
         Which streams; by default those the registry marks as recorded. Features that did not
         arrive are asked for again (see `healing`).
@@ -75,8 +86,21 @@ class Recorder:
         How often what has arrived is put on the disk [s].
     rotate_bytes, rotate_s
         Begin another file, with a number after its name, once this one is so large or old.
+    keep_bytes
+        Most that the files of this recording, and those of earlier ones under its name (see
+        `Series`), take on the disk; None for no bound. Exceeded for half a second at most, by
+        what arrives in it.
+    when_full
+        What happens then: the oldest files are deleted, which is logged and said in the
+        metadata of the next file; or the recording ends.
     queue_bytes
         How much may wait to be written.
+
+    Raises
+    ------
+    ValueError
+        Where `keep_bytes` is less than `LEAST_BYTES`, or than two files of `rotate_bytes`; or
+        where it is reached before anything was written, and nothing may be deleted.
 
     Examples
     --------
@@ -96,8 +120,21 @@ class Recorder:
         flush_s: float = 0.5,
         rotate_bytes: int | None = None,
         rotate_s: float | None = None,
+        keep_bytes: int | None = None,
+        when_full: Literal["drop_oldest", "stop"] = "drop_oldest",
         queue_bytes: int = 256 * 2**20,
     ) -> None:
+        if keep_bytes is not None:
+            if keep_bytes < max(LEAST_BYTES, 2 * (rotate_bytes or 0)):
+                raise ValueError(
+                    f"A recording of at most {keep_bytes} bytes was asked for. Give at least "
+                    f"{LEAST_BYTES}, and twice the size at which another file begins."
+                )
+            rotate_bytes = rotate_bytes or keep_bytes // FILES
+        self._series, self._keep_bytes = Series(Path(path)), keep_bytes
+        self._when_full, self._full = when_full, threading.Event()
+        self._deleted, self._deleted_names = 0, list[str]()
+        self._unwritten = 0
         self._streams = frozenset(stream.name for stream in streams)
         self._clock = clock or SystemClock()
         self._flush_s, self._rotate_bytes, self._rotate_s = flush_s, rotate_bytes, rotate_s
@@ -106,7 +143,12 @@ class Recorder:
         self._refused = 0
         self._bytes_on_disk = 0
         self._failure: Exception | None = None
-        self._paths = [Path(path)]
+        self._paths = [Path(path) if keep_bytes is None else self._series.next()]
+        if when_full == "stop" and self._reached():
+            raise ValueError(
+                f"The files of {path} take {self._series.size()} bytes already, of the "
+                f"{keep_bytes} that they may. Move some away, or allow more."
+            )
         self._writer = RecordingWriter(self._paths[0])
         self._began = self._flushed = time.monotonic()
         self._healer = Healer(bus, self._arrive)
@@ -134,7 +176,14 @@ class Recorder:
             dropped=self._inbox.dropped,
             refused=self._refused,
             missing=self._healer.missing,
+            deleted=self._deleted,
+            unwritten=self._unwritten,
         )
+
+    @property
+    def full(self) -> bool:
+        """Whether the recording has ended because its bound was reached."""
+        return self._full.is_set()
 
     def run(
         self,
@@ -143,14 +192,14 @@ class Recorder:
         *,
         every_s: float = 0.5,
     ) -> None:
-        """Record until `stop` is set; tell `report` how it stands.
+        """Record until `stop` is set, or the bound is reached; tell `report` how it stands.
 
         Raises
         ------
         OSError
             Where the disk takes no more, or whatever else ended the recording.
         """
-        while not stop.wait(every_s) and self._failure is None:
+        while not stop.wait(every_s) and self._failure is None and not self.full:
             if report is not None:
                 report(self.recording)
         if self._failure is not None:
@@ -193,7 +242,7 @@ class Recorder:
                     self._write(arrival)
                 self._keep()
             self._writer.close()
-            self._bytes_on_disk = sum(path.stat().st_size for path in self._paths)
+            self._bytes_on_disk = self._size()
         except Exception as error:
             self._failure = error
             self._inbox.close()
@@ -230,6 +279,9 @@ class Recorder:
         if len(sample.payload) > stream.max_bytes:
             self._refused += 1
             return
+        if self.full:
+            self._unwritten += 1
+            return
         if self._healing:
             self._healer.note(sample.key, sample.payload)
         self._counts[stream.name] += 1
@@ -240,15 +292,66 @@ class Recorder:
         now = time.monotonic()
         if now - self._flushed < self._flush_s / 2:
             return
+        if self.full:
+            return
         self._writer.flush(sync=True)
         self._flushed = now
-        self._bytes_on_disk = sum(path.stat().st_size for path in self._paths)
+        self._bytes_on_disk = self._size()
+        if not self._stay_within_bound():
+            return
         too_large = self._rotate_bytes and self._writer.bytes_written >= self._rotate_bytes
         too_old = self._rotate_s and now - self._began >= self._rotate_s
         if too_large or too_old:
             self._writer.close()
-            self._paths.append(free_path(self._paths[0]))
-            self._writer, self._began = RecordingWriter(self._paths[-1]), now
+            self._begin_another()
+            self._began = now
+
+    def _begin_another(self) -> None:
+        bounded = self._keep_bytes is not None
+        path = self._series.next() if bounded else free_path(self._paths[0])
+        said = {"deleted": ", ".join(self._deleted_names)} if self._deleted_names else None
+        self._deleted_names.clear()
+        self._paths.append(path)
+        self._writer = RecordingWriter(path, metadata=said)
+
+    def _reached(self) -> bool:
+        """Whether the bound is so near that a chunk more might pass it."""
+        most = self._keep_bytes
+        return most is not None and self._series.size() > most - SPARE_BYTES
+
+    def _stay_within_bound(self) -> bool:
+        """Delete what is too much, or end the recording; whether it goes on."""
+        if not self._reached():
+            return True
+        assert self._keep_bytes is not None
+        if self._when_full == "stop":
+            self._writer.close()
+            self._full.set()
+            logger.error(
+                "Recording has ended: the files of %s have reached the %d bytes that they may "
+                "take.",
+                self._paths[0],
+                self._keep_bytes,
+            )
+            return False
+        deleted = self._series.shrink_to(self._keep_bytes - SPARE_BYTES, self._paths[-1])
+        for path, size in deleted:
+            self._deleted += 1
+            self._deleted_names.append(path.name)
+            logger.warning(
+                "%s (%d bytes), the oldest of the recording, was deleted so that its files "
+                "take no more than %d bytes.",
+                path,
+                size,
+                self._keep_bytes,
+            )
+        gone = {path for path, _ in deleted}
+        self._paths = [path for path in self._paths if path not in gone]
+        return True
+
+    def _size(self) -> int:
+        """Bytes of the files of this run that are still there."""
+        return sum(path.stat().st_size for path in self._paths if path.exists())
 
 
 @functools.lru_cache(maxsize=65536)

@@ -3,11 +3,16 @@
 import collections
 import dataclasses
 import logging
+import mmap
 import os
 from collections.abc import Iterator
+from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
 from mcap.records import (
     Attachment,
     Channel,
@@ -18,14 +23,22 @@ from mcap.records import (
     Metadata,
     Schema,
 )
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC, Writer
 
 from .chunks import plain
+from .fragments import fragment_of, whole_records, without_zeros
+from .scanning import Broken, Piece, scan
 
 logger = logging.getLogger(__name__)
 
-LARGEST_RECORD = 2**30
+_READERS = {
+    Opcode.HEADER: Header.read,
+    Opcode.SCHEMA: Schema.read,
+    Opcode.CHANNEL: Channel.read,
+    Opcode.METADATA: Metadata.read,
+    Opcode.ATTACHMENT: Attachment.read,
+}
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,8 +52,12 @@ class Recovered:
     last_ns: int | None
     damaged_chunks: int
     """Chunks whose check sum or compression was wrong; their messages are lost."""
+    torn_chunks: int
+    """Chunks that were cut short, of which the messages that are whole were kept."""
+    nameless: int
+    """Messages left out because nothing says any more what channel they were on."""
     unread_bytes: int
-    """Bytes at the end that could not be read: at most what was being written."""
+    """Bytes that could not be read: mostly what was being written when the file broke off."""
     was_sound: bool
     """Whether there was nothing to do."""
 
@@ -55,16 +72,17 @@ class _Salvage:
         self._channels: dict[int, tuple[int, str]] = {}
         self.counts: collections.Counter[str] = collections.Counter()
         self.times: tuple[int, int] | None = None
-        self.damaged_chunks = 0
-        self.read_to = 0
-        self.complete = False
+        self.damaged_chunks = self.torn_chunks = self.nameless = 0
+        self.unread_bytes = 0
+        self.complete = True
 
     def keep(self, record: McapRecord) -> None:
         """Write again what a reader gave, whatever it is; indexes are made anew."""
+        if not self._started:
+            header = record if isinstance(record, Header) else Header("", "")
+            self._writer.start(header.profile, header.library)
+            self._started = True
         match record:
-            case Header():
-                self._writer.start(record.profile, record.library)
-                self._started = True
             case Schema() if record.id not in self._schemas:
                 self._schemas[record.id] = self._writer.register_schema(
                     record.name, record.encoding, record.data
@@ -77,7 +95,7 @@ class _Salvage:
                     record.metadata,
                 )
                 self._channels[record.id] = (number, record.topic)
-            case Message() if record.channel_id in self._channels:
+            case Message():
                 self._keep_message(record)
             case Metadata():
                 self._writer.add_metadata(record.name, record.metadata)
@@ -98,6 +116,9 @@ class _Salvage:
         self._writer.finish()  # type: ignore[no-untyped-call]
 
     def _keep_message(self, message: Message) -> None:
+        if message.channel_id not in self._channels:
+            self.nameless += 1
+            return
         number, topic = self._channels[message.channel_id]
         self._writer.add_message(
             number, message.log_time, message.data, message.publish_time, message.sequence
@@ -127,8 +148,11 @@ def recover(path: Path | str, out: Path | str) -> Recovered:
         with path.open("rb") as damaged, partial.open("wb") as file:
             _check_magic(path, damaged)
             salvage = _Salvage(file)
-            for record in _readable(damaged, salvage):
-                salvage.keep(record)
+            with mmap.mmap(damaged.fileno(), 0, access=mmap.ACCESS_READ) as data:
+                for record in _named_at_the_end(damaged):
+                    salvage.keep(record)
+                for record in _readable(data, salvage):
+                    salvage.keep(record)
             salvage.finish()
         os.replace(partial, out)
     finally:
@@ -140,7 +164,9 @@ def recover(path: Path | str, out: Path | str) -> Recovered:
         first_ns=first,
         last_ns=last,
         damaged_chunks=salvage.damaged_chunks,
-        unread_bytes=path.stat().st_size - salvage.read_to,
+        torn_chunks=salvage.torn_chunks,
+        nameless=salvage.nameless,
+        unread_bytes=salvage.unread_bytes,
         was_sound=salvage.complete and not salvage.damaged_chunks,
     )
 
@@ -155,30 +181,73 @@ def _check_magic(path: Path, file: BinaryIO) -> None:
         )
 
 
-def _readable(file: BinaryIO, salvage: _Salvage) -> Iterator[McapRecord]:
-    """Yield records, those inside chunks too, up to the end or to where the file breaks off."""
-    records = StreamReader(file, emit_chunks=True, record_size_limit=LARGEST_RECORD).records
-    while True:
-        try:
-            record = next(records)
-        except StopIteration:
-            salvage.read_to, salvage.complete = file.tell(), True
-            return
-        # Whatever the library stumbles over, what was read before it is worth keeping.
-        except Exception as error:
-            logger.info("Reading ends after %d bytes: %s", salvage.read_to, error)
-            return
-        if isinstance(record, Chunk):
-            yield from _inside(record, salvage)
-        else:
-            yield record
-        salvage.read_to = file.tell()
+def _named_at_the_end(file: BinaryIO) -> Iterator[McapRecord]:
+    """Yield header, schemas and channels that the index repeats, where it is whole.
 
-
-def _inside(chunk: Chunk, salvage: _Salvage) -> list[McapRecord]:
+    The chunk that named them first may be damaged.
+    """
     try:
+        reader = make_reader(file)
+        summary = reader.get_summary()
+        yield reader.get_header()
+    # Whatever the library stumbles over: without an index there is nothing to say.
+    except Exception:
+        return
+    if summary is not None:
+        yield from summary.schemas.values()
+        yield from summary.channels.values()
+
+
+def _readable(data: mmap.mmap, salvage: _Salvage) -> Iterator[McapRecord]:
+    """Yield records, those inside chunks too, past whatever is damaged."""
+    for piece in scan(data):
+        if isinstance(piece, Broken):
+            salvage.complete = False
+            yield from _of_fragment(data[piece.begin : piece.end], salvage)
+        elif piece.opcode == Opcode.CHUNK:
+            yield from _inside(data, piece, salvage)
+        elif piece.opcode == Opcode.MESSAGE:
+            body = ReadDataStream(BytesIO(data[piece.body]))
+            yield Message.read(body, piece.end - piece.body.start)
+        elif piece.opcode in _READERS:
+            yield from _one(data, piece, salvage)
+
+
+def _one(data: mmap.mmap, piece: Piece, salvage: _Salvage) -> list[McapRecord]:
+    try:
+        return [_READERS[Opcode(piece.opcode)](ReadDataStream(BytesIO(data[piece.body])))]
+    except Exception as error:
+        salvage.complete = False
+        salvage.unread_bytes += piece.end - piece.begin
+        logger.warning("A record is damaged and left out: %s", error)
+        return []
+
+
+def _inside(data: mmap.mmap, piece: Piece, salvage: _Salvage) -> list[McapRecord]:
+    try:
+        chunk = Chunk.read(ReadDataStream(BytesIO(data[piece.body])))
         return breakup_chunk(plain(chunk), validate_crc=True)
     except Exception as error:
+        whole = data[piece.begin : piece.end]
+        if piece.end == len(data) and len(without_zeros(whole)) < len(whole):
+            salvage.complete = False
+            return _of_fragment(without_zeros(whole), salvage)
         salvage.damaged_chunks += 1
         logger.warning("A chunk is damaged and left out: %s", error)
         return []
+
+
+def _of_fragment(data: bytes, salvage: _Salvage) -> list[McapRecord]:
+    """Give what is whole in a chunk that was cut short."""
+    records: list[McapRecord] = []
+    fragment = fragment_of(data)
+    if fragment is not None:
+        try:
+            records.extend(whole_records(fragment))
+        except Exception as error:
+            logger.warning("A chunk that is cut short ends in damage: %s", error)
+    if any(isinstance(record, Message) for record in records):
+        salvage.torn_chunks += 1
+    else:
+        salvage.unread_bytes += len(data)
+    return records

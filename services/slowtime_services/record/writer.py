@@ -17,6 +17,8 @@ from slowtime_schemas.streams import Stream
 from .channels import describe
 
 CHUNK_BYTES = 2**20
+CHUNK_NS = 10**9
+"""Longest time that the messages of a chunk cover, those longer by themselves excepted."""
 LIBRARY = "slowtime"
 
 
@@ -34,8 +36,9 @@ def software() -> str:
 class RecordingWriter:
     """An MCAP file being written.
 
-    Chunks end after a mebibyte or at `flush`, never by a clock, so that an import writes the
-    same bytes each time; who records from a bus calls `flush` twice a second.
+    Chunks end after a mebibyte, a second of data, or at `flush`, never by a clock, so that an
+    import writes the same bytes each time and a file that breaks off has lost a second at most;
+    who records from a bus calls `flush` twice a second.
 
     Parameters
     ----------
@@ -69,6 +72,8 @@ class RecordingWriter:
         self._schemas: dict[str, int] = {}
         self._sequences: dict[int, int] = collections.defaultdict(int)
         self._counts: dict[str, int] = collections.defaultdict(int)
+        self._chunk_ns: int | None = None
+        """When the chunk that is being filled begins."""
         self._closed = False
         self._writer.start(profile="", library=LIBRARY)
         self._writer.add_metadata(
@@ -94,6 +99,8 @@ class RecordingWriter:
         payload: bytes,
         log_ns: int,
         publish_ns: int | None = None,
+        *,
+        until_ns: int | None = None,
     ) -> None:
         """Append one payload as it is.
 
@@ -103,7 +110,10 @@ class RecordingWriter:
             When it arrived; of imported samples, the sensor's time of the first.
         publish_ns
             When it was sent, where known.
+        until_ns
+            When what it tells of ends, of samples that last.
         """
+        self._begin_chunk(log_ns, log_ns if until_ns is None else until_ns)
         where = (stream.name, site, asset)
         channel = self._channels.get(where)
         if channel is None:
@@ -126,6 +136,7 @@ class RecordingWriter:
         `sync` the end of the power too.
         """
         self._writer.flush()  # type: ignore[no-untyped-call]
+        self._chunk_ns = None
         if sync:
             os.fsync(self._file.fileno())
 
@@ -161,6 +172,16 @@ class RecordingWriter:
     def __exit__(self, *_: object) -> None:
         """Close."""
         self.close()
+
+    def _begin_chunk(self, log_ns: int, until_ns: int) -> None:
+        """End the chunk where this message would make it longer than a second."""
+        begins = self._chunk_ns
+        if begins is not None and not (
+            begins <= log_ns < begins + CHUNK_NS and until_ns <= begins + CHUNK_NS
+        ):
+            self.flush()
+        if self._chunk_ns is None:
+            self._chunk_ns = log_ns
 
     def _open_channel(self, stream: Stream, site: str, asset: str) -> int:
         description = describe(stream)

@@ -8,7 +8,7 @@ is valid, and the events.
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
-from slowtime_schemas.streams import EVENT, FEATURES, HEALTH, STATE, Stream, parse_key
+from slowtime_schemas.streams import EVENT, FEATURES, HEALTH, RAW, STATE, Stream, parse_key
 
 Node = dict[str, Any]
 
@@ -61,9 +61,15 @@ def layout_of(topics: Collection[str]) -> Node:
         if any(_plots(site, asset, topics))
     ]
     if not tabs:
+        samples = any(parse_key(topic)[0] is RAW for topic in topics)
         raise ValueError(
-            "There are no features, states or health in this recording, and nothing to plot. "
-            "Record them: slowtime record."
+            "There are no features, states or health in this recording, and nothing to plot"
+            + (
+                ": it holds raw samples only, which Foxglove cannot decode. Run them through "
+                "an edge agent, slowtime edge --recording FILE, while slowtime record listens."
+                if samples
+                else ". Record them: slowtime record."
+            )
         )
     whole: Any = "Tab!assets"
     panels[whole] = {"activeTabIdx": 0, "tabs": tabs}

@@ -1,5 +1,6 @@
 """How a part of a simulated structure changes in slow time."""
 
+from collections.abc import Iterable
 from typing import Annotated, Literal
 
 import numpy as np
@@ -21,7 +22,22 @@ class Constant(Frozen):
         return self.change
 
 
-class Linear(Frozen):
+class Renewable(Frozen):
+    """What ages until it is renewed, and then begins as built again."""
+
+    renewed_after: Positive | None = None
+    """Slow time after which the structure is as built again, and so on; None for never."""
+
+    def age(self, slow_time: float) -> float:
+        """Slow time since the structure was last as built."""
+        return slow_time if self.renewed_after is None else slow_time % self.renewed_after
+
+    def renewals(self, slow_time: float) -> int:
+        """How often the structure was renewed up to `slow_time`."""
+        return 0 if self.renewed_after is None else int(slow_time // self.renewed_after)
+
+
+class Linear(Renewable):
     """A steady drift that stops at a limit."""
 
     kind: Literal["linear"] = "linear"
@@ -34,11 +50,11 @@ class Linear(Frozen):
 
     def at(self, slow_time: float) -> float:
         """Relative change at `slow_time`."""
-        drift = self.rate * max(slow_time - self.begins, 0.0)
+        drift = self.rate * max(self.age(slow_time) - self.begins, 0.0)
         return max(drift, self.limit) if self.rate < 0 else min(drift, abs(self.limit))
 
 
-class Step(Frozen):
+class Step(Renewable):
     """A sudden change, as after a collision."""
 
     kind: Literal["step"] = "step"
@@ -47,24 +63,21 @@ class Step(Frozen):
 
     def at(self, slow_time: float) -> float:
         """Relative change at `slow_time`."""
-        return self.change if slow_time >= self.at_slow_time else 0.0
+        return self.change if self.age(slow_time) >= self.at_slow_time else 0.0
 
 
-class Fatigue(Frozen):
+class Fatigue(Renewable):
     """Exponential loss with a ripple, eq. 5.12 of the book."""
 
     kind: Literal["fatigue"] = "fatigue"
     rate: NotNegative = 4e-4
     ripple: Annotated[float, Field(ge=0, lt=1)] = 0.05
     ripple_rate: NotNegative = 2e-2
-    renewed_after: Positive | None = None
-    """Slow time after which the structure is as built again, and so on; None for never."""
 
     def at(self, slow_time: float) -> float:
         """Relative change at `slow_time`."""
-        age = slow_time if self.renewed_after is None else slow_time % self.renewed_after
         series = stiffness_change(
-            np.array([age]),
+            np.array([self.age(slow_time)]),
             rate=self.rate,
             ripple=self.ripple,
             ripple_rate=self.ripple_rate,
@@ -88,3 +101,19 @@ class FillingAndEmptying(Frozen):
 Evolution = Annotated[
     Constant | Linear | Step | Fatigue | FillingAndEmptying, Field(discriminator="kind")
 ]
+
+
+def renewals(evolutions: Iterable[Evolution], slow_time: float) -> int | None:
+    """How often parts were renewed up to `slow_time`; None where none ever is.
+
+    Examples
+    --------
+    >>> renewals([Fatigue(renewed_after=1000.0), Constant()], 2500.0)
+    2
+    """
+    renewed = [
+        one
+        for one in evolutions
+        if isinstance(one, Renewable) and one.renewed_after is not None
+    ]
+    return sum(one.renewals(slow_time) for one in renewed) if renewed else None

@@ -16,7 +16,7 @@ from slowtime.dynamics.simulation import ambient_structure
 from slowtime.dynamics.structure import Square, Structure
 from slowtime.dynamics.transfer import frequency_response
 
-from .evolutions import Constant, Evolution
+from .evolutions import Constant, Evolution, renewals
 from .fields import Frozen, NotNegative, Positive
 from .listening import LASTING, Record, Simulated
 
@@ -110,6 +110,11 @@ class SimulatedFrame(Simulated):
         known["frequency_hz"] = known["mode.1.frequency_hz"]
         known["damping_ratio"] = known["mode.1.damping_ratio"]
         return known
+
+    def renewals(self, epoch: int) -> int | None:
+        """How often storeys and floors were renewed before an epoch."""
+        parts = (*self.stiffness.values(), *self.mass.values())
+        return renewals(parts, epoch * self.slow_time_step)
 
     @property
     def _floors_heard(self) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float
 from pydantic import Field, model_validator
 
 from slowtime.signals.block import Block
+from slowtime_schemas.quantities import RENEWALS
 
 from .fields import Frozen, NotNegative, Positive
 
@@ -119,6 +120,10 @@ class Simulated(Frozen, abc.ABC):
     def truth(self, epoch: int) -> dict[str, float]:
         """Tell what the simulator knows of an epoch, and a sensor does not."""
 
+    def renewals(self, epoch: int) -> int | None:
+        """How often the structure was renewed before an epoch; None where it never is."""
+        return None
+
     @abc.abstractmethod
     def _highest_hz(self) -> float:
         """Highest natural frequency as built."""
@@ -221,6 +226,9 @@ class Simulated(Frozen, abc.ABC):
         longest = self.samples if self.block_s is None else round(self.block_s * self.rate_hz)
         slow_time = epoch * self.slow_time_step
         celsius = self.temperature_at(epoch)
+        covariates = {} if celsius is None else {"temperature_c": celsius}
+        renewals = self.renewals(epoch)
+        covariates |= {} if renewals is None else {RENEWALS: float(renewals)}
         truth = self.truth(epoch)
         for first, last in edges.reshape(-1, 2).tolist():
             for start in range(first, last, max(longest, 1)):
@@ -234,6 +242,6 @@ class Simulated(Frozen, abc.ABC):
                     units=self.units,
                     epoch=epoch,
                     slow_time=slow_time,
-                    covariates={} if celsius is None else {"temperature_c": celsius},
+                    covariates=covariates,
                     truth=truth,
                 )

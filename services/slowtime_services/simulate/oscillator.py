@@ -14,7 +14,7 @@ from pydantic import Field
 from slowtime.dynamics.oscillator import Oscillator
 from slowtime.dynamics.stepping import ambient_acceleration, simulate
 
-from .evolutions import Constant, Evolution
+from .evolutions import Constant, Evolution, renewals
 from .fields import Positive
 from .listening import LASTING, Record, Simulated
 
@@ -73,6 +73,10 @@ class SimulatedStructure(Simulated):
             lasting = self.stiffness.at(epoch * self.slow_time_step)
             known[f"{LASTING}stiffness_change"] = lasting
         return known
+
+    def renewals(self, epoch: int) -> int | None:
+        """How often stiffness and mass were renewed before an epoch."""
+        return renewals((self.stiffness, self.mass), epoch * self.slow_time_step)
 
     def _highest_hz(self) -> float:
         return self.frequency_hz

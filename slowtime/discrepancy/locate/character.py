@@ -105,12 +105,16 @@ class Character:
 
     @property
     def amplitude(self) -> str:
-        """The motion in words."""
-        words = (
-            f"{self.elongation.rms:.3g} rms to {self.elongation.peak:.3g} at most, "
-            f"rate {self.rate.rms:.3g} to {self.rate.peak:.3g}"
-        )
-        return f"{words}; hardly any below {self.onset:.3g}" if self.onset > 0 else words
+        """The motion in words; empty where nothing moves while the force acts."""
+        words = []
+        if self.elongation.peak > 0:
+            words.append(f"{self.elongation.rms:.3g} rms to {self.elongation.peak:.3g} at most")
+        if self.rate.peak > 0:
+            words.append(f"rate {self.rate.rms:.3g} to {self.rate.peak:.3g}")
+        if not words:
+            return ""
+        below = f"; hardly any below {self.onset:.3g}" if self.onset > 0 else ""
+        return ", ".join(words) + below
 
 
 def character(located: Located, place: Place) -> Character:

@@ -85,6 +85,7 @@ def test_the_page_stands_alone_and_begins_with_the_sentence(out, answer):
     for heading in ("The force recovered", "What is left", "Where and when", "Constants"):
         assert f"<h2>{heading}</h2>" in page
     assert 'src="http' not in page
+    assert "<td>k3 = " in page  # the number carries the unit, and the name need not
 
 
 def test_names_out_of_models_are_shown_and_never_run(tmp_path, answer):

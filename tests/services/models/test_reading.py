@@ -89,7 +89,7 @@ def test_a_written_model_is_one_line_a_part():
     ]
 
 
-@given(st.floats(1e-12, 1e12), st.text("abcé:-#'\" 0", min_size=1, max_size=12))
+@given(st.floats(1e-12, 1e12), st.text("abcé:-#'\" 01._exo~", min_size=1, max_size=12))
 def test_any_number_and_any_name_survive(mass, name):
     description = chain([mass], [mass])
     model = model_file_of(description).model_copy(update={"name": name})
@@ -101,6 +101,42 @@ def test_numbers_as_people_write_them_are_numbers():
     model = parse_model(text.replace("id: m1", "id: 1").replace("m1", "1"), "rig")
     assert assemble(description_of(model)).stiffness[0, 0] == 8000.0
     assert model.nodes[0].id == "1"
+
+
+@pytest.mark.parametrize(
+    ("written", "meant"),
+    [
+        ("4.0e7", 4e7),
+        ("1e3", 1e3),
+        ("1E3", 1e3),
+        ("1.e-3", 1e-3),
+        (".5", 0.5),
+        ("+.5", 0.5),
+        ("+12e03", 12e3),
+        ("4100", 4100.0),
+        ("010", 10.0),
+        ("0o10", 8.0),
+        ("0x1F", 31.0),
+    ],
+)
+@pytest.mark.parametrize("was", ["stiffness_n_per_m: 3900.0", "friction_n: 4.1"])
+def test_numbers_are_those_of_yaml_1_2_in_elements_and_effects_alike(was, written, meant):
+    effects = "effects:\n  - {effect: coulomb, element: j1, friction_n: 4.1}\n"
+    key = was.partition(":")[0]
+    model = parse_model((RIG + effects).replace(was, f"{key}: {written}"), "rig")
+    values = {**model.elements[1].model_dump(), **model.effects[0].model_dump()}
+    assert values[key] == meant
+
+
+@pytest.mark.parametrize("name", ["1.10", "1e3", "007", "0x1F", "1_000", "no", "2024-01-01"])
+def test_a_name_that_looks_like_something_else_stays_as_it_is_written(name):
+    effects = "effects:\n  - {effect: coulomb, element: m1, friction_n: 4.1}\n"
+    text = RIG.replace("id: j1", "id: m1") + effects  # an element may be called as a node is
+    model = parse_model(text.replace("m1", name).replace("name: rig", f"name: {name}"), "rig")
+    assert {model.name, model.nodes[0].id, model.elements[1].id} == {name}
+    assert model.elements[1].between == (name, "m2")
+    assert model.effects[0].model_dump()["element"] == name
+    assert parse_model(model_text(model), "rig") == model
 
 
 @pytest.mark.parametrize(
@@ -129,7 +165,11 @@ def test_numbers_as_people_write_them_are_numbers():
         ("id: m2, ", "id: m1, ", r"line 5: 'm1' is used twice among the nodes"),
         ("mass_kg: 1.9", "mass_kg: -1.9", r"line 4: `mass_kg`: .*greater than 0, not -1.9"),
         ("mass_kg: 1.9", "mass_kg: heavy", r"line 4: `mass_kg`: .*not 'heavy'"),
-        ("mass_kg: 1.9", "mass_kg: yes", r"line 4: `mass_kg`: True is a truth value"),
+        ("mass_kg: 1.9", "mass_kg: true", r"line 4: `mass_kg`: True is a truth value"),
+        ("mass_kg: 1.9", "mass_kg: yes", r"line 4: `mass_kg`: this is text.*not 'yes'"),
+        ("mass_kg: 1.9", "mass_kg: 1_000", r"line 4: `mass_kg`: .*text.* 4\.0e7, not '1_000'"),
+        ("mass_kg: 1.9", "mass_kg: 1:30", r"line 4: `mass_kg`: this is text.*not '1:30'"),
+        ("mass_kg: 1.9", "mass_kg: !!int 0x", r"line 4: `0x` is no value"),
         ("mass_kg: 1.9", "mass_kg: .nan", r"line 4: `mass_kg`: .*finite"),
         (
             "  - id: j1",
@@ -180,3 +220,27 @@ def test_what_is_no_model_file_is_told_so(tmp_path, content, words):
     (tmp_path / "m.yaml").write_bytes(content)
     with pytest.raises(ModelFileError, match=words):
         read_model(tmp_path / "m.yaml")
+
+
+@pytest.mark.parametrize(
+    ("was", "named"),
+    [
+        ("name: rig", "`name`"),
+        ("channel: a1", "`channel`"),
+        ("id: m1", "`id`"),
+        ("unit: N", "`unit`"),
+    ],
+)
+@pytest.mark.parametrize("character", [r"\u202e", r"\x1b", r"\n", r"\u2066"])
+def test_a_name_with_a_character_that_is_not_seen_is_refused_by_its_line(was, named, character):
+    key, _, word = was.partition(": ")
+    text = RIG.replace(was, f'{key}: "{word}{character}"')
+    line = next(i for i, row in enumerate(text.splitlines(), 1) if character in row)
+    with pytest.raises(ModelFileError, match=rf"line {line}: {named}: .*has U\+\w{{4}}"):
+        parse_model(text, "rig.yaml")
+
+
+def test_texts_of_effects_are_held_to_it_too():
+    effects = 'effects:\n  - {effect: coulomb, element: "j1\\u202e", friction_n: 4.1}\n'
+    with pytest.raises(ModelFileError, match=r"has U\+202E RIGHT-TO-LEFT OVERRIDE"):
+        parse_model(RIG + effects, "rig.yaml")

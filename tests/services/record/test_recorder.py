@@ -1,5 +1,6 @@
 """What travels is recorded as it came; a killed recorder loses at most a second."""
 
+import io
 import json
 import math
 import os
@@ -9,12 +10,13 @@ import sys
 import textwrap
 import threading
 import time
+from typing import Any
 
 import pytest
 from mcap.reader import make_reader
 
 from slowtime_schemas.codec import encode
-from slowtime_schemas.streams import ABOUT, ACK, FEATURES, STATE
+from slowtime_schemas.streams import ABOUT, ACK, FEATURES, RAW, STATE
 from slowtime_services.bus import MemoryBus, ZenohBus
 from slowtime_services.clock import HandClock
 from slowtime_services.record import Recorder, recover
@@ -89,6 +91,75 @@ def test_files_rotate_and_together_hold_everything(tmp_path, eventually):
     assert [path.name for path in paths[:2]] == ["a.mcap", "a-0001.mcap"]
     got = [json.loads(m.payload)["i"] for path in paths for m in read_recording(path)]
     assert got == [i for i in range(8) for _ in range(20)]
+
+
+def _flood(bus, recorder, eventually, count):
+    """Publish incompressible features of half a mebibyte, each kept before the next comes."""
+    for number in range(count):
+        before = recorder.recording.counts.get("raw", 0) + recorder.recording.unwritten
+        bus.publish(RAW.key("lab", "beam"), bytes([number]) + os.urandom(2**19), encoding="x")
+        assert eventually(
+            lambda n=before: (
+                recorder.recording.counts.get("raw", 0) + recorder.recording.unwritten > n
+            )
+        )
+
+
+def test_a_bounded_recording_deletes_its_oldest_files_and_says_so(tmp_path, eventually, caplog):
+    others = {"a.txt": b"x", "ab.mcap": b"x", "a-1.mcap": b"x", "a-0001.mcap.old": b"x"}
+    for name, content in others.items():
+        (tmp_path / name).write_bytes(content)
+    (tmp_path / "a-0007.mcap").write_bytes(bytes(3 * 2**20))  # of a run before
+    bus, most = MemoryBus(), 16 * 2**20
+    with Recorder(
+        bus, tmp_path / "a.mcap", flush_s=0.02, streams=[RAW], keep_bytes=most
+    ) as recorder:
+        _flood(bus, recorder, eventually, 50)
+    mine = {*tmp_path.iterdir()} - {tmp_path / name for name in others}
+    assert sum(path.stat().st_size for path in mine) <= most
+    assert {name: (tmp_path / name).read_bytes() for name in others} == others
+    paths = recorder.recording.paths
+    assert {*paths} == mine
+    assert recorder.recording.deleted >= 5
+    numbers = [m.payload[0] for path in paths for m in read_recording(path)]
+    assert numbers == [*range(numbers[0], 50)]  # the newest, in order, without a gap
+    assert numbers[0] > 10
+    assert (
+        "a-0007.mcap (3145728 bytes), the oldest of the recording, was deleted" in caplog.text
+    )
+    told = [
+        record.metadata["deleted"]
+        for path in paths
+        for record in make_reader(io.BytesIO(path.read_bytes())).iter_metadata()
+        if "deleted" in record.metadata
+    ]
+    assert any(name.startswith("a-00") for name in told)
+
+
+def test_a_bounded_recording_may_end_instead_and_counts_what_came_after(
+    tmp_path, eventually, caplog
+):
+    bus, most = MemoryBus(), 16 * 2**20
+    bound: dict[str, Any] = {"streams": [RAW], "keep_bytes": most, "when_full": "stop"}
+    with Recorder(bus, tmp_path / "a.mcap", flush_s=0.02, **bound) as recorder:
+        _flood(bus, recorder, eventually, 40)
+        recorder.run(threading.Event(), every_s=0.01)  # comes to an end by itself
+    now = recorder.recording
+    assert recorder.full
+    assert (now.counts["raw"] + now.unwritten, now.deleted) == (40, 0)
+    assert sum(path.stat().st_size for path in tmp_path.iterdir()) <= most
+    got = [m.payload[0] for path in now.paths for m in read_recording(path)]
+    assert got == [*range(now.counts["raw"])]
+    assert "Recording has ended" in caplog.text
+    with pytest.raises(ValueError, match=r"bytes already.*Move some away, or allow more"):
+        Recorder(bus, tmp_path / "a.mcap", **bound)
+
+
+def test_a_bound_too_small_for_its_files_is_refused(tmp_path):
+    for keep, rotate in ((2**20, None), (2**25, 2**25)):
+        with pytest.raises(ValueError, match=r"Give at least 16777216, and twice the size"):
+            Recorder(MemoryBus(), tmp_path / "a.mcap", keep_bytes=keep, rotate_bytes=rotate)
+    assert not list(tmp_path.iterdir())
 
 
 def test_an_idle_recorder_does_not_grow(tmp_path, eventually):

@@ -1,10 +1,11 @@
 """What can be read of a damaged file is kept, and the rest is stated."""
 
+import random
 import struct
 
 import pytest
 from mcap.reader import make_reader
-from mcap.writer import Writer
+from mcap.writer import CompressionType, Writer
 
 from slowtime_schemas.codec import encode
 from slowtime_schemas.streams import FEATURES
@@ -125,3 +126,98 @@ def test_what_was_never_a_recording_is_said_to_be_none(tmp_path, content):
 def test_an_existing_file_is_not_overwritten(tmp_path, whole):
     with pytest.raises(FileExistsError, match="Give another name"):
         recover(whole, whole)
+
+
+def foreign(path, count=1500, **how):
+    """A recording of somebody else, and its messages."""
+    rng = random.Random(4)
+    with path.open("wb") as file:
+        writer = Writer(file, **how)
+        writer.start("ros2", "other")
+        schema = writer.register_schema("s", "jsonschema", b"{}")
+        channel = writer.register_channel("/a", "json", schema)
+        for i in range(count):
+            data = b"%d " % i + rng.randbytes(60) + b"x" * 200
+            writer.add_message(channel, i * 10**7, data, i * 10**7, i)
+        writer.finish()
+    return messages_of(path)
+
+
+def messages_of(path):
+    with path.open("rb") as file:
+        found = make_reader(file).iter_messages(log_time_order=False)
+        return [(c.topic, m.log_time, m.sequence, m.data) for _, c, m in found]
+
+
+@pytest.mark.parametrize(
+    ("how", "least"),
+    [
+        ({"compression": CompressionType.ZSTD, "chunk_size": 1 << 26}, 0.25),
+        ({"compression": CompressionType.LZ4, "chunk_size": 1 << 26}, 0.45),
+        ({"compression": CompressionType.NONE, "chunk_size": 1 << 26}, 0.45),
+        ({"compression": CompressionType.ZSTD, "chunk_size": 1 << 14}, 0.4),
+        ({"use_chunking": False}, 0.45),
+    ],
+    ids=["zstd", "lz4", "unpacked", "small chunks", "no chunks"],
+)
+def test_a_torn_chunk_gives_what_is_whole_in_it_however_it_is_packed(tmp_path, how, least):
+    path, cut, out = (tmp_path / name for name in ("f.mcap", "cut.mcap", "out.mcap"))
+    everything = foreign(path, **how)
+    data = path.read_bytes()
+    for percent in range(3, 100, 12):
+        cut.write_bytes(data[: len(data) * percent // 100])
+        out.unlink(missing_ok=True)
+        recovered = recover(cut, out)
+        assert messages_of(out) == everything[: recovered.messages]
+        if percent == 51:
+            assert recovered.messages >= least * len(everything)
+
+
+@pytest.mark.data
+def test_recordings_of_others_cut_anywhere_give_their_first_messages(tmp_path, data):
+    paths = sorted((data / "foreign_mcap").glob("*.mcap"))
+    assert paths
+    for path in paths:
+        whole, everything = path.read_bytes(), messages_of(path)
+        for percent in range(1, 100, 6):
+            cut, out = tmp_path / f"{path.stem}{percent}.mcap", tmp_path / f"out{percent}.mcap"
+            cut.write_bytes(whole[: max(8, len(whole) * percent // 100)])
+            recovered = recover(cut, out)
+            assert messages_of(out) == everything[: recovered.messages]
+            out.unlink()
+
+
+def test_behind_any_flipped_bit_the_recording_goes_on_and_the_loss_is_counted(tmp_path, whole):
+    data, everything = whole.read_bytes(), payloads(whole)
+    rng = random.Random(5)
+    for number in range(60):
+        place = rng.randrange(64, len(data) * 8)
+        flipped = bytearray(data)
+        flipped[place // 8] ^= 1 << place % 8
+        hurt, out = tmp_path / "hurt.mcap", tmp_path / f"out{number}.mcap"
+        hurt.write_bytes(flipped)
+        recovered = recover(hurt, out)
+        kept = payloads(out)
+        assert set(kept) <= set(everything)
+        assert len(kept) >= 900
+        assert len(kept) == 1000 or not recovered.was_sound
+
+
+def test_a_chunk_that_somebody_never_closed_is_read_to_the_end_of_the_file(tmp_path, whole):
+    data, offset = bytearray(whole.read_bytes()), chunk_offsets(whole)[9]
+    end = offset + 9 + struct.unpack_from("<Q", data, offset + 1)[0]
+    struct.pack_into("<Q", data, offset + 1, 2**64 - 1)
+    struct.pack_into("<Q", data, offset + 9 + 16, 0)
+    struct.pack_into("<Q", data, offset + 9 + 28 + 8, 2**64 - 1)
+    (tmp_path / "open.mcap").write_bytes(data[:end])
+    recovered = recover(tmp_path / "open.mcap", tmp_path / "out.mcap")
+    assert (recovered.messages, recovered.torn_chunks) == (1000, 1)
+
+
+def test_what_a_power_cut_left_as_zeros_is_no_message(tmp_path, whole):
+    data = whole.read_bytes()
+    cut = chunk_offsets(whole)[5] + 300
+    (tmp_path / "zeros.mcap").write_bytes(data[:cut] + bytes(5000))
+    recovered = recover(tmp_path / "zeros.mcap", tmp_path / "out.mcap")
+    assert recovered.messages >= 500
+    assert payloads(tmp_path / "out.mcap") == payloads(whole)[: recovered.messages]

@@ -73,7 +73,12 @@ class Told:
 
 
 @pytest.mark.parametrize(
-    ("stands_out", "told", "down"), [(True, [], False), (False, [], True), (False, [1], False)],
+    ("stands_out", "told", "down"),
+    [
+        (True, [], False),
+        (False, [], True),
+        pytest.param(False, [1], False, marks=pytest.mark.long),
+    ],
     ids=["stands out", "nothing tells", "pieces tell"],
 )  # fmt: skip
 def test_where_one_stands_out_no_law_is_tried_on_how_records_begin(
@@ -88,16 +93,19 @@ def test_where_one_stands_out_no_law_is_tried_on_how_records_begin(
     monkeypatch.setattr(searching, "begun_with", lambda *_: stands_out)
     monkeypatch.setattr(searching, "Piecewise", lambda *_: Told(told))
     monkeypatch.setattr(Downward, "__call__", looked)
-    trials = seen((CUBIC, DRAG))
+    trials = seen((CUBIC, DRAG), samples=250)
     search(refit(Plant.of(TWO, kinds=KINDS), trials), trials, Search(KINDS, Watch()))
     assert bool(asked) is down
 
 
-@pytest.mark.parametrize(("left", "whole"), [(20.0, []), (50.0, [label_of(DRAG)])])
+@pytest.mark.parametrize(
+    ("left", "whole"),
+    [(20.0, []), pytest.param(50.0, [label_of(DRAG)], marks=pytest.mark.long)],
+)
 def test_what_pieces_tell_comes_first_and_is_fitted_to_all_where_it_is_lost(
     monkeypatch, left, whole
 ):
-    trials = seen((CUBIC, DRAG))
+    trials = seen((CUBIC, DRAG), samples=250)
     fit = refit(Plant.of(TWO, kinds=KINDS), trials)
     shown = [
         Named(effect, TWO, dataclasses.replace(fit, chi2_in_band=chi2), 0.0)

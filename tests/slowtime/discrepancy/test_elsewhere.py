@@ -44,7 +44,11 @@ def test_an_error_of_noise_needs_no_second_look(fitted):
     assert borne_out(fitted["gap_symmetric"], 1.0, [recorded(HARD, 9.0, 7)])
 
 
-@pytest.mark.parametrize("begun", [None, np.array([0.05, -1.5])], ids=["at rest", "moving"])
+@pytest.mark.parametrize(
+    "begun",
+    [pytest.param(None, marks=pytest.mark.long), np.array([0.05, -1.5])],
+    ids=["at rest", "moving"],
+)
 def test_the_right_law_has_the_same_numbers_elsewhere(fitted, begun):
     test = recorded(HARD, 9.0, 7, state0=begun)
     assert borne_out(fitted["cubic_hardening"], MUCH, [test])

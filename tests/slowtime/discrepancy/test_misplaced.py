@@ -41,11 +41,21 @@ def accounted(trials, *effects):
     return Found(fits, trials, answers=answers)
 
 
-@pytest.mark.parametrize("name", TRUE)
-@pytest.mark.parametrize("first", [True, False], ids=["first", "last"])
-def test_it_goes_to_where_it_leaves_least(name, first):
+@pytest.mark.parametrize(
+    ("first", "name"),
+    [
+        pytest.param(True, "jump", id="first-jump"),
+        pytest.param(False, "curve", id="last-curve"),
+        pytest.param(False, "rider", id="last-rider"),
+        pytest.param(False, "jump", id="last-jump", marks=pytest.mark.long),
+        pytest.param(True, "curve", id="first-curve", marks=pytest.mark.long),
+        pytest.param(True, "rider", id="first-rider", marks=pytest.mark.long),
+    ],
+)
+def test_it_goes_to_where_it_leaves_least(first, name):
     true = TRUE[name]
-    trials = seen((true, DRAG), samples=600)
+    # Beside less noise, which minimum the wrong law is fitted into hangs on the last digit.
+    trials = seen((true, DRAG), samples=600, noise=0.05)
     wrong = dataclasses.replace(true, place=OTHER[name])
     found = accounted(trials, *((wrong, DRAG) if first else (DRAG, wrong)))
     before = found.fits[-1].chi2_in_band

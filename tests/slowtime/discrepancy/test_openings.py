@@ -101,10 +101,10 @@ def hard():
 @pytest.mark.parametrize(
     ("name", "place"),
     [
-        ("quadratic_stiffness", GROUND),
+        pytest.param("quadratic_stiffness", GROUND, marks=pytest.mark.long),
         pytest.param("quadratic_stiffness", MIDDLE, marks=pytest.mark.long),
         pytest.param("cubic_hardening", GROUND, marks=pytest.mark.long),
-        ("cubic_hardening", MIDDLE),
+        pytest.param("cubic_hardening", MIDDLE, marks=pytest.mark.long),
         pytest.param("cubic_hardening", TOP, marks=pytest.mark.long),
         ("quadratic_damping", GROUND),
         pytest.param("quadratic_damping", MIDDLE, marks=pytest.mark.long),

@@ -92,7 +92,9 @@ def thrown_over(description, begins, noise):
 
 
 @pytest.mark.parametrize(
-    ("description", "noise"), [(ONE, 0.02), (ACCELERATION, 2.0)], ids=["angle", "acceleration"]
+    ("description", "noise"),
+    [(ONE, 0.02), pytest.param(ACCELERATION, 2.0, marks=pytest.mark.long)],
+    ids=["angle", "acceleration"],
 )
 def test_pieces_that_were_led_astray_are_begun_anew(description, noise):
     """Damping that is off leads a pendulum that turns over to another turn."""

@@ -62,7 +62,7 @@ STILL = Effect("sensor_drift", Place("sensor", "v_m2"), {"drift_total": 0.0})
 ONLY = Place("sensor", "x_m1")
 
 
-def seen(effects, *, of=TWO, count=2, samples=500, seed=3):
+def seen(effects, *, of=TWO, count=2, samples=500, seed=3, noise=0.005):
     rng = np.random.default_rng(seed)
     entries = (*of.effects, *(e.entry() for e in effects))
     truth = Plant.of(dataclasses.replace(of, effects=entries))
@@ -70,8 +70,8 @@ def seen(effects, *, of=TWO, count=2, samples=500, seed=3):
     for level in np.linspace(6.0, 14.0, count):
         push = np.convolve(rng.standard_normal(samples), np.hanning(7), "same")[:, None] * level
         clean = truth.simulate(truth.values, push, RATE)
-        noise = 0.005 * clean.std(axis=0) * rng.standard_normal(clean.shape)
-        found.append(Trial(inputs=push, outputs=clean + noise, rate_hz=RATE))
+        own = noise * clean.std(axis=0) * rng.standard_normal(clean.shape)
+        found.append(Trial(inputs=push, outputs=clean + own, rate_hz=RATE))
     return tuple(found)
 
 

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Health
-from twin_server.collect import Account, Arrival, Change, Holding
+from twin_server.collect import DAMAGED, Account, Arrival, Change, Holding
 from twin_server.settings import HealingSettings
 
 HEALING = HealingSettings(
@@ -26,10 +26,11 @@ class World:
         self.changes = Change()
         self.reachable = True
         self.asked = 0
+        self.damaged: tuple[tuple[int, int], ...] = ()
 
     def note(self, change):
         self.order += [(o.run.boot, o.features.sequence) for o in change.ordered]
-        for name in ("ordered", "held", "released", "lost", "refused"):
+        for name in ("ordered", "held", "released", "lost", "refused", "rivals"):
             getattr(self.changes, name).extend(getattr(change, name))
         self.changes.touched.update(change.touched)
 
@@ -43,11 +44,11 @@ class World:
         message = self.make(sequence, boot=boot, **more)
         return Arrival(message, encode(message))
 
-    def health(self, boot, last, first_held=0):
+    def health(self, boot, last, first_held=0, uptime_s=1.0, t_s=1000):
         change = Change()
         message = Health(
-            site="lab", asset="beam", boot=boot, sequence=0, t_ns=1, last_sequence=last,
-            first_held=first_held, uptime_s=1.0,
+            site="lab", asset="beam", boot=boot, sequence=0, t_ns=t_s * 10**9,
+            last_sequence=last, first_held=first_held, uptime_s=uptime_s,
         )  # fmt: skip
         self.account.hear([(message, False)], self.now_s, change)
         self.note(change)
@@ -74,7 +75,12 @@ class World:
             self.now_s += step_s
 
     def listing(self):
-        return [Holding(b, min(kept), max(kept)) for b, kept in self.spool.items() if kept]
+        ends = [n for _, n in self.damaged]
+        return [
+            Holding(boot, min(kept), max([*kept, *ends]), self.damaged)
+            for boot, kept in self.spool.items()
+            if kept
+        ]
 
     @property
     def reasons(self):
@@ -427,6 +433,80 @@ def test_what_an_edge_still_has_of_a_boot_that_was_closed_without_it_is_reported
     world.alive()
     world.heal()
     assert world.lost == [("b1", 2, 6)]
+    run = next(run for run in world.changes.touched if run.boot == "b1")
+    assert run.next == 2  # acknowledged up to there and no further: the edge keeps the rest
+    world.alive(False)
+    world.alive()
+    world.heal()
+    assert world.lost == [("b1", 2, 6)]
+
+
+def test_what_is_damaged_in_the_spool_is_lost_at_once_even_at_the_end(world):
+    world.damaged = ((1, 2), (4, 4), (6, 7))
+    world.spool = {"b1": {0, 3, 5}}
+    world.alive()
+    world.arrive(("b1", 0))
+    world.health("b1", 7)
+    world.heal(rounds=4)
+    assert world.order == [("b1", 0), ("b1", 3), ("b1", 5)]
+    assert world.lost == [("b1", 1, 2), ("b1", 4, 4), ("b1", 6, 7)]
+    assert {lost.why for lost in world.changes.lost} == {DAMAGED}
+
+
+def test_a_closed_boot_that_goes_on_is_another_agent_and_told_once(world):
+    world.spool = {"b1": {0}, "b2": {0}}
+    world.arrive(("b1", 0))
+    world.heal()
+    world.arrive(("b2", 0))
+    world.heal()
+    for sequence in range(1, 5):
+        world.spool["b1"].add(sequence)
+        world.arrive(("b1", sequence))
+    world.alive(False)
+    world.alive()
+    world.heal()
+    assert world.reasons.count("closed_boot") == 4
+    ((run, other, first, _),) = world.changes.rivals
+    assert (run.boot, other, first, run.next) == ("b1", "b2", 1, 1)
+    assert world.lost == []
+
+
+def test_an_agent_of_a_closed_boot_that_still_tells_of_itself_is_another_one(world):
+    world.spool = {"b1": {0}, "b2": {0}}
+    world.arrive(("b1", 0))
+    world.heal()
+    world.arrive(("b2", 0))
+    world.heal()
+    world.health("b2", 0, t_s=1000)
+    world.health("b1", 0, t_s=999, uptime_s=500.0)
+    world.health("b1", 0, t_s=1005, uptime_s=506.0)
+    assert not world.changes.rivals
+    world.health("b1", 0, t_s=1006, uptime_s=507.0)
+    world.health("b1", 0, t_s=1007, uptime_s=508.0)
+    ((run, other, first, _),) = world.changes.rivals
+    assert (run.boot, other, first) == ("b1", "b2", 1)
+
+
+def test_agents_of_one_boot_are_told_apart_by_when_they_began_and_by_what_waits(world):
+    world.arrive(("b1", 0))
+    world.heal()
+    world.health("b1", 0)
+    world.health("b1", 0)
+    assert not world.changes.rivals
+    world.health("b1", 0, uptime_s=60.0)
+    world.health("b1", 0, uptime_s=600.0)
+    ((run, other, _, how),) = world.changes.rivals
+    assert (run.boot, other, run.contested) == ("b1", "b1", True)
+    assert "began at" in how
+    changes = Change()
+    world.arrive(("b2", 0))
+    world.heal()
+    for frequency_hz in (3.0, 3.1):
+        one = world.arrival("b2", 7, frequency_hz=frequency_hz)
+        world.account.take([one], world.now_s, changes)
+    ((run, other, _, how),) = changes.rivals
+    assert (run.boot, other) == ("b2", "b2")
+    assert how == "reading 7 came twice, with different content"
 
 
 def test_what_is_being_asked_is_not_looked_at_again_but_still_counts(world):

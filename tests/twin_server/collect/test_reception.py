@@ -69,10 +69,6 @@ WRONG = {
         "future_clock",
         lambda s, f: s(f(0, time_base="live", t_ns=NOW_NS + 301 * 10**9)),
     ),
-    "a sensor of last year": (
-        "stale_clock",
-        lambda s, f: s(f(0, time_base="live", t_ns=NOW_NS - 31 * DAY_NS)),
-    ),
     "a clock that was never set": ("unset_clock", lambda s, f: s(f(0, t_ns=10**9))),
 }
 
@@ -110,6 +106,23 @@ def test_a_recording_s_age_says_nothing_about_clocks(how, reception, features, s
     assert len(arrivals) == 1
 
 
+def test_a_reading_of_any_age_is_taken_and_how_old_it_was_is_noted(reception, features, sample):
+    given = [
+        sample(features(n, time_base=base, t_ns=NOW_NS - days * DAY_NS), replayed=replayed)
+        for n, (base, days, replayed) in enumerate(
+            [
+                ("live", 29, False),
+                ("live", 31, False),
+                ("live", 31, True),
+                ("recorded", 99, False),
+            ]
+        )
+    ]
+    arrivals, *_ = reception.read(given, NOW_NS)
+    assert [arrival.age_s / 86_400 for arrival in arrivals] == [0.0, 31.0, 0.0, 0.0]
+    assert not refusals_of(reception)
+
+
 def test_health_is_taken_with_whether_it_was_replayed(reception):
     health = Health(
         site="lab",
@@ -122,7 +135,7 @@ def test_health_is_taken_with_whether_it_was_replayed(reception):
         uptime_s=2.0,
     )
     sample = Sample(HEALTH.key("lab", "beam"), encode(health), NOW_NS, True)
-    assert reception.read([sample], NOW_NS) == ([], [(health, True)], [], 0)
+    assert reception.read([sample], NOW_NS) == ([], [(health, True)], [], [], 0)
 
 
 def test_the_log_does_not_repeat_itself(caplog):

@@ -1,7 +1,5 @@
 """What twins of elements know beside their rows is kept, found and replaced with them."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -58,25 +56,19 @@ def test_each_state_comes_with_its_own_detail_and_others_without(store):
     assert newest.bodies == [b'{"n":1198}', b'{"n":1199}']
 
 
-def test_what_is_picked_is_picked_by_states_and_changes_alike(store):
-    fill(store, 50)
-    asked: dict[str, Any] = {}
-
-    def pick(states, changes):
-        asked.update(states=len(states), changes=changes)
-        return np.array([1, min(40, len(states) - 1)])
-
-    found = store.history("lab.frame", pick=pick)
-    assert asked["states"] == 50
-    assert asked["changes"].shape == (50, 2, 3)
-    assert np.isnan(asked["changes"][:2]).all()
-    assert asked["changes"][40].tolist() == [[40.0, 39.0, 41.0], [0.0, -1.0, 1.0]]
-    assert found.states["sequence"].tolist() == [1, 40]
-    assert found.bodies == [None, b'{"n":40}']
-    store.history(
-        "lab.beam", pick=lambda _, changes: asked.update(none=changes) or np.arange(1)
-    )
-    assert asked["none"] is None
+def test_a_thinned_history_shows_the_extremes_of_every_parameter(store):
+    fill(store)
+    found, bands = store.thinned("lab.frame", 20)
+    assert found.states["sequence"].tolist() == sorted({*found.states["sequence"].tolist()})
+    assert {2, 1199} <= set(found.states["sequence"].tolist())
+    assert found.bodies[-1] == b'{"n":1199}'
+    ramp = bands.quantities[:, 4]
+    assert (ramp["min"].min(), ramp["max"].max()) == (2.0, 1199.0)
+    assert (ramp["lo"].min(), ramp["hi"].max()) == (1.0, 1200.0)
+    assert ramp["count"].sum() == 1198
+    plain, bands = store.thinned("lab.beam", 2)
+    assert plain.bodies == ()
+    assert bands.quantities.shape[1] == 4
 
 
 def test_estimating_anew_replaces_details_and_forgetting_takes_them_along(store):

@@ -152,7 +152,7 @@ def test_what_rots_while_the_server_runs_is_noticed_where_it_is_read(tmp_path, w
     other.execute(f"update features set {what} = ? where id = ?", (value, (1 << 40) + 20))
     other.close()
     with pytest.raises(DamagedStoreError, match=r"damaged.*checksum.*slowtime restore"):
-        store.history("lab.beam") if what == "state" else store.digest("lab.beam")
+        store.history("lab.beam") if what == "state" else store.messages("lab.beam", (1, 0), 50)
     store.close()
     with pytest.raises(DamagedStoreError, match="is not as it was written"):
         SqliteStore(tmp_path / "x.sqlite")

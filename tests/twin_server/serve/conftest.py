@@ -127,7 +127,8 @@ effect = {"effect": "coulomb", "family": "friction", "where": {"kind": "element"
               {"effect": "stick_slip", "where": {"kind": "element", "id": "j2"},
                "probability": 0.02}]}
 where = [{"kind": "element", "id": "j2", "score": 40.0, "p_value": 1e-9, "share": 0.9},
-         {"kind": "element", "id": "j1", "score": 2.0, "p_value": 0.4, "share": 0.1}]
+         {"kind": "element", "id": "j1", "score": 2.0, "p_value": 0.4, "share": 0.1},
+         {"kind": "base", "id": "base", "score": 1.0, "p_value": 0.6, "share": 0.05}]
 when = {"times_s": [[0.05, 0.15]], "bands_hz": [[2.0, 4.0]], "amplitude": "More when it moves "
         "slowly.", "linear": False, "steady": True}
 none = task["order"]["holdout_s"] is not None

@@ -1,6 +1,7 @@
 """REST as others script against it."""
 
 import socket
+from urllib.parse import quote
 
 import numpy as np
 import pytest
@@ -48,6 +49,32 @@ def test_fewer_points_hide_no_extreme(server, max_points):
             for end, extreme in (("lo", min), ("hi", max), ("value", min), ("value", max)):
                 values = [p[quantity][end] for p in some]
                 assert extreme(values) == extreme(p[quantity][end] for p in every)
+
+
+@pytest.mark.parametrize("max_points", [2, 12, 50])
+def test_a_thinned_history_tells_what_all_readings_show(server, max_points):
+    every = server.get(f"{TWIN}/history").json()
+    assert "bands" not in every
+    found = server.get(f"{TWIN}/history", max_points=max_points).json()
+    bands = models.HistoryModel.model_validate(found).bands
+    assert bands is not None
+    assert bands.readings == sum(bands.count) == 300
+    assert sum(bands.valid) == sum(p["valid"] for p in every["points"])
+    assert len(bands.count) <= max(1, max_points // 2)
+    ends = zip(bands.start.slow_time, bands.end.slow_time, bands.count, strict=True)
+    for number, (start, end, count) in enumerate(ends):
+        part = every["points"][int(start) : int(end) + 1]
+        assert len(part) == count
+        for name in ("frequency_hz", "stiffness_change"):
+            band, told = bands.quantities[name], [p[name] for p in part]
+            assert band.min[number] == min(one["value"] for one in told)
+            assert band.max[number] == max(one["value"] for one in told)
+            assert band.lo[number] == min(one["lo"] for one in told)
+            assert band.hi[number] == max(one["hi"] for one in told)
+            assert band.mean[number] == pytest.approx(np.mean([one["value"] for one in told]))
+        true = [p["truth"]["stiffness_change"] for p in part]
+        assert bands.truth["stiffness_change"].min[number] == min(true)
+        assert bands.truth["stiffness_change"].max[number] == max(true)
 
 
 @pytest.mark.parametrize(
@@ -494,3 +521,43 @@ def test_what_is_normal_is_told_and_what_has_entered(serving, features, eventual
     assert twin.stiffness_change.lo < 0.97**2 - 1 < twin.stiffness_change.hi
     told = [e["kind"] for e in server.get(f"{TWIN}/events").json()["events"]]
     assert told == ["registered", "normal_learnt", "change_entered"]
+
+
+@pytest.mark.parametrize(
+    ("strange", "named"),
+    [
+        ("\u202e", "U+202E (right-to-left override)"),
+        ("\u2066", "U+2066 (left-to-right isolate)"),
+        ("\x1b", "U+001B (a control character)"),
+        ("\x00", "U+0000 (a control character)"),
+        ("\n", "U+000A (a control character)"),
+        ("\u200b", "U+200B (zero width space)"),
+        ("\u2028", "U+2028 (line separator)"),
+    ],
+)
+def test_a_name_that_does_not_look_like_what_it_is_is_refused(server, strange, named):
+    name = f"To{strange}wer"
+    spring = {"id": name, "between": ["base", "m"], "stiffness_n_per_m": 1.0}
+    model = {"slowtime_model": 1, "nodes": [{"id": "m", "mass_kg": 1.0}], "elements": [spring]}
+    for body in (
+        {"name": name},
+        {"covariates": {"names": [name]}},
+        {"changes": "elements", "model": model},
+        {"model": model | {"name": name, "elements": []}},
+    ):
+        refused = server.client.put("/api/v1/twins/lab.strange", json=body)
+        assert refused.status_code == 422
+        assert f"character 3 is {named}" in refused.json()["detail"]
+    for path in (f"twins/lab.be{strange}am", f"recordings/a{strange}.mcap"):
+        refused = server.client.put(f"/api/v1/{quote(path)}", json={})
+        assert refused.status_code == 422
+        assert named in refused.json()["detail"]
+    assert "lab.strange" not in {t["id"] for t in server.get("/api/v1/twins").json()["twins"]}
+
+
+def test_names_of_all_languages_are_names(server):
+    for number, name in enumerate(("Türme & Brücken", "塔", "می\u200cشود", "ברג 4", "🌉")):
+        path = f"/api/v1/twins/lab.named{number}"
+        assert server.client.put(path, json={"name": name}).status_code == 201
+        assert server.get(path).json()["registration"]["name"] == name
+        assert server.client.delete(path).status_code == 204

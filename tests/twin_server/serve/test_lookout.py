@@ -5,6 +5,7 @@ import time
 import numpy as np
 import pytest
 
+from slowtime_schemas.quantities import RENEWALS
 from twin_server.estimate import Noticed
 from twin_server.pipeline import lookout
 
@@ -51,7 +52,7 @@ def test_a_jump_becomes_an_event_within_five_epochs_and_only_once(
     assert event["details"]["quantity"] == "stiffness_change"
     assert event["details"]["since"] == AT - 1
     assert event["details"]["size"] == pytest.approx(-0.12, abs=0.01)
-    assert "stiffness_change went elsewhere after slow time 39, by −12" in event["message"]
+    assert "stiffness_change fell by 12" in event["message"]
     # The forecast learns anew at once, not when the next 25 readings are there.
     ahead = server.get(f"{TWIN}/forecast").json()
     assert ahead["jumps"] == {"stiffness_change": [AT - 1]}
@@ -150,3 +151,28 @@ def test_a_twin_that_is_made_anew_is_watched_anew(serving, jumping, eventually):
     fed(server, jumping[AT + 5 :], eventually)
     time.sleep(1.0)
     assert len(told(server)) == 1
+
+
+def test_a_jump_that_was_announced_as_a_renewal_is_no_sudden_change(
+    serving, jumping, eventually
+):
+    server, other = serving(), "/api/v1/twins/lab.other"
+    for twin in (TWIN, other):
+        assert server.client.put(twin, json=BODY).status_code == 201
+    announced = [
+        one.model_copy(update={"covariates": {RENEWALS: float(one.sequence >= AT)}})
+        for one in jumping
+    ]
+    fed(server, announced, eventually)
+    # One twin is looked at after the other: once the second has its event, the first was.
+    for one in jumping[: AT + 5]:
+        server.feed([one.model_copy(update={"asset": "other"})])
+    assert eventually(lambda: told(server, other))
+    assert told(server) == []
+    found = server.get(f"{TWIN}/events", limit=1000).json()["events"]
+    assert [one["slow_time"] for one in found if one["kind"] == "renewed"] == [AT]
+    # What is foretold follows from the renewed structure alone.
+    ahead = server.get(f"{TWIN}/forecast").json()
+    assert ahead["jumps"] == {"stiffness_change": []}
+    assert ahead["points"][-1]["slow_time"] - ahead["since"] == pytest.approx(19 / 4)
+    assert ahead["points"][0]["stiffness_change"]["hi"] < -0.08

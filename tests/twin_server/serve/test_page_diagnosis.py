@@ -31,9 +31,11 @@ def test_what_the_model_lacks_is_asked_for_adopted_and_undone_on_the_page(restin
     expect(bars).to_have_count(4)
     expect(bars.nth(2)).to_contain_text("with coulomb")
     found = job.locator(".found-table").first
-    expect(found).to_contain_text("friction n 0.5 ± 0.01\u202fN")
+    expect(found).to_contain_text("friction 0.5 ± 0.01\u202fN")
     expect(found).to_contain_text("element j2")
     expect(job.locator(".share").first).to_contain_text("90\u202f%")
+    expect(job.locator(".finding")).to_contain_text("the base")
+    expect(job.locator(".finding")).not_to_contain_text("base base")
     expect(job.locator(".finding")).to_contain_text("stands out at 0.05 to 0.15\u202fs")
     overlay = job.locator(".overlay .plot")
     expect(overlay.locator(".legend")).to_be_visible()

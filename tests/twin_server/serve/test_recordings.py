@@ -3,6 +3,8 @@
 import datetime
 import io
 import struct
+import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import httpx
 import pytest
@@ -165,6 +167,30 @@ def test_a_recording_is_never_replaced_and_never_too_large(keeper, ageing, tmp_p
     assert server.client.post(f"{BASE}/filler.mcap/replay", json={}).status_code == 409
     (folder / "filler.mcap").unlink()
     assert not list(folder.glob("*.partial"))
+
+
+def test_a_trickled_recording_keeps_nobody_else_from_giving_one(keeper, ageing, tmp_path):
+    server, folder = keeper
+    content = recording(tmp_path / "b.mcap", ageing(5))
+    began, go_on = threading.Event(), threading.Event()
+
+    def trickled():
+        yield content[:10]
+        began.set()
+        assert go_on.wait(60)
+        yield content[10:]
+
+    with ThreadPoolExecutor(1) as slow:
+        giving = slow.submit(put, server, "trickled.mcap", trickled())
+        assert began.wait(60)
+        assert put(server, "meanwhile.mcap", content).status_code == 201
+        doubled = put(server, "trickled.mcap", content)
+        assert (doubled.status_code, "already" in doubled.json()["detail"]) == (409, True)
+        go_on.set()
+        assert giving.result(60).status_code == 201
+    for name in ("trickled.mcap", "meanwhile.mcap"):
+        assert (folder / name).read_bytes() == content
+        assert server.client.delete(f"{BASE}/{name}").status_code == 200
 
 
 @pytest.mark.long

@@ -1,10 +1,11 @@
 """Who asks, and may they? A request with a token → the same request with a principal, or no."""
 
+from twin_server.principals import EVERYBODY, Principal, Scope, principal_of
+from twin_server.tokens import Token, TokenFile, WrongTokenFileError
+
 from .guard import Guard, NotSecuredError, guarded
 from .openid import OpenId
 from .policy import POLICY, Reach, Rule, find
-from .principals import EVERYBODY, Principal, Scope, principal_of
-from .tokens import Token, TokenFile, WrongTokenFileError
 
 __all__ = [
     "EVERYBODY",

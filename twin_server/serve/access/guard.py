@@ -12,14 +12,14 @@ from typing import Any, Self
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from twin_server.principals import EVERYBODY, KEY, NOBODY, Principal
 from twin_server.serve.problems import MEDIA_TYPE, problem
 from twin_server.settings import TwinSettings
+from twin_server.tokens import LONGEST, RefusedTokenError, TokenFile
 
 from .openid import OpenId
 from .policy import UNKNOWN, Reach, Rule, find
-from .principals import EVERYBODY, KEY, NOBODY, Principal
 from .rates import Rate
-from .tokens import LONGEST, RefusedTokenError, TokenFile
 
 logger = logging.getLogger(__name__)
 
@@ -149,6 +149,8 @@ class Guard:
 
     async def _admitted(self, scope: Scope) -> Principal:
         headers = _headers(scope)
+        if scope["method"] not in SAFE:
+            _check_from_here(headers)
         rule, twin_id = find(scope["method"], scope["path"])
         if not self._required:
             self._check_host(headers)
@@ -198,7 +200,7 @@ class Guard:
     def _check_host(self, headers: dict[str, str]) -> None:
         """Refuse a page of elsewhere that had its own name point at this machine."""
         given = headers.get("host", "")
-        host = re.sub(r":\d*$", "", given).strip("[]").lower()
+        host = _host(given)
         if host in self._hosts or is_loopback(host):
             return
         raise _Refused(
@@ -257,6 +259,43 @@ def _check_same_site(headers: dict[str, str]) -> None:
             "A cookie is good for this server's own page only. Give the token in the header "
             "Authorization: Bearer TOKEN.",
         )
+
+
+def _check_from_here(headers: dict[str, str]) -> None:
+    """Refuse what a page of another site made a browser send, with a token or without.
+
+    A browser says from where a request comes (``Sec-Fetch-Site``, ``Origin``), and no page can
+    keep it from that; programs say neither.
+    """
+    site, origin = headers.get("sec-fetch-site"), headers.get("origin")
+    given = None
+    if site is not None and site.strip().lower() not in ("same-origin", "same-site", "none"):
+        given = f"Sec-Fetch-Site: {site[:80]!r}"
+    elif (
+        site is None
+        and origin is not None
+        and _host(origin.partition("://")[2]) != _host(headers.get("host", ""))
+    ):
+        given = f"Origin: {origin[:80]!r}"
+    if given is not None:
+        raise _Refused(
+            403,
+            "from-another-site",
+            f"A request that changes something came from a page of another site ({given}). "
+            "Allowed: this server's own page, and programs, which give neither Origin nor "
+            "Sec-Fetch-Site. Ask from there.",
+        )
+
+
+def _host(authority: str) -> str:
+    """Give the host of an authority, without its port.
+
+    Examples
+    --------
+    >>> [_host(a) for a in ("127.0.0.1:8000", "[::1]:8000", "Tower.example", "")]
+    ['127.0.0.1', '::1', 'tower.example', '']
+    """
+    return re.sub(r":\d*$", "", authority).strip("[]").lower()
 
 
 def _headers(scope: Scope) -> dict[str, str]:

@@ -1,23 +1,23 @@
 """Routes that give what a twin knows to other tools, as files."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Awaitable, Callable, Iterable, Iterator
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic_core import from_json, to_json
-from starlette.responses import StreamingResponse
 
 from slowtime_schemas.quantities import Name
+from twin_server.principals import principal_of
 from twin_server.registration import Registration
 from twin_server.rendering import state_objects
 from twin_server.serve import problems
-from twin_server.serve.access.principals import principal_of
 from twin_server.serve.knowledge import Knowledge
 from twin_server.serve.moments import MomentText, moment_of
 from twin_server.serve.problems import ProblemError
 from twin_server.serve.registered import TwinId
 
 from .dtdl import Asset, graph
+from .files import Files
 from .tables import Format, NotInstalledError, columns_of, pages_of, written
 
 MEDIA_TYPES: dict[Format, str] = {
@@ -41,8 +41,21 @@ def assets_of(knowledge: Knowledge, twin_ids: Iterable[str]) -> Iterator[Asset]:
             yield Asset(twin_id, registration, state | {"alive": alive})
 
 
-def routes(knowledge: Knowledge, known: Callable[[str], Registration]) -> APIRouter:
-    """Make the routes."""
+def routes(
+    knowledge: Knowledge,
+    known: Callable[[str], Awaitable[Registration]],
+    most: int = 16,
+) -> APIRouter:
+    """Make the routes.
+
+    Parameters
+    ----------
+    known
+        Gives the registration of the twin in the path, or raises.
+    most
+        Exports that are under way at once.
+    """
+    under_way = Files(most)
     api = APIRouter(tags=["exports"])
     Known = Annotated[Registration, Depends(known)]
 
@@ -60,7 +73,12 @@ def routes(knowledge: Knowledge, known: Callable[[str], Registration]) -> APIRou
                 "content": {kind.partition(";")[0]: {} for kind in MEDIA_TYPES.values()},
             },
             **_PROBLEMS,
-            **problems.answers({501: "A format that this server was not installed with"}),
+            **problems.answers(
+                {
+                    501: "A format that this server was not installed with",
+                    503: "Others are being given",
+                }
+            ),
         },
     )
     def history(
@@ -76,9 +94,7 @@ def routes(knowledge: Knowledge, known: Callable[[str], Registration]) -> APIRou
             table = written(pages, columns_of(registration), form, twin_id)
         except NotInstalledError as error:
             raise ProblemError(501, "not-installed", str(error)) from error
-        return StreamingResponse(
-            table, media_type=MEDIA_TYPES[form], headers=_file(f"{twin_id}.{form}")
-        )
+        return under_way.given(table, MEDIA_TYPES[form], _file(f"{twin_id}.{form}"))
 
     @api.get("/twins/{twin_id}/dtdl", response_class=Response, responses=_PROBLEMS)
     def one(twin_id: TwinId, registration: Known) -> Response:

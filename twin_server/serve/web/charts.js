@@ -1,9 +1,10 @@
 // One quantity of one twin over slow time, with axes, in a drawing and in words.
-import { colour, placeOf, rangeOf, sorted, spanOf, tracesOf, widened } from "./traces.js";
-import { QUANTITIES, isClock, spoken, unitOf } from "./words.js";
+import { marksOf, timeAxis } from "./axis.js";
+import { colour, placeOf, rangeOf, sorted, tracesOf, widened } from "./traces.js";
+import { QUANTITIES, slowTime, spoken } from "./words.js";
 
-const HEIGHT_PX = 215, WIDE_PX = 300;
-const NOTHING = { runs: [], apart: { inseparable: [], invalid: [] } };
+export const HEIGHT_PX = 232, WIDE_PX = 316, MARGIN = { l: 54, r: 10, t: 8, b: 58 };
+const NOTHING = { fine: [], buckets: [], readings: 0, apart: { inseparable: [], invalid: [] } };
 
 // A finger on a chart scrolls the page; it does not zoom.
 const touched = matchMedia("(pointer: coarse)");
@@ -17,13 +18,27 @@ export const plotly = new Promise((resolve, reject) => {
   document.head.append(script);
 });
 
-function described({ points }, quantity, assumed) {
+/** Ticks follow where somebody zooms to, as the next drawing finds it. */
+export function zoomOf(plot, twin) {
+  if (plot.on && !plot.zooms) {
+    plot.zooms = true;
+    plot.on("plotly_relayout", (change) => {
+      const [from, to] = [change["xaxis.range[0]"], change["xaxis.range[1]"]];
+      if (from !== undefined || change["xaxis.autorange"] || change["xaxis.range"]) {
+        plot.zoomed = from === undefined ? null : [from, to];
+        twin.touch?.();
+      }
+    });
+  }
+  return plot.zoomed ?? null;
+}
+
+function described({ points }, quantity, assumed, readings) {
   const { title } = QUANTITIES[quantity], first = points[0], last = points.at(-1);
   if (!last) return `${title}: no readings yet`;
-  const [from, to] = [first, last].map((point) => +point.slow_time.toPrecision(6));
   const now = last[quantity] && spoken(last[quantity], quantity).join(", 95 % interval ");
   const said = assumed ? "assumed not to change" : now ? `last ${now}` : "not estimated at the last";
-  return `${title}, ${points.length} readings from slow time ${from} to ${to} ${unitOf(last)}: ${said}`;
+  return `${title}, ${Math.max(readings, points.length)} readings from ${slowTime(first)} to ${slowTime(last)}: ${said}`;
 }
 
 /** A line across all charts at the instant that is looked at. */
@@ -46,46 +61,49 @@ function limitsOf(twin, quantity) {
   ];
 }
 
-function layoutOf(twin, quantity, { width, range, assumed, wide }) {
-  const last = twin.points.at(-1), grid = colour("line");
+function layoutOf(twin, quantity, { width, range, assumed, wide, zoomed }) {
+  const grid = colour("line"), marks = marksOf(twin);
   const axis = {
     gridcolor: grid, linecolor: grid, tickcolor: grid, showline: true, zeroline: false, ticks: "outside", ticklen: 4,
     fixedrange: touched.matches,
   };
-  const along = last && !isClock(last) ? `slow time [${unitOf(last)}]` : "slow time";
   const note = {
     text: "assumed not to change, not estimated", showarrow: false, xref: "paper", yref: "paper", x: 0.5, y: 0.85,
     font: { color: colour("faint") },
   };
   return {
-    width, height: wide ? WIDE_PX : HEIGHT_PX, margin: { l: 54, r: 10, t: 8, b: 42 }, showlegend: false, hovermode: "closest",
+    width, height: wide ? WIDE_PX : HEIGHT_PX, margin: MARGIN, showlegend: false, hovermode: "closest",
     dragmode: touched.matches ? false : "zoom", uirevision: twin.id,
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
     font: { color: colour("ink"), size: 11.5, family: "system-ui, sans-serif" },
-    xaxis: { ...axis, nticks: 7, range: spanOf(twin), title: { text: along, standoff: 6 } },
+    xaxis: { ...axis, ...timeAxis(twin, zoomed, width) },
     yaxis: { ...axis, nticks: 6, range, title: { text: QUANTITIES[quantity].axis, standoff: 4 } },
-    shapes: [...limitsOf(twin, quantity), ...instantOf(twin)], annotations: assumed ? [note] : [],
+    shapes: [...marks.shapes, ...limitsOf(twin, quantity), ...instantOf(twin)], annotations: [...marks.notes, ...(assumed ? [note] : [])],
   };
 }
 
 /** Draw, and give back what there is to see, by the keys of the legend. */
 export async function draw(plot, twin, quantity, wide) {
-  const Plotly = await plotly, assumed = Boolean(twin.points.at(-1)?.assumed.includes(quantity));
-  const parts = assumed ? NOTHING : sorted(twin.points, quantity), all = [...twin.points, ...twin.later.slice(1)];
-  const range = widened(rangeOf(all, quantity, assumed || !twin.at ? parts : sorted(all, quantity)), twin, quantity);
-  const traces = tracesOf(twin, quantity, parts, range);
-  const layout = layoutOf(twin, quantity, { width: plot.clientWidth, range, assumed, wide });
+  const Plotly = await plotly, assumed = Boolean(twin.points.at(-1)?.assumed.includes(quantity)), width = plot.clientWidth;
+  const parts = assumed ? NOTHING : sorted(twin, twin.points, quantity, width, { until: twin.at?.slow_time ?? Infinity });
+  const all = [...twin.points, ...twin.later.slice(1)];
+  const range = widened(rangeOf(all, quantity, assumed || !twin.at ? parts : sorted(twin, all, quantity, width)), twin, quantity);
+  const traces = tracesOf(twin, quantity, parts, range, width);
+  const layout = layoutOf(twin, quantity, { width, range, assumed, wide, zoomed: zoomOf(plot, twin) });
   await Plotly.react(plot, traces, layout, { displayModeBar: false });
-  const { runs, apart } = parts, has = (name) => traces.some((trace) => trace.name === name);
-  plot.setAttribute("aria-label", described(twin, quantity, assumed));
+  const { fine, buckets, readings, apart } = parts, has = (name) => traces.some((trace) => trace.name === name);
+  plot.setAttribute("aria-label", described(twin, quantity, assumed, readings));
   Object.assign(plot.dataset, {
-    points: runs.flat().length, bands: runs.filter((run) => run.length > 1).length, assumed,
+    points: readings, bands: fine.filter((run) => run.length > 1).length + buckets.length, buckets: buckets.flat().length, assumed,
+    drawn: traces.reduce((sum, trace) => sum + trace.x.length, 0),
     inseparable: apart.inseparable.length, invalid: apart.invalid.length,
     truth: traces.find((trace) => trace.name === "truth")?.x.length ?? 0, forecast: has("forecast"), reached: has("time to threshold"),
   });
   return {
     estimate: has("estimate"), truth: has("truth"), later: has("what came after"), ahead: has("forecast"), reached: has("time to threshold"),
     limit: (twin.latest?.registration?.alarms ?? []).some((alarm) => alarm.quantity === quantity),
+    threshold: (twin.latest?.registration?.forecast?.thresholds ?? []).some((threshold) => threshold.quantity === quantity),
+    buckets: buckets.length > 0, instant: Boolean(twin.at), ...marksOf(twin).found,
     inseparable: apart.inseparable.length > 0, invalid: apart.invalid.length > 0,
   };
 }

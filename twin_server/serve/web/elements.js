@@ -1,10 +1,11 @@
 // A twin of many elements: which of them has changed, said first, then listed and drawn.
-import { instantOf, plotly } from "./charts.js";
+import { marksOf, timeAxis } from "./axis.js";
+import { HEIGHT_PX, MARGIN, WIDE_PX, instantOf, plotly, zoomOf } from "./charts.js";
 import { Modes } from "./modes.js";
-import { colour, faded, placeOf, spanOf } from "./traces.js";
-import { isClock, make, number, slowTime, unitOf } from "./words.js";
+import { bucketTraces, colour, faded, linesOf, placeOf, truthTraces } from "./traces.js";
+import { atTime, make, number, slowTime } from "./words.js";
 
-const HEIGHT_PX = 215, WIDE_PX = 300, MOST_LINES = 8, NARROW = "\u202f";
+const MOST_LINES = 8, NARROW = "\u202f";
 const HARDLY_TOLD = 0.9;
 const TINTS = ["inseparable", "ahead", "estimate"], DASHES = ["solid", "dash", "dot"];
 
@@ -38,7 +39,7 @@ export class Elements {
     this.verdict.setAttribute("role", "status");
     panel.charts.before(this.verdict);
     this.now = this.figure("elements", "Change of each element, now");
-    this.past = this.figure("elements-history", "Changes over slow time");
+    this.past = this.figure("elements-history", "Changes over time");
     panel.charts.append(this.now, this.past);
     this.table = make("table", undefined, "elements");
     this.modes = new Modes();
@@ -72,7 +73,7 @@ export class Elements {
     const calm = names.length ? "No element is seen to have changed" : "";
     const text = said.length ? `${said.join("; ")}.` : calm && `${calm}.`;
     if (this.verdict.textContent !== text) this.verdict.textContent = text;
-    this.verdict.dataset.state = said.length ? "bad" : "good";
+    this.verdict.dataset.state = said.length ? "waiting" : "good";
     this.list(elements, suspects, latest.posterior_to_prior ?? {});
     this.caption(elements, suspects);
   }
@@ -121,13 +122,17 @@ export class Elements {
     });
     const quiet = { displayModeBar: false };
     await Plotly.react(this.elements, ...drawnNow(elements, accused, base(this.elements)), quiet);
-    const [traces, layout, shown] = drawnPast(twin, known, elements, accused, base(this["elements-history"]));
+    const [traces, layout, shown] = drawnPast(twin, known, elements, accused, base(this["elements-history"]), zoomOf(this["elements-history"], twin));
     await Plotly.react(this["elements-history"], traces, layout, quiet);
     this.describe(elements, accused, known, shown);
     await this.modes.refresh(twin);
     const has = (end) => traces.some((trace) => trace.name.endsWith(end));
     this["elements-history"].dataset.forecast = has("forecast");
-    return { truth: has("truth"), ahead: has("forecast"), later: has("what came after") };
+    const limits = (of) => of?.some(({ quantity }) => quantity === "elements" || quantity in elements) ?? false;
+    return {
+      truth: has("truth"), ahead: has("forecast"), later: has("what came after"), buckets: has("spread"), instant: Boolean(twin.at),
+      limit: limits(latest?.registration?.alarms), threshold: limits(latest?.registration?.forecast?.thresholds), ...marksOf(twin).found,
+    };
   }
 
   describe(elements, accused, known, shown) {
@@ -135,8 +140,8 @@ export class Elements {
     this.elements.setAttribute("aria-label", `Change of each element, now: ${each.join("; ") || "none is estimated yet"}`);
     Object.assign(this.elements.dataset, { elements: each.length, suspects: accused.join(" ") });
     const [first, last] = [known[0], known.at(-1)];
-    const span = first ? `from slow time ${slowTime(first)} to ${slowTime(last)}` : "no readings yet";
-    this["elements-history"].setAttribute("aria-label", `Changes over slow time of ${shown.join(", ") || "no element"}, ${span}`);
+    const span = first ? `from ${slowTime(first)} to ${slowTime(last)}` : "no readings yet";
+    this["elements-history"].setAttribute("aria-label", `Changes over time of ${shown.join(", ") || "no element"}, ${span}`);
     Object.assign(this["elements-history"].dataset, { points: known.length, shown: shown.join(" ") });
   }
 }
@@ -175,16 +180,24 @@ function drawnNow(elements, accused, base) {
   return [[trace], layout];
 }
 
-/** Stretches of a line, broken where features are missing. */
-function broken(points, pick) {
-  return points.flatMap((point, i) => i && point.missing_before > 0 ? [null, pick(point)] : [pick(point)]);
+/** A null between two stretches breaks a line. */
+const joined = (runs, pick) => runs.flatMap((run, i) => [...(i ? [null] : []), ...run.map(pick)]);
+
+/** The limits that were asked for, as in the charts of the whole structure. */
+function limitsOf({ registration }) {
+  const drawn = (value, line) => ({ type: "line", xref: "paper", x0: 0, x1: 1, y0: 100 * value, y1: 100 * value, line });
+  return [
+    ...(registration?.alarms ?? []).filter(({ quantity }) => !/_(hz|ratio)$/.test(quantity))
+      .map((alarm) => drawn(alarm.below ?? alarm.above, { color: colour("bad"), width: 1.4, dash: "dot" })),
+    ...(registration?.forecast?.thresholds ?? []).map(({ at }) => drawn(at, { color: colour("ahead"), width: 1.2, dash: "dot" })),
+  ];
 }
 
 /** What is expected of an element after the last reading; of an older forecast what is still to come. */
 function ahead({ forecast }, last, name, tint) {
   const coming = (forecast?.points ?? []).filter((point) => point.elements?.[name] && point.slow_time >= last.slow_time);
   if (coming.length < 2) return [];
-  const run = coming.map((point) => ({ ...last, ...point })), around = [...run, ...run.slice().reverse()];
+  const run = coming.map((point) => ({ ...atTime(last, point.slow_time), ...point })), around = [...run, ...run.slice().reverse()];
   const band = {
     name: `${name} forecast band`, x: around.map(placeOf), mode: "lines", fill: "toself", hoverinfo: "skip", line: { width: 0 },
     y: around.map((point, i) => 100 * point.elements[name][i < run.length ? "lo" : "hi"]), fillcolor: faded(tint, 0.18),
@@ -224,38 +237,47 @@ function afterwards({ later }, shown) {
   }));
 }
 
-function drawnPast(twin, known, elements, accused, base) {
+/** One element: few readings as a line with its band, many in buckets; the others' bands would hide one another. */
+function lineOf(twin, points, name, { width, tint, dash, thick, banded }) {
+  const pick = (point) => point.elements?.[name], until = twin.at?.slow_time ?? Infinity;
+  const { fine, buckets } = linesOf(twin, points, pick, (bands) => bands.elements?.[name], width, { until });
+  const last = points.at(-1), look = { place: (slow_time) => placeOf(atTime(last, slow_time)), scale: 100, tint, width: thick, dash };
+  const many = bucketTraces(name, buckets, look, (x) => `${percent(x, 2)} %`);
+  if (many.length) return banded ? many : many.slice(2);
+  const around = fine.map((run) => [...run.map((point) => [point, "lo"]), ...run.toReversed().map((point) => [point, "hi"])]);
+  const band = {
+    name: `${name} band`, x: joined(around, ([point]) => placeOf(point)), y: joined(around, ([point, end]) => 100 * point.elements[name][end]),
+    mode: "lines", fill: "toself", hoverinfo: "skip", line: { width: 0 }, fillcolor: faded(tint, 0.22),
+  };
+  const line = {
+    name, x: joined(fine, placeOf), y: joined(fine, (point) => 100 * point.elements[name].value), mode: "lines",
+    line: { color: tint, width: thick, dash }, hovertemplate: `${name}: %{y:.2f} %<extra></extra>`,
+  };
+  return [...(banded ? [band] : []), line];
+}
+
+function drawnPast(twin, known, elements, accused, base, zoomed) {
   const shown = [...accused, ...ranked(elements).filter((name) => !accused.includes(name))].slice(0, MOST_LINES);
   const traces = shown.slice().reverse().flatMap((name) => {
     const points = known.filter((point) => name in point.elements), place = accused.indexOf(name);
     const tint = colour(place < 0 ? "faint" : TINTS[place % TINTS.length]), dash = DASHES[Math.max(place, 0) % DASHES.length];
-    const around = [...points, ...points.slice().reverse()];
-    const band = {
-      name: `${name} band`, x: around.map(placeOf), mode: "lines", fill: "toself", hoverinfo: "skip", line: { width: 0 },
-      y: around.map((point, i) => 100 * point.elements[name][i < points.length ? "lo" : "hi"]), fillcolor: faded(tint, 0.22),
-    };
-    const line = {
-      name, x: broken(points, placeOf), y: broken(points, (point) => 100 * point.elements[name].value), mode: "lines",
-      line: { color: tint, width: place < 0 ? 1 : 2, dash }, hovertemplate: `${name}: %{y:.2f} %<extra></extra>`,
-    };
-    const told = points.filter((point) => point.truth && name in point.truth);
-    const truth = {
-      name: `${name} truth`, x: told.map(placeOf), y: told.map((point) => 100 * point.truth[name]), mode: "lines",
-      line: { color: colour("truth"), width: 1.2, dash: "4px,4px" }, hovertemplate: `${name}, truth: %{y:.2f} %<extra></extra>`,
-    };
+    const lines = lineOf(twin, known, name, { width: base.width, tint, dash, thick: place < 0 ? 1 : 2, banded: place >= 0 });
+    const look = { place: (slow_time) => placeOf(atTime(known.at(-1), slow_time)), scale: 100 };
+    const truth = known.length ? truthTraces(`${name} truth`, twin, name, base.width, look) : [];
     const coming = points.length ? ahead(twin, points.at(-1), name, place < 0 ? tint : colour("ahead")) : [];
     const expected = place < 0 ? coming.slice(1) : coming;
-    return [...(place < 0 ? [] : [band]), line, ...(told.length ? [truth] : []), ...expected];
+    return [...lines, ...truth, ...expected];
   });
   traces.unshift(...afterwards(twin, shown));
-  const last = known.at(-1), along = last && !isClock(last) ? `slow time [${unitOf(last)}]` : "slow time";
   const notes = shown.filter((name) => accused.includes(name)).map((name) => ({
     text: name, showarrow: false, xanchor: "left", x: 0.02, xref: "paper", yanchor: "bottom", bgcolor: colour("card"),
     y: 100 * elements[name].value, font: { color: colour(TINTS[accused.indexOf(name) % TINTS.length]) },
   }));
+  const marks = marksOf(twin);
   const layout = {
-    ...base, margin: { l: 54, r: 10, t: 8, b: 42 }, annotations: notes, shapes: instantOf(twin),
-    xaxis: { ...axisOf(), zeroline: false, nticks: 7, range: spanOf(twin), title: { text: along, standoff: 6 } },
+    ...base, margin: MARGIN, annotations: [...marks.notes, ...notes],
+    shapes: [...marks.shapes, ...limitsOf(twin.latest ?? {}), ...instantOf(twin)],
+    xaxis: { ...axisOf(), zeroline: false, ...timeAxis(twin, zoomed, base.width) },
     yaxis: { ...axisOf(), nticks: 6, range: reachOf([...known, ...twin.later], shown, accused, twin.forecast), title: { text: "change [%]", standoff: 4 } },
   };
   return [traces, layout, shown];

@@ -1,5 +1,5 @@
 // What has happened to a twin, the newest first.
-import { isClock, make, whenOf } from "./words.js";
+import { make, whenOf } from "./words.js";
 
 export class Events {
   constructor() {
@@ -13,13 +13,13 @@ export class Events {
     const newest = events.at(-1), key = `${newest?.number} ${events.length}`;
     if (this.told === key) return;
     this.told = key;
-    const clock = latest.slow_time !== null && isClock(latest), count = events.length === 1 ? "1 event" : `${events.length} events`;
-    this.summary.textContent = newest ? `${count}, last: ${whenOf(newest, clock)} ${newest.message}` : "No events yet";
+    const count = events.length === 1 ? "1 event" : `${events.length} events`;
+    this.summary.textContent = newest ? `${count}, last: ${whenOf(newest, latest)} ${newest.message}` : "No events yet";
     this.root.dataset.severity = newest?.severity ?? "info";
     this.list.replaceChildren(...events.toReversed().map((event) => {
       const item = make("li");
       item.dataset.severity = event.severity;
-      item.append(make("span", whenOf(event, clock), "when"), make("span", event.severity, "severity"), event.message);
+      item.append(make("span", whenOf(event, latest), "when"), make("span", event.severity, "severity"), event.message);
       return item;
     }));
   }

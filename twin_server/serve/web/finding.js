@@ -2,7 +2,9 @@
 import { make, number } from "./words.js";
 
 const spaced = (name) => name.replaceAll("_", " ");
-const placed = ({ kind, id }) => `${kind} ${id}`;
+const placed = ({ kind, id }) => kind === "base" ? "the base" : `${kind} ${id}`;
+// A number carries its unit, and the name of a parameter ends with it: friction_n, k3_n_per_m3.
+const labelled = (name, unit) => spaced(unit ? name.replace(/(?:_(?:n|m[23]?|s2?|kg|hz|rad|c|per))+$/, "") : name);
 const percent = (share) => share > 0.995 && share < 1 ? "> 99\u202f%" : `${number(100 * share, 0)}\u202f%`;
 const few = (x) => `${+x.toPrecision(4)}`.replaceAll("-", "\u2212");
 
@@ -26,7 +28,7 @@ function table(caption, headings, rows) {
 
 function parametersOf({ parameters = {} }) {
   const said = Object.entries(parameters).filter(([, { sd }]) => sd > 0)
-    .map(([name, { value, sd, unit }]) => `${spaced(name)} ${few(value)} ± ${few(+sd.toPrecision(2))}${unit ? `\u202f${unit}` : ""}`);
+    .map(([name, { value, sd, unit }]) => `${labelled(name, unit)} ${few(value)} ± ${few(+sd.toPrecision(2))}${unit ? `\u202f${unit}` : ""}`);
   return said.join(", ");
 }
 

@@ -1,16 +1,16 @@
 // All twins at a glance: what each is, whether it is to be relied on, when it was last heard of, what is wrong.
-import { ask } from "./link.js";
 import { toTwin } from "./route.js";
 import { sparkline } from "./sparkline.js";
+import { historyOf } from "./window.js";
 import { ago, button, make, say, spoken, standing, titleOf } from "./words.js";
 
-const SPARK_POINTS = 200, MOST_CARDS = 100, FINDABLE = 9, RELOAD_MS = 60000;
+const LATEST = 1000, SPARK_POINTS = 200, MOST_CARDS = 100, FINDABLE = 9, RELOAD_MS = 60000;
 const WORD = {
   valid: ["good", "\u2713 valid"], learning: ["waiting", "\u2026 learning"],
   inseparable: ["waiting", "\u25c7 mass and stiffness look alike"], invalid: ["bad", "\u2715 not valid"],
   none: ["waiting", "\u2026 no features yet"],
 };
-const ORDER = { alarm: 0, bad: 1, waiting: 2, good: 3 };
+const ORDER = { alarm: 0, changed: 1, bad: 2, waiting: 3, good: 4 };
 
 /** Which limits of alarms are passed, in a few words; nothing where none is. */
 export function limitsPassed({ raised = [] }) {
@@ -21,10 +21,16 @@ export function limitsPassed({ raised = [] }) {
   return said.join("; ");
 }
 
-/** What is wrong with a structure. */
-function alarmOf({ suspects = [], normal = [], ...state }) {
+/** What has changed in a structure though no limit of an alarm is passed. */
+function changeOf({ suspects = [], normal = [] }) {
   const unexplained = normal.some(({ entered }) => entered) && "a change that temperature and load do not explain";
-  return [limitsPassed(state), ...suspects.map((word) => `${word} has changed`), unexplained].filter(Boolean).join("; ");
+  return [...suspects.map((word) => `${word} has changed`), unexplained].filter(Boolean).join("; ");
+}
+
+function urgencyOf(state) {
+  if (limitsPassed(state)) return "alarm";
+  if (changeOf(state)) return "changed";
+  return state.slow_time === null ? "waiting" : WORD[standing(state)][0];
 }
 
 /** The quantity that tells most of a twin: what it estimates, or of a twin of elements the worst of them. */
@@ -54,16 +60,16 @@ class Card {
   }
 
   tell(state) {
-    const before = this.state, begun = state.slow_time !== null, said = alarmOf(state);
+    const before = this.state, begun = state.slow_time !== null, passed = limitsPassed(state), changed = changeOf(state);
     this.state = state;
     const name = state.registration.name || this.id;
     if (this.link.textContent !== name) this.link.textContent = name;
     this.sub.textContent = name === this.id ? "" : this.id;
     say(this.validity, ...WORD[begun ? standing(state) : "none"]);
-    say(this.edge, state.alive ? "good" : "away", state.alive ? "\u25cf edge there" : "\u25cb edge away");
-    say(this.alarm, said ? "bad" : "good", said ? `\u25b2 ${said}` : begun ? "no alarm" : "");
-    this.urgency = said ? "alarm" : begun ? WORD[standing(state)][0] : "waiting";
-    this.root.dataset.urgency = this.urgency;
+    say(this.edge, state.alive ? "good" : "away", state.alive ? "\u25cf agent online" : "\u25cb agent offline");
+    const said = [passed && `\u25b2 ${passed}`, changed && `\u25b3 ${changed}`].filter(Boolean).join("; ");
+    say(this.alarm, passed ? "bad" : changed ? "waiting" : "good", said || (begun ? "no alarm" : ""));
+    this.root.dataset.urgency = urgencyOf(state);
     this.headline(state);
     if (begun && before && (before.sequence !== state.sequence || before.boot !== state.boot)) this.add(state);
     this.tick();
@@ -95,8 +101,8 @@ class Card {
   async load() {
     if (this.loading || !this.state || this.state.slow_time === null || Date.now() - this.loadedAt < RELOAD_MS) return;
     [this.loading, this.loadedAt] = [true, Date.now()];
-    const path = `/api/v1/twins/${encodeURIComponent(this.id)}/history?max_points=${SPARK_POINTS}`;
-    const { points } = await ask(path).catch(() => ({ points: [] }));
+    const base = `/api/v1/twins/${encodeURIComponent(this.id)}`;
+    const { points } = await historyOf(base, { most: LATEST, points: SPARK_POINTS }).catch(() => ({ points: [] }));
     this.points = points.map((point) => this.pointOf(point)).filter(Boolean);
     this.loading = false;
     this.draw();
@@ -112,7 +118,7 @@ class Card {
   /** What changes as time goes by, though nothing arrives. */
   tick() {
     const { heard_ns: heard, slow_time: slow } = this.state;
-    const text = slow === null ? "" : heard ? `last seen ${ago(Date.now() - heard / 1e6)}` : "not heard of since the server began";
+    const text = slow === null ? "" : heard ? `last seen ${ago(Date.now() - heard / 1e6)}` : "no message since the server started";
     if (this.seen.textContent !== text) this.seen.textContent = text;
   }
 }
@@ -151,7 +157,7 @@ export class Fleet {
   /** What is urgent comes first; among equals the order of registration stays, so that nothing jumps about. */
   arrange() {
     const states = this.states.filter(({ id, registration }) => `${id} ${registration.name ?? ""}`.toLowerCase().includes(this.wanted));
-    const urgency = (state) => alarmOf(state) ? 0 : state.slow_time === null ? 2 : ORDER[WORD[standing(state)][0]];
+    const urgency = (state) => ORDER[urgencyOf(state)];
     const shown = states.toSorted((a, b) => urgency(a) - urgency(b)).slice(0, this.most), there = new Set(shown.map(({ id }) => id));
     for (const [id, card] of this.cards) if (!there.has(id)) this.drop(id, card);
     shown.forEach((state, i) => {
@@ -166,10 +172,10 @@ export class Fleet {
   }
 
   count(found) {
-    const of = (holds) => this.states.filter(holds).length, alarms = of((state) => alarmOf(state));
+    const of = (holds) => this.states.filter(holds).length, alarms = of((state) => limitsPassed(state)), changed = of((state) => changeOf(state));
     const said = [
       `${this.states.length} ${this.states.length === 1 ? "twin" : "twins"}`, alarms ? `${alarms} with an alarm` : "no alarm",
-      `${of(({ valid }) => valid)} valid`, `${of(({ alive }) => alive)} with their edge agent there`,
+      changed && `${changed} changed`, `${of(({ valid }) => valid)} valid`, `${of(({ alive }) => alive)} with their sensor agent online`,
       this.wanted && `${found} found`,
     ];
     say(this.summary, alarms ? "bad" : "good", said.filter(Boolean).join(" \u00b7 "));

@@ -8,7 +8,8 @@ async function fetched(path, options, patience) {
     const response = await fetch(path, { ...options, signal: AbortSignal.timeout(patience) });
     if (response.ok) return await response.json();
     const { detail } = await response.json().catch(() => ({}));
-    throw Object.assign(new Error(detail || response.statusText), { status: response.status });
+    const retry = Number(response.headers.get("Retry-After")) || 0;
+    throw Object.assign(new Error(detail || response.statusText), { status: response.status, retry });
   } catch (error) {
     if (error.name !== "TimeoutError") throw error;
     throw new Error(`The server has not answered for ${patience / 1000} s. It may be busy: try again.`);

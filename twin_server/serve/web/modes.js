@@ -75,7 +75,7 @@ export class Modes {
     const found = await ask(`${base}/modes${at ? `?at=slow:${at.slow_time}` : ""}`).catch(() => null);
     if (!found) return;
     this.shown = key;
-    this.caption.textContent = at ? `Modes at slow time ${slowTime(found)}` : "Modes of the latest epoch";
+    this.caption.textContent = at ? `Modes at ${slowTime(found)}` : "Modes of the latest epoch";
     const nominal = new Map(found.nominal.map((mode) => [mode.model_mode, mode]));
     const rows = found.modes.map((mode) => this.row(mode, nominal.get(mode.model_mode), found.channels, latest.registration.model));
     this.body.replaceChildren(...rows.map(({ row }) => row));

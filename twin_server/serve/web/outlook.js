@@ -1,7 +1,8 @@
 // Where a twin is heading, in words: when each threshold is reached, and how far the readings say anything.
-import { make, number, slowTime, titleOf } from "./words.js";
+import { isNear, stepOf } from "./buckets.js";
+import { atTime, make, number, slowTime, titleOf } from "./words.js";
 
-const NARROW = "\u202f";
+const NARROW = "\u202f", JUMPS_SAID = 2;
 const percent = (x, places = 0) => `${number(100 * x, places)}${NARROW}%`;
 const few = (x) => `${+(100 * x).toPrecision(3)}`.replace("-", "\u2212");
 
@@ -26,6 +27,12 @@ function row(crossing, since, at) {
   return row;
 }
 
+/** The latest of sudden changes, and how many there were before. */
+function saidOf(times, at) {
+  const more = times.length > JUMPS_SAID ? ` (and ${times.length - JUMPS_SAID} before)` : "";
+  return `sudden change after ${times.slice(-JUMPS_SAID).map(at).join(" and ")}${more}`;
+}
+
 export class Outlook {
   constructor() {
     this.root = make("div", undefined, "outlook");
@@ -39,24 +46,30 @@ export class Outlook {
     }
     head.append(row);
     this.body = make("tbody");
-    this.table.append(make("caption", "Where it is heading"), head, this.body);
-    this.root.append(this.table, this.note);
+    this.table.append(make("caption", "Forecast: when thresholds are reached"), head, this.body);
+    this.trouble = make("p", "", "trouble");
+    this.trouble.setAttribute("role", "status");
+    this.root.append(this.table, this.note, this.trouble);
     this.root.hidden = true;
   }
 
-  tell({ forecast, latest }) {
-    this.root.hidden = !forecast;
+  tell({ forecast, latest, unforeseen, renewed, points }) {
+    this.root.hidden = !forecast && !unforeseen;
+    if (this.trouble.textContent !== (unforeseen ?? "")) this.trouble.textContent = unforeseen ?? "";
+    this.trouble.hidden = !unforeseen;
+    this.table.hidden = !forecast?.crossings.length;
+    this.note.hidden = !forecast;
     if (!forecast || this.told === forecast) return;
     this.told = forecast;
-    const at = (slow_time) => slowTime({ ...latest, slow_time });
-    this.table.hidden = !forecast.crossings.length;
+    const at = (slow_time) => slowTime(atTime(latest, slow_time));
     this.body.replaceChildren(...forecast.crossings.map((crossing) => row(crossing, forecast.since, at)));
     const period = Object.entries(forecast.periods).filter(([, length]) => length)
-      .map(([name, length]) => `${titleOf(name)} comes again after ${+length.toPrecision(4)}`);
-    const jumps = Object.entries(forecast.jumps).filter(([, times]) => times.length)
-      .map(([name, times]) => `${titleOf(name)} went elsewhere after ${times.map(at).join(" and ")}`);
-    const until = `The forecast repeats its trend beyond slow time ${at(forecast.until)}`;
-    this.note.textContent = [...period, ...jumps, until].join(" \u00b7 ");
+      .map(([name, length]) => `${titleOf(name)} repeats every ${+length.toPrecision(4)}`);
+    const own = (times) => times.filter((time) => !isNear(time, renewed, stepOf(points)));
+    const jumps = Object.entries(forecast.jumps).map(([name, times]) => [name, own(times)]).filter(([, times]) => times.length)
+      .map(([name, times]) => `${titleOf(name)}: ${saidOf(times, at)}`);
+    const until = `Beyond ${at(forecast.until)} the forecast only extrapolates its trend.`;
+    this.note.textContent = [`Forecast from ${at(forecast.since)}`, ...period, ...jumps, until].join(" \u00b7 ");
     this.root.dataset.since = forecast.since;
   }
 }

@@ -8,7 +8,7 @@ import { Outlook } from "./outlook.js";
 import { toTwin } from "./route.js";
 import { Timeline } from "./timeline.js";
 import { WhatIf } from "./whatif.js";
-import { LEARNING, QUANTITIES, ago, make, say, slowTime, spoken, standing } from "./words.js";
+import { LEARNING, QUANTITIES, ago, atTime, isClock, make, say, slowTime, spoken, standing } from "./words.js";
 
 const CHARTS = Object.keys(QUANTITIES);
 const STANDING = {
@@ -27,14 +27,14 @@ function weatherOf({ registration: { covariates }, normal = [], reasons }) {
 }
 
 /** The mode that tells most surely of a change that nothing measured explains. */
-function enteredOf({ normal = [] }) {
+function enteredOf({ normal = [], ...latest }) {
   const sure = ({ entered: { frequency_change: { value, sd } } }) => Math.abs(value) / sd;
   const [most] = normal.filter(({ entered }) => entered).sort((a, b) => sure(b) - sure(a));
   if (!most) return null;
   const { entered } = most, quantity = ["stiffness_change", "mass_change"].find((name) => name in entered);
   const what = quantity ? QUANTITIES[quantity].title.toLowerCase() : `frequency of mode ${most.model_mode + 1}`;
   const [size, interval] = spoken(entered[quantity ?? "frequency_change"], quantity ?? "stiffness_change");
-  return `Not explained by temperature or load, since slow time ${+entered.since.toPrecision(6)}: ${what} ${size} (95\u202f%: ${interval})`;
+  return `Not explained by temperature or load, since ${slowTime(atTime(latest, entered.since))}: ${what} ${size} (95\u202f%: ${interval})`;
 }
 
 const CHANGES = {
@@ -70,6 +70,7 @@ export class Panel {
   }
 
   heading() {
+    const { twin } = this;
     const heading = make("div", undefined, "heading"), tools = make("p", undefined, "tools"), rooms = make("nav", undefined, "rooms");
     this.name = make("h2", this.twin.id);
     this.name.id = `${this.twin.id}-name`;
@@ -80,7 +81,11 @@ export class Panel {
     this.size.addEventListener("click", () => this.resize());
     const history = make("a", "History as JSON");
     history.href = `${this.twin.base}/history`;
-    tools.append(this.size, history);
+    this.span = make("button", "", "quiet");
+    this.span.type = "button";
+    this.span.hidden = true;
+    this.span.addEventListener("click", () => twin.showAll(!twin.all));
+    tools.append(this.span, this.size, history);
     rooms.setAttribute("aria-label", "Of this twin");
     this.rooms = ["state", "diagnosis"].map((room) => {
       const link = make("a", room === "state" ? "State" : "Diagnosis");
@@ -126,7 +131,7 @@ export class Panel {
   tick() {
     const { latest, at } = this.twin;
     if (!latest) return;
-    const heard = latest.heard_ns ? `, last seen ${ago(Date.now() - latest.heard_ns / 1e6)}` : ", not heard of since the server began";
+    const heard = latest.heard_ns ? `, last seen ${ago(Date.now() - latest.heard_ns / 1e6)}` : ", no message since the server started";
     const text = latest.slow_time !== null && !at ? heard : "";
     if (this.seen.textContent !== text) this.seen.textContent = text;
   }
@@ -137,7 +142,7 @@ export class Panel {
     if (!latest) return;
     const named = latest.registration.name || twin.id;
     this.name.textContent = named;
-    say(this.edge, latest.alive ? "good" : "waiting", latest.alive ? "edge agent is there" : "edge agent is away");
+    say(this.edge, latest.alive ? "good" : "waiting", latest.alive ? "sensor agent online" : "sensor agent offline");
     const begun = latest.slow_time !== null;
     say(this.validity, ...(begun ? STANDING[standing(latest)] : ["waiting", "no features yet"]));
     const alarm = limitsPassed(latest);
@@ -152,7 +157,7 @@ export class Panel {
     ];
     this.facts.textContent = facts.filter(Boolean).join(" \u00b7 ");
     const taken = begun && new Date(latest.t_ns / 1e6).toLocaleString();
-    const reading = begun && `reading ${latest.sequence} at slow time ${slowTime(latest)}, sensor time ${taken}`;
+    const reading = begun && `reading ${latest.sequence} at ${slowTime(latest)}${isClock(latest) ? "" : `, sensor time ${taken}`}`;
     this.reading.textContent = reading || "";
     const entered = enteredOf(latest);
     const reasons = [...(entered ? [entered] : []), ...latest.reasons, ...(twin.problem ? [twin.problem] : [])];
@@ -161,6 +166,8 @@ export class Panel {
     this.become(latest.registration.changes === "elements");
     for (const quantity of this.quantities) this.number(quantity, latest);
     if (this.elements) this.elements.tell(latest);
+    this.span.hidden = !twin.longer;
+    this.span.textContent = twin.all ? "Latest readings" : "Whole history";
     this.timeline.tell();
     this.outlook.tell(scene);
     this.events.tell(scene);

@@ -11,11 +11,11 @@ export class Timeline {
     this.root = make("div", undefined, "timeline");
     this.slider = make("input");
     Object.assign(this.slider, { type: "range", min: 0, max: 0, step: 1, value: 0 });
-    this.slider.setAttribute("aria-label", "Instant shown, in slow time");
+    this.slider.setAttribute("aria-label", "Instant shown");
     this.slider.addEventListener("input", () => this.go(Number(this.slider.value)));
     this.slider.addEventListener("keydown", (event) => this.leap(event));
     this.label = make("output", "", "instant");
-    this.now = button("Now", () => this.go(this.twin.points.length - 1));
+    this.now = button("Now", () => this.go(this.twin.shown.length - 1));
     this.root.append(this.label, this.slider, this.now);
     this.root.hidden = true;
   }
@@ -25,16 +25,16 @@ export class Timeline {
     const sign = { PageUp: 1, PageDown: -1 }[event.key];
     if (!sign) return;
     event.preventDefault();
-    this.go(this.index + sign * Math.max(1, Math.round(this.twin.points.length / PAGE)));
+    this.go(this.index + sign * Math.max(1, Math.round(this.twin.shown.length / PAGE)));
   }
 
   get index() {
-    const { at, points } = this.twin;
+    const { at, shown: points } = this.twin;
     return at ? Math.max(0, points.findLastIndex((point) => point.slow_time <= at.slow_time)) : points.length - 1;
   }
 
   go(index) {
-    const { points, id } = this.twin, last = points.length - 1;
+    const { shown: points, id } = this.twin, last = points.length - 1;
     if (last < 0) return;
     const point = index >= last ? null : points[Math.max(0, index)];
     if (point === this.twin.at) return;
@@ -53,10 +53,11 @@ export class Timeline {
   }
 
   tell() {
-    const { twin, slider } = this, { points, at } = twin;
+    const { twin, slider } = this, { shown: points, at } = twin;
     this.root.hidden = points.length < 2;
     if (this.root.hidden) return;
     if (this.wanted !== null && twin.known) {
+      if (twin.longer && this.wanted < points[0].slow_time) return twin.showAll(true);
       const found = points.findLastIndex((point) => point.slow_time <= this.wanted);
       this.wanted = null;
       this.go(found);
@@ -65,7 +66,7 @@ export class Timeline {
     slider.max = points.length - 1;
     slider.value = this.index;
     const shown = at ?? points.at(-1), said = slowTime(shown);
-    const text = at ? `At slow time ${said}` : `Now, slow time ${said}`;
+    const text = at ? `At ${said}` : `Now: ${said}`;
     if (this.label.textContent !== text) this.label.textContent = text;
     slider.setAttribute("aria-valuetext", text);
     this.root.dataset.past = Boolean(at);

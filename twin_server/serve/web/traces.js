@@ -1,5 +1,6 @@
 // History of one quantity → what Plotly draws: estimate, 95 % band, forecast, what is not valid, truth.
-import { QUANTITIES, isClock, spoken, standing } from "./words.js";
+import { bucketed, corners, fineFor, merged, roomFor, served, stretches } from "./buckets.js";
+import { QUANTITIES, atTime, isClock, spoken, standing } from "./words.js";
 
 export function colour(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
@@ -9,25 +10,50 @@ export function faded(hex, alpha) { return hex + Math.round(255 * alpha).toStrin
 /** Where a reading is on the axis of slow time. */
 export const placeOf = (point) => isClock(point) ? new Date(1000 * point.slow_time) : point.slow_time;
 const told = (point, quantity) => spoken(point[quantity], quantity).join(", 95 %: ");
-const ends = (values) => values.reduce(([a, b], v) => [Math.min(a, v), Math.max(b, v)], [Infinity, -Infinity]);
+const endsOf = (values) => values.reduce(([a, b], v) => [Math.min(a, v), Math.max(b, v)], [Infinity, -Infinity]);
 
-/** Sound readings in stretches without a hole; the others apart, by what stands against them. */
-export function sorted(points, quantity) {
-  const runs = [], apart = { inseparable: [], invalid: [] };
-  let run = null, before = null;
-  for (const point of points) {
-    const kind = standing(point), drawn = point[quantity];
-    const broken = !before || point.missing_before > 0 || point.slow_time < before.slow_time;
-    before = point;
-    // Frequency and damping are measured, whatever can then be made of them.
-    const sound = drawn && (kind === "valid" || (kind !== "invalid" && QUANTITIES[quantity].measured));
-    if (!sound) {
-      run = null;
-      if (drawn) (apart[kind] ?? apart.invalid).push(point);
-    } else if (run && !broken) run.push(point);
-    else runs.push(run = [point]);
+/** Whether a reading is drawn as a line: frequency and damping are measured, whatever can then be made of them. */
+function soundOf(quantity) {
+  return (point) => {
+    const kind = standing(point);
+    return point[quantity] && (kind === "valid" || (kind !== "invalid" && QUANTITIES[quantity].measured)) ? point[quantity] : null;
+  };
+}
+
+const MOST_MARKS = 150;
+
+/** Of too many marks each so many-th. */
+const fewer = (points) => {
+  const every = Math.ceil(points.length / MOST_MARKS);
+  return every > 1 ? points.filter((_, i) => i % every === 0) : points;
+};
+
+/**
+ * What is drawn as lines, in stretches without a gap: few readings as they are, `fine`, many in `buckets`, never both.
+ * `of` gives its columns in a history that the server has thinned.
+ */
+export function linesOf({ bands, renewed, whole = true }, points, pick, of, width, span = {}) {
+  const told = { renewed, whole: whole && !bands };
+  if (!bands) {
+    const runs = stretches(points, pick, told), readings = runs.reduce((sum, run) => sum + run.length, 0);
+    const few = readings <= fineFor(width);
+    return few ? { fine: runs, buckets: [], readings } : { fine: [], buckets: bucketed(runs, pick, Math.ceil(readings / roomFor(width))), readings };
   }
-  return { runs, apart };
+  const kept = served(bands, of, { renewed, ...span }), until = bands.end.slow_time.at(-1);
+  const size = Math.ceil(bands.readings / bands.count.length);
+  const fresh = bucketed(stretches(points.filter((point) => point.slow_time > until), pick, { renewed }), pick, size);
+  const goesOn = kept.length && fresh.length && !renewed.has(fresh[0][0].from) && kept.at(-1).at(-1).to === until;
+  const runs = goesOn ? [...kept.slice(0, -1), [...kept.at(-1), ...fresh[0]], ...fresh.slice(1)] : [...kept, ...fresh];
+  return { fine: [], buckets: merged(runs, roomFor(width)), readings: runs.flat().reduce((sum, { count }) => sum + count, 0) };
+}
+
+/** Sound readings as lines; the others apart, by what stands against them. */
+export function sorted(twin, points, quantity, width, span) {
+  const pick = soundOf(quantity), apart = { inseparable: [], invalid: [] };
+  for (const point of points) {
+    if (point[quantity] && !pick(point)) (apart[standing(point)] ?? apart.invalid).push(point);
+  }
+  return { ...linesOf(twin, points, pick, (bands) => bands.quantities[quantity], width, span), apart };
 }
 
 /** A null between two stretches breaks the line. */
@@ -56,6 +82,35 @@ function line(name, runs, quantity, tint, width) {
   };
 }
 
+const HOVER = "%{text}<extra></extra>";
+
+/** Each stretch of buckets as a closed shape between two of their ends. */
+function ribbon(name, buckets, [low, high], { place, scale, tint }) {
+  const around = buckets.map((run) => {
+    const at = corners(run);
+    return [...at.map(([x, bucket]) => [x, bucket[low]]), ...at.toReversed().map(([x, bucket]) => [x, bucket[high]])];
+  });
+  return {
+    name, x: joined(around, ([x]) => place(x)), y: joined(around, ([, y]) => scale * y), mode: "lines", hoverinfo: "skip",
+    fill: "toself", fillcolor: tint, line: { width: 0 },
+  };
+}
+
+/** Buckets: the widest interval pale, the least and greatest value darker, the mean as a line. */
+export function bucketTraces(name, buckets, look, speak) {
+  if (!buckets.length) return [];
+  const { place, scale, tint } = look, at = buckets.map(corners);
+  const say = ([, { count, mean, min, max }]) => count === 1 ? speak(mean) : `mean of ${count} readings ${speak(mean)}, from ${speak(min)} to ${speak(max)}`;
+  return [
+    ribbon(`${name} band`, buckets, ["lo", "hi"], { ...look, tint: faded(tint, 0.2) }),
+    ribbon(`${name} spread`, buckets, ["min", "max"], { ...look, tint: faded(tint, 0.35) }),
+    {
+      name, x: joined(at, ([x]) => place(x)), y: joined(at, ([, { mean }]) => scale * mean), mode: "lines",
+      line: { color: tint, width: look.width ?? 1.4, dash: look.dash }, text: joined(at, say), hovertemplate: `${name}: ${HOVER}`,
+    },
+  ];
+}
+
 /** Single readings with their intervals; one beyond the axis is a triangle at its edge. */
 function markers(name, points, quantity, symbol, tint, [low, high]) {
   const { scale } = QUANTITIES[quantity], values = points.map((point) => scale * point[quantity].value);
@@ -72,13 +127,20 @@ function markers(name, points, quantity, symbol, tint, [low, high]) {
   };
 }
 
-const knowing = (points, quantity) => points.filter((point) => point.truth && quantity in point.truth);
-
-function truth(points, quantity) {
-  const known = knowing(points, quantity), { scale } = QUANTITIES[quantity];
-  return known.length ? [{
-    name: "truth", x: known.map(placeOf), y: known.map((point) => scale * point.truth[quantity]), mode: "lines",
-    line: { color: colour("truth"), width: 1.2, dash: "4px,4px" }, hovertemplate: "truth: %{y:.5g}<extra></extra>",
+/** What a simulator knows, where it knows it: never across a gap; in buckets between its least and its greatest value. */
+export function truthTraces(name, twin, key, width, look) {
+  const pick = ({ truth }) => truth && key in truth ? { value: truth[key], lo: truth[key], hi: truth[key] } : null;
+  // Each truth is one line without noise, so that readings that are all held are drawn as they are.
+  const room = twin.bands ? width : Infinity;
+  const { fine, buckets } = linesOf(twin, twin.points, pick, (bands) => bands.truth?.[key], room, { until: twin.at?.slow_time ?? Infinity });
+  const { place, scale } = look, at = buckets.map(corners);
+  const runs = [
+    ...fine.map((run) => run.map((point) => [placeOf(point), scale * point.truth[key]])),
+    ...["min", "max"].flatMap((end) => at.map((run) => run.map(([x, bucket]) => [place(x), scale * bucket[end]]))),
+  ];
+  return runs.length ? [{
+    name, x: joined(runs, ([x]) => x), y: joined(runs, ([, y]) => y), mode: "lines",
+    line: { color: colour("truth"), width: 1.2, dash: "4px,4px" }, hovertemplate: "true value: %{y:.5g}<extra></extra>",
   }] : [];
 }
 
@@ -87,7 +149,7 @@ function ahead({ points, forecast }, quantity) {
   const last = points.at(-1), tint = colour("ahead");
   const coming = (forecast?.points ?? []).filter((point) => point[quantity] && point.slow_time >= last.slow_time);
   if (coming.length < 2) return [];
-  const run = coming.map((point) => ({ ...last, ...point }));
+  const run = coming.map((point) => ({ ...atTime(last, point.slow_time), ...point }));
   return [band("forecast band", [run], quantity, tint), line("forecast", [run], quantity, tint, 1.6)];
 }
 
@@ -98,7 +160,7 @@ function reached({ points, forecast }, quantity) {
     of === quantity && times[0].slow_time !== null && already < 0.5
   ));
   return told.map(({ threshold, times, horizon, sentence }) => {
-    const at = times.map(({ slow_time }) => placeOf({ ...last, slow_time: Math.max(slow_time ?? horizon, last.slow_time) }));
+    const at = times.map(({ slow_time }) => placeOf(atTime(last, Math.max(slow_time ?? horizon, last.slow_time))));
     const symbol = times.map(({ slow_time }, i) => slow_time === null ? "triangle-right-open" : i === 1 ? "diamond" : "line-ns-open");
     return {
       name: "time to threshold", x: at, y: at.map(() => scale * threshold), mode: "lines+markers",
@@ -109,20 +171,21 @@ function reached({ points, forecast }, quantity) {
 }
 
 /** The axis follows what is sound: a wild reading is marked at its edge and does not flatten the rest. */
-export function rangeOf(points, quantity, { runs, apart }) {
-  const sound = runs.flat(), few = sound.length < points.length / 4;
-  const shown = few ? [...sound, ...apart.inseparable, ...apart.invalid] : sound;
+export function rangeOf(points, quantity, { fine, buckets, readings, apart }) {
+  const few = readings < points.length / 4, ends = [];
+  const shown = [
+    ...fine.flat().map((point) => point[quantity]), ...buckets.flat().map(({ min, max, lo, hi }) => ({ lo, hi, least: min, value: max })),
+    ...(few ? [...apart.inseparable, ...apart.invalid].map((point) => point[quantity]) : []),
+  ];
   const at = (end, share) => {
-    const ordered = shown.map((point) => point[quantity][end]).sort((a, b) => a - b);
+    const ordered = shown.map((one) => one[end]).sort((a, b) => a - b);
     return ordered[Math.round(share * (ordered.length - 1))];
   };
-  const within = [
-    ...(shown.length ? [at("lo", 0.01), at("hi", 0.99)] : []),
-    ...shown.map((point) => point[quantity].value),
-    ...knowing(points, quantity).map((point) => point.truth[quantity]),
-  ];
-  if (!within.length) return [-1, 1];
-  const [low, high] = ends(within).map((v) => QUANTITIES[quantity].scale * v);
+  if (shown.length) ends.push(at("lo", 0.01), at("hi", 0.99));
+  for (const one of shown) ends.push(one.value, one.least ?? one.value);
+  for (const { truth } of points) if (truth && quantity in truth) ends.push(truth[quantity]);
+  if (!ends.length) return [-1, 1];
+  const [low, high] = endsOf(ends).map((v) => QUANTITIES[quantity].scale * v);
   const margin = Math.max(0.08 * (high - low), quantity === "frequency_hz" ? 1e-3 * Math.abs(high) : 0.5);
   return [low - margin, high + margin];
 }
@@ -139,31 +202,34 @@ export function widened([low, high], { points, forecast }, quantity) {
 /** One range of slow time for all charts of a twin, so that they can be read across. */
 export function spanOf({ points, later, forecast }) {
   if (!points.length) return undefined;
-  const [from, to] = ends([...points, ...later].map((point) => point.slow_time));
+  const [from, to] = endsOf([...points, ...later].map((point) => point.slow_time));
   const until = Math.max(to, forecast?.points.at(-1).slow_time ?? to, from + 1e-6);
-  return [from, until].map((slow_time) => placeOf({ ...points.at(-1), slow_time }));
+  return [from, until].map((slow_time) => placeOf(atTime(points.at(-1), slow_time)));
 }
 
 const SIGNS = { inseparable: ["not told apart", "diamond-open"], invalid: ["not valid", "x-thin-open"] };
 
 /** What came after the instant that is looked at: there, and no more than that. */
-function after({ later }, quantity) {
-  const { runs } = sorted(later, quantity);
-  return later.length > 1 && runs.length ? [line("what came after", runs, quantity, faded(colour("invalid"), 0.6), 1)] : [];
+function after(twin, quantity, look, width) {
+  if (twin.later.length < 2) return [];
+  const { fine, buckets } = sorted(twin, twin.later, quantity, width, { since: twin.at.slow_time });
+  const tint = faded(colour("invalid"), 0.6), name = "what came after";
+  if (fine.length) return [line(name, fine, quantity, tint, 1)];
+  return bucketTraces(name, buckets, { ...look, tint: colour("invalid"), width: 1 }, (x) => `${+(look.scale * x).toPrecision(4)}`).slice(2);
 }
 
 /** All that is drawn of one quantity, from the back to the front. */
-export function tracesOf(twin, quantity, parts, range) {
-  const tint = colour("estimate"), { runs, apart } = parts;
-  const long = runs.filter((run) => run.length > 1), lone = runs.filter((run) => run.length === 1).flat();
-  const found = after(twin, quantity);
+export function tracesOf(twin, quantity, parts, range, width) {
+  const tint = colour("estimate"), { fine, buckets, apart } = parts, { scale, unit } = QUANTITIES[quantity];
+  const long = fine.filter((run) => run.length > 1), lone = fine.filter((run) => run.length === 1).flat();
+  const last = twin.points.at(-1), look = { place: (slow_time) => placeOf(atTime(last, slow_time)), scale, tint };
+  const found = last ? after(twin, quantity, look, width) : [];
   if (long.length) found.push(band("95 % band", long, quantity, tint), line("estimate", long, quantity, tint, 1.3));
   if (lone.length) found.push(markers("estimate", lone, quantity, "circle", tint, range));
-  if (twin.points.length && !twin.points.at(-1).assumed.includes(quantity)) {
-    found.push(...ahead(twin, quantity), ...reached(twin, quantity));
-  }
+  found.push(...bucketTraces("estimate", buckets, look, (x) => `${+(scale * x).toPrecision(4)} ${unit}`));
+  if (last && !last.assumed.includes(quantity)) found.push(...ahead(twin, quantity), ...reached(twin, quantity));
   for (const [kind, [name, symbol]] of Object.entries(SIGNS)) {
-    if (apart[kind].length) found.push(markers(name, apart[kind], quantity, symbol, colour(kind), range));
+    if (apart[kind].length) found.push(markers(name, fewer(apart[kind]), quantity, symbol, colour(kind), range));
   }
-  return [...found, ...truth(twin.points, quantity)];
+  return last ? [...found, ...truthTraces("truth", twin, quantity, width, look)] : found;
 }

@@ -1,5 +1,7 @@
 // What the page knows of one twin: its history, what the live stream adds to it, and which instant is looked at.
+import { isNear, stepOf } from "./buckets.js";
 import { ask } from "./link.js";
+import { historyOf } from "./window.js";
 
 const MAX_POINTS = 1000, FORECAST_MS = 3000, PATIENCE_MS = 30000, EVENTS = 100;
 
@@ -7,26 +9,69 @@ const MAX_POINTS = 1000, FORECAST_MS = 3000, PATIENCE_MS = 30000, EVENTS = 100;
 const told = ({ boot, sequence, alive, valid, normal, raised, registration }) => (
   JSON.stringify([boot, sequence, alive, valid, normal, raised, registration])
 );
+
+const RENEWED_SINCE = "The structure was renewed after the last forecast. The next one is on its way.";
+
+const of = ({ quantity, side, limit }) => `${quantity} ${side} ${limit}`;
+
+/** The alarms that these events have raised and not cleared. */
+function raisedBy(events) {
+  const raised = new Map();
+  for (const { kind, details } of events) {
+    if (kind === "alarm") raised.set(of(details), { quantity: details.quantity, side: details.side, limit: details.limit });
+    if (kind === "alarm_cleared") raised.delete(of(details));
+  }
+  return [...raised.values()];
+}
+
+/** Renewals and sudden changes of the structure; a jump that a renewal explains is no change of its own. */
+function marksOf(events, points) {
+  const renewed = events.filter(({ kind, slow_time }) => kind === "renewed" && slow_time !== null).map(({ slow_time }) => slow_time);
+  const sudden = events.filter(({ kind }) => kind === "model_changed").map(({ details }) => details.since);
+  const own = sudden.filter((since) => !isNear(since, renewed, stepOf(points)));
+  return [
+    ...renewed.map((slow_time) => ({ kind: "renewed", slow_time })),
+    ...[...new Set(own)].map((slow_time) => ({ kind: "sudden", slow_time })),
+  ];
+}
 const isOf = (event, at) => event.slow_time === null ? event.kind === "registered" : event.slow_time <= at.slow_time;
 
 export class Twin {
   constructor(id, changed) {
     Object.assign(this, { id, changed, latest: null, points: [], events: [], forecast: null });
     Object.assign(this, { stream: null, loading: null, arrived: null, stale: false, problem: null, dirty: true });
-    Object.assign(this, { known: false, forecastAt: 0, at: null, foretold: null, recalled: null });
+    Object.assign(this, { known: false, forecastAt: 0, at: null, foretold: null, recalled: null, unforeseen: null });
+    Object.assign(this, { all: false, longer: false, thinned: false, bands: null });
+    this.touch = this.touch.bind(this);
   }
 
   get base() { return `/api/v1/twins/${encodeURIComponent(this.id)}`; }
 
   /** What is to be seen: all until now, or until the instant that is looked at, and apart what came after it. */
   get scene() {
-    const { id, base, latest, points, events, forecast, at } = this;
-    if (!at) return { id, base, at, latest, points, later: [], events, forecast };
+    const { id, base, latest, events, forecast, at, bands, unforeseen, touch } = this, points = this.shown;
+    const marks = marksOf(events, points), renewed = new Set(marks.filter(({ kind }) => kind === "renewed").map(({ slow_time }) => slow_time));
+    const common = { id, base, at, bands, marks, renewed, whole: !this.thinned, unforeseen, touch };
+    // What was foretold of the structure as it was says nothing of the renewed one.
+    const old = forecast && [...renewed].some((time) => time > forecast.since);
+    const now = old ? { forecast: null, unforeseen: unforeseen ?? RENEWED_SINCE } : { forecast };
+    if (!at) return { ...common, latest, points, later: [], events, ...now };
     const seen = points.findLastIndex((point) => point.slow_time <= at.slow_time) + 1;
+    const then = events.filter((event) => isOf(event, at));
     return {
-      id, base, at, points: points.slice(0, seen), later: points.slice(Math.max(seen - 1, 0)), forecast: this.foretold,
-      latest: { ...latest, ...at, normal: [], raised: [] }, events: events.filter((event) => isOf(event, at)),
+      ...common, points: points.slice(0, seen), later: points.slice(Math.max(seen - 1, 0)), forecast: this.foretold,
+      latest: { ...latest, ...at, normal: [], raised: raisedBy(then) }, events: then,
     };
+  }
+
+  /** The readings that are looked at: the latest, or of the whole history those that were not thinned away. */
+  get shown() { return this.all ? this.points : this.points.slice(-MAX_POINTS); }
+
+  /** Look at the whole history, or at its latest part. */
+  showAll(all) {
+    if (this.all === all) return;
+    this.all = all;
+    this.load();
   }
 
   /** The latest state, from the list or the stream, whichever is newer. */
@@ -66,7 +111,9 @@ export class Twin {
     if (this.arrived) this.arrived.push(point);
     if (last && point.boot === last.boot && point.sequence <= last.sequence) return;
     this.points.push(point);
-    if (this.points.length > 2 * MAX_POINTS) this.load();
+    if (this.points.length <= 2 * MAX_POINTS) return;
+    if (this.all) this.load();
+    else [this.points, this.longer, this.thinned, this.bands] = [this.points.slice(-MAX_POINTS), true, false, null];
   }
 
   happen(event) {
@@ -90,11 +137,12 @@ export class Twin {
     this.arrived = [];
     this.stale = false;
     const [history, events] = await Promise.all([
-      ask(`${this.base}/history?max_points=${MAX_POINTS}`, PATIENCE_MS),
+      historyOf(this.base, { all: this.all, most: MAX_POINTS }),
       ask(`${this.base}/events?limit=${EVENTS}`, PATIENCE_MS),
     ]);
     const known = new Set(history.points.map((point) => `${point.boot} ${point.sequence}`));
     this.points = [...history.points, ...this.arrived.filter((point) => !known.has(`${point.boot} ${point.sequence}`))];
+    [this.bands, this.longer, this.thinned] = [history.bands, history.longer, history.thinned];
     this.events = events.events;
     [this.known, this.problem] = [true, null];
   }
@@ -105,16 +153,23 @@ export class Twin {
     if (!this.points.length || (at ? this.recalled === at : Date.now() - this.forecastAt < FORECAST_MS)) return;
     if (at) this.recalled = at;
     else this.forecastAt = Date.now();
-    const forecast = await ask(`${this.base}/forecast?points=40${at ? `&at=slow:${at.slow_time}` : ""}`, PATIENCE_MS).catch(() => null);
+    const path = `${this.base}/forecast?points=40${at ? `&at=slow:${at.slow_time}` : ""}`;
+    const { forecast, trouble, wait } = await ask(path, PATIENCE_MS).then(
+      (told) => ({ forecast: told }), ({ message, retry }) => ({ trouble: message, wait: retry }),
+    );
     if (this.at !== at) return;
-    if (!forecast) this.recalled = null;
-    this[at ? "foretold" : "forecast"] = forecast?.points.length ? forecast : null;
+    if (wait && !at) this.forecastAt = Date.now() + 1000 * wait;
+    if (trouble && at) this.recalled = null;
+    // What was foretold stays until something newer is: it says itself since when it holds.
+    const name = at ? "foretold" : "forecast", none = forecast && !forecast.points.length;
+    if (forecast) this[name] = none ? null : forecast;
+    this.unforeseen = trouble ? `No newer forecast has come: ${trouble}` : none ? forecast.reasons.join(" ") : null;
     this.touch();
   }
 
   /** Look at one of the readings, or with null at what is known now. */
   lookAt(point) {
-    [this.at, this.foretold, this.recalled] = [point, null, null];
+    [this.at, this.foretold, this.recalled, this.unforeseen] = [point, null, null, null];
     this.touch();
   }
 }

@@ -75,7 +75,7 @@ export class WhatIf {
     [this.told, this.assumed] = [make("p", "", "told"), make("p", "", "facts")];
     this.result.append(field("Response of ", this.node), this.told, this.plot, this.assumed);
     const note = make("p", "The twin of today is run from rest, whatever instant is shown above; the band is of what is not known of it.", "facts");
-    this.root.append(make("summary", "What if a load came?"), note, this.form, this.problem, this.result);
+    this.root.append(make("summary", "Simulate a load"), note, this.form, this.problem, this.result);
     this.fit();
   }
 

@@ -51,12 +51,16 @@ export function isClock(point) {
   return point.slow_time_unit === "s" && Math.abs(point.slow_time - point.t_ns / 1e9) < 1e6;
 }
 
-const UNITS = { T0: "periods T\u2080" };
+/** What a reading at another slow time would be; sensor time goes on with it. */
+export const atTime = (point, slowTime) => ({ ...point, slow_time: slowTime, t_ns: point.t_ns + 1e9 * (slowTime - point.slow_time) });
+
+const UNITS = { T0: "natural periods", d: "days" };
 export const unitOf = (point) => UNITS[point.slow_time_unit] || point.slow_time_unit;
 
 export function slowTime(point) {
   if (isClock(point)) return new Date(1000 * point.slow_time).toLocaleString();
-  return `${+point.slow_time.toPrecision(6)} ${unitOf(point)}`;
+  const digits = Math.abs(point.slow_time) < 1e5 ? +point.slow_time.toPrecision(6) : Math.round(point.slow_time);
+  return `${digits} ${unitOf(point)}`;
 }
 
 /** How long ago, in the largest unit that fits. */
@@ -69,9 +73,9 @@ export function ago(milliseconds) {
 }
 
 /** The time of an event: of the structure where it has one, else of the day. */
-export function whenOf(event, clock) {
-  if (event.kind === "registered" || event.slow_time === null) return new Date(event.t_ns / 1e6).toLocaleTimeString();
-  return clock ? new Date(1000 * event.slow_time).toLocaleString() : `t_s = ${+event.slow_time.toPrecision(6)}`;
+export function whenOf(event, latest) {
+  if (event.kind === "registered" || event.slow_time === null || latest.slow_time === null) return new Date(event.t_ns / 1e6).toLocaleTimeString();
+  return slowTime(atTime(latest, event.slow_time));
 }
 
 // Reasons that say nothing against the frequency itself.

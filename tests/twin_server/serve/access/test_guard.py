@@ -1,6 +1,7 @@
 """What the door does beyond the table: sites, cookies, rates, hosts."""
 
 import asyncio
+import dataclasses
 import datetime
 import time
 from typing import Any
@@ -77,6 +78,54 @@ def test_a_page_keeps_its_token_in_a_cookie_that_no_script_reads(door):
 def test_a_cookie_does_nothing_for_another_page(door, more, status):
     headers = {"Cookie": f"{COOKIE}={door.words['operator']}", **more}
     assert door.ask("PUT", f"{TWINS}/lab.beam", headers=headers, json={}).status_code == status
+
+
+FROM_ELSEWHERE = [
+    {"Origin": "http://evil.example"},
+    {"Origin": "http://evil.example:80"},
+    {"Origin": "http://127.0.0.1.evil.example"},
+    {"Origin": "null"},
+    {"Origin": ""},
+    {"Sec-Fetch-Site": "cross-site"},
+    {"Sec-Fetch-Site": "cross-site", "Origin": "http://127.0.0.1"},
+    {"Sec-Fetch-Site": "whatever"},
+]
+FROM_HERE = [
+    {},
+    {"Origin": "http://127.0.0.1"},
+    {"Origin": "http://127.0.0.1:8000"},
+    {"Sec-Fetch-Site": "same-origin"},
+    {"Sec-Fetch-Site": "same-site", "Origin": "http://127.0.0.1:3000"},
+    {"Sec-Fetch-Site": "none"},
+    {"Sec-Fetch-Site": "same-origin", "Origin": "https://before.the.proxy.example"},
+]
+"""The last is a proxy that asks by another name."""
+
+
+@pytest.mark.parametrize("with_token", [False, True])
+def test_a_page_of_another_site_changes_nothing(door, tmp_path, with_token):
+    """With a token in the header, and of a server without any."""
+    if not with_token:
+        settings = TwinSettings(database=tmp_path / "x.sqlite")
+        door = dataclasses.replace(door, guard=guarded(settings).around(door.app))
+    headers = {"Authorization": f"Bearer {door.words['admin of all']}"} if with_token else {}
+    asked: list[tuple[str, str, dict[str, Any]]] = [
+        ("PUT", f"{TWINS}/lab.beam", {"json": {}}),
+        ("POST", f"{TWINS}/lab.beam/simulate", {"content": b"{}"}),
+        ("POST", "/api/v1/recordings/a.mcap/replay", {"content": b"{}"}),
+        ("DELETE", f"{TWINS}/lab.nowhere", {}),
+        ("DELETE", "/api/v1/recordings/a.mcap", {}),
+    ]
+    for method, path, more in asked:
+        for strange in FROM_ELSEWHERE:
+            answer = door.ask(method, path, headers=headers | strange, **more)
+            assert answer.status_code == 403, (method, path, strange)
+            assert "page of another site" in answer.json()["detail"]
+        for sound in FROM_HERE:
+            answer = door.ask(method, path, headers=headers | sound, **more)
+            assert answer.status_code != 403, (method, path, sound)
+    for strange in FROM_ELSEWHERE:
+        assert door.ask("GET", TWINS, headers=headers | strange).status_code == 200
 
 
 @pytest.mark.parametrize(

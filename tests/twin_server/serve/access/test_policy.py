@@ -28,6 +28,10 @@ of the application, asked with each kind of token, over the real door. *viewer*,
 not in the policy (`twin_server/serve/access/policy.py`) fails the build, and is an admin's of
 all sites until then.
 
+Whoever asks, with a token or on a server without: what changes anything (`PUT`, `POST`,
+`DELETE`) is refused with 403 where a browser says that a page of another site asks
+(`Sec-Fetch-Site`, or `Origin` with another host than the request's). Programs say neither.
+
 """
 
 

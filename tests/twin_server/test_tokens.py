@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from twin_server.serve.access import Scope, TokenFile, WrongTokenFileError
-from twin_server.serve.access.tokens import RefusedTokenError
+from twin_server.tokens import RefusedTokenError
 
 DAY = datetime.timedelta(days=1)
 
@@ -104,3 +104,10 @@ def test_a_file_that_cannot_be_used_is_refused_with_a_way_out(tokens):
         tokens.path.write_text(content)
         with pytest.raises(WrongTokenFileError, match="cannot be read"):
             tokens.check()
+
+
+def test_a_token_s_name_looks_like_what_it_is(tmp_path):
+    tokens = TokenFile(tmp_path / "tokens.json")
+    with pytest.raises(ValueError, match=r"has U\+202E"):
+        tokens.add("a\u202en", "viewer", ["lab"], datetime.timedelta(days=1))
+    assert tokens.all() == ()

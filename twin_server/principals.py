@@ -3,10 +3,8 @@
 import dataclasses
 import enum
 import math
-from collections.abc import Callable
+from collections.abc import Callable, MutableMapping
 from typing import Any, Self
-
-from starlette.types import Scope as AsgiScope
 
 KEY = "slowtime.principal"
 
@@ -85,7 +83,7 @@ NOBODY = Principal("nobody in particular", Scope.VIEWER, frozenset())
 """Who asks what anybody may, without a token."""
 
 
-def principal_of(scope: AsgiScope) -> Principal:
+def principal_of(scope: MutableMapping[str, Any]) -> Principal:
     """Who asks; everybody, where nobody was asked who they are."""
     found = scope.get(KEY, EVERYBODY)
     assert isinstance(found, Principal)

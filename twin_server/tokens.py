@@ -23,6 +23,8 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
+from slowtime_schemas.plain_text import plain_text
+
 from .principals import Principal, Scope
 
 FORM = re.compile(r"slowtime_([0-9a-f]{8})_([A-Za-z0-9_-]{43})")
@@ -113,7 +115,14 @@ class TokenFile:
     def add(
         self, name: str, scope: str, sites: Sequence[str], lasts: datetime.timedelta
     ) -> str:
-        """Make a token and return it: it can never be shown again."""
+        """Make a token and return it: it can never be shown again.
+
+        Raises
+        ------
+        ValueError
+            Where its name has characters that cannot be seen.
+        """
+        plain_text(name)
         number = secrets.token_hex(4)
         text = f"slowtime_{number}_{secrets.token_urlsafe(32)}"
         now = datetime.datetime.fromtimestamp(self._now(), datetime.UTC)

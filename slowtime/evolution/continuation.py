@@ -1,0 +1,166 @@
+r"""An outlook and what is believed after the last reading: one step for each reading more.
+
+The belief of each process of the outlook is all that a forecast needs of the past, so that
+neither a further reading nor a forecast costs more after many readings than after few.
+"""
+
+import dataclasses
+from collections.abc import Iterator
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import ndtr
+
+from slowtime.estimation import streaming, sweeps
+from slowtime.estimation.matern import Belief, SlowProcess
+from slowtime.estimation.processes import Sum
+
+from . import mixture
+from .change import Series, check_level
+from .outlook import Outlook, history
+
+Kind: TypeAlias = tuple[SlowProcess | Sum, Belief, np.ndarray]
+"""A family of processes, what is believed of it, and the probability of each member."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Forecast:
+    """What is expected at future slow times, without the noise of readings.
+
+    Parameters
+    ----------
+    mean, sd, lo, hi
+        Of the quantity itself, at each time asked for.
+    horizon
+        Slow time beyond which the forecast only repeats its trend: one length scale of the
+        Matérn process after the last reading, less where the readings say little of that
+        process. The bands hold beyond it too, as long as the trend goes on as it has.
+    """
+
+    mean: Float[np.ndarray, " later"]
+    sd: Float[np.ndarray, " later"]
+    lo: Float[np.ndarray, " later"]
+    hi: Float[np.ndarray, " later"]
+    horizon: float
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Continuation:
+    """An outlook and what is believed after the last reading.
+
+    Parameters
+    ----------
+    outlook
+        What `forecast.fit` has learnt.
+    smooth, wave
+        What is believed of its processes without and with a wave; None where it has none.
+    """
+
+    outlook: Outlook
+    smooth: Belief
+    wave: Belief | None = None
+
+    @property
+    def time(self) -> float:
+        """Slow time of the last reading."""
+        return float(self.smooth.time)
+
+    def follow(self, slow_time: Series, value: Series, sd: Series) -> "Continuation":
+        """Take in further readings, at a constant cost each.
+
+        In portions of any size they lead to the same numbers, to the last bit.
+
+        Raises
+        ------
+        ValueError
+            Where one is earlier than the last: `begin` anew from the history in order.
+        """
+        time, values, sds = history(slow_time, value, sd)
+        if not len(time):
+            return self
+        if time[0] < self.time:
+            raise ValueError(
+                f"A reading at slow time {time[0]:g} was given after one at {self.time:g}. "
+                "Begin anew from all readings in order."
+            )
+        readings = time, values, _floored(self.outlook, sds)
+        smooth, _ = sweeps.carried(self.outlook.family, self.smooth, *readings)
+        wave = None
+        if self.outlook.wave is not None and self.wave is not None:
+            wave, _ = sweeps.carried(self.outlook.wave, self.wave, *readings)
+        return dataclasses.replace(self, smooth=smooth, wave=wave)
+
+    def predict(
+        self, horizon_times: Float[np.ndarray, " later"], *, level: float = 0.95
+    ) -> Forecast:
+        """Tell what is expected at future slow times, none before the last reading.
+
+        Parameters
+        ----------
+        horizon_times
+            Future slow times, ascending or not.
+        level
+            Probability of the bands [1].
+        """
+        tail = float(ndtr(-check_level(level)))
+        if horizon_times.size and not horizon_times.min() >= self.time:
+            raise ValueError(
+                f"A forecast was asked for slow time {horizon_times.min():g}, before the last "
+                f"reading at {self.time:g}. Ask for later times; for the past there is "
+                "slowtime.estimation.matern.smooth."
+            )
+        kinds = list(self.kinds())
+        all_means, all_spreads = zip(
+            *(
+                streaming.predict(process, belief, horizon_times)
+                for process, belief, _ in kinds
+            ),
+            strict=True,
+        )
+        weights = np.concatenate([own for _, _, own in kinds])
+        means, spreads = np.concatenate(all_means), np.concatenate(all_spreads)
+        mean = weights @ means
+        spread = np.sqrt(weights @ (spreads**2 + (means - mean) ** 2))
+        lo, hi = (
+            mixture.quantile(share, weights, means, spreads) for share in (tail, 1.0 - tail)
+        )
+        return Forecast(mean, spread, lo, hi, float(self.time + self._memory()))
+
+    def kinds(self) -> Iterator[Kind]:
+        """Tell what is believed of each kind of process, and how probable its members are."""
+        outlook = self.outlook
+        yield outlook.family, self.smooth, (1.0 - outlook.wave_share) * outlook.weights
+        if outlook.wave is not None and outlook.wave_weights is not None and self.wave:
+            yield outlook.wave, self.wave, outlook.wave_share * outlook.wave_weights
+
+    def _memory(self) -> float:
+        """Length scale, times the share of the Matérn process that the readings determine.
+
+        A wave is remembered longer: as long as it keeps its form, by the same rule.
+        """
+        outlook, family = self.outlook, self.outlook.family
+        share = 1.0 - self.smooth.covariance[..., 2, 2] / np.square(family.sd)
+        weights = (1.0 - outlook.wave_share) * outlook.weights
+        reach = float(weights @ (np.clip(share, 0.0, 1.0) * family.length))
+        if outlook.wave is not None and outlook.wave_weights is not None:
+            place = list(outlook.wave.free).index("length", 5)
+            memory = float(np.exp(outlook.wave_weights @ outlook.wave.logs[:, place]))
+            reach += outlook.wave_share * memory
+        return reach
+
+
+def begin(outlook: Outlook, slow_time: Series, value: Series, sd: Series) -> Continuation:
+    """Take in a history, in any order, from before its first reading on."""
+    time, values, sds = history(slow_time, value, sd)
+    readings = time, values, _floored(outlook, sds)
+    told = [jump for jump in outlook.jumps if jump[0] < time[-1]]
+    smooth, _ = sweeps.filtered(outlook.family, *readings, jumps=told)
+    wave = None
+    if outlook.wave is not None:
+        wave, _ = sweeps.filtered(outlook.wave, *readings, jumps=told)
+    return Continuation(outlook, smooth, wave)
+
+
+def _floored(outlook: Outlook, sds: np.ndarray) -> np.ndarray:
+    return np.asarray(np.maximum(sds, 1e-6 * np.min(outlook.family.sd)))

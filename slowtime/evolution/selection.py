@@ -1,0 +1,255 @@
+r"""Which jumps a history has: forward selection on scores, backward elimination.
+
+A jump after a reading is a shift of the level of a process. Its gain in log-likelihood follows
+for all readings from one pass there and back (`estimation.sweeps.interventions`), so that no
+process is fitted anew for a jump that is only tried.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.special import gammaln
+
+from slowtime.estimation.matern import Jump, SlowProcess
+from slowtime.estimation.sweeps import Interventions, Passes
+
+Usable = Float[np.ndarray, " usable"]
+Places = tuple[int, ...]
+"""Readings before which the level jumps, ascending."""
+
+JUMP_ODDS = 100.0
+"""How much likelier a history must be with jumps than without: what a single jump had to show
+before several were sought, kept for the same rate of false ones."""
+
+_APART = 3
+"""Readings between two jumps, and between a jump and either end: of one or two readings that
+stand apart it cannot be told whether they are outliers."""
+
+_OUTLIER = 4.0
+"""Standard deviations of a reading from what all others say of it (with its own error) beyond
+which it is passed over while jumps are sought: 1 in 16,000 of Gaussian readings."""
+
+_BESIDE = 8
+"""Readings on either side of a jump whose gain it explains: what else is there waits for the
+next pass."""
+
+_ROUNDS = 12
+"""Passes of one forward selection, each of which takes in all maxima that are apart."""
+
+_CALM = ((0.5, 0.3), (0.5, 1.0), (0.1, 0.3), (0.1, 1.0), (0.03, 1.0))
+"""Processes without memory of jumps from which a selection begins: length over the span of the
+history, and spread over the scatter from one reading to the next."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Scored:
+    """Readings as jumps are sought in them.
+
+    Parameters
+    ----------
+    jump_sd
+        Standard deviation of the size of a jump.
+    seeds
+        Readings before which somebody has seen a jump: there it may be near an end.
+    """
+
+    time: Usable
+    value: Usable
+    sd: Usable
+    jump_sd: float
+    seeds: Places = ()
+
+    def least_gain(self, jumps: int) -> float:
+        """Gain in log-likelihood that each of so many jumps must bring, the others given.
+
+        Odds of `JUMP_ODDS`, where a jump is as likely beforehand as so many among all readings.
+        """
+        return float(np.log(JUMP_ODDS * len(self.time) / max(jumps, 1)))
+
+    def jumps(self, places: Sequence[int]) -> tuple[Jump, ...]:
+        """Jumps between the readings before these places and those at them."""
+        return tuple((float(self.time[place - 1]), self.jump_sd) for place in places)
+
+    @property
+    def scatter(self) -> float:
+        """Typical error of a reading, which jumps hardly change: steps, or what is stated."""
+        steps = float(np.median(np.abs(np.diff(self.value)))) / 0.954
+        return max(steps, float(np.median(self.sd)), 1e-6 * self.jump_sd)
+
+    def like_those(self, places: Places) -> "Scored":
+        """Expect jumps of the size of those at these places, which must not be too small."""
+        if not places:
+            return self
+        sizes = step_sizes(self.time, self.value, places)
+        usual = max(2.0 * float(np.sqrt(np.mean(sizes**2))), 3.0 * self.scatter)
+        return dataclasses.replace(self, jump_sd=min(usual, self.jump_sd))
+
+    def allowed(self, places: Places) -> Bool[np.ndarray, " usable"]:
+        """Where a further jump may be."""
+        count = len(self.time)
+        free = np.zeros(count, dtype=bool)
+        free[_APART : max(count - _APART + 1, _APART)] = True
+        free[[place for place in self.seeds if 0 < place < count]] = True
+        for place in places:
+            free[max(place - _APART + 1, 0) : place + _APART] = False
+        # Between readings of the same time nothing can be told apart.
+        free[1:] &= np.diff(self.time) > 0.0
+        free[0] = False
+        return free
+
+
+def penalty(count: int, jumps: int) -> float:
+    """Logarithm of the odds against so many jumps: against any, and of their places."""
+    if not jumps:
+        return 0.0
+    places = gammaln(count + 1) - gammaln(jumps + 1) - gammaln(count - jumps + 1)
+    return float(np.log(JUMP_ODDS) + places)
+
+
+def begin(scored: Scored, base: SlowProcess) -> Places:
+    """Select jumps by processes that are calm between them; none where none are clear.
+
+    A process learnt from a history with many jumps takes them for its own restlessness. So
+    each of a few calm processes selects, and the selection under which the history is
+    likeliest is taken.
+    """
+    span = float(scored.time[-1] - scored.time[0])
+    found: list[tuple[float, Places]] = [(-np.inf, ())]
+    for length, sd in _CALM:
+        process = dataclasses.replace(
+            base,
+            smoothness=1.5,
+            length=np.array([length * span]),
+            sd=np.array([sd * scored.scatter]),
+            slope_drift=np.array([0.0]),
+        )
+        places, likelihood = select(scored, process, np.zeros(1), scored.seeds)
+        found.append((likelihood - penalty(len(scored.time), len(places)), places))
+    return max(found, key=lambda one: one[0])[1]
+
+
+def select(
+    scored: Scored,
+    family: SlowProcess,
+    log_weights: Float[np.ndarray, " family"],
+    places: Sequence[int] = (),
+) -> tuple[Places, float]:
+    """Add jumps and take them away until nothing is gained; and the log-likelihood then.
+
+    Parameters
+    ----------
+    family, log_weights
+        Processes, and the logarithms of their probabilities before the readings.
+    places
+        From which the selection begins.
+    """
+    passes = Passes(family, scored.time)
+
+    def look(value: Usable, places: Places) -> Interventions:
+        return passes.interventions(value, scored.sd, jumps=scored.jumps(places))
+
+    here = _apart(sorted(set(places)))
+    value, tried = scored.value, {here}
+    for _ in range(_ROUNDS):
+        found = look(value, here)
+        value = _without_outliers(scored, found, log_weights)
+        found = look(value, here)
+        added = _maxima(scored, _mixed_gain(found, log_weights, scored.jump_sd), here)
+        there = tuple(sorted((*here, *added)))
+        there = _eliminated(scored, functools.partial(look, value), log_weights, there)
+        if there in tried:
+            break
+        tried.add(there)
+        here = there
+    found = look(scored.value, here)
+    return here, float(np.logaddexp.reduce(log_weights + found.log_likelihood))
+
+
+def _share(found: Interventions, log_weights: np.ndarray) -> np.ndarray:
+    """Logarithm of the probability of each member after the readings."""
+    told = log_weights + found.log_likelihood
+    return np.asarray(told - np.logaddexp.reduce(told))
+
+
+def _mixed_gain(found: Interventions, log_weights: np.ndarray, sd: float) -> Usable:
+    share = _share(found, log_weights)
+    return np.asarray(np.logaddexp.reduce(share[:, None] + found.gain(sd), axis=0))
+
+
+def _without_outliers(scored: Scored, found: Interventions, log_weights: np.ndarray) -> Usable:
+    """Pass over readings that stand apart from those on either side."""
+    apart = np.abs(np.exp(_share(found, log_weights)) @ found.left_out)
+    return np.where(apart > _OUTLIER, np.nan, scored.value)
+
+
+def _maxima(scored: Scored, gain: Usable, places: Places) -> list[int]:
+    """Find the places of largest gain that are apart from each other and from those known."""
+    able = np.where(scored.allowed(places), gain, -np.inf)
+    around = np.pad(able, _BESIDE, constant_values=-np.inf)
+    highest = np.lib.stride_tricks.sliding_window_view(around, 2 * _BESIDE + 1).max(axis=1)
+    tops = np.flatnonzero(
+        (able == highest) & (able > scored.least_gain(len(places) + 1))
+    ).tolist()
+    return [place for place in tops if able[place] > able[max(place - 1, 0)]]
+
+
+def _eliminated(
+    scored: Scored,
+    look: Callable[[Places], Interventions],
+    log_weights: np.ndarray,
+    places: Places,
+) -> Places:
+    """Take away the jump that is missed least, until each is missed."""
+    while places:
+        found = look(places)
+        share = _share(found, log_weights)[:, None]
+        without = found.loss(scored.jump_sd)[:, list(places)]
+        lost = -np.logaddexp.reduce(share - without, axis=0)
+        least = int(lost.argmin())
+        if lost[least] >= scored.least_gain(len(places)):
+            return places
+        places = (*places[:least], *places[least + 1 :])
+    return places
+
+
+def _apart(places: Sequence[int]) -> Places:
+    kept: list[int] = []
+    for place in places:
+        if not kept or place - kept[-1] >= _APART:
+            kept.append(place)
+    return tuple(kept)
+
+
+def regularity(scored: Scored, places: Places) -> float:
+    r"""How regularly jumps come back, as the edges of a wave or of teeth do [1].
+
+    Of jumps :math:`\delta_j` at :math:`t_j` it is the greatest
+    :math:`|\sum_j \delta_j e^{2 \pi i r t_j / T}| / \sum_j |\delta_j|` over the number r of
+    rounds in the history: one where they are regular, about :math:`1 / \sqrt k` of k at random.
+    Of one or two nothing can be said, and it is one.
+    """
+    if len(places) <= 2:
+        return 1.0
+    span = float(scored.time[-1] - scored.time[0])
+    at = scored.time[list(places)] - scored.time[0]
+    sizes = step_sizes(scored.time, scored.value, places)
+    rounds = np.arange(1.5, 4.0 * len(places), 0.125)
+    turned = np.exp(2j * np.pi * rounds[:, None] * at / span) @ sizes
+    return float(np.abs(turned).max() / max(float(np.abs(sizes).sum()), 1e-300))
+
+
+def step_sizes(time: Usable, values: Usable, places: Places) -> Float[np.ndarray, " jump"]:
+    """Size of each jump by least squares, beside a straight line."""
+    design = np.column_stack(
+        [
+            np.ones_like(time),
+            (time - time[0]) / (time[-1] - time[0]),
+            np.arange(len(time))[:, None] >= np.array(places, dtype=int),
+        ]
+    )
+    # A small system, well conditioned, that is solved at once and by one thread.
+    found = np.linalg.solve(design.T @ design, design.T @ (values - values[0]))
+    return np.asarray(found[2:])

@@ -1,0 +1,1 @@
+"""What each verb takes and says of itself; words in, checked arguments out."""

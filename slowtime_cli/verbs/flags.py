@@ -1,0 +1,130 @@
+"""Arguments that several verbs take alike."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from slowtime_cli.options import POSITIVE, Number
+
+F = TypeVar("F", bound=Callable[..., Any])
+EXISTING = click.Path(exists=True, dir_okay=False, path_type=Path)
+"""A file that is there."""
+
+
+class SettingsFile(click.Path):
+    """A file of settings that is there, of a kind that is read."""
+
+    def __init__(self) -> None:
+        super().__init__(exists=True, dir_okay=False, path_type=Path)
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Any:
+        """Refuse a kind that is not read."""
+        path: Path = super().convert(value, param, ctx)  # type: ignore[assignment]
+        if path.suffix not in (".toml", ".json"):
+            self.fail(f"{path.name} is no settings file. Allowed: .toml and .json.")
+        return path
+
+
+TIME_UNITS = ("s", "ms", "us", "ns", "min", "h", "d")
+"""As `slowtime_services.files.UNITS`, without reading files yet."""
+
+RECORD = (
+    click.argument("record_path", metavar="RECORD", type=EXISTING),
+    click.option(
+        "--rate-hz",
+        type=POSITIVE,
+        help="Samples per second, where the file does not say; overrules what it says.",
+    ),
+    click.option("--channels", help="Columns to use, by name or number from 0: a,b."),
+    click.option(
+        "--skip-lines",
+        type=click.IntRange(min=0),
+        help="Lines before header or data.  [default: found out]",
+    ),
+    click.option("--columns", help="Names of all columns, where the file has none: a,b,c."),
+    click.option(
+        "--time-column",
+        help="Column of time, by name or number; none if there is none.  [default: found out]",
+    ),
+    click.option(
+        "--time-unit",
+        type=click.Choice(TIME_UNITS),
+        help="Unit of that column.  [default: by its name]",
+    ),
+    click.option(
+        "--date-order",
+        type=click.Choice(["dmy", "mdy"]),
+        help="What comes first in dates such as 04/05/2024.  [default: found out]",
+    ),
+    click.option(
+        "--wrapped/--not-wrapped",
+        default=None,
+        help="Whether all columns are one series, several values a line.  [default: found out]",
+    ),
+    click.option(
+        "--keep",
+        help="Columns to keep that would be set aside, such as counters and magnitudes: a,b; "
+        "or all.",
+    ),
+)
+"""A record, and how to read it; `slowtime_cli.reading.with_record` takes them."""
+
+AS_BUILT = (
+    click.option(
+        "--changes",
+        type=click.Choice(["stiffness", "mass", "both"]),
+        default="stiffness",
+        show_default=True,
+        help="What may change; the rest is assumed to stay.",
+    ),
+    click.option(
+        "--nominal-hz",
+        type=POSITIVE,
+        help="Natural frequency as built.  [default: learnt from the first epochs]",
+    ),
+    click.option(
+        "--nominal-damping",
+        type=Number(0, 1, max_open=True),
+        help="Damping ratio as built.",
+    ),
+    click.option(
+        "--learn-epochs",
+        type=click.IntRange(min=2),
+        default=20,
+        show_default=True,
+        help="Epochs from which the nominal model is learnt.",
+    ),
+)
+"""What a twin of one mode is told of its structure."""
+
+
+def record_flags(function: F) -> F:
+    """Add the arguments of `RECORD`."""
+    return _with(RECORD, function)
+
+
+def as_built(function: F) -> F:
+    """Add the options of `AS_BUILT`."""
+    return _with(AS_BUILT, function)
+
+
+def refuse_damping_alone(nominal_hz: float | None, nominal_damping: float | None) -> None:
+    """Refuse half a nominal model.
+
+    Raises
+    ------
+    click.UsageError
+        Where there is a damping ratio but no frequency.
+    """
+    if nominal_damping is not None and nominal_hz is None:
+        raise click.UsageError("--nominal-damping goes with --nominal-hz.")
+
+
+def _with(decorators: tuple[Callable[[F], F], ...], function: F) -> F:
+    for decorate in reversed(decorators):
+        function = decorate(function)
+    return function

@@ -1,0 +1,133 @@
+"""What the command imports before it has anything to do: nothing that takes long.
+
+Not timed, so that it does not depend on the machine: `benchmarks/startup.py` times it.
+"""
+
+import functools
+import inspect
+import json
+import re
+import subprocess
+import sys
+
+import click
+import pytest
+
+from slowtime_cli.__main__ import app
+from slowtime_cli.deferred import Deferred
+from slowtime_cli.verbs import diagnosing, entitling, keying
+from slowtime_services.credentials import ROLES
+from slowtime_services.diagnose import run
+from twin_server.principals import Scope
+
+LIGHT = {"click", "slowtime_cli", "slowtime_schemas", "slowtime_services"}
+"""Packages, of all that are installed, without which no argument can be read."""
+PROBE = """
+import contextlib, io, json, sys
+before = set(sys.modules)
+from slowtime_cli.__main__ import main
+def imported():
+    for name in sorted(set(sys.modules) - before):
+        if name.partition(".")[0] not in sys.stdlib_module_names:
+            yield name
+told = []
+for arguments in json.load(sys.stdin):
+    err = io.StringIO()
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(err):
+        try:
+            main(arguments)
+        except SystemExit as left:
+            status = left.code
+    told.append([arguments, status, err.getvalue(), list(imported())])
+json.dump(told, sys.stdout)
+"""
+
+
+def commands(command: click.Command = app, path: tuple[str, ...] = ()):
+    """Every verb, with the words that lead to it."""
+    yield path, command
+    if isinstance(command, click.Group):
+        context = click.Context(command)
+        for name in command.list_commands(context):
+            found = command.get_command(context, name)
+            assert found is not None
+            yield from commands(found, (*path, name))
+
+
+WORKS = [(path, command) for path, command in commands() if isinstance(command, Deferred)]
+
+
+def files_of(command: click.Command):
+    """The parameters that want a file which is there."""
+    for parameter in command.params:
+        kind = parameter.type
+        if getattr(kind, "exists", False) or isinstance(kind, diagnosing.RecordName):
+            yield parameter
+
+
+@functools.cache
+def probed():
+    """Every help, every missing file and a wrong option of each verb, tried in one process."""
+    tries = [["--version"], *([*path, "--help"] for path, _ in commands())]
+    for path, command in commands():
+        tries += [[*path, "--no-such-option"]]
+        for parameter in files_of(command):
+            flag = [parameter.opts[0]] if isinstance(parameter, click.Option) else []
+            tries += [[*path, *flag, "missing.json"]]
+    tries += [["diagnose", "--history", "missing.json"]]
+    done = subprocess.run(
+        [sys.executable, "-c", PROBE],
+        input=json.dumps(tries),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return json.loads(done.stdout)
+
+
+def test_help_and_refusals_import_nothing_that_takes_long():
+    for arguments, _, _, imported in probed():
+        heavy = {name for name in imported if name.partition(".")[0] not in LIGHT}
+        assert not heavy, f"slowtime {' '.join(arguments)} imported {sorted(heavy)[:9]}"
+
+
+def test_of_the_shared_packages_they_import_two_modules():
+    imported = probed()[-1][-1]
+    shared = {
+        name
+        for name in imported
+        if name.startswith(("slowtime_schemas.", "slowtime_services."))
+    }
+    assert shared == {"slowtime_schemas.plain_text", "slowtime_services.logs"}
+
+
+def test_every_help_is_told_and_every_missing_file_refused_by_name():
+    missing = 0
+    for arguments, status, said, _ in probed():
+        assert status == (0 if arguments[-1] in ("--help", "--version") else 2), arguments
+        if arguments[-1] == "missing.json":
+            assert re.search("'missing.json' does not exist|no file missing.json", said), said
+            missing += 1
+    assert missing > 20
+
+
+@pytest.mark.parametrize(("path", "command"), WORKS, ids=[" ".join(path) for path, _ in WORKS])
+def test_the_work_of_a_verb_takes_the_arguments_that_it_declares(path, command):
+    work, given = command.load(), {parameter.name: None for parameter in command.params}
+    inspect.signature(command.callback).bind(**given)
+    bound = inspect.signature(work, follow_wrapped=False).bind(**given)
+    if hasattr(work, "__wrapped__"):  # which hands on a record in place of how to read it
+        bound = inspect.signature(work).bind(
+            record=None, path=None, **bound.arguments["others"]
+        )
+    assert bound.arguments
+
+
+def test_what_declarations_repeat_of_the_work_is_what_it_is():
+    assert entitling.SCOPES == tuple(scope.word for scope in Scope)
+    assert {*keying.WITHDRAWN} == {*ROLES} - {"router", "edge"}
+    assert (diagnosing.PATIENCE_S, diagnosing.MASSES, diagnosing.MORE) == (
+        run.PATIENCE_S,
+        run.MASSES,
+        run.MORE,
+    )

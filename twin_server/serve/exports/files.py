@@ -1,0 +1,85 @@
+"""Files that are made while they are given: few at once, a piece at a time, not for ever."""
+
+import asyncio
+import threading
+from collections.abc import AsyncIterator, Iterator, Mapping
+
+import anyio
+from starlette.responses import Response, StreamingResponse
+from starlette.types import Message, Receive, Scope, Send
+
+from twin_server.serve.problems import ProblemError
+
+AT_ONCE = 2
+"""Pieces that are made at once, of all files; each is a matter of a few ten milliseconds."""
+
+STUCK_S = 30.0
+"""How long a client may take none of what it is sent."""
+
+
+class Files:
+    """Files that are under way.
+
+    Parameters
+    ----------
+    most
+        More than so many are refused.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most, self._count, self._lock = most, 0, threading.Lock()
+        self._makers: anyio.CapacityLimiter | None = None
+
+    def given(self, pieces: Iterator[bytes], kind: str, headers: Mapping[str, str]) -> Response:
+        """Give a file.
+
+        Raises
+        ------
+        ProblemError
+            503 where others are being given.
+        """
+        with self._lock:
+            if self._count >= self._most:
+                raise ProblemError(
+                    503,
+                    "busy",
+                    f"{self._count} files are being given. Allowed: {self._most} at once. Try "
+                    "again later.",
+                    **{"Retry-After": "10"},
+                )
+            self._count += 1
+        return _File(self, pieces, kind, headers)
+
+    def end(self) -> None:
+        """Count one less."""
+        with self._lock:
+            self._count -= 1
+
+    async def made(self, pieces: Iterator[bytes]) -> AsyncIterator[bytes]:
+        """Make pieces in a thread, as they are wanted."""
+        if self._makers is None:
+            self._makers = anyio.CapacityLimiter(AT_ONCE)
+        while True:
+            piece = await anyio.to_thread.run_sync(next, pieces, None, limiter=self._makers)
+            if piece is None:
+                return
+            yield piece
+
+
+class _File(StreamingResponse):
+    """One file, given to its end or until its client takes no more."""
+
+    def __init__(
+        self, files: Files, pieces: Iterator[bytes], kind: str, headers: Mapping[str, str]
+    ) -> None:
+        super().__init__(files.made(pieces), media_type=kind, headers=headers)
+        self._files = files
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        async def in_time(message: Message) -> None:
+            await asyncio.wait_for(send(message), STUCK_S)
+
+        try:
+            await super().__call__(scope, receive, in_time)
+        finally:
+            self._files.end()
