@@ -117,7 +117,8 @@ def judge(name: str, facts: Facts, measured: Measured) -> Verdict:
     chosen = fit[0]
     if len({r.rate_hz for r in fit}) > 1:
         raise RecordError(
-            f"{name} states a rate that can be read in two ways ({_quoted(facts, 'rate')}): "
+            f"{name} states a rate that can be read in two ways "
+            f"({_quoted(facts, 'rate', 'interval')}): "
             f"{' or '.join(f'{r.rate_hz:g} Hz' for r in fit)}. Say which with --rate-hz."
         )
     rate = chosen.rate_hz

@@ -119,6 +119,13 @@ def read(tmp_path):
             id="wrapped, perhaps",
         ),
         pytest.param(
+            "Timestamp,ax\n" + rows(lambda i: f"2024-04-21 15:00:0{int(i == 700)},{X[i]}"),
+            r"Time does not run forwards .* --rate-hz",
+            {"rate_hz": 100.0},
+            100.0,
+            id="stamps that stand still",
+        ),
+        pytest.param(
             "# Sampling rate: 100 Hz\n# Duration: 20 s\nax,ay\n" + rows(two),
             r"'Duration: 20 s'.*15 s at 100 Hz",
             {"rate_hz": 100.0},
@@ -226,6 +233,47 @@ def test_what_has_one_meaning_is_read(read, content, channels, units):
     assert (record.rate_hz, record.channels, record.units) == (RATE, channels, units)
     assert record.gaps == ()
     np.testing.assert_allclose(record.samples, np.column_stack([X, Y]), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (
+            "time,sensor,acc\n"
+            + rows(lambda i: f"{TIME[i]:.2f},A,{X[i]}\n{TIME[i]:.2f},B,{Y[i]}"),
+            r"several sensors in turn \(column 'sensor' repeats A, B\)",
+        ),
+        (
+            rows(lambda i: f"{abs(X[i]):.3f},{abs(Y[i]):.3f}".replace(".", ",")),
+            r"before their decimals, too .* semicolons or tabs",
+        ),
+        (
+            "# FS: 2 g\n# Rate: 5 mm/min\n# dt: 21.04.2024\nax,ay\n" + rows(two),
+            r"does not say how often it was sampled",
+        ),
+        ("# Sampling interval: 10\nax,ay\n" + rows(two), r"two ways .*: 0\.1 Hz or 100 Hz"),
+        ("# Sampling interval: 60 s\nax,ay\n" + rows(two), r"no sampling rate of vibration"),
+    ],
+)
+def test_what_no_figure_tells_is_asked(read, content, says):
+    with pytest.raises(RecordError, match=says):
+        read(content)
+
+
+def test_pairs_of_time_and_value_are_one_series_however_many_stand_on_a_line(read):
+    pairs = [f"{TIME[i]:8.3f} {X[i]:9.4f}" for i in range(ROWS - 1)]
+    lines = [" ".join(pairs[i : i + 4]) for i in range(0, len(pairs), 4)]
+    record = read("a title\n" + "\n".join(lines))
+    assert record.rate_hz == RATE
+    np.testing.assert_allclose(record.samples[:, 0], X[:-1], atol=1e-9)
+
+
+def test_a_counter_tells_which_rows_are_missing(read):
+    kept = [i for i in range(ROWS) if i not in (300, 301, 900)]
+    text = "# fs: 100 Hz\nn,ax,ay\n" + "".join(f"{i % 256},{two(i)}\n" for i in kept)
+    record = read(text)
+    assert [(gap.row, gap.missing) for gap in record.gaps] == [(300, 2), (898, 1)]
+    assert "the counter 'n' leaves out numbers" in record.notes[0]
 
 
 def test_formats_with_fixed_meaning_are_read(read):
