@@ -13,7 +13,7 @@ from slowtime.identification.first import all_modes
 from slowtime.identification.identified import Identified
 from slowtime.identification.methods import by_method
 from slowtime.identification.windows import Epoch, identify_windows
-from slowtime_services.files import Record, accelerations
+from slowtime_services.files import MARK, Record, accelerations, bridged
 from slowtime_services.models import read_description
 
 from . import modal
@@ -43,6 +43,10 @@ def identify(
         method = "modes"
     description = read_description(model) if model else None
     record = _accelerations_of(record)
+    duration_s, rows = record.duration_s, len(record.samples)
+    record, said = bridged(record)
+    if said:
+        note(said)
     samples = np.asarray(record.samples, dtype=float)
     _say_constant(record, samples)
     result: dict[str, Any] = {
@@ -50,8 +54,8 @@ def identify(
         "record": path.name,
         "rate_hz": record.rate_hz,
         "channels": list(record.channels),
-        "duration_s": record.duration_s,
-        "assumptions": [*record.assumptions, *record.notes],
+        "duration_s": duration_s,
+        "assumptions": [*record.assumptions, *record.notes, *([said] if said else [])],
     }
     silent = out is not None and str(out) == "-"
     if window_s is None:
@@ -82,6 +86,7 @@ def identify(
         if not silent:
             _show_epochs(epochs, path.name)
     if out is not None:
+        _mark(result, len(record.samples) > rows)
         write_json(out, result)
 
 
@@ -101,6 +106,15 @@ def _identify(
         return modes, None
     whole = identify_modes(part, rate_hz, band_hz=band_hz)
     return (modes, None) if not whole.modes else ((), whole)
+
+
+def _mark(result: dict[str, Any], estimated: bool) -> None:
+    """Flag what was found in samples of which some were estimated."""
+    if not estimated:
+        return
+    of_windows = [mode for epoch in result.get("epochs", ()) for mode in epoch["modes"]]
+    for mode in [*result.get("modes", ()), *of_windows]:
+        mode["flags"] = [*mode["flags"], MARK]
 
 
 def _accelerations_of(record: Record) -> Record:
