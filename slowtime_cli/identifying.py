@@ -9,10 +9,11 @@ import click
 import numpy as np
 
 from slowtime.identification.automatic import ModalResult, identify_modes
+from slowtime.identification.beside_lines import LINE, Told, modes_beside_lines
 from slowtime.identification.first import all_modes
 from slowtime.identification.identified import Identified
 from slowtime.identification.methods import by_method
-from slowtime.identification.windows import Epoch, identify_windows
+from slowtime.identification.windows import Epoch, dependence, identify_windows
 from slowtime_services.files import Record, accelerations
 from slowtime_services.models import read_description
 
@@ -24,6 +25,12 @@ from .terminal import counting, note, plural, show, write_json
 Samples = np.ndarray[Any, Any]
 ALL_CHANNELS = ("modes", "bayes", "efdd", "fdd")
 """Methods that find the modes of all channels together, with shapes."""
+
+OVERLAPPING = "overlapping"
+"""Flag of what was read from a window that shares samples with its neighbours."""
+
+ROUNDING = 0.01
+"""Share of a window that neighbours may have in common by rounding."""
 
 COLUMNS = ("frequency [Hz]", "damping [%]", "SNR [dB]", "method", "mistrust")
 
@@ -54,7 +61,8 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
 @click.option(
     "--hop-s",
     type=POSITIVE,
-    help="From one window to the next.  [default: a quarter of a window]",
+    help="From one window to the next; shorter than a window, they overlap and are marked.  "
+    "[default: a whole window]",
 )
 @click.option(
     "--method",
@@ -123,10 +131,12 @@ def identify(
     if window_s is None:
         part = _longest(record, samples)
         with counting("Identifying"):
-            modes, whole = _identify(part, record.rate_hz, band_hz, method)
-        if not modes and not (whole and whole.modes):
+            told, whole = _identify(part, record.rate_hz, band_hz, method)
+        _say_lines(told)
+        if not told.modes and not (whole and whole.modes):
             note("no mode stands out of the noise. Record longer, or give --band-hz.")
         if whole is None:
+            modes = sorted([*told.modes, *told.lines], key=lambda m: m.frequency_hz.value)
             result["modes"] = [_as_json(mode) for mode in modes]
             if not silent:
                 _show_modes(modes, path.name)
@@ -153,20 +163,30 @@ def identify(
 
 def _identify(
     part: Samples, rate_hz: float, band_hz: tuple[float, float] | None, method: Any
-) -> tuple[Sequence[Identified], ModalResult | None]:
+) -> tuple[Told, ModalResult | None]:
     """Modes one by one, or all channels together where asked for or called for.
 
     Left to itself, a record of many channels that is not explained by decays is taken for the
     response to an unknown steady force.
     """
     if method in ALL_CHANNELS:
-        return (), by_method(part, rate_hz, method=method, band_hz=band_hz)
-    modes = all_modes(part, rate_hz, band_hz=band_hz, method=method)
-    decays = bool(modes) and all(mode.method == "free_decay" for mode in modes)
-    if method != "auto" or part.shape[1] == 1 or decays:
+        return Told((), (), ()), by_method(part, rate_hz, method=method, band_hz=band_hz)
+    if method == "auto" and part.shape[1] == 1:
+        return modes_beside_lines(part, rate_hz, band_hz=band_hz), None
+    modes = Told(all_modes(part, rate_hz, band_hz=band_hz, method=method), (), ())
+    decays = bool(modes.modes) and all(mode.method == "free_decay" for mode in modes.modes)
+    if method != "auto" or decays:
         return modes, None
     whole = identify_modes(part, rate_hz, band_hz=band_hz)
-    return (modes, None) if not whole.modes else ((), whole)
+    return (modes, None) if not whole.modes else (Told((), (), ()), whole)
+
+
+def _say_lines(told: Told) -> None:
+    """Say which speeds of machines the lines are multiples of."""
+    speeds = [f"{family.base_hz.value:.4g} Hz" for family in told.families]
+    if told.lines:
+        of = f", multiples of {' and of '.join(speeds)}" if speeds else ""
+        note(f"{plural(len(told.lines), 'line')} of machines{of}: kind harmonic, no modes.")
 
 
 def _accelerations_of(record: Record) -> Record:
@@ -250,7 +270,25 @@ def _windows(
             ):
                 span = epoch.start_s + offset, epoch.end_s + offset
                 epochs.append(Epoch(*span, epoch.modes, epoch.refused))
-    return epochs
+    return _marked(epochs)
+
+
+def _marked(epochs: list[Epoch]) -> list[Epoch]:
+    """Flag the modes of windows that share samples with their neighbours."""
+    edges = np.array([(epoch.start_s, epoch.end_s) for epoch in epochs])
+    factors = dependence(edges[:, 0], edges[:, 1])
+    return [
+        dataclasses.replace(
+            epoch,
+            modes=tuple(
+                dataclasses.replace(mode, flags=(*mode.flags, OVERLAPPING))
+                for mode in epoch.modes
+            ),
+        )
+        if factor > 1 + ROUNDING
+        else epoch
+        for epoch, factor in zip(epochs, factors, strict=True)
+    ]
 
 
 def _as_json(mode: Identified) -> dict[str, Any]:
@@ -259,7 +297,7 @@ def _as_json(mode: Identified) -> dict[str, Any]:
         "damping_ratio": {"value": mode.damping_ratio.value, "sd": mode.damping_ratio.sd},
         "correlation": mode.correlation,
         "shape": None,
-        "kind": "structural",
+        "kind": "harmonic" if mode.method == LINE else "structural",
         "quality": None,
         "snr_db": mode.snr_db if mode.snr_db is None or np.isfinite(mode.snr_db) else None,
         "method": mode.method,
@@ -281,7 +319,7 @@ def _cells(mode: Identified) -> tuple[str, ...]:
     f, z = mode.frequency_hz, mode.damping_ratio
     return (
         f"{f.value:.4f} ± {f.sd:.4f}",
-        f"{100 * z.value:.3f} ± {100 * z.sd:.3f}",
+        "machine" if mode.method == LINE else f"{100 * z.value:.3f} ± {100 * z.sd:.3f}",
         "" if mode.snr_db is None else f"{mode.snr_db:.0f}",
         mode.method,
         ", ".join(mode.flags),
@@ -297,7 +335,8 @@ def _plain(mode: Identified | None) -> dict[str, Any]:
     if mode is not None:
         f, z = mode.frequency_hz, mode.damping_ratio
         fit = (f.value, f.sd, z.value, z.sd, mode.snr_db, mode.method)
-        values = (*fit, "structural", None, ",".join(mode.flags))
+        kind = "harmonic" if mode.method == LINE else "structural"
+        values = (*fit, kind, None, ",".join(mode.flags))
         fields.update(zip(fields, values, strict=True))
     return fields
 

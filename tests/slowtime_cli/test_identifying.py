@@ -59,10 +59,14 @@ def test_windows_give_epochs(run, decay):
         assert mode["frequency_hz"]["value"] == pytest.approx(4.0, abs=1e-3)
 
 
-def test_windows_hop_by_a_quarter_unless_told_otherwise(run, decay):
-    flags = ("--rate-hz", 100, "--window-s", 20, "--method", "peak", "--out", "-")
-    starts = [epoch["start_s"] for epoch in run("identify", decay, *flags).json["epochs"]]
-    assert starts == [0.0, 5.0, 10.0]
+def test_windows_touch_unless_told_otherwise_and_overlapping_ones_are_marked(run, decay):
+    flags = ("--rate-hz", 100, "--window-s", 10, "--method", "peak", "--out", "-")
+    touching = run("identify", decay, *flags).json["epochs"]
+    assert [epoch["start_s"] for epoch in touching] == [0.0, 10.0, 20.0]
+    assert not any("overlapping" in m["flags"] for epoch in touching for m in epoch["modes"])
+    several = run("identify", decay, *flags, "--hop-s", 5).json["epochs"]
+    assert [epoch["start_s"] for epoch in several] == [0.0, 5.0, 10.0, 15.0, 20.0]
+    assert all("overlapping" in m["flags"] for epoch in several for m in epoch["modes"])
 
 
 def test_a_band_confines_the_search(run, record):
