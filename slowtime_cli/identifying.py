@@ -3,16 +3,18 @@
 import dataclasses
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 import numpy as np
 
 from slowtime.identification.automatic import ModalResult, identify_modes
 from slowtime.identification.beside_lines import LINE, Told, modes_beside_lines
+from slowtime.identification.excitation import Excitation, excitation
 from slowtime.identification.first import all_modes
 from slowtime.identification.identified import Identified
 from slowtime.identification.methods import by_method
+from slowtime.identification.modes import Mode
 from slowtime.identification.windows import Epoch, dependence, identify_windows
 from slowtime_services.files import Record, accelerations
 from slowtime_services.models import read_description
@@ -22,6 +24,7 @@ from .options import POSITIVE, Number, OutFile
 from .reading import record_flags
 from .terminal import counting, note, plural, show, write_json
 
+F = TypeVar("F", Identified, Mode)
 Samples = np.ndarray[Any, Any]
 ALL_CHANNELS = ("modes", "bayes", "efdd", "fdd")
 """Methods that find the modes of all channels together, with shapes."""
@@ -131,9 +134,11 @@ def identify(
     if window_s is None:
         part = _longest(record, samples)
         with counting("Identifying"):
-            told, whole = _identify(part, record.rate_hz, band_hz, method)
+            force = excitation(part, record.rate_hz)
+            told, whole = _identify(part, record.rate_hz, band_hz, method, force)
+        _say_force(force, len(part) / record.rate_hz, told, whole)
         _say_lines(told)
-        if not told.modes and not (whole and whole.modes):
+        if not (force.flags or told.modes or (whole and whole.modes)):
             note("no mode stands out of the noise. Record longer, or give --band-hz.")
         if whole is None:
             modes = sorted([*told.modes, *told.lines], key=lambda m: m.frequency_hz.value)
@@ -162,13 +167,72 @@ def identify(
 
 
 def _identify(
-    part: Samples, rate_hz: float, band_hz: tuple[float, float] | None, method: Any
+    part: Samples,
+    rate_hz: float,
+    band_hz: tuple[float, float] | None,
+    method: Any,
+    force: Excitation,
 ) -> tuple[Told, ModalResult | None]:
     """Modes one by one, or all channels together where asked for or called for.
 
     Left to itself, a record of many channels that is not explained by decays is taken for the
-    response to an unknown steady force.
+    response to an unknown steady force. Where the force plainly was none, only decays are
+    told.
     """
+    nothing = Told((), (), ())
+    if force.flags and method == "auto":
+        found = all_modes(part, rate_hz, band_hz=band_hz)
+        return dataclasses.replace(nothing, modes=tuple(m for m in found if _decays(m))), None
+    told, whole = _by_method(part, rate_hz, band_hz, method)
+    if force.flags and whole is not None:
+        modes = tuple(_flagged(mode, force) for mode in whole.modes)
+        whole = dataclasses.replace(whole, modes=modes)
+    if force.flags:
+        told = dataclasses.replace(told, modes=tuple(_flagged(m, force) for m in told.modes))
+    return told, whole
+
+
+def _decays(mode: Identified) -> bool:
+    damping = mode.damping_ratio
+    return mode.method == "free_decay" and damping.value > 2 * damping.sd
+
+
+def _flagged(mode: F, force: Excitation) -> F:
+    """Put what is plain of the force among the flags of a mode, once."""
+    new: tuple[str, ...] = tuple(f for f in force.flags if f not in mode.flags)
+    return dataclasses.replace(mode, flags=(*mode.flags, *new))
+
+
+def _say_force(
+    force: Excitation, duration_s: float, told: Told, whole: ModalResult | None
+) -> None:
+    """Say that a record was not forced as ambient identification takes it to be."""
+    if not force.flags or (told.modes and all(_decays(mode) for mode in told.modes)):
+        return
+    why = []
+    if force.event_s is not None:
+        why.append(
+            f"90 % of its energy came within {force.event_s:.3g} of {duration_s:.4g} s, as in "
+            "an earthquake"
+        )
+    elif force.onset:
+        why.append("it sets in after the record begins, as an earthquake does")
+    if force.period_s is not None:
+        why.append(f"it repeats itself after {force.period_s:.4g} s, as a multisine does")
+    if told.modes or whole is not None:
+        doing = "The errors of modes found all the same do not hold."
+    else:
+        doing = (
+            "No mode is claimed: its spectrum would pass for the structure's. Give a record "
+            "under a steady random force or of free decay; --method modes tries all the same."
+        )
+    note(f"the force was no steady random one: {', and '.join(why)}. {doing}")
+
+
+def _by_method(
+    part: Samples, rate_hz: float, band_hz: tuple[float, float] | None, method: Any
+) -> tuple[Told, ModalResult | None]:
+    """Modes by the method asked for, or by the one that the record calls for."""
     if method in ALL_CHANNELS:
         return Told((), (), ()), by_method(part, rate_hz, method=method, band_hz=band_hz)
     if method == "auto" and part.shape[1] == 1:

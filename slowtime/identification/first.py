@@ -13,6 +13,7 @@ from . import checks
 from .ambient import fit_ambient, fit_ambient_steady
 from .combine import modal_series
 from .detect import Candidate, candidates, leading
+from .excitation import excitation
 from .free_decay import fit_blow
 from .harmonics import LEAST_DAMPING, judge
 from .identified import Identified, Measured
@@ -90,7 +91,7 @@ def first_mode(
             mode = _flag_machine(mode, columns, rate_hz)
         found_out = verdict(mode)
         if found_out == "mode":
-            return _decaying(mode)
+            return _decaying(_with_force(mode, columns, rate_hz))
         if found_out == "unclear":
             return None
     return struck
@@ -229,6 +230,15 @@ def _flag_machine(
     if told.kind == "structural":
         return mode
     return dataclasses.replace(mode, flags=(*mode.flags, "line"))
+
+
+def _with_force(
+    mode: Identified, columns: Float[np.ndarray, "time channel"], rate_hz: float
+) -> Identified:
+    """Flag an ambient mode whose force plainly was no steady random one."""
+    if mode.method != "ambient":
+        return mode
+    return dataclasses.replace(mode, flags=(*mode.flags, *excitation(columns, rate_hz).flags))
 
 
 def _in_band(
