@@ -156,6 +156,7 @@ def _period(columns: Float[np.ndarray, "time channel"]) -> int | None:
     if top < RETURN:
         return None
     lag = first + int(np.argmax(correlation[first:] >= 0.95 * top))
+    lag += int(np.argmax(correlation[lag : lag + max(lag // 10, 1)]))
     between = correlation[lag // 4 : 3 * lag // 4]
     if lag < 4 * FEWEST_SAMPLES or between.max() > BETWEEN * top:
         return None
