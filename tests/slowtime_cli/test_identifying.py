@@ -6,7 +6,7 @@ import pytest
 from slowtime.dynamics.oscillator import Oscillator
 from slowtime.dynamics.response import free_response
 
-SECONDS = "note: read with time from column 'time' in seconds, for want of a unit.\n"
+SECONDS = "note: assumed: time from column 'time' in seconds, for want of a unit.\n"
 """What is said of a clock whose name tells no unit."""
 
 

@@ -16,7 +16,8 @@ MOST_LOST = 0.1
 """Share of samples that may be missing in all."""
 MOST_ADDED = 0.02
 """Noise that estimates may add, in the variance of the record: that of a sensor with 17 dB
-between signal and noise. Losing 2 in 60 samples of white noise, which tell nothing, adds 0.033."""
+between signal and noise. Losing 2 in 60 samples of white noise, which tell nothing, adds
+0.033."""
 MARK = "bridged"
 """Flag of what was found in a record whose losses were bridged."""
 
