@@ -128,7 +128,7 @@ def test_bands_hold_jumps_that_go_on_as_they_came(signs):
     """Known jumps leave a calm process, whose bands must not forget that more will come."""
     held, count = [], 500
     time = np.arange(float(count))
-    for seed in range(6):
+    for seed in range(12):
         rng = np.random.default_rng([74, seed])
         at = np.sort(rng.choice(np.arange(5, count), 12, replace=False))
         steps = rng.choice(signs, 12) * rng.uniform(5.0, 9.0, 12) * SD
