@@ -4,7 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from . import flow, foresight, identification, modal_truth, plant, startup, transport
+from . import door, flow, foresight, identification, modal_truth, plant, startup, transport
 
 TRUTH_RUNS = 8
 """Of each structure of known modes: a minute or two; 300 take the better part of an hour."""
@@ -34,6 +34,9 @@ def main() -> int:
     status = plant.main() or status
     print("\n# Transport and recordings\n")
     transport.main()
+    print("\n# The door: long histories, many callers\n")
+    sys.stdout.flush()
+    status |= door.main(["--readings", "100000", "--seconds", "10", "--rest", "10"])
     print("\n# The whole flow\n")
     flow.main()
     return status

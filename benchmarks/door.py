@@ -19,6 +19,8 @@ import itertools
 import json
 import multiprocessing
 import random
+import resource
+import socket
 import sys
 import tempfile
 import threading
@@ -52,6 +54,7 @@ HEALTH_P99_S = 0.1
 GROWTH = 200 * 2**20
 """Bytes that the server, its workers included, may grow by meanwhile."""
 FEATURES_HZ = 20.0
+HALF_OPEN = 2_050
 _AT_ONCE = 2_000
 
 REGISTRATION = Registration(
@@ -352,12 +355,35 @@ def besiege(given: argparse.Namespace, url: str, pid: int, senders: Senders) -> 
             flush=True,
         )
         wrong += p99 > HEALTH_P99_S or watch.failed > 0 or most - memory > GROWTH
+    wrong += _half_open(url, client, everyday)
     time.sleep(given.rest)
     after = usual()
     for path, one, other in zip(everyday, before, after, strict=True):
         print(f"{path[:44]:45} before {1e3 * one:.1f} ms, after {1e3 * other:.1f} ms")
     print(f"memory                    {(resident(pid) - memory) / 2**20:+.0f} MiB after")
     return wrong
+
+
+def _half_open(url: str, client: Client, paths: list[str]) -> int:
+    """Open `HALF_OPEN` connections from one address and say half a line on each."""
+    at = urlsplit(url)
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(max(soft, HALF_OPEN + 500), hard), hard))
+    with contextlib.ExitStack() as opened:
+        for _ in range(HALF_OPEN):
+            one = opened.enter_context(
+                socket.create_connection((at.hostname or "", at.port or 0), timeout=60)
+            )
+            one.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX-")
+        times = [Client(url).took_s(path) for path in paths for _ in range(5)]
+    served = sum(status == 200 for _, status in times)
+    slowest = max(took for took, _ in times)
+    print(
+        f"{HALF_OPEN:,} half-open connections: {served} of {len(times)} others served, the "
+        f"slowest in {1e3 * slowest:.0f} ms",
+        flush=True,
+    )
+    return len(times) - served
 
 
 def measure(given: argparse.Namespace, folder: Path) -> int:

@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 import click
+import numpy as np
 from pydantic import ValidationError
 
+from slowtime.identification.windows import dependence
 from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Features, Mode, Quality
 from slowtime_schemas.quantities import Quantity
@@ -29,6 +31,9 @@ from .terminal import note, show, write_json
 SITE, ASSET = "offline", "record"
 NEEDED = ("slow_time", "frequency_hz", "frequency_sd")
 OPTIONAL = ("damping_ratio", "damping_sd")
+OVERLAP = 0.01
+"""Share of a window that neighbours may have in common by rounding."""
+
 ROWS = 40
 """As many of the epochs as a person will look at."""
 
@@ -134,9 +139,10 @@ def _of_json(source: Path) -> Iterator[Features]:
             + (", but the modes of a whole record" if whole else "")
             + ". Run `slowtime identify` with --window-s W, and give what it wrote."
         )
-    for number, epoch in enumerate(body["epochs"]):
+    factors = _dependence(body["epochs"])
+    for number, (epoch, factor) in enumerate(zip(body["epochs"], factors, strict=True)):
         try:
-            yield _of_epoch(number, epoch)
+            yield _of_epoch(number, epoch, factor)
         except (KeyError, TypeError, ValueError, IndexError) as error:
             raise click.UsageError(
                 f"{source}, epoch {number}: {_fault(error)}. Give what `slowtime identify "
@@ -144,9 +150,35 @@ def _of_json(source: Path) -> Iterator[Features]:
             ) from error
 
 
-def _of_epoch(number: int, epoch: dict[str, Any]) -> Features:
-    first = epoch["modes"][0] if epoch["modes"] else None
+def _dependence(epochs: list[Any]) -> list[float]:
+    """Factor of variance by which each of overlapping windows counts as an independent one."""
+    try:
+        edges = np.array([(e["start_s"], e["end_s"]) for e in epochs], dtype=float)
+    except (KeyError, TypeError, ValueError):
+        return [1.0] * len(epochs)  # what is wrong with an epoch is said where it is read
+    if not len(edges):
+        return []
+    factors = dependence(edges[:, 0], edges[:, 1])
+    if factors.max() > 1 + OVERLAP:
+        note(
+            f"windows overlap: each counts as {1 / float(np.median(factors)):.2g} of an "
+            "independent one, and its variance is multiplied accordingly."
+        )
+    return [float(factor) for factor in factors]
+
+
+def _of_epoch(number: int, epoch: dict[str, Any], factor: float) -> Features:
+    first = _widened(epoch["modes"][0], factor) if epoch["modes"] else None
     return _features(number, 0.5 * (epoch["start_s"] + epoch["end_s"]), first)
+
+
+def _widened(mode: dict[str, Any], factor: float) -> dict[str, Any]:
+    """Multiply the variances of a mode."""
+    wider = {
+        name: {"value": mode[name]["value"], "sd": mode[name]["sd"] * math.sqrt(factor)}
+        for name in ("frequency_hz", "damping_ratio")
+    }
+    return mode | wider
 
 
 def _of_text(source: Path) -> Iterator[Features]:

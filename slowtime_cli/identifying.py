@@ -3,17 +3,20 @@
 import dataclasses
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 import numpy as np
 
 from slowtime.identification.automatic import ModalResult, identify_modes
+from slowtime.identification.beside_lines import LINE, Told, modes_beside_lines
+from slowtime.identification.excitation import Excitation, excitation
 from slowtime.identification.first import all_modes
 from slowtime.identification.identified import Identified
 from slowtime.identification.methods import by_method
-from slowtime.identification.windows import Epoch, identify_windows
-from slowtime_services.files import Record, accelerations
+from slowtime.identification.modes import Mode
+from slowtime.identification.windows import Epoch, dependence, identify_windows
+from slowtime_services.files import MARK, Record, accelerations, bridged
 from slowtime_services.models import read_description
 
 from . import modal
@@ -21,7 +24,14 @@ from .methods import ALL_CHANNELS
 from .reading import with_record
 from .terminal import counting, note, plural, show, write_json
 
+F = TypeVar("F", Identified, Mode)
 Samples = np.ndarray[Any, Any]
+
+OVERLAPPING = "overlapping"
+"""Flag of what was read from a window that shares samples with its neighbours."""
+
+ROUNDING = 0.01
+"""Share of a window that neighbours may have in common by rounding."""
 
 COLUMNS = ("frequency [Hz]", "damping [%]", "SNR [dB]", "method", "mistrust")
 
@@ -43,6 +53,10 @@ def identify(
         method = "modes"
     description = read_description(model) if model else None
     record = _accelerations_of(record)
+    duration_s, rows = record.duration_s, len(record.samples)
+    record, said = bridged(record)
+    if said:
+        note(said)
     samples = np.asarray(record.samples, dtype=float)
     _say_constant(record, samples)
     result: dict[str, Any] = {
@@ -50,17 +64,21 @@ def identify(
         "record": path.name,
         "rate_hz": record.rate_hz,
         "channels": list(record.channels),
-        "duration_s": record.duration_s,
-        "assumptions": [*record.assumptions, *record.notes],
+        "duration_s": duration_s,
+        "assumptions": [*record.assumptions, *record.notes, *([said] if said else [])],
     }
     silent = out is not None and str(out) == "-"
     if window_s is None:
         part = _longest(record, samples)
         with counting("Identifying"):
-            modes, whole = _identify(part, record.rate_hz, band_hz, method)
-        if not modes and not (whole and whole.modes):
+            force = excitation(part, record.rate_hz)
+            told, whole = _identify(part, record.rate_hz, band_hz, method, force)
+        _say_force(force, len(part) / record.rate_hz, told, whole)
+        _say_lines(told)
+        if not (force.flags or told.modes or (whole and whole.modes)):
             note("no mode stands out of the noise. Record longer, or give --band-hz.")
         if whole is None:
+            modes = sorted([*told.modes, *told.lines], key=lambda m: m.frequency_hz.value)
             result["modes"] = [_as_json(mode) for mode in modes]
             if not silent:
                 _show_modes(modes, path.name)
@@ -82,25 +100,104 @@ def identify(
         if not silent:
             _show_epochs(epochs, path.name)
     if out is not None:
+        _mark(result, len(record.samples) > rows)
         write_json(out, result)
 
 
 def _identify(
-    part: Samples, rate_hz: float, band_hz: tuple[float, float] | None, method: Any
-) -> tuple[Sequence[Identified], ModalResult | None]:
+    part: Samples,
+    rate_hz: float,
+    band_hz: tuple[float, float] | None,
+    method: Any,
+    force: Excitation,
+) -> tuple[Told, ModalResult | None]:
     """Modes one by one, or all channels together where asked for or called for.
 
     Left to itself, a record of many channels that is not explained by decays is taken for the
-    response to an unknown steady force.
+    response to an unknown steady force. Where the force plainly was none, only decays are
+    told.
     """
+    nothing = Told((), (), ())
+    if force.flags and method == "auto":
+        found = all_modes(part, rate_hz, band_hz=band_hz)
+        return dataclasses.replace(nothing, modes=tuple(m for m in found if _decays(m))), None
+    told, whole = _by_method(part, rate_hz, band_hz, method)
+    if force.flags and whole is not None:
+        modes = tuple(_flagged(mode, force) for mode in whole.modes)
+        whole = dataclasses.replace(whole, modes=modes)
+    if force.flags:
+        told = dataclasses.replace(told, modes=tuple(_flagged(m, force) for m in told.modes))
+    return told, whole
+
+
+def _decays(mode: Identified) -> bool:
+    damping = mode.damping_ratio
+    return mode.method == "free_decay" and damping.value > 2 * damping.sd
+
+
+def _flagged(mode: F, force: Excitation) -> F:
+    """Put what is plain of the force among the flags of a mode, once."""
+    new: tuple[str, ...] = tuple(f for f in force.flags if f not in mode.flags)
+    return dataclasses.replace(mode, flags=(*mode.flags, *new))
+
+
+def _say_force(
+    force: Excitation, duration_s: float, told: Told, whole: ModalResult | None
+) -> None:
+    """Say that a record was not forced as ambient identification takes it to be."""
+    if not force.flags or (told.modes and all(_decays(mode) for mode in told.modes)):
+        return
+    why = []
+    if force.event_s is not None:
+        why.append(
+            f"90 % of its energy came within {force.event_s:.3g} of {duration_s:.4g} s, as in "
+            "an earthquake"
+        )
+    elif force.onset:
+        why.append("it sets in after the record begins, as an earthquake does")
+    if force.period_s is not None:
+        why.append(f"it repeats itself after {force.period_s:.4g} s, as a multisine does")
+    if told.modes or whole is not None:
+        doing = "The errors of modes found all the same do not hold."
+    else:
+        doing = (
+            "No mode is claimed: its spectrum would pass for the structure's. Give a record "
+            "under a steady random force or of free decay; --method modes tries all the same."
+        )
+    note(f"the force was no steady random one: {', and '.join(why)}. {doing}")
+
+
+def _by_method(
+    part: Samples, rate_hz: float, band_hz: tuple[float, float] | None, method: Any
+) -> tuple[Told, ModalResult | None]:
+    """Modes by the method asked for, or by the one that the record calls for."""
     if method in ALL_CHANNELS:
-        return (), by_method(part, rate_hz, method=method, band_hz=band_hz)
-    modes = all_modes(part, rate_hz, band_hz=band_hz, method=method)
-    decays = bool(modes) and all(mode.method == "free_decay" for mode in modes)
-    if method != "auto" or part.shape[1] == 1 or decays:
+        return Told((), (), ()), by_method(part, rate_hz, method=method, band_hz=band_hz)
+    if method == "auto" and part.shape[1] == 1:
+        return modes_beside_lines(part, rate_hz, band_hz=band_hz), None
+    modes = Told(all_modes(part, rate_hz, band_hz=band_hz, method=method), (), ())
+    decays = bool(modes.modes) and all(mode.method == "free_decay" for mode in modes.modes)
+    if method != "auto" or decays:
         return modes, None
     whole = identify_modes(part, rate_hz, band_hz=band_hz)
-    return (modes, None) if not whole.modes else ((), whole)
+    return (modes, None) if not whole.modes else (Told((), (), ()), whole)
+
+
+def _say_lines(told: Told) -> None:
+    """Say which speeds of machines the lines are multiples of."""
+    speeds = [f"{family.base_hz.value:.4g} Hz" for family in told.families]
+    if told.lines:
+        of = f", multiples of {' and of '.join(speeds)}" if speeds else ""
+        note(f"{plural(len(told.lines), 'line')} of machines{of}: kind harmonic, no modes.")
+
+
+def _mark(result: dict[str, Any], estimated: bool) -> None:
+    """Flag what was found in samples of which some were estimated."""
+    if not estimated:
+        return
+    of_windows = [mode for epoch in result.get("epochs", ()) for mode in epoch["modes"]]
+    for mode in [*result.get("modes", ()), *of_windows]:
+        mode["flags"] = [*mode["flags"], MARK]
 
 
 def _accelerations_of(record: Record) -> Record:
@@ -184,7 +281,25 @@ def _windows(
             ):
                 span = epoch.start_s + offset, epoch.end_s + offset
                 epochs.append(Epoch(*span, epoch.modes, epoch.refused))
-    return epochs
+    return _marked(epochs)
+
+
+def _marked(epochs: list[Epoch]) -> list[Epoch]:
+    """Flag the modes of windows that share samples with their neighbours."""
+    edges = np.array([(epoch.start_s, epoch.end_s) for epoch in epochs])
+    factors = dependence(edges[:, 0], edges[:, 1])
+    return [
+        dataclasses.replace(
+            epoch,
+            modes=tuple(
+                dataclasses.replace(mode, flags=(*mode.flags, OVERLAPPING))
+                for mode in epoch.modes
+            ),
+        )
+        if factor > 1 + ROUNDING
+        else epoch
+        for epoch, factor in zip(epochs, factors, strict=True)
+    ]
 
 
 def _as_json(mode: Identified) -> dict[str, Any]:
@@ -193,7 +308,7 @@ def _as_json(mode: Identified) -> dict[str, Any]:
         "damping_ratio": {"value": mode.damping_ratio.value, "sd": mode.damping_ratio.sd},
         "correlation": mode.correlation,
         "shape": None,
-        "kind": "structural",
+        "kind": "harmonic" if mode.method == LINE else "structural",
         "quality": None,
         "snr_db": mode.snr_db if mode.snr_db is None or np.isfinite(mode.snr_db) else None,
         "method": mode.method,
@@ -215,7 +330,7 @@ def _cells(mode: Identified) -> tuple[str, ...]:
     f, z = mode.frequency_hz, mode.damping_ratio
     return (
         f"{f.value:.4f} ± {f.sd:.4f}",
-        f"{100 * z.value:.3f} ± {100 * z.sd:.3f}",
+        "machine" if mode.method == LINE else f"{100 * z.value:.3f} ± {100 * z.sd:.3f}",
         "" if mode.snr_db is None else f"{mode.snr_db:.0f}",
         mode.method,
         ", ".join(mode.flags),
@@ -231,7 +346,8 @@ def _plain(mode: Identified | None) -> dict[str, Any]:
     if mode is not None:
         f, z = mode.frequency_hz, mode.damping_ratio
         fit = (f.value, f.sd, z.value, z.sd, mode.snr_db, mode.method)
-        values = (*fit, "structural", None, ",".join(mode.flags))
+        kind = "harmonic" if mode.method == LINE else "structural"
+        values = (*fit, kind, None, ",".join(mode.flags))
         fields.update(zip(fields, values, strict=True))
     return fields
 

@@ -5,14 +5,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Complex
+from jaxtyping import Bool, Complex
 
 from slowtime.dynamics.description import Description, assemble
 from slowtime.dynamics.modes import undamped_modes
-from slowtime.identification.automatic import ModalResult
+from slowtime.identification.automatic import MOST_DAMPING, ModalResult
 from slowtime.identification.identified import Measured
 from slowtime.identification.modes import Mode
 from slowtime.identification.shapes import mac, mpc
+from slowtime.identification.stabilisation import Stabilisation
 from slowtime_services.reports import Chart, Section, Table, write_page
 
 from .terminal import show
@@ -22,6 +23,8 @@ ModelMode = tuple[float, Complex[np.ndarray, " channel"] | None]
 
 COLUMNS = ("frequency [Hz]", "damping [%]", "kind", "collinearity", "quality", "mistrust")
 MOST_SHAPES = 12
+PLACES_PER_DECADE = 250
+"""Places of a decade at which one pole of an order is drawn: about a pixel each."""
 
 
 def model_modes(description: Description, channels: Sequence[str]) -> list[ModelMode]:
@@ -229,6 +232,8 @@ def _stabilisation(result: ModalResult) -> Chart:
     traces = []
     for belongs, name, colour in ((False, "other pole", "#9aa5ad"), (True, "mode", "#0b6fb8")):
         chosen = finite & ((poles.mode >= 0) == belongs)
+        if not belongs:
+            chosen &= _apart(poles)
         sd = np.nan_to_num(poles.frequency_sd_hz[chosen], posinf=0.0)
         bars = {"type": "data", "array": sd.round(6).tolist(), "thickness": 1, "width": 0}
         traces.append(
@@ -244,12 +249,41 @@ def _stabilisation(result: ModalResult) -> Chart:
     return Chart(
         traces,
         {
-            "xaxis": {"title": {"text": "frequency [Hz]"}, "range": _range(result)},
+            "xaxis": {
+                "title": {"text": "frequency [Hz]"},
+                "type": "log",
+                "range": _decades(result),
+            },
             "yaxis": {"title": {"text": "model order"}},
         },
         "Poles of subspace models of rising order, each band by itself; bars are one standard "
         "deviation. A mode is where poles stand above each other.",
     )
+
+
+def _apart(poles: Stabilisation) -> Bool[np.ndarray, " pole"]:
+    """Which other poles are drawn: damped like a mode, and one a place and order.
+
+    Bands are half an octave wide, and each has as many poles as any other: on a linear axis
+    low frequencies are a solid grey.
+    """
+    sound = np.isfinite(poles.frequency_hz) & (poles.frequency_hz > 0)
+    sound &= (poles.damping_ratio > 0) & (poles.damping_ratio < MOST_DAMPING)
+    sound &= poles.mode < 0
+    place = np.full(len(sound), -1)
+    place[sound] = np.floor(PLACES_PER_DECADE * np.log10(poles.frequency_hz[sound]))
+    drawn = np.zeros(len(sound), dtype=bool)
+    kept = np.unique(np.stack([place, poles.order])[:, sound], axis=1, return_index=True)[1]
+    drawn[np.flatnonzero(sound)[kept]] = True
+    return drawn
+
+
+def _decades(result: ModalResult) -> list[float]:
+    """Decimal logarithms from below the lowest mode to beyond the highest."""
+    lowest = float(result.spectrum_hz[result.spectrum_hz > 0][0])
+    if result.modes:
+        lowest = max(lowest, 0.5 * result.modes[0].frequency_hz.value)
+    return [float(np.log10(lowest)), float(np.log10(_range(result)[1]))]
 
 
 def _shapes(result: ModalResult, channels: Sequence[str]) -> Chart:

@@ -56,7 +56,7 @@ def tell_reading(record: Record) -> None:
     for text in record.notes:
         note(text)
     if record.assumptions:
-        note(f"read with {'; '.join(record.assumptions)}.")
+        note(f"assumed: {'; '.join(record.assumptions)}.")
 
 
 def read_any(path: Path, given: Given | None = None) -> Record:

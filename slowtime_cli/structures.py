@@ -110,6 +110,9 @@ LIMITS = {
 THRESHOLDS = {"tank": ("mass_change", 0.2)}
 """Change whose time is forecast, and which is no alarm: a full tank is what a tank is for."""
 
+HORIZON = 200.0
+"""How far ahead is forecast, in slow time: also right after a renewal, when little is known."""
+
 REPEATING = ("tank", "wing")
 """Known to come again: what is filled is emptied, and that is no change of the model."""
 
@@ -132,6 +135,7 @@ def registration(name: str) -> dict[str, Any]:
     """
     built = STRUCTURES[name]
     asked: dict[str, Any] = {"process": "repeating"} if name in REPEATING else {}
+    asked["horizon"] = HORIZON
     common: dict[str, Any] = {"changes": CHANGES[name], "forecast": asked}
     if name in THRESHOLDS:
         quantity, at = THRESHOLDS[name]

@@ -3,7 +3,15 @@
 import datetime
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, JsonValue, model_validator
+from pydantic import (
+    AwareDatetime,
+    BaseModel,
+    ConfigDict,
+    FailFast,
+    Field,
+    JsonValue,
+    model_validator,
+)
 
 from slowtime_schemas.model_file import ModelFile
 from slowtime_schemas.quantities import Plain
@@ -165,7 +173,9 @@ class Recorded(Frozen):
     """Samples of a load; it is straight between them."""
 
     kind: Literal["recorded"]
-    samples: Annotated[tuple[Finite, ...], Field(min_length=2, max_length=MOST_SAMPLES)]
+    samples: Annotated[
+        tuple[Finite, ...], Field(min_length=2, max_length=MOST_SAMPLES), FailFast()
+    ]
 
 
 Load = Annotated[Harmonic | Step | White | Recorded, Field(discriminator="kind")]

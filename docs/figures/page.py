@@ -66,6 +66,7 @@ def take(url: str, out: Path) -> None:
                     f"{path} has {path.stat().st_size} bytes. Allowed: {MOST_BYTES}, since "
                     "everybody who reads the README loads it. Let the demo run shorter."
                 )
+            page.close()
         browser.close()
 
 

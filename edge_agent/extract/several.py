@@ -116,9 +116,14 @@ def _message(mode: identified.Mode, identity: int | None, smoothed: Smoothed | N
         shape=Shape(
             re=_rounded(mode.shape.real),
             im=_rounded(mode.shape.imag),
-            sd=_rounded(mode.shape_sd),
+            sd=_rounded(_told(mode.shape_sd)),
         ),
     )
+
+
+def _told(sd: Float[np.ndarray, " channel"]) -> Float[np.ndarray, " channel"]:
+    """Errors no smaller than what rounding hides; 0 where there is none, as of one channel."""
+    return np.asarray(np.where(sd > 0, np.maximum(sd, 10.0**-DIGITS), 0.0))
 
 
 def _rounded(values: Float[np.ndarray, " channel"]) -> tuple[float, ...]:

@@ -87,7 +87,8 @@ class Extract:
         while stretch.count >= skip + length:
             stretch, skip = between(stretch, skip, stretch.count, rate), 0
             window = between(stretch, 0, length, rate)
-            state, message = self._read(state, gathered.latest, window, 0, ())
+            overlapping = ("overlapping",) if windows and hop < length else ()
+            state, message = self._read(state, gathered.latest, window, 0, overlapping)
             out.append(message)
             windows, skip = windows + 1, hop
         left = Gathered(gathered.latest, (stretch,), windows, skip)

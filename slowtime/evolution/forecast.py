@@ -121,6 +121,12 @@ def fit(
     without = Outlook(plain.family, plain.learnt.weights), plain.learnt.log_evidence
     if process == "repeating":
         without = _with_waves(readings, plain, process)
+        # What is known to repeat itself has teeth where its jumps are regular.
+        if (
+            without[0].wave_share > 0.5
+            and selection.regularity(scored, places) > _MAYBE_REGULAR
+        ):
+            return without[0]
     elif (regular := selection.regularity(scored, places)) > _MAYBE_REGULAR:
         surely = regular > _REGULAR and len(places) >= _FEWEST_REGULAR
         least = -np.inf if surely else there[1] - odds

@@ -71,9 +71,10 @@ def identify_ambient(
 ) -> Identified:
     r"""Mode behind the strongest resonance of a response to ambient excitation.
 
-    Maximum likelihood of the raw periodogram of the whole record [1]_: natural frequency,
-    damping ratio, level and noise floor are all fitted, leakage is in the model
-    (`expected_resonance`), and the errors come from the information in the ordinates:
+    Likelihood of the raw periodogram of the whole record [1]_: natural frequency, damping
+    ratio, level, noise floor and colour of the force are all fitted, leakage is in the model
+    (`expected_resonance`), over the band in which one mode explains the spectrum
+    (`extent.widest`). The errors come from the posterior of the damping, and tend to
 
     .. math:: \mathrm{sd}(f) / f \to \sqrt{\zeta / (2 \pi N_c B_f)}, \quad
               \mathrm{sd}(\ln \zeta) \to 1 / \sqrt{2 \pi \zeta N_c B_\zeta}
@@ -88,15 +89,20 @@ def identify_ambient(
     rate_hz
         Samples per second [Hz].
     band_hz
-        Look only there; by default the whole usable spectrum.
+        Look only there; by default the whole usable spectrum. The band of the fit is chosen
+        within it.
     derivatives
         What was measured: 2 acceleration, 1 velocity, 0 displacement; by default what the
         skirts of the resonance say.
 
     Returns
     -------
-    The mode; flagged `below_threshold` where the record holds no more than smooth noise, and
-    `few_cycles` where the errors stand on fewer than 20 half-bandwidths.
+    The mode, with a word on each doubt:
+
+    - `below_threshold`: the record holds no more than smooth noise;
+    - `few_cycles`: :math:`2 \pi \zeta f T < 50`, so that damping is hardly known and skewed;
+    - `misfit`: not even close to the peak does one mode explain the spectrum;
+    - `on_edge`: the peak lies at the edge of its band, which is the skirt of something else.
 
     References
     ----------
@@ -272,6 +278,10 @@ def _identified(series: Float[np.ndarray, " time"], extent: Extent) -> Identifie
         flags.append("not_converged")
     if fit.log_likelihood - fit_smooth(data) < THRESHOLD:
         flags.append("below_threshold")
+    if extent.on_edge:
+        flags.append("on_edge")
+    if not extent.holds:
+        flags.append("misfit")
     if 2 * np.pi * damping * frequency * data.duration_s < FEW:
         flags.append("few_cycles")
     return Identified(

@@ -47,6 +47,9 @@ OUTLYING = 3.5
 MOVED = 3.5
 """Standard scores of a change of damping or frequency with the band that end it."""
 
+SHOWN = 0.5
+"""Half-bandwidths between a resonance and the end of its spectrum, at least."""
+
 WORTH = 6.0
 """Rings of less ordinates are joined to their inner neighbour."""
 
@@ -69,6 +72,10 @@ class Extent:
         Whether misfit ended the band on either side.
     reach
         Half-bandwidths of the wider side.
+    holds
+        Whether the ordinates scatter about the fit as they must.
+    edges_hz
+        Of the spectrum that there was to choose from [Hz].
     """
 
     data: Ordinates
@@ -76,6 +83,15 @@ class Extent:
     choice: Float[np.ndarray, "2"]
     limited: bool
     reach: float
+    holds: bool
+    edges_hz: tuple[float, float]
+
+    @property
+    def on_edge(self) -> bool:
+        """Whether the resonance lies so near an end of the spectrum that it shows no peak."""
+        frequency, damping = np.exp(self.fit.parameters[:2])
+        inside = min(frequency - self.edges_hz[0], self.edges_hz[1] - frequency)
+        return bool(inside < SHOWN * damping * frequency)
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +131,9 @@ def widest(whole: Ordinates, start: Float[np.ndarray, "5"]) -> Extent:
                 break
         else:
             growing, limited = [False, False], True
-    return _extent(history, frequency, damping, distances, limited)
+    holds = _holds(history[-1], history[0], frequency, distances)
+    edges = float(whole.frequency_hz[0]), float(whole.frequency_hz[-1])
+    return _extent(history, frequency * damping, distances, limited, holds, edges)
 
 
 def _distances(half_width: float, whole: Ordinates) -> np.ndarray:
@@ -200,10 +218,11 @@ def _contrast(narrow: Resonance, wide: Resonance) -> tuple[np.ndarray, np.ndarra
 
 def _extent(
     history: list[_Trial],
-    frequency: float,
-    damping: float,
+    half_width: float,
     distances: np.ndarray,
     limited: bool,
+    holds: bool,
+    edges: tuple[float, float],
 ) -> Extent:
     best = history[-1]
     reach = float(distances[max(best.rings)])
@@ -212,5 +231,4 @@ def _extent(
     if narrower:
         moved, gained = _contrast(narrower[-1].fit, best.fit)
         choice = np.maximum(moved**2 - EXCUSED * gained, 0.0)
-    half_width = frequency * damping
-    return Extent(best.data, best.fit, choice, limited, reach / half_width)
+    return Extent(best.data, best.fit, choice, limited, reach / half_width, holds, edges)

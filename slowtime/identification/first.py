@@ -13,7 +13,9 @@ from . import checks
 from .ambient import fit_ambient, fit_ambient_steady
 from .combine import modal_series
 from .detect import Candidate, candidates, leading
+from .excitation import excitation
 from .free_decay import fit_blow
+from .harmonics import LEAST_DAMPING, judge
 from .identified import Identified, Measured
 from .isolate import isolate
 from .peak import fit_peak
@@ -85,9 +87,11 @@ def first_mode(
     found = leading(candidates(columns, rate_hz, low, high), len(columns) / rate_hz)
     for candidate in _in_order(found, expected_hz):
         mode = identify_candidate(columns, rate_hz, candidate, method)
+        if method == "auto":
+            mode = _flag_machine(mode, columns, rate_hz)
         found_out = verdict(mode)
         if found_out == "mode":
-            return _decaying(mode)
+            return _decaying(_with_force(mode, columns, rate_hz))
         if found_out == "unclear":
             return None
     return struck
@@ -107,6 +111,8 @@ def all_modes(
     modes: list[Identified] = []
     for candidate in leading(candidates(columns, rate_hz, low, high), len(columns) / rate_hz):
         mode = identify_candidate(columns, rate_hz, candidate, method)
+        if method == "auto":
+            mode = _flag_machine(mode, columns, rate_hz)
         if verdict(mode) == "mode":
             modes.append(_decaying(mode))
         if len(modes) == most:
@@ -124,7 +130,9 @@ def verdict(mode: Identified) -> Literal["mode", "no mode", "unclear"]:
     numbers = [frequency.value, frequency.sd, damping.value, damping.sd]
     if "strayed" in mode.flags:
         return "unclear"
-    if {"below_threshold", "line"} & set(mode.flags) or not np.isfinite(numbers).all():
+    if {"below_threshold", "line", "on_edge"} & set(mode.flags) or not np.isfinite(
+        numbers
+    ).all():
         return "no mode"
     if frequency.sd > LARGEST_ERROR * frequency.value or damping.value > HIGHEST_DAMPING:
         return "no mode"
@@ -203,6 +211,34 @@ def _flag_line(mode: Identified) -> Identified:
     if undamped and at_mains and damping.sd < 0.02:
         return dataclasses.replace(mode, flags=(*mode.flags, "line"))
     return mode
+
+
+def _flag_machine(
+    mode: Identified, columns: Float[np.ndarray, "time channel"], rate_hz: float
+) -> Identified:
+    """Flag a mode `line` that does not decay, and is steadier than a structure can be.
+
+    A decay that was seen to fall off is none, however slowly it does.
+    """
+    damping, duration = mode.damping_ratio, len(columns) / rate_hz
+    falls = mode.method == "free_decay" and damping.value > 4 * damping.sd
+    if verdict(mode) != "mode" or falls or damping.value - 2 * damping.sd > LEAST_DAMPING:
+        return mode
+    if not 4 / duration < mode.frequency_hz.value < rate_hz / 2 - 4 / duration:
+        return mode
+    told = judge(columns, rate_hz, np.array([mode.frequency_hz.value]))[0]
+    if told.kind == "structural":
+        return mode
+    return dataclasses.replace(mode, flags=(*mode.flags, "line"))
+
+
+def _with_force(
+    mode: Identified, columns: Float[np.ndarray, "time channel"], rate_hz: float
+) -> Identified:
+    """Flag an ambient mode whose force plainly was no steady random one."""
+    if mode.method != "ambient":
+        return mode
+    return dataclasses.replace(mode, flags=(*mode.flags, *excitation(columns, rate_hz).flags))
 
 
 def _in_band(

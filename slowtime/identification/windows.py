@@ -9,7 +9,6 @@ from . import checks
 from .first import Method, first_mode
 from .identified import Identified
 
-HOPS_PER_WINDOW = 4
 FOLLOW_SPREAD = 0.1
 """A followed mode may have moved by this share of its frequency since the last window."""
 
@@ -102,7 +101,8 @@ def identify_windows(
     window_s
         Length of a window [s]; at least a dozen cycles of the mode are advisable.
     hop_s
-        From the start of a window to that of the next [s]; a quarter of a window by default.
+        From the start of a window to that of the next [s]; a whole window by default.
+        Errors of windows that overlap are not independent; see `dependence`.
     band_hz, method, follow
         As in `Tracker`.
     """
@@ -126,6 +126,40 @@ def identify_windows(
     return epochs
 
 
+def dependence(
+    start_s: Float[np.ndarray, " window"], end_s: Float[np.ndarray, " window"]
+) -> Float[np.ndarray, " window"]:
+    r"""Factor of variance by which overlapping windows count as independent ones.
+
+    Windows of length L, k hops h apart, share :math:`1 - k h / L` of their samples, and their
+    errors are correlated as much. A mean over many has the variance of independent ones times
+
+    .. math:: 1 + 2 \sum_{k < L / h} \left(1 - \frac{k h}{L}\right) = \frac{L}{h}
+
+    for whole L / h. With each variance multiplied by it, estimates that take windows for
+    independent know no more than the record holds, however finely it is cut.
+
+    Parameters
+    ----------
+    start_s, end_s
+        Of the windows, ascending [s].
+
+    Examples
+    --------
+    >>> dependence(np.array([0.0, 15.0, 30.0, 45.0]), np.array([60.0, 75.0, 90.0, 105.0]))
+    array([4., 4., 4., 4.])
+    >>> dependence(np.array([0.0, 60.0]), np.array([60.0, 120.0]))
+    array([1., 1.])
+    """
+    length = end_s - start_s
+    if len(length) < 2:
+        return np.ones(len(length))
+    apart = np.diff(start_s)
+    before, after = np.append(apart[0], apart), np.append(apart, apart[-1])
+    hop = 0.5 * (np.minimum(before, length) + np.minimum(after, length))
+    return np.asarray(np.maximum(length / np.maximum(hop, 1e-9 * length), 1.0))
+
+
 def _lengths(
     count: int, rate_hz: float, window_s: float, hop_s: float | None
 ) -> tuple[int, int]:
@@ -143,7 +177,7 @@ def _lengths(
         )
     length = min(round(window_s * rate_hz), count)
     if hop_s is None:
-        return length, max(length // HOPS_PER_WINDOW, 1)
+        return length, length
     if not (np.isfinite(hop_s) and round(hop_s * rate_hz) >= 1):
         raise ValueError(
             f"hop_s={hop_s:g} is less than one sample. Give at least {1 / rate_hz:g} s."

@@ -35,6 +35,7 @@ def evolve(nominal_hz: float | None, nominal_damping: float | None, **_given: ob
     """Tell how stiffness and mass have changed, from frequencies.
 
     SOURCE is what `slowtime identify --window-s` wrote, an MCAP recording of features, or a
-    text file. Each epoch is judged by its own standard deviation.
+    text file. Each epoch is judged by its own standard deviation; windows that overlap, as
+    `--hop-s` below `--window-s` makes them, count for what their shared samples are worth.
     """
     refuse_damping_alone(nominal_hz, nominal_damping)

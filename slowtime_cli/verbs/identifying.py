@@ -39,7 +39,8 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
 @click.option(
     "--hop-s",
     type=POSITIVE,
-    help="From one window to the next.  [default: a quarter of a window]",
+    help="From one window to the next; shorter than a window, they overlap and are marked.  "
+    "[default: a whole window]",
 )
 @click.option(
     "--method",

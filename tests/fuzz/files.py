@@ -18,6 +18,7 @@ from slowtime_services.files import read_record
 from slowtime_services.models import read_model
 from slowtime_services.record import RecordingWriter, recover
 from slowtime_services.replay import contents, raw_blocks, read_recording
+from tests.services.loggers.made import table, wrapped
 
 from .apart import children
 from .mutate import mutated
@@ -49,13 +50,47 @@ def _mcap(path: Path) -> None:
                 writer.write(stream, "lab", "beam-1", payload, NOW_NS, NOW_NS)
 
 
+def logged(rows: int = 40) -> list[bytes]:
+    """Text of loggers: stamps, counters, headings with figures, wrapped series, formats."""
+    rng = random.Random(5)
+    made = [
+        table(rng, clock=clock, facts=None, name="", rows=rows, side=side).content
+        for clock, side in (
+            ("iso", "status"), ("micros, wrapping", "count"), ("american", "magnitude"),
+            ("datum; zeit", "constant"), ("excel", "empty"), ("six columns", ""),
+            ("past midnight", "packet"), ("hhmmss", ""), ("whole seconds", "second"),
+        )
+    ]  # fmt: skip
+    made += [
+        table(rng, clock=None, facts=facts, name="", rows=rows).content
+        for facts in ("decimated", "german, short", "hms", "ascii", "thousands")
+    ]
+    made += [wrapped(rng, kind, "", 8, rows).content for kind in ("peer", "csmip", "duration")]
+    numbers = "".join(f"{i % 7 - 3:9d}" + "\n" * (i % 8 == 7) for i in range(rows))
+    knet = "Station Code      X\nSampling Freq(Hz) 100Hz\nScale Factor      2(gal)/8\nMemo.\n"
+    head = (
+        f"TIMESERIES XX_A__BHZ, {rows} samples, 100 sps, 2024-04-21T15:00:00, SLIST, FLOAT, g\n"
+    )
+    lvm = (
+        "LabVIEW Measurement\t\nSeparator\tTab\nDecimal_Separator\t.\n***End_of_Header***\n"
+        "Channels\t1\nSamples\t8\nDelta_X\t0.01\n***End_of_Header***\nX_Value\ta\n"
+    )
+    unv = (
+        "    -1\n    58\na\nb\nc\nd\ne\n 1 1 0 0 NONE 7 3 NONE 0 0\n"
+        f" 2 {rows} 1 0.0 1.0E-02 0.0\n 17 0 0 0 Time s\n 12 0 0 0 A g\n 0\n 0\n"
+    )
+    made += [(text + numbers).encode() for text in (knet, head)]
+    made += [(lvm + "\t1.5\n" * 8).encode(), f"{unv}{numbers}    -1\n".encode()]
+    return made
+
+
 def _good() -> dict[str, list[bytes]]:
     values = np.random.default_rng(0).normal(size=(60, 3))
     text = io.StringIO()
     np.savetxt(text, values, delimiter=",", header="t [s],acc_x [g],acc_y [g]", fmt="%.5f")
-    table = text.getvalue().encode()
+    plain = text.getvalue().encode()
     return {
-        ".csv": [table, table.replace(b",", b"\t"), table.replace(b",", b";")],
+        ".csv": [plain, plain.replace(b",", b"\t"), plain.replace(b",", b";"), *logged()],
         ".npy": [_made(lambda p: np.save(p, values), "a.npy")],
         ".npz": [_made(lambda p: np.savez(p, acc=values, fs=100.0), "a.npz"),
                  _made(lambda p: np.savez_compressed(p, acc=values, fs=100.0), "a.npz")],
@@ -85,6 +120,8 @@ def read(path: Path) -> None:
         for _ in raw_blocks(path, site="lab", asset="beam-1"):
             pass
     else:
+        with contextlib.suppress(ValueError):
+            read_record(path, max_bytes=MOST_BYTES, skip_missing=True)
         read_record(path, rate_hz=100.0, max_bytes=MOST_BYTES)
 
 

@@ -3,7 +3,7 @@ import signal
 import socket
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -65,7 +65,7 @@ class Server:
 
 
 def test_a_history_too_long_to_be_given_whole_is_judged_by_its_latest_readings():
-    history, whole = latest(Server(), "tank")
+    history, whole = latest(cast(Any, Server()), "tank")
     assert (history["points"], whole) == ([150], False)
     point = {"truth": {"mass_change": 0.0}, "mass_change": estimate(0.0), "assumed": []}
     point |= {"stiffness_change": None}

@@ -21,7 +21,8 @@ def model(tmp_path):
 
 def diagnosed(folder, *arguments):
     """Run it as a process of its own: thrice as fast, for no shapes are checked there."""
-    words = [sys.executable, "-m", "slowtime_cli", "diagnose", *map(str, arguments)]
+    words = [sys.executable, "-m", "slowtime_cli", "diagnose", "--patience", "3600"]
+    words += map(str, arguments)
     return subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
 
 

@@ -167,3 +167,20 @@ def test_a_recording_without_features_says_what_to_do_first(run, refused):
     assert run("simulate", "--structure", "tower", "--epochs", 1, "--out", "a.mcap").status == 0
     said = refused("evolve", "a.mcap")
     assert "holds no features. If it holds raw blocks, run `slowtime identify a.mcap" in said
+
+
+def test_windows_that_overlap_count_for_what_their_samples_are_worth(run, tmp_path):
+    body = epochs(*[5.0] * 12)
+    touching = tmp_path / "touching.json"
+    touching.write_text(json.dumps(body))
+    for number, epoch in enumerate(body["epochs"]):
+        epoch["start_s"], epoch["end_s"] = 15.0 * number, 15.0 * number + 60.0
+    overlapping = tmp_path / "overlapping.json"
+    overlapping.write_text(json.dumps(body))
+    found = [
+        run("evolve", path, "--nominal-hz", 5, "--out", "-") for path in (touching, overlapping)
+    ]
+    assert "windows overlap: each counts as 0.25 of an independent one" in found[1].err
+    assert "overlap" not in found[0].err
+    one, other = (done.json["points"][5]["frequency_hz"]["sd"] for done in found)
+    assert other == pytest.approx(2 * one, rel=1e-6)

@@ -44,7 +44,10 @@ def of_help(name: str) -> list[list[str]]:
 
 
 def parse(arguments: list[str]) -> None:
-    """Let click parse, with every file that is named in its place, and run nothing."""
+    """Let click parse, with all files and folders named in place, and run nothing."""
+    for before, word in itertools.pairwise(arguments):
+        if before == "--credentials":
+            os.makedirs(word, exist_ok=True)
     for word in arguments:
         if FILE.fullmatch(word):
             open(word, "a").close()

@@ -6,7 +6,7 @@ import pytest
 from slowtime.dynamics.oscillator import Oscillator
 from slowtime.dynamics.response import free_response
 
-SECONDS = "note: read with time from column 'time' in seconds, for want of a unit.\n"
+SECONDS = "note: assumed: time from column 'time' in seconds, for want of a unit.\n"
 """What is said of a clock whose name tells no unit."""
 
 
@@ -62,10 +62,14 @@ def test_windows_give_epochs(run, decay):
         assert mode["frequency_hz"]["value"] == pytest.approx(4.0, abs=1e-3)
 
 
-def test_windows_hop_by_a_quarter_unless_told_otherwise(run, decay):
-    flags = ("--rate-hz", 100, "--window-s", 20, "--method", "peak", "--out", "-")
-    starts = [epoch["start_s"] for epoch in run("identify", decay, *flags).json["epochs"]]
-    assert starts == [0.0, 5.0, 10.0]
+def test_windows_touch_unless_told_otherwise_and_overlapping_ones_are_marked(run, decay):
+    flags = ("--rate-hz", 100, "--window-s", 10, "--method", "peak", "--out", "-")
+    touching = run("identify", decay, *flags).json["epochs"]
+    assert [epoch["start_s"] for epoch in touching] == [0.0, 10.0, 20.0]
+    assert not any("overlapping" in m["flags"] for epoch in touching for m in epoch["modes"])
+    several = run("identify", decay, *flags, "--hop-s", 5).json["epochs"]
+    assert [epoch["start_s"] for epoch in several] == [0.0, 5.0, 10.0, 15.0, 20.0]
+    assert all("overlapping" in m["flags"] for epoch in several for m in epoch["modes"])
 
 
 def test_a_band_confines_the_search(run, record):
@@ -127,3 +131,25 @@ def test_what_is_no_acceleration_is_left_out_where_others_are(run, text, lines):
 def test_flags_that_cannot_be_met_are_refused(refused, record, flags, says):
     said = refused("identify", record, *flags)
     assert says.partition(". Give")[0] in said, said
+
+
+def test_a_record_of_an_event_says_so_instead_of_listing_its_spectrum(run, text):
+    rng = np.random.default_rng(7)
+    shaking = rng.standard_normal(3000)
+    shaking[:1500] *= 1e-3
+    shaking[1500:] *= np.exp(-np.arange(1500) / 200.0)
+    path = text([f"{x:.9f}" for x in shaking], "event.txt")
+    done = run("identify", path, "--rate-hz", 100, "--out", "-")
+    assert (done.status, done.json["modes"]) == (0, [])
+    assert "the force was no steady random one" in done.err
+    assert "No mode is claimed" in done.err
+
+
+def test_a_multisine_says_so_instead_of_listing_its_lines(run, text):
+    rng = np.random.default_rng(8)
+    times = np.arange(4000) / 100.0
+    lines = [np.cos(2 * np.pi * k * times / 5.0 + rng.uniform(0, 7)) for k in range(1, 60)]
+    path = text([f"{x:.9f}" for x in np.sum(lines, axis=0)], "multisine.txt")
+    done = run("identify", path, "--rate-hz", 100, "--out", "-")
+    assert (done.status, done.json["modes"]) == (0, [])
+    assert "it repeats itself after 5 s, as a multisine does" in done.err

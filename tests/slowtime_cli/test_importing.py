@@ -5,7 +5,7 @@ import scipy.io
 
 from slowtime_services.replay import raw_blocks
 
-SECONDS = "note: read with time from column 'time' in seconds, for want of a unit.\n"
+SECONDS = "note: assumed: time from column 'time' in seconds, for want of a unit.\n"
 """What is said of a clock whose name tells no unit."""
 
 

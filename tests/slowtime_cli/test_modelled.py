@@ -26,7 +26,7 @@ AMBIENT = RIG.replace("inputs:\n  - {channel: u, kind: force, node: m1, unit: N}
 T = 3.0 + np.arange(400) / 200.0
 PUSH = 5 * np.sin(np.arange(400) ** 1.5 / 50)
 
-SECONDS = "note: read with time from column 't' in seconds, for want of a unit.\n"
+SECONDS = "note: assumed: time from column 't' in seconds, for want of a unit.\n"
 """What is said of a clock whose name tells no unit."""
 
 

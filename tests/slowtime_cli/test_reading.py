@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
+from mcap.reader import make_reader
 
 from slowtime_cli.verbs.flags import TIME_UNITS
 from slowtime_services.files import UNITS
@@ -165,6 +166,37 @@ def test_a_row_in_which_a_value_is_missing_is_a_gap(read, text, lines, word):
     assert "1 rows in which a value is missing were left out" in said
     assert "1 sample is missing in 1 gap, before row 3999" in said
     assert (found["rate_hz"], found["duration_s"]) == (100.0, 60.0)
+
+
+def test_short_regular_losses_are_bridged_and_marked(read, text, lines):
+    kept = [line for row, line in enumerate(lines[1:]) if row % 60 not in (30, 31)]
+    whole, _ = read(text(lines))
+    found, said = read(text([lines[0], *kept]))
+    assert "200 samples in 100 short losses (3.3 %) were estimated from their neigh" in said
+    assert (found["duration_s"], found["rate_hz"]) == (60.0, 100.0)
+    for mode, right in zip(found["modes"], whole["modes"], strict=True):
+        assert "bridged" in mode["flags"]
+        right_hz = right["frequency_hz"]
+        assert abs(mode["frequency_hz"]["value"] - right_hz["value"]) < 3 * right_hz["sd"]
+
+
+def test_losses_of_white_noise_are_not_bridged(read, text, lines):
+    noise = np.random.default_rng(1).standard_normal((6000, 2))
+    rows = [f"{i / 100:.2f},{a:.4f},{b:.4f}" for i, (a, b) in enumerate(noise)]
+    kept = [line for row, line in enumerate(rows) if row % 60 < 56 or row < 900]
+    _, said = read(text([lines[0], *kept]))
+    assert "were not bridged: they are too far from what their neighbours tell" in said
+    assert "only the longest part without a gap is used" in said
+
+
+def test_what_was_assumed_stands_in_the_recording(run, text, lines):
+    path = text([f"{line},{'count' if row == 0 else row}" for row, line in enumerate(lines)])
+    done = run("import", path, "--out", "a.mcap")
+    assert "set aside ('count': a counter), --keep keeps them" in done.err
+    with open("a.mcap", "rb") as file:
+        said = {r.name: r.metadata for r in make_reader(file).iter_metadata()}["slowtime"]
+    assert "'count': a counter" in said["assumptions"]
+    assert said["imported_from"] == "record.csv"
 
 
 def test_a_gap_in_the_clock_is_told_and_only_whole_parts_are_used(read, text, lines, run):

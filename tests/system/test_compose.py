@@ -88,6 +88,17 @@ def test_every_file_and_profile_is_one_that_compose_understands():
 
 
 @pytest.mark.parametrize("service", OURS)
+def test_no_process_has_a_capability_or_writes_into_its_image(house, port, service):
+    told = _compose(
+        "exec", "-T", service, "sh", "-c",
+        "grep -E 'CapEff|NoNewPrivs' /proc/self/status; "
+        "touch /opt/x 2>/dev/null || echo refused",
+        port=port,
+    )  # fmt: skip
+    assert told.split() == ["CapEff:", "0" * 16, "NoNewPrivs:", "1", "refused"]
+
+
+@pytest.mark.parametrize("service", OURS)
 def test_a_service_that_is_restarted_loses_no_feature(house, port, service):
     assert _until(lambda: all(house.digest(twin).features >= 5 for twin in TWINS))
     before = {twin: house.digest(twin).features for twin in TWINS}

@@ -13,7 +13,7 @@ from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Acknowledgement, Features, Mode, Quality
 from slowtime_schemas.quantities import Quantity
 from slowtime_schemas.streams import ACK, FEATURES, STATE, server_key
-from slowtime_services.bus import MemoryBus
+from slowtime_services.bus import MemoryBus, Sample
 from slowtime_services.clock import SystemClock
 from twin_server.persist import SqliteStore
 from twin_server.pipeline import Pipeline, TwinKnowledge
@@ -280,6 +280,26 @@ def test_two_agents_under_one_boot_are_named_and_neither_loses_what_it_has(
         kept = in_spool(tmp_path / folder, "b1")
         for message in made:
             assert encode(message) in arrived or message.sequence in kept, (folder, message)
+
+
+@pytest.mark.parametrize("together", [False, True])
+def test_other_content_under_a_known_number_is_noticed_without_any_word_of_health(
+    house, together
+):
+    twin = house.twin()
+    mine = [features(n) for n in range(5)]
+    yours = [features(n, frequency_hz=5.0) for n in range(5)]
+    samples = [
+        Sample(FEATURES.key("lab", "beam"), encode(message), None, False)
+        for message in [*mine, *mine, *yours[3:]]
+    ]
+    for batch in [samples] if together else [samples[:7], samples[7:]]:
+        twin.ingest(batch)
+        assert eventually(lambda: len(history(twin)) == 5)
+    (event,) = events(twin, "two_agents")
+    assert "reading 3 came" in event["message"]
+    assert twin.refusals.counts["two_agents"] >= 1
+    assert [payload for _, payload in rows_of(twin.store)] == [encode(m) for m in mine]
 
 
 def test_an_agent_that_hears_of_features_it_has_not_made_deletes_nothing(house, tmp_path):

@@ -1,6 +1,6 @@
 """First stage of the twin: whatever arrives in; features in order out, none missing unseen."""
 
-from .account import DAMAGED, Account, told_apart
+from .account import DAMAGED, Account
 from .healing import Healer
 from .reception import Reception
 from .refusals import Refusals
@@ -22,5 +22,4 @@ __all__ = [
     "Rivals",
     "Run",
     "Want",
-    "told_apart",
 ]

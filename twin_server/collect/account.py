@@ -150,6 +150,20 @@ class Account:
             run.rivalled = True
             change.rivals.append(Rivals(run, run.boot, run.next, how))
 
+    def contest_reading(
+        self, run: Run, sequence: int, one_ns: int, other_ns: int, change: Change
+    ) -> None:
+        """Note that two agents have sent different readings under one sequence."""
+        self.contest(run, _told_apart(sequence, one_ns, other_ns), change)
+        change.refused.append(
+            (
+                "two_agents",
+                f"{run}: sequence {sequence} was given with other content than before. "
+                "Allowed: one agent at a time per asset. Give each its own asset name, and "
+                "leave `boot` unset.",
+            )
+        )
+
     def _hear_of_foreign_acks(self, line: Line, health: Health) -> None:
         """Ask an agent that was told of another's readings, which boot it means."""
         foreign = health.counters.get(FOREIGN_ACKS, 0)
@@ -366,7 +380,7 @@ class Account:
         elif reason == "duplicate" and sequence in run.held:
             if run.held[sequence].payload != arrival.payload:
                 times = run.held[sequence].features.t_ns, arrival.features.t_ns
-                self.contest(run, told_apart(sequence, *times), change)
+                self.contest_reading(run, sequence, *times, change)
         elif reason == "duplicate":
             change.repeated.append(Repeated(run, sequence, arrival.payload))
 
@@ -623,7 +637,7 @@ def _reasoned(run: Run, hole: tuple[int, int], why: str) -> tuple[tuple[int, int
     return part, why if reason is None else f"its sensor time is not believed ({reason})"
 
 
-def told_apart(sequence: int, one_ns: int, other_ns: int) -> str:
+def _told_apart(sequence: int, one_ns: int, other_ns: int) -> str:
     """Say what distinguishes two readings that came under one sequence."""
     if one_ns == other_ns:
         return f"reading {sequence} came twice, with different content"

@@ -27,9 +27,9 @@ from twin_server.collect import (
     Holding,
     Reception,
     Refusals,
+    Repeated,
     Run,
     Want,
-    told_apart,
 )
 from twin_server.estimate import Checkpoint, Twin
 from twin_server.persist import Cut, Store, StoreError
@@ -54,9 +54,6 @@ from .records import (
 from .voice import ACK_EVERY_S, Proof, Voice
 
 logger = logging.getLogger(__name__)
-
-MOST_COMPARED = 100
-"""Features of one batch that came again and are compared with what was kept."""
 
 MOST_INCLUDED = 10_000
 """Features of before that are taken into a digest; an agent compares as many of a boot."""
@@ -468,23 +465,20 @@ class Pipeline:
 
     def _compare(self, change: Change) -> None:
         """Hold what came again against what was kept: it may come from another agent."""
-        for run, sequence, payload in change.repeated[:MOST_COMPARED]:
-            rows = self.store.messages(f"{run.site}.{run.asset}", (run.number, sequence - 1), 1)
-            kept = next(
-                (r for r in rows if (r.number, r.sequence) == (run.number, sequence)), None
+        repeated: dict[Run, list[Repeated]] = {}
+        for one in change.repeated:
+            repeated.setdefault(one.run, []).append(one)
+        for run, again in repeated.items():
+            first, last = min(r.sequence for r in again), max(r.sequence for r in again)
+            kept = dict(self._accepted(run, first, min(last, first + MOST_INCLUDED)))
+            kept |= {o.features.sequence: o.payload for o in change.ordered if o.run is run}
+            other = next(
+                (r for r in again if kept.get(r.sequence, r.payload) != r.payload), None
             )
-            if kept is None or kept.message == payload:
+            if other is None:
                 continue
-            how = told_apart(sequence, kept.t_ns, decoded(payload).t_ns)
-            self._account.contest(run, how, change)
-            change.refused.append(
-                (
-                    "two_agents",
-                    f"{run}: sequence {sequence} was given with other content than before. "
-                    "Allowed: one agent at a time per asset. Give each its own asset name, and "
-                    "leave `boot` unset.",
-                )
-            )
+            one_ns, other_ns = decoded(kept[other.sequence]).t_ns, decoded(other.payload).t_ns
+            self._account.contest_reading(run, other.sequence, one_ns, other_ns, change)
 
     def _count(self, change: Change, cut: Cut) -> None:
         self.counts["batches"] += 1

@@ -135,12 +135,21 @@ class Processes:
             self.run(os.getpid)
 
     def _begin(self) -> "_Worker":
-        with self._lock:
-            if self._closed:
-                raise _ended("The server is ending.")
-            worker = _Worker(self._context)
-            self._all.add(worker)
+        if self._closed:
+            raise _ended("The server is ending.")
+        # Without the lock: what the first one waits for is loaded for seconds.
+        worker = _Worker(self._context)
+        if not self._kept(worker):
+            worker.kill()
+            raise _ended("The server is ending.")
         return worker
+
+    def _kept(self, worker: "_Worker") -> bool:
+        """Take a process among ours, unless all have been ended meanwhile."""
+        with self._lock:
+            if not self._closed:
+                self._all.add(worker)
+            return not self._closed
 
     def _end(self, worker: "_Worker") -> None:
         with self._lock:

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import plotly
 from fastapi import APIRouter, Depends, FastAPI, Header, Query, Request, Response
+from fastapi.concurrency import run_in_threadpool
 from pydantic_core import from_json, to_json
 from starlette.responses import FileResponse
 
@@ -21,6 +22,7 @@ from twin_server.settings import ServeSettings
 from . import diagnoses, exports, forecasts, models, problems, recordings, simulations
 from .diagnoses import Ordering
 from .document import document
+from .few import Few
 from .knowledge import Chapter, Knowledge
 from .lanes import Lane
 from .limits import BodyLimit
@@ -32,7 +34,7 @@ from .recordings import Keeping
 from .registered import TwinId, registered_in
 from .session import session
 from .shared import Shared
-from .turnstile import Turnstile
+from .turnstile import Turnstile, passed
 
 WEB = Path(__file__).parent / "web"
 PLOTLY = Path(plotly.__file__).parent / "package_data" / "plotly.min.js"
@@ -44,6 +46,9 @@ _PROBLEMS = problems.answers(
         422: "A parameter that is not valid",
     }
 )
+MANY_POINTS = 10_000
+"""Points of one history from which on it takes a thread for long, and much memory."""
+
 READY_S = 5.0
 """How long the database may take to answer until the server is said not to be ready."""
 
@@ -97,12 +102,13 @@ def create_app(
     app.add_middleware(Turnstile, streamed="/api/v1/recordings/")
     app.add_middleware(BodyLimit, max_bytes=settings.max_body_bytes, larger=larger)
     known = registered_in(knowledge)
-    app.include_router(_twins(knowledge, hub, settings, known), prefix="/api/v1")
+    changing = Few(2)
+    app.include_router(_twins(knowledge, hub, settings, known, changing), prefix="/api/v1")
     app.include_router(forecasts.routes(knowledge, settings, known, lane), prefix="/api/v1")
     app.include_router(simulations.routes(knowledge, known, lane), prefix="/api/v1")
     app.include_router(exports.routes(knowledge, known, settings.max_exports), prefix="/api/v1")
     if ordering is not None:
-        app.include_router(diagnoses.routes(ordering, known), prefix="/api/v1")
+        app.include_router(diagnoses.routes(ordering, known, changing), prefix="/api/v1")
     if keeping is not None:
         app.include_router(recordings.routes(keeping), prefix="/api/v1")
     app.include_router(_operations(knowledge, hub, settings, lane))
@@ -117,8 +123,10 @@ def _twins(
     hub: Hub,
     settings: ServeSettings,
     known: Callable[[str], Awaitable[Registration]],
+    changing: Few,
 ) -> APIRouter:
     api = APIRouter(tags=["twins"])
+    listing, reading = Few(2), Few(2)
 
     Known = Annotated[Registration, Depends(known)]
 
@@ -141,24 +149,32 @@ def _twins(
         return f"{state[:-1]},{more[1:]}"
 
     @api.get("/twins", response_model=models.TwinList)
-    def list_twins(request: Request) -> Response:
+    async def list_twins(request: Request) -> Response:
         """All twins, each with its latest state; shapes are left to `modes`."""
-        seen = filter(principal_of(request.scope).sees, knowledge.ids())
-        all_of_them = [(i, knowledge.registration(i)) for i in seen]
-        texts = [described(i, r, None, shapes=False) for i, r in all_of_them if r is not None]
-        return Response(f'{{"twins":[{",".join(texts)}]}}', media_type=JSON)
+
+        def listed() -> bytes:
+            seen = filter(principal_of(request.scope).sees, knowledge.ids())
+            all_of_them = [(i, knowledge.registration(i)) for i in seen]
+            texts = [
+                described(i, r, None, shapes=False) for i, r in all_of_them if r is not None
+            ]
+            return f'{{"twins":[{",".join(texts)}]}}'.encode()
+
+        return Response(await listing.run(listed), media_type=JSON)
 
     @api.put(
         "/twins/{twin_id}",
         response_model=models.TwinModel,
         responses={201: {"model": models.TwinModel}, **_PROBLEMS},
     )
-    def register(twin_id: TwinId, registration: Registration) -> Response:
+    async def register(
+        request: Request, twin_id: TwinId, registration: Registration
+    ) -> Response:
         """Register a twin, or register it anew: its history is then estimated again."""
-        new = knowledge.register(twin_id, registration)
-        return Response(
-            described(twin_id, registration, None), 201 if new else 200, media_type=JSON
-        )
+        passed(request.scope)
+        new = await changing.run(lambda: knowledge.register(twin_id, registration))
+        told = await run_in_threadpool(described, twin_id, registration, None)
+        return Response(told, 201 if new else 200, media_type=JSON)
 
     @api.get("/twins/{twin_id}", response_model=models.TwinModel, responses=_PROBLEMS)
     def one_twin(twin_id: TwinId, registration: Known, at: MomentText = None) -> Response:
@@ -167,15 +183,15 @@ def _twins(
         return Response(described(twin_id, registration, moment), media_type=JSON)
 
     @api.delete("/twins/{twin_id}", status_code=204, responses=_PROBLEMS)
-    def delete(twin_id: TwinId, registration: Known) -> Response:
+    async def delete(twin_id: TwinId, registration: Known) -> Response:
         """Forget a twin and its history. While its edge publishes, a new one is begun."""
-        knowledge.delete(twin_id)
+        await changing.run(lambda: knowledge.delete(twin_id))
         return Response(status_code=204)
 
     @api.get(
         "/twins/{twin_id}/history", response_model=models.HistoryModel, responses=_PROBLEMS
     )
-    def history(
+    async def history(
         twin_id: TwinId,
         registration: Known,
         start: MomentText = None,
@@ -189,16 +205,20 @@ def _twins(
         ] = False,
     ) -> Response:
         """States from `start` to `end`, both included."""
-        chapter = knowledge.history(
-            twin_id, moment_of("start", start), moment_of("end", end), max_points
-        )
-        objects = _objects(twin_id, chapter, shapes=shapes)
-        if chapter.bands is None:
-            return Response(points(objects), media_type=JSON)
-        elements = registration.changes == "elements"
-        names = registration.structure().free if elements else ()
-        unit = chapter.units[-1]
-        return Response(points(objects, chapter.bands, unit, names), media_type=JSON)
+        since, until = moment_of("start", start), moment_of("end", end)
+
+        def told() -> bytes:
+            chapter = knowledge.history(twin_id, since, until, max_points)
+            objects = _objects(twin_id, chapter, shapes=shapes)
+            if chapter.bands is None:
+                return points(objects)
+            elements = registration.changes == "elements"
+            names = registration.structure().free if elements else ()
+            return points(objects, chapter.bands, chapter.units[-1], names)
+
+        few = max_points <= MANY_POINTS
+        body = await (run_in_threadpool(told) if few else reading.run(told))
+        return Response(body, media_type=JSON)
 
     @api.get("/twins/{twin_id}/modes", response_model=models.ModesModel, responses=_PROBLEMS)
     def modes(twin_id: TwinId, registration: Known, at: MomentText = None) -> Response:

@@ -10,6 +10,7 @@ from twin_server.orders import FILES, DiagnosisOrder
 from twin_server.registration import Registration
 
 from . import models, problems
+from .few import Few
 from .problems import ProblemError
 from .registered import TwinId
 
@@ -73,13 +74,17 @@ class Ordering(Protocol):
         ...
 
 
-def routes(ordering: Ordering, known: Callable[[str], Awaitable[Registration]]) -> APIRouter:
+def routes(
+    ordering: Ordering, known: Callable[[str], Awaitable[Registration]], changing: Few
+) -> APIRouter:
     """Make the routes.
 
     Parameters
     ----------
     known
         Gives the registration of the twin in the path, or raises.
+    changing
+        Threads for what has a history estimated anew.
     """
     api = APIRouter(tags=["diagnoses"])
 
@@ -179,22 +184,30 @@ def routes(ordering: Ordering, known: Callable[[str], Awaitable[Registration]]) 
         response_model=models.DiagnosisModel,
         responses=_PROBLEMS,
     )
-    def adopt(twin_id: TwinId, number: Number, registration: Known) -> Response:
+    async def adopt(twin_id: TwinId, number: Number, registration: Known) -> Response:
         """Put what a diagnosis has found into the twin; an event says so."""
-        there(twin_id, number)
-        ordering.adopt(twin_id, registration, number)
-        return _json(there(twin_id, number))
+
+        def done() -> Response:
+            there(twin_id, number)
+            ordering.adopt(twin_id, registration, number)
+            return _json(there(twin_id, number))
+
+        return await changing.run(done)
 
     @api.post(
         "/twins/{twin_id}/diagnoses/{number}/undo",
         response_model=models.DiagnosisModel,
         responses=_PROBLEMS,
     )
-    def undo(twin_id: TwinId, number: Number, registration: Known) -> Response:
+    async def undo(twin_id: TwinId, number: Number, registration: Known) -> Response:
         """Take out again what was adopted last; an event says so."""
-        there(twin_id, number)
-        ordering.undo(twin_id, registration, number)
-        return _json(there(twin_id, number))
+
+        def done() -> Response:
+            there(twin_id, number)
+            ordering.undo(twin_id, registration, number)
+            return _json(there(twin_id, number))
+
+        return await changing.run(done)
 
     @api.get("/twins/{twin_id}/gap", response_model=models.GapModel, responses=_PROBLEMS)
     def gap(twin_id: TwinId, registration: Known) -> Response:

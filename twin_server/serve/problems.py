@@ -16,6 +16,9 @@ logger = logging.getLogger(__name__)
 
 MEDIA_TYPE = "application/problem+json"
 
+MOST_ERRORS = 20
+"""Faults of one request that are listed; all are counted."""
+
 CLIENT_LEFT = 499
 """What nginx calls it; nobody is there to read it."""
 
@@ -96,17 +99,18 @@ async def _ours(request: Request, error: Exception) -> Response:
 
 async def _not_valid(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
+    faults = error.errors()
     errors = [
         {
             "where": ".".join(str(part) for part in fault["loc"]),
             "given": _short(fault.get("input")),
             "problem": fault["msg"],
         }
-        for fault in error.errors()
+        for fault in faults[:MOST_ERRORS]
     ]
     first = errors[0]
     detail = (
-        f"At {first['where']}, {first['given']} was given: {first['problem']}. {len(errors)} "
+        f"At {first['where']}, {first['given']} was given: {first['problem']}. {len(faults)} "
         "fault(s) in all. What is allowed is in /api/v1/openapi.json; correct it and send it "
         "again."
     )

@@ -8,7 +8,6 @@ from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal, Protocol
 
 from fastapi import APIRouter, Path, Request, Response
-from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic_core import to_json
 from starlette.responses import FileResponse
@@ -17,6 +16,7 @@ from slowtime_schemas.quantities import Plain
 from twin_server.principals import principal_of
 
 from . import problems
+from .few import Few
 
 NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}\.mcap$"
 Name = Annotated[
@@ -135,18 +135,19 @@ class Keeping(Protocol):
 def routes(keeping: Keeping) -> APIRouter:
     """Make the routes."""
     api = APIRouter(tags=["recordings"])
+    few = Few(2)  # a file of which nothing is known yet is read to its end
 
     def reaches(request: Request) -> Reaches:
         return principal_of(request.scope).reaches
 
-    def told(request: Request, status: int = 200) -> Response:
-        found = keeping.listed(reaches(request))
+    async def told(request: Request, status: int = 200) -> Response:
+        found = await few.run(lambda: keeping.listed(reaches(request)))
         return Response(to_json(found), status, media_type="application/json")
 
     @api.get("/recordings", response_model=RecordingList, responses=_PROBLEMS)
-    def list_recordings(request: Request) -> Response:
+    async def list_recordings(request: Request) -> Response:
         """List the recordings that the server keeps, of the sites that you may see."""
-        return told(request)
+        return await told(request)
 
     @api.put(
         "/recordings/{name}",
@@ -170,19 +171,19 @@ def routes(keeping: Keeping) -> APIRouter:
         One of that name that is there already is never replaced.
         """
         await keeping.take(name, request.stream(), reaches(request))
-        return await run_in_threadpool(told, request, 201)
+        return await told(request, 201)
 
     @api.get("/recordings/{name}", response_class=Response, responses=_PROBLEMS)
-    def give(name: Name, request: Request) -> FileResponse:
+    async def give(name: Name, request: Request) -> FileResponse:
         """Give a recording as it is."""
-        path = keeping.path(name, reaches(request))
+        path = await few.run(lambda: keeping.path(name, reaches(request)))
         return FileResponse(path, media_type="application/octet-stream", filename=name)
 
     @api.delete("/recordings/{name}", response_model=RecordingList, responses=_PROBLEMS)
-    def delete(name: Name, request: Request) -> Response:
+    async def delete(name: Name, request: Request) -> Response:
         """Delete a recording: for good."""
-        keeping.delete(name, reaches(request))
-        return told(request)
+        await few.run(lambda: keeping.delete(name, reaches(request)))
+        return await told(request)
 
     @api.post(
         "/recordings/{name}/replay",
@@ -190,19 +191,19 @@ def routes(keeping: Keeping) -> APIRouter:
         response_model=RecordingList,
         responses=_PROBLEMS,
     )
-    def play(name: Name, order: ReplayOrder, request: Request) -> Response:
+    async def play(name: Name, order: ReplayOrder, request: Request) -> Response:
         """Play a recording to the twins, as the edges did; what they have already stays.
 
         One at a time. Where none of its twins is registered yet, they are registered as they
         were recorded.
         """
-        keeping.play(name, order.speed, reaches(request))
-        return told(request, 202)
+        await few.run(lambda: keeping.play(name, order.speed, reaches(request)))
+        return await told(request, 202)
 
     @api.delete("/recordings/{name}/replay", response_model=RecordingList, responses=_PROBLEMS)
-    def stop(name: Name, request: Request) -> Response:
+    async def stop(name: Name, request: Request) -> Response:
         """End the replay of a recording; what was played stays."""
-        keeping.stop_playing(name, reaches(request))
-        return told(request)
+        await few.run(lambda: keeping.stop_playing(name, reaches(request)))
+        return await told(request)
 
     return api

@@ -1,5 +1,6 @@
 """Files of measurements in, records out: text of any kind, NumPy, MATLAB."""
 
+from .bridging import MARK, bridged
 from .read import ALL, MAX_BYTES, read_record
 from .record import UNDATED_NS, Gap, Record, RecordError, accelerations, find_column
 from .stamps import DateOrder
@@ -7,6 +8,7 @@ from .time_units import UNITS
 
 __all__ = [
     "ALL",
+    "MARK",
     "MAX_BYTES",
     "UNDATED_NS",
     "UNITS",
@@ -15,6 +17,7 @@ __all__ = [
     "Record",
     "RecordError",
     "accelerations",
+    "bridged",
     "find_column",
     "read_record",
 ]

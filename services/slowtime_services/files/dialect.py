@@ -153,7 +153,24 @@ def find_layout(lines: Sequence[str], name: str, skip: int | None) -> Layout:
             best = score, Layout(dialect, first, run.kinds)
     if best is None:
         raise _no_rows(lines, name, skip)
+    _refuse_split_decimals(lines, best[1], name)
     return best[1]
+
+
+def _refuse_split_decimals(lines: Sequence[str], layout: Layout, name: str) -> None:
+    """Ask about commas that part numbers and, it seems, their decimals, too."""
+    if layout.dialect != Dialect(",", ".") or len(layout.kinds) % 2 or len(layout.kinds) < 4:
+        return
+    rows = [layout.dialect.split(line) for line in lines[layout.first :][:60] if line.strip()]
+    rows = [row for row in rows if len(row) == len(layout.kinds)]
+    decimals = [field for row in rows for field in row[1::2]]
+    whole = all(re.fullmatch(r"[+-]?\d+", field) for row in rows for field in row)
+    if whole and all(map(str.isdigit, decimals)) and any(re.match(r"0\d", f) for f in decimals):
+        raise RecordError(
+            f"In {name}, commas stand between numbers and, it seems, before their decimals, "
+            f"too ({lines[layout.first][:60]!r}). Save it with semicolons or tabs between "
+            "numbers, or with decimal points."
+        )
 
 
 def _no_rows(lines: Sequence[str], name: str, skip: int | None) -> RecordError:

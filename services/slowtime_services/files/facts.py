@@ -22,6 +22,7 @@ from .heading_words import (
     RATE_KEYS,
     TIME_UNITS,
 )
+from .record import looks_like_unit
 
 Kind = Literal["rate", "interval", "count", "duration"]
 
@@ -53,6 +54,12 @@ _KEYS = tuple(
 _PERIOD = re.compile(r"sampl\w*[\s-]*(?:time|period)", re.I)
 LONGEST_INTERVAL_S = 1.0
 """From here on, a "sampling time" or "sampling period" is how long somebody sampled."""
+LONGEST_UNSAID_S = 0.5
+"""An interval of this size without a unit may be one of milliseconds."""
+_NEEDS_UNIT = re.compile(
+    r"(?:rate|interval|spacing|step|incr|x[\s-]*incr|ts|d[\s_]?x)(?:ement)?(?![\w])", re.I
+)
+"""Words that say too little of sampling by themselves: only with a unit do they count."""
 _PEER = re.compile(
     r"(?P<n>\d{2,9})\s+(?P<dt>\d*\.\d+(?:[eE][+-]?\d+)?)\s+(?:NPTS|N)\s*,?\s*(?:and\s+)?DT",
     re.I,
@@ -232,6 +239,12 @@ def _figure(
         r"\s*(?:points|samples|pts)\b", rest[match.end() :], re.I
     ):
         return _figure("count", text, start, decimal, line, said, rank)
+    if not unit and kind != "count":
+        word = re.match(r"\s*\[?([^\W\d_°%][\w/²^]*|[°%]\w?)", rest[match.end() :])
+        if word is not None and ("/" in word.group(1) or looks_like_unit(word.group(1))):
+            return None  # of another quantity: "FS: 2 g", "rate: 5 mm/min"
+        if _NEEDS_UNIT.match(said):
+            return None
     scale = 1.0 if kind == "count" else table.get(unit.casefold(), 1.0)
     if unit in ("MS/s",):
         scale = 1e6
@@ -244,6 +257,9 @@ def _figure(
         return dataclasses.replace(
             fact, values=tuple(1.0 / v for v in fact.values), tolerance=0
         )
+    if kind == "interval" and not unit and fact.values[0] >= LONGEST_UNSAID_S:
+        readings = tuple(v * s for v in fact.values for s in (1.0, 1e-3))
+        return dataclasses.replace(fact, values=readings)
     if kind == "interval" and _PERIOD.match(said) and fact.values[0] >= LONGEST_INTERVAL_S:
         return dataclasses.replace(fact, kind="duration")
     return fact
@@ -312,7 +328,9 @@ def read_figure(text: str, decimal: str = ".") -> tuple[float, ...]:
         whole = re.sub(r"[.,]", "", body[:last])
         options = [f"{whole}.{body[last + 1 :]}"]
     elif points > 1 or commas > 1:
-        options = [re.sub(r"[.,]", "", body)]
+        # Not three digits in each group: a date or a version.
+        grouped = re.fullmatch(r"[+-]?\d{1,3}(?:[.,]\d{3})+", body)
+        options = [re.sub(r"[.,]", "", body)] if grouped else []
     elif points or commas:
         mark = "." if points else ","
         plain = body.replace(",", ".")

@@ -70,7 +70,7 @@ def _rows_above(
             fields = None  # words a few lines above the rows are a heading only if they look so
         if fields is not None:
             rows.append(fields)
-        elif rows or between == most_between:
+        elif rows or between == most_between or _is_setting(line, dialect, width):
             break
         between += fields is None
         if len(rows) == MOST_ROWS:
@@ -95,7 +95,10 @@ def _fields(line: str, dialect: Dialect, width: int) -> list[str] | None:
 
 
 def _is_numeric(field: str) -> bool:
-    """Whether a field is a number, or several."""
+    """Whether a field is a number, several, or one with a unit behind."""
+    valued = re.match(r"[+-]?\d[\d.,]*\s*(?=\D)", field)
+    if valued is not None and looks_like_unit(field[valued.end() :]):
+        return True
     return bool(re.fullmatch(r"[\d\s.,:+-]*\d[\d\s.,:+-]*(?:[eE][+-]?\d+)?", field))
 
 
@@ -135,6 +138,13 @@ def _counts(fields: Sequence[str]) -> bool:
         [str(i) for i in range(1, len(fields) + 1)],
         [str(i) for i in range(len(fields))],
     )
+
+
+def _is_setting(line: str, dialect: Dialect, width: int) -> bool:
+    """Whether a line is a key and its values, above which there are settings, not names."""
+    fields = dialect.split(line.lstrip(_MARKS))
+    words = [not _is_numeric(field) for field in fields]
+    return len(fields) == width > 1 and words[0] and not all(words)
 
 
 def _is_beside_names(fields: Sequence[str]) -> bool:

@@ -59,7 +59,7 @@ RATE_KEYS = (
 INTERVAL_KEYS = (
     rf"{_OF_SAMPLES}[\s-]*(?:interval|period|step|spacing)",
     r"sampl\w*[\s-]*time",
-    r"(?<![\w])d[\s_]?t(?![\w])",
+    r"(?<![\w])d[\s_]?[tx](?![\w])",
     r"(?<![\w])(?:delta|δ|Δ)[\s_-]*[tx](?![\w])",
     r"time[\s-]*(?:step|increment|interval|spacing|base|resolution)",
     r"(?<![\w])(?:x[\s-]*)?(?:incr?(?:ement)?|interval|spacing|step)(?![\w])",

@@ -117,7 +117,8 @@ def judge(name: str, facts: Facts, measured: Measured) -> Verdict:
     chosen = fit[0]
     if len({r.rate_hz for r in fit}) > 1:
         raise RecordError(
-            f"{name} states a rate that can be read in two ways ({_quoted(facts, 'rate')}): "
+            f"{name} states a rate that can be read in two ways "
+            f"({_quoted(facts, 'rate', 'interval')}): "
             f"{' or '.join(f'{r.rate_hz:g} Hz' for r in fit)}. Say which with --rate-hz."
         )
     rate = chosen.rate_hz
@@ -156,7 +157,10 @@ def _layouts(measured: Measured) -> list[tuple[bool, int]]:
     ]
     if single:
         return layouts[:1]
-    return layouts if measured.wrapped is None else [layouts[measured.wrapped]]
+    if measured.wrapped is not None:
+        return [layouts[measured.wrapped]]
+    # Columns with names are channels; a heading that says otherwise contradicts itself.
+    return layouts[:1] if measured.named else layouts
 
 
 def _stated_rates(name: str, facts: Facts) -> list[float]:

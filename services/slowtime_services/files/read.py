@@ -22,12 +22,14 @@ from .sheet import Column, Sheet
 from .stamps import DateOrder
 from .text import read_text
 from .time_units import UNITS, is_time_name
-from .timeaxis import TimeAxis, UnevenError
+from .timeaxis import TimeAxis, UnevenError, unwrapped
 
 MAX_BYTES = 1 << 30
 SLOWEST_HZ, FASTEST_HZ = 1e-6, 1e9
 """Sampling rates that a person may give; beyond these they are slips of the pen."""
 ALL = "all"
+LONGEST_PERIOD = 64
+"""Sensors of which the rows of a file may be in turn."""
 MOST_MISSING = 0.2
 """Share of rows that may lack a value and be left out; beyond it, the file is to be mended."""
 _ARRAYS = {".npy": read_npy, ".npz": read_npz, ".mat": read_matlab}
@@ -113,9 +115,29 @@ def read_record(
         sheet.facts.found == ()
     ) * len(sheet.columns):
         raise RecordError(f"{path.name} has a single row. Give a record of at least two.")
-    record = _record(path.name, sheet, said, missing)
+    record = _record(path.name, _pairs_unwrapped(sheet), said, missing)
     plausibility.refuse_beyond(path.name, record.rate_hz) if rate_hz is None else None
     return record
+
+
+def _pairs_unwrapped(sheet: Sheet) -> Sheet:
+    """Bring pairs of time and value, several a line, into two columns."""
+    if sheet.named or any(c.kind != "number" for c in sheet.columns) or len(sheet.columns) < 4:
+        return sheet
+    table = np.column_stack([c.values for c in sheet.columns])
+    pairs = wrapping.pairs_of_time_and_value(table.astype(float), sheet.tail)
+    if pairs is None:
+        return sheet
+    time, value = Column("time", "", pairs[:, 0]), Column("channel_1", "", pairs[:, 1])
+    said = f"pairs of time and value, {len(sheet.columns) // 2} on a line"
+    return dataclasses.replace(
+        sheet,
+        columns=(time, value),
+        named=True,
+        tail=(),
+        assumptions=(*sheet.assumptions, said),
+        notes=tuple(note for note in sheet.notes if "cut short" not in note),
+    )
 
 
 class _Said(NamedTuple):
@@ -141,6 +163,8 @@ def _record(file: str, sheet: Sheet, said: _Said, missing: _Missing) -> Record:
     names = sheet.names
     told = _tell(sheet, said)
     kept, why = _kept(file, sheet, said, told.columns, sparse=not missing.keep)
+    if said.rate_hz is None:
+        _refuse_several_sensors(file, sheet)
     lost = _rows_missing(file, sheet, kept, missing)
     rows = np.arange(len(lost))[~lost]
     if missing.skip and lost.any():
@@ -150,6 +174,9 @@ def _record(file: str, sheet: Sheet, said: _Said, missing: _Missing) -> Record:
     gaps = axis.gaps if axis is not None else ()
     if axis is None and missing.skip:
         gaps = tuple(_gaps_of(rows))
+    if axis is None and not gaps:
+        gaps, counted = _gaps_of_counter(sheet, why)
+        notes += counted
     values = [sheet.columns[i].values for i in kept]
     measured = _measured(sheet, kept, said, axis, gaps, told)
     verdict = plausibility.judge(file, sheet.facts, measured)
@@ -458,6 +485,49 @@ def _only_rows(sheet: Sheet, rows: np.ndarray[tuple[int], np.dtype[np.intp]]) ->
             stamps = dataclasses.replace(stamps, ns=stamps.ns[rows])
         columns.append(dataclasses.replace(column, values=column.values[rows], stamps=stamps))
     return dataclasses.replace(sheet, columns=tuple(columns))
+
+
+def _gaps_of_counter(
+    sheet: Sheet, why: dict[str, str]
+) -> tuple[tuple[Gap, ...], tuple[str, ...]]:
+    """Gaps where a counter of rows leaves numbers out, and how that is said."""
+    for name, column in zip(sheet.names, sheet.columns, strict=True):
+        if why.get(name) != roles.COUNTER:
+            continue
+        counts, _ = unwrapped(np.asarray(column.values))
+        steps = np.diff(counts.astype(float))
+        if len(steps) and (steps >= 1).all() and (steps == 1).mean() >= roles.SAME_STEP:
+            gaps = tuple(
+                Gap(int(at) + 1, int(steps[at]) - 1) for at in np.flatnonzero(steps > 1)
+            )
+            said = (f"Gaps are where the counter {name!r} leaves out numbers.",)
+            return gaps, said * bool(gaps)
+    return (), ()
+
+
+def _refuse_several_sensors(file: str, sheet: Sheet) -> None:
+    """Ask about rows that are of one sensor after the other."""
+    clocks = [c for c in sheet.columns if c.stamps is not None or is_time_name(c.name)]
+    if not any((np.diff(c.values) == 0).any() for c in clocks if c.kind != "word"):
+        return
+    for name, column in zip(sheet.names, sheet.columns, strict=True):
+        period = _period(column.values) if column not in clocks else 0
+        if period > 1:
+            found = ", ".join(map(str, column.values[:period]))
+            raise RecordError(
+                f"The rows of {file} are of several sensors in turn (column {name!r} repeats "
+                f"{found[:80]}), with one time for all. Give one row for each instant with a "
+                "column for each sensor, or --rate-hz if rows are evenly apart."
+            )
+
+
+def _period(values: Values) -> int:
+    """Rows after which a column of few words or whole numbers repeats; 0 where it does not."""
+    few = list(values[: 2 * LONGEST_PERIOD])
+    for period in range(2, min(LONGEST_PERIOD, len(values) // 3) + 1):
+        if few[period : 2 * period] == few[:period] and len(set(few[:period])) == period:
+            return period if bool(np.all(values[period:] == values[:-period])) else 0
+    return 0
 
 
 def _gaps_of(rows: np.ndarray[tuple[int], np.dtype[np.intp]]) -> Iterator[Gap]:

@@ -12,7 +12,15 @@ from jaxtyping import Shaped
 from slowtime.signals.block import Block
 
 Values = Shaped[np.ndarray, "..."]
-NAMES_ACCELERATION = re.compile(r"acc|(low|high)[ _-]?g(?![a-z])", re.IGNORECASE)
+NAMES_ACCELERATION = re.compile(
+    r"acc|(low|high)[ _-]?g(?![a-z])|(?<![a-z])a[ _-]?[xyz](?![a-z])", re.IGNORECASE
+)
+NAMES_SLOW = re.compile(
+    r"temp|humid|batt|(?<![a-z])(?:lat|lon|alt)(?![a-z])|latitude|longitude|rssi|satell|baro",
+    re.IGNORECASE,
+)
+"""Names of what changes slowly beside a vibration, and is none."""
+UNITS_SLOW = frozenset(("°c", "degc", "c", "°f", "k", "%", "%rh", "hpa", "mbar"))
 ACCELERATION_UNITS = frozenset(
     ("m/s^2", "m/s2", "m/s²", "m/s**2", "m·s-2", "mm/s^2", "mm/s2", "g", "mg", "µg", "gal")
 )
@@ -137,7 +145,7 @@ def find_column(name: str, names: tuple[str, ...]) -> int:
 
 
 def accelerations(channels: tuple[str, ...], units: tuple[str, ...]) -> tuple[str, ...]:
-    """Which channels are accelerations by their unit or name; all, where none says so.
+    """Which channels are accelerations by their unit or name; all that may be, where none says.
 
     A record may hold a position or a temperature beside its accelerometers, and what that does
     is no vibration of the structure.
@@ -150,13 +158,22 @@ def accelerations(channels: tuple[str, ...], units: tuple[str, ...]) -> tuple[st
     ('lowg', 'acc_2')
     >>> accelerations(("x", "y"), ("", ""))
     ('x', 'y')
+    >>> accelerations(("x", "y", "temp_C"), ("", "", ""))
+    ('x', 'y')
     """
     said = tuple(
         name
         for name, unit in zip(channels, units, strict=True)
         if unit.casefold() in ACCELERATION_UNITS or NAMES_ACCELERATION.search(name)
     )
-    return said or channels
+    if said:
+        return said
+    slow = {
+        name
+        for name, unit in zip(channels, units, strict=True)
+        if unit.casefold() in UNITS_SLOW or NAMES_SLOW.search(name)
+    }
+    return tuple(name for name in channels if name not in slow) or channels
 
 
 def in_sensor_type(values: Values) -> Values:

@@ -25,6 +25,8 @@ four digits leaves."""
 MOST_CHANNELS = 12
 """Columns among which the components of a magnitude are looked for."""
 
+COUNTER = "a counter"
+"""Reason for which a column that counts rows is set aside."""
 _COUNTER_WORDS = frozenset(
     "count counter cnt index idx row rows no nr num number sample samples n i seq sequence "
     "packet packets frame frames record records rec id unnamed lfd point points scan scans "
@@ -98,7 +100,7 @@ def _reason(column: Column, name: str, sparse: bool, unnamed_clocks: bool) -> st
     if onwards and is_time_name(name):
         return "a second column of times"
     if is_counter(numbers, name):
-        return "a counter"
+        return COUNTER
     if unnamed_clocks and len(numbers) >= 2 * FEWEST_ROWS and looks_like_time(numbers):
         return "grows as evenly as a clock"
     return ""

@@ -13,7 +13,7 @@ from .encoding import decode
 from .facts import Facts, find_facts
 from .formats import FORMATS
 from .heading import read_heading
-from .record import RecordError
+from .record import RecordError, looks_like_unit
 from .sheet import Column, ColumnKind, Sheet
 from .signatures import refuse_binary
 from .stamps import DateOrder, read_stamps
@@ -217,6 +217,8 @@ class _Rows:
         name, unit, kind = self._names[at], self._units[at], self._layout.kinds[at]
         if kind in ("stamp", "date", "clock"):
             return self._stamped(at, texts, numbers, kind)
+        if kind == "word" and (said := _with_unit(texts)) is not None:
+            texts, unit, kind = said[0], said[1], "number"
         if kind == "word":
             return Column(name, unit, np.array(texts, dtype=object), "word")
         dialect = self._layout.dialect
@@ -255,6 +257,19 @@ class _Rows:
                 f"Line {numbers[row]}, field {at + 1}: {said}. Mend or remove that line."
             ) from error
         return Column(self._names[at], self._units[at], stamps.ns, kind, stamps)
+
+
+_VALUE_AND_UNIT = re.compile(r"(\S+)\s+([a-zA-Zµ°%][\w/²^]{0,9})")
+
+
+def _with_unit(texts: Sequence[str]) -> tuple[list[str], str] | None:
+    """Numbers and their unit, where each field is one and the other, such as ``0.01 sec``."""
+    found = [_VALUE_AND_UNIT.fullmatch(text) for text in texts[:HEAD_LINES]]
+    units = {match.group(2) if match else "" for match in found}
+    unit = units.pop()
+    if units or not unit or not looks_like_unit(unit):
+        return None
+    return [text.removesuffix(unit).strip() for text in texts], unit
 
 
 def _only_open(kinds: Sequence[Kind], present: int) -> bool:

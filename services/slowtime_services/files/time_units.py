@@ -10,7 +10,7 @@ from .record import RecordError
 
 Values = Shaped[np.ndarray, " time"]
 
-SLOWEST_HZ, FASTEST_HZ = 0.1, 5e6
+SLOWEST_HZ, FASTEST_HZ = 0.5, 5e6
 """Rates that a record of vibration may have by its own figures; beyond them, a question. The
 slowest is that of long-period structures sampled by satellite receivers, the fastest that of
 acoustic emission."""
@@ -192,8 +192,9 @@ def scale_of(
         )
         raise RecordError(
             f"The times in column {name!r} have no unit: in seconds the rate would be "
-            f"{rate:.6g} Hz, which is none of vibration{'; ' + would if would else ''}. Say "
-            f"which with --time-unit {'|'.join(UNITS)}, or give --rate-hz."
+            f"{rate:.6g} Hz, seldom one of vibration{'; ' + would if would else ''}. Say "
+            f"which with --time-unit {'|'.join(UNITS)} or in the column's name, as in t_ms; or "
+            "give --rate-hz."
         )
     return Scale(1.0, None, f"{name!r} in seconds, for want of a unit", sure=False)
 

@@ -149,8 +149,12 @@ def read_time(
     notes: tuple[str, ...] = ()
     count = len(values)
     instants = np.arange(count)
+    if not seconds[-1] > 0:
+        _refuse_disorder(values, seconds, name, first_line)
     even = _even_step(seconds, instants)
-    printed = bool(digit) and _scatter(seconds, instants, even) <= ONE_DIGIT * digit
+    # Where the last digit is the step itself, a step of two is a loss, not rounding.
+    coarse = bool(digit) and abs(digit / even - 1) > 0.1 and (np.diff(seconds) >= 0).all()
+    printed = coarse and _scatter(seconds, instants, even) <= ONE_DIGIT * digit
     if (np.diff(seconds) == 0).any() and not (np.diff(seconds) < 0).any():
         spread = _spread(seconds, name)
         if spread is not None:

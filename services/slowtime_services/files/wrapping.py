@@ -14,6 +14,8 @@ CLOSE = 0.6
 follow one another."""
 LARGEST_SPREAD = 10.0
 """Ratio of the columns' variances beyond which they are no parts of one series."""
+EVEN = 1.5
+"""Largest step of times, in the usual one, of pairs that are written several a line."""
 SEAM = 2.5
 """Ratio of the step from the end of a line to the next, and those within a line."""
 
@@ -57,6 +59,24 @@ def looks_like_channels(values: Float[np.ndarray, "row column"]) -> bool:
     within = float(np.mean(np.diff(values, axis=1) ** 2))
     down = float(np.mean(np.diff(values, axis=0) ** 2))
     return down < CLOSE * within
+
+
+def pairs_of_time_and_value(
+    values: Float[np.ndarray, "row column"], tail: tuple[float, ...]
+) -> Float[np.ndarray, "time 2"] | None:
+    """Give times and values that stand in several pairs a line; None where they do not.
+
+    The times of one line lie between its first and the first of the next.
+    """
+    rows, width = values.shape
+    if rows < 2 or width < 4 or width % 2 or not np.isfinite(values).all():
+        return None
+    flat = values.reshape(-1, 2)
+    if len(tail) % 2 == 0 and tail:
+        flat = np.concatenate([flat, np.asarray(tail).reshape(-1, 2)])
+    steps = np.diff(flat[:, 0])
+    even = (steps > 0).all() and steps.max() <= EVEN * max(float(np.median(steps)), 0.0)
+    return flat if even else None
 
 
 def unwrap(

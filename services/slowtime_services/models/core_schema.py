@@ -44,13 +44,20 @@ class CoreDumper(yaml.SafeDumper):  # type: ignore[misc]  # yaml is untyped
 def whole_number(text: str) -> int:
     """Read an integer of the core schema.
 
+    Raises
+    ------
+    OverflowError
+        Where it is more than a floating-point number holds.
+
     Examples
     --------
     >>> [whole_number(text) for text in ("010", "0o10", "0x1F", "-7")]
     [10, 8, 31, -7]
     """
     base = {"0o": 8, "0x": 16}.get(text[:2], 10)
-    return int(text if base == 10 else text[2:], base)
+    number = int(text if base == 10 else text[2:], base)
+    float(number)
+    return number
 
 
 def real_number(text: str) -> float:

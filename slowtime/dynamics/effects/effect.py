@@ -126,7 +126,12 @@ def _place(description: Description, where: Path, entry: dict[str, Any], kind: K
 def _number(where: Path, key: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise DescriptionError((*where, key), f"`{key}` is {value!r}. Give a number.")
-    return float(value)
+    try:
+        return float(value)
+    except OverflowError:
+        raise DescriptionError(
+            (*where, key), f"`{key}` is beyond the range of numbers. Give a smaller one."
+        ) from None
 
 
 def _meaning(kind: Kind, name: str) -> str:

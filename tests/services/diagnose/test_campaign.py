@@ -187,7 +187,9 @@ def test_what_is_held_out_is_not_learnt_from(slide, arrays):
 
 def test_a_clock_too_slow_for_the_model_is_told_with_its_likely_cause(tmp_path, slide, arrays):
     np.savez(tmp_path / "ms.npz", t=1e3 * T, **arrays)
-    campaign, _ = campaign_of(slide, [read_any(tmp_path / "ms.npz")])
+    with pytest.raises(RecordError, match=r"in seconds .* 0\.05 Hz.* in milliseconds .* 50 Hz"):
+        read_any(tmp_path / "ms.npz")
+    campaign, _ = campaign_of(slide, [read_any(tmp_path / "ms.npz", rate_hz=0.05)])
     with pytest.raises(RecordError, match=r"0\.05 samples per second.*such as t_ms"):
         refuse_nonsense(campaign, ["ms.npz"])
     np.savez(tmp_path / "named.npz", t_ms=1e3 * T, **arrays)

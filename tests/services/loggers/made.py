@@ -461,9 +461,11 @@ def table(
     )
 
 
-def wrapped(rng: random.Random, kind: str, name: str, width: int) -> Case:
+def wrapped(
+    rng: random.Random, kind: str, name: str, width: int, rows: int | None = None
+) -> Case:
     """One series written several values a line, as accelerograms are."""
-    rows = rng.randrange(700, 1100)
+    rows = rows or rng.randrange(700, 1100)
     rate = rng.choice((50.0, 100.0, 200.0))
     samples = signal(np.random.default_rng(rng.randrange(2**31)), rows, rate, 1)[:, 0]
     form = rng.choice(("{:15.7E}", "{:12.5f}", "{:14.6E}"))

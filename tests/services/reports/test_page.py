@@ -1,3 +1,5 @@
+import base64
+import gzip
 import json
 import re
 
@@ -24,7 +26,13 @@ def test_names_out_of_records_are_shown_and_never_run(tmp_path):
 def test_a_page_asks_nobody_for_anything(tmp_path):
     text = written(tmp_path, Chart([{"y": [1.0, 2.0]}], {}, "A line."))
     assert not re.search(r"<(script|link|img|iframe)[^>]+(src|href)=", text)
-    assert "Plotly" in text
+    packed = re.search(r'<script id="library" type="application/gzip">([^<]*)</script>', text)
+    assert packed is not None
+    assert b"Plotly" in gzip.decompress(base64.b64decode(packed[1]))
+
+
+def test_a_page_with_charts_can_be_sent_by_mail(tmp_path):
+    assert len(written(tmp_path, Chart([{"y": [1.0, 2.0]}], {}, "A line."))) < 2_500_000
 
 
 def test_a_page_without_charts_does_without_the_library(tmp_path):

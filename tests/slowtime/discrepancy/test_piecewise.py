@@ -299,6 +299,7 @@ def overturned():
     return unbent(refit(Plant.of(one, kinds=TURNED), trials), trials), trials
 
 
+@pytest.mark.long
 def test_where_motion_turns_over_a_quieter_part_tells_the_law(overturned):
     before, trials = overturned
     located = locate(before, trials)

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from slowtime.dynamics.degradation import mass_change
 from slowtime.estimation import kernels, matern
 from slowtime.evolution import forecast
 
@@ -132,6 +133,17 @@ def test_exact_and_constant_histories_are_forecast_too():
     assert line.mean[0] == pytest.approx(11.0, abs=0.05)
     flat = forecast.forecast(np.arange(20.0), np.full(20, 3.0), np.zeros(20), np.array([22.0]))
     assert flat.mean[0] == pytest.approx(3.0, abs=1e-6)
+
+
+def test_teeth_of_what_is_known_to_repeat_itself_are_no_jumps():
+    rng, count = np.random.default_rng(1), 400
+    time = 500.0 + np.arange(count)
+    sd = 0.013 * np.exp(0.4 * rng.standard_normal(count))
+    sd[rng.integers(0, count, 4)] *= 6.0  # some readings are much less sure
+    value = mass_change(time) + sd * rng.standard_normal(count)
+    outlook = forecast.fit(time, value, sd, process="repeating")
+    assert outlook.period == pytest.approx(2.0 * np.pi / 0.15, rel=0.01)
+    assert outlook.jumps == ()
 
 
 def test_the_past_is_not_forecast():

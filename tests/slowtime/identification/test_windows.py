@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from slowtime.identification import Tracker, first_mode, identify_windows
+from slowtime.identification.windows import dependence
 
 RATE = 400.0
 
@@ -18,7 +19,8 @@ def hopping(rng):
 
 @pytest.mark.long
 def test_windows_follow_a_jump_and_claim_nothing_in_silence():
-    epochs = identify_windows(hopping(np.random.default_rng(1)), RATE, window_s=1.0)
+    record = hopping(np.random.default_rng(1))
+    epochs = identify_windows(record, RATE, window_s=1.0, hop_s=0.25)
     assert [epoch.start_s for epoch in epochs] == pytest.approx(np.arange(0, 5.01, 0.25))
     for epoch in epochs:
         assert epoch.end_s - epoch.start_s == pytest.approx(1.0)
@@ -49,6 +51,24 @@ def test_without_following_every_window_stands_alone():
         first = round(epoch.start_s * RATE)
         mode = first_mode(record[first : first + 400], RATE)
         assert epoch.modes == ((mode,) if mode else ())
+
+
+def test_windows_touch_unless_they_are_told_to_overlap():
+    record = np.random.default_rng(5).standard_normal(2400)
+    epochs = identify_windows(record, RATE, window_s=2.0, method="peak")
+    assert [(e.start_s, e.end_s) for e in epochs] == [(0.0, 2.0), (2.0, 4.0), (4.0, 6.0)]
+
+
+@pytest.mark.parametrize("overlap", [1, 4, 5])
+def test_overlapping_windows_count_for_what_their_samples_are_worth(overlap):
+    """The mean of windows, taken for independent with that variance, is as sure as it says."""
+    rng, count = np.random.default_rng(6), 40 * overlap
+    samples = rng.standard_normal((2000, count + overlap - 1))
+    means = np.stack([samples[:, k : k + overlap].mean(axis=1) for k in range(count)], axis=1)
+    starts = np.arange(count, dtype=float)
+    factor = dependence(starts, starts + overlap)
+    said = np.sqrt(np.sum(factor / overlap)) / count
+    assert np.std(means.mean(axis=1)) == pytest.approx(said, rel=0.06)
 
 
 def test_a_gap_spoils_its_own_windows_only_and_says_why():

@@ -61,6 +61,14 @@ def test_sigkill_and_another_start_give_the_undisturbed_history(tmp_path, undist
     assert 0 < survived < 4000
     Pipeline(TwinSettings(), store).ingest(samples)
     assert store.digest("lab.beam") == expected.digest("lab.beam")
+    for points in (20, 300):
+        (history, bands), (expected_history, expected_bands) = (
+            one.thinned("lab.beam", points) for one in (store, expected)
+        )
+        assert history.states.tobytes() == expected_history.states.tobytes()
+        assert bands is not None
+        assert expected_bands is not None
+        assert bands.to_bytes() == expected_bands.to_bytes()
     assert [e.body for e in store.events("lab.beam") if e.derived] == [
         e.body for e in expected.events("lab.beam") if e.derived
     ]

@@ -1,20 +1,16 @@
-"""Files that are made while they are given: few at once, a piece at a time, not for ever."""
+"""Files that are made while they are given: few at once, and a piece at a time."""
 
-import asyncio
 import threading
 from collections.abc import AsyncIterator, Iterator, Mapping
 
 import anyio
 from starlette.responses import Response, StreamingResponse
-from starlette.types import Message, Receive, Scope, Send
+from starlette.types import Receive, Scope, Send
 
 from twin_server.serve.problems import ProblemError
 
 AT_ONCE = 2
 """Pieces that are made at once, of all files; each is a matter of a few ten milliseconds."""
-
-STUCK_S = 30.0
-"""How long a client may take none of what it is sent."""
 
 
 class Files:
@@ -67,7 +63,7 @@ class Files:
 
 
 class _File(StreamingResponse):
-    """One file, given to its end or until its client takes no more."""
+    """One file, given to its end or until its client leaves."""
 
     def __init__(
         self, files: Files, pieces: Iterator[bytes], kind: str, headers: Mapping[str, str]
@@ -76,10 +72,8 @@ class _File(StreamingResponse):
         self._files = files
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        async def in_time(message: Message) -> None:
-            await asyncio.wait_for(send(message), STUCK_S)
-
+        # Who takes nothing of it is cut off by `serve.connections`, which ends it.
         try:
-            await super().__call__(scope, receive, in_time)
+            await super().__call__(scope, receive, send)
         finally:
             self._files.end()

@@ -11,6 +11,7 @@ from twin_server.principals import principal_of
 from twin_server.registration import Registration
 from twin_server.rendering import state_objects
 from twin_server.serve import problems
+from twin_server.serve.few import Few
 from twin_server.serve.knowledge import Knowledge
 from twin_server.serve.moments import MomentText, moment_of
 from twin_server.serve.problems import ProblemError
@@ -55,7 +56,7 @@ def routes(
     most
         Exports that are under way at once.
     """
-    under_way = Files(most)
+    under_way, listing = Files(most), Few(2)
     api = APIRouter(tags=["exports"])
     Known = Annotated[Registration, Depends(known)]
 
@@ -106,14 +107,18 @@ def routes(
         response_class=Response,
         responses=problems.answers({422: "A site that cannot be called so"}),
     )
-    def sites(
+    async def sites(
         request: Request,
         site: Annotated[Name | None, Query(description="Of this site alone.")] = None,
     ) -> Response:
         """Give sites, their twins and all relations as one graph, with DTDL v3 models."""
-        seen = filter(principal_of(request.scope).sees, knowledge.ids())
-        of_site = [i for i in seen if site is None or i.partition(".")[0] == site]
-        return given(of_site, site or "sites")
+
+        def told() -> Response:
+            seen = filter(principal_of(request.scope).sees, knowledge.ids())
+            of_site = [i for i in seen if site is None or i.partition(".")[0] == site]
+            return given(of_site, site or "sites")
+
+        return await listing.run(told)
 
     return api
 

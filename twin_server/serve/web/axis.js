@@ -2,7 +2,7 @@
 import { colour, placeOf, spanOf } from "./traces.js";
 import { atTime, isClock, unitOf } from "./words.js";
 
-const PX_A_TICK = 80, DAY_MS = 86400e3, MOST_NOTES = 4;
+const PX_A_TICK = 95, DAY_MS = 86400e3, MOST_NOTES = 4;
 
 /** Sensor time [ms since 1970] of a slow time, between readings and beyond them; null where sensor time does not rise with it. */
 function calendarOf(points) {
@@ -36,7 +36,7 @@ function dateOf(ms, span, isFirst) {
   const date = new Date(ms), year = isFirst || span > 2 * 365 * DAY_MS ? { year: "numeric" } : {};
   if (span > 4 * DAY_MS) return date.toLocaleDateString(undefined, { ...(span > 2 * 365 * DAY_MS ? {} : { day: "numeric" }), month: "short", ...year });
   const time = date.toLocaleTimeString(undefined, { hour: "2-digit", minute: "2-digit", ...(span < 600e3 ? { second: "2-digit" } : {}) });
-  return isFirst ? `${time}, ${date.toLocaleDateString()}` : time;
+  return isFirst ? `${date.toLocaleDateString(undefined, { day: "numeric", month: "short" })}, ${time}` : time;
 }
 
 /** What Plotly is told of the axis; `shown` is the range that somebody zoomed to. */

@@ -1,4 +1,5 @@
 // All twins at a glance: what each is, whether it is to be relied on, when it was last heard of, what is wrong.
+import { served } from "./buckets.js";
 import { toTwin } from "./route.js";
 import { sparkline } from "./sparkline.js";
 import { historyOf } from "./window.js";
@@ -102,8 +103,11 @@ class Card {
     if (this.loading || !this.state || this.state.slow_time === null || Date.now() - this.loadedAt < RELOAD_MS) return;
     [this.loading, this.loadedAt] = [true, Date.now()];
     const base = `/api/v1/twins/${encodeURIComponent(this.id)}`;
-    const { points } = await historyOf(base, { most: LATEST, points: SPARK_POINTS }).catch(() => ({ points: [] }));
-    this.points = points.map((point) => this.pointOf(point)).filter(Boolean);
+    const { points, bands } = await historyOf(base, { most: LATEST, points: SPARK_POINTS }).catch(() => ({ points: [] }));
+    const of = ({ quantities, elements }) => quantities[this.head.name] ?? elements[this.head.name];
+    this.points = bands
+      ? served(bands, of).flat().map(({ to, mean, lo, hi }) => ({ x: to, value: mean, lo, hi }))
+      : points.map((point) => this.pointOf(point)).filter(Boolean);
     this.loading = false;
     this.draw();
   }

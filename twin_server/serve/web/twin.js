@@ -10,6 +10,7 @@ const told = ({ boot, sequence, alive, valid, normal, raised, registration }) =>
   JSON.stringify([boot, sequence, alive, valid, normal, raised, registration])
 );
 
+const COMPUTING = "The forecast is being computed.";
 const RENEWED_SINCE = "The structure was renewed after the last forecast. The next one is on its way.";
 
 const of = ({ quantity, side, limit }) => `${quantity} ${side} ${limit}`;
@@ -65,7 +66,7 @@ export class Twin {
   }
 
   /** The readings that are looked at: the latest, or of the whole history those that were not thinned away. */
-  get shown() { return this.all ? this.points : this.points.slice(-MAX_POINTS); }
+  get shown() { return this.all || this.at ? this.points : this.points.slice(-MAX_POINTS); }
 
   /** Look at the whole history, or at its latest part. */
   showAll(all) {
@@ -113,6 +114,7 @@ export class Twin {
     this.points.push(point);
     if (this.points.length <= 2 * MAX_POINTS) return;
     if (this.all) this.load();
+    else if (this.at) this.showAll(true);
     else [this.points, this.longer, this.thinned, this.bands] = [this.points.slice(-MAX_POINTS), true, false, null];
   }
 
@@ -145,6 +147,8 @@ export class Twin {
     [this.bands, this.longer, this.thinned] = [history.bands, history.longer, history.thinned];
     this.events = events.events;
     [this.known, this.problem] = [true, null];
+    // Who looks at the past goes on to see it when the latest readings have left it behind.
+    if (this.at && this.longer && this.points[0]?.slow_time > this.at.slow_time) this.showAll(true);
   }
 
   /** What is foretold now; at an instant of the past what was foretold then, which is asked for once. */
@@ -153,6 +157,7 @@ export class Twin {
     if (!this.points.length || (at ? this.recalled === at : Date.now() - this.forecastAt < FORECAST_MS)) return;
     if (at) this.recalled = at;
     else this.forecastAt = Date.now();
+    if (!this[at ? "foretold" : "forecast"] && !this.unforeseen) this.unforeseen = COMPUTING;
     const path = `${this.base}/forecast?points=40${at ? `&at=slow:${at.slow_time}` : ""}`;
     const { forecast, trouble, wait } = await ask(path, PATIENCE_MS).then(
       (told) => ({ forecast: told }), ({ message, retry }) => ({ trouble: message, wait: retry }),

@@ -39,5 +39,5 @@ export async function historyOf(base, { all, most, points = most }) {
   if (begin === null) return { points: whole.points, bands: whole.bands ?? null, longer, thinned: isThinned(whole) };
   const latest = await get(points === most ? SURPLUS * most : points, `&start=${begin}`);
   const thinned = isThinned(latest);
-  return { points: latest.points.slice(-most), bands: thinned ? latest.bands ?? null : null, longer, thinned };
+  return { points: latest.points.slice(-most), bands: latest.bands ?? null, longer, thinned };
 }

@@ -21,7 +21,7 @@ KEY_CHARACTERS = 18
 DELAY_S = 15
 """By how much the recording time of a file is late [1]_."""
 JAPAN = datetime.timezone(datetime.timedelta(hours=9))
-_SCALE = re.compile(r"([\d.]+)\s*\((\w+)\)\s*/\s*([\d.]+)")
+_SCALE = re.compile(r"(\d+\.?\d*)\s*\((\w+)\)\s*/\s*(\d+\.?\d*)")
 
 
 def recognise(lines: Sequence[str]) -> bool:

@@ -5,6 +5,7 @@ References
 .. [1] National Instruments, "Specification for the LabVIEW Measurement File (.lvm)", 2023.
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -41,12 +42,15 @@ def read(lines: Sequence[str], name: str) -> Sheet:
         for line in lines[ends[0] + 1 : ends[1]]
         if line.strip()
     }
-    titles = [field.strip() for field in lines[ends[1] + 1].split(mark)]
+    below = lines[ends[1] + 1 :]
+    titles = [field.strip() for field in below[0].split(mark)] if below else []
     last = ends[2] - len(heading) - 1 if len(ends) > 2 else len(lines)
-    count = int(_first(heading, "channels", dialect) or max(len(titles) - 2, 1))
     rows = [
         line.rstrip("\r\n").split(mark) for line in lines[ends[1] + 2 : last] if line.strip()
     ]
+    stated = _first(heading, "channels", dialect)
+    most = max(map(len, rows), default=1)
+    count = int(stated) if stated and 1 <= stated <= most else max(len(titles) - 2, 1)
     rows = _whole(rows, count)
     multiple = settings.get("x_columns", "one").casefold() == "multi"
     places = [2 * i + 1 for i in range(count)] if multiple else list(range(1, count + 1))
@@ -89,7 +93,8 @@ def _settings(lines: Sequence[str]) -> dict[str, str]:
 
 def _first(heading: dict[str, list[str]], key: str, dialect: Dialect) -> float | None:
     said = heading.get(key) or [""]
-    return dialect.number(said[0]) if dialect.is_number(said[0]) else None
+    number = dialect.number(said[0]) if dialect.is_number(said[0]) else math.nan
+    return number if math.isfinite(number) else None
 
 
 def _whole(rows: list[list[str]], count: int) -> list[list[str]]:

@@ -15,11 +15,12 @@ from slowtime_services.files.facts import Fact, Facts
 from slowtime_services.files.record import RecordError
 from slowtime_services.files.sheet import Column, Sheet
 from slowtime_services.files.stamps import read_stamps
+from slowtime_services.files.time_units import FASTEST_HZ, SLOWEST_HZ
 
 from .listing import numbers_of
 
 _HEADING = re.compile(
-    r"TIMESERIES\s+(?P<id>[^,]+),\s*(?P<n>\d+)\s+samples?,\s*(?P<rate>[\d.eE+-]+)\s+sps,\s*"
+    r"TIMESERIES\s+(?P<id>[^,]+),\s*(?P<n>\d+)\s+samples?,\s*(?P<rate>\d+\.?\d*(?:[eE][+-]?\d{1,2})?)\s+sps,\s*"
     r"(?P<start>[^,]+),\s*(?P<kind>SLIST|TSPAIR)\s*,\s*(?P<type>\w+)\s*(?:,\s*(?P<unit>.*))?$",
     re.I,
 )
@@ -64,6 +65,11 @@ def read(lines: Sequence[str], name: str) -> Sheet:
             "Give one of them in a file of its own."
         )
     rate = float(heads[0]["rate"])
+    if not SLOWEST_HZ <= rate <= FASTEST_HZ:
+        raise RecordError(
+            f"Line {starts[0] + 1} of {name} states {heads[0]['rate']} samples per second. "
+            "Mend the line."
+        )
     if len(parts) > 1:
         facts = []  # each is of one segment
     facts.append(Fact("rate", (rate,), f"{heads[0]['rate']} sps", starts[0] + 1, 2))

@@ -6,6 +6,7 @@ References
    Datasets: number 58, function at nodal DOF".
 """
 
+import math
 import re
 from collections.abc import Sequence
 
@@ -104,7 +105,7 @@ def _dataset(
     values = numbers_of(
         lines[_HEAD_ROWS:], first_line + _HEAD_ROWS, name, _width(lines, ordinate_type)
     )
-    if len(values) != count or interval <= 0:
+    if len(values) != count or not 0 < interval < math.inf:
         raise RecordError(
             f"The dataset at line {first_line} of {name} states {count} values {interval:g} s "
             f"apart and has {len(values)}: it is cut short, or was changed. Export it anew."

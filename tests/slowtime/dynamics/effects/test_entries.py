@@ -83,6 +83,11 @@ def test_an_entry_reads_as_an_effect_and_is_written_back(entry, effect):
             "friction_n",
             r"`friction_n` is True\. Give a number",
         ),
+        (
+            {"effect": "coulomb", "element": "k2", "friction_n": 10**400},
+            "friction_n",
+            r"`friction_n` is beyond the range of numbers",
+        ),
         ({"effect": "coulomb", "element": "k2"}, None, r"coulomb needs `friction_n`"),
         (
             {"effect": "bouc_wen", "element": "k2", "kh_n_per_m": 1.0, "zy_m": 0, "n": 1},
