@@ -18,7 +18,7 @@ from slowtime.estimation.processes import Sum
 
 from . import mixture
 from .change import Series, check_level
-from .outlook import Outlook, history
+from .outlook import JumpLaw, Outlook, history
 
 Kind: TypeAlias = tuple[SlowProcess | Sum, Belief, np.ndarray]
 """A family of processes, what is believed of it, and the probability of each member."""
@@ -120,8 +120,12 @@ class Continuation:
         )
         weights = np.concatenate([own for _, _, own in kinds])
         means, spreads = np.concatenate(all_means), np.concatenate(all_spreads)
-        mean = weights @ means
-        spread = np.sqrt(weights @ (spreads**2 + (means - mean) ** 2))
+        if self.outlook.further is not None:
+            weights, means, spreads = _with_jumps(
+                self.outlook.further, horizon_times - self.time, weights, means, spreads
+            )
+        mean = np.sum(weights.T * means.T, axis=-1)
+        spread = np.sqrt(np.sum(weights.T * (spreads**2 + (means - mean) ** 2).T, axis=-1))
         lo, hi = (
             mixture.quantile(share, weights, means, spreads) for share in (tail, 1.0 - tail)
         )
@@ -148,6 +152,24 @@ class Continuation:
             memory = float(np.exp(outlook.wave_weights @ outlook.wave.logs[:, place]))
             reach += outlook.wave_share * memory
         return reach
+
+
+def _with_jumps(
+    law: JumpLaw, ahead: Series, weights: np.ndarray, means: np.ndarray, spreads: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Set futures with further jumps beside those without; weights differ from time to time."""
+    _, variance, none, number = law.moments(ahead)
+    any_jump = np.maximum(1.0 - none, 1e-300)
+    shift = number * law.mean
+    # Of what jumps add all is in the futures that have any: law of total variance.
+    square = variance / any_jump + (law.rate * ahead * law.mean) ** 2 / any_jump - shift**2
+    shares = np.concatenate([weights[:, None] * none, weights[:, None] * any_jump])
+    jumped = np.sqrt(spreads**2 + np.maximum(square, 0.0))
+    return (
+        shares / shares.sum(axis=0),
+        np.concatenate([means, means + shift]),
+        np.concatenate([spreads, jumped]),
+    )
 
 
 def begin(outlook: Outlook, slow_time: Series, value: Series, sd: Series) -> Continuation:

@@ -12,7 +12,7 @@ from slowtime.estimation import sweeps
 from . import continuation
 from .change import Series
 from .continuation import Continuation
-from .outlook import Outlook
+from .outlook import JumpLaw, Outlook
 
 SHARES = (0.1, 0.5, 0.9)
 
@@ -165,7 +165,21 @@ def draw(
         rows = slice(first, first + len(owners))
         drawn.append(sweeps.sample(process, belief, later, owners, shocks[rows]))
         first += len(owners)
-    return Futures(later, np.concatenate(drawn), _shocks(seed, paths, 1, 1)[:, 0, 0])
+    together = np.concatenate(drawn)
+    if begun.outlook.further is not None:
+        together += _jumps(begun.outlook.further, later, paths, seed)
+    return Futures(later, together, _shocks(seed, paths, 1, 1)[:, 0, 0])
+
+
+def _jumps(
+    law: JumpLaw, later: Float[np.ndarray, " later"], paths: int, seed: int
+) -> Float[np.ndarray, "path later"]:
+    """Draw what further jumps add to each future."""
+    rng = np.random.default_rng([seed, law.count])
+    counts = rng.poisson(law.rate * np.diff(later, prepend=later[0]), (paths, len(later)))
+    means = law.mean + law.sd / np.sqrt(law.count) * rng.standard_normal((paths, 1))
+    sizes = counts * means + np.sqrt(counts) * law.sd * rng.standard_normal(counts.shape)
+    return np.asarray(np.cumsum(sizes, axis=1))
 
 
 @functools.lru_cache(maxsize=4)

@@ -21,7 +21,7 @@ from . import continuation, repeating, selection
 from .change import Series
 from .continuation import Forecast
 from .learning import NET, Learnt, learn
-from .outlook import Outlook, history
+from .outlook import JumpLaw, Outlook, history, member
 
 Usable: TypeAlias = Float[np.ndarray, " usable"]
 
@@ -43,6 +43,9 @@ as far as a wave is found at all: teeth whose height wanders by a third reach 0.
 
 _SCORING = 12
 """Members of a family by which jumps are scored once it is learnt: the likeliest."""
+
+_FEWEST_TO_COME = 2
+"""Jumps from which others are expected to come at the same rate."""
 
 _SAME = 1
 """Readings by which jumps may move without the processes being learnt anew."""
@@ -132,7 +135,9 @@ def fit(
         without = _with_waves(readings, plain, process, least, edges=edges)
         if surely and without[0].wave_share > 0.5:
             return without[0]
-    return there[0] if there[1] - odds > without[1] else without[0]
+    if there[1] - odds <= without[1]:
+        return without[0]
+    return dataclasses.replace(there[0], further=_further(scored, places, smooth))
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -202,6 +207,28 @@ def _with_jumps(
             break
         places, among = again, (found.family.smoothness,)
     return None if best is None else best[1:]
+
+
+def _further(
+    scored: selection.Scored, places: selection.Places, smooth: _Smooth
+) -> JumpLaw | None:
+    """Tell how further jumps come: as often, and of such sizes, as those that were found.
+
+    Of one nothing is told: an event that happened once need not happen again.
+    """
+    if len(places) < _FEWEST_TO_COME:
+        return None
+    sds = np.array([sd for _, sd in smooth.told])
+    likeliest = member(smooth.family, int(smooth.learnt.weights.argmax()))
+    found = sweeps.interventions(
+        likeliest, scored.time, scored.value, scored.sd, jumps=smooth.told
+    )
+    # Of a jump with variance v beforehand, given all readings: v s, and v - v S v.
+    sizes = sds**2 * found.score[0, list(places)]
+    mean = float(sizes.mean())
+    spread = float(np.sqrt(np.sum((sizes - mean) ** 2) / (len(sizes) - 1)))
+    span = float(scored.time[-1] - scored.time[0])
+    return JumpLaw(len(places) / span, mean, spread, len(places))
 
 
 def _with_waves(

@@ -9,11 +9,13 @@ _HALVINGS = 40
 
 def quantile(
     share: float,
-    weights: Float[np.ndarray, " member"],
+    weights: Float[np.ndarray, " member"] | Float[np.ndarray, "member later"],
     means: Float[np.ndarray, "member later"],
     spreads: Float[np.ndarray, "member later"],
 ) -> Float[np.ndarray, " later"]:
     """Give the value below which lies so much of a mixture, at each time.
+
+    Weights may differ from time to time.
 
     Examples
     --------
@@ -22,9 +24,10 @@ def quantile(
     """
     spreads = np.maximum(spreads, 1e-300)
     each = means + ndtri(share) * spreads
+    shares = weights if weights.ndim == 2 else weights[:, None]
     low, high = each.min(axis=0), each.max(axis=0)
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        below = weights @ ndtr((middle - means) / spreads) < share
+        below = np.sum(shares * ndtr((middle - means) / spreads), axis=0) < share
         low, high = np.where(below, middle, low), np.where(below, high, middle)
     return np.asarray(0.5 * (low + high))

@@ -15,6 +15,40 @@ Usable: TypeAlias = Float[np.ndarray, " usable"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
+class JumpLaw:
+    """Jumps at random: a compound Poisson process with sizes of a Gaussian law.
+
+    Parameters
+    ----------
+    rate
+        Jumps over one unit of slow time.
+    mean, sd
+        Of their sizes, in the unit of the readings.
+    count
+        Of how many jumps this is known.
+    """
+
+    rate: float
+    mean: float
+    sd: float
+    count: int
+
+    def moments(self, ahead: Series) -> tuple[Series, Series, Series, Series]:
+        """Tell what jumps add until so much later.
+
+        Returns
+        -------
+        Mean and variance of their sum, in which the mean size is uncertain; then the
+        probability that there is none, and the mean number where there is any.
+        """
+        number = self.rate * np.maximum(ahead, 0.0)
+        square = self.mean**2 + self.sd**2
+        variance = number * square + (number * self.sd) ** 2 / self.count
+        none = np.exp(-number)
+        return number * self.mean, variance, none, number / np.maximum(1.0 - none, 1e-300)
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
 class Outlook:
     """Processes that the history allows, and the weight of each.
 
@@ -31,6 +65,8 @@ class Outlook:
     jumps
         Slow times after which the level of the history has gone elsewhere, and how far it may
         have gone.
+    further
+        How further jumps come, as far as those so far tell; None where there were too few.
     """
 
     family: SlowProcess
@@ -39,6 +75,7 @@ class Outlook:
     wave_weights: Float[np.ndarray, " wave"] | None = None
     wave_share: float = 0.0
     jumps: tuple[Jump, ...] = ()
+    further: "JumpLaw | None" = None
 
     @property
     def likeliest(self) -> SlowProcess:

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from slowtime.evolution import forecast, selection
+from slowtime.evolution import crossing, forecast, selection
+from slowtime.evolution.outlook import JumpLaw
 
 COUNT, SD = 400, 0.01
 TIME = np.arange(float(COUNT))
@@ -120,3 +121,31 @@ def test_a_single_jump_is_no_tooth_however_large_it_is(seed):
     outlook = forecast.fit(TIME, value, np.full(COUNT, SD))
     assert [abs(round(since) + 1 - at[0]) <= 2 for since, _ in outlook.jumps] == [True]
     assert outlook.period is None
+
+
+@pytest.mark.parametrize("signs", [(-1.0, 1.0), (-1.0,)], ids=["both ways", "one way"])
+def test_bands_hold_jumps_that_go_on_as_they_came(signs):
+    """Known jumps leave a calm process, whose bands must not forget that more will come."""
+    held, count = [], 500
+    time = np.arange(float(count))
+    for seed in range(12):
+        rng = np.random.default_rng([74, seed])
+        at = np.sort(rng.choice(np.arange(5, count), 12, replace=False))
+        steps = rng.choice(signs, 12) * rng.uniform(5.0, 9.0, 12) * SD
+        truth = (steps * (time[:, None] >= at)).sum(axis=1)
+        value = truth + SD * rng.standard_normal(count)
+        past = time[:COUNT], value[:COUNT], np.full(COUNT, SD)
+        ahead = forecast.forecast(*past, time[COUNT:])
+        held.append(((ahead.lo <= truth[COUNT:]) & (truth[COUNT:] <= ahead.hi)).mean())
+    assert np.mean(held) > 0.85
+
+
+def test_what_further_jumps_add_has_the_moments_of_what_is_drawn():
+    law = JumpLaw(rate=0.05, mean=-0.3, sd=0.2, count=8)
+    later = np.linspace(10.0, 60.0, 6)
+    drawn = crossing._jumps(law, later, 20_000, 0)
+    mean, variance, none, number = law.moments(later - later[0])
+    np.testing.assert_allclose(drawn.mean(axis=0), mean, atol=0.02)
+    np.testing.assert_allclose(drawn.var(axis=0), variance, rtol=0.05, atol=1e-12)
+    np.testing.assert_allclose((drawn == 0.0).mean(axis=0), none, atol=0.02)
+    np.testing.assert_allclose(number[1:] * (1.0 - none[1:]), 0.05 * (later - 10.0)[1:])
