@@ -109,12 +109,12 @@ def look(
     url = f"http://127.0.0.1:{port}"
     serve = ["twin", "--connect", endpoint, "--port", str(port), "--database", str(database)]
     with (
-        (folder / f"{label}.log").open("wb") as log,
+        (out / f"{label}.log").open("wb") as log,
         subprocess.Popen([*command, "router", "--listen", endpoint], stderr=log) as router,
         subprocess.Popen([*command, *serve], stdout=log, stderr=log) as server,
     ):
         try:
-            _until_ready(url)
+            _until_ready(url, server)
             seen = {
                 name: _page(browser, url, name, out / f"{label}_{name}.png") for name in names
             }
@@ -186,13 +186,13 @@ def _median_s(url: str) -> float:
     return statistics.median(_seconds(url) for _ in range(ASKED))
 
 
-def _until_ready(url: str) -> None:
+def _until_ready(url: str, server: subprocess.Popen[bytes]) -> None:
     deadline = time.monotonic() + PATIENCE_MS / 1e3
     while True:
         try:
             _seconds(f"{url}/readyz")
         except OSError:
-            if time.monotonic() > deadline:
+            if server.poll() is not None or time.monotonic() > deadline:
                 raise
             time.sleep(0.2)
         else:

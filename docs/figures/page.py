@@ -6,6 +6,7 @@ telephone, and recordings. `docs/figures/diagnosis.py` adds that of a diagnosis.
 """
 
 import argparse
+import re
 import shutil
 import signal
 import socket
@@ -100,6 +101,9 @@ def _views(browser: Browser, url: str) -> Iterator[tuple[str, Page]]:
 
     page = opened("#demo.frame", "dark", PHONE)
     expect(page.locator(".modes .moving").first).to_be_visible(timeout=PATIENCE_MS)
+    plot = page.locator('[data-quantity="frequency_hz"]')
+    many = re.compile(r"^[2-9]\d|\d{3}")
+    expect(plot).to_have_attribute("data-points", many, timeout=PATIENCE_MS)
     yield "page_phone", page
 
     page = opened("#recordings")
