@@ -21,10 +21,12 @@ def command() -> list[str]:
 
 
 def test_the_command_of_the_unit_parses(tmp_path):
-    config = tmp_path / "beam.toml"
-    config.touch()
-    words = [word.replace("/etc/slowtime/%i.toml", str(config)) for word in command()[1:]]
-    words = [word.replace("%i", "beam") for word in words]
+    (tmp_path / "beam.toml").touch()
+    (tmp_path / "edge-beam").mkdir()
+    words = [
+        word.replace("/etc/slowtime", str(tmp_path)).replace("%i", "beam")
+        for word in command()[1:]
+    ]
     verb = words.index("edge")
     app.make_context("slowtime", words[: verb + 1], resilient_parsing=True).close()
     edge = app.get_command(click.Context(app), "edge")

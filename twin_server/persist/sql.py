@@ -252,6 +252,9 @@ class SqlStore(abc.ABC):
             coarsened = None
             if all(span.rises for span in spans):
                 coarsened = coarse(reader, spans, ends, _LOOKED_AT * max_points)
+            if coarsened is not None and coarsened.head["count"].sum() <= max_points:
+                # So sparse are the sequences that all states fit.
+                coarsened = None
             if coarsened is not None:
                 keys = coarsened.picked(max_points).tolist()
                 rows = _states_of(reader, keys)

@@ -104,7 +104,7 @@ async def _not_valid(request: Request, error: Exception) -> Response:
         {
             "where": ".".join(str(part) for part in fault["loc"]),
             "given": _short(fault.get("input")),
-            "problem": fault["msg"],
+            "problem": fault["msg"].removeprefix("Value error, ").removesuffix("."),
         }
         for fault in faults[:MOST_ERRORS]
     ]

@@ -32,7 +32,8 @@ def test_one_after_the_other_or_all_together_to_the_last_bit(learnt):
         found = begun.predict(later)
         for name in ("mean", "sd", "lo", "hi", "horizon"):
             np.testing.assert_array_equal(getattr(found, name), getattr(whole, name))
-    again = forecast.predict(outlook, *history, later)
+    time, value, sd = history
+    again = forecast.predict(outlook, time, value, sd, later)
     np.testing.assert_array_equal(again.mean, whole.mean)
 
 
@@ -55,10 +56,11 @@ def test_readings_of_an_earlier_time_are_refused_and_those_of_none_passed_over(l
 
 def test_all_thresholds_are_told_by_the_same_futures(learnt):
     outlook, history = learnt
-    horizon = float(history[0][-1] + 60.0)
-    futures = crossing.draw(continuation.begin(outlook, *history), horizon, paths=500)
+    time, value, sd = history
+    horizon = float(time[-1] + 60.0)
+    futures = crossing.draw(continuation.begin(outlook, time, value, sd), horizon, paths=500)
     for threshold in (-0.2, 0.0):
-        alone = crossing.first_crossing(outlook, *history, threshold, horizon, paths=500)
+        alone = crossing.first_crossing(outlook, time, value, sd, threshold, horizon, paths=500)
         together = futures.crossing(threshold)
         np.testing.assert_array_equal(together.slow_time, alone.slow_time)
         assert together.probability == alone.probability

@@ -3,19 +3,19 @@
 import numpy as np
 import pytest
 
-from slowtime.evolution import crossing, forecast, selection
+from slowtime.evolution import crossing, forecast, learning, selection
 from slowtime.evolution.outlook import JumpLaw
 
 COUNT, SD = 400, 0.01
 TIME = np.arange(float(COUNT))
 
 
-def history(seed, count, sizes=(5.0, 9.0)):
+def history(seed, count, sizes: tuple[float, float] = (5.0, 9.0)):
     """A drifting history with so many jumps, at least nine readings apart."""
     rng = np.random.default_rng([71, seed])
     gaps = rng.exponential(size=count + 1)
     at = np.cumsum(9 + (COUNT - 9 * (count + 1)) * gaps / gaps.sum())[:count].astype(int)
-    steps = rng.choice([-1.0, 1.0], count) * rng.uniform(*sizes, count) * SD
+    steps = rng.choice([-1.0, 1.0], count) * rng.uniform(sizes[0], sizes[1], count) * SD
     truth = -1e-4 * TIME + (steps * (TIME[:, None] >= at)).sum(axis=1)
     return truth + SD * rng.standard_normal(COUNT), at, steps
 
@@ -36,8 +36,8 @@ def test_twenty_jumps_are_found_where_they_are(seed):
 
 def test_twenty_jumps_are_learnt_from_few_more_likelihoods_than_none(monkeypatch):
     """Jumps that are only tried are scored; no process is learnt for them."""
-    learnt = []
-    plain = forecast.learn
+    learnt: list[None] = []
+    plain = learning.learn
 
     def counted(likelihood, *arguments, **more):
         learnt.append(None)

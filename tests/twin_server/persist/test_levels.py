@@ -4,7 +4,7 @@ import sqlite3
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from twin_server.buckets import Buckets, thin
@@ -121,6 +121,7 @@ ends = st.none() | st.integers(-10, 2_000)
     time=st.tuples(ends, ends),
     slow=st.tuples(ends, ends),
 )
+@example(boots=[(2, 37)], at_once=2, max_points=2, time=(None, None), slow=(None, None))
 def test_a_thinned_history_is_what_all_states_show(
     store, boots, at_once, max_points, time, slow
 ):

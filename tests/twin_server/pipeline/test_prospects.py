@@ -111,7 +111,8 @@ def test_nobody_waits_for_learning_but_the_first(opened, ageing, sample, behind,
 def test_many_who_ask_at_first_share_one_learning(opened, ageing, sample):
     pipeline, store = opened()
     pipeline.ingest(sample(message) for message in ageing(40))
-    learnt, begun = [], threading.Barrier(6, timeout=60)
+    learnt: list[None] = []
+    begun = threading.Barrier(6, timeout=60)
 
     def run(function, *arguments):
         learnt.append(None)
@@ -181,6 +182,8 @@ def test_a_twin_registered_anew_is_forecast_anew(opened, ageing, sample):
     pipeline.register(TWIN, Registration.model_validate(softer))
     after = knowledge.outlook(TWIN, 10.0, 3)
     name = "stiffness_change"
+    assert before is not None
+    assert after is not None
     assert after.bands[name][0, 0] > before.bands[name][0, 0] + 0.05
     pipeline.delete(TWIN)
     assert knowledge.outlook(TWIN, 10.0, 3) is None
@@ -200,7 +203,9 @@ def test_a_past_instant_is_learnt_from_so_many_readings_at_most(
 
     monkeypatch.setattr(store, "history", history)
     prospects = Prospects(pipeline, store)
-    prospect, unit = prospects.at(TWIN, None, 44.5)
+    found = prospects.at(TWIN, None, 44.5)
+    assert found is not None
+    prospect, unit = found
     assert prospect.since == 44.0
     assert unit == "s"
     assert read == [1_000]

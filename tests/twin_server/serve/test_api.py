@@ -526,13 +526,13 @@ def test_what_is_normal_is_told_and_what_has_entered(serving, features, eventual
 @pytest.mark.parametrize(
     ("strange", "named"),
     [
-        ("\u202e", "U+202E (right-to-left override)"),
-        ("\u2066", "U+2066 (left-to-right isolate)"),
-        ("\x1b", "U+001B (a control character)"),
-        ("\x00", "U+0000 (a control character)"),
-        ("\n", "U+000A (a control character)"),
-        ("\u200b", "U+200B (zero width space)"),
-        ("\u2028", "U+2028 (line separator)"),
+        ("\u202e", "U+202E RIGHT-TO-LEFT OVERRIDE, a bidirectional control"),
+        ("\u2066", "U+2066 LEFT-TO-RIGHT ISOLATE, a bidirectional control"),
+        ("\x1b", "U+001B, a control character"),
+        ("\x00", "U+0000, a control character"),
+        ("\n", "U+000A, a control character"),
+        ("\u200b", "U+200B ZERO WIDTH SPACE, an invisible formatting character"),
+        ("\u2028", "U+2028 LINE SEPARATOR, a line separator"),
     ],
 )
 def test_a_name_that_does_not_look_like_what_it_is_is_refused(server, strange, named):
@@ -547,7 +547,7 @@ def test_a_name_that_does_not_look_like_what_it_is_is_refused(server, strange, n
     ):
         refused = server.client.put("/api/v1/twins/lab.strange", json=body)
         assert refused.status_code == 422
-        assert f"character 3 is {named}" in refused.json()["detail"]
+        assert f"{named}, at position 3" in refused.json()["detail"]
     for path in (f"twins/lab.be{strange}am", f"recordings/a{strange}.mcap"):
         refused = server.client.put(f"/api/v1/{quote(path)}", json={})
         assert refused.status_code == 422
