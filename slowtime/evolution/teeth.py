@@ -34,7 +34,12 @@ _EDGES, _ASIDE = 2, 3.0
 """Edges that a history must hold, and gaps between readings on either side: one is a jump."""
 
 _FINE = 0.25
-"""How far an edge is moved from one place to the next, in gaps between readings."""
+"""How far an edge is moved from one place to the next, in gaps between readings, where a
+history holds two teeth. With more of them an edge can be told more finely: those that leave
+all of n edges between the right readings fill a space of about 1/n by 1/n² gaps."""
+
+_FINER, _FOLLOWED = 5, 16
+"""Parts a step is cut in at a time, and places about which: the best of the wider grid."""
 
 _TRIED = 192
 """Places whose likelihood is asked for: the best by least squares."""
@@ -53,32 +58,73 @@ def places(time: Usable, value: Usable, sd: Usable, period: float) -> Places:
     if period < _FEWEST * gap:
         return np.zeros((0, 2))
     weight = 1.0 / np.maximum(sd, 1e-6 * np.std(value))
-    unit = (time - time[0]) / span
     middle = 0.5 * (time[0] + time[-1])
-    step = _FINE * gap
-    # The outermost edges move by half the number of teeth as far as the period does.
-    rounds = span / period
-    periods = period + np.arange(-10.0, 10.5) * 2.0 * step / rounds
-    found = []
-    for one in periods[periods > 0.5 * period]:
-        phase = 2.0 * np.pi * time / one
-        smooth = np.column_stack(
-            [np.vander(unit, 3), *(f(k * phase) for k in (1, 2) for f in (np.cos, np.sin))]
-        )
-        base, _ = np.linalg.qr(smooth * weight[:, None])
-        left = value * weight - base @ (base.T @ (value * weight))
-        edges = middle + np.arange(-0.5 * one, 0.5 * one, step)
+    inside = 0.5 * span - _ASIDE * gap
+
+    def judged(one: float, edges: Float[np.ndarray, " edge"]) -> Float[np.ndarray, "seen 3"]:
+        """Period, edge, and the squares left, of those edges that come often enough."""
         before, after = middle - edges, edges - middle
-        inside = 0.5 * span - _ASIDE * gap
         seen = 1 + np.floor((inside - before) / one) + np.floor((inside - after) / one)
         edges = edges[seen >= _EDGES]
-        size, along = np.zeros(len(edges)), np.zeros(len(edges))
-        _kernel()(time, weight, left, np.ascontiguousarray(base), one, edges, size, along)
-        rest = left @ left - along**2 / np.maximum(size, 1e-300)
-        found.append(np.column_stack([np.full(len(edges), one), edges, rest]))
-    all_found = np.concatenate(found)
-    order = np.argsort(all_found[:, 2], kind="stable")
-    return np.asarray(all_found[order[:_TRIED], :2])
+        rest = _left_by(time, value, weight, one, edges)
+        return np.column_stack([np.full(len(edges), one), edges, rest])
+
+    step, apart = _FINE * gap, 2.0 * _FINE * gap * period / span
+    periods = period + np.arange(-10.0, 10.5) * apart
+    found = np.concatenate(
+        [
+            judged(one, middle + np.arange(-0.5 * one, 0.5 * one, step))
+            for one in periods[periods > 0.5 * period]
+        ]
+    )
+    for parts in _cuts(span / period):
+        step, apart = step / parts, apart / parts
+        near = found[np.argsort(found[:, 2], kind="stable")[:_FOLLOWED], :2]
+        moves = np.arange(-(parts // 2), parts // 2 + 1.0)
+        # Periods are rounded, as neighbours share most of their finer places.
+        finer: dict[float, list[np.ndarray]] = {}
+        for one, edge in near:
+            for other in one + apart * moves:
+                finer.setdefault(round(other / apart), []).append(edge + step * moves)
+        found = np.concatenate(
+            [
+                judged(
+                    count * apart, np.unique(np.round(np.concatenate(all_edges) / step)) * step
+                )
+                for count, all_edges in sorted(finer.items())
+            ]
+        )
+    order = np.argsort(found[:, 2], kind="stable")
+    return np.asarray(found[order[:_TRIED], :2])
+
+
+def _cuts(rounds: float) -> list[int]:
+    """In how many parts the steps are cut, one time after the other, for so many teeth."""
+    cuts, finer = [], rounds / _EDGES
+    while finer > 1.0:
+        cuts.append(_FINER)
+        finer /= _FINER
+    return cuts
+
+
+def _left_by(
+    time: Usable,
+    value: Usable,
+    weight: Usable,
+    period: float,
+    edges: Float[np.ndarray, " edge"],
+) -> Float[np.ndarray, " edge"]:
+    """Squares that a sawtooth with each edge leaves beside a parabola and two harmonics."""
+    phase = 2.0 * np.pi * time / period
+    unit = (time - time[0]) / (time[-1] - time[0])
+    smooth = np.column_stack(
+        [np.vander(unit, 3), *(f(k * phase) for k in (1, 2) for f in (np.cos, np.sin))]
+    )
+    base, _ = np.linalg.qr(smooth * weight[:, None])
+    left = value * weight - base @ (base.T @ (value * weight))
+    size, along = np.zeros(len(edges)), np.zeros(len(edges))
+    _kernel()(time, weight, left, np.ascontiguousarray(base), period, edges, size, along)
+    return np.asarray(left @ left - along**2 / np.maximum(size, 1e-300))
 
 
 def members(
@@ -184,12 +230,13 @@ def _kernel() -> Callable[..., Any]:
 
 def _log_prior(where: Places, wave_prior: Prior, time: Usable) -> Float[np.ndarray, " place"]:
     """Probability of each place before the readings: any edge within a period is as likely."""
-    period, step = where[:, 0], _FINE * float(np.median(np.diff(time)))
-    width = wave_prior.sd[3]
-    away = (np.log(period) - wave_prior.centre[3]) / width
+    period, span = where[:, 0], float(time[-1] - time[0])
+    centre, width = float(wave_prior.centre[3]), float(wave_prior.sd[3])
+    away = (np.log(period) - centre) / width
     density = -0.5 * away**2 - np.log(np.sqrt(2.0 * np.pi) * width * period)
-    apart = 2.0 * step * np.exp(wave_prior.centre[3]) / float(time[-1] - time[0])
-    return np.asarray(density + np.log(apart * step / period))
+    rounds = span / np.exp(centre)
+    step = _FINE * float(np.median(np.diff(time))) / np.prod(_cuts(rounds))
+    return np.asarray(density + np.log(2.0 * step / rounds * step / period))
 
 
 def _paired(

@@ -146,6 +146,24 @@ def test_teeth_of_what_is_known_to_repeat_itself_are_no_jumps():
     assert outlook.jumps == ()
 
 
+@pytest.mark.parametrize("begin", [6100, 6400, 7000])
+def test_edges_are_found_wherever_they_lie_between_readings(begin):
+    """Nine edges fit between the right readings at few periods and phases: one is as good."""
+    rng = np.random.default_rng(begin)
+    time = begin + np.arange(400.0)
+
+    def teeth(time):
+        return 0.5 * ((time / 41.888 + 0.3) % 1.0) - 0.25
+
+    sd = np.full(400, 0.007)
+    value = teeth(time) + sd * rng.standard_normal(400)
+    later = time[-1] + np.arange(1.0, 201.0)
+    ahead = forecast.forecast(time, value, sd, later)
+    assert np.median(ahead.hi - ahead.lo) < 8 * 0.007
+    # Next to an edge either side of it is possible.
+    assert np.median(np.abs(ahead.mean - teeth(later))) < 2 * 0.007
+
+
 def test_the_past_is_not_forecast():
     history = np.arange(10.0), np.zeros(10), np.ones(10)
     with pytest.raises(ValueError, match="Ask for later times"):
