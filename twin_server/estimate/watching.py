@@ -22,6 +22,14 @@ from .notices import Notice
 Estimates: TypeAlias = Float[np.ndarray, "time 4"]
 """Value, sd, lo and hi."""
 
+_SHOWN = {
+    "frequency_hz": ("Natural frequency", "Hz", 1.0),
+    "damping_ratio": ("Damping ratio", "%", 100.0),
+    "stiffness_change": ("Stiffness change", "%", 100.0),
+    "mass_change": ("Mass change", "%", 100.0),
+}
+"""What people call a quantity, the unit they read it in, and how many of these one is."""
+
 
 def watch(
     registration: Registration,
@@ -121,10 +129,12 @@ def _alarm(name: str, alarm: Alarm, estimate: list[float], row: int, holds: bool
         "certainty": alarm.certainty,
         "estimate": {"value": value, "sd": sd, "lo": lo, "hi": hi},
     }
-    said = f"{value:.4g} (95 % interval {lo:.4g} to {hi:.4g})"
-    watches = f"{name} {side} {limit:g}"
+    words, unit, times = _SHOWN.get(name, (f"Change of {name}", "%", 100.0))
+    shown, low, high, at = (f"{times * x:.4g}" for x in (value, lo, hi, limit))
+    said = f"{shown} {unit}, 95 % interval {low} to {high} {unit}"
     if holds:
-        message = f"{watches} with {alarm.certainty:.1%} certainty: {said}."
+        sure = f"{100.0 * alarm.certainty:g} %"
+        message = f"{words} {side} {at} {unit} with {sure} certainty: {said}."
         return Notice(row, "alarm", "alarm", message, details)
-    message = f"No longer {watches}: {said}."
+    message = f"{words} no longer {side} {at} {unit}: {said}."
     return Notice(row, "alarm_cleared", "info", message, details)

@@ -474,7 +474,9 @@ def test_what_changed_is_told_once_and_by_name(framed):
     assert told == [("nominal_learnt", 19.0), ("element_changed", 42.0), ("alarm", 42.0)]
     by_kind = {event["kind"]: event for event in events}
     assert by_kind["element_changed"]["message"].startswith("storey2 has lost ")
-    assert by_kind["alarm"]["message"].startswith("storey2 below -0.05 with 97.5% certainty")
+    assert by_kind["alarm"]["message"].startswith(
+        "Change of storey2 below -5 % with 97.5 % certainty"
+    )
 
 
 @pytest.mark.long
