@@ -26,6 +26,25 @@ Quantity = Annotated[
 ]
 
 
+_SHOWN = {
+    "frequency_hz": ("Natural frequency", "Hz", 1.0),
+    "damping_ratio": ("Damping ratio", "%", 100.0),
+    "stiffness_change": ("Stiffness change", "%", 100.0),
+    "mass_change": ("Mass change", "%", 100.0),
+}
+
+
+def shown(quantity: str) -> tuple[str, str, float]:
+    """Tell what people call a quantity, the unit they read it in, and how many of these one is.
+
+    Examples
+    --------
+    >>> shown("mass_change")
+    ('Mass change', '%', 100.0)
+    """
+    return _SHOWN.get(quantity, (f"Change of {quantity}", "%", 100.0))
+
+
 class Limit(NamedTuple):
     """A value that a change may reach.
 

@@ -14,21 +14,13 @@ from scipy.special import ndtri
 
 from twin_server.registration import Registration
 from twin_server.states import BEGINNING, States, sentences
-from twin_server.thresholds import Alarm
+from twin_server.thresholds import Alarm, shown
 
 from .checkpoint import Belief, Checkpoint
 from .notices import Notice
 
 Estimates: TypeAlias = Float[np.ndarray, "time 4"]
 """Value, sd, lo and hi."""
-
-_SHOWN = {
-    "frequency_hz": ("Natural frequency", "Hz", 1.0),
-    "damping_ratio": ("Damping ratio", "%", 100.0),
-    "stiffness_change": ("Stiffness change", "%", 100.0),
-    "mass_change": ("Mass change", "%", 100.0),
-}
-"""What people call a quantity, the unit they read it in, and how many of these one is."""
 
 
 def watch(
@@ -129,9 +121,9 @@ def _alarm(name: str, alarm: Alarm, estimate: list[float], row: int, holds: bool
         "certainty": alarm.certainty,
         "estimate": {"value": value, "sd": sd, "lo": lo, "hi": hi},
     }
-    words, unit, times = _SHOWN.get(name, (f"Change of {name}", "%", 100.0))
-    shown, low, high, at = (f"{times * x:.4g}" for x in (value, lo, hi, limit))
-    said = f"{shown} {unit}, 95 % interval {low} to {high} {unit}"
+    words, unit, times = shown(name)
+    now, low, high, at = (f"{times * x:.4g}" for x in (value, lo, hi, limit))
+    said = f"{now} {unit}, 95 % interval {low} to {high} {unit}"
     if holds:
         sure = f"{100.0 * alarm.certainty:g} %"
         message = f"{words} {side} {at} {unit} with {sure} certainty: {said}."

@@ -12,7 +12,7 @@ from slowtime.evolution.crossing import Crossing
 from twin_server.registration import Registration
 from twin_server.rendering import estimate_objects
 from twin_server.settings import ServeSettings
-from twin_server.thresholds import Limit
+from twin_server.thresholds import Limit, shown
 
 from . import models, problems
 from .knowledge import Knowledge
@@ -224,6 +224,7 @@ def _forecast(
 
 def _crossing(source: str, limit: Limit, crossing: Crossing, since: float) -> dict[str, Any]:
     side = "at" if limit.toward is None else limit.toward
+    words, unit, times = shown(limit.quantity)
     return {
         "quantity": limit.quantity,
         "threshold": limit.at,
@@ -240,5 +241,5 @@ def _crossing(source: str, limit: Limit, crossing: Crossing, since: float) -> di
         "within": crossing.probability,
         "already": crossing.already,
         "horizon": crossing.horizon,
-        "sentence": f"{limit.quantity} {side} {limit.at:g}: {crossing.words()}",
+        "sentence": f"{words} {side} {times * limit.at:.4g} {unit}: {crossing.words()}",
     }

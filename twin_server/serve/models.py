@@ -364,7 +364,7 @@ CROSSING_EXAMPLE: dict[str, Any] = {
     "already": 0.0,
     "horizon": 1625.0,
     "sentence": (
-        "stiffness_change below -0.1: 10 %: by 1061.2, 50 %: by 1240.9, 90 %: not within the "
+        "Stiffness change below -10 %: 10 %: by 1061.2, 50 %: by 1240.9, 90 %: not within the "
         "horizon of 1625. Crossed within it with probability 83 %."
     ),
 }

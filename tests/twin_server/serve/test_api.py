@@ -124,7 +124,7 @@ def test_the_forecast_says_when_a_threshold_is_reached(server):
     median = crossing["times"][1]
     assert median["slow_time"] == pytest.approx(450.0, abs=60.0)
     assert median["ahead"] == pytest.approx(median["slow_time"] - 299.0)
-    assert crossing["sentence"].startswith("stiffness_change at -0.3: 10 %: by 4")
+    assert crossing["sentence"].startswith("Stiffness change at -30 %: 10 %: by 4")
     never = server.get(f"{TWIN}/forecast", threshold=-0.9, horizon=10).json()["crossings"][0]
     assert [time["slow_time"] for time in never["times"]] == [None] * 3
     assert "not within the horizon of 309" in never["sentence"]
