@@ -161,7 +161,7 @@ def test_a_clock_that_leaves_something_has_to_stand_out(left, told):
     assert not _outstanding([], before)
 
 
-@pytest.mark.parametrize("opaque", [True, False])
+@pytest.mark.parametrize("opaque", [True, pytest.param(False, marks=pytest.mark.long)])
 def test_a_clock_is_fitted_as_far_as_it_would_be_told(monkeypatch, opaque):
     """One that may leave something is not given up for leaving more than the noise."""
     followed = []

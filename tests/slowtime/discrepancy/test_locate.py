@@ -226,6 +226,7 @@ def test_gaps_in_a_channel_do_not_hide_the_place(campaign, wrong):
         result.group(Place("element", "none"))
 
 
+@pytest.mark.long
 def test_a_sensor_that_says_nothing_does_not_lessen_what_the_others_leave(campaign, wrong):
     rig, trials = campaign(3, wrong(element=1, force=cubic), mode="states", seconds=10.0)
     heard = np.arange(trials[0].outputs.shape[1]) % 3 == 0

@@ -93,9 +93,10 @@ def thrown_over(description, begins, noise):
 
 @pytest.mark.parametrize(
     ("description", "noise"),
-    [(ONE, 0.02), pytest.param(ACCELERATION, 2.0, marks=pytest.mark.long)],
+    [(ONE, 0.02), (ACCELERATION, 2.0)],
     ids=["angle", "acceleration"],
 )
+@pytest.mark.long
 def test_pieces_that_were_led_astray_are_begun_anew(description, noise):
     """Damping that is off leads a pendulum that turns over to another turn."""
     plant, trials = thrown_over(description, [[0.5, 70.0], [0.1, 1.0]], noise)

@@ -146,6 +146,7 @@ def test_pieces_tell_a_strong_law_and_how_strong_it_is(effect, level):
     assert len(best.start.states) == len(given.trials)
 
 
+@pytest.mark.long
 def test_a_law_on_the_wrong_side_is_tried_on_the_other(stop):
     (right,) = [one for one in stop.tried if label_of(one.effect) == label_of(STOP)]
     for side in (1.0, -1.0):
@@ -185,6 +186,7 @@ def test_where_the_right_law_is_not_tried_nothing_is_told(stop):
     assert stop.told([], []) == []
 
 
+@pytest.mark.long
 def test_what_swings_by_itself_is_not_tried():
     given = lacking(TONE, level=1.0)
     kinds = {one.effect.kind for one in given.tried}
@@ -207,6 +209,7 @@ def test_nothing_is_told_once_it_is_late(stop):
     assert next(counts) > 40
 
 
+@pytest.mark.long
 def test_few_are_tried_and_fewer_are_fitted_to_more_pieces(stop, monkeypatch):
     fits = []
 
@@ -382,6 +385,7 @@ def test_what_cannot_be_on_a_structure_is_not_tried_there(overturned, scripted, 
     assert (("pendulum_sine", PLACE) in script.begun) == (unit == "rad")
 
 
+@pytest.mark.long
 def test_a_law_that_seems_to_pull_where_it_pushes_is_tried_all_the_same(stop):
     """Along a motion that was not the one, it explained nothing."""
     tried = [one for one in stop.tried if label_of(one.effect) != label_of(STOP)]

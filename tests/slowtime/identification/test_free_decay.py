@@ -28,7 +28,13 @@ def errors(runs, seed, **case):
     return frequency, damping, bound / (2 * np.pi), bound / (2 * np.pi * f)
 
 
-@pytest.mark.parametrize("case", [{"snr": 10.0}, {"f": 3.0, "z": 0.04, "rate": 80.0}])
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param({"snr": 10.0}, marks=pytest.mark.long),
+        {"f": 3.0, "z": 0.04, "rate": 80.0},
+    ],
+)
 def test_errors_reach_the_cramer_rao_bound_and_are_what_is_said(case):
     frequency, damping, bound_f, bound_z = errors(120, 1, **case)
     for error, bound in ((frequency, bound_f), (damping, bound_z)):
