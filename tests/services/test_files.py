@@ -311,3 +311,14 @@ def test_other_peoples_measurements_are_read(data):
     assert (emps.rate_hz, emps.samples.shape) == (1000.0, (24_841, 3))
     frame = read_record(data / "steel_frame/measurement_1.npy", rate_hz=256.0)
     assert frame.samples.shape == (61_440, 6)
+
+
+def test_numbers_that_no_double_holds_are_refused_as_infinite_ones_are(tmp_path):
+    """Where a machine's long double reaches further; elsewhere they are infinite already."""
+    values = np.random.default_rng(5).standard_normal(500).astype(np.longdouble)
+    with np.errstate(over="ignore"):
+        values[[70, 300]] = np.exp(np.longdouble(2000))
+    for name, save in (("long.npy", np.save), ("long.npz", np.savez)):
+        save(tmp_path / name, values)
+        with pytest.raises(RecordError, match="2 values are not finite, the first in row 70"):
+            read_record(tmp_path / name, rate_hz=100.0)
