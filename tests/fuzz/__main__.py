@@ -6,6 +6,7 @@ import resource
 import subprocess
 import sys
 import time
+import warnings
 
 from . import files, wire
 
@@ -35,7 +36,10 @@ def main() -> int:
 
             counts = dict(rest.run(guard, document, given.cases, given.seed, headers))
     else:
-        counts = {"wire": wire, "files": files}[given.kind].run(given.cases, given.seed)
+        # A sum that overflowed is a number that was read wrongly.
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", RuntimeWarning)
+            counts = {"wire": wire, "files": files}[given.kind].run(given.cases, given.seed)
     took = time.monotonic() - began
     more = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss << 10) - before
     told = ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))

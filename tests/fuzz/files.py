@@ -24,7 +24,7 @@ from .apart import children
 from .mutate import mutated
 from .wire import GOOD, NOW_NS
 
-PATIENCE_S = 10
+PATIENCE_S = 120
 MOST_BYTES = 64 << 20
 MODEL = (Path(__file__).parents[2] / "schemas/golden/model_file/v1.yaml").read_bytes()
 
