@@ -14,6 +14,7 @@ from slowtime_schemas.diagnosis_file import DiagnosisFile, Where
 from slowtime_services.diagnose import diagnose_records, read_any, roles_of, write_results
 from slowtime_services.diagnose.words import labelled, number
 from slowtime_services.effects import known
+from slowtime_services.files import DateOrder
 from slowtime_services.models import read_description
 
 from .terminal import ERR, note, show, shows_progress
@@ -32,6 +33,9 @@ def diagnose(
     rate_hz: float | None,
     skip_lines: int | None,
     time_column: str | None,
+    time_unit: str | None,
+    date_order: DateOrder | None,
+    wrapped: bool | None,
     patience_s: float | None,
     unchecked: bool,
 ) -> None:
@@ -52,8 +56,9 @@ def diagnose(
             f"{model.name} lists no sensors. Say under `sensors` which channel hears what."
         )
     read = functools.partial(
-        read_any, rate_hz=rate_hz, skip_lines=skip_lines, time_column=time_column
-    )
+        read_any, rate_hz=rate_hz, skip_lines=skip_lines, time_column=time_column,
+        time_unit=time_unit, date_order=date_order, wrapped=wrapped,
+    )  # fmt: skip
     learnt, judged = [read(text) for text in records], [read(text) for text in holdout]
     _refuse_unwritable(out)
     roles = roles_of(channels)

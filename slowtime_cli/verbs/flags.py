@@ -32,6 +32,25 @@ class SettingsFile(click.Path):
 TIME_UNITS = ("s", "ms", "us", "ns", "min", "h", "d")
 """As `slowtime_services.files.UNITS`, without reading files yet."""
 
+CLOCK = (
+    click.option(
+        "--time-unit",
+        type=click.Choice(TIME_UNITS),
+        help="Unit of that column.  [default: by its name]",
+    ),
+    click.option(
+        "--date-order",
+        type=click.Choice(["dmy", "mdy"]),
+        help="What comes first in dates such as 04/05/2024.  [default: found out]",
+    ),
+    click.option(
+        "--wrapped/--not-wrapped",
+        default=None,
+        help="Whether all columns are one series, several values a line.  [default: found out]",
+    ),
+)
+"""What a text file may leave open of its clock and lines."""
+
 RECORD = (
     click.argument("record_path", metavar="RECORD", type=EXISTING),
     click.option(
@@ -50,21 +69,7 @@ RECORD = (
         "--time-column",
         help="Column of time, by name or number; none if there is none.  [default: found out]",
     ),
-    click.option(
-        "--time-unit",
-        type=click.Choice(TIME_UNITS),
-        help="Unit of that column.  [default: by its name]",
-    ),
-    click.option(
-        "--date-order",
-        type=click.Choice(["dmy", "mdy"]),
-        help="What comes first in dates such as 04/05/2024.  [default: found out]",
-    ),
-    click.option(
-        "--wrapped/--not-wrapped",
-        default=None,
-        help="Whether all columns are one series, several values a line.  [default: found out]",
-    ),
+    *CLOCK,
     click.option(
         "--keep",
         help="Columns to keep that would be set aside, such as counters and magnitudes: a,b; "
@@ -105,6 +110,11 @@ AS_BUILT = (
 def record_flags(function: F) -> F:
     """Add the arguments of `RECORD`."""
     return _with(RECORD, function)
+
+
+def clock_flags(function: F) -> F:
+    """Add the options of `CLOCK`."""
+    return _with(CLOCK, function)
 
 
 def as_built(function: F) -> F:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from slowtime_services.files import Gap, Record, RecordError, read_record
+from slowtime_services.files import DateOrder, Gap, Record, RecordError, read_record
 from slowtime_services.replay import record_of
 
 BINARY = (".npy", ".npz", ".mat")
@@ -53,6 +53,9 @@ def read_any(
     *,
     skip_lines: int | None = None,
     time_column: str | None = None,
+    time_unit: str | None = None,
+    date_order: DateOrder | None = None,
+    wrapped: bool | None = None,
 ) -> Source:
     """Read a record of any kind, a recording among them; what is no number is kept as NaN.
 
@@ -60,7 +63,7 @@ def read_any(
     ----------
     text
         Path of a file; ``path@FROM:TO`` for those seconds of it, counted from its beginning.
-    rate_hz, skip_lines, time_column
+    rate_hz, skip_lines, time_column, time_unit, date_order, wrapped
         As `slowtime_services.files.read_record` takes them; of a recording, the rate only.
     """
     path, span = split(str(text))
@@ -75,6 +78,9 @@ def read_any(
                 rate_hz=rate_hz,
                 skip_lines=skip_lines if path.suffix.lower() not in BINARY else None,
                 time_column=time_column,
+                time_unit=time_unit,
+                date_order=date_order,
+                wrapped=wrapped,
                 # A model names its channels, so that a column of zeros may well be a force.
                 keep=("all",),
                 keep_missing=True,

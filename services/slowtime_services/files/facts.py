@@ -245,6 +245,8 @@ def _figure(
             return None  # of another quantity: "FS: 2 g", "rate: 5 mm/min"
         if _NEEDS_UNIT.match(said):
             return None
+        if kind == "duration" and re.search(r"length", text[start - 12 : start], re.I):
+            return None  # of samples on an oscilloscope, of seconds elsewhere
     scale = 1.0 if kind == "count" else table.get(unit.casefold(), 1.0)
     if unit in ("MS/s",):
         scale = 1e6

@@ -25,6 +25,13 @@ _CHANNEL_WORD = re.compile(
 _SENTENCE = frozenset("of in the by for from and is at to with on was".split())
 """Words that stand in sentences, and hardly alone as a name."""
 _RULE = re.compile(r"[\s\-=_+|*~.;,]+$")
+_SECTION = re.compile(r"\s*(?:\*+\s*[A-Za-z]+|\[[A-Za-z ]+\])\s*$")
+"""A line that opens a part of a heading, such as ``*UNIT`` or ``[Data]``, and names nothing."""
+_KEY_OF_NAMES = frozenset(
+    "header headers heading columns fields channels names labels spalten kanäle colonnes "
+    "voies columnas canales".split()
+)
+"""Words before the names of columns that are no name themselves: ``Headers, time, Ax``."""
 
 
 def read_heading(
@@ -65,6 +72,8 @@ def _rows_above(
     for line in reversed(preamble):
         if not line.strip() or _RULE.match(line.strip().lstrip("#%!;*/")):
             continue
+        if width > 1 and _SECTION.match(line):
+            continue
         fields = _fields(line, dialect, width)
         if fields is not None and not rows and between and not _is_heading(fields):
             fields = None  # words a few lines above the rows are a heading only if they look so
@@ -80,8 +89,15 @@ def _rows_above(
 
 def _fields(line: str, dialect: Dialect, width: int) -> list[str] | None:
     """Fields of a line of words; None where it does not have one for each column."""
-    for text in dict.fromkeys((line.lstrip(_MARKS), line.strip("\r\n"))):
+    # A delimiter in front is an empty field, as above a clock without a unit, and no mark.
+    marks = _MARKS.replace(dialect.delimiter, "") if dialect.delimiter else _MARKS
+    for text in dict.fromkeys((line.lstrip(marks), line.lstrip(_MARKS), line.strip("\r\n"))):
         for split in _ways_to_split(text, dialect):
+            if (
+                sum(map(bool, split)) > width
+                and split[0].strip(":").casefold() in _KEY_OF_NAMES
+            ):
+                split = split[1:]
             fields = _fitted(split, width, spare=dialect.delimiter is not None)
             if fields is None or any(field.endswith(":") for field in fields[:-1]):
                 continue

@@ -189,9 +189,14 @@ class _Rows:
         width = len(kinds)
         rows: list[list[str]] = []
         numbers: list[int] = []
+        heading = {line.strip() for line in lines[: self._layout.first] if line.strip()}
+        repeated: list[str] = []
         last = max(index for index, line in enumerate(lines) if line.strip())
         for index in range(self._layout.first, last + 1):
             if not lines[index].strip():
+                continue
+            if lines[index].strip() in heading:
+                repeated.append(str(index + 1))
                 continue
             fields = dialect.split(lines[index])
             if width > len(fields) >= width - 2 and dialect.ends_open(lines[index]):
@@ -200,7 +205,7 @@ class _Rows:
                 fields += [""] * (width - len(fields))
             if index == last and len(fields) < width and rows:
                 said = f"The last line ({index + 1}) is cut short and was left out."
-                return rows, numbers, _tail(fields, dialect), (said,)
+                return rows, numbers, _tail(fields, dialect), (*_restarts(repeated), said)
             if len(fields) > width and not any(fields[width:]):
                 del fields[width:]
             if len(fields) != width:
@@ -211,7 +216,7 @@ class _Rows:
                 )
             rows.append(fields)
             numbers.append(index + 1)
-        return rows, numbers, (), ()
+        return rows, numbers, (), _restarts(repeated)
 
     def _column(self, at: int, texts: list[str], numbers: Sequence[int]) -> Column:
         name, unit, kind = self._names[at], self._units[at], self._layout.kinds[at]
@@ -270,6 +275,17 @@ def _with_unit(texts: Sequence[str]) -> tuple[list[str], str] | None:
     if units or not unit or not looks_like_unit(unit):
         return None
     return [text.removesuffix(unit).strip() for text in texts], unit
+
+
+def _restarts(repeated: Sequence[str]) -> tuple[str, ...]:
+    """Say on which lines the heading stands again, where a logger began anew."""
+    if not repeated:
+        return ()
+    more = ", ..." if len(repeated) > 3 else ""
+    return (
+        f"The heading stands again in line {', '.join(repeated[:3])}{more}, as where a logger "
+        "restarted or files were joined; without a clock, samples lost there cannot be seen.",
+    )
 
 
 def _only_open(kinds: Sequence[Kind], present: int) -> bool:

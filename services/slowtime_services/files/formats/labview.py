@@ -44,10 +44,12 @@ def read(lines: Sequence[str], name: str) -> Sheet:
     }
     below = lines[ends[1] + 1 :]
     titles = [field.strip() for field in below[0].split(mark)] if below else []
+    # A heading that was cut or edited may lack the line of names: no sample is lost with it.
+    unnamed = any(map(dialect.is_number, titles[1:]))
+    first = ends[1] + 1 + (not unnamed)
+    titles = [] if unnamed else titles
     last = ends[2] - len(heading) - 1 if len(ends) > 2 else len(lines)
-    rows = [
-        line.rstrip("\r\n").split(mark) for line in lines[ends[1] + 2 : last] if line.strip()
-    ]
+    rows = [line.rstrip("\r\n").split(mark) for line in lines[first:last] if line.strip()]
     stated = _first(heading, "channels", dialect)
     most = max(map(len, rows), default=1)
     count = int(stated) if stated and 1 <= stated <= most else max(len(titles) - 2, 1)
@@ -57,7 +59,7 @@ def read(lines: Sequence[str], name: str) -> Sheet:
     units = [*heading.get("y_unit_label", []), *[""] * count]
     columns = [
         Column(titles[at] if at < len(titles) and titles[at] else f"channel_{i}", units[i],
-               _values(rows, at, dialect, name, ends[1] + 3))
+               _values(rows, at, dialect, name, first + 1))
         for i, at in enumerate(places)
     ]  # fmt: skip
     facts = []
@@ -75,7 +77,7 @@ def read(lines: Sequence[str], name: str) -> Sheet:
         format="LabVIEW measurement",
         start_ns=_start_ns(heading),
         notes=notes if len(ends) > 2 else (),
-        first_line=ends[1] + 3,
+        first_line=first + 1,
     )
 
 
