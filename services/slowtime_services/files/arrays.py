@@ -27,8 +27,8 @@ def read_npy(path: Path, max_bytes: int) -> Arrays:
         raise unreadable(path, error) from error
     refuse_above(path, mapped.nbytes, max_bytes)
     if mapped.dtype.names:
-        return {name: _as_double(np.array(mapped[name])) for name in mapped.dtype.names}
-    return {"data": _as_double(np.array(mapped))}
+        return {name: np.array(mapped[name]) for name in mapped.dtype.names}
+    return {"data": np.array(mapped)}
 
 
 def read_npz(path: Path, max_bytes: int) -> Arrays:
@@ -43,14 +43,10 @@ def read_npz(path: Path, max_bytes: int) -> Arrays:
     except Exception as error:  # whatever unpacking and parsing raise
         raise unreadable(path, error) from error
     # What is no array in the archive comes back as bytes.
-    return {
-        name: _as_double(found)
-        for name, found in members.items()
-        if isinstance(found, np.ndarray)
-    }
+    return {name: found for name, found in members.items() if isinstance(found, np.ndarray)}
 
 
-def _as_double(values: Values) -> Values:
+def as_double(values: Values) -> Values:
     """Long doubles as doubles: what those cannot hold is infinite, and no measurement."""
     if values.dtype.kind != "f" or values.dtype.itemsize <= np.dtype(float).itemsize:
         return values

@@ -15,7 +15,7 @@ import numpy as np
 
 from . import clock, plausibility, roles, wrapping
 from .apart import read_matlab
-from .arrays import Arrays, read_npy, read_npz
+from .arrays import Arrays, as_double, read_npy, read_npz
 from .facts import Fact, Facts
 from .record import Gap, Record, RecordError, Values, find_column, in_sensor_type
 from .sheet import Column, Sheet
@@ -304,7 +304,11 @@ def _open(
 
 def _sheet(arrays: Arrays, file: str) -> Sheet:
     """Arrays of one common length as columns; single numbers and other lengths apart."""
-    plain = {k: np.squeeze(array) for k, array in arrays.items() if array.dtype.kind in "fiub"}
+    plain = {
+        k: as_double(np.squeeze(array))
+        for k, array in arrays.items()
+        if array.dtype.kind in "fiub"
+    }
     tables = {k: array for k, array in plain.items() if array.ndim in (1, 2) and array.size > 1}
     if not tables:
         shapes = ", ".join(f"{k} {array.shape} {array.dtype}" for k, array in arrays.items())
