@@ -8,7 +8,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from unittest import mock
 
@@ -29,12 +29,11 @@ def children() -> Iterator[None]:
         assert server.stdout is not None
         asked, told = server.stdin, server.stdout
 
-        def run(path: Path, max_bytes: int, out: Path) -> Done:
-            said = out.with_name("said")
-            words = [str(path), str(max_bytes), str(out)]
-            asked.write(json.dumps([*words, str(said)]).encode() + b"\n")
+        def run(module: str, words: Sequence[str]) -> Done:
+            said = Path(words[2]).with_name("said")
+            asked.write(json.dumps([module, *words, str(said)]).encode() + b"\n")
             asked.flush()
-            return Done(words, int(told.readline()), b"", said.read_bytes())
+            return Done(list(words), int(told.readline()), b"", said.read_bytes())
 
         try:
             with mock.patch.object(apart, "_run", run):
@@ -47,15 +46,17 @@ def children() -> Iterator[None]:
 def serve() -> None:
     """Read what stdin names, each in a child; print how the child ended."""
     from slowtime_services.files import matlab
+    from slowtime_services.files.readers import child as reading
 
+    mains = {each.__name__: each.main for each in (matlab, reading)}
     for line in sys.stdin:
-        *words, said = json.loads(line)
+        module, *words, said = json.loads(line)
         child = os.fork()
         if child == 0:
             status = 1
             try:
                 os.dup2(os.open(said, os.O_WRONLY | os.O_CREAT), 2)
-                status = matlab.main(*words)
+                status = mains[module](*words)
                 sys.stderr.flush()
             finally:
                 os._exit(status)

@@ -271,7 +271,7 @@ def test_a_binary_file_cut_short_or_of_another_kind_is_refused_in_one_sentence(
 
 @pytest.mark.parametrize(
     ("end", "says"),
-    [("kill -SEGV $$", "broke the reader of MATLAB files .SIGSEGV."), ("sleep 60", "busy for")],
+    [("kill -SEGV $$", "broke its reader .SIGSEGV."), ("sleep 60", "busy for")],
 )
 def test_a_reader_of_matlab_files_that_crashes_or_hangs_takes_nobody_with_it(
     tmp_path, monkeypatch, end, says

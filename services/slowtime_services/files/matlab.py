@@ -1,6 +1,5 @@
 """What runs apart: a MATLAB file in, its numeric variables in a NumPy archive out."""
 
-import json
 import sys
 from collections.abc import Iterable
 from pathlib import Path
@@ -10,12 +9,9 @@ import h5py
 import numpy as np
 import scipy.io
 
-from .apart import REFUSED
+from .apart import REFUSED, bound_memory, save
 from .arrays import Arrays, refuse_above, unreadable
 from .record import RecordError, Values
-
-ROOM_BYTES = 2 * 2**30
-"""Address space for the interpreter and its libraries, beside what the file may hold."""
 
 
 def _read(path: Path, max_bytes: int) -> Arrays:
@@ -74,26 +70,15 @@ def _datasets(group: Any) -> Iterable[Any]:
             yield item
 
 
-def _bound_memory(max_bytes: int) -> None:
-    try:
-        import resource
-    except ModuleNotFoundError:  # not on every system
-        return
-    # Read, flattened and written: each once.
-    resource.setrlimit(resource.RLIMIT_AS, (ROOM_BYTES + 3 * max_bytes,) * 2)
-
-
 def main(path: str, max_bytes: str, out: str) -> int:
     """Read the file and leave its arrays in `out`; or say why not."""
-    _bound_memory(int(max_bytes))
+    bound_memory(int(max_bytes))
     try:
         found = _read(Path(path), int(max_bytes))
     except RecordError as error:
         sys.stderr.write(f"{error}\n")
         return REFUSED
-    arrays = {f"array_{i}": array for i, array in enumerate(found.values())}
-    arrays["names"] = np.array(json.dumps(list(found)))
-    np.savez(out, allow_pickle=False, **arrays)
+    save(out, list(found), list(found.values()))
     return 0
 
 

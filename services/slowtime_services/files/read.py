@@ -13,14 +13,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from . import clock, plausibility, roles, wrapping
+from . import clock, plausibility, roles, workbook, wrapping
 from .apart import read_matlab
 from .arrays import Arrays, as_double, read_npy, read_npz
 from .facts import Fact, Facts
+from .readers import reader_of
 from .record import Gap, Record, RecordError, Values, find_column, in_sensor_type
 from .sheet import Column, Sheet
 from .stamps import DateOrder
-from .text import read_text
+from .text import read_lines, read_text
 from .time_units import UNITS, is_time_name
 from .timeaxis import TimeAxis, UnevenError, unwrapped
 
@@ -40,6 +41,9 @@ _RATE_NAMES = frozenset(
 _INTERVAL_NAMES = frozenset("dt delta_t sample_interval sampling_interval dt_s".split())
 
 
+# Values of a damaged file may be so large that their squares are infinite: a pattern that
+# is looked for is then not there, and what stands in the file is kept.
+@np.errstate(over="ignore", invalid="ignore")
 def read_record(
     path: str | Path,
     *,
@@ -109,7 +113,8 @@ def read_record(
         )
     said = _Said(rate_hz, channels, time_column, time_unit, wrapped, tuple(keep))
     missing = _Missing(keep_missing, skip_missing)
-    sheet = _open(path, skip_lines, max_bytes, date_order)
+    chosen = None if channels is None else tuple(channels)
+    sheet = _open(path, skip_lines, max_bytes, date_order, chosen)
     sheet = _renamed(sheet, columns)
     if len(sheet.columns[0].values) < 2 and len(sheet.columns) + len(sheet.tail) < 2 + (
         sheet.facts.found == ()
@@ -290,15 +295,21 @@ def _measured(
 
 
 def _open(
-    path: Path, skip_lines: int | None, max_bytes: int, date_order: DateOrder | None
+    path: Path,
+    skip_lines: int | None,
+    max_bytes: int,
+    date_order: DateOrder | None,
+    wanted: tuple[str, ...] | None,
 ) -> Sheet:
     kind = path.suffix.lower()
-    if kind == ".mcap":
-        raise RecordError(
-            f"{path.name} is a recording, not a table. Read it with `slowtime replay`."
-        )
     if kind in _ARRAYS:
         return _sheet(_ARRAYS[kind](path, max_bytes), path.name)
+    if kind in workbook.SUFFIXES:
+        lines, notes = workbook.lines_of(path, max_bytes)
+        sheet = read_lines(lines, path.name, skip_lines, date_order)
+        return dataclasses.replace(sheet, notes=(*sheet.notes, *notes))
+    if (reader := reader_of(path)) is not None:
+        return reader.open(path, max_bytes, wanted)
     return read_text(path, skip_lines=skip_lines, date_order=date_order)
 
 

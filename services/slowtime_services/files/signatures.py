@@ -19,25 +19,6 @@ _PANDAS = "then `pandas.{reader}(FILE).to_csv(OUT, index=False)`"
 _UNPACK = "Unpack it first ({tool}), and give the file inside"
 
 _SIGNATURES: tuple[tuple[bytes, str, str], ...] = (
-    (rb"TDSm", "a TDMS file of National Instruments",
-     "Read it with npTDMS: `pip install npTDMS pandas`, then "
-     "`nptdms.TdmsFile.read(FILE).as_dataframe(time_index=True).to_csv(OUT)`"),
-    (rb"RIFF....WAVE", "a WAV sound file",
-     "Read it with SciPy: `fs, x = scipy.io.wavfile.read(FILE)`, then "
-     "`numpy.savez(OUT, x=x, fs=fs)`"),
-    (rb"\d{6}[DRQM][ \0]|MS\x03", "a miniSEED file", _OBSPY),
-    (rb"    -1\r?\n    58b", "a binary universal file (UFF 58b)",
-     "Read it with pyuff: `pip install pyuff`, then `pyuff.UFF(FILE).read_sets()`, and save "
-     "the arrays with `numpy.savez(OUT, x=..., fs=...)`"),
-    (rb"\x89HDF\r\n\x1a\n", "an HDF5 file",
-     "If MATLAB wrote it, name it .mat; else read it with h5py and save its arrays with "
-     "`numpy.savez(OUT, x=..., fs=...)`"),
-    (rb"PAR1", "a Parquet file",
-     "Read it with pandas: `pip install pandas pyarrow`, "
-     + _PANDAS.format(reader="read_parquet")),
-    (rb"ARROW1|FEA1", "an Arrow or Feather file",
-     "Read it with pandas: `pip install pandas pyarrow`, "
-     + _PANDAS.format(reader="read_feather")),
     (rb"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "an old Excel workbook (.xls) or OLE file",
      "Save its sheet as CSV, or read it with pandas: `pip install pandas xlrd`, "
      + _PANDAS.format(reader="read_excel")),
@@ -47,7 +28,6 @@ _SIGNATURES: tuple[tuple[bytes, str, str], ...] = (
     (rb"7z\xbc\xaf\x27\x1c", "a 7z archive", _UNPACK.format(tool="7z x")),
     (rb"\x28\xb5\x2f\xfd", "packed with zstd", _UNPACK.format(tool="unzstd")),
     (rb"Rar!\x1a\x07", "a RAR archive", _UNPACK.format(tool="unrar x")),
-    (rb"\x89MCAP0\r\n", "an MCAP recording", "Name it .mcap"),
     (rb"#ROSBAG V", "a ROS 1 bag", "Turn it into CSV, a topic a file"),
     (rb"MATLAB 5\.0 MAT-file", "a MATLAB file", "Name it .mat"),
     (rb"\x93NUMPY", "a NumPy file", "Name it .npy"),
@@ -70,14 +50,12 @@ _COMPILED = tuple((re.compile(form, re.DOTALL), kind, way) for form, kind, way i
 """Start of a file, what it is, and how to read it."""
 
 _SUFFIXES = {
-    ".tdms": "a TDMS file", ".gcf": "a Güralp GCF file", ".mseed": "a miniSEED file",
     ".wdq": "a WinDaq file", ".dxd": "a Dewesoft file", ".d7d": "a Dewesoft file",
-    ".evt": "a Kinemetrics event file", ".sac": "a SAC file", ".segy": "a SEG-Y file",
-    ".sgy": "a SEG-Y file", ".seg2": "a SEG-2 file", ".sg2": "a SEG-2 file",
+    ".evt": "a Kinemetrics event file", ".segy": "a SEG-Y file", ".sgy": "a SEG-Y file",
 }  # fmt: skip
 """What a binary file of this suffix is, where its first bytes do not say."""
 
-_OBSPY_SUFFIXES = frozenset((".gcf", ".mseed", ".sac", ".segy", ".sgy", ".seg2", ".sg2"))
+_OBSPY_SUFFIXES = frozenset((".segy", ".sgy"))
 
 
 def refuse_binary(path: Path) -> None:
@@ -107,7 +85,7 @@ def _kind_of(head: bytes, path: Path) -> tuple[str, str] | None:
         if _SAC_VERSION in (
             struct.unpack_from(f"{o}i", head, _SAC_VERSION_AT)[0] for o in "<>"
         ):
-            return "a SAC file", _OBSPY
+            return "a SAC file", "Name it .sac"
         suffix = path.suffix.lower()
         if suffix in _SUFFIXES:
             way = _OBSPY if suffix in _OBSPY_SUFFIXES else "Export it as text or as MATLAB"
@@ -117,10 +95,7 @@ def _kind_of(head: bytes, path: Path) -> tuple[str, str] | None:
 
 def _zip_kind(head: bytes) -> tuple[str, str]:
     if b"xl/" in head or b"[Content_Types].xml" in head:
-        return "an Excel workbook (.xlsx)", (
-            "Save its sheet as CSV, or read it with pandas: `pip install pandas openpyxl`, "
-            + _PANDAS.format(reader="read_excel")
-        )
+        return "an Excel workbook", "Name it .xlsx"
     if b"opendocument" in head:
         return "a spreadsheet of OpenDocument", "Save its sheet as CSV"
     if b".npy" in head:

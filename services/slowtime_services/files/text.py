@@ -45,16 +45,23 @@ def read_text(
         Where there are no rows, or a line is not like the others.
     """
     refuse_binary(path)
-    lines = decode(path).splitlines()
+    return read_lines(decode(path).splitlines(), path.name, skip_lines, date_order)
+
+
+def read_lines(
+    lines: list[str],
+    name: str,
+    skip_lines: int | None = None,
+    date_order: DateOrder | None = None,
+) -> Sheet:
+    """Read the lines of a file called `name`, as `read_text` does."""
     if not any(line.strip() for line in lines):
-        raise RecordError(
-            f"{path.name} is empty. Give a file with at least two rows of numbers."
-        )
+        raise RecordError(f"{name} is empty. Give a file with at least two rows of numbers.")
     if skip_lines is None:
         for form in FORMATS:
             if form.recognise(lines[:HEAD_LINES]):
-                return form.read(lines, path.name)
-    return _read_table(_plain(lines), path.name, skip_lines, date_order)
+                return form.read(lines, name)
+    return _read_table(_plain(lines), name, skip_lines, date_order)
 
 
 def _plain(lines: list[str]) -> list[str]:

@@ -341,13 +341,13 @@ def test_a_labview_measurement_is_read_by_its_own_heading(read):
 @pytest.mark.parametrize(
     ("begins", "says"),
     [
-        (b"TDSm", "a TDMS file.*npTDMS"), (b"RIFF\x24\0\0\0WAVEfmt ", "a WAV.*scipy"),
-        (b"000001D AAA  BHZ", "a miniSEED file.*ObsPy"), (b"\x89HDF\r\n\x1a\n", "an HDF5 file"),
-        (b"PAR1", "a Parquet file.*read_parquet"), (b"\x1f\x8b\x08", "gzip.*gunzip"),
-        (b"    -1\n    58b     1", "binary universal.*pyuff"), (b"|CF,2,1,1;", "imc FAMOS"),
-        (b"PK\x03\x04" + b"\0" * 26 + b"[Content_Types].xml", "an Excel workbook.*CSV"),
+        (b"TDSm", "a TDMS file.*damaged"), (b"RIFF\x24\0\0\0WAVEfmt ", "a WAV.*damaged"),
+        (b"000001D AAA  BHZ", "a miniSEED file.*damaged"), (b"\x89HDF\r\n\x1a\n", "an HDF5 file.*damaged"),
+        (b"PAR1", "a Parquet file.*damaged"), (b"\x1f\x8b\x08", "gzip.*gunzip"),
+        (b"    -1\n    58b     1", "no evenly spaced time response"), (b"|CF,2,1,1;", "imc FAMOS"),
+        (b"PK\x03\x04" + b"\0" * 26 + b"[Content_Types].xml", "an Excel workbook.*xlsx"),
         (b"MATLAB 5.0 MAT-file, Platform", r"Name it \.mat"), (b"\x93NUMPY", r"Name it \.npy"),
-        (b"\xc7\xcf\xff\xff" * 76 + b"\x06\0\0\0" + b"\0" * 100, "a SAC file.*ObsPy"),
+        (b"\xc7\xcf\xff\xff" * 76 + b"\x06\0\0\0" + b"\0" * 100, r"a SAC file.*\.sac"),
         (b"\x80\x04\x95", "pickle.*never read"), (b"MDF     4.10", "ASAM MDF.*asammdf"),
     ],
 )  # fmt: skip

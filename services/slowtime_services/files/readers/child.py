@@ -1,0 +1,47 @@
+"""What runs apart: one file in, what its reader finds in a NumPy archive out."""
+
+import importlib
+import logging
+import sys
+import warnings
+from pathlib import Path
+
+from slowtime_services.files.apart import REFUSED, bound_memory, save
+from slowtime_services.files.arrays import MOST_SAID, refuse_above
+from slowtime_services.files.record import RecordError
+
+from .found import Found
+
+
+def main(path: str, max_bytes: str, out: str, module: str, kind: str) -> int:
+    """Read a file of a kind by `module` and leave what it finds in `out`; or say why not."""
+    logging.disable()  # what a library would log of a damaged file is said once, below
+    bound_memory(int(max_bytes))
+    warnings.simplefilter("ignore")  # of libraries, on what they would like changed in others
+    try:
+        found = _read(module, Path(path), int(max_bytes), kind)
+    except RecordError as error:
+        sys.stderr.write(f"{error}\n")
+        return REFUSED
+    save(out, *found.to_json())
+    return 0
+
+
+def _read(module: str, path: Path, max_bytes: int, kind: str) -> Found:
+    reader = importlib.import_module(f"{__package__}.{module}")
+    try:
+        found: Found = reader.read(path, max_bytes)
+    except RecordError:
+        raise
+    except Exception as error:  # libraries say in many ways that a file is torn
+        reason = str(error)[:MOST_SAID].rstrip(".") or type(error).__name__
+        raise RecordError(
+            f"{path.name} is {kind} by its first bytes or its name, but cannot be read: "
+            f"{reason}. It may be cut short or damaged."
+        ) from error
+    refuse_above(path, sum(one.values.nbytes for one in found.series), max_bytes)
+    return found
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

@@ -1,0 +1,41 @@
+"""Parquet, Arrow and Feather files, by pyarrow."""
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.feather
+import pyarrow.parquet
+
+from slowtime_services.files.arrays import refuse_above
+
+from .found import Found, Series
+
+
+def read(path: Path, max_bytes: int) -> Found:
+    """Give each column of numbers, and those of times as stamps; nulls are NaN."""
+    with path.open("rb") as file:
+        parquet = file.read(4) == b"PAR1"
+    if parquet:
+        told = pyarrow.parquet.ParquetFile(path).metadata
+        refuse_above(path, 8 * told.num_rows * told.num_columns, max_bytes)
+        table = pyarrow.parquet.read_table(path)
+    else:
+        table = pyarrow.feather.read_table(path, memory_map=False)
+    series: list[Series] = []
+    left_out: list[str] = []
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        unit = ((table.field(name).metadata or {}).get(b"unit") or b"").decode(errors="replace")
+        kind = column.type
+        if pa.types.is_timestamp(kind) and not column.null_count:
+            stamps = column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy()
+            series.append(Series(name, stamps, stamps=True))
+        elif pa.types.is_integer(kind) and not column.null_count:
+            series.append(Series(name, column.to_numpy(), unit))
+        elif pa.types.is_floating(kind) or pa.types.is_integer(kind):
+            values = np.asarray(column.to_numpy(), dtype=float if column.null_count else None)
+            series.append(Series(name, values, unit))
+        else:
+            left_out.append(name)
+    said = (f"Left out, without numbers: {', '.join(left_out[:8])}.",) * bool(left_out)
+    return Found(series, said)

@@ -1,0 +1,116 @@
+"""HDF5 files of any making, by h5py: datasets, and what their attributes say of them."""
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from slowtime_services.files.arrays import refuse_above
+
+from .found import Found, Series
+
+RATES = frozenset(
+    "rate_hz rate fs f_s samplerate sample_rate sampling_rate samplingrate samplingfrequency "
+    "sampling_frequency sampling_rate_hz sr frequency_hz".split()
+)
+INTERVALS = frozenset(
+    "dt delta_t delta sample_interval sampling_interval dt_s increment wf_increment".split()
+)
+UNITS = ("unit", "units", "unit_string")
+NAMES = ("channels", "channel_names", "columns", "names")
+
+
+def read(path: Path, max_bytes: int) -> Found:
+    """Give each dataset of numbers, a column of a table each.
+
+    Rate, unit and names are looked for among the attributes of the dataset and of the groups
+    it lies in, the nearest first, and among datasets of a single number.
+    """
+    series: list[Series] = []
+    singles: dict[str, float] = {}
+    with h5py.File(path, "r") as file:
+        found = list(_datasets(file))
+        refuse_above(path, sum(item.size * item.dtype.itemsize for item in found), max_bytes)
+        for item in found:
+            name = item.name.strip("/")
+            if item.size == 1:
+                singles[name.rpartition("/")[2]] = float(np.asarray(item[()]).reshape(-1)[0])
+                continue
+            series += _series(name, np.squeeze(np.asarray(item[()])), _said(item))
+    if len({one.name.rpartition("/")[0] for one in series}) == 1:
+        series = [
+            Series(one.name.rpartition("/")[2], one.values, one.unit, one.rate_hz, one.start_ns)
+            for one in series
+        ]
+    of_singles = _rate({name.casefold(): value for name, value in singles.items()})
+    if of_singles is not None:
+        series = [
+            Series(
+                one.name, one.values, one.unit,
+                of_singles if one.rate_hz is None else one.rate_hz, one.start_ns,
+            )
+            for one in series
+        ]  # fmt: skip
+    return Found(series, (), singles)
+
+
+def _datasets(group: Any) -> Any:
+    for item in group.values():
+        if item is None:  # a link that leads nowhere
+            continue
+        if isinstance(item, h5py.Group):
+            yield from _datasets(item)
+        elif item.dtype.kind in "fiub" and item.size and item.ndim <= 3:
+            yield item
+
+
+def _said(item: Any) -> dict[str, Any]:
+    """Attributes of a dataset and of all groups above it; the nearest count."""
+    said: dict[str, Any] = {}
+    while True:
+        for name, value in item.attrs.items():
+            said.setdefault(name.casefold(), value)
+        if item.name in ("/", None):
+            return said
+        item = item.parent
+
+
+def _rate(said: dict[str, Any]) -> float | None:
+    for names, inverse in ((RATES, False), (INTERVALS, True)):
+        for name, value in said.items():
+            if name in names and np.size(value) == 1:
+                try:
+                    number = float(np.asarray(value).reshape(-1)[0])
+                except (TypeError, ValueError):
+                    continue
+                if np.isfinite(number) and number > 0:
+                    return 1.0 / number if inverse else number
+    return None
+
+
+def _texts(value: Any) -> list[str]:
+    many = np.atleast_1d(np.asarray(value)).reshape(-1).tolist()
+    return [
+        one.decode(errors="replace") if isinstance(one, bytes) else str(one) for one in many
+    ]
+
+
+def _series(name: str, values: Any, said: dict[str, Any]) -> list[Series]:
+    rate = _rate(said)
+    units = next((_texts(said[key]) for key in UNITS if key in said), [""])
+    names = next((_texts(said[key]) for key in NAMES if key in said), [])
+    if values.ndim == 1:
+        return [Series(name, values, units[0], rate)]
+    if values.ndim != 2:
+        return []
+    table = values if values.shape[0] >= values.shape[1] else values.T
+    width = table.shape[1]
+    folder = name.rpartition("/")[0]
+    called = (
+        [f"{folder}/{one}".strip("/") for one in names]
+        if len(names) == width
+        else [f"{name}_{i}" for i in range(width)]
+    )
+    each = units if len(units) == width else units[:1] * width
+    return [Series(called[i], table[:, i], each[i], rate) for i in range(width)]
