@@ -5,6 +5,7 @@ from pathlib import Path
 
 from .record import RecordError
 
+ALLOWED = "Allowed: text, .npy, .npz, .mat and the formats of docs/files.md."
 SAMPLE_BYTES = 4096
 ZEROS_OF_UTF16 = 0.4
 """Share of zero bytes at every second place from which text is taken for UTF-16: of Latin
@@ -35,7 +36,7 @@ def _text(raw: bytes, name: str) -> str:
         except UnicodeDecodeError as error:
             raise RecordError(
                 f"{name} begins as UTF-16 text and is none: {error.reason} at byte "
-                f"{error.start}. Allowed: text, .npy, .npz, .mat and the formats of docs/files.md."
+                f"{error.start}. {ALLOWED}"
             ) from error
     sample = raw[:SAMPLE_BYTES]
     if b"\0" in sample:
@@ -46,7 +47,7 @@ def _text(raw: bytes, name: str) -> str:
             if zeros.count(0) >= ZEROS_OF_UTF16 * len(zeros) and 0 not in others:
                 return raw.decode(codec, errors="replace")
         raise RecordError(
-            f"{name} is not text: it holds zero bytes. Allowed: text, .npy, .npz, .mat and the formats of docs/files.md."
+            f"{name} is not text: it holds zero bytes. {ALLOWED}"
         )
     for codec in ("utf-8-sig", "cp1252"):
         try:

@@ -342,9 +342,11 @@ def test_a_labview_measurement_is_read_by_its_own_heading(read):
     ("begins", "says"),
     [
         (b"TDSm", "a TDMS file.*damaged"), (b"RIFF\x24\0\0\0WAVEfmt ", "a WAV.*damaged"),
-        (b"000001D AAA  BHZ", "a miniSEED file.*damaged"), (b"\x89HDF\r\n\x1a\n", "an HDF5 file.*damaged"),
+        (b"000001D AAA  BHZ", "a miniSEED file.*damaged"),
+        (b"\x89HDF\r\n\x1a\n", "an HDF5 file.*damaged"),
         (b"PAR1", "a Parquet file.*damaged"), (b"\x1f\x8b\x08", "gzip.*gunzip"),
-        (b"    -1\n    58b     1", "no evenly spaced time response"), (b"|CF,2,1,1;", "imc FAMOS"),
+        (b"    -1\n    58b     1", "no evenly spaced time response"),
+        (b"|CF,2,1,1;", "imc FAMOS"),
         (b"PK\x03\x04" + b"\0" * 26 + b"[Content_Types].xml", "an Excel workbook.*xlsx"),
         (b"MATLAB 5.0 MAT-file, Platform", r"Name it \.mat"), (b"\x93NUMPY", r"Name it \.npy"),
         (b"\xc7\xcf\xff\xff" * 76 + b"\x06\0\0\0" + b"\0" * 100, r"a SAC file.*\.sac"),
