@@ -46,9 +46,7 @@ def _text(raw: bytes, name: str) -> str:
         ):
             if zeros.count(0) >= ZEROS_OF_UTF16 * len(zeros) and 0 not in others:
                 return raw.decode(codec, errors="replace")
-        raise RecordError(
-            f"{name} is not text: it holds zero bytes. {ALLOWED}"
-        )
+        raise RecordError(f"{name} is not text: it holds zero bytes. {ALLOWED}")
     for codec in ("utf-8-sig", "cp1252"):
         try:
             return raw.decode(codec)
