@@ -112,6 +112,13 @@ def test_missing_rows_are_found_counted_and_kept_out_of_every_block(tmp_path):
     assert seen == {int(i): SAMPLES[i, 0] for i in kept}
 
 
+def test_one_pause_longer_than_what_was_measured_is_one_gap(tmp_path):
+    clock = np.r_[0:100, 400:500] / 50.0
+    record = read_record(write(tmp_path, "t,a\n" + table(np.c_[clock, SAMPLES[:, 0]])))
+    assert [(gap.row, gap.missing) for gap in record.gaps] == [(100, 300)]
+    assert record.rate_hz == pytest.approx(50.0)
+
+
 def test_a_jittering_clock_is_reported_and_an_uneven_one_refused(tmp_path):
     rng = np.random.default_rng(1)
     clock = np.arange(200) / 50.0 + rng.uniform(-0.15, 0.15, 200) / 50

@@ -176,8 +176,7 @@ def read_time(
     _refuse_bursts(seconds, jumps, name)
     deviation = seconds / step - instants
     jitter = float(np.sqrt(np.mean((deviation - deviation.mean()) ** 2)))
-    scattered = jumps[jumps > 0].sum() > MOST_MISSING * (instants[-1] + 1)
-    scattered = scattered and np.median(np.diff(np.flatnonzero(jumps > 0))) < FEWEST_IN_A_ROW
+    scattered = _are_scattered(jumps)
     if (jitter > MOST_JITTER and not printed) or (jumps < 0).any() or scattered:
         raise UnevenError(
             f"The times in column {name!r} are too uneven for one sampling rate: they deviate "
@@ -190,6 +189,13 @@ def read_time(
     gaps = tuple(Gap(int(row) + 1, int(jumps[row])) for row in np.flatnonzero(jumps))
     rate = _tidy_rate(step, seconds, instants, digit)
     return TimeAxis(rate, origin_ns, gaps, jitter, notes)
+
+
+def _are_scattered(jumps: Float[np.ndarray, " gap"]) -> bool:
+    """Whether much is missing, and in so many places that few samples follow each other."""
+    places = np.flatnonzero(jumps > 0)
+    much = jumps[places].sum() > MOST_MISSING * (len(jumps) + 1 + jumps.sum())
+    return bool(much and len(places) > 1 and np.median(np.diff(places)) < FEWEST_IN_A_ROW)
 
 
 def _mean(seconds: Float[np.ndarray, " time"]) -> float:
