@@ -18,8 +18,6 @@ from slowtime.signals.block import Block
 from slowtime_schemas.messages import TimeBase
 from slowtime_schemas.raw import RawHeader
 from slowtime_services.clock import Clock
-from slowtime_services.files import ALL, UNDATED_NS, read_record
-from slowtime_services.replay import raw_blocks
 
 from .settings import (
     AdmissionSettings,
@@ -110,6 +108,8 @@ class FileSource:
 
     def __iter__(self) -> Iterator[Block | None]:
         """Blocks of `block_s`."""
+        from slowtime_services.files import ALL, UNDATED_NS, read_record
+
         given = self.settings
         record = read_record(
             given.path,
@@ -155,6 +155,8 @@ class RecordingSource:
         yield from _paced(blocks, self.settings.speed, self.pacer)
 
     def _recorded(self) -> Iterator[tuple[RawHeader, Block]]:
+        from slowtime_services.replay import raw_blocks  # here: only this input needs MCAP
+
         given = self.settings
         return raw_blocks(given.path, site=given.site, asset=given.asset)
 

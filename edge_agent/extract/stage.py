@@ -10,7 +10,7 @@ import math
 from edge_agent.settings import ExtractSettings, Origin
 from slowtime.signals.block import Block
 from slowtime_schemas.messages import Features, Quality
-from slowtime_services.files import accelerations, find_column
+from slowtime_services.files.record import accelerations, find_column
 
 from .first import FirstMode
 from .reading import Memory, Reader, Reading, Window

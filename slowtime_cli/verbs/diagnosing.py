@@ -41,6 +41,7 @@ RECORD = RecordName()
 @click.command(
     cls=Deferred,
     work="diagnosing:diagnose",
+    extra="analysis",
     epilog="""\b
 Examples:
   slowtime diagnose rig.yaml low.csv high.csv --holdout other.csv --out found

@@ -118,6 +118,7 @@ def edge(
 @click.command(
     cls=Deferred,
     work="processes:twin",
+    extra="twin",
     epilog="""\b
 Examples:
   slowtime twin

@@ -14,6 +14,7 @@ from .flags import EXISTING
 @click.command(
     cls=Deferred,
     work="simulating:simulate",
+    extra="analysis",
     epilog="""\b
 Examples:
   slowtime simulate --structure tower --epochs 8 --out tower.mcap

@@ -104,7 +104,7 @@ READERS: tuple[Reader, ...] = (
            rb"\s*-1\s*\n\s*58b", "pyuff", "pyuff",
            "evenly spaced time responses, their units and interval"),
     Reader("an HDF5 file", "hdf5", (".h5", ".hdf5", ".hdf", ".sdf5"), rb"\x89HDF\r\n\x1a\n",
-           "", "h5py", "datasets of numbers; rate, start and units from attributes"),
+           "h5py", "h5py", "datasets of numbers; rate, start and units from attributes"),
     Reader("a Parquet file", "columnar", (".parquet", ".pq"), rb"PAR1",
            "pyarrow", "pyarrow", "columns of numbers, a column of stamps as clock"),
     Reader("an Arrow or Feather file", "columnar", (".arrow", ".feather", ".ipc"), rb"ARROW1",
