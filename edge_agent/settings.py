@@ -15,6 +15,8 @@ from slowtime_schemas.quantities import AS_STORED, BootId, Name, Plain, PlainTex
 from slowtime_services.configuration import ProcessSettings
 from slowtime_services.simulate import AnyStructure, SimulatedStructure
 
+from .inputs import BoardsInput, LiveInput
+
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Band = tuple[NotNegative, Positive]
@@ -81,7 +83,10 @@ class RecordingInput(Frozen):
     """Seconds of the recording in one second on the wall; 0 for as fast as possible."""
 
 
-Input = Annotated[SimulatedInput | FileInput | RecordingInput, Field(discriminator="kind")]
+Input = Annotated[
+    SimulatedInput | FileInput | RecordingInput | LiveInput | BoardsInput,
+    Field(discriminator="kind"),
+]
 
 
 class AdmissionSettings(Frozen):
