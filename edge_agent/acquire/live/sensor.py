@@ -7,13 +7,15 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from edge_agent.inputs import LiveInput
-from slowtime.signals.block import Block
+from slowtime.signals.block import Block, RateCorrection
+from slowtime.signals.sampling_clock import ClockReading
 from slowtime_schemas.messages import TimeBase
 from slowtime_services.bus import Inbox
 from slowtime_services.clock import Clock
 
 from .assembly import Assembler, Run
 from .batch import Batch
+from .bursts import Bursts
 from .decoding import AnyLayout, Decoder, decoder_of
 from .framing import framer_of
 from .positions import UNIT_NS, ByArrival, ByCounter, ByStamp, Placement, Positions
@@ -53,6 +55,7 @@ class LiveSource:
         self._start_ns = 0
         self._rates: RateWatch
         self._assembler: Assembler
+        self._bursts: Bursts
         self._first_index = self._next_index = 0
         if opened.layout is not None and opened.rate_hz is not None:
             self._prepare(opened.layout, opened.rate_hz)
@@ -115,6 +118,8 @@ class LiveSource:
 
     def _hear(self, batch: Batch) -> None:
         self._dropped += batch.dropped
+        if self._bursts.note(batch.arrival_ns, len(batch.rows)):
+            self.tally.add("sensor_bursts")
         # Where arrivals come from replays or from a clock set back, silence is not negative.
         self._heard_ns = max(self._heard_ns, batch.arrival_ns)
         if self._is_silent:
@@ -185,6 +190,7 @@ class LiveSource:
         self._assembler = Assembler(self._lanes, block_rows, waits, self.tally)
         self._assembler.restart(first_index)
         self._rates = RateWatch(rate_hz, given.rate_tolerance)
+        self._bursts = Bursts(rate_hz)
 
     def _positions_at(self, rate_hz: float, horizon: int) -> Positions:
         if self._layout.counter is not None:
@@ -199,20 +205,25 @@ class LiveSource:
         if runs:
             reading = self._timing.read()
             for run in runs:
-                yield self._block(run, reading.time_ns(run.first_index))
+                yield self._block(run, reading)
 
-    def _block(self, run: Run, start_ns: int) -> Block:
+    def _block(self, run: Run, reading: ClockReading) -> Block:
+        start_ns = reading.time_ns(run.first_index)
         # The estimate moves a little as it gets better; time must not run back by that.
         if 0 <= self._start_ns - start_ns < STEADY_NS:
             start_ns = self._start_ns + 1
         self._start_ns = start_ns
+        samples = (run.rows - self._offsets) * self._factors
+        # A float in a frame, or a word such as `inf` in a line, is no measurement.
+        samples[~np.isfinite(samples)] = np.nan
         return Block(
-            samples=(run.rows - self._offsets) * self._factors,
+            samples=samples,
             rate_hz=self._rate_hz,
             first_index=run.first_index,
             start_ns=max(0, start_ns),
             channels=self._layout.names,
             units=self._layout.units,
+            clock=RateCorrection(relative=reading.correction, sd=reading.correction_sd),
         )
 
 

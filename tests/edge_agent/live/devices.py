@@ -53,12 +53,16 @@ def device(
             counter, off_ns = 0, round(off_s * 1e9)
             boot_ns = n * per_message
         first = n * per_message
-        taken_ns = START_NS + off_ns + round((first + per_message - 1) * 1e9 / rate_hz / (1 + error))
+        taken_ns = (
+            START_NS + off_ns + round((first + per_message - 1) * 1e9 / rate_hz / (1 + error))
+        )
         stamp_us = round((first - boot_ns) * 1e6 / rate_hz / (1 + error))
         arrival = taken_ns + round(rng.exponential(jitter_s) * 1e9)
         for begin, seconds in pauses:
             if begin <= n < begin + seconds * rate_hz / per_message:
-                arrival = max(arrival, START_NS + round((begin * per_message / rate_hz + seconds) * 1e9))
+                arrival = max(
+                    arrival, START_NS + round((begin * per_message / rate_hz + seconds) * 1e9)
+                )
         rows = np.arange(first, first + per_message, dtype=float)[:, None] * np.ones(2)
         if n in gone:
             sent.lost += per_message
