@@ -21,6 +21,8 @@ from slowtime_schemas.messages import About, TimeBase
 from slowtime_schemas.quantities import AS_STORED, BootId, Name, Plain, PlainText
 from slowtime_services.configuration import ProcessSettings
 
+from .inputs import BoardsInput, LiveInput
+
 if TYPE_CHECKING:
     from slowtime_services.simulate import Simulated
 else:
@@ -111,7 +113,10 @@ class RecordingInput(Frozen):
     """Seconds of the recording in one second on the wall; 0 for as fast as possible."""
 
 
-Input = Annotated[SimulatedInput | FileInput | RecordingInput, Field(discriminator="kind")]
+Input = Annotated[
+    SimulatedInput | FileInput | RecordingInput | LiveInput | BoardsInput,
+    Field(discriminator="kind"),
+]
 
 
 class AdmissionSettings(Frozen):

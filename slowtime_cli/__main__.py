@@ -71,6 +71,10 @@ VERBS = {
         "simulating:simulate",
         "Write the vibration of a structure that ages, or of a model file.",
     ),
+    "publish": Verb(
+        "publishing:publish",
+        "Play an acceleration board on a structure that exists in software only.",
+    ),
     "diagnose": Verb(
         "diagnosing:diagnose",
         "Find what a model lacks, where and how much, from records of it.",

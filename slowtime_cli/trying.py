@@ -27,6 +27,7 @@ TRY: dict[str, str] = {
     "slowtime import record.csv --rate-hz 100 --out record.mcap",
     "identify": f"{_RECORD} && slowtime identify tower.mcap",
     "simulate": _RECORD,
+    "publish": "slowtime publish --to - --seconds 2",
     "diagnose": "(echo slow_time,frequency_hz,frequency_sd,temperature_c; seq 200 | "
     """awk '{print $1 "," 4 - 0.03 * sin($1 / 20) + 0.007 * (rand() - 0.5) ",0.002," """
     """10 * sin($1 / 20)}') > bridge.csv && """

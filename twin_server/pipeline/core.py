@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Literal, TypeVar
 
-from slowtime_schemas.messages import Features
+from slowtime_schemas.messages import Features, Health
 from slowtime_schemas.streams import FEATURES, HEALTH, REGISTRATION, alive_key, request_key
 from slowtime_services.bus import Bus, Handle, Inbox, Query, Sample, matches
 from slowtime_services.clock import Clock, SystemClock
@@ -29,6 +29,7 @@ from twin_server.collect import (
     Refusals,
     Repeated,
     Run,
+    SensorWatch,
     Want,
 )
 from twin_server.estimate import Checkpoint, Twin
@@ -108,6 +109,7 @@ class Pipeline:
         self._account = self._new_account()
         self._stale = True
         self._heard: dict[tuple[str, str], int] = {}
+        self._sensors = SensorWatch()
         self._load()
 
     def start(self) -> None:
@@ -231,6 +233,10 @@ class Pipeline:
     def heard_ns(self, twin_id: str) -> int | None:
         """When features of a twin last came; None where not since this server began."""
         return self._heard.get(address(twin_id))
+
+    def sensor(self, twin_id: str) -> dict[str, int] | None:
+        """Counters of the live sensor of a twin, as its edge told last; None without one."""
+        return self._sensors.of(*address(twin_id))
 
     @property
     def trouble(self) -> str:
@@ -366,7 +372,14 @@ class Pipeline:
         self._account.disbelieve(received.disbelieved)
         if healths:
             self._durably(lambda c: self._account.hear(healths, time.monotonic(), c))
+            self._hear_of_sensors([health for health, replayed in healths if not replayed])
         return received.misdated
+
+    def _hear_of_sensors(self, healths: Sequence[Health]) -> None:
+        """Make events of what live sensors do."""
+        for notice in self._sensors.hear(healths, time.monotonic()):
+            site, asset, kind, severity, message, details = notice
+            self._note(f"{site}.{asset}", kind, severity, message, details)
 
     def _take_arrivals(self, arrivals: Sequence[Arrival]) -> None:
         """Order, estimate and keep; one that cannot be worked does not stop the others."""
@@ -588,6 +601,7 @@ class Pipeline:
         existed = self.store.delete(twin_id)
         self._twins.pop(key, None)
         self._heard.pop(key, None)
+        self._sensors.forget(*key)
         self._account.forget(*key)
         self._voice.reset(twin_id)
         return existed

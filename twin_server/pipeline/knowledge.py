@@ -83,6 +83,10 @@ class TwinKnowledge:
         """When features last came; None where not since this server began."""
         return self._pipeline.heard_ns(twin_id)
 
+    def sensor(self, twin_id: str) -> dict[str, int] | None:
+        """Give counters of the live sensor; None for other inputs."""
+        return self._pipeline.sensor(twin_id)
+
     def raised(self, twin_id: str) -> list[dict[str, Any]]:
         """Give the alarms that are raised now: quantity, side and limit of each."""
         twin = self._pipeline.twin(twin_id)

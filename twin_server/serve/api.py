@@ -140,6 +140,7 @@ def _twins(
             {
                 "alive": knowledge.alive(twin_id),
                 "heard_ns": knowledge.heard_ns(twin_id),
+                "sensor": knowledge.sensor(twin_id),
                 "raised": knowledge.raised(twin_id),
                 "nominal": knowledge.nominal(twin_id),
                 "normal": knowledge.normal(twin_id),

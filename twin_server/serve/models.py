@@ -207,6 +207,11 @@ class TwinModel(OfElements):
         description="When features last came, by this server's clock [ns since 1970-01-01 "
         "UTC]; null where not since it began.",
     )
+    sensor: dict[str, int] | None = Field(
+        None,
+        description="Counters of the live sensor, as its edge agent told last; null for other "
+        "inputs, and before it told. `sensor_silent_s` is 0 while it sends.",
+    )
     raised: list[RaisedModel] = Field(default=[], description="Alarms that are raised now.")
     nominal: dict[str, float] | None = Field(description="None while it is being learnt.")
     normal: list[NormalModel] = Field(
