@@ -179,6 +179,11 @@ class ExtractSettings(Frozen):
     method: Literal["auto", "ambient", "free_decay", "peak", "modes"] = "auto"
     """One way to identify the first mode, or `auto` for what the record calls for; or `modes`
     for all of them, with shapes and identities, by stochastic subspaces."""
+    identifier: PlainText | None = None
+    """Installed part of one's own (entry point of `slowtime.identifiers`) that reads windows
+    in the place of `method`."""
+    identifier_timeout_s: Positive = 30.0
+    """How long it may take over a window until its process is ended, and the window given up."""
     band_hz: Band | None = None
     """Where to look for modes; None for everywhere."""
     order: Annotated[int, Field(ge=2, le=100)] = 30

@@ -12,6 +12,7 @@ TRY: dict[str, str] = {
     "keys": "slowtime keys make lab --asset beam && slowtime keys list",
     "tokens": "slowtime tokens add ann --scope viewer --site lab && slowtime tokens list",
     "status": "slowtime router & sleep 5; slowtime status; kill %1",
+    "plugins": "slowtime plugins",
     "check": f"{_HOUSE} && slowtime check house/twin.sqlite",
     "backup": f"{_HOUSE} && slowtime backup house/twin.sqlite --out monday.sqlite",
     "restore": f"{_HOUSE} && slowtime backup house/twin.sqlite --out monday.sqlite && "

@@ -116,6 +116,9 @@ class DiagnoseSettings(Frozen):
 
     recordings: Path | None = None
     """Folder of recordings (MCAP) that diagnoses may be made from; None for none."""
+    effects: tuple[str, ...] = ()
+    """Installed parts of one's own (entry points of `slowtime.effects`) that a diagnosis in
+    fast time may name. No request names any."""
     max_raw_s: Positive = 600.0
     """Most seconds of raw samples that the edge is asked for, or that are read."""
     max_samples: Count = 20_000_000

@@ -13,6 +13,7 @@ from slowtime_schemas.messages import Features, Quality
 from slowtime_services.files.record import accelerations, find_column
 
 from .first import FirstMode
+from .own import OwnIdentifier
 from .reading import Memory, Reader, Reading, Window
 from .several import SeveralModes
 from .windows import Gathered, Marks, Rows, Stretch, belongs, between, gather
@@ -183,6 +184,8 @@ class Extract:
 
     @property
     def _reader(self) -> Reader:
+        if self.settings.identifier is not None:
+            return OwnIdentifier(self.settings, self.settings.identifier)
         if self.settings.method == "modes":
             return SeveralModes(self.settings)
         return FirstMode(self.settings, self.settings.method)

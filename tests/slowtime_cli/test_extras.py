@@ -16,7 +16,7 @@ from slowtime_cli.extras import LIBRARIES
 PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
 EXTRAS = PROJECT["optional-dependencies"]
 IMPORTED_AS = {"pyyaml": "yaml"}
-LIGHT = {"edge", "router", "status"}
+LIGHT = {"edge", "plugins", "publish", "router", "status"}
 
 
 def brought(extra):

@@ -9,6 +9,7 @@ from urllib.parse import urlsplit
 from edge_agent.inputs import LiveInput
 from slowtime_services.bus import Bus
 from slowtime_services.clock import Clock
+from slowtime_services.plugins import plugins
 
 from .decoding import AnyLayout, Decoder
 
@@ -165,12 +166,17 @@ def scheme_of(url: str) -> Scheme:
         Where there is none of that name.
     """
     name = urlsplit(url).scheme
-    if name not in SCHEMES:
+    if name in SCHEMES:
+        return SCHEMES[name]
+    own = {part.name: part for part in plugins("slowtime.sources")}
+    if name not in own:
+        allowed = ", ".join([*SCHEMES, *own])
         raise ValueError(
-            f"{url!r:.200} has the scheme {name!r}. Allowed: {', '.join(SCHEMES)}; "
+            f"{url!r:.200} has the scheme {name!r}. Allowed: {allowed}; "
             f"such as {SCHEMES['mqtt'].example}."
         )
-    return SCHEMES[name]
+    brought = f"of {own[name].distribution} {own[name].version}"
+    return Scheme(name=name, says=brought, example=f"{name}:", opens="own")
 
 
 def check(settings: LiveInput) -> Scheme:
@@ -183,7 +189,7 @@ def check(settings: LiveInput) -> Scheme:
     """
     scheme = scheme_of(settings.source)
     unknown = sorted(set(settings.parameters) - set(scheme.parameters))
-    if unknown:
+    if unknown and scheme.opens != "own":
         allowed = ", ".join(scheme.parameters) or "none but layout and limits"
         raise ValueError(f"{scheme.name}: has no parameter {unknown}. Allowed: {allowed}.")
     importing(scheme)

@@ -13,11 +13,16 @@ from pathlib import Path
 from slowtime_services.files import apart
 from slowtime_services.files.record import RecordError
 from slowtime_services.files.sheet import Sheet
+from slowtime_services.plugins import plugins
 
 from .choosing import sheet_of
 from .found import Found
 
 HEAD_BYTES = 4096
+OWN = "plugin:"
+"""Before the name of an installed part, in the place of a module of this room."""
+OURS = frozenset(("", "csv", "txt", "tsv", "dat", "npy", "npz", "mat", "xlsx"))
+"""Endings that no part of somebody's own is asked for."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -120,7 +125,19 @@ def reader_of(path: Path) -> Reader | None:
     """Find the reader of a file; None where none recognises it."""
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)
-    return next((one for one in READERS if one.recognises(path, head)), None)
+    known = next((one for one in READERS if one.recognises(path, head)), None)
+    return known or _own_reader(path.suffix.lower().lstrip("."))
+
+
+def _own_reader(ending: str) -> Reader | None:
+    """Find an installed part that is named after the ending; it is imported apart."""
+    if ending in OURS:
+        return None
+    for part in plugins("slowtime.readers"):
+        if part.name == ending:
+            kind = f"a file for the reader {ending!r} of {part.distribution} {part.version}"
+            return Reader(kind, f"{OWN}{ending}", (f".{ending}",), None, "", "", "")
+    return None
 
 
 __all__ = ["READERS", "Found", "Reader", "reader_of"]
