@@ -183,7 +183,7 @@ class ExtractSettings(Frozen):
     """Installed part of one's own (entry point of `slowtime.identifiers`) that reads windows
     in the place of `method`."""
     identifier_timeout_s: Positive = 30.0
-    """How long it may take over a window until its process is ended, and the window given up."""
+    """How long it may take over a window until it is ended, and the window given up."""
     band_hz: Band | None = None
     """Where to look for modes; None for everywhere."""
     order: Annotated[int, Field(ge=2, le=100)] = 30

@@ -12,6 +12,7 @@ from pydantic_settings import SettingsConfigDict
 
 from slowtime_services.configuration import ProcessSettings
 
+from .receivers import AlarmSettings
 from .registration import Registration
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -268,3 +269,5 @@ class TwinSettings(ProcessSettings):
     diagnose: DiagnoseSettings = DiagnoseSettings()
     recordings: RecordingSettings = RecordingSettings()
     gap: GapSettings = GapSettings()
+    alarms: AlarmSettings = AlarmSettings()
+    """Receivers of events, and how they are told."""

@@ -1,4 +1,4 @@
-"""One window in, what an identifier of one's own makes of it out; it runs in its own process."""
+"""One window in, what an identifier of one's own, in its own process, makes of it out."""
 
 import dataclasses
 import functools

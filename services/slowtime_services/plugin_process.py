@@ -9,7 +9,9 @@ is unpickled.
 import contextlib
 import os
 import pickle
+import queue
 import select
+import signal
 import struct
 import subprocess
 import sys
@@ -189,15 +191,15 @@ def main(group: str, name: str) -> int:
     """Hold one part out: a call for each request of stdin, its answer or packets to stdout."""
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what the part prints is no answer
-    plugin = find(group, name)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends who asked, and that ends this
+    requests: queue.SimpleQueue[Any] = queue.SimpleQueue()
     try:
+        plugin = find(group, name)
+        threading.Thread(target=_requests, args=(requests,), daemon=True).start()
         part = plugin.load()
         _write(out, _READY, b"")
         while True:
-            try:
-                arguments = pickle.load(sys.stdin.buffer)
-            except EOFError:
-                return 0
+            arguments = requests.get()
             for kind, body in _answers(plugin, part, arguments):
                 _write(out, kind, body)
     except PluginError as error:
@@ -205,6 +207,14 @@ def main(group: str, name: str) -> int:
         return 1
     except BrokenPipeError:
         return 1
+
+
+def _requests(into: "queue.SimpleQueue[Any]") -> None:
+    """Take requests; once who asked is gone, end, whatever the part is at."""
+    with contextlib.suppress(EOFError):
+        while True:
+            into.put(pickle.load(sys.stdin.buffer))
+    os._exit(0)
 
 
 def _answers(plugin: Plugin, part: Any, arguments: Any) -> Iterator[tuple[bytes, bytes]]:

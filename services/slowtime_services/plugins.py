@@ -108,6 +108,6 @@ def find(group: str, name: str) -> Plugin:
 
 
 def said(error: BaseException) -> str:
-    """What an exception says, on one line and bounded."""
+    """Put what an exception says on one line, bounded."""
     text = " ".join(str(error).split())[:MOST_SAID].rstrip(".")
     return f"{type(error).__name__}: {text}" if text else type(error).__name__

@@ -82,7 +82,8 @@ Examples:
     multiple=True,
     type=Effects(),
     metavar="FILE|NAME",
-    help="Python file that holds effects of your own, or name of an installed part; may be repeated.",
+    help="Python file that holds effects of your own, or name of an installed part; may be "
+    "repeated.",
 )
 @click.option(
     "--channel",

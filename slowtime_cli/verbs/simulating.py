@@ -77,7 +77,8 @@ Examples:
     multiple=True,
     type=Effects(),
     metavar="FILE|NAME",
-    help="With --model: Python file that holds effects of your own, or name of an installed part; may be repeated.",
+    help="With --model: Python file that holds effects of your own, or name of an installed "
+    "part; may be repeated.",
 )
 @click.option("--noise", is_flag=True, help="Add each sensor's noise_sd; needs --seed.")
 @click.option(

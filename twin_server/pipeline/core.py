@@ -32,8 +32,9 @@ from twin_server.collect import (
     SensorWatch,
     Want,
 )
+from twin_server.deliveries import Acknowledgement, Delivery
 from twin_server.estimate import Checkpoint, Twin
-from twin_server.persist import Cut, Store, StoreError
+from twin_server.persist import Cut, EventRow, Store, StoreError
 from twin_server.registration import Registration
 from twin_server.settings import TwinSettings
 
@@ -52,6 +53,7 @@ from .records import (
     run_row,
     twin_row,
 )
+from .routing import Routing
 from .voice import ACK_EVERY_S, Proof, Voice
 
 logger = logging.getLogger(__name__)
@@ -106,6 +108,8 @@ class Pipeline:
             self._proof,
         )
         self.failing: str = ""
+        # A pipeline without a bus is fed from recordings, of which nobody is told.
+        self.routing = Routing(settings.alarms, listening=bus is not None)
         self._account = self._new_account()
         self._stale = True
         self._heard: dict[tuple[str, str], int] = {}
@@ -197,6 +201,16 @@ class Pipeline:
     ) -> None:
         """Keep and tell an event that does not follow from features."""
         self.call(lambda: self._note(twin_id, kind, severity, message, details))
+
+    def keep(
+        self,
+        event: EventRow,
+        deliveries: Sequence[Delivery] = (),
+        settled: Sequence[Delivery] = (),
+        acknowledgements: Sequence[Acknowledgement] = (),
+    ) -> None:
+        """Make an event durable with what belongs to it, and tell it."""
+        self.call(lambda: self._keep(event, deliveries, settled, acknowledgements))
 
     def delete(self, twin_id: str) -> bool:
         """Forget a twin, its history and its account; False where there is none."""
@@ -440,6 +454,8 @@ class Pipeline:
             for run in change.touched
             if run.number
         ]
+        self.routing.hear(change.ordered)
+        cut.deliveries += self.routing.deliveries(cut.events, twins, self._clock.now_ns())
         numbers = self.store.write(cut)
         self._twins = twins
         self._count(change, cut)
@@ -555,9 +571,26 @@ class Pipeline:
         key = address(twin_id)
         if key not in self._twins:
             return
-        event = noted(*key, kind, severity, message, details, self._clock.now_ns())
-        numbers = self.store.write(Cut(events=[event]))
-        self.counts[f"event_{kind}"] += 1
+        now_ns = self._clock.now_ns()
+        event = noted(*key, kind, severity, message, details, now_ns)
+        self._keep(event, self.routing.deliveries([event], self._twins, now_ns))
+
+    def _keep(
+        self,
+        event: EventRow,
+        deliveries: Sequence[Delivery] = (),
+        settled: Sequence[Delivery] = (),
+        acknowledgements: Sequence[Acknowledgement] = (),
+    ) -> None:
+        """Make an event durable with what belongs to it, and tell it."""
+        cut = Cut(
+            events=[event],
+            deliveries=list(deliveries),
+            settled=list(settled),
+            acknowledgements=list(acknowledgements),
+        )
+        numbers = self.store.write(cut)
+        self.counts[f"event_{json.loads(event.body)['kind']}"] += 1
         self._voice.tell((), NOTHING, self._units, [event], numbers)
 
     def _register(

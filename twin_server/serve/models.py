@@ -448,6 +448,10 @@ class EventModel(BaseModel):
     """Something a person may want to know of, once."""
 
     number: int
+    event_id: str = Field(
+        description="The same after the history was estimated anew; `number` is not.",
+        examples=["5f0c2a4e9b7d41c6a3e8f1d2b4c6978a"],
+    )
     id: str
     boot: str
     sequence: int
