@@ -14,8 +14,8 @@ from .sending import NotDeliveredError, message_of
 
 logger = logging.getLogger(__name__)
 
-_WAITING_OF_EACH = 4
-"""Messages that a thread has before it, so that it need not wait for the next."""
+_WAITING_OF_EACH = 16
+"""Messages that a thread has before it: their outcomes wait for the disk together."""
 
 
 class Outcome(NamedTuple):

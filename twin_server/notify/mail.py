@@ -5,7 +5,8 @@ from email.message import EmailMessage
 
 from twin_server.receivers import EmailReceiver
 
-from .sending import Message, NotDeliveredError, credentials, deadline, plainly
+from .deadlines import DEADLINES
+from .sending import Message, NotDeliveredError, credentials, plainly
 from .webhook import tls
 
 _LONGEST_SUBJECT = 150
@@ -34,7 +35,7 @@ class Email:
         known = credentials(receiver.credentials_file)
         mail = mail_of(message, receiver)
         server = self._server()
-        with deadline(receiver.timeout_s, lambda: getattr(server, "sock", None)):
+        with DEADLINES.within(receiver.timeout_s, lambda: getattr(server, "sock", None)):
             try:
                 server.connect(receiver.host, receiver.port)
                 if receiver.security == "starttls":

@@ -1,10 +1,7 @@
 """A delivery as its receiver reads it, and what all kinds of sending share."""
 
-import contextlib
 import json
 import socket
-import threading
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -96,30 +93,6 @@ def credentials(path: Path | None) -> tuple[str, str] | None:
             "password in the second."
         )
     return lines[0], lines[1]
-
-
-@contextlib.contextmanager
-def deadline(seconds: float, connected: Callable[[], socket.socket | None]) -> Iterator[None]:
-    """Cut a connection off when its time is over, also of a peer that answers byte by byte.
-
-    Parameters
-    ----------
-    connected
-        Gives the socket that there is by then.
-    """
-
-    def cut() -> None:
-        with contextlib.suppress(OSError):
-            if (sock := connected()) is not None:
-                sock.shutdown(socket.SHUT_RDWR)
-
-    timer = threading.Timer(seconds, cut)
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
 
 
 def plainly(error: BaseException) -> str:

@@ -15,7 +15,8 @@ from urllib.parse import urlsplit
 
 from twin_server.receivers import WebhookReceiver
 
-from .sending import Message, NotDeliveredError, deadline, plainly
+from .deadlines import DEADLINES
+from .sending import Message, NotDeliveredError, plainly
 from .signing import SHORTEST, signature
 
 _LONGEST_WAIT_S = 3_600.0
@@ -53,7 +54,10 @@ class Webhook:
             "X-Slowtime-Signature": signature(self._secret(), stamp, payload),
         }
         connection = self._connection()
-        with contextlib.closing(connection), deadline(receiver.timeout_s, _socket(connection)):
+        with (
+            contextlib.closing(connection),
+            DEADLINES.within(receiver.timeout_s, _socket(connection)),
+        ):
             try:
                 connection.request("POST", self._path(), payload, headers)
                 with connection.getresponse() as answer:
