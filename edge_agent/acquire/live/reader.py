@@ -18,6 +18,7 @@ BACKOFF_S = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 """From one attempt to connect to the next; the last is repeated."""
 
 
+@runtime_checkable
 class Transport(Protocol):
     """Something that delivers packets."""
 
