@@ -16,7 +16,7 @@ from .messages import (
     Registered,
     TwinState,
 )
-from .raw import RawHeader
+from .raw_header import RawHeader
 
 ROOT = "slowtime/v1"
 
