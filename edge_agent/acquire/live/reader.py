@@ -35,6 +35,10 @@ class Transport(Protocol):
         """
         ...
 
+    def close(self) -> None:
+        """Let go of what was opened; nothing is asked of it any more."""
+        ...
+
 
 @runtime_checkable
 class Describing(Protocol):
@@ -100,6 +104,7 @@ class Reader:
             attempts = 0 if heard else attempts
             self._lost_connection(why, attempts)
             attempts += 1
+        self._transport.close()
         self._inbox.close()
 
     def _lost_connection(self, why: str, attempts: int) -> None:
