@@ -5,7 +5,7 @@ A URL says where and, after `?`, what: ``mqtt://pi@10.0.0.2/bridge/accel?channel
 
 import math
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 from urllib.parse import parse_qsl, urlencode, urlsplit, urlunsplit
 
 from pydantic import Field, model_validator
@@ -80,7 +80,7 @@ class LiveInput(Frozen):
     """Root of `sys/bus/iio` and `dev`, of industrial I/O."""
 
     @classmethod
-    def of(cls, url: str, **more: Any) -> Self:
+    def of(cls, url: str, **more: Any) -> "LiveInput":
         """Take a URL apart into source, layout and limits.
 
         Raises
@@ -102,7 +102,7 @@ class LiveInput(Frozen):
         return cls(**(given | more))
 
     @model_validator(mode="after")
-    def _keeps_passwords_out(self) -> Self:
+    def _keeps_passwords_out(self) -> "LiveInput":
         parts = urlsplit(self.source)
         if not parts.scheme:
             raise ValueError(
@@ -152,7 +152,7 @@ class BoardsInput(Frozen):
     boards: Annotated[tuple[Board, ...], Field(min_length=2, max_length=64)]
 
     @model_validator(mode="after")
-    def _names_differ(self) -> Self:
+    def _names_differ(self) -> "BoardsInput":
         names = [board.name for board in self.boards]
         if len(set(names)) < len(names):
             raise ValueError(f"Boards {names} are not told apart. Give each its own name.")

@@ -17,7 +17,7 @@ import json
 import struct
 import tomllib
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, FiniteFloat, TypeAdapter, ValidationError, model_validator
 
@@ -103,7 +103,7 @@ class _Layout(Frozen):
     stamp: Stamp | None = None
 
     @model_validator(mode="after")
-    def _names_differ(self) -> Self:
+    def _names_differ(self) -> "_Layout":
         names = [channel.name for channel in self.channels]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
@@ -129,7 +129,7 @@ class JsonLayout(_Layout):
     """Dotted path to an array of rows, one row a sample with the channels in order."""
 
     @model_validator(mode="after")
-    def _has_paths(self) -> Self:
+    def _has_paths(self) -> "JsonLayout":
         for what, part in (("counter", self.counter), ("stamp", self.stamp)):
             if part is not None and not isinstance(part.at, str):
                 raise ValueError(f"{what}.at={part.at!r} is no path. Give one, such as 'n'.")
@@ -175,7 +175,7 @@ class CsvLayout(_Layout):
         return counter, stamp, channels
 
     @model_validator(mode="after")
-    def _has_columns(self) -> Self:
+    def _has_columns(self) -> "CsvLayout":
         counter, stamp, channels = self.places
         used = [place for place in (counter, stamp, *channels) if place is not None]
         if len(set(used)) < len(used):
@@ -244,7 +244,7 @@ class PackedLayout(_Layout):
         return self.begin_bytes + samples * self.sample_bytes + end
 
     @model_validator(mode="after")
-    def _header_agrees(self) -> Self:
+    def _header_agrees(self) -> "PackedLayout":
         said = [what for what, kind, _ in self.fields if what != "skip"]
         for what, kind, _ in self.fields:
             if what != "skip" and kind not in NUMBERS:

@@ -101,7 +101,7 @@ class Admission:
 
     def _jumps(self, block: Block, last: Block) -> Refusal | None:
         lost = block.first_index - last.next_index
-        expected = last.end_ns + round(lost * 1e9 / block.rate_hz)
+        expected = last.end_ns + round(lost * 1e9 / block.true_rate_hz)
         late_s = (block.start_ns - expected) / 1e9
         tolerance = self.settings.clock_tolerance_s
         if block.epoch != last.epoch:

@@ -169,7 +169,7 @@ class Condition:
             samples=rows[kept],
             rate_hz=latest.rate_hz / factor,
             first_index=index // factor,
-            start_ns=latest.start_ns - round(behind * 1e9 / latest.rate_hz),
+            start_ns=latest.start_ns - round(behind * 1e9 / latest.true_rate_hz),
         )
         return [(block, sums)]
 
@@ -185,7 +185,7 @@ def _pieces(block: Block) -> Iterator[Block]:
             block,
             samples=samples[first:last],
             first_index=block.first_index + first,
-            start_ns=block.start_ns + round(first * 1e9 / block.rate_hz),
+            start_ns=block.start_ns + round(first * 1e9 / block.true_rate_hz),
         )
 
 

@@ -25,7 +25,7 @@ from slowtime_schemas.messages import (
     Health,
     Message,
 )
-from slowtime_schemas.raw import ITEM_BYTES, RawHeader, encode_raw
+from slowtime_schemas.raw import ITEM_BYTES, ClockCorrection, RawHeader, encode_raw
 from slowtime_schemas.streams import (
     ABOUT,
     ACK,
@@ -301,7 +301,7 @@ def raw_message(block: Block, origin: Origin, sequence: int) -> tuple[RawHeader,
     """Header and samples of a block, in the sensor's own type."""
     kind = block.samples.dtype.newbyteorder("<").str
     samples = block.samples if kind in ITEM_BYTES else block.samples.astype("<f8")
-    kind = samples.dtype.newbyteorder("<").str
+    kind, clock = samples.dtype.newbyteorder("<").str, block.clock
     header = RawHeader(
         **origin.model_dump(),
         sequence=sequence,
@@ -316,6 +316,7 @@ def raw_message(block: Block, origin: Origin, sequence: int) -> tuple[RawHeader,
         slow_time=block.slow_time,
         covariates=dict(block.covariates),
         truth=dict(block.truth) or None,
+        clock=None if clock is None else ClockCorrection(relative=clock.relative, sd=clock.sd),
     )
     return header, np.ascontiguousarray(samples, dtype=kind).tobytes()
 

@@ -14,7 +14,7 @@ from typing import Any
 from .codec import REASONS
 from .frozen import folder, schema_text
 from .messages import Message
-from .raw import RawHeader
+from .raw_header import RawHeader
 from .streams import (
     ABOUT,
     FEATURES,

@@ -17,7 +17,7 @@ from .messages import (
     SensorSamples,
     TwinState,
 )
-from .raw import RawHeader
+from .raw_header import RawHeader
 
 ROOT = "slowtime/v1"
 

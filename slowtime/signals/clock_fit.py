@@ -209,7 +209,7 @@ def fit_points(points: Points, resolution_s: float) -> Line | None:
 
 
 def spread_of(residuals: Float[np.ndarray, " span"]) -> float:
-    """Standard deviation by the median of absolute residuals."""
+    """Estimate a standard deviation by the median of absolute residuals."""
     ranked = np.sort(np.abs(residuals))
     return 1.4826 * float(ranked[len(ranked) // 2])
 
@@ -238,9 +238,7 @@ def widening(free: int) -> float:
     )
 
 
-def find_change(
-    points: Points, *, fewest: int, least_s: float, score: float
-) -> Change | None:
+def find_change(points: Points, *, fewest: int, least_s: float, score: float) -> Change | None:
     """Where a step or a change of slope explains the points far better than one line.
 
     Parameters

@@ -113,7 +113,7 @@ class History:
                 self._begin_anew(waiting, line)
 
     def _begin_anew(self, waiting: tuple[Span, ...], line: Line) -> None:
-        """Leave the old line: the host's clock has stepped, or the device's rate has changed."""
+        """Leave the old line: the host's clock has stepped, or the device's has changed."""
         given = self._given
         points = envelope(waiting, line.slope, given.rate_limit)
         fresh = fit_points(points, given.resolution_s)
@@ -123,9 +123,7 @@ class History:
         self._reset(waiting, 1, kind, turned)
         self._refit()
 
-    def _reset(
-        self, history: tuple[Span, ...], width: int, kind: str, turned: float
-    ) -> None:
+    def _reset(self, history: tuple[Span, ...], width: int, kind: str, turned: float) -> None:
         """Keep only `history`; of what was before, what it says of the rate."""
         slope, sd, _ = self._state.posterior()
         stepped = kind == "step"

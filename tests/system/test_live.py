@@ -82,9 +82,8 @@ class Broker:
     def start(self) -> None:
         config = self._home / "mosquitto.conf"
         config.write_text(f"listener {self.port} 127.0.0.1\nallow_anonymous true\n")
-        self._process = subprocess.Popen(
-            [self._program, "-c", str(config)], stderr=(self._home / "broker.log").open("ab")
-        )
+        with (self._home / "broker.log").open("ab") as log:
+            self._process = subprocess.Popen([self._program, "-c", str(config)], stderr=log)
         deadline = time.monotonic() + 60
         while time.monotonic() < deadline:
             with socket.socket() as probe:

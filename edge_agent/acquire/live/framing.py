@@ -1,7 +1,7 @@
 """Byte streams without borders → lines or frames; what is between them is garbage."""
 
 from collections.abc import Iterator
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from edge_agent.layouts import CsvLayout, JsonLayout, PackedLayout
 
@@ -13,6 +13,7 @@ MOST_WAITING_BYTES = 2**16
 """Longest frame whose length stands in its header: a false one would hold up those after it."""
 
 
+@runtime_checkable
 class Framer(Protocol):
     """Finds messages in a stream."""
 

@@ -5,7 +5,7 @@ has passed, so that what follows is never joined to what came before.
 """
 
 import abc
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 from edge_agent.layouts import Counter, Stamp
 
@@ -33,6 +33,7 @@ class Placement(NamedTuple):
     restart: bool = False
 
 
+@runtime_checkable
 class Positions(Protocol):
     """Gives each batch its place."""
 

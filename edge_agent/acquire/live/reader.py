@@ -18,6 +18,7 @@ BACKOFF_S = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 """From one attempt to connect to the next; the last is repeated."""
 
 
+@runtime_checkable
 class Transport(Protocol):
     """Something that delivers packets."""
 
@@ -32,6 +33,10 @@ class Transport(Protocol):
         It returns where the other side has ended, and raises OSError where the connection
         fails; either way it is called again, later.
         """
+        ...
+
+    def close(self) -> None:
+        """Let go of what was opened; nothing is asked of it any more."""
         ...
 
 
@@ -99,6 +104,7 @@ class Reader:
             attempts = 0 if heard else attempts
             self._lost_connection(why, attempts)
             attempts += 1
+        self._transport.close()
         self._inbox.close()
 
     def _lost_connection(self, why: str, attempts: int) -> None:

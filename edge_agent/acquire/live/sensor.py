@@ -93,6 +93,7 @@ class LiveSource:
             if described is not None:
                 self._prepare(*described)
         if self._reader is None:
+            self._opened.transport.close()
             return
         self._reader.start()
         while not self._stop.is_set():

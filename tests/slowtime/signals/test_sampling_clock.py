@@ -1,10 +1,11 @@
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slowtime.signals.sampling_clock import SamplingClock
-
 from tests.slowtime.signals.latencies import Messages, messages
 
 CLOCK = SamplingClock(nominal_rate_hz=200.0)
@@ -16,7 +17,7 @@ SOME = messages(np.random.default_rng(5), Messages(seconds=90.0))
 def test_cutting_the_messages_anywhere_changes_nothing(where):
     state = CLOCK.start()
     cuts = [0, *sorted(where), len(SOME.index)]
-    for first, last in zip(cuts[:-1], cuts[1:], strict=True):
+    for first, last in itertools.pairwise(cuts):
         state = CLOCK.step(state, SOME.index[first:last], SOME.arrival_ns[first:last])
     whole = CLOCK.step(CLOCK.start(), SOME.index, SOME.arrival_ns)
     assert state == whole

@@ -9,7 +9,7 @@ from slowtime.dynamics.effects import Kind, Law, Motion, Parameter
 
 
 def force(e: float, v: float, t: float, z: Any, p: Any) -> Any:
-    """Force k e / (1 + |e| / d): straight for small elongations, bounded by k d for large ones."""
+    """Force: straight for small elongations, bounded by k d for large ones."""
     return p[0] * e / (1.0 + abs(e) / p[1])
 
 

@@ -135,6 +135,9 @@ class Buffer:
         finally:
             os.close(node)
 
+    def close(self) -> None:
+        """Do nothing: what is open is closed with each connection."""
+
 
 def opened(settings: LiveInput, around: Surroundings) -> Opened:
     """Find the device, choose its channels and read how they are packed."""

@@ -85,6 +85,9 @@ class Mqtt:
         finally:
             self._client.disconnect()
 
+    def close(self) -> None:
+        """Do nothing: what is open is closed with each connection."""
+
     def _hear(self, client: paho.Client, data: Any, message: paho.MQTTMessage) -> None:
         topic = message.topic if self._by_topic else ""
         self._arrived.append(Packet(bytes(message.payload), self._clock.now_ns(), topic))

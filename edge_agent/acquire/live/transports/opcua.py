@@ -81,6 +81,9 @@ class OpcUa:
             Packet(text.encode(), self._clock.now_ns(), node.nodeid.to_string())
         )
 
+    def close(self) -> None:
+        """Do nothing: what is open is closed with each connection."""
+
 
 async def _ended(client: Client) -> None:
     try:

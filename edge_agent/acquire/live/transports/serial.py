@@ -35,6 +35,9 @@ class SerialPort:
                 waiting = min(port.in_waiting, AT_ONCE)
                 yield Packet(data + (port.read(waiting) if waiting else b""), now_ns)
 
+    def close(self) -> None:
+        """Do nothing: what is open is closed with each connection."""
+
 
 def opened(settings: LiveInput, around: Surroundings) -> Opened:
     """Open the port that the URL names."""

@@ -36,6 +36,9 @@ class StandardInput:
                 return
             yield Packet(data, self._clock.now_ns())
 
+    def close(self) -> None:
+        """Do nothing: what is open is closed with each connection."""
+
 
 def opened(settings: LiveInput, around: Surroundings) -> Opened:
     """Read standard input."""

@@ -42,6 +42,9 @@ class TcpClient:
         with socket.create_connection(self._address, self._timeout_s) as connection:
             yield from received(connection, self._clock, stop)
 
+    def close(self) -> None:
+        """Do nothing: what is open is closed with each connection."""
+
 
 class TcpServer:
     """Listens; a device that connects anew takes the place of the one before."""
@@ -71,6 +74,10 @@ class TcpServer:
             with connection:
                 yield from received(connection, self._clock, stop)
                 return
+
+    def close(self) -> None:
+        """Listen no more."""
+        self._listener.close()
 
 
 def received(

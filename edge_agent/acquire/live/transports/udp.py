@@ -45,6 +45,10 @@ class Datagrams:
                 continue
             yield Packet(data, self._clock.now_ns())
 
+    def close(self) -> None:
+        """Listen no more."""
+        self._socket.close()
+
 
 def opened(settings: LiveInput, around: Surroundings) -> Opened:
     """Bind the port."""

@@ -40,6 +40,9 @@ class BusSamples:
         while not stop.is_set():
             taken = self._inbox.take(timeout_s=POLL_S)
             yield from taken or (None,)
+
+    def close(self) -> None:
+        """Listen no more."""
         self._handle.close()
 
     def describe(self, stop: threading.Event) -> tuple[AnyLayout, float] | None:
