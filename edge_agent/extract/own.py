@@ -8,11 +8,11 @@ from pydantic import TypeAdapter, ValidationError
 
 from edge_agent.settings import ExtractSettings
 from slowtime.identification.identified import Measured
-from slowtime_schemas.messages import Mode
+from slowtime_schemas.messages import Mode, Smoothed
 from slowtime_services.plugin_process import PluginProcess
 from slowtime_services.plugins import PluginError, find
 
-from .reading import Memory, Reading, Window, smooth
+from .reading import Memory, Reading, Window, doubts, quantity, smooth, with_clock
 
 logger = logging.getLogger(__name__)
 
@@ -49,14 +49,20 @@ class OwnIdentifier:
             return memory, Reading(channels=window.channels, why=("not_credible",))
         if not modes:
             return memory, Reading(channels=window.channels, why=("no_mode",))
-        first_hz = modes[0].frequency_hz
-        memory, smoothed = smooth(
-            memory, 0, Measured(first_hz.value, first_hz.sd), self.settings
+        own = [Measured(mode.frequency_hz.value, mode.frequency_hz.sd) for mode in modes]
+        memory, smoothed = smooth(memory, 0, own[0], self.settings, window.clock)
+        told_of: list[dict[str, Smoothed | None]] = [{"smoothed_frequency_hz": smoothed}] + [
+            {}
+        ] * (len(modes) - 1)
+        known = tuple(
+            mode.model_copy(
+                update={"frequency_hz": quantity(with_clock(frequency, window.clock)), **more}
+            )
+            for mode, frequency, more in zip(modes, own, told_of, strict=True)
         )
-        first = modes[0].model_copy(update={"smoothed_frequency_hz": smoothed})
         # The message knows four methods by name; which part it was stands in `About`.
-        modes = (first, *modes[1:])
-        return memory, Reading(modes, "ambient", window.channels, ("own_identifier",))
+        doubted = ("own_identifier", *doubts(own, window.clock))
+        return memory, Reading(known, "ambient", window.channels, doubts=doubted)
 
 
 @functools.lru_cache(maxsize=8)

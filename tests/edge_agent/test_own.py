@@ -1,5 +1,6 @@
 """What an identifier or a source of one's own does wrong costs its window, or its packets."""
 
+import dataclasses
 import logging
 import threading
 
@@ -12,6 +13,7 @@ from edge_agent.extract import own
 from edge_agent.extract.reading import Memory, Window
 from edge_agent.inputs import LiveInput
 from edge_agent.settings import ExtractSettings
+from slowtime.signals.block import RateCorrection
 from slowtime_services.clock import SystemClock
 from slowtime_services.plugins import PluginError
 from tests.services.test_plugins import installed as installed
@@ -55,9 +57,21 @@ def test_whatever_a_part_answers_the_window_is_read_or_says_why(
     with caplog.at_level(logging.ERROR):
         step = own.OwnIdentifier(ExtractSettings(identifier="own"), "own").step
         _, reading = step(Memory(), WINDOW)
-    assert (reading.why, len(reading.modes)) == (why, modes)
+    assert (reading.why + reading.doubts, len(reading.modes)) == (why, modes)
     if why == ("not_credible",):
         assert "of bad-parts 1.0 gave no modes" in caplog.text
+
+
+def test_the_error_of_the_clock_is_added_to_what_a_part_says(installed, monkeypatch):
+    installed("identifiers")
+    monkeypatch.setattr(own, "_process", lambda name: Answers(GOOD * 2))
+    window = dataclasses.replace(WINDOW, clock=RateCorrection(relative=0.0, sd=0.1))
+    _, reading = own.OwnIdentifier(ExtractSettings(identifier="own"), "own").step(
+        Memory(), window
+    )
+    expected = np.hypot(0.1, 4.0 * 0.1)
+    assert [mode.frequency_hz.sd for mode in reading.modes] == pytest.approx([expected] * 2)
+    assert reading.doubts == ("own_identifier", "clock_uncertain")
 
 
 def test_a_source_is_a_scheme_by_its_name(installed):
