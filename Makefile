@@ -93,7 +93,7 @@ figures: .venv/dev  ## draw the book's figures into docs/figures
 	@test -n "$(PYTHON)" || { echo "slowtime needs Python 3.11 or newer; none was found. Give one: make PYTHON=/path/to/python3"; exit 2; }
 	@test -x $(BIN)/python || { echo "Making a virtual environment in .venv with $(PYTHON) ..."; $(PYTHON) -m venv .venv; }
 	@echo "Installing slowtime and what it needs into .venv: about 45 packages, a minute or two, this once ..."
-	@$(PIP_INSTALL) -e . && touch $@
+	@$(PIP_INSTALL) -e '.[all]' && touch $@
 	@echo "Installed. \`$(BIN)/slowtime --help\` lists the verbs."
 
 .venv/dev: .venv/run
@@ -103,7 +103,7 @@ figures: .venv/dev  ## draw the book's figures into docs/figures
 .venv-peers/ready: .venv/run
 	@echo "Installing the tools to compare with into .venv-peers, this once ..."
 	@$(BIN)/python -m venv .venv-peers
-	@.venv-peers/bin/python -m pip --disable-pip-version-check install --progress-bar on -c constraints.txt -e '.[peers]' && touch $@
+	@.venv-peers/bin/python -m pip --disable-pip-version-check install --progress-bar on -c constraints.txt -e '.[all,peers]' && touch $@
 
 pictures: .venv/dev  ## take the pictures of the page, in every view, into docs
 	$(BIN)/python docs/figures/page.py

@@ -4,7 +4,17 @@ import subprocess
 import sys
 from pathlib import Path
 
-from . import door, flow, foresight, identification, modal_truth, plant, startup, transport
+from . import (
+    door,
+    edge,
+    flow,
+    foresight,
+    identification,
+    modal_truth,
+    plant,
+    startup,
+    transport,
+)
 
 TRUTH_RUNS = 8
 """Of each structure of known modes: a minute or two; 300 take the better part of an hour."""
@@ -16,6 +26,8 @@ def main() -> int:
     """Print every figure; 1 where one lies outside what it is held to."""
     print("# Start-up of the command\n")
     status = startup.main()
+    print("\n# An edge agent before its first sample\n")
+    status |= edge.main()
     print("\n# Identification at the limit\n")
     status |= identification.main([])
     print("\n# Modes of simulated structures\n")

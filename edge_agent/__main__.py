@@ -8,6 +8,7 @@ import secrets
 import sys
 import threading
 from collections.abc import Iterator
+from typing import Any
 
 from slowtime.signals.block import Block
 from slowtime_services.bus import Bus, ZenohBus
@@ -16,12 +17,19 @@ from slowtime_services.credentials import Credentials, options_for
 from slowtime_services.ending import ended_by_signals
 from slowtime_services.tracing import Traces, traces_of
 
-from .acquire import Pacer, Source, open_source
+from .acquire import Counting, Pacer, Source, check_input, open_source
 from .pipeline import Edge, listen
 from .publish import Publisher, Spool
 from .settings import EdgeSettings, Origin
 
 logger = logging.getLogger(__name__)
+
+PRIVATE: dict[str, Any] = {
+    name: True
+    for name in ("source", "password_file", "ca_file", "certificate_file", "key_file", "sysfs")
+}
+PRIVATE["boards"] = {"__all__": dict(PRIVATE)}
+"""Settings of inputs that are nobody's business beyond this machine."""
 
 SETTLING_S = 0.2
 """From a connection until both sides know of each other's subscriptions."""
@@ -57,11 +65,17 @@ def run(
         clock = clock or SystemClock()
         if traces is None and (traces := traces_of("edge")) is not None:
             stack.callback(traces.close)
-        source = source or open_source(
-            settings.input, clock, stop, tuple(settings.extract.covariates.values())
-        )
+        check_input(settings.input)
         if bus is None:
             bus = stack.enter_context(_connected(settings, clock, stop))
+        source = source or open_source(
+            settings.input,
+            clock,
+            stop,
+            tuple(settings.extract.covariates.values()),
+            bus=bus,
+            twin=(settings.site, settings.asset),
+        )
         boot = settings.boot or new_boot(clock)
         blocks = iter(source)
         while (
@@ -108,6 +122,7 @@ def _run_boot(
             software=f"slowtime {importlib.metadata.version('slowtime')}",
             about=_about(settings),
             traces=traces,
+            counts=source.counts if isinstance(source, Counting) else None,
         )
         publisher.open()
         stack.callback(publisher.close)
@@ -186,7 +201,7 @@ def _about(settings: EdgeSettings) -> dict[str, object]:
     """Tell what decides the features; no addresses, no secrets."""
     return {
         "processing": settings.processing.model_dump(mode="json"),
-        "input": settings.input.model_dump(mode="json"),
+        "input": settings.input.model_dump(mode="json", exclude=PRIVATE),
         "raw": settings.publish.raw,
     }
 

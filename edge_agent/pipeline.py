@@ -167,7 +167,7 @@ class Listening:
         )
         if refusal is not None:
             self._refuse(block, refusal)
-        elif before is not None and block.end_ns <= before.end_ns:
+        elif before is not None and block.start_ns <= before.start_ns:
             self.rewound = block
         return refusal is None and self.rewound is None
 

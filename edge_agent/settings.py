@@ -5,15 +5,28 @@ file named by `config` (TOML or JSON). Units are in the names.
 """
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PlainValidator,
+    ValidationError,
+    model_validator,
+)
 from pydantic_settings import SettingsConfigDict
 
 from slowtime_schemas.messages import About, TimeBase
 from slowtime_schemas.quantities import AS_STORED, BootId, Name, Plain, PlainText
 from slowtime_services.configuration import ProcessSettings
-from slowtime_services.simulate import AnyStructure, SimulatedStructure
+
+from .inputs import BoardsInput, LiveInput
+
+if TYPE_CHECKING:
+    from slowtime_services.simulate import Simulated
+else:
+    Simulated = Any
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -36,11 +49,30 @@ class Origin(Frozen):
     slow_time_unit: PlainText = "s"
 
 
+def _structure(given: Any = None) -> "Simulated":
+    """Make the structure that is described; an edge beside a sensor imports no simulator."""
+    from slowtime_services.simulate import Simulated, simulated_structure
+
+    if isinstance(given, Simulated):
+        return given
+    try:
+        return simulated_structure(given or {})
+    except ValidationError as error:
+        faults = (
+            f"{'.'.join(map(str, fault['loc'])) or 'structure'}={fault['input']!r}: "
+            f"{fault['msg'].removeprefix('Value error, ')}"
+            for fault in error.errors(include_url=False)
+        )
+        raise ValueError("; ".join(faults)) from error
+
+
 class SimulatedInput(Frozen):
     """Samples of a structure that exists in software only."""
 
     kind: Literal["simulated"] = "simulated"
-    structure: AnyStructure = SimulatedStructure()
+    structure: Annotated[Simulated, PlainValidator(_structure)] = Field(
+        default_factory=_structure
+    )
     every_s: NotNegative = 0.5
     """From one epoch to the next on the wall's clock; 0 for as fast as possible."""
     first_epoch: Annotated[int, Field(ge=0)] = 0
@@ -81,7 +113,10 @@ class RecordingInput(Frozen):
     """Seconds of the recording in one second on the wall; 0 for as fast as possible."""
 
 
-Input = Annotated[SimulatedInput | FileInput | RecordingInput, Field(discriminator="kind")]
+Input = Annotated[
+    SimulatedInput | FileInput | RecordingInput | LiveInput | BoardsInput,
+    Field(discriminator="kind"),
+]
 
 
 class AdmissionSettings(Frozen):
@@ -144,6 +179,11 @@ class ExtractSettings(Frozen):
     method: Literal["auto", "ambient", "free_decay", "peak", "modes"] = "auto"
     """One way to identify the first mode, or `auto` for what the record calls for; or `modes`
     for all of them, with shapes and identities, by stochastic subspaces."""
+    identifier: PlainText | None = None
+    """Installed part of one's own (entry point of `slowtime.identifiers`) that reads windows
+    in the place of `method`."""
+    identifier_timeout_s: Positive = 30.0
+    """How long it may take over a window until it is ended, and the window given up."""
     band_hz: Band | None = None
     """Where to look for modes; None for everywhere."""
     order: Annotated[int, Field(ge=2, le=100)] = 30
@@ -242,7 +282,7 @@ class EdgeSettings(ProcessSettings):
     """Folder that `slowtime keys` made for this edge; None to speak in the clear."""
     zenoh: dict[str, Any] = Field(default_factory=dict, repr=False)
     """Further settings of Zenoh, key to value."""
-    input: Input = SimulatedInput()
+    input: Input = Field(default_factory=SimulatedInput)
     admission: AdmissionSettings = AdmissionSettings()
     condition: ConditionSettings = ConditionSettings()
     extract: ExtractSettings = ExtractSettings()

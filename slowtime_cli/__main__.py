@@ -46,6 +46,10 @@ VERBS = {
     "status": Verb(
         "processes:status", "Tell whether the router answers and which edge agents live."
     ),
+    "plugins": Verb(
+        "plugins:plugins",
+        "List parts of your own: group, name, distribution, version, loaded or the error.",
+    ),
     "check": Verb("keeping:check", "Look through a twin's database for damage."),
     "backup": Verb("keeping:backup", "Copy a twin's database while the server writes it."),
     "restore": Verb("keeping:restore", "Put a backup in the place of a twin's database."),
@@ -70,6 +74,10 @@ VERBS = {
     "simulate": Verb(
         "simulating:simulate",
         "Write the vibration of a structure that ages, or of a model file.",
+    ),
+    "publish": Verb(
+        "publishing:publish",
+        "Play an acceleration board on a structure that exists in software only.",
     ),
     "diagnose": Verb(
         "diagnosing:diagnose",

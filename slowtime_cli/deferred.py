@@ -12,6 +12,8 @@ from typing import Any
 
 import click
 
+from .extras import needed
+
 
 class Deferred(click.Command):
     """A command whose work stands elsewhere.
@@ -23,16 +25,32 @@ class Deferred(click.Command):
     ----------
     work
         ``module:function`` within `slowtime_cli`.
+    extra
+        Extra of slowtime whose libraries the work imports; None where it takes none.
     """
 
-    def __init__(self, *args: Any, work: str, **settings: Any) -> None:
+    def __init__(
+        self, *args: Any, work: str, extra: str | None = None, **settings: Any
+    ) -> None:
         super().__init__(*args, **settings)
-        self.work = work
+        self.work, self.extra = work, extra
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Refuse what is plainly wrong, then import the work and do it."""
+        """Refuse what is plainly wrong, then import the work and do it.
+
+        Raises
+        ------
+        click.ClickException
+            Where a library is missing that an extra brings: it names the extra.
+        """
         super().invoke(ctx)
-        return ctx.invoke(self.load(), **ctx.params)
+        try:
+            return ctx.invoke(self.load(), **ctx.params)
+        except ModuleNotFoundError as error:
+            told = needed(ctx.command_path, self.extra, error)
+            if told is None:
+                raise
+            raise click.ClickException(told) from error
 
     def load(self) -> Callable[..., Any]:
         """Import the work."""

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import click
 
+from edge_agent.inputs import LiveInput
 from edge_agent.settings import EdgeSettings
 
 from .options import (
@@ -26,6 +27,8 @@ def edge(
     simulate: str | None,
     file: Path | None,
     recording: Path | None,
+    source: str | None,
+    password_file: Path | None,
     rate_hz: float | None,
     speed: float,
     epochs_per_s: float | None,
@@ -42,17 +45,19 @@ def edge(
     """Run an edge agent: samples in, features with uncertainty out."""
     from edge_agent.__main__ import run
 
-    source: dict[str, Any] = {}
+    given: dict[str, Any] | LiveInput = {}
     if simulate:
-        source = {
+        given = {
             "kind": "simulated",
             "structure": structure(simulate),
             "every_s": 1 / (epochs_per_s or EPOCHS_PER_S[simulate]),
         }
     elif file:
-        source = {"kind": "file", "path": file, "rate_hz": rate_hz, "speed": speed}
+        given = {"kind": "file", "path": file, "rate_hz": rate_hz, "speed": speed}
     elif recording:
-        source = {"kind": "recording", "path": recording, "speed": speed}
+        given = {"kind": "recording", "path": recording, "speed": speed}
+    elif source:
+        given = LiveInput.of(source, **_given(rate_hz=rate_hz, password_file=password_file))
     extract = _given(
         channels=names(channels, "--channels"),
         band_hz=band_hz or None,
@@ -68,7 +73,7 @@ def edge(
                 asset=asset or simulate,
                 connect=_endpoints(connect, config, credentials),
                 credentials=credentials,
-                input=source or None,
+                input=given or None,
                 extract=extract or None,
                 publish={"raw": "on" if raw else "off"} if raw is not None else None,
                 spool={"folder": spool} if spool else None,

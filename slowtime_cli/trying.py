@@ -12,6 +12,7 @@ TRY: dict[str, str] = {
     "keys": "slowtime keys make lab --asset beam && slowtime keys list",
     "tokens": "slowtime tokens add ann --scope viewer --site lab && slowtime tokens list",
     "status": "slowtime router & sleep 5; slowtime status; kill %1",
+    "plugins": "slowtime plugins",
     "check": f"{_HOUSE} && slowtime check house/twin.sqlite",
     "backup": f"{_HOUSE} && slowtime backup house/twin.sqlite --out monday.sqlite",
     "restore": f"{_HOUSE} && slowtime backup house/twin.sqlite --out monday.sqlite && "
@@ -27,6 +28,7 @@ TRY: dict[str, str] = {
     "slowtime import record.csv --rate-hz 100 --out record.mcap",
     "identify": f"{_RECORD} && slowtime identify tower.mcap",
     "simulate": _RECORD,
+    "publish": "slowtime publish --to - --seconds 2",
     "diagnose": "(echo slow_time,frequency_hz,frequency_sd,temperature_c; seq 200 | "
     """awk '{print $1 "," 4 - 0.03 * sin($1 / 20) + 0.007 * (rand() - 0.5) ",0.002," """
     """10 * sin($1 / 20)}') > bridge.csv && """

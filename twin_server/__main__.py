@@ -18,8 +18,11 @@ from slowtime_services.clock import Clock, SystemClock
 from slowtime_services.credentials import CredentialsError, options_for
 from slowtime_services.ending import ended_by_signals
 from slowtime_services.tracing import NoTelemetryError, Traces, traces_of
+from twin_server.notify import Notifier, WrongReceiverError, senders_of
 from twin_server.persist import Store, WrongStoreError, open_store
 from twin_server.pipeline import (
+    Alarms,
+    Bell,
     Herald,
     Lookout,
     Orders,
@@ -104,6 +107,7 @@ def run(
         NoTelemetryError,
         WrongTokenFileError,
         WrongStoreError,
+        WrongReceiverError,
         WrongRegistrationsError,
         _AddressError,
     ) as error:
@@ -152,6 +156,7 @@ def _serve(
     diagnosis: Sequence[str],
     traces: Traces | None,
 ) -> None:
+    senders = senders_of(settings.alarms)
     pipeline = Pipeline(settings, store, bus=bus, clock=clock)
     limits = settings.serve
     hub = Hub(limits.max_live_clients, limits.live_backlog, limits.max_live_of_one)
@@ -160,6 +165,9 @@ def _serve(
     pipeline.listen(lookout)
     if traces is not None:
         pipeline.listen(Tracing(pipeline, traces, clock or SystemClock()))
+    alarms = Alarms(pipeline, store, clock)
+    notifier = Notifier(settings.alarms, alarms, senders, clock or SystemClock())
+    pipeline.listen(Bell(notifier.wake))
     allow_files(limits.max_connections + OTHER_FILES)
     workers = Processes(limits.workers, limits.work_timeout_s)
     workers.warm()
@@ -178,7 +186,7 @@ def _serve(
     )
     app = create_app(
         knowledge, hub, settings.serve, orders, recordings,
-        largest_recording=settings.recordings.max_bytes, lane=lane,
+        largest_recording=settings.recordings.max_bytes, lane=lane, alarming=alarms,
     )  # fmt: skip
     door_of = guard.around(app)
     connections = Connections(_limits(settings))
@@ -188,13 +196,17 @@ def _serve(
     door = threading.Thread(
         target=server.run, kwargs={"sockets": [listening]}, name="http", daemon=True
     )
+    wanted = registrations(settings.registrations)
+    for twin_id, registration in wanted.items():
+        pipeline.routing.check(twin_id, registration)
     pipeline.start()
-    for twin_id, registration in registrations(settings.registrations).items():
+    for twin_id, registration in wanted.items():
         if pipeline.twin(twin_id) is None:
             pipeline.register(twin_id, registration)
     orders.start()
     lookout.start()
     knowledge.prospects.start()
+    notifier.start()
     door.start()
     collect_less_often()
     sys.setswitchinterval(SWITCH_S)
@@ -218,6 +230,7 @@ def _serve(
         orders.stop()
         lookout.stop()
         knowledge.prospects.stop()
+        notifier.stop(settings.shutdown_s)
         pipeline.stop()
 
 

@@ -16,6 +16,7 @@ from slowtime_services.models import description_of
 
 from .model import Model, model_of
 from .orders import Adopted, Frozen
+from .receivers import AlarmRoute
 from .thresholds import Alarm, Forecasting, Limit, Number, Positive
 
 NotNegative = Annotated[float, Field(ge=0, lt=1e300, allow_inf_nan=False)]
@@ -187,6 +188,7 @@ class Registration(Frozen):
                     "changes": "stiffness",
                     "nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02},
                     "alarms": [{"quantity": "stiffness_change", "below": -0.1}],
+                    "alarm_routes": [{"receiver": "ops", "remind_s": 86400.0}],
                     "forecast": {"thresholds": [{"quantity": "stiffness_change", "at": -0.2}]},
                 },
                 {"changes": "both", "learn_epochs": 40, "damping_coefficient_sd": 0.0},
@@ -235,8 +237,20 @@ class Registration(Frozen):
     forecast: Forecasting = Forecasting()
     """Thresholds whose time is asked for, and how the future is looked at."""
     alarms: Annotated[tuple[Alarm, ...], Field(max_length=16)] = ()
+    alarm_routes: Annotated[tuple[AlarmRoute, ...], Field(max_length=8)] = ()
+    """Who is told of events: receivers that the server's settings declare, by name."""
     confirm_readings: Annotated[int, Field(ge=1, le=100)] = 3
     """Readings in a row until an alarm, or a change of validity, is believed."""
+
+    @model_validator(mode="after")
+    def _names_each_receiver_once(self) -> Self:
+        names = [route.receiver for route in self.alarm_routes]
+        if len(set(names)) < len(names):
+            raise ValueError(
+                f"alarm_routes name {', '.join(names)}, one of them twice. Name each receiver "
+                "once, with all severities and kinds that go to it."
+            )
+        return self
 
     @model_validator(mode="after")
     def _can_be_told_apart(self) -> Self:

@@ -18,6 +18,7 @@ from slowtime_schemas.messages import Event, TwinState
 from slowtime_schemas.streams import STATE
 
 from .buckets import Buckets
+from .deliveries import identity
 from .details import Bodies, without_shapes
 from .states import ESTIMATES, USED_SMOOTHED, States, assumed, sentences
 
@@ -123,11 +124,12 @@ def event_body(event: Event) -> str:
 
 
 def event_object(number: int, body: str) -> dict[str, Any]:
-    """Give an event as REST does: the message, and its number beside it."""
+    """Give an event as REST does: the message, its number and its identity beside it."""
     content: dict[str, Any] = json.loads(body)
+    event_id = identity(content)
     content.pop("version")
     twin_id = f"{content.pop('site')}.{content.pop('asset')}"
-    return {"number": number, "id": twin_id, **content}
+    return {"number": number, "event_id": event_id, "id": twin_id, **content}
 
 
 def estimate_objects(table: Sequence[Sequence[float]]) -> list[dict[str, float]]:

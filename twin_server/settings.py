@@ -12,6 +12,7 @@ from pydantic_settings import SettingsConfigDict
 
 from slowtime_services.configuration import ProcessSettings
 
+from .receivers import AlarmSettings
 from .registration import Registration
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -116,6 +117,9 @@ class DiagnoseSettings(Frozen):
 
     recordings: Path | None = None
     """Folder of recordings (MCAP) that diagnoses may be made from; None for none."""
+    effects: tuple[str, ...] = ()
+    """Installed parts of one's own (entry points of `slowtime.effects`) that a diagnosis in
+    fast time may name. No request names any."""
     max_raw_s: Positive = 600.0
     """Most seconds of raw samples that the edge is asked for, or that are read."""
     max_samples: Count = 20_000_000
@@ -265,3 +269,5 @@ class TwinSettings(ProcessSettings):
     diagnose: DiagnoseSettings = DiagnoseSettings()
     recordings: RecordingSettings = RecordingSettings()
     gap: GapSettings = GapSettings()
+    alarms: AlarmSettings = AlarmSettings()
+    """Receivers of events, and how they are told."""

@@ -15,11 +15,11 @@ from collections.abc import Iterator
 from typing import Literal
 
 import numpy as np
-import scipy.signal as sps
 from jaxtyping import Bool, Float, Int
 
 from edge_agent.settings import ConditionSettings
 from slowtime.signals.block import Block
+from slowtime.signals.recursion import at_rest, butterworth, chebyshev, filtered
 
 from .spikes import REACH, bridged, usual_deviation, without_spikes
 
@@ -145,9 +145,8 @@ class Condition:
         memory = state.memory
         if memory is None:
             # At rest at the first sample, so that an offset does not ring.
-            memory = sps.sosfilt_zi(sections)[:, :, None] * rows[0]
-        filtered, memory = sps.sosfilt(sections, rows, axis=0, zi=memory)
-        return filtered, memory
+            memory = at_rest(sections)[:, :, None] * rows[0]
+        return filtered(sections, rows, memory)
 
     def _decimate(
         self,
@@ -170,7 +169,7 @@ class Condition:
             samples=rows[kept],
             rate_hz=latest.rate_hz / factor,
             first_index=index // factor,
-            start_ns=latest.start_ns - round(behind * 1e9 / latest.rate_hz),
+            start_ns=latest.start_ns - round(behind * 1e9 / latest.true_rate_hz),
         )
         return [(block, sums)]
 
@@ -186,7 +185,7 @@ def _pieces(block: Block) -> Iterator[Block]:
             block,
             samples=samples[first:last],
             first_index=block.first_index + first,
-            start_ns=block.start_ns + round(first * 1e9 / block.rate_hz),
+            start_ns=block.start_ns + round(first * 1e9 / block.true_rate_hz),
         )
 
 
@@ -244,8 +243,7 @@ def _sections(
                 f"condition.{kind}_hz={edge} is not below {nyquist:g} Hz, half of the sampling "
                 f"rate. Lower {kind}_hz, or sample faster."
             )
-        parts.append(sps.butter(settings.order, edge, kind, output="sos", fs=rate_hz))
+        parts.append(butterworth(settings.order, edge / nyquist, kind))
     if settings.decimate > 1:
-        edge = 0.8 * nyquist / settings.decimate
-        parts.append(sps.cheby1(8, 0.05, edge, "lowpass", fs=rate_hz, output="sos"))
+        parts.append(chebyshev(8, 0.05, 0.8 / settings.decimate))
     return np.concatenate(parts) if parts else None

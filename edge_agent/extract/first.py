@@ -8,7 +8,17 @@ from slowtime.identification.first import Method as FirstMethod
 from slowtime.identification.windows import Tracker
 from slowtime_schemas.messages import Mode
 
-from .reading import Memory, Reading, Window, is_sound, quantity, smooth
+from .reading import (
+    Memory,
+    Reading,
+    Window,
+    doubts,
+    is_sound,
+    quantity,
+    rescaled,
+    smooth,
+    with_clock,
+)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -31,16 +41,16 @@ class FirstMode:
             return memory, Reading(why=("no_mode",))
         if not is_sound(found.frequency_hz, found.damping_ratio, found.correlation):
             return memory, Reading(why=("not_credible",))
-        memory, smoothed = smooth(
-            dataclasses.replace(memory, first=tracked), 0, found.frequency_hz, self.settings
-        )
-        snr = found.snr_db
+        own, clock = found.frequency_hz, window.clock
+        memory = dataclasses.replace(memory, first=tracked)
+        memory, smoothed = smooth(memory, 0, own, self.settings, clock)
+        snr, frequency = found.snr_db, with_clock(own, clock)
         mode = Mode(
-            frequency_hz=quantity(found.frequency_hz),
+            frequency_hz=quantity(frequency),
             damping_ratio=quantity(found.damping_ratio),
-            correlation=min(max(found.correlation, -1.0), 1.0),
+            correlation=rescaled(found.correlation, own, frequency),
             smoothed_frequency_hz=smoothed,
             snr_db=snr if snr is not None and math.isfinite(snr) else None,
             flags=found.flags,
         )
-        return memory, Reading((mode,), method=found.method)
+        return memory, Reading((mode,), method=found.method, doubts=doubts((own,), clock))

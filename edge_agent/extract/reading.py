@@ -2,12 +2,14 @@
 
 import dataclasses
 import math
+from collections.abc import Iterable
 from typing import Protocol, runtime_checkable
 
 from edge_agent.settings import ExtractSettings
 from slowtime.identification.identified import Measured
 from slowtime.identification.tracking import Tracks
 from slowtime.identification.windows import TrackerState
+from slowtime.signals.block import RateCorrection
 from slowtime.signals.smoothing import MedianEwma, SmootherState
 from slowtime_schemas.messages import Mode, Smoothed
 from slowtime_schemas.quantities import Quantity
@@ -21,24 +23,30 @@ class Window:
 
     Parameters
     ----------
+    rate_hz
+        True samples per second, as far as they are known.
     position
         Where the window is among the others, counted in usual distances between them.
+    clock
+        By what `rate_hz` was corrected; None where it is the nominal one.
     """
 
     rows: Rows
     rate_hz: float
     channels: tuple[str, ...]
     position: float
+    clock: RateCorrection | None = None
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Reading:
-    """What a window said, or a word on why it said nothing."""
+    """What a window said, words on why it said nothing, and on what to doubt of it."""
 
     modes: tuple[Mode, ...] = ()
     method: str = "none"
     channels: tuple[str, ...] = ()
     why: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -74,18 +82,55 @@ class Reader(Protocol):
 
 
 def smooth(
-    memory: Memory, identity: int, frequency: Measured, settings: ExtractSettings
+    memory: Memory,
+    identity: int,
+    frequency: Measured,
+    settings: ExtractSettings,
+    clock: RateCorrection | None,
 ) -> tuple[Memory, Smoothed | None]:
-    """Advance the median → EWMA of one frequency; windows without it do not count."""
+    """Advance the median → EWMA of one frequency; windows without it do not count.
+
+    What is averaged are frequencies by the nominal rate, so that a correction that was found
+    late counts for all windows, and its error, which they share, is not averaged away.
+    """
     if not settings.smooth:
         return memory, None
     smoother = MedianEwma(window=settings.median_window, a=settings.ewma_a)
     before = dict(memory.smoothers)
     state = before.get(identity) or smoother.start()
-    after, found = smoother.step(state, frequency.value, frequency.sd)
+    true = 1.0 if clock is None else 1.0 + clock.relative
+    after, found = smoother.step(state, frequency.value / true, frequency.sd / true)
     kept = tuple((before | {identity: after}).items())
-    told = Smoothed(value=found.value, sd=found.sd, lag_epochs=found.lag)
-    return dataclasses.replace(memory, smoothers=kept), told
+    told = with_clock(Measured(found.value * true, found.sd * true), clock)
+    smoothed = Smoothed(value=told.value, sd=told.sd, lag_epochs=found.lag)
+    return dataclasses.replace(memory, smoothers=kept), smoothed
+
+
+def with_clock(frequency: Measured, clock: RateCorrection | None) -> Measured:
+    """Add the error of the clock, which scales every frequency alike, to one frequency."""
+    if clock is None:
+        return frequency
+    return Measured(frequency.value, math.hypot(frequency.sd, clock_sd(frequency, clock)))
+
+
+def clock_sd(frequency: Measured, clock: RateCorrection) -> float:
+    """Error of a frequency that is due to the clock alone [Hz]."""
+    return frequency.value * clock.sd / (1.0 + clock.relative)
+
+
+def rescaled(correlation: float, before: Measured, after: Measured) -> float:
+    """Correlation with the damping, within [-1, 1], once a frequency is known less well."""
+    if after.sd > before.sd:
+        correlation *= before.sd / after.sd
+    return min(max(correlation, -1.0), 1.0)
+
+
+def doubts(frequencies: Iterable[Measured], clock: RateCorrection | None) -> tuple[str, ...]:
+    """Flag `clock_uncertain` where the clock is most of a frequency's error."""
+    if clock is None:
+        return ()
+    most = any(clock_sd(frequency, clock) > frequency.sd for frequency in frequencies)
+    return ("clock_uncertain",) if most else ()
 
 
 def is_sound(frequency: Measured, damping: Measured, correlation: float) -> bool:

@@ -15,9 +15,20 @@ from edge_agent.settings import ExtractSettings
 from slowtime.identification import modes as identified
 from slowtime.identification.automatic import identify_modes
 from slowtime.identification.tracking import ModeTracker, Tracks
+from slowtime.signals.block import RateCorrection
 from slowtime_schemas.messages import Mode, Shape, Smoothed
 
-from .reading import Memory, Reading, Window, is_sound, quantity, smooth
+from .reading import (
+    Memory,
+    Reading,
+    Window,
+    doubts,
+    is_sound,
+    quantity,
+    rescaled,
+    smooth,
+    with_clock,
+)
 
 DIGITS = 7
 """Of a shape's components after the point: below what any record tells of them."""
@@ -50,12 +61,15 @@ class SeveralModes:
         for mode, identity in zip(found, identities, strict=True):
             smoothed = None
             if identity is not None:
-                memory, smoothed = smooth(memory, identity, mode.frequency_hz, given)
-            modes.append(_message(mode, identity, smoothed))
+                memory, smoothed = smooth(
+                    memory, identity, mode.frequency_hz, given, window.clock
+                )
+            modes.append(_message(mode, identity, smoothed, window.clock))
         if not modes:
             why = ("not_credible",) if result.modes else ("no_mode",)
             return memory, Reading(channels=window.channels, why=why)
-        return memory, Reading(tuple(modes), "ssi", window.channels)
+        doubted = doubts((mode.frequency_hz for mode in found), window.clock)
+        return memory, Reading(tuple(modes), "ssi", window.channels, doubts=doubted)
 
     def _followed(
         self, memory: Memory, window: Window, found: list[identified.Mode]
@@ -75,7 +89,11 @@ class SeveralModes:
             false_modes=given.false_modes,
             most=given.most,
         )
-        tracks, tracked = tracker.step(tracks, found, elapsed=elapsed)
+        known = [
+            dataclasses.replace(mode, frequency_hz=with_clock(mode.frequency_hz, window.clock))
+            for mode in found
+        ]
+        tracks, tracked = tracker.step(tracks, known, elapsed=elapsed)
         alive = tracks.identities
         return dataclasses.replace(
             memory,
@@ -104,11 +122,17 @@ def _may_travel(mode: identified.Mode) -> bool:
     )
 
 
-def _message(mode: identified.Mode, identity: int | None, smoothed: Smoothed | None) -> Mode:
+def _message(
+    mode: identified.Mode,
+    identity: int | None,
+    smoothed: Smoothed | None,
+    clock: RateCorrection | None,
+) -> Mode:
+    frequency = with_clock(mode.frequency_hz, clock)
     return Mode(
-        frequency_hz=quantity(mode.frequency_hz),
+        frequency_hz=quantity(frequency),
         damping_ratio=quantity(mode.damping_ratio),
-        correlation=min(max(mode.correlation, -1.0), 1.0),
+        correlation=rescaled(mode.correlation, mode.frequency_hz, frequency),
         smoothed_frequency_hz=smoothed,
         flags=mode.flags,
         identity=identity,

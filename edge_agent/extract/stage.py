@@ -10,9 +10,10 @@ import math
 from edge_agent.settings import ExtractSettings, Origin
 from slowtime.signals.block import Block
 from slowtime_schemas.messages import Features, Quality
-from slowtime_services.files import accelerations, find_column
+from slowtime_services.files.record import accelerations, find_column
 
 from .first import FirstMode
+from .own import OwnIdentifier
 from .reading import Memory, Reader, Reading, Window
 from .several import SeveralModes
 from .windows import Gathered, Marks, Rows, Stretch, belongs, between, gather
@@ -85,8 +86,8 @@ class Extract:
         stretch, windows, out = gathered.stretches[-1], gathered.windows, []
         skip = gathered.skip
         while stretch.count >= skip + length:
-            stretch, skip = between(stretch, skip, stretch.count, rate), 0
-            window = between(stretch, 0, length, rate)
+            stretch, skip = between(stretch, skip, stretch.count, gathered.latest), 0
+            window = between(stretch, 0, length, gathered.latest)
             overlapping = ("overlapping",) if windows and hop < length else ()
             state, message = self._read(state, gathered.latest, window, 0, overlapping)
             out.append(message)
@@ -103,14 +104,14 @@ class Extract:
         flags: tuple[str, ...],
     ) -> tuple[ExtractState, Features]:
         """Make the one message of a window."""
-        rate, count = block.rate_hz, window.count
+        count = window.count
         rows, marks = window.joined()
         missing = int(marks[:, 0].sum()) + lost
         memory, reading = self._identify(state.memory, rows, block, window.start_ns, missing)
         covariates = self._covariates(rows, block)
         if self.settings.covariates.keys() - covariates:
             flags += ("no_covariate",)
-        last_ns = window.start_ns + round((count - 1) * 1e9 / rate)
+        last_ns = window.start_ns + round((count - 1) * 1e9 / block.true_rate_hz)
         slow_time = block.slow_time
         if slow_time is None:
             slow_time = (window.start_ns + last_ns) / 2e9
@@ -127,7 +128,7 @@ class Extract:
                 samples=count,
                 missing=missing,
                 outliers=int(marks[:, 1].sum()),
-                flags=flags + reading.why,
+                flags=flags + reading.why + reading.doubts,
             ),
             covariates={**block.covariates, **covariates},
             truth=dict(block.truth) or None,
@@ -148,7 +149,8 @@ class Extract:
         columns = [find_column(name, block.channels) for name in chosen]
         window = Window(
             rows=rows[:, columns],
-            rate_hz=block.rate_hz,
+            rate_hz=block.true_rate_hz,
+            clock=block.clock,
             channels=tuple(block.channels[column] for column in columns),
             position=self._position(block, start_ns),
         )
@@ -183,6 +185,8 @@ class Extract:
 
     @property
     def _reader(self) -> Reader:
+        if self.settings.identifier is not None:
+            return OwnIdentifier(self.settings, self.settings.identifier)
         if self.settings.method == "modes":
             return SeveralModes(self.settings)
         return FirstMode(self.settings, self.settings.method)

@@ -75,12 +75,19 @@ def gather(gathered: Gathered | None, block: Block, marks: Marks, max_samples: i
     return dataclasses.replace(gathered, latest=block, stretches=(*before, joined))
 
 
-def between(stretch: Stretch, first: int, last: int, rate_hz: float) -> Stretch:
-    """Rows `first` to `last` of a stretch, as one that begins there."""
+def between(stretch: Stretch, first: int, last: int, latest: Block) -> Stretch:
+    """Rows `first` to `last` of a stretch, as one that begins there.
+
+    Where a clock model stamps the blocks, the latest one knows best when any row was taken.
+    """
     rows, marks = stretch.joined()
+    start_ns = stretch.start_ns + round(first * 1e9 / latest.rate_hz)
+    if latest.clock is not None:
+        behind = latest.first_index - (stretch.first_index + first)
+        start_ns = latest.start_ns - round(behind * 1e9 / latest.true_rate_hz)
     return Stretch(
         stretch.first_index + first,
-        stretch.start_ns + round(first * 1e9 / rate_hz),
+        start_ns,
         ((rows[first:last], marks[first:last]),),
         last - first,
     )

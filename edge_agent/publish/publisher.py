@@ -8,7 +8,7 @@ import json
 import logging
 import threading
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ from slowtime_schemas.messages import (
     Health,
     Message,
 )
-from slowtime_schemas.raw import ITEM_BYTES, RawHeader, encode_raw
+from slowtime_schemas.raw import ITEM_BYTES, ClockCorrection, RawHeader, encode_raw
 from slowtime_schemas.streams import (
     ABOUT,
     ACK,
@@ -66,6 +66,8 @@ class Publisher:
         What `About` says of the settings; ``processing`` must be among it.
     traces
         Told of each features message, where traces are asked for.
+    counts
+        Gives what the source has counted, for `Health`.
     """
 
     def __init__(
@@ -79,10 +81,11 @@ class Publisher:
         software: str,
         about: Mapping[str, Any],
         traces: Traces | None = None,
+        counts: Callable[[], Mapping[str, int]] | None = None,
     ) -> None:
         self.origin, self._spool, self._bus, self._clock = origin, spool, bus, clock
         self._settings, self._software, self._about = settings, software, dict(about)
-        self._traces = traces
+        self._traces, self._counts = traces, counts
         self._ring = Ring(settings.ring_s, settings.ring_bytes)
         self._counters: Counter[str] = Counter()
         self._sequences: Counter[str] = Counter()
@@ -125,8 +128,9 @@ class Publisher:
 
     @property
     def counters(self) -> dict[str, int]:
-        """What has been counted."""
-        return dict(sorted(self._counters.items()))
+        """What has been counted, here and by the source."""
+        told = {} if self._counts is None else self._counts()
+        return dict(sorted((*self._counters.items(), *told.items())))
 
     def raw(self, block: Block) -> None:
         """Keep a block for those who ask, and send it where settings say so."""
@@ -297,7 +301,7 @@ def raw_message(block: Block, origin: Origin, sequence: int) -> tuple[RawHeader,
     """Header and samples of a block, in the sensor's own type."""
     kind = block.samples.dtype.newbyteorder("<").str
     samples = block.samples if kind in ITEM_BYTES else block.samples.astype("<f8")
-    kind = samples.dtype.newbyteorder("<").str
+    kind, clock = samples.dtype.newbyteorder("<").str, block.clock
     header = RawHeader(
         **origin.model_dump(),
         sequence=sequence,
@@ -312,6 +316,7 @@ def raw_message(block: Block, origin: Origin, sequence: int) -> tuple[RawHeader,
         slow_time=block.slow_time,
         covariates=dict(block.covariates),
         truth=dict(block.truth) or None,
+        clock=None if clock is None else ClockCorrection(relative=clock.relative, sd=clock.sd),
     )
     return header, np.ascontiguousarray(samples, dtype=kind).tobytes()
 

@@ -1,7 +1,7 @@
 """The AsyncAPI document of the streams, as `openapi.json` is of REST.
 
 `python -m slowtime_schemas.asyncapi` writes it to `schemas/asyncapi.json`; the twin server
-gives the same at `/api/v1/asyncapi.json`. It speaks as the twin server: what an edge sends is
+gives the same at `/api/v1/asyncapi.json`. It speaks as slowtime: what sensors and edges send is
 received, what the twin sends is sent.
 """
 
@@ -14,7 +14,7 @@ from typing import Any
 from .codec import REASONS
 from .frozen import folder, schema_text
 from .messages import Message
-from .raw import RawHeader
+from .raw_header import RawHeader
 from .streams import (
     ABOUT,
     FEATURES,
@@ -94,7 +94,7 @@ def text() -> str:
 
 
 def _named(stream: Stream) -> str:
-    return f"{'receive' if stream.sender == 'edge' else 'send'}_{stream.name}"
+    return f"{'send' if stream.sender == 'twin' else 'receive'}_{stream.name}"
 
 
 def _address(key: str) -> Node:
@@ -111,7 +111,7 @@ def _channel(stream: Stream) -> Node:
 def _operation(stream: Stream) -> Node:
     channel = f"#/channels/{stream.name}"
     return {
-        "action": "receive" if stream.sender == "edge" else "send",
+        "action": "send" if stream.sender == "twin" else "receive",
         "channel": {"$ref": channel},
         "summary": stream.says,
         "messages": [{"$ref": f"{channel}/messages/{stream.name}"}],

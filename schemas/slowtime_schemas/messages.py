@@ -132,6 +132,45 @@ class Quality(Frozen):
     flags: Flags = ()
 
 
+class SensorSamples(Message):
+    """Samples that any program may publish for an edge agent with `--source zenoh:`."""
+
+    MESSAGE: ClassVar[str] = "samples"
+    VERSION: ClassVar[int] = 1
+
+    version: Literal[1] = 1
+    rate_hz: Annotated[
+        float, Field(gt=0, allow_inf_nan=False, description="Nominal samples per second.")
+    ]
+    first_index: Annotated[
+        Count,
+        Field(
+            description="Index of the first sample since the device began, counting lost "
+            "samples too: by it each loss is noticed."
+        ),
+    ]
+    channels: Annotated[tuple[str, ...], Field(min_length=1, max_length=4096)]
+    units: Annotated[tuple[UnitName, ...], Field(min_length=1, max_length=4096)]
+    samples: Annotated[
+        tuple[tuple[Finite | None, ...], ...],
+        Field(
+            min_length=1,
+            max_length=100_000,
+            description="One array a sample, one number a channel; null where one is missing.",
+        ),
+    ]
+
+    @model_validator(mode="after")
+    def _is_a_table(self) -> "SensorSamples":
+        columns = {len(row) for row in self.samples} | {len(self.units)}
+        if columns != {len(self.channels)}:
+            raise ValueError(
+                f"{len(self.channels)} channels, {len(self.units)} units and samples of "
+                f"{sorted(columns)} numbers. Give one of each per channel."
+            )
+        return self
+
+
 class Features(Message):
     """What one epoch of samples said about frequencies, damping and shapes."""
 

@@ -141,6 +141,12 @@ def _ack_1(payload: Payload) -> Payload:
     return {"first": None, "digest": None} | payload
 
 
+@MIGRATIONS.step("raw", from_version=1)
+def _raw_1(payload: Payload) -> Payload:
+    """Come from a sensor whose clock nobody measured."""
+    return {"clock": None} | payload
+
+
 def migrate(message_name: str, payload_dict: Mapping[str, Any]) -> Payload:
     """`payload_dict` at the current version of `message_name`; see `Migrations.migrate`."""
     return MIGRATIONS.migrate(message_name, payload_dict)

@@ -5,51 +5,16 @@ integer, the header (UTF-8 JSON, `RawHeader`), then the samples row by row (time
 """
 
 import struct
-from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, PositiveFloat, ValidationError, model_validator
+from pydantic import ValidationError
+from pydantic_core import from_json, to_json
 
-from .messages import Message, TimeBase
-from .quantities import Count, Covariates, Finite, UnitName
+from .migrations import UnknownVersionError, migrate
+from .raw_header import ITEM_BYTES as ITEM_BYTES
+from .raw_header import ClockCorrection as ClockCorrection
+from .raw_header import RawHeader as RawHeader
 
 MAGIC = b"STB1"
-ITEM_BYTES = {"<f8": 8, "<f4": 4, "<i4": 4, "<i2": 2}
-DType = Literal["<f8", "<f4", "<i4", "<i2"]
-
-
-class RawHeader(Message):
-    """What a raw block says of its samples; `t_ns` is the first sample's time."""
-
-    MESSAGE: ClassVar[str] = "raw"
-    VERSION: ClassVar[int] = 1
-
-    version: Literal[1] = 1
-    time_base: TimeBase = "live"
-    rate_hz: Annotated[PositiveFloat, Field(allow_inf_nan=False)]
-    first_index: Count
-    dtype: DType
-    samples: Annotated[int, Field(ge=0, lt=2**40, description="Rows.")]
-    channels: Annotated[tuple[str, ...], Field(min_length=1, max_length=4096)]
-    units: Annotated[tuple[str, ...], Field(min_length=1, max_length=4096)]
-    epoch: Count | None = None
-    slow_time: Finite | None = None
-    slow_time_unit: UnitName = "s"
-    covariates: Covariates = Field(default_factory=dict)
-    truth: Covariates | None = None
-
-    @model_validator(mode="after")
-    def _one_unit_per_channel(self) -> "RawHeader":
-        if len(self.units) != len(self.channels):
-            raise ValueError(
-                f"{len(self.channels)} channels but {len(self.units)} units. Give one unit "
-                "per channel."
-            )
-        return self
-
-    @property
-    def body_bytes(self) -> int:
-        """Length of the samples that must follow the header."""
-        return self.samples * len(self.channels) * ITEM_BYTES[self.dtype]
 
 
 def encode_raw(header: RawHeader, body: bytes) -> bytes:
@@ -80,10 +45,7 @@ def decode_raw(payload: bytes) -> tuple[RawHeader, memoryview]:
         raise ValueError(
             f"A raw block cut short: header of {length} bytes, {len(payload) - 8} present."
         )
-    try:
-        header = RawHeader.model_validate_json(payload[8 : 8 + length], strict=True)
-    except ValidationError as error:
-        raise ValueError(f"A raw block with an unreadable header: {error}") from error
+    header = _header(payload[8 : 8 + length])
     body = memoryview(payload)[8 + length :]
     if len(body) != header.body_bytes:
         raise ValueError(
@@ -91,3 +53,14 @@ def decode_raw(payload: bytes) -> tuple[RawHeader, memoryview]:
             f"carries {len(body)}."
         )
     return header, body
+
+
+def _header(text: bytes) -> RawHeader:
+    try:
+        return RawHeader.model_validate_json(text, strict=True)
+    except ValidationError as error:
+        try:
+            content = migrate(RawHeader.MESSAGE, from_json(text, allow_inf_nan=False))
+            return RawHeader.model_validate_json(to_json(content), strict=True)
+        except (UnknownVersionError, ValidationError, ValueError, AttributeError):
+            raise ValueError(f"A raw block with an unreadable header: {error}") from error

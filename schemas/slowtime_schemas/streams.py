@@ -14,9 +14,10 @@ from .messages import (
     Health,
     Message,
     Registered,
+    SensorSamples,
     TwinState,
 )
-from .raw import RawHeader
+from .raw_header import RawHeader
 
 ROOT = "slowtime/v1"
 
@@ -45,7 +46,7 @@ class Stream:
     message: type[Message] | None
     nominal_rate_hz: float | None
     recorded: bool
-    sender: Literal["edge", "twin"]
+    sender: Literal["sensor", "edge", "twin"]
     encoding: str
     says: str
     max_bytes: int = 2**20
@@ -62,6 +63,16 @@ class Stream:
 
 JSON = "application/json"
 
+SAMPLES = Stream(
+    name="samples",
+    message=SensorSamples,
+    nominal_rate_hz=None,
+    recorded=False,
+    sender="sensor",
+    encoding=JSON,
+    max_bytes=16 * 2**20,
+    says="any program beside a sensor to edge: samples as they are taken",
+)
 FEATURES = Stream(
     name="features",
     message=Features,
@@ -138,6 +149,7 @@ REGISTRATION = Stream(
 )
 
 STREAMS: tuple[Stream, ...] = (
+    SAMPLES,
     FEATURES,
     HEALTH,
     ABOUT,

@@ -4,9 +4,12 @@ import importlib.util
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from types import ModuleType
 
 from slowtime.dynamics.effects import Friction, Kind, Law, catalogue
 from slowtime.dynamics.effects.compiled import law_address
+
+from .plugins import find
 
 
 class EffectFileError(ValueError):
@@ -36,23 +39,43 @@ def load(path: str | Path) -> tuple[Kind, ...]:
         raise
     except Exception as error:
         raise EffectFileError(f"{path.name} fails: {type(error).__name__}: {error}") from error
-    kinds = tuple(value for value in vars(module).values() if isinstance(value, Kind))
-    if not kinds:
-        raise EffectFileError(
-            f"{path.name} holds no kind of effect. Put `KIND = Kind(...)` into it."
-        )
-    try:
-        for kind in kinds:
-            for law in _laws(kind):
-                law_address(law)
-    except ValueError as error:
-        raise EffectFileError(f"{path.name}: {error}") from None
-    return kinds
+    return _compiled(path.name, vars(module).values())
 
 
-def known(paths: Iterable[str | Path] = ()) -> Mapping[str, Kind]:
-    """Every kind: the catalogue, and those in files of the user's own."""
-    own = [kind for path in paths for kind in load(path)]
+def load_installed(name: str) -> tuple[Kind, ...]:
+    """Import the part of `slowtime.effects` of that name, and take its kinds.
+
+    It runs in this process: a diagnosis of its own, which is ended as any other is.
+
+    Raises
+    ------
+    PluginError, EffectFileError
+        (a ValueError) where it is not installed, cannot be imported, or holds no kind, or one
+        that cannot be compiled.
+    """
+    plugin = find("slowtime.effects", name)
+    part = plugin.load()
+    held = vars(part).values() if isinstance(part, ModuleType) else part
+    return _compiled(str(plugin), held if isinstance(held, Iterable) else (held,))
+
+
+def known(own: Iterable[str | Path] = ()) -> Mapping[str, Kind]:
+    """Every kind: the catalogue, and those in files of the user's own, or installed.
+
+    Parameters
+    ----------
+    own
+        Python files, or names of installed parts, which have no dot.
+    """
+    named = [
+        kind
+        for one in own
+        for kind in (load(one) if Path(one).suffix else load_installed(str(one)))
+    ]
+    return _together(named)
+
+
+def _together(own: list[Kind]) -> Mapping[str, Kind]:
     try:
         return catalogue(own)
     except ValueError as error:
@@ -63,3 +86,19 @@ def _laws(kind: Kind) -> tuple:  # type: ignore[type-arg]
     if isinstance(kind.action, Friction):
         return (kind.action.limit,)
     return (kind.action.force, *kind.action.rates) if isinstance(kind.action, Law) else ()
+
+
+def _compiled(name: str, held: Iterable[object]) -> tuple[Kind, ...]:
+    """Keep the kinds among what was held out, their laws compiled."""
+    kinds = tuple(value for value in held if isinstance(value, Kind))
+    if not kinds:
+        raise EffectFileError(
+            f"{name} holds no kind of effect. Put `KIND = Kind(...)` into it."
+        )
+    try:
+        for kind in kinds:
+            for law in _laws(kind):
+                law_address(law)
+    except ValueError as error:
+        raise EffectFileError(f"{name}: {error}") from None
+    return kinds

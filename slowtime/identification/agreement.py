@@ -4,8 +4,7 @@ import dataclasses
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import brentq
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from .identified import Measured
 
@@ -34,7 +33,7 @@ class Agreement:
 
 def judged(chi_square: float, freedom: int) -> Agreement:
     """Agreement by a chi-square; without a degree of freedom there is nothing to disagree."""
-    p = float(chi2.sf(chi_square, freedom)) if freedom > 0 else 1.0
+    p = float(chdtrc(freedom, chi_square)) if freedom > 0 else 1.0
     return Agreement(float(chi_square), freedom, p)
 
 
@@ -66,6 +65,8 @@ def weighted_mean(measured: list[Measured]) -> tuple[Measured, Agreement, np.nda
     variances = np.array([one.sd**2 for one in measured])
     agreement = judged(_chi_square(values, variances), len(values) - 1)
     if not agreement.holds:
+        from scipy.optimize import brentq  # here: an edge agent that never needs it saves 16 MB
+
         widest = float(np.ptp(values)) ** 2
         between = brentq(
             lambda extra: _chi_square(values, variances + extra) - agreement.freedom,

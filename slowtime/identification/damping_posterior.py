@@ -14,9 +14,9 @@ from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import CubicSpline
-from scipy.stats import norm
+from scipy.special import ndtr, ndtri
 
+from .spline import cubic_spline
 from .whittle import DAMPING, FREQUENCY, PEAK, Peak
 
 STRIDE, WIDENING, MOST_POINTS = 0.6, 1.15, 30
@@ -76,7 +76,7 @@ def damping_posterior(
     frequency = np.array([peak.parameters[FREQUENCY] for peak in points])
     variance = np.array([peak.covariance[FREQUENCY, FREQUENCY] for peak in points])
     fine = np.linspace(places[0], places[-1], FINE)
-    log_density = CubicSpline(places, level)(fine) + fine  # flat in zeta, not in its logarithm
+    log_density = cubic_spline(places, level, fine) + fine  # flat in zeta, not in its logarithm
     weight = np.exp(log_density - log_density.max())
     cumulated = np.concatenate([[0.0], np.cumsum(0.5 * (weight[1:] + weight[:-1]))])
     cumulated /= cumulated[-1]
@@ -84,7 +84,7 @@ def damping_posterior(
     value = float(np.interp(0.5, cumulated, damping))
     sd = max(
         _deviation(value, damping, cumulated, LEVEL),
-        _deviation(value, damping, cumulated, 2 * float(norm.cdf(FAR)) - 1),
+        _deviation(value, damping, cumulated, 2 * float(ndtr(FAR)) - 1),
     )
     weight = weight / weight.sum()
     place = np.interp(fine, places, frequency)
@@ -141,4 +141,4 @@ def _deviation(value: float, damping: np.ndarray, cumulated: np.ndarray, level: 
         value - away, damping, cumulated, left=0.0
     )
     reach = float(away[min(int(np.searchsorted(held, level)), len(away) - 1)])
-    return reach / float(norm.ppf(0.5 + level / 2))
+    return reach / float(ndtri(0.5 + level / 2))

@@ -11,9 +11,9 @@ are averaged over a share h of the frequency, as a resonance is wide in proporti
 import dataclasses
 
 import numpy as np
-import scipy.signal as sps
 from jaxtyping import Complex, Float
 
+from slowtime.signals.peaks import local_maxima, prominences
 from slowtime.signals.spectra import detrended, transform
 
 from . import checks
@@ -174,6 +174,6 @@ def _peaks(
 ) -> tuple[int, ...]:
     """Local maxima that stand out on both sides by more than chance would have it."""
     logarithm = np.log(np.maximum(first, np.finfo(float).tiny))
-    tops, _ = sps.find_peaks(logarithm)
-    prominence = sps.peak_prominences(logarithm, tops)[0]
+    tops = local_maxima(logarithm)
+    prominence = prominences(logarithm, tops)
     return tuple(int(top) for top in tops[prominence * np.sqrt(number[tops]) > STANDS_OUT])

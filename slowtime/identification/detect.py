@@ -5,9 +5,9 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
-from scipy.signal import find_peaks
 from scipy.special import gammainccinv
 
+from slowtime.signals.peaks import local_maxima
 from slowtime.signals.spectra import noise_floor, periodogram, smoothed
 
 FALSE_ALARM = 1e-3
@@ -71,7 +71,7 @@ def candidates(
     curve = _curve(columns, rate_hz, taper, high)
     inside = (curve.frequency_hz >= low) & (curve.frequency_hz <= high)
     height = np.where(inside, curve.level_db, -np.inf)
-    tops = np.asarray(find_peaks(np.maximum(height, -300.0))[0])
+    tops = local_maxima(np.maximum(height, -300.0))
     threshold = _threshold_db(curve.worth, int(inside.sum()))
     tops = tops[height[tops] > threshold[tops]]
     separate = _separate(curve, tops[np.argsort(-height[tops])])

@@ -19,7 +19,6 @@ import dataclasses
 import numpy as np
 import scipy.fft as fft
 import scipy.linalg as la
-import scipy.signal as sps
 from jaxtyping import Float
 
 from slowtime.signals.spectra import detrended
@@ -130,7 +129,7 @@ def _sets_in(columns: Float[np.ndarray, "time channel"]) -> bool:
         lags = fft.irfft(density, padded)[: ORDER + 1]
         lags[0] *= 1 + 1e-9
         weights = la.solve_toeplitz(lags[:-1], lags[1:])
-        force = sps.lfilter(np.append(1.0, -weights), [1.0], column)
+        force = np.convolve(column, np.append(1.0, -weights))[:count]
         power += force**2 / max(float(force @ force) / count, np.finfo(float).tiny)
     windows = power[: count // length * length].reshape(-1, length).mean(axis=1)
     return bool(windows[0] < QUIET * np.median(windows))

@@ -20,7 +20,7 @@ from itertools import product
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from .whittle import DAMPING, FREQUENCY, Ordinates, Resonance, fit_resonance, grouped
 
@@ -168,7 +168,7 @@ def _holds(trial: _Trial, inner: _Trial, frequency: float, distances: np.ndarray
     """Whether the ordinates of a band scatter about its fit as they must."""
     scores = ring_scores(trial.data, trial.fit.expected, frequency, distances)
     freedom = max(len(scores) - len(trial.fit.parameters), 1)
-    if chi2.sf(float(scores @ scores), freedom) < MISFIT:
+    if chdtrc(freedom, float(scores @ scores)) < MISFIT:
         return False
     if np.abs(scores).max() > OUTLYING + 0.5 * np.log10(len(scores) / 10):
         return False

@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.stats import binom
+from scipy.special import bdtrc
 
 from .identified import Measured
 
@@ -112,7 +112,7 @@ def _family(base: float, value: np.ndarray, error: np.ndarray, tried: int) -> Fa
         return None
     # The base takes the freedom of one line: that one meets its multiple in any case.
     meets = min(1.0, float(np.mean(2.0 * REACH * error)) / base)
-    chance = float(binom.sf(len(members) - 2, len(value) - 1, meets)) * tried
+    chance = float(bdtrc(len(members) - 2, len(value) - 1, meets)) * tried
     sd = 1.0 / np.sqrt(np.sum((order[members] / error[members]) ** 2))
     return Family(
         Measured(base, float(sd)),

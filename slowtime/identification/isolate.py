@@ -1,11 +1,11 @@
 """Series in, the same series around one mode, at a rate no higher than that mode needs, out."""
 
 import dataclasses
-from typing import Literal
 
 import numpy as np
-import scipy.signal as sps
 from jaxtyping import Float
+
+from slowtime.signals.finite import Kind, convolved, kaiser_order, windowed_sinc
 
 from .detect import Candidate
 
@@ -16,8 +16,6 @@ MOST_TERMS = 40
 """Drift takes at most so many cosines; a longer record loses its drift to a filter instead."""
 
 STOP_DB = 70.0
-
-Kind = Literal["lowpass", "highpass"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -67,9 +65,7 @@ def _filtered(
     series: np.ndarray, rate_hz: float, low: float, high: float, kind: Kind
 ) -> tuple[np.ndarray, float]:
     """Keep the valid part of a filter with transition `low` to `high`; seconds it loses."""
-    length, beta = sps.kaiserord(STOP_DB, (high - low) / (rate_hz / 2))
+    length, beta = kaiser_order(STOP_DB, (high - low) / (rate_hz / 2))
     length = min(length | 1, (len(series) // 4) | 1)
-    taps = sps.firwin(
-        length, (low + high) / 2, window=("kaiser", beta), pass_zero=kind, fs=rate_hz
-    )
-    return sps.oaconvolve(series, taps, mode="valid"), (length - 1) / 2 / rate_hz
+    taps = windowed_sinc(length, (low + high) / rate_hz, beta, kind)
+    return convolved(series, taps), (length - 1) / 2 / rate_hz

@@ -16,7 +16,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Complex, Float
-from scipy.optimize import linear_sum_assignment
 
 from .agreement import Agreement, judged, weighted_mean
 from .identified import Measured
@@ -146,6 +145,8 @@ def _chains(setups: Sequence[SetUp], ties: tuple[str, ...]) -> list[list[Member]
                 for chain in chains
             ]
         ).reshape(len(chains), len(modes))
+        from scipy.optimize import linear_sum_assignment
+
         rows, columns = linear_sum_assignment(np.minimum(costs, 1e3))
         paired = {
             int(c): int(r) for r, c in zip(rows, columns, strict=True) if costs[r, c] < 1e3

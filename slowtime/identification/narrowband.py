@@ -15,9 +15,9 @@ import dataclasses
 
 import numpy as np
 import scipy.fft as fft
-import scipy.signal as sps
 from jaxtyping import Complex, Float
 
+from slowtime.signals.recursion import first_order
 from slowtime.signals.spectra import transform
 
 PADDING = 8
@@ -140,8 +140,7 @@ def envelopes(
     # Off the raster of the record by a random part of a bin, as any mode is.
     off = 2j * np.pi * rng.uniform(-0.5, 0.5, (draws, 1)) / count
     turn = np.exp(off * np.arange(count)).astype(np.complex64)
-    coefficients = np.array([1.0, -keep], dtype=np.complex64)
-    process = turn * sps.lfilter(coefficients[:1], coefficients, shocks, axis=-1)
+    process = turn * first_order(shocks, float(keep))
     spectrum = fft.fft(process, axis=-1) / count
     half = bins // 2
     cut = np.concatenate([spectrum[:, : half + 1], spectrum[:, -half:]], axis=-1)

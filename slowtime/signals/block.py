@@ -8,6 +8,30 @@ from jaxtyping import Float, Int
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class RateCorrection:
+    """How far a device's sampling rate is from the nominal one.
+
+    Parameters
+    ----------
+    relative
+        The true rate is the nominal one times one plus this.
+    sd
+        Standard deviation of `relative`: one error, common to all samples.
+    """
+
+    relative: float
+    sd: float
+
+    def __post_init__(self) -> None:
+        """Refuse what no rate could be corrected by."""
+        if not (-1 < self.relative < np.inf and 0 <= self.sd < np.inf):
+            raise ValueError(
+                f"relative={self.relative}, sd={self.sd}: allowed are a relative correction "
+                "above -1 and a standard deviation of 0 or more. Give 1e-4 for 100 ppm."
+            )
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Block:
     """Consecutive samples of all channels of one acquisition, and where they belong in time.
 
@@ -38,6 +62,9 @@ class Block:
     truth
         What a simulator knows and a sensor does not, such as ``{"stiffness_change": -0.1}``.
         It is carried to the page and to tests; no estimate reads it.
+    clock
+        What is known of the true sampling rate, as of this block; None where `rate_hz` is
+        taken at its word. Indices, windows and filters count in `rate_hz` all the same.
     """
 
     samples: Float[np.ndarray, "time channel"] | Int[np.ndarray, "time channel"]
@@ -50,6 +77,7 @@ class Block:
     slow_time: float | None = None
     covariates: Mapping[str, float] = dataclasses.field(default_factory=dict)
     truth: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    clock: RateCorrection | None = None
 
     def __post_init__(self) -> None:
         """Refuse a block whose parts contradict each other."""
@@ -71,9 +99,16 @@ class Block:
         return self.first_index + len(self.samples)
 
     @property
+    def true_rate_hz(self) -> float:
+        """Samples per second, corrected where the clock is known better than its promise."""
+        if self.clock is None:
+            return self.rate_hz
+        return self.rate_hz * (1.0 + self.clock.relative)
+
+    @property
     def end_ns(self) -> int:
         """Sensor time of the instant after the last sample [ns]."""
-        return self.start_ns + round(len(self.samples) * 1e9 / self.rate_hz)
+        return self.start_ns + round(len(self.samples) * 1e9 / self.true_rate_hz)
 
     def follows(self, other: "Block") -> bool:
         """Whether this block continues `other` with nothing missing between them."""

@@ -13,8 +13,9 @@ gives NaN there.
 import math
 
 import numpy as np
-import scipy.signal as sps
 from jaxtyping import Bool, Float
+
+from .recursion import first_order
 
 Series = Float[np.ndarray, " time"]
 
@@ -42,7 +43,8 @@ def fir(x: Series, weights: Float[np.ndarray, " tap"]) -> Series:
     if len(weights) == 0:
         raise ValueError("fir() was given no weights. Give at least one.")
     present = np.isfinite(x)
-    filtered = sps.lfilter(weights, [1.0], x[present])
+    readings = np.append(np.zeros(len(weights) - 1), x[present])
+    filtered = np.convolve(readings, weights, "valid") if present.any() else x[present]
     filtered[: len(weights) - 1] = np.nan
     return _spread(filtered, present)
 
@@ -80,8 +82,8 @@ def ewma(x: Series, a: float) -> Series:
     readings = x[present]
     if len(readings) == 0:
         return _spread(readings, present)
-    filtered, _ = sps.lfilter([a], [1.0, a - 1.0], readings, zi=[(1.0 - a) * readings[0]])
-    return _spread(filtered, present)
+    driven = np.append(readings[0], a * readings[1:])
+    return _spread(first_order(driven, 1.0 - a), present)
 
 
 def median(x: Series, window: int) -> Series:

@@ -1,13 +1,15 @@
 """Samples in, one-sided power spectral densities out; what stands above its neighbourhood."""
 
 import dataclasses
+import functools
 
 import numpy as np
 import scipy.fft as fft
-import scipy.signal as sps
 from jaxtyping import Complex, Float
 from scipy.ndimage import percentile_filter
 from scipy.special import gammaincinv
+
+from .finite import taper as _taper
 
 FLOOR_QUANTILE = 40.0
 """The floor is this percentile of its neighbourhood: below the median, for peaks weigh less."""
@@ -66,10 +68,10 @@ def transform(
     rate_hz
         Samples per second [Hz].
     taper
-        Name of a `scipy.signal.get_window` window :math:`h_n`.
+        ``boxcar`` or ``hann``: the window :math:`h_n`.
     """
     count = len(samples)
-    window = sps.get_window(taper, count)
+    window = _taper(taper, count)
     scale = np.sqrt(2.0 / (rate_hz * (window @ window)))
     tapered = samples if taper == "boxcar" else samples * window[:, None]
     coefficients = scale * fft.rfft(tapered, axis=0)
@@ -106,14 +108,11 @@ def welch(
             f"segment_s={segment_s} is {length} samples of a record of {len(samples)}. "
             f"Give a segment from {8 / rate_hz:g} s to {len(samples) / rate_hz:g} s."
         )
-    frequency, density = sps.welch(
-        samples.T, rate_hz, window="hann", nperseg=length, detrend=_detrended_segments, axis=-1
-    )
-    return Spectrum(np.asarray(frequency), np.asarray(density).T)
-
-
-def _detrended_segments(segments: np.ndarray) -> np.ndarray:
-    return np.asarray(sps.detrend(segments, axis=-1))
+    starts = range(0, len(samples) - length + 1, length - length // 2)
+    segments = (detrended(samples[start : start + length]) for start in starts)
+    spectra = [periodogram(segment, rate_hz, taper="hann") for segment in segments]
+    total = functools.reduce(np.add, (spectrum.density for spectrum in spectra))
+    return Spectrum(spectra[0].frequency_hz, np.asarray(total / len(spectra)))
 
 
 def smoothed(

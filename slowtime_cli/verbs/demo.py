@@ -11,6 +11,7 @@ from slowtime_cli.options import Number, OutFile
 @click.command(
     cls=Deferred,
     work="demo:demo",
+    extra="twin",
     epilog="""\b
 Examples:
   slowtime demo                          until Ctrl-C, page on http://127.0.0.1:8000

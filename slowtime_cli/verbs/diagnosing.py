@@ -7,7 +7,7 @@ import click
 from slowtime_cli.deferred import Deferred
 from slowtime_cli.options import POSITIVE
 
-from .flags import EXISTING, clock_flags
+from .flags import EXISTING, Effects, clock_flags
 
 PATIENCE_S, MASSES, MORE = 70.0, 3, 2.0
 """Of `slowtime_services.diagnose.run`, repeated as importing it takes seconds; a test holds
@@ -41,6 +41,7 @@ RECORD = RecordName()
 @click.command(
     cls=Deferred,
     work="diagnosing:diagnose",
+    extra="analysis",
     epilog="""\b
 Examples:
   slowtime diagnose rig.yaml low.csv high.csv --holdout other.csv --out found
@@ -79,9 +80,10 @@ Examples:
 @click.option(
     "--effects",
     multiple=True,
-    type=EXISTING,
-    metavar="FILE",
-    help="Python file that holds effects of your own; may be repeated.",
+    type=Effects(),
+    metavar="FILE|NAME",
+    help="Python file that holds effects of your own, or name of an installed part; may be "
+    "repeated.",
 )
 @click.option(
     "--channel",

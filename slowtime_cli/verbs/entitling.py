@@ -40,7 +40,7 @@ def tokens() -> None:
     """Make, list and revoke tokens for REST and the page."""
 
 
-@tokens.command(cls=Deferred, work="entitling:add")
+@tokens.command(cls=Deferred, work="entitling:add", extra="twin")
 @click.argument("name", type=PlainText())
 @click.option(
     "--scope",
@@ -68,13 +68,13 @@ def add(**_given: object) -> None:
     """Make a token for NAME and print it, this once."""
 
 
-@tokens.command(cls=Deferred, work="entitling:list_", name="list")
+@tokens.command(cls=Deferred, work="entitling:list_", extra="twin", name="list")
 @_file(EXISTING)
 def list_(**_given: object) -> None:
     """Show whose tokens there are, and which are good."""
 
 
-@tokens.command(cls=Deferred, work="entitling:revoke")
+@tokens.command(cls=Deferred, work="entitling:revoke", extra="twin")
 @click.argument("number")
 @_file(EXISTING)
 def revoke(**_given: object) -> None:

@@ -11,6 +11,7 @@ from .flags import EXISTING, as_built, refuse_damping_alone
 @click.command(
     cls=Deferred,
     work="evolving:evolve",
+    extra="analysis",
     epilog="""\b
 Examples:
   slowtime evolve modes.json --nominal-hz 5 --out states.json

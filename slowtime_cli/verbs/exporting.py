@@ -13,6 +13,7 @@ from .flags import EXISTING
 @click.command(
     cls=Deferred,
     work="exporting:export",
+    extra="twin",
     epilog="""\b
 Examples:
   slowtime export twin.sqlite --asset demo.tower --out tower.csv

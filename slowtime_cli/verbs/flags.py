@@ -29,6 +29,21 @@ class SettingsFile(click.Path):
         return path
 
 
+class Effects(click.Path):
+    """A Python file that is there, or the name of an installed part, which has no dot."""
+
+    def __init__(self) -> None:
+        super().__init__(exists=True, dir_okay=False, path_type=Path)
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Any:
+        """Leave a name to be looked up where the work is done."""
+        if Path(str(value)).suffix or Path(str(value)).exists():
+            return super().convert(value, param, ctx)
+        return str(value)
+
+
 TIME_UNITS = ("s", "ms", "us", "ns", "min", "h", "d")
 """As `slowtime_services.files.UNITS`, without reading files yet."""
 

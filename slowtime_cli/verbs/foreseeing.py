@@ -43,6 +43,7 @@ def _twin(function: F) -> F:
 @click.command(
     cls=Deferred,
     work="foreseeing:forecast",
+    extra="analysis",
     epilog="""\b
 Examples:
   slowtime forecast modes.json --nominal-hz 4 --threshold -0.2
@@ -90,6 +91,7 @@ def forecast(**given: Any) -> None:
 @click.command(
     cls=Deferred,
     work="foreseeing:whatif",
+    extra="analysis",
     epilog="""\b
 Examples:
   slowtime whatif modes.json --nominal-hz 4 --load harmonic --amplitude 0.5 --frequency-hz 3.9

@@ -14,6 +14,7 @@ from .flags import EXISTING, record_flags
 @click.command(
     cls=Deferred,
     work="identifying:identify",
+    extra="analysis",
     epilog="""\b
 Examples:
   slowtime identify record.csv --rate-hz 200

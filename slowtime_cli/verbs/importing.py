@@ -12,6 +12,7 @@ from .flags import record_flags
     "import",
     cls=Deferred,
     work="importing:import_",
+    extra="analysis",
     epilog="""\b
 Examples:
   slowtime import record.csv --out record.mcap

@@ -12,6 +12,7 @@ from .flags import EXISTING
 @click.command(
     cls=Deferred,
     work="keeping:check",
+    extra="twin",
     epilog="""\b
 Examples:
   slowtime check twin.sqlite
@@ -31,6 +32,7 @@ def check(**_given: object) -> None:
 @click.command(
     cls=Deferred,
     work="keeping:backup",
+    extra="twin",
     epilog="""\b
 Examples:
   slowtime backup twin.sqlite --out monday.sqlite
@@ -54,6 +56,7 @@ def backup(**_given: object) -> None:
 @click.command(
     cls=Deferred,
     work="keeping:restore",
+    extra="twin",
     epilog="""\b
 Examples:
   slowtime restore monday.sqlite --database twin.sqlite

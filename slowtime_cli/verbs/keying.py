@@ -43,7 +43,7 @@ def keys() -> None:
     """Make, renew and withdraw certificates of a site's bus."""
 
 
-@keys.command(cls=Deferred, work="keying:make")
+@keys.command(cls=Deferred, work="keying:make", extra="twin")
 @click.argument("site", type=Name())
 @click.option("--asset", "assets", multiple=True, type=Name(), help="An edge agent to be.")
 @click.option(
@@ -59,7 +59,7 @@ def make(**_given: object) -> None:
     """Make what is missing: authority, router, server, observer, player, and each edge."""
 
 
-@keys.command(cls=Deferred, work="keying:renew")
+@keys.command(cls=Deferred, work="keying:renew", extra="twin")
 @click.option(
     "--within-days",
     type=click.IntRange(0, 3650),
@@ -73,7 +73,7 @@ def renew(**_given: object) -> None:
     """Issue anew what is about to expire; the old one is good until it does."""
 
 
-@keys.command(cls=Deferred, work="keying:withdraw")
+@keys.command(cls=Deferred, work="keying:withdraw", extra="twin")
 @click.option("--asset", type=Name(), help="The edge agent of this asset.")
 @click.option(
     "--role",
@@ -88,7 +88,7 @@ def withdraw(asset: str | None, role: str | None, **_given: object) -> None:
         raise click.UsageError("Whose? Give --asset or --role.")
 
 
-@keys.command(cls=Deferred, work="keying:list_", name="list")
+@keys.command(cls=Deferred, work="keying:list_", extra="twin", name="list")
 @out_option
 def list_(**_given: object) -> None:
     """Show what was issued, and until when it is valid."""

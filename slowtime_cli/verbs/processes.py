@@ -30,6 +30,11 @@ Examples:
   slowtime edge --simulate frame
   slowtime edge --site lab --asset beam --file record.csv --rate-hz 200 --window-s 60
   slowtime edge --site lab --asset beam --recording raw.mcap --window-s 1 --hop-s 0.5
+  slowtime edge --asset beam --source 'mqtt://pi@10.0.0.2/beam?channels=x,y,z&rate_hz=200'
+  my-program | slowtime edge --source 'stdin:?layout=csv&channels=x,y,z&rate_hz=200'
+
+Schemes of --source: mqtt, mqtts, tcp, tcp-listen, udp, serial, stdin, zenoh, iio, opcua;
+docs/live.md tells what each takes.
   SLOWTIME_EDGE_SITE=lab slowtime edge --config edge.toml
 
 Every setting can be given in a TOML or JSON file or as SLOWTIME_EDGE_NAME (nested with two
@@ -53,7 +58,19 @@ underscores); flags overrule the environment, which overrules the file.
     "--recording", type=EXISTING, help="Listen to the raw blocks of an MCAP recording."
 )
 @click.option(
-    "--rate-hz", type=POSITIVE, help="Samples per second of --file, where it does not say."
+    "--source",
+    metavar="URL",
+    help="Listen to a live sensor: where it is and, behind `?`, what its messages hold.",
+)
+@click.option(
+    "--password-file",
+    type=EXISTING,
+    help="File that holds the password of the user in the URL of --source.",
+)
+@click.option(
+    "--rate-hz",
+    type=POSITIVE,
+    help="Samples per second of --file or --source, where it does not say.",
 )
 @click.option(
     "--speed",
@@ -98,6 +115,8 @@ def edge(
     simulate: str | None,
     file: Path | None,
     recording: Path | None,
+    source: str | None,
+    password_file: Path | None,
     rate_hz: float | None,
     **_given: object,
 ) -> None:
@@ -105,19 +124,31 @@ def edge(
 
     Without a router it goes on, and keeps its features on disk until there is one.
     """
-    together([("--simulate", simulate), ("--file", file), ("--recording", recording)])
-    if rate_hz is not None and file is None:
-        raise click.UsageError("--rate-hz goes with --file; other inputs say their rate.")
-    if not (simulate or file or recording or config):
+    together(
+        [
+            ("--simulate", simulate),
+            ("--file", file),
+            ("--recording", recording),
+            ("--source", source),
+        ]
+    )
+    if rate_hz is not None and file is None and source is None:
         raise click.UsageError(
-            "An edge agent needs an input. Give --simulate, --file, --recording, or a --config "
-            "that names one."
+            "--rate-hz goes with --file or --source; other inputs say their rate."
+        )
+    if password_file is not None and source is None:
+        raise click.UsageError("--password-file goes with --source.")
+    if not (simulate or file or recording or source or config):
+        raise click.UsageError(
+            "An edge agent needs an input. Give --source, --simulate, --file, --recording, or "
+            "a --config that names one."
         )
 
 
 @click.command(
     cls=Deferred,
     work="processes:twin",
+    extra="twin",
     epilog="""\b
 Examples:
   slowtime twin

@@ -22,6 +22,7 @@ from .flags import EXISTING
 @click.command(
     cls=Deferred,
     work="recording:record",
+    extra="analysis",
     epilog="""\b
 Examples:
   slowtime record --out house.mcap
@@ -85,6 +86,7 @@ def record(out: Path, number: bool, **_given: object) -> None:
 @click.command(
     cls=Deferred,
     work="recording:replay",
+    extra="analysis",
     epilog="""\b
 Examples:
   slowtime replay house.mcap                             onto the bus, as it was

@@ -11,6 +11,7 @@ from .flags import EXISTING
 @click.command(
     cls=Deferred,
     work="recovering:recover",
+    extra="analysis",
     epilog="""\b
 Examples:
   slowtime recover killed.mcap --out sound.mcap

@@ -8,12 +8,13 @@ from slowtime_cli.deferred import Deferred
 from slowtime_cli.options import POSITIVE, OutFile, together
 from slowtime_cli.structures import STRUCTURES
 
-from .flags import EXISTING
+from .flags import EXISTING, Effects
 
 
 @click.command(
     cls=Deferred,
     work="simulating:simulate",
+    extra="analysis",
     epilog="""\b
 Examples:
   slowtime simulate --structure tower --epochs 8 --out tower.mcap
@@ -74,9 +75,10 @@ Examples:
 @click.option(
     "--effects",
     multiple=True,
-    type=EXISTING,
-    metavar="FILE",
-    help="With --model: Python file that holds effects of your own; may be repeated.",
+    type=Effects(),
+    metavar="FILE|NAME",
+    help="With --model: Python file that holds effects of your own, or name of an installed "
+    "part; may be repeated.",
 )
 @click.option("--noise", is_flag=True, help="Add each sensor's noise_sd; needs --seed.")
 @click.option(

@@ -11,6 +11,7 @@ from .flags import EXISTING
 @click.command(
     cls=Deferred,
     work="viewing:layout",
+    extra="analysis",
     epilog="""\b
 Examples:
   slowtime layout house.mcap --out house.layout.json

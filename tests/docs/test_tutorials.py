@@ -96,6 +96,9 @@ def alarms(folder, said):
     assert re.search(r"^[\d.]+ alarm Stiffness change below -3 % with", said, re.M)
     assert re.search(r"^[\d.]+ alarm Stiffness change below -2 % with", said, re.M)
     assert re.search(r"^stiffness_change at -0\.1: 10 %: by ", said, re.M)
+    assert re.search(r"^ops is told: A test alarm, sent by .* to ops\.", said, re.M)
+    assert re.search(r"^Seen by Ann$", said, re.M)
+    assert "a forgery" not in said
 
 
 def misfit(folder, said):
@@ -142,10 +145,26 @@ def own_effect(folder, said):
         assert np.std(left) < 0.01 * np.std(judge["x"])
 
 
+def own_parts(folder, said):
+    """Listed as loaded, and each used by its name."""
+    listed = re.findall(r"^slowtime\.(\w+) .* loaded$", said, re.M)
+    assert listed == ["alarms", "effects", "identifiers", "readers", "sources"]
+    (mode,) = json.loads((folder / "modes.json").read_text())["modes"]
+    assert mode["frequency_hz"]["value"] == pytest.approx(4.0, abs=0.1)
+    kept = b"".join(path.read_bytes() for path in (folder / "spool").rglob("*.spool"))
+    told = [float(hz) for hz in re.findall(rb'"frequency_hz":{"value":([\d.]+)', kept)]
+    assert told == pytest.approx([4.0] * len(told), abs=0.2)
+    assert len(told) >= 2
+    with np.load(folder / "soft.npz") as soft:
+        assert np.abs(soft["x"]).max() > 0.0
+    assert said.count("\nline 1\n") == said.count("\nit is there already\n") == 1
+
+
 ENDS = {
     end.__name__: end
     for end in (
         first_hour, sensor_file, structure, alarms, misfit, site_tls, court, own_effect,
+        own_parts,
     )
 }  # fmt: skip
 

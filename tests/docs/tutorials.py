@@ -89,6 +89,8 @@ def follow(page: Path, folder: Path) -> str:
     """
     for link in re.findall(r"\]\((\w+\.(?:py|yaml))\)", page.read_text()):
         shutil.copy(TUTORIALS / link, folder)
+    for link in re.findall(r"\]\((parts/\w+)\)", page.read_text()):
+        shutil.copytree(TUTORIALS / link, folder / link)
     (folder / ".typed").write_text(script(page))
     place = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     done = subprocess.run(

@@ -58,7 +58,7 @@ def test_every_reference_leads_somewhere():
 
 @pytest.mark.parametrize("stream", STREAMS, ids=lambda stream: stream.name)
 def test_a_message_says_who_sends_it_and_how(stream):
-    does = "receive" if stream.sender == "edge" else "send"
+    does = "send" if stream.sender == "twin" else "receive"
     operation = DOCUMENT["operations"][f"{does}_{stream.name}"]
     assert operation["action"] == does
     message = resolve(resolve(operation["messages"][0]["$ref"])["$ref"])

@@ -5,6 +5,7 @@ from .healing import Healer
 from .reception import Reception
 from .refusals import Refusals
 from .runs import Aged, Arrival, Change, Holding, Lost, Ordered, Repeated, Rivals, Run, Want
+from .sensors import SensorNotice, SensorWatch
 
 __all__ = [
     "DAMAGED",
@@ -21,5 +22,7 @@ __all__ = [
     "Repeated",
     "Rivals",
     "Run",
+    "SensorNotice",
+    "SensorWatch",
     "Want",
 ]

@@ -335,8 +335,9 @@ class Account:
                 )
             )
             return
+        missing = features.sequence - run.last - 1
         change.ordered.append(
-            Ordered(run, features, arrival.payload, features.sequence - run.last - 1)
+            Ordered(run, features, arrival.payload, missing, arrival.replayed)
         )
         run.last, run.last_t_ns = features.sequence, features.t_ns
         run.take(features.sequence, arrival.payload)

@@ -267,6 +267,7 @@ class Ordered(NamedTuple):
     features: Features
     payload: bytes
     missing_before: int
+    replayed: bool = False
 
 
 class Lost(NamedTuple):

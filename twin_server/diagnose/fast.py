@@ -11,6 +11,7 @@ from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.records import FEWEST
 from slowtime.signals.block import Block
 from slowtime_services.diagnose import Source, campaign_of, document_of, write_results
+from slowtime_services.effects import known
 from slowtime_services.models import description_of
 from slowtime_services.replay import raw_blocks
 
@@ -38,7 +39,13 @@ def diagnose_samples(
     campaign, notes = campaign_of(
         description_of(task.model), _sources(learnt), _sources(judged)
     )
-    found = diagnose(campaign, quick=task.order.quick, progress=progress, stop=stop)
+    found = diagnose(
+        campaign,
+        quick=task.order.quick,
+        progress=progress,
+        stop=stop,
+        kinds=known(task.effects) if task.effects else None,
+    )
     found = dataclasses.replace(found, seconds=time.monotonic() - began)
     document = document_of(
         found,

@@ -22,6 +22,8 @@ class Task(Frozen):
         Files with raw samples of the twin.
     quantity, slow_time_unit
         Of the history, for a diagnosis in slow time.
+    effects
+        Installed parts of one's own that hold kinds of effect.
     """
 
     site: str
@@ -32,6 +34,7 @@ class Task(Frozen):
     holdout: tuple[Path, ...] = ()
     quantity: Literal["stiffness_change", "frequency_ratio"] = "stiffness_change"
     slow_time_unit: str = "s"
+    effects: tuple[str, ...] = ()
     max_samples: int = Field(default=20_000_000, ge=1)
     max_seconds: float = Field(default=600.0, gt=0)
     max_memory_bytes: int = Field(default=2 * 2**30, ge=1)

@@ -15,20 +15,37 @@ from twin_server.states import LAYOUT
 from .errors import DamagedStoreError
 from .hashing import Roller, Rolling
 from .levels import build
-from .sealing import DIAGNOSES, DIGESTS, EVENTS, FEATURES, LEVELS, NUMBERS, TABLES, Table
+from .sealing import (
+    ACKNOWLEDGEMENTS,
+    DELIVERIES,
+    DIAGNOSES,
+    DIGESTS,
+    EVENTS,
+    FEATURES,
+    LEVELS,
+    NUMBERS,
+    TABLES,
+    Table,
+)
 from .sql import insert_all
 
 logger = logging.getLogger(__name__)
 
 APPLICATION = 0x536C6F77
-VERSION = 256 * LAYOUT + 5
+VERSION = 256 * LAYOUT + 6
 """Layout of the states, and of the tables around them."""
 
+WITHOUT_DELIVERIES = 256 * LAYOUT + 5
 WITHOUT_LEVELS = 256 * LAYOUT + 4
-"""The version before, which lacks what is derived from features and nothing else."""
+"""Versions before, which lack some tables and nothing else."""
 
 _OLDER = tuple(range(256 * LAYOUT + 1, VERSION))
-_DERIVED = (LEVELS, DIGESTS)
+_OF_ALARMS = (DELIVERIES, ACKNOWLEDGEMENTS)
+LACKING: dict[int, tuple[Table, ...]] = {
+    WITHOUT_DELIVERIES: _OF_ALARMS,
+    WITHOUT_LEVELS: (LEVELS, DIGESTS, *_OF_ALARMS),
+}
+"""Tables that a database of a version before lacks."""
 _AT_ONCE = 2_000
 
 Tell = Callable[[str, int], None]
@@ -46,9 +63,9 @@ def postgres_schema() -> str:
     return _for_postgres(text) + "create table layouts (version bigint not null);"
 
 
-def postgres_derived() -> str:
-    """Write the tables that a PostgreSQL database of the version before lacks."""
-    return _for_postgres("".join(_of_derived()))
+def postgres_lacking(version: int) -> str:
+    """Write the tables that a PostgreSQL database of a version before lacks."""
+    return _for_postgres("".join(_making(LACKING[version])))
 
 
 def _for_postgres(text: str) -> str:
@@ -61,13 +78,15 @@ def _for_postgres(text: str) -> str:
     return text
 
 
-def _of_derived() -> Iterable[str]:
-    """Statements of the schema that make the tables which the version before lacks."""
+def _making(tables: Iterable[Table]) -> Iterable[str]:
+    """Statements of the schema that make some tables and their indices."""
+    begins = tuple(f"create table {t.name} " for t in tables)
+    indices = tuple(f"create index {t.name}_" for t in tables)
     text = importlib.resources.files(__package__).joinpath("schema.sql").read_text()
     for statement in _statements(text):
         # A comment belongs to the statement behind it, and to how SQLite keeps that.
         made = statement[statement.index("create ") :]
-        if made.startswith(tuple(f"create table {table.name} " for table in _DERIVED)):
+        if made.startswith((*begins, *indices)):
             yield made
 
 
@@ -159,8 +178,8 @@ def bring_up_to_date(writer: sqlite3.Connection, version: int) -> bool:
     """Copy the rows of an older version into new tables, all at once; False if too foreign."""
     if version not in _OLDER:
         return False
-    if version == WITHOUT_LEVELS:
-        _add_derived(writer)
+    if version in LACKING:
+        _add_lacking(writer, version)
         return True
     names = [
         row[0]
@@ -201,16 +220,18 @@ def build_levels(writer: Any) -> None:
         build(writer, number)
 
 
-def _add_derived(writer: sqlite3.Connection) -> None:
-    """Make what the version before lacked; all at once, or not at all."""
+def _add_lacking(writer: sqlite3.Connection, version: int) -> None:
+    """Make what a version before lacked; all at once, or not at all."""
+    tables = LACKING[version]
     writer.execute("begin immediate")
     try:
-        for statement in _of_derived():
+        for statement in _making(tables):
             writer.execute(statement)
-        for table in _DERIVED:
+        for table in tables:
             for statement in _statements(_triggers(table)):
                 writer.execute(statement)
-        build_levels(writer)
+        if LEVELS in tables:
+            build_levels(writer)
         writer.execute(f"pragma user_version={VERSION}")
         writer.execute("commit")
     except BaseException:

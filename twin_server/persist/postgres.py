@@ -14,14 +14,14 @@ from typing import Any
 from .errors import DamagedStoreError, StoreError, WrongStoreError
 from .hashing import Roller
 from .layout import (
+    LACKING,
     VERSION,
-    WITHOUT_LEVELS,
     all_rows,
     build_levels,
-    postgres_derived,
+    postgres_lacking,
     postgres_schema,
 )
-from .sealing import FEATURES, TABLES
+from .sealing import FEATURES, LEVELS, TABLES
 from .sql import SqlStore
 
 GUARD = 0x736C6F77
@@ -126,10 +126,11 @@ class PostgresStore(SqlStore):
                 writer.execute("insert into layouts values (?)", (VERSION,))
             return
         version = writer.execute("select max(version) from layouts").fetchone()[0]
-        if version == WITHOUT_LEVELS:
+        if version in LACKING:
             with writer.raw.transaction():
-                writer.raw.execute(postgres_derived())
-                build_levels(writer)
+                writer.raw.execute(postgres_lacking(version))
+                if LEVELS in LACKING[version]:
+                    build_levels(writer)
                 writer.execute("insert into layouts values (?)", (VERSION,))
             return
         if version != VERSION:

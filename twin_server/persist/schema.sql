@@ -1,4 +1,4 @@
--- Version 5. A feature's id is number << 40 | sequence: boots are numbered in the order in which
+-- Version 6. A feature's id is number << 40 | sequence: boots are numbered in the order in which
 -- they were let in, so that ascending ids are a twin's history in order. Each row has checksums
 -- of what it says (see sealing.py).
 create table twins (
@@ -95,5 +95,37 @@ create table diagnoses (
   files_crc integer not null
 );
 create index diagnoses_of_twin on diagnoses (twin, number);
+-- Events on their way to receivers (see deliveries.py).
+create table deliveries (
+  id text primary key,
+  twin text not null,
+  receiver text not null,
+  event text not null,
+  kind text not null,
+  severity text not null,
+  reminder integer not null,
+  remind_s real not null,
+  state text not null,
+  tries integer not null,
+  created_ns integer not null,
+  due_ns integer not null,
+  ended_ns integer not null,
+  error text not null,
+  body text not null,
+  crc integer not null
+);
+create index deliveries_due on deliveries (state, receiver, due_ns);
+create index deliveries_of_twin on deliveries (twin, created_ns);
+-- Who has taken note of which alarm, by the identity of the event.
+create table acknowledgements (
+  event text primary key,
+  twin text not null,
+  t_ns integer not null,
+  by_whom text not null,
+  principal text not null,
+  note text not null,
+  crc integer not null
+);
+create index acknowledgements_of_twin on acknowledgements (twin);
 -- The last number given to a boot, an event, a diagnosis.
 create table numbers (what text primary key, value integer not null, crc integer not null);

@@ -70,8 +70,18 @@ DIAGNOSES = _table(
     crc="number twin asked_ns ended_ns state request error report",
     files_crc="number page model",
 )
+DELIVERIES = _table(
+    "deliveries",
+    "id twin receiver event kind severity reminder remind_s state tries created_ns due_ns "
+    "ended_ns error body",
+    "id",
+)
+ACKNOWLEDGEMENTS = _table("acknowledgements", "event twin t_ns by_whom principal note", "event")
 NUMBERS = _table("numbers", "what value", "what")
-TABLES = (TWINS, RUNS, FEATURES, DETAILS, LEVELS, DIGESTS, HELD, EVENTS, DIAGNOSES, NUMBERS)
+TABLES = (
+    TWINS, RUNS, FEATURES, DETAILS, LEVELS, DIGESTS, HELD, EVENTS, DIAGNOSES, DELIVERIES,
+    ACKNOWLEDGEMENTS, NUMBERS,
+)  # fmt: skip
 
 
 def seal(*values: object) -> int:

@@ -8,9 +8,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple, Protocol
 
 from twin_server.buckets import Buckets, thin
+from twin_server.deliveries import Acknowledgement, Delivery, State, Tally
 from twin_server.states import from_bytes
 
-from . import diagnosing
+from . import delivering, diagnosing
 from .detailing import changes, column, delete_details, has_details, insert_details
 from .diagnosing import DiagnosisRow
 from .hashing import Rolling, Row, insert_digests, rolled
@@ -108,6 +109,9 @@ class SqlStore(abc.ABC):
             writer.executemany(
                 "delete from held where number = ? and sequence = ?", cut.released
             )
+        delivering.insert(writer, cut.deliveries)
+        delivering.settle(writer, cut.settled)
+        delivering.acknowledge(writer, cut.acknowledgements)
         return _insert_events(writer, cut.events)
 
     def _roll(
@@ -204,7 +208,7 @@ class SqlStore(abc.ABC):
                     "delete from features where id between ? and ?", (span.first, span.last)
                 )
                 writer.execute("delete from held where number = ?", (span.number,))
-            for table in ("runs", "events", "diagnoses"):
+            for table in ("runs", "events", "diagnoses", "deliveries", "acknowledgements"):
                 writer.execute(f"delete from {table} where twin = ?", (twin_id,))
             _note_number(writer, "run", following)
             existed = writer.execute("delete from twins where id = ?", (twin_id,)).rowcount
@@ -353,6 +357,40 @@ class SqlStore(abc.ABC):
         """Read the augmented model of a diagnosis; None where it has none."""
         with self._reading() as reader:
             return diagnosing.model_of(reader, number)
+
+    def deliveries(
+        self,
+        *,
+        twin: str | None = None,
+        receiver: str | None = None,
+        states: Sequence[State] = (),
+        due_ns: int | None = None,
+        limit: int = 100,
+    ) -> list[Delivery]:
+        """Read deliveries: those due first, or without `due_ns` the newest first."""
+        with self._reading() as reader:
+            return delivering.select(reader, twin, receiver, states, due_ns, limit)
+
+    def settle(self, settled: Sequence[Delivery], begun: Sequence[Delivery] = ()) -> None:
+        """Keep what has become of deliveries that are open still, and begin others."""
+        with self._writing() as writer:
+            delivering.settle(writer, settled)
+            delivering.insert(writer, begun)
+
+    def tallies(self) -> list[Tally]:
+        """Count deliveries by twin, receiver and state."""
+        with self._reading() as reader:
+            return delivering.tallies(reader)
+
+    def forget_deliveries(self, before_ns: int) -> None:
+        """Drop those that ended before then."""
+        with self._writing() as writer:
+            delivering.forget(writer, before_ns)
+
+    def acknowledgements(self, twin_id: str) -> dict[str, Acknowledgement]:
+        """Read who has taken note of which alarms of a twin."""
+        with self._reading() as reader:
+            return delivering.acknowledged(reader, twin_id)
 
     def check(self) -> None:
         """Raise where nothing can be written or read any more."""

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple, Protocol
 
 from twin_server.buckets import Buckets
+from twin_server.deliveries import Acknowledgement, Delivery, State, Tally
 from twin_server.details import Bodies, Detail
 from twin_server.states import States
 
@@ -90,6 +91,11 @@ class Cut:
     released: list[tuple[int, int]] = dataclasses.field(default_factory=list)
     events: list[EventRow] = dataclasses.field(default_factory=list)
     details: list[DetailRow] = dataclasses.field(default_factory=list)
+    deliveries: list[Delivery] = dataclasses.field(default_factory=list)
+    """To be begun; one of an id that is there already is not begun again."""
+    settled: list[Delivery] = dataclasses.field(default_factory=list)
+    """What has become of some that were begun."""
+    acknowledgements: list[Acknowledgement] = dataclasses.field(default_factory=list)
 
 
 class History(NamedTuple):
@@ -241,6 +247,37 @@ class Store(Protocol):
 
     def diagnosis_model(self, number: int) -> str | None:
         """Augmented model file of a diagnosis; None where it has none."""
+        ...
+
+    def deliveries(
+        self,
+        *,
+        twin: str | None = None,
+        receiver: str | None = None,
+        states: Sequence[State] = (),
+        due_ns: int | None = None,
+        limit: int = 100,
+    ) -> list[Delivery]:
+        """Deliveries of these states, due by then, those due first first.
+
+        Of a twin, without `due_ns`, the newest first.
+        """
+        ...
+
+    def settle(self, settled: Sequence[Delivery], begun: Sequence[Delivery] = ()) -> None:
+        """Keep what has become of deliveries that are open still, and begin others."""
+        ...
+
+    def tallies(self) -> list[Tally]:
+        """Count deliveries by twin, receiver and state."""
+        ...
+
+    def forget_deliveries(self, before_ns: int) -> None:
+        """Drop those that ended before then."""
+        ...
+
+    def acknowledgements(self, twin_id: str) -> dict[str, Acknowledgement]:
+        """Who has taken note of which alarms of a twin, by the identity of the event."""
         ...
 
     def check(self) -> None:

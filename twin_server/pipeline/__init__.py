@@ -1,5 +1,6 @@
 """The order of the stages, and the one thread that keeps it: samples in, history out."""
 
+from .alarming import Alarms, Bell
 from .core import Pipeline
 from .knowledge import Herald, TwinKnowledge
 from .lookout import Lookout
@@ -10,6 +11,8 @@ from .tracing import Tracing
 from .workers import Here, Processes, Workers
 
 __all__ = [
+    "Alarms",
+    "Bell",
     "Herald",
     "Here",
     "Listener",

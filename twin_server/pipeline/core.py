@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Literal, TypeVar
 
-from slowtime_schemas.messages import Features
+from slowtime_schemas.messages import Features, Health
 from slowtime_schemas.streams import FEATURES, HEALTH, REGISTRATION, alive_key, request_key
 from slowtime_services.bus import Bus, Handle, Inbox, Query, Sample, matches
 from slowtime_services.clock import Clock, SystemClock
@@ -29,10 +29,12 @@ from twin_server.collect import (
     Refusals,
     Repeated,
     Run,
+    SensorWatch,
     Want,
 )
+from twin_server.deliveries import Acknowledgement, Delivery
 from twin_server.estimate import Checkpoint, Twin
-from twin_server.persist import Cut, Store, StoreError
+from twin_server.persist import Cut, EventRow, Store, StoreError
 from twin_server.registration import Registration
 from twin_server.settings import TwinSettings
 
@@ -51,6 +53,7 @@ from .records import (
     run_row,
     twin_row,
 )
+from .routing import Routing
 from .voice import ACK_EVERY_S, Proof, Voice
 
 logger = logging.getLogger(__name__)
@@ -105,9 +108,12 @@ class Pipeline:
             self._proof,
         )
         self.failing: str = ""
+        # A pipeline without a bus is fed from recordings, of which nobody is told.
+        self.routing = Routing(settings.alarms, listening=bus is not None)
         self._account = self._new_account()
         self._stale = True
         self._heard: dict[tuple[str, str], int] = {}
+        self._sensors = SensorWatch()
         self._load()
 
     def start(self) -> None:
@@ -196,6 +202,16 @@ class Pipeline:
         """Keep and tell an event that does not follow from features."""
         self.call(lambda: self._note(twin_id, kind, severity, message, details))
 
+    def keep(
+        self,
+        event: EventRow,
+        deliveries: Sequence[Delivery] = (),
+        settled: Sequence[Delivery] = (),
+        acknowledgements: Sequence[Acknowledgement] = (),
+    ) -> None:
+        """Make an event durable with what belongs to it, and tell it."""
+        self.call(lambda: self._keep(event, deliveries, settled, acknowledgements))
+
     def delete(self, twin_id: str) -> bool:
         """Forget a twin, its history and its account; False where there is none."""
         return self.call(lambda: self._delete(twin_id))
@@ -231,6 +247,10 @@ class Pipeline:
     def heard_ns(self, twin_id: str) -> int | None:
         """When features of a twin last came; None where not since this server began."""
         return self._heard.get(address(twin_id))
+
+    def sensor(self, twin_id: str) -> dict[str, int] | None:
+        """Counters of the live sensor of a twin, as its edge told last; None without one."""
+        return self._sensors.of(*address(twin_id))
 
     @property
     def trouble(self) -> str:
@@ -366,7 +386,14 @@ class Pipeline:
         self._account.disbelieve(received.disbelieved)
         if healths:
             self._durably(lambda c: self._account.hear(healths, time.monotonic(), c))
+            self._hear_of_sensors([health for health, replayed in healths if not replayed])
         return received.misdated
+
+    def _hear_of_sensors(self, healths: Sequence[Health]) -> None:
+        """Make events of what live sensors do."""
+        for notice in self._sensors.hear(healths, time.monotonic()):
+            site, asset, kind, severity, message, details = notice
+            self._note(f"{site}.{asset}", kind, severity, message, details)
 
     def _take_arrivals(self, arrivals: Sequence[Arrival]) -> None:
         """Order, estimate and keep; one that cannot be worked does not stop the others."""
@@ -427,6 +454,8 @@ class Pipeline:
             for run in change.touched
             if run.number
         ]
+        self.routing.hear(change.ordered)
+        cut.deliveries += self.routing.deliveries(cut.events, twins, self._clock.now_ns())
         numbers = self.store.write(cut)
         self._twins = twins
         self._count(change, cut)
@@ -542,9 +571,26 @@ class Pipeline:
         key = address(twin_id)
         if key not in self._twins:
             return
-        event = noted(*key, kind, severity, message, details, self._clock.now_ns())
-        numbers = self.store.write(Cut(events=[event]))
-        self.counts[f"event_{kind}"] += 1
+        now_ns = self._clock.now_ns()
+        event = noted(*key, kind, severity, message, details, now_ns)
+        self._keep(event, self.routing.deliveries([event], self._twins, now_ns))
+
+    def _keep(
+        self,
+        event: EventRow,
+        deliveries: Sequence[Delivery] = (),
+        settled: Sequence[Delivery] = (),
+        acknowledgements: Sequence[Acknowledgement] = (),
+    ) -> None:
+        """Make an event durable with what belongs to it, and tell it."""
+        cut = Cut(
+            events=[event],
+            deliveries=list(deliveries),
+            settled=list(settled),
+            acknowledgements=list(acknowledgements),
+        )
+        numbers = self.store.write(cut)
+        self.counts[f"event_{json.loads(event.body)['kind']}"] += 1
         self._voice.tell((), NOTHING, self._units, [event], numbers)
 
     def _register(
@@ -588,6 +634,7 @@ class Pipeline:
         existed = self.store.delete(twin_id)
         self._twins.pop(key, None)
         self._heard.pop(key, None)
+        self._sensors.forget(*key)
         self._account.forget(*key)
         self._voice.reset(twin_id)
         return existed

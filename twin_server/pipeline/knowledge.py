@@ -11,9 +11,11 @@ from twin_server.registration import Registration
 from twin_server.serve import Chapter, Hub, Moment, Outlook, ProblemError
 from twin_server.thresholds import Limit
 
+from .alarming import raised_of
 from .core import Pipeline
 from .news import News
 from .prospects import Prospects
+from .routing import UnknownReceiverError
 from .simulating import Simulating
 from .workers import Here, Workers
 
@@ -83,17 +85,13 @@ class TwinKnowledge:
         """When features last came; None where not since this server began."""
         return self._pipeline.heard_ns(twin_id)
 
+    def sensor(self, twin_id: str) -> dict[str, int] | None:
+        """Give counters of the live sensor; None for other inputs."""
+        return self._pipeline.sensor(twin_id)
+
     def raised(self, twin_id: str) -> list[dict[str, Any]]:
         """Give the alarms that are raised now: quantity, side and limit of each."""
-        twin = self._pipeline.twin(twin_id)
-        if twin is None or not twin.registration.alarms:
-            return []
-        watched = zip(twin.registration.watched(), twin.checkpoint.raised, strict=True)
-        return [
-            {"quantity": name, "side": alarm.limit[0], "limit": alarm.limit[1]}
-            for (name, alarm), belief in watched
-            if belief.holds
-        ]
+        return raised_of(self._pipeline.twin(twin_id))
 
     def latest(self, twin_id: str, at: Moment | None) -> Chapter:
         """Find the last state, now or at a moment: one, or none."""
@@ -179,6 +177,10 @@ class TwinKnowledge:
 
     def register(self, twin_id: str, registration: Registration) -> bool:
         """Register a twin; True where it is new."""
+        try:
+            self._pipeline.routing.check(twin_id, registration)
+        except UnknownReceiverError as error:
+            raise ProblemError(422, "no-such-receiver", str(error)) from error
         return self._pipeline.register(twin_id, registration)
 
     def delete(self, twin_id: str) -> bool:

@@ -315,6 +315,7 @@ class Orders:
             "max_samples": self._settings.max_samples,
             "max_seconds": self._settings.max_raw_s,
             "max_memory_bytes": self._settings.max_memory_bytes,
+            "effects": self._settings.effects,
         }
         if order.clock == "slow":
             told = history_of(

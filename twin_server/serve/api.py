@@ -19,7 +19,8 @@ from twin_server.registration import Registration
 from twin_server.rendering import event_object, points, state_objects
 from twin_server.settings import ServeSettings
 
-from . import diagnoses, exports, forecasts, models, problems, recordings, simulations
+from . import alarms, diagnoses, exports, forecasts, models, problems, recordings, simulations
+from .alarms import Alarming
 from .diagnoses import Ordering
 from .document import document
 from .few import Few
@@ -77,6 +78,7 @@ def create_app(
     *,
     largest_recording: int = 0,
     lane: Lane | None = None,
+    alarming: Alarming | None = None,
 ) -> FastAPI:
     """Make the ASGI application; without `ordering`, one that diagnoses nothing.
 
@@ -86,6 +88,8 @@ def create_app(
         Of recordings; without it, none are known of.
     lane
         Where it is waited for what takes long; by default one as the settings say.
+    alarming
+        Of alarms and their deliveries; without it, alarms are events only.
     """
     if lane is None:
         lane = Lane(settings.workers, settings.max_waiting, settings.max_waiting_of_one)
@@ -109,9 +113,11 @@ def create_app(
     app.include_router(exports.routes(knowledge, known, settings.max_exports), prefix="/api/v1")
     if ordering is not None:
         app.include_router(diagnoses.routes(ordering, known, changing), prefix="/api/v1")
+    if alarming is not None:
+        app.include_router(alarms.routes(alarming, known), prefix="/api/v1")
     if keeping is not None:
         app.include_router(recordings.routes(keeping), prefix="/api/v1")
-    app.include_router(_operations(knowledge, hub, settings, lane))
+    app.include_router(_operations(knowledge, hub, settings, lane, alarming))
     app.include_router(session())
     app.include_router(_page())
     document(app)
@@ -140,6 +146,7 @@ def _twins(
             {
                 "alive": knowledge.alive(twin_id),
                 "heard_ns": knowledge.heard_ns(twin_id),
+                "sensor": knowledge.sensor(twin_id),
                 "raised": knowledge.raised(twin_id),
                 "nominal": knowledge.nominal(twin_id),
                 "normal": knowledge.normal(twin_id),
@@ -278,13 +285,19 @@ def _twins(
 
 
 def _operations(
-    knowledge: Knowledge, hub: Hub, settings: ServeSettings, lane: Lane
+    knowledge: Knowledge,
+    hub: Hub,
+    settings: ServeSettings,
+    lane: Lane,
+    alarming: Alarming | None,
 ) -> APIRouter:
     """Make the routes of those who watch the server: none waits for what the others ask."""
     api = APIRouter(tags=["operations"])
     troubles = Shared(knowledge.troubles, "readyz")
     counted = Shared(
-        lambda: exposition(knowledge, hub.count, hub.dropped, settings.max_measured, lane),
+        lambda: exposition(
+            knowledge, hub.count, hub.dropped, settings.max_measured, lane, alarming
+        ),
         "metrics",
     )
 

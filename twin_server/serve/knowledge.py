@@ -84,6 +84,10 @@ class Knowledge(Protocol):
         """Whether the edge of a twin is there."""
         ...
 
+    def sensor(self, twin_id: str) -> dict[str, int] | None:
+        """Give counters of the live sensor; None for other inputs."""
+        ...
+
     def heard_ns(self, twin_id: str) -> int | None:
         """When features last came; None where not since this server began."""
         ...

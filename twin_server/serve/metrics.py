@@ -13,6 +13,7 @@ from pydantic_core import from_json
 
 from twin_server.states import ESTIMATES
 
+from .alarms import Alarming
 from .knowledge import Knowledge
 from .lanes import WAYS, Lane
 
@@ -73,12 +74,14 @@ def exposition(
     dropped_clients: int,
     most_assets: int,
     lane: Lane | None = None,
+    alarming: Alarming | None = None,
 ) -> str:
     """All metrics as text; of more than `most_assets` twins, without those of each asset."""
     lines: list[str] = []
     for name, kind, says, metrics in (
         *_server(knowledge, live_clients, dropped_clients),
         *(() if lane is None else _work(lane)),
+        *(() if alarming is None else _deliveries(alarming)),
     ):
         lines += _family(f"slowtime_twin_{name}", kind, says, metrics)
     ids = knowledge.ids()
@@ -126,6 +129,29 @@ def _work(lane: Lane) -> Iterator[tuple[str, str, str, Sequence[Metric]]]:
     )
     ends = [Metric({"end": word}, lane.counts[word]) for word in WAYS]
     yield "work_total", "counter", "Requests that take long, by what became of them.", ends
+
+
+def _deliveries(alarming: Alarming) -> Iterator[tuple[str, str, str, Sequence[Metric]]]:
+    counts: dict[tuple[str, str], int] = {}
+    oldest_ns: dict[str, int] = {}
+    for tally in alarming.tallies():
+        key = tally.receiver, tally.state
+        counts[key] = counts.get(key, 0) + tally.number
+        if tally.state == "waiting":
+            known = oldest_ns.get(tally.receiver, tally.oldest_ns)
+            oldest_ns[tally.receiver] = min(known, tally.oldest_ns)
+    yield (
+        "deliveries",
+        "gauge",
+        "Events on their way to receivers, and those that are kept of the past, by state.",
+        [Metric({"receiver": name, "state": state}, n) for (name, state), n in counts.items()],
+    )
+    yield (
+        "delivery_oldest_timestamp_seconds",
+        "gauge",
+        "When the oldest event that waits for a receiver was begun.",
+        [Metric({"receiver": name}, ns / 1e9) for name, ns in oldest_ns.items()],
+    )
 
 
 def _assets(knowledge: Knowledge, twin_ids: Iterable[str]) -> dict[str, list[Metric]]:

@@ -207,6 +207,11 @@ class TwinModel(OfElements):
         description="When features last came, by this server's clock [ns since 1970-01-01 "
         "UTC]; null where not since it began.",
     )
+    sensor: dict[str, int] | None = Field(
+        None,
+        description="Counters of the live sensor, as its edge agent told last; null for other "
+        "inputs, and before it told. `sensor_silent_s` is 0 while it sends.",
+    )
     raised: list[RaisedModel] = Field(default=[], description="Alarms that are raised now.")
     nominal: dict[str, float] | None = Field(description="None while it is being learnt.")
     normal: list[NormalModel] = Field(
@@ -443,6 +448,10 @@ class EventModel(BaseModel):
     """Something a person may want to know of, once."""
 
     number: int
+    event_id: str = Field(
+        description="The same after the history was estimated anew; `number` is not.",
+        examples=["5f0c2a4e9b7d41c6a3e8f1d2b4c6978a"],
+    )
     id: str
     boot: str
     sequence: int

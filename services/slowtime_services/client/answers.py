@@ -105,6 +105,8 @@ class Event(Answer):
     """Something a person may want to know of, once."""
 
     number: int
+    event_id: str = ""
+    """The same after the history was estimated anew; `number` is not."""
     id: str
     t_ns: int
     slow_time: float | None

@@ -192,6 +192,27 @@ class Client:
             self.json("GET", f"/twins/{twin_id}/events", query)["events"]
         )
 
+    def alarms(self, twin_id: str, *, limit: int | None = None) -> list[dict[str, Any]]:
+        """Find the newest alarms: whether each holds still, and who has acknowledged it."""
+        found = self.json("GET", f"/twins/{twin_id}/alarms", {"limit": limit})
+        return list(found["alarms"])
+
+    def acknowledge(
+        self, twin_id: str, event_id: str, *, by: str | None = None, note: str = ""
+    ) -> dict[str, Any]:
+        """Say that somebody has taken note of an alarm."""
+        path = f"/twins/{twin_id}/alarms/{event_id}/acknowledge"
+        return self.json("POST", path, body={"by": by, "note": note})
+
+    def test_alarm(self, twin_id: str, receiver: str | None = None) -> dict[str, Any]:
+        """Send a test alarm to all receivers of a twin, or to one of them."""
+        body = {"receiver": receiver}
+        return self.json("POST", f"/twins/{twin_id}/alarms/test", body=body)
+
+    def deliveries(self, twin_id: str, *, limit: int | None = None) -> dict[str, Any]:
+        """Tell whom events of a twin have reached, and what keeps others from it."""
+        return self.json("GET", f"/twins/{twin_id}/alarms/deliveries", {"limit": limit})
+
     def dtdl(self, *, site: str | None = None) -> dict[str, Any]:
         """Give sites, twins and relations as a graph with DTDL v3 models."""
         return self.json("GET", "/dtdl", {"site": site})

@@ -19,6 +19,7 @@ from slowtime_schemas.streams import (
     RAW,
     REGISTRATION,
     REQUESTS,
+    SAMPLES,
     STATE,
     STREAMS,
     alive_key,
@@ -67,9 +68,10 @@ def edge(site: str, asset: str) -> Role:
     """Rights of the edge agent of one asset."""
     written = tuple(stream.key(site, asset) for stream in OF_EDGES)
     return Role(
-        writes=written,
-        hears=(ACK.key(site, asset),),
-        subscribes=(ACK.key(site, asset),),
+        # Samples: a program beside the sensor publishes them with the edge's own credential.
+        writes=(*written, SAMPLES.key(site, asset)),
+        hears=(ACK.key(site, asset), SAMPLES.key(site, asset)),
+        subscribes=(ACK.key(site, asset), SAMPLES.key(site, asset)),
         answers=tuple(request_key(site, asset, what) for what in ASKED_OF_EDGES),
         replies=written,
         announces=(alive_key(site, asset),),

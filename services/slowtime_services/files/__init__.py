@@ -1,10 +1,25 @@
 """Files of measurements in, records out: text of any kind, NumPy, MATLAB."""
 
-from .bridging import MARK, bridged
-from .read import ALL, MAX_BYTES, read_record
-from .record import UNDATED_NS, Gap, Record, RecordError, accelerations, find_column
-from .stamps import DateOrder
-from .time_units import UNITS
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .bridging import MARK, bridged
+    from .read import ALL, MAX_BYTES, read_record
+    from .record import UNDATED_NS, Gap, Record, RecordError, accelerations, find_column
+    from .stamps import DateOrder
+    from .time_units import UNITS
+
+_MODULES = {
+    "bridging": ("MARK", "bridged"),
+    "read": ("ALL", "MAX_BYTES", "read_record"),
+    "record": (
+        "UNDATED_NS", "Gap", "Record", "RecordError", "accelerations", "find_column",
+    ),
+    "stamps": ("DateOrder",),
+    "time_units": ("UNITS",),
+}  # fmt: skip
+_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 
 __all__ = [
     "ALL",
@@ -21,3 +36,10 @@ __all__ = [
     "find_column",
     "read_record",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a name where it is asked for: an edge beside a sensor reads no files."""
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f".{_MODULE_OF[name]}", __name__), name)

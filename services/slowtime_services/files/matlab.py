@@ -5,7 +5,6 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import scipy.io
 
@@ -13,9 +12,13 @@ from .apart import REFUSED, bound_memory, save
 from .arrays import Arrays, refuse_above, unreadable
 from .record import RecordError, Values
 
+HEADING_BYTES = 512
+"""Before an HDF5 file's own first bytes, where MATLAB has written one."""
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+
 
 def _read(path: Path, max_bytes: int) -> Arrays:
-    if h5py.is_hdf5(path):
+    if _is_hdf5(path):
         return _read_version_73(path, max_bytes)
     try:
         sizes = [np.prod(shape, dtype=float) for _, shape, _ in scipy.io.whosmat(path)]
@@ -41,7 +44,21 @@ def _flatten(name: str, value: Any, into: dict[str, Values]) -> None:
         into[name] = array
 
 
+def _is_hdf5(path: Path) -> bool:
+    """Whether a file has the signature of HDF5, behind a heading of MATLAB's or at once."""
+    with path.open("rb") as file:
+        head = file.read(HEADING_BYTES + len(SIGNATURE))
+    return head.startswith(SIGNATURE) or head.endswith(SIGNATURE)
+
+
 def _read_version_73(path: Path, max_bytes: int) -> Arrays:
+    try:
+        import h5py
+    except ImportError as error:
+        raise RecordError(
+            f"{path.name} is a MATLAB file of version 7.3, which h5py reads. Install it: "
+            "pip install 'slowtime[formats]' or pip install h5py. Or save it with -v7."
+        ) from error
     found: dict[str, Values] = {}
     try:
         with h5py.File(path, "r") as file:
@@ -64,7 +81,7 @@ def _datasets(group: Any) -> Iterable[Any]:
     for name, item in group.items():
         if item is None or name.startswith("#") or "MATLAB_empty" in item.attrs:
             continue  # None is a link that leads nowhere
-        if isinstance(item, h5py.Group):
+        if hasattr(item, "items"):
             yield from _datasets(item)
         elif item.attrs.get("MATLAB_class") != b"char" and item.dtype.kind in "fiub":
             yield item

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from slowtime.signals.block import Block
-from slowtime_schemas.raw import RawHeader, decode_raw
+from slowtime.signals.block import Block, RateCorrection
+from slowtime_schemas.raw import decode_raw
+from slowtime_schemas.raw_header import RawHeader
 from slowtime_schemas.streams import RAW
 from slowtime_services.files import Gap, Record, find_column
 
@@ -23,6 +24,7 @@ def block_of(payload: bytes) -> tuple[RawHeader, Block]:
         If the payload is not a raw block.
     """
     header, body = decode_raw(payload)
+    clock = header.clock
     return header, Block(
         samples=np.frombuffer(body, header.dtype).reshape(header.samples, len(header.channels)),
         rate_hz=header.rate_hz,
@@ -34,6 +36,7 @@ def block_of(payload: bytes) -> tuple[RawHeader, Block]:
         slow_time=header.slow_time,
         covariates=header.covariates,
         truth=header.truth or {},
+        clock=None if clock is None else RateCorrection(relative=clock.relative, sd=clock.sd),
     )
 
 

@@ -1,6 +1,8 @@
 """A model file shaken by a force that is measured, until something enters that it lacks.
 
 What it lacks is known to the simulator alone: the edge sees samples, the twin a model file.
+Effects and model files are imported where they are needed, since laws of force want a compiler
+that a small edge, which may well simulate a tower, does not have.
 """
 
 import dataclasses
@@ -12,10 +14,8 @@ from jaxtyping import Float
 from pydantic import Field, model_validator
 
 from slowtime.dynamics.description import Description, DescriptionError, assemble
-from slowtime.dynamics.effects import read_effects
 from slowtime.dynamics.modes import undamped_modes
 from slowtime_schemas.model_file import ModelFile
-from slowtime_services.models import description_of, run_model
 
 from .fields import NotNegative, Positive
 from .listening import Record, Simulated
@@ -59,6 +59,8 @@ class SimulatedModel(Simulated):
                 "The model has no inputs, or no sensors. List what shakes it under `inputs`, "
                 "and what listens under `sensors`."
             )
+        from slowtime.dynamics.effects import read_effects
+
         try:
             read_effects(self._described(1.0))
         except DescriptionError as error:
@@ -86,12 +88,16 @@ class SimulatedModel(Simulated):
         return self.enters <= epoch and (self.leaves is None or epoch < self.leaves)
 
     def _described(self, entered: float) -> Description:
+        from slowtime_services.models import description_of
+
         built = description_of(self.model)
         if not entered:
             return built
         return dataclasses.replace(built, effects=(*built.effects, *self.effects))
 
     def _highest_hz(self) -> float:
+        from slowtime_services.models import description_of
+
         modes = undamped_modes(assemble(description_of(self.model)))
         return float(modes.frequency_hz[-1])
 
@@ -107,6 +113,8 @@ class SimulatedModel(Simulated):
         return self._run(self._described(float(self._entered(epoch))), rng)
 
     def _run(self, description: Description, rng: np.random.Generator) -> Record:
+        from slowtime_services.models import run_model
+
         inputs = {entry.channel: self._shake(rng) for entry in self.model.inputs}
         found = run_model(description, inputs, self.rate_hz, hold="band_limited", rng=rng)
         return np.stack([(found | inputs)[channel] for channel in self.channels], axis=1)

@@ -2,7 +2,7 @@
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from slowtime.identification.identified import Measured
 
@@ -49,7 +49,7 @@ def common_forces(record: Record, picture: Picture, lines: tuple[Measured, ...])
         start = knowing(with_guests.start, rough_fit(part.band, part.start))
         score, known = coherence_score(with_guests.band, start)
         statistic, freedom = statistic + score, freedom + known
-    return float(chi2.sf(statistic, freedom)) if freedom else 1.0
+    return float(chdtrc(freedom, statistic)) if freedom else 1.0
 
 
 def _seen(

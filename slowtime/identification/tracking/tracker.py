@@ -18,7 +18,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import linear_sum_assignment
 
 from slowtime.identification.modes import Mode
 
@@ -264,6 +263,8 @@ def _likeliest(gains: Float[np.ndarray, "row column"]) -> list[tuple[int, int]]:
     """Pairs of the best assignment as a whole; none where being alone is likelier."""
     if not gains.size:
         return []
+    from scipy.optimize import linear_sum_assignment  # here: `method=modes` alone needs it
+
     rows, columns = linear_sum_assignment(-np.maximum(gains, 0.0))
     pairs = zip(rows.tolist(), columns.tolist(), strict=True)
     return [(i, j) for i, j in pairs if gains[i, j] > 0.0]

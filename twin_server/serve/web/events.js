@@ -1,4 +1,6 @@
-// What has happened to a twin, the newest first.
+// What has happened to a twin, the newest first; alarms are acknowledged here, and routes are seen and tried.
+import { Acknowledging } from "./acknowledging.js";
+import { Routes } from "./routes.js";
 import { make, whenOf } from "./words.js";
 
 export class Events {
@@ -6,21 +8,41 @@ export class Events {
     this.root = make("details", undefined, "events");
     this.summary = make("summary", "No events yet");
     this.list = make("ol");
-    this.root.append(this.summary, this.list);
+    this.items = new Map();
+    this.routes = new Routes();
+    this.root.append(this.summary, this.routes.root, this.list);
+    this.root.addEventListener("toggle", () => this.root.open && this.routes.refresh());
   }
 
-  tell({ events, latest }) {
-    const newest = events.at(-1), key = `${newest?.number} ${events.length}`;
+  tell({ base, at, events, latest }) {
+    this.routes.tell(base);
+    const newest = events.at(-1), key = `${newest?.number} ${events.length} ${Boolean(at)}`;
     if (this.told === key) return;
     this.told = key;
     const count = events.length === 1 ? "1 event" : `${events.length} events`;
     this.summary.textContent = newest ? `${count}, last: ${whenOf(newest, latest)} ${newest.message}` : "No events yet";
     this.root.dataset.severity = newest?.severity ?? "info";
-    this.list.replaceChildren(...events.toReversed().map((event) => {
-      const item = make("li");
-      item.dataset.severity = event.severity;
-      item.append(make("span", whenOf(event, latest), "when"), make("span", event.severity, "severity"), event.message);
-      return item;
-    }));
+    const seen = new Map(events.filter(({ kind }) => kind === "alarm_acknowledged").map(({ details }) => [details.event_id, details]));
+    const numbers = new Set(events.map(({ number }) => number));
+    for (const [number, { root }] of this.items) if (!numbers.has(number)) { root.remove(); this.items.delete(number); }
+    // Items stay where they are, so that a form that somebody is filling in does not go from under them.
+    events.toReversed().forEach((event, i) => {
+      const item = this.items.get(event.number) ?? this.item(base, event);
+      item.when.textContent = whenOf(event, latest);
+      item.acknowledging?.tell(seen.get(event.event_id), Boolean(at));
+      if (this.list.children[i] !== item.root) this.list.insertBefore(item.root, this.list.children[i] ?? null);
+    });
+    if (this.root.open) this.routes.refresh();
+  }
+
+  item(base, event) {
+    const root = make("li"), when = make("span", "", "when");
+    root.dataset.severity = event.severity;
+    root.append(when, make("span", event.severity, "severity"), event.message);
+    const acknowledging = event.severity === "alarm" ? new Acknowledging(base, event) : null;
+    if (acknowledging) root.append(acknowledging.root);
+    const item = { root, when, acknowledging };
+    this.items.set(event.number, item);
+    return item;
   }
 }

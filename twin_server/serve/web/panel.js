@@ -8,7 +8,7 @@ import { Outlook } from "./outlook.js";
 import { toTwin } from "./route.js";
 import { Timeline } from "./timeline.js";
 import { WhatIf } from "./whatif.js";
-import { LEARNING, QUANTITIES, ago, atTime, isClock, make, say, slowTime, spoken, standing } from "./words.js";
+import { LEARNING, QUANTITIES, ago, atTime, isClock, make, say, sensorOf, slowTime, spoken, standing } from "./words.js";
 
 const CHARTS = Object.keys(QUANTITIES);
 const STANDING = {
@@ -53,6 +53,8 @@ export class Panel {
     [this.facts, this.seen, this.reading] = [make("p", "", "facts"), make("span"), make("span")];
     [this.alarm, this.reasons] = [make("p", "", "alarm"), make("ul", undefined, "reasons")];
     const about = make("p", undefined, "facts");
+    this.sensor = make("p", "", "facts sensor");
+    this.sensor.hidden = true;
     about.append(this.reading, this.seen);
     this.charts = make("div", undefined, "charts");
     this.watcher = new ResizeObserver(() => twin.touch());
@@ -64,7 +66,7 @@ export class Panel {
     [this.timeline, this.whatIf, this.diagnosis] = [new Timeline(twin), new WhatIf(twin), new Diagnosis(twin)];
     this.state = make("div", undefined, "state");
     this.state.append(
-      about, this.reasons, this.timeline.root, this.charts, this.outlook.root, this.whatIf.root, this.events.root,
+      about, this.sensor, this.reasons, this.timeline.root, this.charts, this.outlook.root, this.whatIf.root, this.events.root,
     );
     this.root.append(this.heading(), this.alarm, this.facts, this.state, this.diagnosis.root);
   }
@@ -145,6 +147,9 @@ export class Panel {
     say(this.edge, latest.alive ? "good" : "waiting", latest.alive ? "sensor agent online" : "sensor agent offline");
     const begun = latest.slow_time !== null;
     say(this.validity, ...(begun ? STANDING[standing(latest)] : ["waiting", "no features yet"]));
+    const sensor = sensorOf(latest);
+    this.sensor.hidden = !sensor;
+    if (sensor) say(this.sensor, sensor.state, sensor.text);
     const alarm = limitsPassed(latest);
     say(this.alarm, "bad", alarm && `\u25b2 ${alarm}`);
     const damping = latest.damping_ratio && spoken(latest.damping_ratio, "damping_ratio");

@@ -2,12 +2,13 @@
 import { isNear, stepOf } from "./buckets.js";
 import { ask } from "./link.js";
 import { historyOf } from "./window.js";
+import { sensorOf } from "./words.js";
 
 const MAX_POINTS = 1000, FORECAST_MS = 3000, PATIENCE_MS = 30000, EVENTS = 100;
 
 /** All by which two states that look alike on the page are alike. */
-const told = ({ boot, sequence, alive, valid, normal, raised, registration }) => (
-  JSON.stringify([boot, sequence, alive, valid, normal, raised, registration])
+const told = ({ boot, sequence, alive, valid, normal, raised, registration, sensor }) => (
+  JSON.stringify([boot, sequence, alive, valid, normal, raised, registration, sensorOf({ sensor })])
 );
 
 const COMPUTING = "The forecast is being computed.";

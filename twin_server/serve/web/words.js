@@ -72,6 +72,22 @@ export function ago(milliseconds) {
   return `${s} s ago`;
 }
 
+/** What a live sensor does: whether it sends, at which rate, what has been lost. */
+export function sensorOf({ sensor }) {
+  if (!sensor) return null;
+  const { sensor_silent_s: silent, sampling_rate_uhz: rate, samples_lost: lost, samples_dropped: dropped } = sensor;
+  const parts = [
+    silent ? `sensor silent for ${silent}${NARROW}s` : "sensor sends",
+    rate > 0 && `true rate ${+(rate / 1e6).toPrecision(6)}${NARROW}Hz`,
+    `${lost.toLocaleString()} samples lost`,
+    dropped > 0 && `${dropped.toLocaleString()} dropped by the agent`,
+    sensor.sensor_restarts > 0 && `${sensor.sensor_restarts} restarts`,
+    sensor.sensor_reconnects > 0 && `${sensor.sensor_reconnects} lost connections`,
+    sensor.garbage_bytes > 0 && `${sensor.garbage_bytes.toLocaleString()} bytes of garbage`,
+  ];
+  return { state: silent ? "bad" : "good", text: parts.filter(Boolean).join(" \u00b7 ") };
+}
+
 /** The time of an event: of the structure where it has one, else of the day. */
 export function whenOf(event, latest) {
   if (event.kind === "registered" || event.slow_time === null || latest.slow_time === null) return new Date(event.t_ns / 1e6).toLocaleTimeString();

@@ -13,11 +13,16 @@ from pathlib import Path
 from slowtime_services.files import apart
 from slowtime_services.files.record import RecordError
 from slowtime_services.files.sheet import Sheet
+from slowtime_services.plugins import plugins
 
 from .choosing import sheet_of
 from .found import Found
 
 HEAD_BYTES = 4096
+OWN = "plugin:"
+"""Before the name of an installed part, in the place of a module of this room."""
+OURS = frozenset(("", "csv", "txt", "tsv", "dat", "npy", "npz", "mat", "xlsx"))
+"""Endings that no part of somebody's own is asked for."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -104,7 +109,7 @@ READERS: tuple[Reader, ...] = (
            rb"\s*-1\s*\n\s*58b", "pyuff", "pyuff",
            "evenly spaced time responses, their units and interval"),
     Reader("an HDF5 file", "hdf5", (".h5", ".hdf5", ".hdf", ".sdf5"), rb"\x89HDF\r\n\x1a\n",
-           "", "h5py", "datasets of numbers; rate, start and units from attributes"),
+           "h5py", "h5py", "datasets of numbers; rate, start and units from attributes"),
     Reader("a Parquet file", "columnar", (".parquet", ".pq"), rb"PAR1",
            "pyarrow", "pyarrow", "columns of numbers, a column of stamps as clock"),
     Reader("an Arrow or Feather file", "columnar", (".arrow", ".feather", ".ipc"), rb"ARROW1",
@@ -120,7 +125,19 @@ def reader_of(path: Path) -> Reader | None:
     """Find the reader of a file; None where none recognises it."""
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)
-    return next((one for one in READERS if one.recognises(path, head)), None)
+    known = next((one for one in READERS if one.recognises(path, head)), None)
+    return known or _own_reader(path.suffix.lower().lstrip("."))
+
+
+def _own_reader(ending: str) -> Reader | None:
+    """Find an installed part that is named after the ending; it is imported apart."""
+    if ending in OURS:
+        return None
+    for part in plugins("slowtime.readers"):
+        if part.name == ending:
+            kind = f"a file for the reader {ending!r} of {part.distribution} {part.version}"
+            return Reader(kind, f"{OWN}{ending}", (f".{ending}",), None, "", "", "")
+    return None
 
 
 __all__ = ["READERS", "Found", "Reader", "reader_of"]

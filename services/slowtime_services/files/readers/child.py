@@ -4,12 +4,16 @@ import importlib
 import logging
 import sys
 import warnings
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from slowtime_services.files.apart import REFUSED, bound_memory, save
 from slowtime_services.files.arrays import MOST_SAID, refuse_above
 from slowtime_services.files.record import RecordError
+from slowtime_services.plugins import find
 
+from . import OWN
 from .found import Found
 
 
@@ -27,10 +31,20 @@ def main(path: str, max_bytes: str, out: str, module: str, kind: str) -> int:
     return 0
 
 
+def _function(module: str) -> Callable[[Path, int], Any]:
+    """Take a reader's function: of a module of this room, or of an installed part."""
+    if module.startswith(OWN):
+        read: Callable[[Path, int], Any] = find("slowtime.readers", module[len(OWN) :]).load()
+    else:
+        read = importlib.import_module(f"{__package__}.{module}").read
+    return read
+
+
 def _read(module: str, path: Path, max_bytes: int, kind: str) -> Found:
-    reader = importlib.import_module(f"{__package__}.{module}")
     try:
-        found: Found = reader.read(path, max_bytes)
+        found = _function(module)(path, max_bytes)
+        if not isinstance(found, Found):
+            raise TypeError(f"it gave a {type(found).__name__}, not what a file holds (Found)")
     except RecordError:
         raise
     except Exception as error:  # libraries say in many ways that a file is torn

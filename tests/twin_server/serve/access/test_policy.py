@@ -17,7 +17,9 @@ CALLERS = (
     "no token", "viewer", "operator", "admin", "admin of all", "other site", "expired",
     "revoked",
 )  # fmt: skip
-FILLED = {"{twin_id}": "lab.beam", "{name}": "report.json", "{number}": "1"}
+FILLED = {
+    "{twin_id}": "lab.beam", "{name}": "report.json", "{number}": "1", "{event_id}": "0" * 32,
+}  # fmt: skip
 HEAD = """\
 # Who may ask what
 

@@ -1,0 +1,240 @@
+"""A live sensor as a source: reader thread, queue, places, blocks with their times."""
+
+import logging
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from edge_agent.inputs import LiveInput
+from slowtime.signals.block import Block, RateCorrection
+from slowtime.signals.sampling_clock import ClockReading
+from slowtime_schemas.messages import TimeBase
+from slowtime_services.bus import Inbox
+from slowtime_services.clock import Clock
+
+from .assembly import Assembler, Run
+from .batch import Batch
+from .bursts import Bursts
+from .decoding import AnyLayout, Decoder, decoder_of
+from .framing import framer_of
+from .positions import UNIT_NS, ByArrival, ByCounter, ByStamp, Placement, Positions
+from .rates import RateWatch
+from .reader import Describing, Reader
+from .registry import Opened
+from .tally import Tally
+from .timing import Timing
+
+logger = logging.getLogger(__name__)
+
+IDLE_S = 0.1
+STEADY_NS = 1_000_000_000
+"""A clock that is set back by more has been set back."""
+
+AT_ONCE = 1_000
+"""Batches taken from the queue before blocks are handed on."""
+
+
+class LiveSource:
+    """Blocks of a live sensor; whatever it sends, they go on."""
+
+    time_base: TimeBase = "live"
+    slow_time_unit = "s"
+
+    def __init__(
+        self, settings: LiveInput, opened: Opened, clock: Clock, stop: threading.Event
+    ) -> None:
+        self._settings, self._opened = settings, opened
+        self._clock, self._stop = clock, stop
+        self.tally = Tally()
+        self._inbox: Inbox[Batch] = Inbox(10**9, settings.queue_samples)
+        self._reader: Reader | None = None
+        self._dropped = 0
+        self._heard_ns = clock.now_ns()
+        self._is_silent = False
+        self._start_ns = 0
+        self._rates: RateWatch
+        self._assembler: Assembler
+        self._bursts: Bursts
+        self._first_index = self._next_index = 0
+        if opened.layout is not None and opened.rate_hz is not None:
+            self._prepare(opened.layout, opened.rate_hz)
+
+    def _prepare(self, layout: AnyLayout, rate_hz: float) -> None:
+        """Begin to know what samples look like."""
+        self._layout = layout
+        transport = self._opened.transport
+        self._lanes, decoders = _lanes_of(layout)
+        if self._opened.decode is not None:
+            decoders = {"": self._opened.decode}
+        framer = framer_of(layout) if transport.is_stream else None
+        self._factors = np.array([channel.factor for channel in layout.channels])
+        self._offsets = np.array([channel.offset for channel in layout.channels])
+        self._is_utc = layout.stamp is not None and layout.stamp.clock == "utc"
+        self._timing = Timing(rate_hz, stamps=self._is_utc, tally=self.tally)
+        self._began(rate_hz, 0)
+        self._reader = Reader(transport, decoders, framer, self._inbox, self.tally, self._stop)
+
+    def counts(self) -> Mapping[str, int]:
+        """Give what `Health` tells of the sensor; may be called from any thread."""
+        told = self.tally.told()
+        told["samples_lost"] = max(0, told["samples_lost"] - self._dropped)
+        silent_s = (self._clock.now_ns() - self._heard_ns) / 1e9
+        told["sensor_silent_s"] = (
+            int(silent_s) if silent_s >= self._settings.silent_after_s else 0
+        )
+        return told
+
+    def __iter__(self) -> Iterator[Block | None]:
+        """Blocks, until the source ends or the agent is stopped."""
+        self._heard_ns = self._clock.now_ns()
+        if self._reader is None and isinstance(self._opened.transport, Describing):
+            described = self._opened.transport.describe(self._stop)
+            if described is not None:
+                self._prepare(*described)
+        if self._reader is None:
+            self._opened.transport.close()
+            return
+        self._reader.start()
+        while not self._stop.is_set():
+            batches = self._inbox.take(AT_ONCE, timeout_s=IDLE_S)
+            if batches:
+                yield from self._work(batches)
+            elif self._inbox.closed:
+                break
+            else:
+                yield from self._rest()
+        yield from self._leave(all_of_it=True)
+        self._reader.join()
+
+    def _work(self, batches: Sequence[Batch]) -> Iterator[Block]:
+        for batch in batches:
+            self._hear(batch)
+            if len(self._lanes) > 1:
+                for other in self._positions:
+                    self._positions[batch.lane].begin_beside(other, batch)
+            for placement in self._positions[batch.lane].place(batch):
+                yield from self._put(placement)
+        yield from self._leave()
+
+    def _hear(self, batch: Batch) -> None:
+        self._dropped += batch.dropped
+        if self._bursts.note(batch.arrival_ns, len(batch.rows)):
+            self.tally.add("sensor_bursts")
+        # Where arrivals come from replays or from a clock set back, silence is not negative.
+        self._heard_ns = max(self._heard_ns, batch.arrival_ns)
+        if self._is_silent:
+            self._is_silent = False
+            logger.info("The sensor sends again.")
+
+    def _rest(self) -> Iterator[Block]:
+        """Nothing has come: say so if that lasts, and hand on what waits."""
+        quiet_s = (self._clock.now_ns() - self._heard_ns) / 1e9
+        if quiet_s > max(2 * self._settings.block_s, self._settings.reorder_s, 2 * IDLE_S):
+            for positions in self._positions:
+                for placement in positions.finish():
+                    yield from self._put(placement)
+            yield from self._leave(all_of_it=True)
+        if quiet_s >= self._settings.silent_after_s and not self._is_silent:
+            self._is_silent = True
+            self.tally.add("sensor_silences")
+            logger.warning("The sensor has sent nothing for %.0f s.", quiet_s)
+
+    def _put(self, placement: Placement) -> Iterator[Block]:
+        index, batch, restarts = placement
+        index += self._first_index
+        if restarts:
+            yield from self._leave(all_of_it=True)
+            self._assembler.restart(index)
+            self._timing.begin(self._timing.rate_hz)
+            self._rates.interrupt()
+        is_gap = index != self._next_index
+        self._next_index = max(self._next_index, index + len(batch.rows))
+        self._assembler.put(index, batch.rows, batch.lane)
+        if batch.lane == 0:
+            yield from self._note_time(index, batch, is_gap and not restarts)
+
+    def _note_time(self, index: int, batch: Batch, is_gap: bool) -> Iterator[Block]:
+        """Feed the clock model; begin anew where the device runs at another rate."""
+        last = index + len(batch.rows) - 1
+        time_ns = batch.arrival_ns
+        if self._is_utc and batch.stamp is not None and self._layout.stamp is not None:
+            last, time_ns = (
+                index + batch.stamp_at,
+                batch.stamp * UNIT_NS[self._layout.stamp.unit],
+            )
+        self._timing.note(last, time_ns)
+        if is_gap and not isinstance(self._positions[0], ByCounter):
+            self._rates.interrupt()
+        rate_hz = self._rates.note(index + len(batch.rows), batch.arrival_ns)
+        if rate_hz is not None:
+            yield from self._leave(all_of_it=True)
+            self.tally.add("rate_changes")
+            logger.warning(
+                "The sensor samples at %g Hz now, not at %g Hz; its blocks say so from here.",
+                rate_hz, self._timing.rate_hz,
+            )  # fmt: skip
+            self._timing.begin(rate_hz)
+            self._began(rate_hz, self._next_index + 1)
+
+    def _began(self, rate_hz: float, first_index: int) -> None:
+        """Begin to place and to assemble, at a rate and from an index on."""
+        given = self._settings
+        horizon = round(given.reorder_s * rate_hz)
+        self._rate_hz, self._first_index, self._next_index = rate_hz, first_index, first_index
+        self._positions: list[Positions] = [
+            self._positions_at(rate_hz, horizon) for _ in self._lanes
+        ]
+        counted = self._layout.counter is not None or self._layout.stamp is not None
+        waits = horizon if counted or len(self._lanes) > 1 else 0
+        block_rows = max(1, round(given.block_s * rate_hz))
+        self._assembler = Assembler(self._lanes, block_rows, waits, self.tally)
+        self._assembler.restart(first_index)
+        self._rates = RateWatch(rate_hz, given.rate_tolerance)
+        self._bursts = Bursts(rate_hz)
+
+    def _positions_at(self, rate_hz: float, horizon: int) -> Positions:
+        if self._layout.counter is not None:
+            return ByCounter(self._layout.counter, rate_hz, horizon, self.tally)
+        if self._layout.stamp is not None:
+            return ByStamp(self._layout.stamp, rate_hz, horizon, self.tally)
+        return ByArrival(rate_hz, self.tally)
+
+    def _leave(self, *, all_of_it: bool = False) -> Iterator[Block]:
+        """Hand on what is complete."""
+        runs = self._assembler.take(all_of_it=all_of_it)
+        if runs:
+            reading = self._timing.read()
+            for run in runs:
+                yield self._block(run, reading)
+
+    def _block(self, run: Run, reading: ClockReading) -> Block:
+        start_ns = reading.time_ns(run.first_index)
+        # The estimate moves a little as it gets better; time must not run back by that.
+        if 0 <= self._start_ns - start_ns < STEADY_NS:
+            start_ns = self._start_ns + 1
+        self._start_ns = start_ns
+        samples = (run.rows - self._offsets) * self._factors
+        # A float in a frame, or a word such as `inf` in a line, is no measurement.
+        samples[~np.isfinite(samples)] = np.nan
+        return Block(
+            samples=samples,
+            rate_hz=self._rate_hz,
+            first_index=run.first_index,
+            start_ns=max(0, start_ns),
+            channels=self._layout.names,
+            units=self._layout.units,
+            clock=RateCorrection(relative=reading.correction, sd=reading.correction_sd),
+        )
+
+
+def _lanes_of(layout: AnyLayout) -> tuple[tuple[tuple[int, ...], ...], dict[str, Decoder]]:
+    """Channels of each topic, and what decodes the messages of each."""
+    topics: dict[str, list[int]] = {}
+    for number, channel in enumerate(layout.channels):
+        topics.setdefault(channel.topic or "", []).append(number)
+    lanes = tuple(tuple(columns) for columns in topics.values())
+    decoders = {
+        topic: decoder_of(layout, lane, lanes[lane]) for lane, topic in enumerate(topics)
+    }
+    return lanes, decoders

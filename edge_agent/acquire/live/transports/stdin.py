@@ -1,0 +1,45 @@
+"""Standard input: what any other program prints."""
+
+import os
+import select
+import sys
+import threading
+from collections.abc import Iterator
+
+from edge_agent.acquire.live.batch import Packet
+from edge_agent.acquire.live.registry import Opened, Surroundings, declared
+from edge_agent.inputs import LiveInput
+from slowtime_services.clock import Clock
+
+AT_ONCE = 65_536
+POLL_S = 0.2
+
+
+class StandardInput:
+    """A file descriptor, read as bytes come."""
+
+    is_stream = ends = True
+
+    def __init__(self, clock: Clock, descriptor: int | None = None) -> None:
+        self._clock = clock
+        self._descriptor = sys.stdin.fileno() if descriptor is None else descriptor
+
+    def packets(self, stop: threading.Event) -> Iterator[Packet | None]:
+        """Bytes, until the other program ends."""
+        while not stop.is_set():
+            ready, _, _ = select.select([self._descriptor], [], [], POLL_S)
+            if not ready:
+                yield None
+                continue
+            data = os.read(self._descriptor, AT_ONCE)
+            if not data:
+                return
+            yield Packet(data, self._clock.now_ns())
+
+    def close(self) -> None:
+        """Do nothing: what is open is closed with each connection."""
+
+
+def opened(settings: LiveInput, around: Surroundings) -> Opened:
+    """Read standard input."""
+    return Opened(StandardInput(around.clock), *declared(settings, "stdin"))

@@ -1,0 +1,56 @@
+"""UDP: each datagram is a message."""
+
+import socket
+import threading
+from collections.abc import Iterator
+
+from edge_agent.acquire.live.batch import Packet
+from edge_agent.acquire.live.registry import Opened, Surroundings, declared
+from edge_agent.inputs import LiveInput
+from slowtime_services.clock import Clock
+
+from .tcp import POLL_S, Address, address_of
+
+LARGEST = 65_535
+KERNEL_BYTES = 4 * 2**20
+"""Of the socket's buffer: what comes while this process waits for a processor."""
+
+
+class Datagrams:
+    """A bound socket."""
+
+    is_stream = ends = False
+
+    def __init__(self, address: Address, clock: Clock) -> None:
+        self._clock = clock
+        family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, KERNEL_BYTES)
+        self._socket.bind(address)
+        self._socket.settimeout(POLL_S)
+
+    @property
+    def port(self) -> int:
+        """Where it listens."""
+        port: int = self._socket.getsockname()[1]
+        return port
+
+    def packets(self, stop: threading.Event) -> Iterator[Packet | None]:
+        """Datagrams as they come."""
+        while not stop.is_set():
+            try:
+                data = self._socket.recv(LARGEST)
+            except TimeoutError:
+                yield None
+                continue
+            yield Packet(data, self._clock.now_ns())
+
+    def close(self) -> None:
+        """Listen no more."""
+        self._socket.close()
+
+
+def opened(settings: LiveInput, around: Surroundings) -> Opened:
+    """Bind the port."""
+    layout, rate_hz = declared(settings, settings.scheme)
+    return Opened(Datagrams(address_of(settings.source), around.clock), layout, rate_hz)

@@ -1,0 +1,64 @@
+"""What a source of samples is, and how one that is not live keeps pace."""
+
+import threading
+from collections.abc import Iterator, Mapping
+from typing import Protocol, runtime_checkable
+
+from slowtime.signals.block import Block
+from slowtime_schemas.messages import TimeBase
+from slowtime_services.clock import Clock
+
+
+@runtime_checkable
+class Source(Protocol):
+    """Where samples come from."""
+
+    @property
+    def time_base(self) -> TimeBase:
+        """Whose clock stamps the blocks."""
+        ...
+
+    @property
+    def slow_time_unit(self) -> str:
+        """Unit of `Block.slow_time`."""
+        ...
+
+    def __iter__(self) -> Iterator[Block | None]:
+        """Blocks in order; None where an epoch is complete."""
+        ...
+
+
+@runtime_checkable
+class Counting(Protocol):
+    """A source that counts what happens to it."""
+
+    def counts(self) -> Mapping[str, int]:
+        """Counters of `Health`; may be called from any thread."""
+        ...
+
+
+class Pacer:
+    """Waits until a moment of the stream has come, and no longer than until `stop`."""
+
+    def __init__(self, clock: Clock, stop: threading.Event) -> None:
+        self._clock, self._stop = clock, stop
+        self._began_ns = clock.now_ns()
+
+    def wait_until(self, seconds: float) -> bool:
+        """Return once `seconds` have passed since the start; False if stopped before."""
+        while not self._stop.is_set():
+            left = seconds - (self._clock.now_ns() - self._began_ns) / 1e9
+            if left <= 0:
+                return True
+            self._clock.sleep(min(left, 0.1))
+        return False
+
+
+def paced(blocks: Iterator[Block], speed: float, pacer: Pacer) -> Iterator[Block]:
+    """Hand a block over when its last sample would have been taken."""
+    first_ns: int | None = None
+    for block in blocks:
+        first_ns = block.start_ns if first_ns is None else first_ns
+        if not pacer.wait_until((block.end_ns - first_ns) / 1e9 / speed if speed else 0.0):
+            return
+        yield block

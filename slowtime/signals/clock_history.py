@@ -1,0 +1,233 @@
+"""Messages in, spans of them kept, merged, and begun anew where the clock changes."""
+
+import dataclasses
+from typing import Literal
+
+import numpy as np
+
+from .clock_fit import Line, Span, envelope, find_change, fit, fit_points, spread_of
+from .clock_settings import ClockTolerances
+from .clock_state import ClockState
+from .lower_hull import Point, extend, joined, lowest
+
+MEMORY = 32
+"""Shortest spans over which their typical distance from the line is averaged."""
+NOTABLE = 4.0
+"""Typical distances from which on a span is late, or early."""
+
+
+class History:
+    """A state that takes messages; between messages, `state` is all that it knows.
+
+    The span at hand is held apart while it grows, so that a message costs one vertex.
+    """
+
+    def __init__(
+        self,
+        state: ClockState,
+        nominal_rate_hz: float,
+        stamps: Literal["arrival", "device"],
+        given: ClockTolerances,
+    ) -> None:
+        self._state, self._rate_hz, self._stamps = state, nominal_rate_hz, stamps
+        self._given = given
+        filling = state.filling
+        self._number = filling.number if filling else None
+        self._hull: list[Point] = list(filling.hull) if filling else []
+        self._count, self._sum_x, self._sum_y = (
+            (filling.count, filling.sum_x, filling.sum_y) if filling else (0, 0.0, 0.0)
+        )
+        self._first = (state.first_index, state.first_arrival_ns)
+        self._last, self._messages, self._ignored = (
+            state.last_index,
+            state.messages,
+            state.ignored,
+        )
+
+    @property
+    def state(self) -> ClockState:
+        """What is known after the last message."""
+        return dataclasses.replace(
+            self._state,
+            filling=self._span(),
+            first_index=self._first[0],
+            first_arrival_ns=self._first[1],
+            last_index=self._last,
+            messages=self._messages,
+            ignored=self._ignored,
+        )
+
+    def take(self, index: int, arrival_ns: int) -> None:
+        """Take one message."""
+        if self._last is None:
+            self._first = (index, arrival_ns)
+        elif index <= self._last:
+            self._ignored += 1
+            return
+        self._last = index
+        self._messages += 1
+        x = (index - self._first[0]) / self._rate_hz
+        y = (arrival_ns - self._first[1]) / 1e9 - x
+        number = int(x // self._given.span_s)
+        if number != self._number:
+            if (span := self._span()) is not None:
+                self._judge(span)
+            self._number, self._hull = number, []
+            self._count, self._sum_x, self._sum_y = 0, 0.0, 0.0
+        extend(self._hull, (x, y))
+        self._count += 1
+        self._sum_x += x
+        self._sum_y += y
+
+    def _span(self) -> Span | None:
+        if self._number is None:
+            return None
+        return Span(self._number, tuple(self._hull), self._count, self._sum_x, self._sum_y)
+
+    def _judge(self, span: Span) -> None:
+        """Take a complete shortest span in, or let it wait where it is far from the line."""
+        state, line, given = self._state, self._state.line, self._given
+        if line is None:
+            self._commit((span,))
+            return
+        far_s = _far_s(span, line)
+        wander_s = 3 * line.slope_sd * abs(span.hull[-1][0] - line.x)
+        usual_s = max(NOTABLE * state.roughness_s, 5 * given.resolution_s)
+        if abs(far_s) <= usual_s + wander_s:
+            rough = state.roughness_s
+            rough += (min(abs(far_s), 8 * rough + given.resolution_s) - rough) / MEMORY
+            self._state = dataclasses.replace(state, roughness_s=rough, waiting=())
+            self._commit((*state.waiting, span))
+            return
+        waiting = state.waiting
+        if waiting and (_far_s(waiting[0], line) > 0) != (far_s > 0):
+            self._state = dataclasses.replace(state, waiting=())
+            self._commit(waiting)
+            waiting = ()
+        waiting = (*_not_drained(waiting, span, given.rate_limit), span)
+        self._state = dataclasses.replace(self._state, waiting=waiting)
+        x, y = waiting[0].hull[0]
+        if self._state.line is not None and len(waiting) >= 2 * given.fewest:
+            latest = sum(span.hull[-1])
+            if latest - (x + y) >= given.patience_s:
+                self._begin_anew(waiting, line)
+
+    def _begin_anew(self, waiting: tuple[Span, ...], line: Line) -> None:
+        """Leave the old line: the host's clock has stepped, or the device's has changed."""
+        given = self._given
+        points = envelope(waiting, line.slope, given.rate_limit)
+        fresh = fit_points(points, given.resolution_s)
+        turned = 0.0 if fresh is None else fresh.slope - line.slope
+        doubt = 0.0 if fresh is None else float(np.hypot(fresh.slope_sd, line.slope_sd))
+        kind = "rate" if abs(turned) > 4 * doubt and fresh is not None else "step"
+        self._reset(waiting, 1, kind, turned)
+        self._refit()
+
+    def _reset(self, history: tuple[Span, ...], width: int, kind: str, turned: float) -> None:
+        """Keep only `history`; of what was before, what it says of the rate."""
+        slope, sd, _ = self._state.posterior()
+        stepped = kind == "step"
+        self._state = dataclasses.replace(
+            self._state,
+            history=history,
+            width=width,
+            waiting=(),
+            line=None,
+            slope=slope,
+            slope_sd=sd if stepped else max(3 * abs(turned), sd),
+            steps=self._state.steps + stepped,
+            rate_changes=self._state.rate_changes + (not stepped),
+            began="stepped" if stepped else "rate_changed",
+        )
+
+    def _commit(self, spans: tuple[Span, ...]) -> None:
+        """Add shortest spans to the history."""
+        for span in spans:
+            history, width = self._state.history, self._state.width
+            if history and history[-1].number == span.number // width:
+                history = (*history[:-1], _merged(history[-1], span))
+                self._state = dataclasses.replace(self._state, history=history)
+                continue
+            fresh = dataclasses.replace(span, number=span.number // width)
+            self._state = dataclasses.replace(self._state, history=(*history, fresh))
+            self._shorten()
+            self._refit()
+
+    def _shorten(self) -> None:
+        """Make two spans one where they are too many; forget beyond the horizon."""
+        state, given = self._state, self._given
+        if len(state.history) <= given.spans + 1:
+            return
+        if given.spans * state.width * given.span_s >= given.horizon_s:
+            self._state = dataclasses.replace(state, history=state.history[1:])
+            return
+        merged: list[Span] = []
+        for span in state.history:
+            half = dataclasses.replace(span, number=span.number // 2)
+            if merged and merged[-1].number == half.number:
+                merged[-1] = _merged(merged[-1], half)
+            else:
+                merged.append(half)
+        self._state = dataclasses.replace(state, history=tuple(merged), width=2 * state.width)
+
+    def _refit(self) -> None:
+        """Fit the complete spans; begin anew where they hold a change."""
+        given, state = self._given, self._state
+        complete = state.history[:-1]
+        guess = state.line.slope if state.line is not None else state.slope
+        line = fit(complete, given.rate_limit, given.resolution_s, guess)
+        if line is not None:
+            points = envelope(complete, line.slope, given.rate_limit)
+            change = find_change(
+                points, fewest=given.fewest, least_s=given.patience_s / 3, score=given.change
+            )
+            if change is not None:
+                turned = change.size if change.kind == "rate" else 0.0
+                before = fit(complete[: change.first], given.rate_limit, given.resolution_s)
+                self._state = dataclasses.replace(state, line=before)
+                self._reset(state.history[change.first :], state.width, change.kind, turned)
+                self._refit()
+                return
+            if self._stamps == "arrival":
+                line = _lowered(line, complete, points.kept)
+        rough = self._state.roughness_s
+        if line is not None and rough == 0.0:
+            rough = line.scatter
+        self._state = dataclasses.replace(self._state, line=line, roughness_s=rough)
+
+
+def _lowered(line: Line, spans: tuple[Span, ...], kept: tuple[int, ...]) -> Line:
+    """Line of the same slope through the least delays, which are the nearest to none."""
+    least = np.array([spans[at].least_s(line.slope) for at in kept])
+    level = float(np.sort(least)[len(least) // 2])
+    scatter = spread_of(least - level)
+    return dataclasses.replace(
+        line,
+        level=level + line.slope * line.x,
+        level_sd=scatter / len(least) ** 0.5,
+        scatter=scatter,
+    )
+
+
+def _far_s(span: Span, line: Line) -> float:
+    """Least delay of a span beyond the line [s]; negative where it is early."""
+    x, y = lowest(span.hull, line.slope)
+    return y - line.at(x)
+
+
+def _not_drained(waiting: tuple[Span, ...], span: Span, limit: float) -> tuple[Span, ...]:
+    """Spans that were not merely held in a queue that `span` came out of."""
+    x, y = lowest(span.hull, 0.0)
+    return tuple(
+        past for past in waiting if past.hull[-1][1] <= y + limit * (x - past.hull[-1][0])
+    )
+
+
+def _merged(left: Span, right: Span) -> Span:
+    return Span(
+        left.number,
+        joined(left.hull, right.hull),
+        left.count + right.count,
+        left.sum_x + right.sum_x,
+        left.sum_y + right.sum_y,
+    )

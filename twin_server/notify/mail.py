@@ -1,0 +1,96 @@
+"""Events by mail: one message each, which mail programs tell doubles of by its Message-ID."""
+
+import smtplib
+from email.message import EmailMessage
+
+from twin_server.receivers import EmailReceiver
+
+from .deadlines import DEADLINES
+from .sending import Message, NotDeliveredError, credentials, plainly
+from .webhook import tls
+
+_LONGEST_SUBJECT = 150
+
+
+class Email:
+    """Sends to one receiver, by one connection a message."""
+
+    def __init__(self, receiver: EmailReceiver) -> None:
+        self._receiver = receiver
+
+    def check(self) -> None:
+        """Raise where it cannot be sent to as things are."""
+        credentials(self._receiver.credentials_file)
+        tls(self._receiver.ca)
+
+    def send(self, message: Message) -> str:
+        """Send; of several recipients, say whom the mail server refused.
+
+        Raises
+        ------
+        NotDeliveredError
+            Where the mail server took the message for nobody.
+        """
+        receiver = self._receiver
+        known = credentials(receiver.credentials_file)
+        mail = mail_of(message, receiver)
+        server = self._server()
+        with DEADLINES.within(receiver.timeout_s, lambda: getattr(server, "sock", None)):
+            try:
+                server.connect(receiver.host, receiver.port)
+                if receiver.security == "starttls":
+                    server.starttls(context=tls(receiver.ca))
+                if known is not None:
+                    server.login(*known)
+                refused = server.send_message(mail, receiver.sender, list(receiver.to))
+                server.quit()
+            except smtplib.SMTPResponseException as error:
+                raise NotDeliveredError(
+                    f"The mail server answered {error.smtp_code} and refused."
+                ) from error
+            except smtplib.SMTPRecipientsRefused as error:
+                raise NotDeliveredError("The mail server refused all recipients.") from error
+            except (OSError, smtplib.SMTPException) as error:
+                raise NotDeliveredError(f"The mail server: {plainly(error)}.") from error
+            finally:
+                server.close()
+        return f"Refused for {', '.join(sorted(refused))}." if refused else ""
+
+    def _server(self) -> smtplib.SMTP:
+        """Make what has not connected yet, so that the deadline can see its socket."""
+        receiver = self._receiver
+        if receiver.security == "tls":
+            made: smtplib.SMTP = smtplib.SMTP_SSL(
+                timeout=receiver.timeout_s, context=tls(receiver.ca)
+            )
+        else:
+            made = smtplib.SMTP(timeout=receiver.timeout_s)
+        # What certificates are held against; `connect` alone does not note it.
+        made._host = receiver.host  # type: ignore[attr-defined]
+        return made
+
+
+def mail_of(message: Message, receiver: EmailReceiver) -> EmailMessage:
+    """Write a message as mail."""
+    mail = EmailMessage()
+    mail["From"] = receiver.sender
+    mail["To"] = ", ".join(receiver.to)
+    mail["Subject"] = f"slowtime {message.title}"[:_LONGEST_SUBJECT]
+    mail["Message-ID"] = f"<{message.key}@{receiver.sender.partition('@')[2]}>"
+    mail["X-Slowtime-Event"] = message.event
+    mail["Auto-Submitted"] = "auto-generated"
+    told = message.content
+    lines = [
+        " ".join(str(told["message"]).split()),
+        "",
+        f"Twin: {told['twin']}",
+        f"Kind: {told['kind']} ({told['severity']})",
+        f"Slow time: {told['slow_time']}",
+        f"Event: {message.event}",
+    ]
+    if told["test"]:
+        lines.append("This is a test: nothing has happened.")
+    if message.page is not None:
+        lines += ["", f"See it, and say that you have: {message.page}"]
+    mail.set_content("\n".join(lines) + "\n")
+    return mail

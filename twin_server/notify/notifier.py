@@ -1,0 +1,226 @@
+"""The loop that hands deliveries to their receivers when due, and keeps what becomes of them.
+
+Whatever is begun is in the store before it is tried, and stays there as waiting until an
+outcome is durable: a server that is killed in between sends the same message again, under the
+same identity.
+"""
+
+import logging
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+from slowtime_services.clock import Clock
+from twin_server.deliveries import Delivery, happened_ns, subject
+from twin_server.receivers import AlarmSettings
+
+from .lanes import Outcome, SendingLane
+from .pauses import pause_s
+from .senders import Sender
+
+logger = logging.getLogger(__name__)
+
+LOOK_S = 1.0
+"""How often it is looked for what has become due, where nothing else happens."""
+
+MIND_S = 5.0
+"""How often it is looked at what waits for something else than its time."""
+
+FORGET_S = 3_600.0
+_LATE = 1_000
+_AFTER_TROUBLE_S = 1.0
+
+
+class Desk(Protocol):
+    """What the notifier asks of the house."""
+
+    def due(self, receiver: str, now_ns: int, limit: int) -> Sequence[Delivery]:
+        """Deliveries that wait and are due, the earliest first."""
+        ...
+
+    def late(self, limit: int) -> Sequence[Delivery]:
+        """Deliveries of readings that were old on arrival, those that came last."""
+        ...
+
+    def unsendable(self, receivers: Sequence[str], before_ns: int) -> Sequence[Delivery]:
+        """Deliveries to none of these receivers, that have waited since then."""
+        ...
+
+    def settle(self, settled: Sequence[Delivery], begun: Sequence[Delivery] = ()) -> None:
+        """Keep what has become of some, and begin others."""
+        ...
+
+    def give_up(self, delivery: Delivery) -> None:
+        """Keep that one has failed for good, with an event that says so."""
+        ...
+
+    def holds(self, delivery: Delivery) -> bool:
+        """Whether what it tells of still holds, and nobody has acknowledged it."""
+        ...
+
+    def is_fresh(self, delivery: Delivery) -> bool:
+        """Whether the newest reading of its twin is live and not old."""
+        ...
+
+    def forget(self, before_ns: int) -> None:
+        """Drop what ended before then."""
+        ...
+
+
+class Notifier:
+    """Sends what is due, in threads of its own.
+
+    Parameters
+    ----------
+    senders
+        By the names of their receivers.
+    """
+
+    def __init__(
+        self,
+        settings: AlarmSettings,
+        desk: Desk,
+        senders: Mapping[str, Sender],
+        clock: Clock,
+    ) -> None:
+        self._settings, self._desk, self._clock = settings, desk, clock
+        self._outcomes: list[Outcome] = []
+        self._lock = threading.Lock()
+        self._wake, self._stop = threading.Event(), threading.Event()
+        self._minded_s = self._forgot_s = -1e9
+        self._lanes = {
+            name: SendingLane(
+                name, sender, settings.receivers[name].concurrency, settings, self._hear
+            )
+            for name, sender in senders.items()
+        }
+        self._thread = threading.Thread(target=self._run, name="notify", daemon=True)
+
+    def start(self) -> None:
+        """Begin to send."""
+        for lane in self._lanes.values():
+            lane.start()
+        self._thread.start()
+
+    def stop(self, timeout_s: float = 3.0) -> None:
+        """Send nothing more; wait a little for what is being sent, and keep its outcome."""
+        self._stop.set()
+        self._wake.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        until_s = time.monotonic() + timeout_s
+        for lane in self._lanes.values():
+            lane.stop()
+        for lane in self._lanes.values():
+            lane.join(max(0.0, until_s - time.monotonic()))
+        try:
+            self._settle()
+        except Exception:
+            logger.exception("What was sent last could not be kept; it will be sent again.")
+
+    def wake(self) -> None:
+        """Look at once: something may have become due."""
+        self._wake.set()
+
+    def _hear(self, outcome: Outcome) -> None:
+        with self._lock:
+            self._outcomes.append(outcome)
+        self._wake.set()
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            pause = LOOK_S
+            try:
+                self._turn()
+            except Exception:
+                logger.exception("Deliveries could not be looked after; trying again.")
+                pause = _AFTER_TROUBLE_S
+                self._stop.wait(pause)
+            self._wake.wait(pause)
+            self._wake.clear()
+
+    def _turn(self) -> None:
+        self._settle()
+        now_s = time.monotonic()
+        if now_s - self._minded_s > MIND_S:
+            self._minded_s = now_s
+            self._mind()
+        if now_s - self._forgot_s > FORGET_S:
+            self._forgot_s = now_s
+            self._desk.forget(self._now_ns() - round(self._settings.kept_s * 1e9))
+        for name, lane in self._lanes.items():
+            if lane.room > 0:
+                for one in self._desk.due(name, self._now_ns(), lane.held + lane.room):
+                    self._begin(lane, one)
+
+    def _begin(self, lane: SendingLane, delivery: Delivery) -> None:
+        """Hand one over; a reminder only of what still holds."""
+        if delivery.reminder and not self._desk.holds(delivery):
+            self._desk.settle([self._ended(delivery, "It has ended, or was acknowledged.")])
+            return
+        lane.give(delivery)
+
+    def _settle(self) -> None:
+        """Make durable what has come of attempts, all at once."""
+        with self._lock:
+            outcomes = list(self._outcomes)
+        if not outcomes:
+            return
+        now_ns = self._now_ns()
+        settled = [self._after(outcome, now_ns) for outcome in outcomes]
+        reminders = [
+            one.reminding(now_ns)
+            for one in settled
+            if one.state == "delivered" and one.remind_s
+        ]
+        self._desk.settle([one for one in settled if one.state != "failed"], reminders)
+        for one in settled:
+            if one.state == "failed":
+                self._desk.give_up(one)
+        with self._lock:
+            del self._outcomes[: len(outcomes)]
+        for one in settled:
+            self._lanes[one.receiver].settled(one)
+
+    def _after(self, outcome: Outcome, now_ns: int) -> Delivery:
+        """Tell what one is after an attempt: delivered, waiting for the next, or given up."""
+        before = outcome.delivery
+        tries = before.tries + 1
+        if outcome.delivered:
+            return before._replace(
+                state="delivered", tries=tries, ended_ns=now_ns, error=outcome.said
+            )
+        pause = max(pause_s(self._settings, before.id, tries), outcome.wait_s)
+        due_ns = now_ns + round(pause * 1e9)
+        failed = before._replace(tries=tries, error=outcome.said, due_ns=due_ns)
+        if due_ns - before.created_ns > self._settings.max_age_s * 1e9:
+            return failed._replace(state="failed", ended_ns=now_ns)
+        return failed
+
+    def _mind(self) -> None:
+        """Look at what is late, and at what has no receiver any more."""
+        now_ns = self._now_ns()
+        oldest_ns = now_ns - round(self._settings.max_age_s * 1e9)
+        seen: set[tuple[object, ...]] = set()
+        for one in sorted(self._desk.late(_LATE), key=happened_ns, reverse=True):
+            if not self._desk.holds(one):
+                self._desk.settle([self._ended(one, "It had ended when it could be told.")])
+            elif (about := subject(one)) in seen:
+                self._desk.settle([self._ended(one, "A newer one tells the same.")])
+            elif self._desk.is_fresh(one):
+                seen.add(about)
+                self._desk.settle([one._replace(state="waiting", due_ns=now_ns)])
+            elif one.created_ns < oldest_ns:
+                self._desk.settle([self._ended(one, "No newer reading has come.")])
+            else:
+                seen.add(about)
+        for one in self._desk.unsendable(list(self._lanes), oldest_ns):
+            why = f"No receiver is called {one.receiver} any more."
+            self._desk.give_up(one._replace(state="failed", ended_ns=now_ns, error=why))
+
+    def _ended(self, one: Delivery, why: str) -> Delivery:
+        return one._replace(state="dropped", ended_ns=self._now_ns(), error=why)
+
+    def _now_ns(self) -> int:
+        return self._clock.now_ns()

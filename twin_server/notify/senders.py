@@ -1,0 +1,54 @@
+"""Kinds of receivers: settings in, what sends to them out."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
+
+from twin_server.receivers import AlarmSettings
+
+from .mail import Email
+from .mqtt import Mqtt
+from .own import Own
+from .sending import Message, NotDeliveredError
+from .webhook import Webhook
+
+
+class WrongReceiverError(ValueError):
+    """A receiver that cannot be sent to as it is declared."""
+
+
+class Sender(Protocol):
+    """Sends to one receiver, in whatever thread; waits no longer than the receiver's time."""
+
+    def check(self) -> None:
+        """Raise `NotDeliveredError` where it cannot be sent to as things are."""
+        ...
+
+    def send(self, message: Message) -> str:
+        """Send, or raise `NotDeliveredError`; what there is to say of a success."""
+        ...
+
+
+KINDS: Mapping[str, Callable[[Any], Sender]] = {
+    "webhook": Webhook,
+    "email": Email,
+    "mqtt": Mqtt,
+    "own": Own,
+}
+
+
+def senders_of(settings: AlarmSettings) -> dict[str, Sender]:
+    """Make what sends to each receiver, by its name.
+
+    Raises
+    ------
+    WrongReceiverError
+        Where a secret, a password or a driver is not there.
+    """
+    found = {}
+    for name, receiver in settings.receivers.items():
+        try:
+            found[name] = KINDS[receiver.kind](receiver)
+            found[name].check()
+        except NotDeliveredError as error:
+            raise WrongReceiverError(f"The receiver {name} cannot be used. {error}") from error
+    return found
