@@ -125,10 +125,10 @@ def _told(sent: int, counters: dict[str, int], rows: list[tuple[float, float, fl
         f"  {counters['samples_dropped']:,} dropped, {counters['samples_refused']:,} refused)"
     )
     print(f"true rate {counters['sampling_rate_uhz'] / 1e6:.4f} Hz")
+    print(f"agent: {cpu_s / seconds:.1%} of one core; {memory_mb:.0f} MB at the end,")
     print(
-        f"agent: {cpu_s / seconds:.1%} of one core, {memory_mb:.0f} MB, {memory_mb / early_mb:.2f} x"
+        f"  {memory_mb / early_mb:.2f} x that after a sixth; windows {counters.get('features', 0)}"
     )
-    print(f"  its memory after a sixth; windows {counters.get('features', 0)}")
     return int(lost != 0 or counters["samples_lost"] != 0)
 
 
