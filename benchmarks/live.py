@@ -126,9 +126,8 @@ def _told(sent: int, counters: dict[str, int], rows: list[tuple[float, float, fl
     )
     print(f"true rate {counters['sampling_rate_uhz'] / 1e6:.4f} Hz")
     print(f"agent: {cpu_s / seconds:.1%} of one core; {memory_mb:.0f} MB at the end,")
-    print(
-        f"  {memory_mb / early_mb:.2f} x that after a sixth; windows {counters.get('features', 0)}"
-    )
+    windows = counters.get("features", 0)
+    print(f"  {memory_mb / early_mb:.2f} x that after a sixth; {windows} windows")
     return int(lost != 0 or counters["samples_lost"] != 0)
 
 
