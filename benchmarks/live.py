@@ -97,7 +97,8 @@ def _publish(
     client = paho.Client(CallbackAPIVersion.VERSION2)
     client.connect("127.0.0.1", port)
     client.loop_start()
-    rng, began, sent, rows = np.random.default_rng(1), time.monotonic(), 0, []
+    rows: list[tuple[float, float, float]] = []
+    rng, began, sent = np.random.default_rng(1), time.monotonic(), 0
     began_cpu = _cpu_s(agent)
     while (passed := time.monotonic() - began) < seconds:
         if passed * 20 > len(rows) * seconds / 3:
