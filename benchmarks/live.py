@@ -97,7 +97,8 @@ def _publish(
     client = paho.Client(CallbackAPIVersion.VERSION2)
     client.connect("127.0.0.1", port)
     client.loop_start()
-    rng, began, sent, rows = np.random.default_rng(1), time.monotonic(), 0, []
+    rows: list[tuple[float, float, float]] = []
+    rng, began, sent = np.random.default_rng(1), time.monotonic(), 0
     began_cpu = _cpu_s(agent)
     while (passed := time.monotonic() - began) < seconds:
         if passed * 20 > len(rows) * seconds / 3:
@@ -125,10 +126,9 @@ def _told(sent: int, counters: dict[str, int], rows: list[tuple[float, float, fl
         f"  {counters['samples_dropped']:,} dropped, {counters['samples_refused']:,} refused)"
     )
     print(f"true rate {counters['sampling_rate_uhz'] / 1e6:.4f} Hz")
-    print(
-        f"agent: {cpu_s / seconds:.1%} of one core, {memory_mb:.0f} MB, {memory_mb / early_mb:.2f} x"
-    )
-    print(f"  its memory after a sixth; windows {counters.get('features', 0)}")
+    print(f"agent: {cpu_s / seconds:.1%} of one core; {memory_mb:.0f} MB at the end,")
+    windows = counters.get("features", 0)
+    print(f"  {memory_mb / early_mb:.2f} x that after a sixth; {windows} windows")
     return int(lost != 0 or counters["samples_lost"] != 0)
 
 

@@ -18,6 +18,7 @@ from slowtime_services.ending import ended_by_signals
 from slowtime_services.tracing import Traces, traces_of
 
 from .acquire import Counting, Pacer, Source, check_input, open_source
+from .inputs import Board, BoardsInput
 from .pipeline import Edge, listen
 from .publish import Publisher, Spool
 from .settings import EdgeSettings, Origin
@@ -62,6 +63,8 @@ def run(
     with contextlib.ExitStack() as stack:
         if stop is None:
             stop = stack.enter_context(ended_by_signals())
+        if source is None and isinstance(settings.input, BoardsInput):
+            return _run_boards(settings, settings.input, bus, clock, stop)
         clock = clock or SystemClock()
         if traces is None and (traces := traces_of("edge")) is not None:
             stack.callback(traces.close)
@@ -84,6 +87,42 @@ def run(
             boot, blocks = new_boot(clock), rest
             logger.warning("The sensor's time has run back; what follows is another boot.")
     return 0
+
+
+def _run_boards(
+    settings: EdgeSettings,
+    given: BoardsInput,
+    bus: Bus | None,
+    clock: Clock | None,
+    stop: threading.Event,
+) -> int:
+    """Run an agent a board, each in a thread of its own, until all have ended."""
+    check_input(given)
+    logger.warning(
+        "%d boards are kept apart, as %s: their clocks are not aligned, and samples that are "
+        "not taken at the same time must not share a mode shape.",
+        len(given.boards),
+        ", ".join(f"{settings.asset}-{board.name}" for board in given.boards),
+    )
+    failed: list[str] = []
+
+    def one(board: Board) -> None:
+        try:
+            own = {"asset": f"{settings.asset}-{board.name}", "input": board}
+            run(settings.model_copy(update=own), bus=bus, clock=clock, stop=stop)
+        except Exception:
+            failed.append(board.name)
+            logger.exception("Board %s cannot be listened to; the others can.", board.name)
+
+    threads = [
+        threading.Thread(target=one, args=(board,), name=f"board {board.name}")
+        for board in given.boards
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return int(len(failed) == len(threads))
 
 
 def _run_boot(

@@ -14,6 +14,7 @@ import pytest
 
 from slowtime_services.board import COUNT_M_PER_S2, Board
 from slowtime_services.board.senders import lines_of
+from tests.edge_agent.live.sysfs import scan, tree
 
 from .conftest import free_port
 
@@ -197,6 +198,31 @@ def test_a_serial_port_with_garbage_on_it_ends_in_a_valid_twin(house):
     assert state["sensor"]["garbage_bytes"] >= 500
     os.close(ours)
     os.close(theirs)
+
+
+def test_a_board_of_industrial_io_ends_in_a_valid_twin(house, tmp_path):
+    root = tmp_path / "root"
+    tree(root, rate_hz=RATE_HZ)
+    settings = {
+        "kind": "live", "source": "iio:///adxl355", "sysfs": str(root),
+    }  # fmt: skip
+    house.router()
+    house.twin()
+    house.put("/api/v1/twins/lab.bridge", {"changes": "stiffness", "nominal": NOMINAL})
+    extract = EXTRACT | {"channels": ["accel_x", "accel_y"]}
+    house.edge({"site": "lab", "asset": "bridge", "input": settings, "extract": extract})
+    board, began_ns = Board(rate_hz=RATE_HZ, frequency_hz=FREQUENCY_HZ), time.time_ns()
+    with (root / "dev/iio:device0").open("wb", buffering=0) as node:
+        for readings in board.readings(25, np.random.default_rng(1)):
+            taken_ns = began_ns + round((readings.counter + 25) * 1e9 / RATE_HZ)
+            time.sleep(max(0.0, (taken_ns - time.time_ns()) / 1e9))
+            if readings.counter > 26 * RATE_HZ:
+                break
+            for n, counts in enumerate(readings.counts.tolist()):
+                stamp = began_ns + round((readings.counter + n) * 1e9 / RATE_HZ)
+                node.write(scan(counts, stamp))
+        state = until_valid(house)
+    assert state["sensor"]["samples_lost"] == 0
 
 
 def test_a_silent_sensor_is_an_alarm_and_its_return_an_event(house):

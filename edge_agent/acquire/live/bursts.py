@@ -1,5 +1,7 @@
 """Whether much comes at once, after a pause: something on the way has held it back."""
 
+import collections
+
 PAUSE_S = 0.25
 SPACINGS = 8
 MADE_UP, WITHIN = 0.5, 0.25
@@ -39,3 +41,42 @@ class Bursts:
             return False
         self._owed = 0.0
         return True
+
+
+class Backlog:
+    """Whether what had piled up before the agent listened has been read.
+
+    Its samples come all at once: until then arrivals say nothing of when they were taken.
+
+    Examples
+    --------
+    >>> backlog, held = Backlog(100.0), []
+    >>> for ms in [*range(0, 100), *range(100, 1500, 10)]:
+    ...     backlog.note(1_000_000 * ms, 1)
+    ...     held.append(backlog.lasts)
+    >>> held.index(False)
+    148
+    """
+
+    SPAN_S, FEWEST, FASTER = 0.5, 3, 1.5
+
+    def __init__(self, rate_hz: float) -> None:
+        self.lasts = True
+        self._rate_hz = rate_hz
+        self._recent: collections.deque[tuple[int, int]] = collections.deque()
+        self._count = 0
+
+    def note(self, arrival_ns: int, count: int) -> None:
+        """Take up that `count` samples came."""
+        if not self.lasts:
+            return
+        self._count += count
+        self._recent.append((arrival_ns, self._count))
+        span_ns = round(self.SPAN_S * 1e9)
+        while len(self._recent) > self.FEWEST and arrival_ns - self._recent[1][0] >= span_ns:
+            self._recent.popleft()
+        since_ns, before = self._recent[0]
+        passed_ns = arrival_ns - since_ns
+        if passed_ns >= span_ns and len(self._recent) >= self.FEWEST:
+            faster = (self._count - before) * 1e9 / passed_ns > self.FASTER * self._rate_hz
+            self.lasts = faster

@@ -133,7 +133,9 @@ class _Numbered(abc.ABC):
         if samples < 0:
             return _Step(samples, restarts=-samples > max(self._horizon, 4 * len(batch.rows)))
         next_index = self._front + samples + len(batch.rows)
-        ahead = samples > 0 and self._delays.is_ahead(next_index, batch.arrival_ns)
+        # What this agent itself has dropped had come: no time needs to have passed for it.
+        unexplained = samples > batch.dropped
+        ahead = unexplained and self._delays.is_ahead(next_index, batch.arrival_ns)
         return _Step(samples, restarts=ahead)
 
     @abc.abstractmethod

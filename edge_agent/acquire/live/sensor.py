@@ -15,7 +15,7 @@ from slowtime_services.clock import Clock
 
 from .assembly import Assembler, Run
 from .batch import Batch
-from .bursts import Bursts
+from .bursts import Backlog, Bursts
 from .decoding import AnyLayout, Decoder, decoder_of
 from .framing import framer_of
 from .positions import UNIT_NS, ByArrival, ByCounter, ByStamp, Placement, Positions
@@ -72,6 +72,7 @@ class LiveSource:
         self._offsets = np.array([channel.offset for channel in layout.channels])
         self._is_utc = layout.stamp is not None and layout.stamp.clock == "utc"
         self._timing = Timing(rate_hz, stamps=self._is_utc, tally=self.tally)
+        self._backlog = Backlog(rate_hz)
         self._began(rate_hz, 0)
         self._reader = Reader(transport, decoders, framer, self._inbox, self.tally, self._stop)
 
@@ -119,6 +120,7 @@ class LiveSource:
 
     def _hear(self, batch: Batch) -> None:
         self._dropped += batch.dropped
+        self._backlog.note(batch.arrival_ns, len(batch.rows))
         if self._bursts.note(batch.arrival_ns, len(batch.rows)):
             self.tally.add("sensor_bursts")
         # Where arrivals come from replays or from a clock set back, silence is not negative.
@@ -202,6 +204,8 @@ class LiveSource:
 
     def _leave(self, *, all_of_it: bool = False) -> Iterator[Block]:
         """Hand on what is complete."""
+        if self._backlog.lasts and not all_of_it and not self._is_utc:
+            return
         runs = self._assembler.take(all_of_it=all_of_it)
         if runs:
             reading = self._timing.read()

@@ -160,7 +160,8 @@ def test_a_device_that_goes_away_is_connected_to_again():
     thread.join()
     listener.close()
     assert sum(len(block.samples) for block in blocks) == 300
-    assert (counts["sensor_reconnects"], counts["samples_lost"]) == (1, 0)
+    assert counts["sensor_reconnects"] >= 1
+    assert counts["samples_lost"] == 0
 
 
 def test_samples_on_the_bus_bring_their_layout_along():
@@ -199,8 +200,10 @@ def test_what_waits_is_bounded_and_what_is_dropped_leaves_a_gap():
 
     def send():
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-            for n in range(3_000):
+            n = 0
+            while not stop.is_set():
                 sender.sendto(b"%d,%d,1\n" % (n, n), ("127.0.0.1", port))
+                n += 1
                 if n == 20:
                     began.wait(30)
                 time.sleep(0.0005)
@@ -214,7 +217,7 @@ def test_what_waits_is_bounded_and_what_is_dropped_leaves_a_gap():
             began.set()
             while source.counts()["samples_dropped"] < 500:
                 time.sleep(0.01)
-        if block.next_index >= 2_990:
+        if block.next_index > 520 + 50:
             stop.set()
     thread.join()
     counts = source.counts()
@@ -276,3 +279,41 @@ def test_what_about_says_of_a_live_input_names_no_address():
     text = json.dumps(_about(EdgeSettings(input=live)))
     assert "10.9.8.7" not in text
     assert "secret" not in text
+
+
+def test_boards_of_one_structure_are_kept_apart_as_assets_of_their_own(tmp_path, caplog):
+    from edge_agent.__main__ import run
+    from edge_agent.settings import EdgeSettings
+    from slowtime_schemas.streams import HEALTH
+
+    ports = [free_port(socket.SOCK_DGRAM) for _ in range(2)]
+    boards = [
+        {"name": name, **LiveInput.of(f"udp://127.0.0.1:{port}?{LINES}").model_dump()}
+        for name, port in zip("ab", ports, strict=True)
+    ]
+    settings = EdgeSettings(
+        site="lab", asset="beam", input={"kind": "boards", "boards": boards},
+        spool={"folder": tmp_path}, publish={"health_every_s": 0.1, "linger_s": 0},
+    )  # fmt: skip
+    bus, stop, heard = MemoryBus(), threading.Event(), {}
+    bus.subscribe(
+        HEALTH.everywhere,
+        lambda sample: heard.update({sample.key: json.loads(sample.payload)["counters"]}),
+    )
+    thread = threading.Thread(target=lambda: run(settings, bus=bus, stop=stop))
+    thread.start()
+    keys = [HEALTH.key("lab", f"beam-{name}") for name in "ab"]
+    deadline, n = time.monotonic() + 60, 0
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        while time.monotonic() < deadline and not all(
+            heard.get(key, {}).get("samples_received", 0) > 50 for key in keys
+        ):
+            for port in ports:
+                sender.sendto(b"%d,%d,1\n" % (n, n), ("127.0.0.1", port))
+            n += 1
+            time.sleep(0.005)
+    stop.set()
+    thread.join()
+    bus.close()
+    assert all(heard[key]["samples_received"] > 50 for key in keys)
+    assert "2 boards are kept apart, as beam-a, beam-b" in caplog.text
