@@ -35,7 +35,10 @@ class Hook:
 
         class Handler(http.server.BaseHTTPRequestHandler):
             def do_POST(self):
-                payload = self.rfile.read(int(self.headers["Content-Length"]))
+                length = int(self.headers["Content-Length"])
+                payload = self.rfile.read(length)
+                if len(payload) < length:
+                    return  # whoever asked has died in the middle of it
                 before()
                 with hook._lock:
                     status = answer(len(hook.requests))
