@@ -7,7 +7,7 @@ import click
 from slowtime_cli.deferred import Deferred
 from slowtime_cli.options import POSITIVE
 
-from .flags import EXISTING, clock_flags
+from .flags import EXISTING, clock_flags, unit_flags
 
 PATIENCE_S, MASSES, MORE = 70.0, 3, 2.0
 """Of `slowtime_services.diagnose.run`, repeated as importing it takes seconds; a test holds
@@ -104,6 +104,7 @@ Examples:
     help="Column of time, by name or number; none if there is none.  [default: found out]",
 )
 @clock_flags
+@unit_flags
 @click.option(
     "--patience",
     "patience_s",

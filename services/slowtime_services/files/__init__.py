@@ -1,6 +1,7 @@
 """Files of measurements in, records out: text of any kind, NumPy, MATLAB."""
 
 from .bridging import MARK, bridged
+from .conversion import in_si, mixed_units
 from .read import ALL, MAX_BYTES, read_record
 from .record import UNDATED_NS, Gap, Record, RecordError, accelerations, find_column
 from .stamps import DateOrder
@@ -19,5 +20,7 @@ __all__ = [
     "accelerations",
     "bridged",
     "find_column",
+    "in_si",
+    "mixed_units",
     "read_record",
 ]

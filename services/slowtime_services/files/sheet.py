@@ -54,6 +54,8 @@ class Sheet:
         Values of a last row that is shorter than the others.
     format
         Name of a format that fixes the meaning of all this; empty for a table.
+    unit
+        Unit of all samples, where a heading states it of them together.
     start_ns
         Time of the first sample, where a heading states it.
     first_line
@@ -65,6 +67,7 @@ class Sheet:
     facts: Facts = dataclasses.field(default_factory=Facts)
     tail: tuple[float, ...] = ()
     format: str = ""
+    unit: str = ""
     start_ns: int | None = None
     aux: Mapping[str, Values] = dataclasses.field(default_factory=dict)
     notes: tuple[str, ...] = ()

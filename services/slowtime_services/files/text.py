@@ -13,6 +13,7 @@ from .encoding import decode
 from .facts import Facts, find_facts
 from .formats import FORMATS
 from .heading import read_heading
+from .heading_units import stated_unit
 from .record import RecordError, looks_like_unit
 from .sheet import Column, ColumnKind, Sheet
 from .signatures import refuse_binary
@@ -113,6 +114,7 @@ def _read_table(
         named=named,
         facts=facts,
         tail=tail,
+        unit=stated_unit(preamble),
         notes=notes,
         first_line=layout.first + 1,
     )
