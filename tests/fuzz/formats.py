@@ -265,16 +265,19 @@ def read(path: Path, kind: str) -> float | None:
 def run(cases: int, seed: int, kinds: tuple[str, ...] = tuple(MAKERS)) -> Counter[str]:
     """Read `cases` files of each format; how many were read and refused. Raises all else."""
     counts: Counter[str] = Counter()
-    for kind in kinds:
-        ending, write = MAKERS[kind]
-        counts.update(_of_kind(kind, ending, _written(write, ending), cases, seed))
+    with worker(PATIENCE_S) as reader:
+        for kind in kinds:
+            counts.update(_of_kind(kind, cases, seed))
+        counts["readers that died"] = reader.died
+        counts[f"readers that were ended after {PATIENCE_S:g} s"] = reader.late
     return counts
 
 
-def _of_kind(kind: str, ending: str, good: bytes, cases: int, seed: int) -> Counter[str]:
+def _of_kind(kind: str, cases: int, seed: int) -> Counter[str]:
     rng, counts = random.Random(f"{seed} {kind}"), Counter[str]()
-    longest = 0.0
-    with tempfile.TemporaryDirectory() as folder, worker(PATIENCE_S) as reader:
+    ending, write = MAKERS[kind]
+    good, longest = _written(write, ending), 0.0
+    with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"handed-in{ending}"
         path.write_bytes(good)
         right = read(path, kind)
@@ -290,8 +293,6 @@ def _of_kind(kind: str, ending: str, good: bytes, cases: int, seed: int) -> Coun
             counts[f"{kind} {came}"] += 1
             if number % APART_EVERY == APART_EVERY - 1:
                 _same_apart(path, kind, right, came)
-        counts[f"{kind} readers that died"] = reader.died
-        counts[f"{kind} readers that were ended after {PATIENCE_S:g} s"] = reader.late
         counts[f"{kind} longest [ms]"] = round(1e3 * longest)
     return counts
 

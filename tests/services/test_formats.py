@@ -2,6 +2,7 @@
 
 import datetime
 import json
+import sys
 import warnings
 from pathlib import Path
 
@@ -10,8 +11,9 @@ import numpy as np
 import pytest
 import scipy.io.wavfile
 
-from slowtime_services.files import RecordError, read_record
-from slowtime_services.files.readers import READERS
+from slowtime_services.exports import write_parquet
+from slowtime_services.files import Record, RecordError, read_record
+from slowtime_services.files.readers import READERS, ros
 
 START = np.datetime64("2024-03-05T06:07:08.250", "ns")
 START_NS = int(START.astype(np.int64))
@@ -294,7 +296,7 @@ def test_accelerations_in_json(tmp_path, form):
 
     def message(i, row):
         at, body = START_NS + i * 10_000_000, dict(zip("xyz", row, strict=True))
-        stamps = {
+        stamps: dict[str, dict[str, object]] = {
             "ros": {"header": {"stamp": {"sec": at // 10**9, "nanosec": at % 10**9}}},
             "foxglove": {"timestamp": {"sec": at // 10**9, "nsec": at % 10**9}},
             "text": {"timestamp": f"{np.datetime64(at, 'ns')}Z"},
@@ -323,13 +325,36 @@ def test_a_recording_without_accelerations_names_its_topics(tmp_path):
         read_record(tmp_path / "a.mcap")
 
 
-@pytest.mark.parametrize("reader", READERS, ids=lambda one: one.name)
+WITH_LIBRARY = [one for one in READERS if one.imports and one.imports != "h5py"]
+
+
+@pytest.mark.parametrize("reader", WITH_LIBRARY, ids=lambda one: one.name)
 def test_a_missing_library_is_named_with_its_install_line(tmp_path, monkeypatch, reader):
-    monkeypatch.setattr(type(reader), "installed", property(lambda self: False))
-    with pytest.raises(
-        RecordError, match=f"pip install 'slowtime.formats.' or pip .*{reader.library}"
-    ):
-        reader.open(tmp_path / f"a{reader.suffixes[0]}", 1, None)
+    monkeypatch.setitem(sys.modules, reader.imports, None)
+    begins = {"TDSm": b"TDSm", "58b": b"    -1\n    58b", "PAR1": b"PAR1", "ARROW1": b"ARROW1"}
+    head = next((v for k, v in begins.items() if k in str(reader.begins)), b"000001D AAA")
+    path = tmp_path / f"a{reader.suffixes[0]}"
+    path.write_bytes(head + bytes(200))
+    line = rf"pip install 'slowtime\[formats\]' or pip install {reader.library}"
+    with pytest.raises(RecordError, match=rf"{reader.library} reads. Install it: {line}"):
+        read_record(path)
+
+
+def test_a_missing_library_of_workbooks_and_recordings_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "openpyxl", None)
+    (tmp_path / "a.xlsx").write_bytes(b"PK\x03\x04")
+    with pytest.raises(RecordError, match="pip install openpyxl"):
+        read_record(tmp_path / "a.xlsx")
+    monkeypatch.setitem(sys.modules, "mcap_ros2.decoder", None)
+    with pytest.raises(RecordError, match="pip install mcap-ros2-support"):
+        ros._decoder(tmp_path / "a.mcap")
+
+
+def test_parquet_without_its_library_is_named_with_its_install_line(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    made = Record(samples=np.ones((2, 1)), rate_hz=1.0, channels=("a",), units=("g",))
+    with pytest.raises(RecordError, match=r"slowtime\[parquet\]' or pip install pyarrow"):
+        write_parquet(tmp_path / "a.parquet", made)
 
 
 def test_what_breaks_a_library_is_refused(tmp_path):

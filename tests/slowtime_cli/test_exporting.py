@@ -123,7 +123,8 @@ def recording(run, request):
     names = ["roof", "node 7 -Z", "x [1]"][: int(rng.integers(1, 4))]
     kind = rng.choice(["<f8", "<f4", "<i4", "<i2"])
     samples = (1000 * rng.standard_normal((700, len(names)))).astype(kind)
-    np.savez("r.npz", **{f"c{i}": samples[:, i] for i in range(len(names))}, fs=rate)
+    columns = {f"c{i}": samples[:, i] for i in range(len(names))}
+    np.savez("r.npz", fs=rate, **columns)  # type: ignore[arg-type]
     flags = ("--columns", ",".join(names), "--unit", "m/s^2", "--start", f"{START}Z")
     done = run("import", "r.npz", *flags, "--out", "r.mcap")
     assert done.status == 0, done.err
@@ -186,6 +187,7 @@ def test_what_was_exported_is_the_same_record(run, recording, ending):
     assert back.channels == tuple(names)
     assert back.units == ("m/s^2",) * len(names)
     assert back.rate_hz == pytest.approx(rate, rel=1e-6)
+    assert back.start_ns is not None
     assert abs(back.start_ns - START.astype(np.int64)) <= 1
     np.testing.assert_array_equal(back.samples, samples)
 

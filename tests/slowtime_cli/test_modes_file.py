@@ -11,7 +11,7 @@ import pytest
 from slowtime.dynamics.builders import accelerometer, shear_frame
 from slowtime.dynamics.description import assemble
 from slowtime.dynamics.simulation import ambient_structure
-from slowtime_schemas.modes_file import ModesFile
+from slowtime_schemas.modes_file import FoundMode, ModesFile
 from slowtime_services.models import write_model
 
 FLOORS = ("floor1", "floor2")
@@ -87,6 +87,7 @@ def test_modes_for_another_program_come_back_as_the_same_modes(run, vibration, m
         hz = abs(one["eig"]) / (2 * np.pi)
         assert hz == pytest.approx(mode.frequency_hz.value, rel=1e-5)
         assert one["spec_data_type"] == 12
+        assert mode.shape is not None
         shape = np.array(mode.shape.re) + 1j * np.array(mode.shape.im)
         np.testing.assert_allclose(one["r1"], shape, atol=2e-5)
     # What was written is a model to compare the same record with.
@@ -111,7 +112,8 @@ def test_units_change_no_frequency_and_make_shapes_comparable(run, vibration, mo
         header="acc_1 [V],acc_2 [m/s^2]",
     )  # fmt: skip
     flags = ("--rate-hz", "40", "--method", "modes", "--out")
-    found = {}
+    found: dict[str, tuple[FoundMode, ...]] = {}
+    said = {}
     for name, more in (
         ("frame.csv", ()), ("mixed.csv", ()), ("volts.csv", ()),
         ("volts.csv", ("--sensitivity", "acc_1=1V/g")),
@@ -119,8 +121,8 @@ def test_units_change_no_frequency_and_make_shapes_comparable(run, vibration, mo
         done = run("identify", name, *more, *flags, "modes.json")
         assert done.status == 0, done.err
         key = name + "".join(more[:1])
-        found[key] = ModesFile.model_validate_json(Path("modes.json").read_text()).modes
-        found[key + " said"] = done.err
+        told = ModesFile.model_validate_json(Path("modes.json").read_text())
+        found[key], said[key] = told.modes or (), done.err
     plain = found["frame.csv"]
     for key in ("mixed.csv", "volts.csv", "volts.csv--sensitivity"):
         for mode, same in zip(plain, found[key], strict=True):
@@ -129,8 +131,10 @@ def test_units_change_no_frequency_and_make_shapes_comparable(run, vibration, mo
                 assert same.shape is None
                 assert "mixed_units" in same.flags
             else:
+                assert mode.shape is not None
+                assert same.shape is not None
                 np.testing.assert_allclose(mode.shape.re, same.shape.re, atol=1e-5)
-    assert "no shapes are told" in found["volts.csv said"].replace("\n", " ")
+    assert "no shapes are told" in said["volts.csv"].replace("\n", " ")
     done = run("identify", "volts.csv", "--rate-hz", "40", "--out", "modes.uff")
     assert done.status == 2
     assert "channels of one unit" in done.err.replace("\n", " ")

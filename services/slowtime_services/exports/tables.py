@@ -110,6 +110,6 @@ def _nanoseconds(record: Record, instants: Int[np.ndarray, " row"]) -> Int[np.nd
 
 def _told(record: Record, instants: Int[np.ndarray, " row"]) -> list[Any]:
     if record.start_ns is None:
-        return _seconds(record, instants).tolist()
+        return list(_seconds(record, instants).tolist())
     stamps = _nanoseconds(record, instants).astype("datetime64[ns]")
     return [f"{stamp}Z" for stamp in np.datetime_as_string(stamps)]

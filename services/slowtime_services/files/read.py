@@ -38,6 +38,9 @@ MAX_BYTES = 1 << 30
 SLOWEST_HZ, FASTEST_HZ = 1e-6, 1e9
 """Sampling rates that a person may give; beyond these they are slips of the pen."""
 ALL = "all"
+FAR_S, FAR = 1.0, 0.01
+"""Time of the first row, in seconds and in lengths of the record, beyond which a clock is not
+counted from the start that a heading states."""
 LONGEST_PERIOD = 64
 """Sensors of which the rows of a file may be in turn."""
 MOST_MISSING = 0.2
@@ -223,7 +226,8 @@ def _record(file: str, sheet: Sheet, said: _Said, missing: _Missing) -> Record:
         return _series(sheet, kept, verdict, notes)
     assumptions = (*sheet.assumptions, *_said_of(told, axis, why), *verdict.assumptions)
     others = {n: _plain(sheet.columns[i]) for i, n in enumerate(names) if i not in kept}
-    start_ns = axis.start_ns if axis is not None else None
+    start_ns, said_start = _start(sheet, axis, told)
+    assumptions += said_start
     if lost.any():
         notes += (_say_missing(values, lost, missing),)
     if gaps:
@@ -233,12 +237,27 @@ def _record(file: str, sheet: Sheet, said: _Said, missing: _Missing) -> Record:
         rate_hz=float(rate),
         channels=tuple(names[i] for i in kept),
         units=tuple(_unit(sheet, i, kept) for i in kept),
-        start_ns=sheet.start_ns if start_ns is None else start_ns,
+        start_ns=start_ns,
         gaps=gaps,
         aux={**sheet.aux, **{k: v for k, v in others.items() if v.dtype.kind in "fiub"}},
         notes=(*sheet.notes, *notes, *verdict.notes),
         assumptions=assumptions,
     )
+
+
+def _start(
+    sheet: Sheet, axis: TimeAxis | None, told: clock.Told
+) -> tuple[int | None, tuple[str, ...]]:
+    """Give the start by the clock, else by the heading, and how the latter is said."""
+    if axis is not None and axis.start_ns is not None:
+        return axis.start_ns, ()
+    if not sheet.start_said or sheet.start_ns is None:
+        return sheet.start_ns, ()
+    if told.clock is not None and axis is not None:
+        late_s = abs(float(told.clock.values[0])) * told.clock.scale
+        if late_s > FAR_S + FAR * len(told.clock.values) / axis.rate_hz:
+            return None, ()  # counted from power-on or the like, of which the heading tells not
+    return sheet.start_ns, (f"start by the heading ({sheet.start_said!r}), in UTC",)
 
 
 def _unit(sheet: Sheet, place: int, kept: Sequence[int]) -> str:

@@ -58,6 +58,8 @@ class Sheet:
         Unit of all samples, where a heading states it of them together.
     start_ns
         Time of the first sample, where a heading states it.
+    start_said
+        Words of the heading that state it, where they are not of a format.
     first_line
         Line of the first row; 0 where rows are not lines.
     """
@@ -69,6 +71,7 @@ class Sheet:
     format: str = ""
     unit: str = ""
     start_ns: int | None = None
+    start_said: str = ""
     aux: Mapping[str, Values] = dataclasses.field(default_factory=dict)
     notes: tuple[str, ...] = ()
     assumptions: tuple[str, ...] = ()

@@ -457,7 +457,7 @@ def table(
         rate_hz=rate,
         channels=found,
         samples=samples[kept],
-        start_ns=START_NS if told and told.dated else None,
+        start_ns=START_NS if (told and told.dated) or facts == "with date" else None,
         loose=told.loose if told else 1e-6,
         gaps=int((~kept).sum()),
         suffix=rng.choice((".csv", ".txt", ".dat", ".asc")),
