@@ -45,9 +45,10 @@ peers-torch: .venv-peers/ready  ## GPyTorch beside them, for `make bench`: 5 GB
 blind-slow: .venv/dev  ## hidden histories by the hundred: what is named, what is made up; SEED=1 CASES=100
 	$(BIN)/python -m tests.slowtime.discrepancy.slow.battery --seed $(or $(SEED),1) --cases $(or $(CASES),100)
 
-fuzz: .venv/dev  ## messages, files and requests that nobody should send; WIRE=1000000 FILES=100000 REST=20000 SEED=1
+fuzz: .venv/dev  ## messages, files and requests that nobody should send; WIRE=1000000 FILES=100000 FORMATS=10000 REST=20000 SEED=1
 	$(BIN)/python -m tests.fuzz wire --cases $(or $(WIRE),1000000) --seed $(or $(SEED),1)
 	$(BIN)/python -m tests.fuzz files --cases $(or $(FILES),100000) --seed $(or $(SEED),1)
+	$(BIN)/python -m tests.fuzz formats --cases $(or $(FORMATS),10000) --seed $(or $(SEED),1)
 	$(BIN)/python -m tests.fuzz rest --cases $(or $(REST),20000) --seed $(or $(SEED),1)
 
 audit: .venv/run  ## ask a vulnerability service about every dependency; it needs the internet

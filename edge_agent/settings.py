@@ -95,6 +95,11 @@ class FileInput(Frozen):
     keep: tuple[str, ...] = ()
     """Columns to keep that would be set aside, as counters or constants; `all` for each. Those
     of covariates are kept in any case."""
+    units: tuple[str, ...] = ()
+    """Units of the samples, `UNIT` of all channels or `CHANNEL=UNIT`; they overrule the file.
+    Motion is turned into SI."""
+    sensitivities: tuple[str, ...] = ()
+    """What volts or counts mean: `100mV/g`, `CHANNEL=256LSB/g`."""
     block_s: Positive = 0.1
     start_ns: Annotated[int, Field(ge=0)] | None = None
     speed: NotNegative = 0.0

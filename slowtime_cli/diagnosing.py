@@ -36,6 +36,8 @@ def diagnose(
     time_unit: str | None,
     date_order: DateOrder | None,
     wrapped: bool | None,
+    units: tuple[str, ...],
+    sensitivities: tuple[str, ...],
     patience_s: float | None,
     unchecked: bool,
 ) -> None:
@@ -57,7 +59,8 @@ def diagnose(
         )
     read = functools.partial(
         read_any, rate_hz=rate_hz, skip_lines=skip_lines, time_column=time_column,
-        time_unit=time_unit, date_order=date_order, wrapped=wrapped,
+        time_unit=time_unit, date_order=date_order, wrapped=wrapped, units=units,
+        sensitivities=sensitivities,
     )  # fmt: skip
     learnt, judged = [read(text) for text in records], [read(text) for text in holdout]
     _refuse_unwritable(out)

@@ -1,117 +1,55 @@
-"""The verb `export`: what a twin knows, as files of other tools."""
+"""The verb `export`: what a twin knows, or a record, as files of other tools."""
 
-import contextlib
-import json
-import tempfile
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal, cast
+from typing import Any
 
 import click
 
-from slowtime_services.client import AnswerError, Client
-from twin_server.persist import WrongStoreError, backup
-from twin_server.pipeline import TwinKnowledge
-from twin_server.serve.exports import (
-    NotInstalledError,
-    assets_of,
-    columns_of,
-    graph,
-    pages_of,
-    written,
-)
-from twin_server.serve.moments import MomentError, parse_moment
-
-from .offline import offline_twin
-from .terminal import removed_unless_finished
+FLAGS = ("asset", "site", "start", "end")
+"""What is said of a twin's history, and not of a record."""
+SQLITE = b"SQLite format 3\0"
 
 
 def export(
-    database: Path | None,
-    server: str | None,
-    asset: str | None,
-    site: str | None,
-    start: str | None,
-    end: str | None,
-    out: Path,
+    source: Path | None, server: str | None, form: str | None, out: Path, **given: Any
 ) -> None:
-    """Write what a twin knows as CSV, Parquet or DTDL."""
-    form = out.suffix.removeprefix(".")
-    with removed_unless_finished(out), _sentences():
-        if server is not None:
-            _of_server(Client(server), form, asset, site, start, end, out)
-        else:
-            assert database is not None
-            _of_file(database, form, asset, site, start, end, out)
-    click.echo(f"{out}: {out.stat().st_size:,} bytes")
+    """Write what a twin knows, or the samples of a record, in the form that is asked for."""
+    kind = form or out.suffix.removeprefix(".").lower()
+    kind = "uff" if kind == "unv" else kind
+    of_twin = {name: given.pop(name) for name in FLAGS}
+    if server is not None or (source is not None and is_database(source)):
+        _refuse(given, "a record", "this is a twin's history")
+        if kind == "uff":
+            raise click.UsageError(
+                "A universal file holds samples, and a twin keeps none. Give a record or a "
+                "recording, or write .csv, .parquet or .json."
+            )
+        from .exporting_twin import export_twin
 
-
-def _of_server(
-    client: Client,
-    form: str,
-    asset: str | None,
-    site: str | None,
-    start: str | None,
-    end: str | None,
-    out: Path,
-) -> None:
-    if form == "json":
-        whole = client.dtdl(site=site) if asset is None else client.dtdl_of(asset)
-        _write(out, whole)
+        export_twin(source, server, **of_twin, form=kind, out=out)
         return
-    which = _one_of([twin.id for twin in client.twins()], asset)
-    kind = cast(Literal["csv", "parquet"], form)
-    client.export(which, out, kind, start=start, end=end)
+    _refuse(of_twin, "a twin's database or --server", f"{source} is a record")
+    if kind == "json":
+        raise click.UsageError(
+            "JSON is a graph of twins, of a database or --server. Write a record as .csv, "
+            ".parquet or .uff."
+        )
+    from .exporting_record import export_record
+
+    assert source is not None
+    export_record(record_path=source, form=kind, out=out, **given)
 
 
-def _of_file(
-    database: Path,
-    form: str,
-    asset: str | None,
-    site: str | None,
-    start: str | None,
-    end: str | None,
-    out: Path,
-) -> None:
-    moments = [None if text is None else parse_moment(text) for text in (start, end)]
-    with tempfile.TemporaryDirectory() as folder:
-        # A server may be writing it: what is read is a copy.
-        copy = Path(folder) / "copy.sqlite"
-        backup(database, copy, lambda stage, share: None)
-        with offline_twin(copy) as (pipeline, store):
-            knowledge = TwinKnowledge(pipeline, store)
-            known = knowledge.ids()
-            if form == "json":
-                of_site = [i for i in known if site in (None, i.partition(".")[0])]
-                chosen = of_site if asset is None else [_one_of(known, asset)]
-                _write(out, graph(list(assets_of(knowledge, chosen))))
-                return
-            which = _one_of(known, asset)
-            registration = knowledge.registration(which)
-            assert registration is not None
-            pages = pages_of(knowledge, which, *moments)
-            kind = cast(Literal["csv", "parquet"], form)
-            with out.open("wb") as file:
-                file.writelines(written(pages, columns_of(registration), kind, which))
+def is_database(source: Path) -> bool:
+    """Whether a file is a database by its first bytes."""
+    with source.open("rb") as file:
+        return file.read(len(SQLITE)) == SQLITE
 
 
-def _one_of(known: list[str], asset: str | None) -> str:
-    if asset is None and len(known) == 1:
-        return known[0]
-    if asset not in known:
-        said = "Say which twin with --asset" if asset is None else f"There is no twin {asset}"
-        raise click.UsageError(f"{said}. There are: {', '.join(sorted(known)) or 'none'}.")
-    return asset
-
-
-def _write(out: Path, whole: object) -> None:
-    out.write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")
-
-
-@contextlib.contextmanager
-def _sentences() -> Iterator[None]:
-    """Say in a sentence why there is nothing."""
-    try:
-        yield
-    except (AnswerError, MomentError, NotInstalledError, WrongStoreError) as error:
-        raise click.UsageError(str(error)) from error
+def _refuse(given: dict[str, Any], goes_with: str, this: str) -> None:
+    for name, value in given.items():
+        if value not in (None, (), ""):
+            flag = {"units": "unit", "sensitivities": "sensitivity"}.get(name, name)
+            raise click.UsageError(
+                f"--{flag.replace('_', '-')} goes with {goes_with}; {this}. Leave it out."
+            )

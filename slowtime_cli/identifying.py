@@ -16,16 +16,21 @@ from slowtime.identification.identified import Identified
 from slowtime.identification.methods import by_method
 from slowtime.identification.modes import Mode
 from slowtime.identification.windows import Epoch, dependence, identify_windows
-from slowtime_services.files import MARK, Record, accelerations, bridged
+from slowtime_services.files import MARK, Record, accelerations, bridged, mixed_units
+from slowtime_services.modal import UNIVERSAL, read_geometry
 from slowtime_services.models import read_description
 
 from . import modal
 from .methods import ALL_CHANNELS
+from .modes_out import write_found
 from .reading import with_record
-from .terminal import counting, note, plural, show, write_json
+from .terminal import counting, note, plural, show
 
 F = TypeVar("F", Identified, Mode)
 Samples = np.ndarray[Any, Any]
+
+MIXED = "mixed_units"
+"""Flag of modes whose shape is not told, since channels have several units."""
 
 OVERLAPPING = "overlapping"
 """Flag of what was read from a window that shares samples with its neighbours."""
@@ -47,12 +52,16 @@ def identify(
     model: Path | None,
     report: Path | None,
     out: Path | None,
+    geometry: Path | None,
 ) -> None:
     """Find natural frequencies and damping in a record, with errors."""
-    if (model or report) and method == "auto":
+    universal = out is not None and out.suffix.lower() in UNIVERSAL
+    if (model or report or universal) and method == "auto":
         method = "modes"
-    description = read_description(model) if model else None
+    known = read_geometry(geometry) if geometry else None
     record = _accelerations_of(record)
+    mixed = mixed_units(record.channels, record.units)
+    models = [] if model is None else _models(model, record.channels, mixed)
     duration_s, rows = record.duration_s, len(record.samples)
     record, said = bridged(record)
     if said:
@@ -84,16 +93,19 @@ def identify(
                 _show_modes(modes, path.name)
         else:
             channels = record.channels
-            models = modal.model_modes(description, channels) if description else []
+            if mixed and len(channels) > 1:
+                _say_mixed(mixed)
             span = 0.0, len(part) / record.rate_hz
             method = "modes" if method == "auto" else method
             result["modes"] = [
-                modal.as_json(mode, models, span, method=method) for mode in whole.modes
+                _without_shape(modal.as_json(mode, models, span, method=method), mixed)
+                for mode in whole.modes
             ]
             if not silent:
                 modal.show_modes(whole, models, path.name, method=method)
             if report is not None:
-                modal.write_report(report, path.name, channels, whole, models)
+                shapes = not mixed
+                modal.write_report(report, path.name, channels, whole, models, shapes=shapes)
     else:
         epochs = _windows(record, samples, window_s, hop_s, band_hz, method)
         result |= {"window_s": window_s, "epochs": [_epoch_json(epoch) for epoch in epochs]}
@@ -101,7 +113,32 @@ def identify(
             _show_epochs(epochs, path.name)
     if out is not None:
         _mark(result, len(record.samples) > rows)
-        write_json(out, result)
+        write_found(out, result, known, record.units[0])
+
+
+def _models(model: Path, channels: tuple[str, ...], mixed: str) -> list[modal.ModelMode]:
+    """Modes of a model file, or of a universal file, at the channels of the record."""
+    if model.suffix.lower() in UNIVERSAL:
+        found = modal.read_model_modes(model, channels)
+    else:
+        found = modal.model_modes(read_description(model), channels)
+    return [(hz, None) for hz, _ in found] if mixed else found
+
+
+def _say_mixed(mixed: str) -> None:
+    """Say why there are no shapes."""
+    note(
+        f"channels are of several units ({mixed}), so that no shapes are told: components "
+        "would be of several sizes. Give --unit or --sensitivity, or choose with --channels. "
+        "Frequencies and damping do not depend on it."
+    )
+
+
+def _without_shape(body: dict[str, Any], mixed: str) -> dict[str, Any]:
+    """Take the shape from a mode over channels of several units, and flag it."""
+    if not mixed:
+        return body
+    return {**body, "shape": None, "flags": [*body["flags"], MIXED]}
 
 
 def _identify(

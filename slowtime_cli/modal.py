@@ -14,6 +14,7 @@ from slowtime.identification.identified import Measured
 from slowtime.identification.modes import Mode
 from slowtime.identification.shapes import mac, mpc
 from slowtime.identification.stabilisation import Stabilisation
+from slowtime_services.modal import read_modes
 from slowtime_services.reports import Chart, Section, Table, write_page
 
 from .terminal import show
@@ -39,6 +40,16 @@ def model_modes(description: Description, channels: Sequence[str]) -> list[Model
     return [
         (float(hz), None if shapes is None else shapes[:, number])
         for number, hz in enumerate(modes.frequency_hz)
+    ]
+
+
+def read_model_modes(path: Path, channels: Sequence[str]) -> list[ModelMode]:
+    """Modes of a universal file, at the channels of a record."""
+    found = read_modes(path)
+    shapes = found.at(tuple(channels))
+    return [
+        (mode.frequency_hz, None if shapes is None else shapes[row])
+        for row, mode in enumerate(found.modes)
     ]
 
 
@@ -167,6 +178,8 @@ def write_report(
     channels: Sequence[str],
     result: ModalResult,
     models: Sequence[ModelMode],
+    *,
+    shapes: bool = True,
 ) -> None:
     """Write table, spectra, stabilisation diagram and shapes as one page."""
     structural = len(result.structural)
@@ -182,7 +195,7 @@ def write_report(
     ]
     if len(result.stabilisation.order):
         sections.append(Section("Stabilisation", (), [_stabilisation(result)]))
-    if len(channels) > 1 and structural:
+    if len(channels) > 1 and structural and shapes:
         sections.append(Section("Shapes", (), [_shapes(result, channels)]))
     write_page(path, f"Modes of {name}", lead, sections)
 

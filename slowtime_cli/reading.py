@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
-from slowtime_services.files import DateOrder, Record, find_column, read_record
-from slowtime_services.replay import record_of
+from slowtime_services.files import DateOrder, Record, find_column, in_si, read_record
+from slowtime_services.replay import record_or_foreign
 
 from .options import names
 from .terminal import note
@@ -30,6 +30,8 @@ class Given:
     date_order: DateOrder | None = None
     wrapped: bool | None = None
     keep: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    sensitivities: tuple[str, ...] = ()
 
 
 TEXT_ONLY = ("time_column", "time_unit", "date_order", "wrapped", "keep")
@@ -72,7 +74,9 @@ def read_any(path: Path, given: Given | None = None) -> Record:
                 note(
                     f"--{flag} was not used: an MCAP recording carries its own clock and names."
                 )
-        return _as_told(record_of(path), path, given.rate_hz, given.channels, given.columns)
+        record = record_or_foreign(path)
+        record = _as_told(record, path, given.rate_hz, given.channels, given.columns)
+        return in_si(record, given.units, given.sensitivities)
     return read_record(
         path,
         **{field.name: getattr(given, field.name) for field in dataclasses.fields(Given)},

@@ -39,6 +39,8 @@ class FileSource:
             time_unit=given.time_unit,
             wrapped=given.wrapped,
             keep=given.keep if ALL in given.keep else (*given.keep, *self.covariates),
+            units=given.units,
+            sensitivities=given.sensitivities,
             keep_missing=True,
         )
         for said in (*record.notes, *record.assumptions):

@@ -7,7 +7,7 @@ import click
 from slowtime_cli.deferred import Deferred
 from slowtime_cli.options import POSITIVE
 
-from .flags import EXISTING, Effects, clock_flags
+from .flags import EXISTING, Effects, clock_flags, unit_flags
 
 PATIENCE_S, MASSES, MORE = 70.0, 3, 2.0
 """Of `slowtime_services.diagnose.run`, repeated as importing it takes seconds; a test holds
@@ -106,6 +106,7 @@ Examples:
     help="Column of time, by name or number; none if there is none.  [default: found out]",
 )
 @clock_flags
+@unit_flags
 @click.option(
     "--patience",
     "patience_s",

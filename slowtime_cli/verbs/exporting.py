@@ -1,4 +1,4 @@
-"""The verb `export`: what a twin knows, as files of other tools."""
+"""The verb `export`: what a twin knows, or a record, as files of other tools."""
 
 from pathlib import Path
 
@@ -7,7 +7,9 @@ import click
 from slowtime_cli.deferred import Deferred
 from slowtime_cli.options import Name, OutFile
 
-from .flags import EXISTING
+from .flags import EXISTING, reading_flags
+
+ENDINGS = (".csv", ".parquet", ".json", ".uff", ".unv")
 
 
 @click.command(
@@ -19,12 +21,15 @@ Examples:
   slowtime export twin.sqlite --asset demo.tower --out tower.csv
   slowtime export twin.sqlite --asset demo.tower --start slow:100 --out tower.parquet
   slowtime export --server http://127.0.0.1:8000 --site demo --out demo.json
+  slowtime export tower.mcap --out tower.uff
+  slowtime export record.tdms --sensitivity 100mV/g --out record.parquet
 
-.csv and .parquet hold the history of one twin, a row a state; .json holds a site, its twins and
-their relations as a graph with models in DTDL version 3, which twin platforms load.
+Of a record, .csv, .parquet and .uff (UFF 58b) hold its samples. Of a twin, .csv and .parquet
+hold the history, a row a state; .json holds a site, its twins and their relations as a graph
+with models in DTDL version 3, which twin platforms load.
 """,
 )
-@click.argument("database", required=False, type=EXISTING)
+@click.argument("source", required=False, type=EXISTING)
 @click.option(
     "--server",
     metavar="URL",
@@ -35,26 +40,35 @@ their relations as a graph with models in DTDL version 3, which twin platforms l
 @click.option("--start", metavar="MOMENT", help="First state: RFC 3339 or slow:NUMBER.")
 @click.option("--end", metavar="MOMENT", help="Last state: RFC 3339 or slow:NUMBER.")
 @click.option(
-    "--out",
-    required=True,
-    type=OutFile(".csv", ".parquet", ".json"),
-    help="File to write; its ending says what.",
+    "--format",
+    "form",
+    type=click.Choice(["csv", "parquet", "uff", "json"]),
+    help="What to write.  [default: by the ending of --out]",
 )
+@click.option("--out", required=True, type=OutFile(), help="File to write.")
+@reading_flags
 def export(
-    database: Path | None,
+    source: Path | None,
     server: str | None,
     start: str | None,
     end: str | None,
+    form: str | None,
     out: Path,
     **_given: object,
 ) -> None:
-    """Write what a twin knows as CSV, Parquet or DTDL.
+    """Write what a twin knows, or the samples of a record.
 
-    A server may go on writing the database meanwhile.
+    SOURCE is a twin's database, which a server may go on writing meanwhile, or a record or
+    recording as `identify` reads it; the flags from --rate-hz on go with a record.
     """
-    if (database is None) == (server is None):
-        raise click.UsageError("Give a twin's database, or --server; not both.")
-    if out.suffix == ".json" and (start or end):
+    if (source is None) == (server is None):
+        raise click.UsageError("Give a twin's database or a record, or --server; not both.")
+    if form is None and out.suffix.lower() not in ENDINGS:
+        raise click.UsageError(
+            f"{out.name!r} does not end in {', '.join(ENDINGS)}. Give one that does, or "
+            "--format."
+        )
+    if "json" in (form or out.suffix.lower()) and (start or end):
         raise click.UsageError(
             "--start and --end go with .csv and .parquet; a graph is of now."
         )

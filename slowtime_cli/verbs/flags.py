@@ -66,8 +66,26 @@ CLOCK = (
 )
 """What a text file may leave open of its clock and lines."""
 
-RECORD = (
-    click.argument("record_path", metavar="RECORD", type=EXISTING),
+UNITS = (
+    click.option(
+        "--unit",
+        "units",
+        multiple=True,
+        metavar="[CHANNEL=]UNIT",
+        help="Unit of the samples, where the file does not say: g, mg, gal, in/s^2, mV ...; "
+        "overrules what it says. Motion is turned into SI.",
+    ),
+    click.option(
+        "--sensitivity",
+        "sensitivities",
+        multiple=True,
+        metavar="[CHANNEL=]SENSITIVITY",
+        help="What volts or counts mean: 100mV/g, a=10.2mV/(m/s^2), 256LSB/g.",
+    ),
+)
+"""Units of the samples of a file, and sensitivities of its sensors."""
+
+READING = (
     click.option(
         "--rate-hz",
         type=POSITIVE,
@@ -90,7 +108,11 @@ RECORD = (
         help="Columns to keep that would be set aside, such as counters and magnitudes: a,b; "
         "or all.",
     ),
+    *UNITS,
 )
+"""How to read a record."""
+
+RECORD = (click.argument("record_path", metavar="RECORD", type=EXISTING), *READING)
 """A record, and how to read it; `slowtime_cli.reading.with_record` takes them."""
 
 AS_BUILT = (
@@ -127,9 +149,19 @@ def record_flags(function: F) -> F:
     return _with(RECORD, function)
 
 
+def reading_flags(function: F) -> F:
+    """Add the options of `READING`."""
+    return _with(READING, function)
+
+
 def clock_flags(function: F) -> F:
     """Add the options of `CLOCK`."""
     return _with(CLOCK, function)
+
+
+def unit_flags(function: F) -> F:
+    """Add the options of `UNITS`."""
+    return _with(UNITS, function)
 
 
 def as_built(function: F) -> F:

@@ -10,6 +10,9 @@ from slowtime_cli.options import POSITIVE, Number, OutFile
 
 from .flags import EXISTING, record_flags
 
+UNIVERSAL = (".uff", ".unv")
+"""As `slowtime_services.modal.UNIVERSAL`, without reading modes yet."""
+
 
 @click.command(
     cls=Deferred,
@@ -22,6 +25,7 @@ Examples:
   slowtime identify tower.mcap --window-s 60 --hop-s 60 --out modes.json
   slowtime identify record.csv --rate-hz 200 --out - | python -m json.tool
   slowtime identify record.csv --rate-hz 200 --method modes --report modes.html
+  slowtime identify record.tdms --sensitivity 100mV/g --geometry nodes.csv --out modes.uff
 
 A terminal is shown a table; a pipe or a file gets lines with tabs between their fields.
 """,
@@ -55,7 +59,8 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
 @click.option(
     "--model",
     type=EXISTING,
-    help="Model file (YAML) to compare the modes with, mode by mode.",
+    help="Model file (YAML) to compare the modes with, mode by mode; or modes of another "
+    "program, as a universal file (.uff, .unv).",
 )
 @click.option(
     "--report",
@@ -63,7 +68,16 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     help="HTML page to write: table, spectra, stabilisation diagram, shapes.",
 )
 @click.option(
-    "--out", type=OutFile(stdout=True), help="JSON file to write; - for stdout, and no table."
+    "--out",
+    type=OutFile(stdout=True),
+    help="File to write: .uff or .unv for programs of modal analysis (UFF 55), .csv for a "
+    "spreadsheet, else JSON; - for JSON on stdout, and no table.",
+)
+@click.option(
+    "--geometry",
+    type=EXISTING,
+    help="Where the channels are, for --out .uff: CSV with channel, x, y, z, direction, or a "
+    "universal file with nodes.",
 )
 def identify(
     window_s: float | None,
@@ -71,6 +85,8 @@ def identify(
     method: str,
     model: Path | None,
     report: Path | None,
+    out: Path | None,
+    geometry: Path | None,
     **_given: object,
 ) -> None:
     """Find natural frequencies and damping in a record, with errors.
@@ -81,6 +97,14 @@ def identify(
     """
     if hop_s is not None and window_s is None:
         raise click.UsageError("--hop-s goes with --window-s.")
+    universal = out is not None and out.suffix.lower() in UNIVERSAL
+    if geometry is not None and not universal:
+        raise click.UsageError(f"--geometry goes with --out {' or '.join(UNIVERSAL)}.")
+    if universal and (window_s is not None or method not in ("auto", *ALL_CHANNELS)):
+        raise click.UsageError(
+            f"A universal file holds modes with shapes, of a whole record. Give --method "
+            f"{', '.join(ALL_CHANNELS)} without --window-s, or write .json or .csv."
+        )
     if window_s is not None and (method in ALL_CHANNELS or model or report):
         raise click.UsageError(
             f"--window-s follows the first mode. Leave it out for --method "

@@ -1,17 +1,27 @@
-"""The table of formats says what the registry says."""
+"""The table of formats is what the registry makes; units that are named are understood."""
 
+import re
+import runpy
 from pathlib import Path
 
-from slowtime_services.files.readers import READERS
+from slowtime_services.files.units import sensitivity_of, unit_of
 
-TEXT = (Path(__file__).parents[2] / "docs/files.md").read_text()
+ROOT = Path(__file__).parents[2]
+TEXT = (ROOT / "docs/files.md").read_text()
 
 
-def test_every_format_stands_in_the_table_with_its_library():
-    rows = [line.strip("| ").split(" | ") for line in TEXT.splitlines() if line.startswith("|")]
-    said = {row[0].casefold(): row[1:] for row in rows if len(row) == 4}
-    for one in READERS:
-        endings, library, gives = said[one.name.partition(" ")[2].casefold()]
-        assert endings == ", ".join(f"`{ending}`" for ending in one.suffixes)
-        assert library == (one.library or "—")
-        assert gives == one.gives
+def test_the_table_of_formats_is_made_from_the_registry():
+    made = runpy.run_path(str(ROOT / "docs/figures/formats.py"))
+    assert made["renewed"](TEXT) == TEXT, "run python docs/figures/formats.py"
+    assert made["table"]() in TEXT
+
+
+def test_units_and_sensitivities_that_are_named_are_understood():
+    (units,) = re.findall(r"^Accelerations in (.*?) become", TEXT, re.M | re.S)
+    named = re.findall(r"`([^`]+)`", units)
+    assert len(named) >= 8
+    assert all(unit_of(unit) is not None for unit in named)
+    given = re.findall(r"--sensitivity (?:\w+=)?([^\s`]+)", TEXT)
+    assert len(given) >= 2
+    for text in given:
+        sensitivity_of(text.strip("'\""))

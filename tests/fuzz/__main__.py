@@ -8,7 +8,7 @@ import sys
 import time
 import warnings
 
-from . import files, wire
+from . import files, formats, wire
 
 MOST_BYTES = 1 << 30
 """That the whole run may add to its memory."""
@@ -19,9 +19,10 @@ SLICE = 2_000
 def main() -> int:
     """Run one kind; its counts, its time, and how much memory it took."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz")
-    parser.add_argument("kind", choices=["wire", "files", "rest"])
+    parser.add_argument("kind", choices=["wire", "files", "formats", "rest"])
     parser.add_argument("--cases", type=int, required=True)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--format", help="One format alone, such as tdms.")
     given = parser.parse_args()
     logging.disable(logging.CRITICAL)
     if given.kind == "rest" and given.cases > SLICE:
@@ -39,7 +40,11 @@ def main() -> int:
         # A sum that overflowed is a number that was read wrongly.
         with warnings.catch_warnings():
             warnings.simplefilter("error", RuntimeWarning)
-            counts = {"wire": wire, "files": files}[given.kind].run(given.cases, given.seed)
+            if given.kind == "formats":
+                kinds = (given.format,) if given.format else tuple(formats.MAKERS)
+                counts = dict(formats.run(given.cases, given.seed, kinds))
+            else:
+                counts = {"wire": wire, "files": files}[given.kind].run(given.cases, given.seed)
     took = time.monotonic() - began
     more = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss << 10) - before
     told = ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))

@@ -4,8 +4,10 @@ collect_ignore = [
     "__main__.py",
     "apart.py",
     "files.py",
+    "formats.py",
     "house.py",
     "mutate.py",
     "rest.py",
     "wire.py",
+    "workers.py",
 ]

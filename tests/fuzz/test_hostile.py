@@ -195,3 +195,12 @@ def test_a_refusal_is_not_as_long_as_what_it_refuses(tmp_path):
     with pytest.raises(RecordError, match=r"cannot be read as \.npz") as refused:
         read_record(path)
     assert len(str(refused.value)) < 1_000
+
+
+def test_a_workbook_of_one_cell_in_its_last_corner_is_refused():
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    book.active["XFD1048576"] = 1.0
+    book.save("a.xlsx")
+    with in_time(), pytest.raises(RecordError, match=r"a\.xlsx holds .* MiB; at most"):
+        read_record("a.xlsx", max_bytes=1 << 24)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from slowtime_schemas.codec import Refused, decode
 from slowtime_schemas.streams import STREAMS
-from tests.fuzz import files, rest, wire
+from tests.fuzz import files, formats, rest, wire
 from tests.fuzz.house import behind_the_door
 
 
@@ -35,6 +35,17 @@ def test_no_file_is_a_fault_or_swells():
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     counts = files.run(90, seed=12)
     assert {name.split()[1] for name in counts} == {"read", "refused"}
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 300_000
+
+
+@pytest.mark.long
+def test_no_file_of_a_known_format_is_a_fault_or_swells():
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    counts = formats.run(30, seed=12)
+    for kind in formats.MAKERS:
+        assert counts[f"{kind} refused"] > 3, kind
+        assert counts[f"{kind} read"] > 0, kind
+    assert counts[f"readers that were ended after {formats.PATIENCE_S:g} s"] == 0
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 300_000
 
 

@@ -56,7 +56,7 @@ def test_names_and_units_are_read_from_two_lines_or_from_brackets(tmp_path):
     two = "Made by hand\nTime\tLow G\tPin\nSec\tVoltage (unscaled)\tmm\n0.0 0 0\t\t0\t\n\n"
     rows = table(np.column_stack([np.arange(50) / 10, SAMPLES[:50]]), "\t")
     record = read_record(write(tmp_path, two + rows))
-    assert (record.channels, record.units) == (("Low G", "Pin"), ("Voltage (unscaled)", "mm"))
+    assert (record.channels, record.units) == (("Low G", "Pin"), ("Voltage (unscaled)", "m"))
     brackets = "t [ms], acc_z [m/s^2], load (kN)\n"
     rows = table(np.column_stack([np.arange(50) * 100, SAMPLES[:50]]), ",")
     record = read_record(write(tmp_path, brackets + rows))

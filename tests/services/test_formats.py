@@ -1,7 +1,8 @@
 """What other libraries write is read back: channels, units, rate, start."""
 
 import datetime
-import io
+import json
+import sys
 import warnings
 from pathlib import Path
 
@@ -10,12 +11,15 @@ import numpy as np
 import pytest
 import scipy.io.wavfile
 
-from slowtime_services.files import RecordError, read_record
-from slowtime_services.files.readers import READERS
+from slowtime_services.exports import write_parquet
+from slowtime_services.files import Record, RecordError, read_record
+from slowtime_services.files.readers import READERS, ros
 
 START = np.datetime64("2024-03-05T06:07:08.250", "ns")
 START_NS = int(START.astype(np.int64))
-UNITS = ("m/s^2", "g", "mm/s", "V")
+UNITS = {"m/s^2": ("m/s^2", 1.0), "g": ("m/s^2", 9.80665), "in/s^2": ("m/s^2", 0.0254),
+         "mm/s": ("m/s", 1e-3), "V": ("V", 1.0), "": ("", 1.0)}  # fmt: skip
+"""As files have them: the unit that they are turned into, and its worth."""
 
 
 @pytest.fixture(params=[0, *(pytest.param(i, marks=pytest.mark.long) for i in (1, 2, 3))])
@@ -26,7 +30,7 @@ def drawn(request):
     width = int(rng.integers(1, 5))
     rate = float(rng.choice([20.0, 100.0, 128.0, 1000.0, 51200.0]))
     names = [f"acc_{'xyzw'[i]}" for i in range(width)]
-    units = [str(rng.choice(UNITS)) for _ in range(width)]
+    units = [str(rng.choice(list(UNITS))) for _ in range(width)]
     return names, units, rate, rng.standard_normal((count, width))
 
 
@@ -39,9 +43,10 @@ def _libraries_may_warn():
 
 def same(record, names, units, rate, samples, start_ns=START_NS, rtol=1e-12):
     assert record.channels == tuple(names)
-    assert record.units == tuple(units)
+    assert record.units == tuple(UNITS[unit][0] for unit in units)
     assert record.rate_hz == pytest.approx(rate, rel=1e-6)
-    np.testing.assert_allclose(record.samples, samples, rtol=rtol, atol=1e-12)
+    worth = np.array([UNITS[unit][1] for unit in units])
+    np.testing.assert_allclose(record.samples, samples * worth, rtol=rtol, atol=1e-12)
     assert record.start_ns == start_ns
 
 
@@ -245,26 +250,111 @@ def test_recordings_of_ros(tmp_path):
     same(read_record(path), names, ["m/s^2"] * 3, 200.0, samples)
 
 
-def test_a_recording_without_accelerations_names_what_reads_it(tmp_path):
+def test_accelerated_stamps_of_ros(tmp_path):
+    rosbags = pytest.importorskip("rosbags.rosbag2")
+    from rosbags.typesys import Stores, get_typestore
+
+    types = get_typestore(Stores.ROS2_HUMBLE)
+    kinds, name = types.types, "geometry_msgs/msg/AccelStamped"
+    samples = np.random.default_rng(7).standard_normal((300, 3))
+    writer = rosbags.Writer(
+        tmp_path / "bag", version=9, storage_plugin=rosbags.StoragePlugin.MCAP
+    )
+    with writer:
+        topic = writer.add_connection("/accel", name, typestore=types)
+        vector = kinds["geometry_msgs/msg/Vector3"]
+        for i, row in enumerate(samples.tolist()):
+            at = START_NS + i * 8_000_000
+            stamp = kinds["builtin_interfaces/msg/Time"](at // 10**9, at % 10**9)
+            message = kinds[name](
+                kinds["std_msgs/msg/Header"](stamp, "a"),
+                kinds["geometry_msgs/msg/Accel"](vector(*row), vector(0.0, 0.0, 0.0)),
+            )
+            writer.write(topic, at, types.serialize_cdr(message, name))
+    (path,) = Path(tmp_path / "bag").glob("*.mcap")
+    same(read_record(path), [f"linear.{axis}" for axis in "xyz"], ["m/s^2"] * 3, 125.0, samples)
+
+
+def json_recording(path, messages, schema="sensor_msgs/Imu", topic="/imu"):
+    """A recording of messages in JSON, with the time at which each was logged."""
     from mcap.writer import Writer
 
-    out = io.BytesIO()
-    writer = Writer(out)
-    writer.start()
-    writer.register_schema("other", "jsonschema", b"{}")
-    writer.finish()
-    (tmp_path / "a.mcap").write_bytes(out.getvalue())
-    with pytest.raises(RecordError, match="slowtime replay"):
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        known = writer.register_schema(schema, "jsonschema", b'{"type": "object"}')
+        channel = writer.register_channel(topic, "json", known)
+        for logged, message in messages:
+            body = json.dumps(message).encode()
+            writer.add_message(channel, logged, body, logged)
+        writer.finish()
+
+
+@pytest.mark.parametrize("form", ["ros", "foxglove", "text", "unstamped"])
+def test_accelerations_in_json(tmp_path, form):
+    samples = np.random.default_rng(8).standard_normal((200, 3))
+
+    def message(i, row):
+        at, body = START_NS + i * 10_000_000, dict(zip("xyz", row, strict=True))
+        stamps: dict[str, dict[str, object]] = {
+            "ros": {"header": {"stamp": {"sec": at // 10**9, "nanosec": at % 10**9}}},
+            "foxglove": {"timestamp": {"sec": at // 10**9, "nsec": at % 10**9}},
+            "text": {"timestamp": f"{np.datetime64(at, 'ns')}Z"},
+            "unstamped": {},
+        }
+        name = "linear_acceleration" if form in ("ros", "foxglove") else "accelerometer"
+        late = 0 if form == "unstamped" else 3_000_000 * (i % 2)
+        return at + late, {
+            **stamps[form],
+            name: body,
+            "orientation": dict.fromkeys("xyzw", 0.0),
+        }
+
+    rows = [message(i, row) for i, row in enumerate(samples.tolist())]
+    json_recording(tmp_path / "a.mcap", rows)
+    record = read_record(tmp_path / "a.mcap")
+    name, unit = rows[0][1].keys() - {"header", "timestamp", "orientation"}, ""
+    unit = "m/s^2" if "linear_acceleration" in name else ""
+    names = [f"{next(iter(name))}.{axis}" for axis in "xyz"]
+    same(record, names, [unit] * 3, 100.0, samples)
+
+
+def test_a_recording_without_accelerations_names_its_topics(tmp_path):
+    json_recording(tmp_path / "a.mcap", [(5, {"pose": {"x": 1.0, "y": 2.0, "z": 3.0}})], "Pose")
+    with pytest.raises(RecordError, match=r"no vibration in it: topics found: /imu \(Pose\)"):
         read_record(tmp_path / "a.mcap")
 
 
-@pytest.mark.parametrize("reader", READERS, ids=lambda one: one.name)
+WITH_LIBRARY = [one for one in READERS if one.imports and one.imports != "h5py"]
+
+
+@pytest.mark.parametrize("reader", WITH_LIBRARY, ids=lambda one: one.name)
 def test_a_missing_library_is_named_with_its_install_line(tmp_path, monkeypatch, reader):
-    monkeypatch.setattr(type(reader), "installed", property(lambda self: False))
-    with pytest.raises(
-        RecordError, match=f"pip install 'slowtime.formats.' or pip .*{reader.library}"
-    ):
-        reader.open(tmp_path / f"a{reader.suffixes[0]}", 1, None)
+    monkeypatch.setitem(sys.modules, reader.imports, None)
+    begins = {"TDSm": b"TDSm", "58b": b"    -1\n    58b", "PAR1": b"PAR1", "ARROW1": b"ARROW1"}
+    head = next((v for k, v in begins.items() if k in str(reader.begins)), b"000001D AAA")
+    path = tmp_path / f"a{reader.suffixes[0]}"
+    path.write_bytes(head + bytes(200))
+    line = rf"pip install 'slowtime\[formats\]' or pip install {reader.library}"
+    with pytest.raises(RecordError, match=rf"{reader.library} reads. Install it: {line}"):
+        read_record(path)
+
+
+def test_a_missing_library_of_workbooks_and_recordings_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "openpyxl", None)
+    (tmp_path / "a.xlsx").write_bytes(b"PK\x03\x04")
+    with pytest.raises(RecordError, match="pip install openpyxl"):
+        read_record(tmp_path / "a.xlsx")
+    monkeypatch.setitem(sys.modules, "mcap_ros2.decoder", None)
+    with pytest.raises(RecordError, match="pip install mcap-ros2-support"):
+        ros._decoder(tmp_path / "a.mcap")
+
+
+def test_parquet_without_its_library_is_named_with_its_install_line(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    made = Record(samples=np.ones((2, 1)), rate_hz=1.0, channels=("a",), units=("g",))
+    with pytest.raises(RecordError, match=r"slowtime\[parquet\]' or pip install pyarrow"):
+        write_parquet(tmp_path / "a.parquet", made)
 
 
 def test_what_breaks_a_library_is_refused(tmp_path):

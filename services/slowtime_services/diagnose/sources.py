@@ -2,13 +2,13 @@
 
 import dataclasses
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from slowtime_services.files import DateOrder, Gap, Record, RecordError, read_record
-from slowtime_services.replay import record_of
+from slowtime_services.files import DateOrder, Gap, Record, RecordError, in_si, read_record
+from slowtime_services.replay import record_or_foreign
 
 BINARY = (".npy", ".npz", ".mat")
 SPAN = re.compile(r"(?P<path>.+)@(?P<first>[0-9.]*):(?P<last>[0-9.]*)")
@@ -56,6 +56,8 @@ def read_any(
     time_unit: str | None = None,
     date_order: DateOrder | None = None,
     wrapped: bool | None = None,
+    units: Sequence[str] = (),
+    sensitivities: Sequence[str] = (),
 ) -> Source:
     """Read a record of any kind, a recording among them; what is no number is kept as NaN.
 
@@ -63,15 +65,17 @@ def read_any(
     ----------
     text
         Path of a file; ``path@FROM:TO`` for those seconds of it, counted from its beginning.
-    rate_hz, skip_lines, time_column, time_unit, date_order, wrapped
-        As `slowtime_services.files.read_record` takes them; of a recording, the rate only.
+    rate_hz, skip_lines, time_column, time_unit, date_order, wrapped, units, sensitivities
+        As `slowtime_services.files.read_record` takes them; of a recording, rate and units
+        only.
     """
     path, span = split(str(text))
     try:
         if path.suffix.lower() == ".mcap":
-            record = record_of(path)
+            record = record_or_foreign(path)
             if rate_hz is not None:
                 record = dataclasses.replace(record, rate_hz=rate_hz)
+            record = in_si(record, units, sensitivities)
         else:
             record = read_record(
                 path,
@@ -81,6 +85,8 @@ def read_any(
                 time_unit=time_unit,
                 date_order=date_order,
                 wrapped=wrapped,
+                units=units,
+                sensitivities=sensitivities,
                 # A model names its channels, so that a column of zeros may well be a force.
                 keep=("all",),
                 keep_missing=True,

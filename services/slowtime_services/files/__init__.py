@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .bridging import MARK, bridged
+    from .conversion import in_si, mixed_units
     from .read import ALL, MAX_BYTES, read_record
     from .record import UNDATED_NS, Gap, Record, RecordError, accelerations, find_column
     from .stamps import DateOrder
@@ -12,6 +13,7 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "bridging": ("MARK", "bridged"),
+    "conversion": ("in_si", "mixed_units"),
     "read": ("ALL", "MAX_BYTES", "read_record"),
     "record": (
         "UNDATED_NS", "Gap", "Record", "RecordError", "accelerations", "find_column",
@@ -34,6 +36,8 @@ __all__ = [
     "accelerations",
     "bridged",
     "find_column",
+    "in_si",
+    "mixed_units",
     "read_record",
 ]
 

@@ -25,6 +25,9 @@ _CHANNEL_WORD = re.compile(
 _SENTENCE = frozenset("of in the by for from and is at to with on was".split())
 """Words that stand in sentences, and hardly alone as a name."""
 _RULE = re.compile(r"[\s\-=_+|*~.;,]+$")
+_SETTING = re.compile(r"\w\s*[:=]\s*\w")
+"""A key and its value, which are no name of a column that is alone."""
+_X_AXIS = re.compile(r"x[\s_-]*axis", re.I)
 _SECTION = re.compile(r"\s*(?:\*+\s*[A-Za-z]+|\[[A-Za-z ]+\])\s*$")
 """A line that opens a part of a heading, such as ``*UNIT`` or ``[Data]``, and names nothing."""
 _KEY_OF_NAMES = frozenset(
@@ -56,6 +59,8 @@ def read_heading(
         if sum(map(looks_like_unit, rows[0])):
             units = tuple(_bare_unit(field) for field in rows[0])
         rows = rows[1:]
+    if rows and width == 1 and _SETTING.search(rows[0][0]):
+        return (), units
     if not rows or (len(rows) > 1 and not _is_heading(rows[0]) and _are_settings(rows)):
         return (), units
     named = [_name_and_unit(field) for field in rows[0]]
@@ -104,7 +109,8 @@ def _fields(line: str, dialect: Dialect, width: int) -> list[str] | None:
             if dialect.delimiter is None and _SENTENCE.intersection(map(str.casefold, fields)):
                 continue
             numbers = sum(map(_is_numeric, split))
-            if numbers and not (is_time_name(fields[0]) and _counts(fields[1:])):
+            timed = is_time_name(fields[0]) or _X_AXIS.fullmatch(fields[0])
+            if numbers and not (timed and _counts(fields[1:])):
                 continue
             return fields
     return None

@@ -16,9 +16,18 @@ import numpy as np
 from . import clock, plausibility, roles, workbook, wrapping
 from .apart import read_matlab
 from .arrays import Arrays, as_double, read_npy, read_npz
+from .conversion import in_si
 from .facts import Fact, Facts
 from .readers import reader_of
-from .record import Gap, Record, RecordError, Values, find_column, in_sensor_type
+from .record import (
+    NAMES_SLOW,
+    Gap,
+    Record,
+    RecordError,
+    Values,
+    find_column,
+    in_sensor_type,
+)
 from .sheet import Column, Sheet
 from .stamps import DateOrder
 from .text import read_lines, read_text
@@ -29,6 +38,9 @@ MAX_BYTES = 1 << 30
 SLOWEST_HZ, FASTEST_HZ = 1e-6, 1e9
 """Sampling rates that a person may give; beyond these they are slips of the pen."""
 ALL = "all"
+FAR_S, FAR = 1.0, 0.01
+"""Time of the first row, in seconds and in lengths of the record, beyond which a clock is not
+counted from the start that a heading states."""
 LONGEST_PERIOD = 64
 """Sensors of which the rows of a file may be in turn."""
 MOST_MISSING = 0.2
@@ -58,6 +70,8 @@ def read_record(
     keep: Sequence[str] = (),
     keep_missing: bool = False,
     skip_missing: bool = False,
+    units: Sequence[str] = (),
+    sensitivities: Sequence[str] = (),
     max_bytes: int = MAX_BYTES,
 ) -> Record:
     """Read a record of measurements from a file.
@@ -94,8 +108,18 @@ def read_record(
         Whether NaN and empty fields are kept, as NaN, instead of refused.
     skip_missing
         Whether rows in which a value is missing are left out as gaps, instead of refused.
+    units
+        Units of the samples in the file, ``UNIT`` of all channels or ``CHANNEL=UNIT``; they
+        overrule it.
+    sensitivities
+        What volts or counts mean: ``100mV/g``, ``CHANNEL=256LSB/g``.
     max_bytes
         What a file may hold at most.
+
+    Returns
+    -------
+    Samples in SI where their unit is one of motion, else as the file has them; see
+    `slowtime_services.files.conversion`.
 
     Raises
     ------
@@ -122,7 +146,7 @@ def read_record(
         raise RecordError(f"{path.name} has a single row. Give a record of at least two.")
     record = _record(path.name, _pairs_unwrapped(sheet), said, missing)
     plausibility.refuse_beyond(path.name, record.rate_hz) if rate_hz is None else None
-    return record
+    return in_si(record, units, sensitivities)
 
 
 def _pairs_unwrapped(sheet: Sheet) -> Sheet:
@@ -202,7 +226,8 @@ def _record(file: str, sheet: Sheet, said: _Said, missing: _Missing) -> Record:
         return _series(sheet, kept, verdict, notes)
     assumptions = (*sheet.assumptions, *_said_of(told, axis, why), *verdict.assumptions)
     others = {n: _plain(sheet.columns[i]) for i, n in enumerate(names) if i not in kept}
-    start_ns = axis.start_ns if axis is not None else None
+    start_ns, said_start = _start(sheet, axis, told)
+    assumptions += said_start
     if lost.any():
         notes += (_say_missing(values, lost, missing),)
     if gaps:
@@ -211,13 +236,36 @@ def _record(file: str, sheet: Sheet, said: _Said, missing: _Missing) -> Record:
         samples=in_sensor_type(_finite(np.column_stack(values))),
         rate_hz=float(rate),
         channels=tuple(names[i] for i in kept),
-        units=tuple(sheet.columns[i].unit for i in kept),
-        start_ns=sheet.start_ns if start_ns is None else start_ns,
+        units=tuple(_unit(sheet, i, kept) for i in kept),
+        start_ns=start_ns,
         gaps=gaps,
         aux={**sheet.aux, **{k: v for k, v in others.items() if v.dtype.kind in "fiub"}},
         notes=(*sheet.notes, *notes, *verdict.notes),
         assumptions=assumptions,
     )
+
+
+def _start(
+    sheet: Sheet, axis: TimeAxis | None, told: clock.Told
+) -> tuple[int | None, tuple[str, ...]]:
+    """Give the start by the clock, else by the heading, and how the latter is said."""
+    if axis is not None and axis.start_ns is not None:
+        return axis.start_ns, ()
+    if not sheet.start_said or sheet.start_ns is None:
+        return sheet.start_ns, ()
+    if told.clock is not None and axis is not None:
+        late_s = abs(float(told.clock.values[0])) * told.clock.scale
+        if late_s > FAR_S + FAR * len(told.clock.values) / axis.rate_hz:
+            return None, ()  # counted from power-on or the like, of which the heading tells not
+    return sheet.start_ns, (f"start by the heading ({sheet.start_said!r}), in UTC",)
+
+
+def _unit(sheet: Sheet, place: int, kept: Sequence[int]) -> str:
+    """Give the unit of a channel: its own, else the one that all samples have."""
+    stated = sheet.columns[place].unit
+    if stated or any(sheet.columns[i].unit for i in kept):
+        return stated
+    return "" if NAMES_SLOW.search(sheet.columns[place].name) else sheet.unit
 
 
 def _plain(column: Column) -> Values:
@@ -258,7 +306,7 @@ def _series(
         samples=wrapping.unwrap(table, sheet.tail)[:, None],
         rate_hz=float(verdict.rate_hz),
         channels=("channel_0",),
-        units=("",),
+        units=(sheet.unit,),
         start_ns=sheet.start_ns,
         aux=sheet.aux,
         notes=(*(n for n in sheet.notes if "cut short" not in n), *notes, *verdict.notes),

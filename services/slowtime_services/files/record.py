@@ -11,6 +11,8 @@ from jaxtyping import Shaped
 
 from slowtime.signals.block import Block
 
+from .units import unit_of
+
 Values = Shaped[np.ndarray, "..."]
 NAMES_ACCELERATION = re.compile(
     r"acc|(low|high)[ _-]?g(?![a-z])|(?<![a-z])a[ _-]?[xyz](?![a-z])", re.IGNORECASE
@@ -21,10 +23,6 @@ NAMES_SLOW = re.compile(
 )
 """Names of what changes slowly beside a vibration, and is none."""
 UNITS_SLOW = frozenset(("°c", "degc", "c", "°f", "k", "%", "%rh", "hpa", "mbar"))
-ACCELERATION_UNITS = frozenset(
-    ("m/s^2", "m/s2", "m/s²", "m/s**2", "m·s-2", "mm/s^2", "mm/s2", "g", "mg", "µg", "gal")
-)
-
 SENSOR_DTYPES = ("<f8", "<f4", "<i4", "<i2")
 """Types of samples that stay what they are; any other becomes ``<f8``."""
 
@@ -53,8 +51,8 @@ class Record:
     Parameters
     ----------
     samples
-        One row per instant, one column per channel, in the file's own unit and, where it is
-        one of `SENSOR_DTYPES`, its own type.
+        One row per instant, one column per channel, in the unit that `units` states and,
+        where it is one of `SENSOR_DTYPES` and nothing was converted, the file's own type.
     rate_hz
         Samples per second.
     channels, units
@@ -156,6 +154,8 @@ def accelerations(channels: tuple[str, ...], units: tuple[str, ...]) -> tuple[st
     ('Low G Accel',)
     >>> accelerations(("lowg", "acc_2", "load"), ("V", "V", "N"))
     ('lowg', 'acc_2')
+    >>> accelerations(("x", "y"), ("in/s^2", "mm"))
+    ('x',)
     >>> accelerations(("x", "y"), ("", ""))
     ('x', 'y')
     >>> accelerations(("x", "y", "temp_C"), ("", "", ""))
@@ -164,7 +164,7 @@ def accelerations(channels: tuple[str, ...], units: tuple[str, ...]) -> tuple[st
     said = tuple(
         name
         for name, unit in zip(channels, units, strict=True)
-        if unit.casefold() in ACCELERATION_UNITS or NAMES_ACCELERATION.search(name)
+        if _is_acceleration(unit, name) or NAMES_ACCELERATION.search(name)
     )
     if said:
         return said
@@ -174,6 +174,11 @@ def accelerations(channels: tuple[str, ...], units: tuple[str, ...]) -> tuple[st
         if unit.casefold() in UNITS_SLOW or NAMES_SLOW.search(name)
     }
     return tuple(name for name in channels if name not in slow) or channels
+
+
+def _is_acceleration(unit: str, name: str) -> bool:
+    known = unit_of(unit, name)
+    return known is not None and known.quantity == "acceleration"
 
 
 def in_sensor_type(values: Values) -> Values:
@@ -207,6 +212,8 @@ def looks_like_unit(text: str) -> bool:
     [True, True, True, False]
     """
     words = text.strip().casefold().replace("[", "").replace("]", "").split()
+    if len(words) == 1 and "/" in words[0] and unit_of(words[0]) is not None:
+        return True
     return bool(words) and all(
         word in _unit_words() or word.strip("()") in _unit_words() for word in words
     )

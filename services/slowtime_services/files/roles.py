@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 
+from .record import NAMES_ACCELERATION, NAMES_SLOW, UNITS_SLOW
 from .sheet import Column
 from .time_units import is_time_name, words_of
 from .timeaxis import looks_like_time
@@ -25,6 +26,11 @@ four digits leaves."""
 MOST_CHANNELS = 12
 """Columns among which the components of a magnitude are looked for."""
 
+SLOW = "slow by its name or unit, as a temperature or a battery, and no vibration"
+"""Reason for which a column that tells of surroundings is set aside."""
+UNITS_DEGREES = frozenset(("°c", "degc", "deg c", "°f", "degf", "%rh", "hpa", "mbar"))
+SMOOTH = 0.05
+"""Mean square step, in variances, up to which a column whose unit says little is slow."""
 COUNTER = "a counter"
 """Reason for which a column that counts rows is set aside."""
 _COUNTER_WORDS = frozenset(
@@ -70,6 +76,10 @@ def aside(
             if reason:
                 found[place] = reason
     rest = [i for i in range(len(columns)) if i not in clocks and i not in found]
+    slow = [i for i in rest if is_slow(columns[i], names[i])]
+    if len(slow) < len(rest):
+        found.update(dict.fromkeys(slow, SLOW))
+    rest = [i for i in rest if i not in found]
     magnitudes = _magnitudes([columns[i] for i in rest], [names[i] for i in rest])
     found.update({rest[i]: reason for i, reason in magnitudes.items()})
     rest = [i for i in rest if i not in found]
@@ -77,6 +87,26 @@ def aside(
     if len(constant) < len(rest):
         found.update(dict.fromkeys(constant, "never changes, check the sensor"))
     return dict(sorted(found.items()))
+
+
+def is_slow(column: Column, name: str) -> bool:
+    """Whether a column is a temperature, a battery or the like, by its name and unit.
+
+    Examples
+    --------
+    >>> is_slow(Column("Temp", "", np.arange(9.0)), "Temp")
+    True
+    """
+    if column.kind != "number" or NAMES_ACCELERATION.search(name):
+        return False
+    unit = column.unit.strip("[]() ").casefold()
+    if NAMES_SLOW.search(name) or unit in UNITS_DEGREES:
+        return True
+    if unit not in UNITS_SLOW:
+        return False
+    values = np.asarray(column.values, dtype=float)
+    spread = float(np.var(values))
+    return float(np.mean(np.diff(values) ** 2)) <= SMOOTH * spread if spread else True
 
 
 def _reason(column: Column, name: str, sparse: bool, unnamed_clocks: bool) -> str:

@@ -54,8 +54,12 @@ class Sheet:
         Values of a last row that is shorter than the others.
     format
         Name of a format that fixes the meaning of all this; empty for a table.
+    unit
+        Unit of all samples, where a heading states it of them together.
     start_ns
         Time of the first sample, where a heading states it.
+    start_said
+        Words of the heading that state it, where they are not of a format.
     first_line
         Line of the first row; 0 where rows are not lines.
     """
@@ -65,7 +69,9 @@ class Sheet:
     facts: Facts = dataclasses.field(default_factory=Facts)
     tail: tuple[float, ...] = ()
     format: str = ""
+    unit: str = ""
     start_ns: int | None = None
+    start_said: str = ""
     aux: Mapping[str, Values] = dataclasses.field(default_factory=dict)
     notes: tuple[str, ...] = ()
     assumptions: tuple[str, ...] = ()

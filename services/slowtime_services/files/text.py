@@ -13,6 +13,9 @@ from .encoding import decode
 from .facts import Facts, find_facts
 from .formats import FORMATS
 from .heading import read_heading
+from .heading_start import stated_start
+from .heading_units import stated_unit
+from .oscilloscopes import plain_table
 from .record import RecordError, looks_like_unit
 from .sheet import Column, ColumnKind, Sheet
 from .signatures import refuse_binary
@@ -59,9 +62,9 @@ def read_lines(
         raise RecordError(f"{name} is empty. Give a file with at least two rows of numbers.")
     if skip_lines is None:
         for form in FORMATS:
-            if form.recognise(lines[:HEAD_LINES]):
-                return form.read(lines, name)
-    return _read_table(_plain(lines), name, skip_lines, date_order)
+            if form.reader.recognise(lines[:HEAD_LINES]):
+                return form.reader.read(lines, name)
+    return _read_table(_plain(plain_table(lines)), name, skip_lines, date_order)
 
 
 def _plain(lines: list[str]) -> list[str]:
@@ -106,6 +109,7 @@ def _read_table(
         below = find_facts(footer, dialect.decimal, len(lines) + 1)
         facts = Facts((*facts.found, *below.found), max(facts.factor, below.factor))
     named = bool(names) and any(names)
+    start_ns, said = stated_start([*preamble, *footer], date_order)
     rows = _Rows(lines, layout, names or ("",) * len(units), units, date_order)
     columns, tail, notes = rows.read()
     return Sheet(
@@ -113,6 +117,9 @@ def _read_table(
         named=named,
         facts=facts,
         tail=tail,
+        unit=stated_unit(preamble),
+        start_ns=start_ns,
+        start_said=said,
         notes=notes,
         first_line=layout.first + 1,
     )

@@ -2,15 +2,20 @@
 
 import datetime
 import importlib.util
+import sys
+import warnings
 import zipfile
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from . import apart
 from .arrays import refuse_above, unreadable
 from .record import RecordError
 
 SUFFIXES = (".xlsx", ".xlsm")
+BYTES_A_CELL = 64
+"""Of a cell and its text; a sheet of one cell in its last corner has 1.7e10 of them."""
 
 
 def lines_of(path: Path, max_bytes: int) -> tuple[list[str], tuple[str, ...]]:
@@ -26,16 +31,39 @@ def lines_of(path: Path, max_bytes: int) -> tuple[list[str], tuple[str, ...]]:
             f"{path.name} is an Excel workbook, which openpyxl reads. Install it: "
             "pip install 'slowtime[formats]' or pip install openpyxl. Or save its sheet as CSV."
         )
+    told, _ = apart.run(__name__, path, max_bytes, "an Excel workbook")
+    return told["lines"], tuple(told["notes"])
+
+
+def main(path: str, max_bytes: str, out: str) -> int:
+    """Leave lines and notes in `out`, or say why there are none; in a process of its own."""
+    apart.bound_memory(int(max_bytes))
+    warnings.simplefilter("ignore")  # of what openpyxl does not keep
+    try:
+        lines, notes = _read(Path(path), int(max_bytes))
+    except RecordError as error:
+        sys.stderr.write(f"{error}\n")
+        return apart.REFUSED
+    apart.save(out, {"lines": lines, "notes": notes}, [])
+    return 0
+
+
+def _read(path: Path, max_bytes: int) -> tuple[list[str], tuple[str, ...]]:
     import openpyxl
 
     try:
         with zipfile.ZipFile(path) as archive:
             refuse_above(path, sum(item.file_size for item in archive.infolist()), max_bytes)
         book = openpyxl.load_workbook(path, read_only=True, data_only=True)
-        sheets = {
-            sheet.title: ["\t".join(_fields(row)) for row in sheet.iter_rows(values_only=True)]
-            for sheet in book.worksheets
-        }
+        cells = max_bytes // BYTES_A_CELL
+        sheets: dict[str, list[str]] = {}
+        for sheet in book.worksheets:
+            sheets[sheet.title] = []
+            for row in sheet.iter_rows(values_only=True):
+                cells -= len(row) + 1
+                if cells < 0:
+                    refuse_above(path, 2 * max_bytes, max_bytes)
+                sheets[sheet.title].append("\t".join(_fields(row)))
         book.close()
     except RecordError:
         raise
@@ -67,3 +95,7 @@ def _text(value: Any) -> str:
     if isinstance(value, float):
         return repr(value)
     return str(value).replace("\t", " ").replace("\n", " ")
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

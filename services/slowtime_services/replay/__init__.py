@@ -1,6 +1,6 @@
 """Recordings in: as messages, as blocks of samples, or played onto a bus as an edge would."""
 
-from .blocks import block_of, raw_blocks, record_of
+from .blocks import block_of, raw_blocks, record_of, record_or_foreign
 from .checking import check
 from .layout import layout_of
 from .playing import PLAYED, Played, Progress, replay
@@ -20,5 +20,6 @@ __all__ = [
     "raw_blocks",
     "read_recording",
     "record_of",
+    "record_or_foreign",
     "replay",
 ]

@@ -10,9 +10,9 @@ from slowtime.signals.block import Block, RateCorrection
 from slowtime_schemas.raw import decode_raw
 from slowtime_schemas.raw_header import RawHeader
 from slowtime_schemas.streams import RAW
-from slowtime_services.files import Gap, Record, find_column
+from slowtime_services.files import Gap, Record, find_column, read_record
 
-from .reading import RecordingError, contents, read_recording
+from .reading import ForeignRecordingError, RecordingError, contents, read_recording
 
 
 def block_of(payload: bytes) -> tuple[RawHeader, Block]:
@@ -91,6 +91,20 @@ def record_of(path: Path | str, *, channels: tuple[str, ...] | None = None) -> R
         gaps=tuple(_gaps(path, blocks)),
     )
     return record if channels is None else _only(record, channels)
+
+
+def record_or_foreign(path: Path | str) -> Record:
+    """Join the recorded blocks of a file; of another program's recording, its accelerations.
+
+    Raises
+    ------
+    ValueError
+        As `record_of` and `slowtime_services.files.read_record` do.
+    """
+    try:
+        return record_of(path)
+    except ForeignRecordingError:
+        return read_record(path, skip_missing=True)
 
 
 def _raw_keys(path: Path, site: str | None, asset: str | None) -> set[str]:

@@ -37,6 +37,10 @@ class Recorded(NamedTuple):
     payload: bytes
 
 
+class ForeignRecordingError(RecordingError):
+    """A recording of another program, which has none of our streams."""
+
+
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Contents:
     """What is in a recording, from its index."""
@@ -211,7 +215,7 @@ def _wanted(path: Path, summary: McapSummary, streams: Collection[Stream]) -> li
     ours = [(_stream_of(c.topic), c) for c in summary.channels.values()]
     if summary.channels and not any(stream for stream, _ in ours):
         found = sorted(f"{c.topic} ({_type_of(c, summary)})" for _, c in ours)
-        raise RecordingError(
+        raise ForeignRecordingError(
             f"{path} has no vibration in it: topics found: {', '.join(found)}. Give a "
             "recording made by `slowtime record` or `slowtime import`."
         )

@@ -20,7 +20,8 @@ class Case:
     """A file, and the right answer.
 
     `start_ns` is None where the file does not tell it; `loose` is the relative error of the
-    rate that the file's digits allow; `asked` says that only a person can know.
+    rate that the file's digits allow; `asked` says that only a person can know. Samples are in
+    `units`, none where the file says none.
     """
 
     name: str
@@ -33,6 +34,7 @@ class Case:
     asked: bool = False
     suffix: str = ".csv"
     gaps: int = 0
+    units: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -422,6 +424,7 @@ def table(
     heading = [mark.join(heads)]
     if style == "two lines":
         heading.append(mark.join(u or "-" for _, u, _ in columns))
+    unitful = style == "two lines" or (style == "brackets" and mark != " ")
     if style == "comment":
         heading = [f"# {heading[0]}"]
     preamble = list(lines(rate, rows))
@@ -454,10 +457,11 @@ def table(
         rate_hz=rate,
         channels=found,
         samples=samples[kept],
-        start_ns=START_NS if told and told.dated else None,
+        start_ns=START_NS if (told and told.dated) or facts == "with date" else None,
         loose=told.loose if told else 1e-6,
         gaps=int((~kept).sum()),
         suffix=rng.choice((".csv", ".txt", ".dat", ".asc")),
+        units=units if unitful else ("",) * len(units),
     )
 
 
@@ -501,5 +505,6 @@ def wrapped(
     text = "\n".join([*heads[kind], *lines]) + "\n"
     channel = "acceleration" if kind == "csmip" else "channel_0"
     return Case(
-        name, text.encode(), rate, (channel,), samples[:, None], suffix=".at2", loose=1e-6
-    )
+        name, text.encode(), rate, (channel,), samples[:, None], suffix=".at2", loose=1e-6,
+        units=({"peer": "g", "peer, old": "g", "csmip": "cm/s^2"}.get(kind, ""),),
+    )  # fmt: skip

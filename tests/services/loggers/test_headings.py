@@ -46,7 +46,7 @@ def test_sections_of_a_heading_keep_names_and_units_on_their_columns(read):
     record = read(
         heading + table(lambda i: f"2024-04-21 15:00:{i * 0.02:06.3f};{X[i]};{Y[i]};")
     )
-    assert (record.channels, record.units) == (("ACC x", "ACC y"), ("g", "g"))
+    assert (record.channels, record.units) == (("ACC x", "ACC y"), ("m/s^2",) * 2)
     assert record.rate_hz == pytest.approx(50)
 
 

@@ -152,10 +152,10 @@ def test_what_is_doubtful_is_asked_and_a_flag_settles_it(read, content, says, gi
     [
         pytest.param(
             '"TOA5","CR1000X","CR","1234","Std.03","CPU:p.CR1X","5678","Fast"\n'
-            '"TIMESTAMP","RECORD","ax","ay"\n"TS","RN","g","g"\n"","","Smp","Smp"\n'
+            '"TIMESTAMP","RECORD","ax","ay"\n"TS","RN","m/s^2","m/s^2"\n"","","Smp","Smp"\n'
             + rows(lambda i: f'"2024-04-21 15:00:{TIME[i]:05.2f}",{i},{two(i)}'),
             ("ax", "ay"),
-            ("g", "g"),
+            ("m/s^2", "m/s^2"),
             id="four lines of heading",
         ),
         pytest.param(
@@ -284,9 +284,9 @@ def test_formats_with_fixed_meaning_are_read(read):
     ]  # fmt: skip
     text = "".join(f"{key:18}{value}\n" for key, value in knet)
     record = read(text + of_width(8, np.round(X * 1000).astype(int), "{:9d}"), "a.EW")
-    assert (record.channels, record.units, record.rate_hz) == (("N-S",), ("gal",), RATE)
+    assert (record.channels, record.units, record.rate_hz) == (("N-S",), ("m/s^2",), RATE)
     assert record.start_ns == 1_713_711_600_000_000_000 - 9 * 3600 * 10**9
-    np.testing.assert_allclose(record.samples[:, 0], np.round(X * 1000) / 4, atol=1e-9)
+    np.testing.assert_allclose(record.samples[:, 0], np.round(X * 1000) / 400, atol=1e-9)
 
     head = (
         "TIMESERIES XX_ABC_00_HNZ_R, 1500 samples, 100 sps, 2024-04-21T15:00:00.000000, SLIST, "
@@ -315,9 +315,10 @@ def test_formats_with_fixed_meaning_are_read(read):
     record = read(volume, "a.v2")
     assert (record.channels, record.units, record.rate_hz) == (
         ("acceleration",),
-        ("cm/s^2",),
+        ("m/s^2",),
         RATE,
     )
+    np.testing.assert_allclose(record.samples[:, 0], 0.01 * X, atol=1e-6)
     assert "Left out, being computed" in record.notes[0]
     with pytest.raises(RecordError, match=r"states 1500 points and 1492 follow.*cut short"):
         read(section.format("accel", "cm/sec2") + of_width(8, X[:-8]), "b.v2")
@@ -332,7 +333,7 @@ def test_a_labview_measurement_is_read_by_its_own_heading(read):
         "X_Value\tRoof\tFloor\tComment\n"
     )
     record = read(text + rows(lambda i: f"\t{X[i]}\t{Y[i]}".replace(".", ",")), "a.lvm")
-    assert (record.channels, record.units) == (("Roof", "Floor"), ("g", "g"))
+    assert (record.channels, record.units) == (("Roof", "Floor"), ("m/s^2",) * 2)
     assert (record.rate_hz, record.start_ns) == (RATE, 1_713_711_600_000_000_000)
     with pytest.raises(RecordError, match=r"End_of_Header.*cut short"):
         read(text[:150], "b.lvm")

@@ -11,6 +11,8 @@ from tests.services.loggers.table import cases
 
 MOST_ASKED = 0.1
 """Share of files about which a person is asked."""
+WORTH = {"g": 9.80665, "mg": 9.80665e-3, "cm/s^2": 1e-2}
+"""Of units that are turned into m/s^2."""
 START_NS = 20_000_000
 """A start that differs by less is the same [ns]: a day in ten digits has 9 µs."""
 
@@ -24,8 +26,12 @@ def faults(case: Case, record: Record) -> list[str]:
         return [*found, f"channels {record.channels}, not {case.channels}"]
     if record.samples.shape != case.samples.shape:
         return [*found, f"{record.samples.shape} samples, not {case.samples.shape}"]
-    if np.abs(record.samples - case.samples).max() > 2e-5:
+    worth = np.array([WORTH.get(unit, 1.0) for unit in case.units])
+    if np.abs(record.samples / worth - case.samples).max() > 2e-5:
         found.append("other samples")
+    units = tuple("m/s^2" if u in WORTH else u.replace("²", "^2") for u in case.units)
+    if record.units != units:
+        found.append(f"units {record.units}, not {units}")
     if sum(gap.missing for gap in record.gaps) != case.gaps:
         found.append(f"gaps {record.gaps}, not {case.gaps}")
     told, right = record.start_ns, case.start_ns

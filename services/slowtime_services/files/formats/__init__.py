@@ -1,5 +1,6 @@
 """Text formats whose headings fix what their numbers mean: lines in, a `Sheet` out."""
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Protocol, cast
 
@@ -18,8 +19,31 @@ class Format(Protocol):
         """Read all lines of a file of that name."""
 
 
-FORMATS: Sequence[Format] = tuple(
-    cast(Format, module) for module in (labview, universal, timeseries, knet, fixed_fields)
-)
+@dataclasses.dataclass(frozen=True, slots=True)
+class TextFormat:
+    """A format as people know it: its name, usual endings, what is read, and who reads it."""
 
-__all__ = ["FORMATS", "Format"]
+    name: str
+    suffixes: tuple[str, ...]
+    gives: str
+    reader: Format
+
+
+FORMATS: tuple[TextFormat, ...] = tuple(
+    TextFormat(name, suffixes, gives, cast(Format, module))
+    for name, suffixes, gives, module in (
+        ("a LabVIEW measurement", (".lvm",),
+         "channels of the first segment, units, Delta_X, start", labview),
+        ("a universal file (UFF 58)", (".uff", ".unv"),
+         "evenly spaced time responses, their units, interval and start", universal),
+        ("a listing of time series (SLIST, TSPAIR)", (".ascii", ".txt"),
+         "one channel, its segments, rate, unit and start", timeseries),
+        ("a K-NET or KiK-net file", (".NS", ".EW", ".UD"),
+         "one channel by its scale factor, rate and start", knet),
+        ("a strong-motion listing (CSMIP, COSMOS V1, V2)", (".v1", ".v2"),
+         "accelerations by their Fortran format, interval and unit", fixed_fields),
+    )
+)  # fmt: skip
+"""The first that recognises a file reads it."""
+
+__all__ = ["FORMATS", "Format", "TextFormat"]

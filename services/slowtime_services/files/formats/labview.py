@@ -6,7 +6,7 @@ References
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from slowtime_services.files.sheet import Column, Sheet
 from slowtime_services.files.stamps import read_stamps
 
 END = "***End_of_Header***"
+SAME_INTERVAL = 0.05
+"""Relative difference of intervals that digits of the instants may leave."""
 _SEPARATORS = {"tab": "\t", "comma": ","}
 
 
@@ -53,7 +55,7 @@ def read(lines: Sequence[str], name: str) -> Sheet:
     stated = _first(heading, "channels", dialect)
     most = max(map(len, rows), default=1)
     count = int(stated) if stated and 1 <= stated <= most else max(len(titles) - 2, 1)
-    rows = _whole(rows, count)
+    rows = _whole(rows, count, name)
     multiple = settings.get("x_columns", "one").casefold() == "multi"
     places = [2 * i + 1 for i in range(count)] if multiple else list(range(1, count + 1))
     units = [*heading.get("y_unit_label", []), *[""] * count]
@@ -66,6 +68,7 @@ def read(lines: Sequence[str], name: str) -> Sheet:
     interval = _first(heading, "delta_x", dialect)
     if interval is not None and interval > 0:
         facts.append(Fact("interval", (interval,), f"Delta_X {interval:g}", ends[0] + 1, 2))
+        facts += _of_instants(rows, places[0] - 1, interval, dialect, first + 1)
     samples = _first(heading, "samples", dialect)
     if samples and settings.get("multi_headings", "no").casefold() == "yes":
         facts.append(Fact("count", (samples,), f"Samples {samples:g}", ends[0] + 1))
@@ -79,6 +82,19 @@ def read(lines: Sequence[str], name: str) -> Sheet:
         notes=notes if len(ends) > 2 else (),
         first_line=first + 1,
     )
+
+
+def _of_instants(
+    rows: list[list[str]], at: int, interval: float, dialect: Dialect, line: int
+) -> Iterator[Fact]:
+    """Tell the interval that the column of instants implies, where it is another."""
+    texts = [rows[end][at].strip() if at < len(rows[end]) else "" for end in (0, -1)]
+    if len(rows) < 3 or not all(map(dialect.is_number, texts)):
+        return
+    begin, end = map(dialect.number, texts)
+    implied = (end - begin) / (len(rows) - 1)
+    if implied > 0 and abs(implied / interval - 1.0) > SAME_INTERVAL:
+        yield Fact("interval", (implied,), f"X_Value {begin:g} to {end:g}", line, 2)
 
 
 def _settings(lines: Sequence[str]) -> dict[str, str]:
@@ -99,10 +115,12 @@ def _first(heading: dict[str, list[str]], key: str, dialect: Dialect) -> float |
     return number if math.isfinite(number) else None
 
 
-def _whole(rows: list[list[str]], count: int) -> list[list[str]]:
+def _whole(rows: list[list[str]], count: int, name: str) -> list[list[str]]:
     """Rows without a last one that is cut short, and none of the lines of the next heading."""
     if not rows:
-        raise RecordError("The LabVIEW measurement holds no samples. Give another file.")
+        raise RecordError(
+            f"{name} is a LabVIEW measurement without samples. Give another file."
+        )
     while len(rows) > 1 and len(rows[-1]) <= min(count, len(rows[0]) - 1):
         rows.pop()
     return rows

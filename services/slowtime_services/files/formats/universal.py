@@ -13,12 +13,15 @@ from collections.abc import Sequence
 from slowtime_services.files.facts import Fact, Facts
 from slowtime_services.files.record import RecordError
 from slowtime_services.files.sheet import Column, Sheet
+from slowtime_services.files.stamps import read_stamps
 
 from .listing import numbers_of
 
 TIME_RESPONSE = 1
 """Function type of a time response [1]_; others are spectra and the like."""
 EVEN = 1
+MARK = "slowtime channel"
+"""Second line of identification where the first is the name of the channel."""
 _MARK = re.compile(r"\s*-1\s*$")
 _HEAD_ROWS = 11
 """Records of a dataset before its ordinates [1]_."""
@@ -39,6 +42,7 @@ def read(lines: Sequence[str], name: str) -> Sheet:
     marks = [i for i, line in enumerate(lines) if _MARK.match(line)]
     columns: list[Column] = []
     intervals: list[float] = []
+    starts: list[int | None] = []
     skipped = 0
     for first, last in zip(marks[::2], [*marks[1::2], len(lines)], strict=False):
         kind = lines[first + 1].strip() if first + 1 < len(lines) else ""
@@ -55,6 +59,7 @@ def read(lines: Sequence[str], name: str) -> Sheet:
             continue
         columns.append(found[0])
         intervals.append(found[1])
+        starts.append(start_of(lines[first + 4]))
     if not columns:
         raise RecordError(
             f"{name} is a universal file without an evenly spaced time response in a dataset "
@@ -80,9 +85,19 @@ def read(lines: Sequence[str], name: str) -> Sheet:
         named=True,
         facts=Facts((fact,)),
         format="universal file, dataset 58",
+        start_ns=starts[0] if len(set(starts)) == 1 else None,
         notes=notes,
         first_line=marks[0] + 1,
     )
+
+
+def start_of(text: str) -> int | None:
+    """Read the date and time of the third line of identification [ns since 1970]."""
+    try:
+        stamps = read_stamps([text.strip()])
+    except ValueError:
+        return None
+    return int(stamps.ns[0]) if stamps.dated and not stamps.ambiguous else None
 
 
 def _dataset(
@@ -110,7 +125,9 @@ def _dataset(
             f"The dataset at line {first_line} of {name} states {count} values {interval:g} s "
             f"apart and has {len(values)}: it is cut short, or was changed. Export it anew."
         )
-    return Column(_channel(function, number), _unit(lines[8]), values), interval
+    named = lines[1].strip() == MARK
+    name = lines[0].strip() if named else _channel(function, number)
+    return Column(name, _unit(lines[8]), values), interval
 
 
 def _width(lines: Sequence[str], ordinate_type: int) -> int | None:

@@ -114,9 +114,9 @@ READERS: tuple[Reader, ...] = (
            "pyarrow", "pyarrow", "columns of numbers, a column of stamps as clock"),
     Reader("an Arrow or Feather file", "columnar", (".arrow", ".feather", ".ipc"), rb"ARROW1",
            "pyarrow", "pyarrow", "columns of numbers, a column of stamps as clock"),
-    Reader("a recording of ROS 2 (MCAP)", "ros", (".mcap",), None,
+    Reader("a recording of ROS 2 or Foxglove (MCAP)", "ros", (".mcap",), None,
            "mcap-ros2-support", "",
-           "sensor_msgs/Imu and geometry_msgs/AccelStamped, stamped by their headers"),
+           "sensor_msgs/Imu, geometry_msgs/AccelStamped, accelerations in JSON; their stamps"),
 )  # fmt: skip
 """The first that recognises a file reads it."""
 

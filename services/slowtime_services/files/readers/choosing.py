@@ -1,7 +1,8 @@
 """Series of any rates and starts in, one sheet of columns that were sampled together out."""
 
+import dataclasses
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -17,6 +18,10 @@ SLOWER = 10.0
 """Times by which a series is sampled more slowly, or is shorter, that is set aside unasked: a
 temperature beside accelerations, say."""
 
+FEWEST = 2
+"""Values of a series."""
+SAME_RATE = 1e-3
+"""Relative difference of rates from which a file contradicts itself."""
 Key = tuple[float | None, int, int | None]
 
 
@@ -28,6 +33,9 @@ def sheet_of(file: str, kind: str, found: Found, wanted: tuple[str, ...] | None)
     RecordError
         Where there is none, or several groups might be meant: it names them.
     """
+    found = dataclasses.replace(
+        found, series=[one for one in found.series if len(one.values) >= FEWEST]
+    )
     if not found.series:
         raise RecordError(f"{file} is {kind} without any series of numbers. Give another file.")
     groups = [
@@ -41,7 +49,7 @@ def sheet_of(file: str, kind: str, found: Found, wanted: tuple[str, ...] | None)
     if aside:
         said = ", ".join(f"{one.name} ({_said(_key(one))})" for one in aside[:8])
         notes += (f"Sampled otherwise and left out: {said}{', ...' * (len(aside) > 8)}.",)
-    facts = Facts() if rate is None else Facts((Fact("rate", (rate,), f"{rate:g} Hz", 0, 2),))
+    facts = Facts() if rate is None else Facts(tuple(_facts(rate, found)))
     return Sheet(
         columns=tuple(_column(one) for one in chosen),
         named=True,
@@ -51,6 +59,14 @@ def sheet_of(file: str, kind: str, found: Found, wanted: tuple[str, ...] | None)
         aux={name: np.asarray(value) for name, value in found.singles.items()},
         notes=notes,
     )
+
+
+def _facts(rate: float, found: Found) -> Iterator[Fact]:
+    """Tell the rate of the series, and what contradicts it elsewhere in the file."""
+    yield Fact("rate", (rate,), f"{rate:g} Hz", 0, 2)
+    for figure in found.figures:
+        if abs(figure.rate_hz / rate - 1.0) > SAME_RATE:
+            yield Fact("rate", (figure.rate_hz,), f"{figure.text} {figure.rate_hz:g} Hz", 0, 2)
 
 
 def _key(one: Series) -> Key:

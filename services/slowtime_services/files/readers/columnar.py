@@ -22,6 +22,7 @@ def read(path: Path, max_bytes: int) -> Found:
         table = pyarrow.parquet.read_table(path)
     else:
         table = pyarrow.feather.read_table(path, memory_map=False)
+    stated = _rate((table.schema.metadata or {}).get(b"rate_hz"))
     series: list[Series] = []
     left_out: list[str] = []
     for name, column in zip(table.column_names, table.columns, strict=True):
@@ -37,5 +38,17 @@ def read(path: Path, max_bytes: int) -> Found:
             series.append(Series(name, values, unit))
         else:
             left_out.append(name)
+    series = [
+        Series(one.name, one.values, one.unit, stated, None, one.stamps) for one in series
+    ]
     said = (f"Left out, without numbers: {', '.join(left_out[:8])}.",) * bool(left_out)
     return Found(series, said)
+
+
+def _rate(text: bytes | None) -> float | None:
+    """Read the rate that slowtime writes among the metadata of a schema."""
+    try:
+        rate = float(text or b"")
+    except ValueError:
+        return None
+    return rate if 0.0 < rate < 1e12 else None

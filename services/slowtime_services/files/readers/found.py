@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from slowtime_services.files.record import Values
 
@@ -33,6 +33,13 @@ class Series:
     stamps: bool = False
 
 
+class Figure(NamedTuple):
+    """A rate that a file states or implies [Hz], and where."""
+
+    rate_hz: float
+    text: str
+
+
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Found:
     """Series of a file, what a person should know of how they were read, single numbers."""
@@ -40,12 +47,15 @@ class Found:
     series: Sequence[Series]
     notes: tuple[str, ...] = ()
     singles: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    figures: tuple[Figure, ...] = ()
+    """What else the file says of its rate; where they contradict it, a person is asked."""
 
     def to_json(self) -> tuple[dict[str, Any], list[Values]]:
         """Everything but the values as JSON-compatible values; and the values in order."""
         told = {
             "notes": list(self.notes),
             "singles": dict(self.singles),
+            "figures": [list(one) for one in self.figures],
             "series": [
                 {
                     "name": one.name,
@@ -66,4 +76,5 @@ class Found:
             Series(values=values, **one)
             for one, values in zip(told["series"], arrays, strict=True)
         ]
-        return cls(series, tuple(told["notes"]), told["singles"])
+        figures = tuple(Figure(*one) for one in told["figures"])
+        return cls(series, tuple(told["notes"]), told["singles"], figures)

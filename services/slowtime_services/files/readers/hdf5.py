@@ -1,5 +1,6 @@
 """HDF5 files of any making, by h5py: datasets, and what their attributes say of them."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ import numpy as np
 
 from slowtime_services.files.arrays import refuse_above
 
-from .found import Found, Series
+from .found import Figure, Found, Series
 
 RATES = frozenset(
     "rate_hz rate fs f_s samplerate sample_rate sampling_rate samplingrate samplingfrequency "
@@ -29,6 +30,7 @@ def read(path: Path, max_bytes: int) -> Found:
     """
     series: list[Series] = []
     singles: dict[str, float] = {}
+    figures: list[Figure] = []
     with h5py.File(path, "r") as file:
         found = list(_datasets(file))
         refuse_above(path, sum(item.size * item.dtype.itemsize for item in found), max_bytes)
@@ -37,12 +39,18 @@ def read(path: Path, max_bytes: int) -> Found:
             if item.size == 1:
                 singles[name.rpartition("/")[2]] = float(np.asarray(item[()]).reshape(-1)[0])
                 continue
-            series += _series(name, np.squeeze(np.asarray(item[()])), _said(item))
+            said = _said(item)
+            figures += (Figure(hz, f"{key}:") for key, hz in _rates(said))
+            series += _series(name, np.squeeze(np.asarray(item[()])), said)
     if len({one.name.rpartition("/")[0] for one in series}) == 1:
         series = [
             Series(one.name.rpartition("/")[2], one.values, one.unit, one.rate_hz, one.start_ns)
             for one in series
         ]
+    figures += (
+        Figure(hz, f"{key}:")
+        for key, hz in _rates({name.casefold(): value for name, value in singles.items()})
+    )
     of_singles = _rate({name.casefold(): value for name, value in singles.items()})
     if of_singles is not None:
         series = [
@@ -52,7 +60,7 @@ def read(path: Path, max_bytes: int) -> Found:
             )
             for one in series
         ]  # fmt: skip
-    return Found(series, (), singles)
+    return Found(series, (), singles, tuple(dict.fromkeys(figures)))
 
 
 def _datasets(group: Any) -> Any:
@@ -77,6 +85,11 @@ def _said(item: Any) -> dict[str, Any]:
 
 
 def _rate(said: dict[str, Any]) -> float | None:
+    return next((hz for _, hz in _rates(said)), None)
+
+
+def _rates(said: dict[str, Any]) -> Iterator[tuple[str, float]]:
+    """Rates that attributes state, under which name, rates before intervals."""
     for names, inverse in ((RATES, False), (INTERVALS, True)):
         for name, value in said.items():
             if name in names and np.size(value) == 1:
@@ -84,9 +97,8 @@ def _rate(said: dict[str, Any]) -> float | None:
                     number = float(np.asarray(value).reshape(-1)[0])
                 except (TypeError, ValueError):
                     continue
-                if np.isfinite(number) and number > 0:
-                    return 1.0 / number if inverse else number
-    return None
+                if 1e-12 < number < 1e12:
+                    yield name, 1.0 / number if inverse else number
 
 
 def _texts(value: Any) -> list[str]:

@@ -1,6 +1,7 @@
-"""Recordings of ROS 2 in MCAP: accelerations of inertial units, by mcap-ros2-support."""
+"""Recordings in MCAP: accelerations of inertial units, of ROS 2 (CDR) and in JSON."""
 
-from collections.abc import Iterator
+import json
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from mcap.reader import make_reader
 from slowtime_services.files.record import RecordError
 
 from .found import Found, Series
+from .inertial import Field, stamp_of, vectors_of
 
 IMU, ACCEL = "sensor_msgs/msg/Imu", "geometry_msgs/msg/AccelStamped"
 _ANGULAR = ("angular_velocity", "rad/s")
@@ -20,45 +22,83 @@ _FIELDS = {
 """Of each message, fields with x, y and z, and their unit (REP 103)."""
 
 
+class _Topic:
+    """What was read of one topic."""
+
+    def __init__(self) -> None:
+        self.stamps: list[int] = []
+        self.rows: list[list[float]] = []
+        self.titles: list[tuple[str, str]] = []
+
+    def take(self, stamp: int, fields: list[Field]) -> None:
+        """Take a message with the fields of those before it."""
+        titles = [
+            (f"{name.rpartition('.')[2]}.{axis}", unit)
+            for name, unit, _ in fields
+            for axis in "xyz"
+        ]
+        if not self.rows:
+            self.titles = titles
+        if titles == self.titles:
+            self.stamps.append(stamp)
+            self.rows.append([value for _, _, vector in fields for value in vector])
+
+
 def read(path: Path, max_bytes: int) -> Found:
     """Give the accelerations of each topic, with the stamps of their headers."""
-    rows: dict[str, list[tuple[float, ...]]] = {}
-    kinds: dict[str, str] = {}
-    stamps: dict[str, list[int]] = {}
-    topics: set[str] = set()
+    topics: dict[str, _Topic] = {}
+    seen: dict[str, str] = {}
+    decode = _Decoders(path)
     with path.open("rb") as file:
-        summary = make_reader(file).get_summary()
-        if summary is not None:
-            topics = {channel.topic for channel in summary.channels.values()}
-            schemas = {one.name for one in summary.schemas.values()}
-            if not schemas & _FIELDS.keys():
-                raise RecordError(
-                    f"{path.name} is a recording without {IMU} or {ACCEL}; it has "
-                    f"{', '.join(sorted(schemas)[:6]) or 'no messages'}. What slowtime "
-                    "recorded is read with `slowtime replay`."
-                )
-        reader = make_reader(file, decoder_factories=[_decoder(path)()])
-        for schema, channel, message, told in reader.iter_decoded_messages():
-            if schema is None or schema.name not in _FIELDS:
-                continue
-            topic = channel.topic
-            kinds[topic] = schema.name
-            at = told.header.stamp
-            stamp = at.sec * 10**9 + at.nanosec
-            stamps.setdefault(topic, []).append(stamp or message.log_time)
-            rows.setdefault(topic, []).append(tuple(_numbers(told, schema.name)))
-    if not rows:
+        for schema, channel, message in make_reader(file).iter_messages():
+            kind = schema.name if schema is not None else channel.message_encoding
+            seen[channel.topic] = kind
+            told = decode(channel.message_encoding, kind, schema, message)
+            if told is not None and told[1]:
+                topic = topics.setdefault(channel.topic, _Topic())
+                topic.take(told[0] or message.log_time, told[1])
+    if not topics:
+        found = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(seen.items())[:8])
         raise RecordError(
-            f"{path.name} holds no {IMU} or {ACCEL}. Topics: {', '.join(sorted(topics)[:8])}."
+            f"{path.name} has no vibration in it: topics found: {found or 'none'}. Give a "
+            f"recording with {IMU}, {ACCEL} or accelerations in JSON, or one made by `slowtime "
+            "record` or `slowtime import`."
         )
     series: list[Series] = []
-    for topic, found in rows.items():
-        prefix = f"{topic.strip('/')}." if len(rows) > 1 else ""
-        series.append(Series(f"{prefix}stamp", np.array(stamps[topic]), stamps=True))
-        for name, unit, values in zip(*_titles(kinds[topic]), np.array(found).T, strict=True):
+    for name, one in topics.items():
+        prefix = f"{name.strip('/')}." if len(topics) > 1 else ""
+        series.append(Series(f"{prefix}stamp", np.array(one.stamps), stamps=True))
+        for (title, unit), values in zip(one.titles, np.array(one.rows).T, strict=True):
             if np.ptp(values) or unit != _ANGULAR[1]:
-                series.append(Series(prefix + name, values, unit))
+                series.append(Series(prefix + title, values, unit))
     return Found(series)
+
+
+class _Decoders:
+    """Stamp and vectors of a message, by its encoding; None for what is none of ours."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._factory: Any = None
+        self._cdr: dict[int, Callable[[bytes], Any]] = {}
+
+    def __call__(
+        self, encoding: str, kind: str, schema: Any, message: Any
+    ) -> tuple[int | None, list[Field]] | None:
+        if encoding == "json":
+            body = json.loads(message.data)
+            return stamp_of(body), vectors_of(body)
+        if kind not in _FIELDS or schema is None:
+            return None
+        if schema.id not in self._cdr:
+            self._factory = self._factory or _decoder(self._path)()
+            decoder = self._factory.decoder_for(encoding, schema)
+            if decoder is None:
+                return None
+            self._cdr[schema.id] = decoder
+        told = self._cdr[schema.id](message.data)
+        at = told.header.stamp
+        return at.sec * 10**9 + at.nanosec, list(_fields(told, kind))
 
 
 def _decoder(path: Path) -> Any:
@@ -72,16 +112,9 @@ def _decoder(path: Path) -> Any:
     return DecoderFactory
 
 
-def _titles(kind: str) -> tuple[list[str], list[str]]:
-    names = [
-        f"{field.rpartition('.')[2]}.{axis}" for field, _ in _FIELDS[kind] for axis in "xyz"
-    ]
-    return names, [unit for _, unit in _FIELDS[kind] for _ in "xyz"]
-
-
-def _numbers(told: Any, kind: str) -> Iterator[float]:
-    for field, _ in _FIELDS[kind]:
+def _fields(told: Any, kind: str) -> Iterator[Field]:
+    for field, unit in _FIELDS[kind]:
         vector = told
         for part in field.split("."):
             vector = getattr(vector, part)
-        yield from (float(vector.x), float(vector.y), float(vector.z))
+        yield field, unit, (float(vector.x), float(vector.y), float(vector.z))

@@ -1,13 +1,24 @@
 """Formats of seismology, by ObsPy: miniSEED, SAC, GCF, SEG-2."""
 
+import struct
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import obspy
 
 from slowtime_services.files.arrays import refuse_above
 
-from .found import Found, Series
+from .found import Figure, Found, Series
+
+FEWEST_SEAMS = 3
+"""Seams between records from which their starts tell a rate."""
+EVERYWHERE = 0.01
+"""Relative difference of seams that are alike."""
+_SINGLE = 1.2e-7
+"""Relative step of numbers of single precision."""
+_SAC_BYTES, _SAC_VERSION_AT = 632, 304
+"""Size of a SAC header and place of its version (its manual, "Data file format")."""
 
 
 def read(path: Path, max_bytes: int) -> Found:
@@ -15,10 +26,13 @@ def read(path: Path, max_bytes: int) -> Found:
 
     Channels that begin or end at other times are cut to what all of them have.
     """
+    import obspy  # warns of its own use of others as it is imported
+
     stream = obspy.read(path, headonly=True)
     spans = [trace.stats.npts for trace in stream]
     refuse_above(path, 8 * sum(spans), max_bytes)
     stream = obspy.read(path)
+    figures = (*_of_starts(stream), *_of_sac(path))
     names = [trace.id for trace in stream]
     if len(set(names)) < len(names):
         for trace in stream:
@@ -53,7 +67,41 @@ def read(path: Path, max_bytes: int) -> Found:
             for trace in stream
         ],
         notes,
+        {},
+        figures,
     )
+
+
+def _of_starts(stream: Any) -> Iterator[Figure]:
+    """Tell the rate that the starts of a channel's pieces imply, where none follows on."""
+    for name in dict.fromkeys(trace.id for trace in stream):
+        pieces = [trace.stats for trace in stream if trace.id == name]
+        if len(pieces) <= FEWEST_SEAMS or len({p.sampling_rate for p in pieces}) > 1:
+            continue
+        pieces.sort(key=lambda one: one.starttime.ns)
+        starts = np.array([one.starttime.ns for one in pieces])
+        counts = np.array([one.npts for one in pieces])
+        implied = counts[:-1] / np.maximum(np.diff(starts) * 1e-9, 1e-12)
+        usual = float(np.median(implied))
+        # Losses are here and there; a wrong rate leaves the same gap or overlap everywhere.
+        if np.abs(implied / usual - 1.0).max() < EVERYWHERE:
+            yield Figure(usual, f"starts of the records of {name}:")
+
+
+def _of_sac(path: Path) -> Iterator[Figure]:
+    """Tell the rate that begin, end and count of a SAC header imply."""
+    with path.open("rb") as file:
+        head = file.read(_SAC_BYTES)
+    if path.suffix.lower() != ".sac" or len(head) < _SAC_BYTES:
+        return
+    little = 1 <= struct.unpack_from("<i", head, _SAC_VERSION_AT)[0] <= 7
+    order = "<" if little else ">"
+    begin, end = struct.unpack_from(f"{order}2f", head, 20)
+    (count,) = struct.unpack_from(f"{order}i", head, 316)
+    undefined = -12345.0
+    blunt = _SINGLE * max(abs(begin), abs(end)) > 1e-4 * (end - begin)
+    if count > 1 and undefined not in (begin, end) and not blunt:
+        yield Figure((count - 1) / (end - begin), "begin, end and count:")
 
 
 def network_station(trace_id: str) -> str:

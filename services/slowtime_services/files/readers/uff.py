@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pyuff
 
+from slowtime_services.files.formats.universal import MARK, start_of
 from slowtime_services.files.record import RecordError
 
 from .found import Found, Series
@@ -26,12 +27,18 @@ def read(path: Path, max_bytes: int) -> Found:
         values = np.asarray(found["data"])
         interval = float(found.get("abscissa_inc") or 0.0)
         even = int(found.get("abscissa_spacing", 1)) == 1 and interval > 0.0
+        if int(found.get("num_pts", len(values))) != len(values):
+            raise RecordError(
+                f"A dataset 58 of {path.name} states {found['num_pts']} points and holds "
+                f"{len(values)}: it is cut short, or was changed. Export it anew."
+            )
         if found.get("func_type") != TIME_RESPONSE or values.dtype.kind == "c" or not even:
             skipped += 1
             continue
         unit = str(found.get("ordinate_axis_units_lab") or "").strip()
         unit = "" if unit.upper() == "NONE" else unit
-        series.append(Series(_name(found, number), values, unit, 1.0 / interval))
+        name, start_ns = _name(found, number), start_of(str(found.get("id3") or ""))
+        series.append(Series(name, values, unit, 1.0 / interval, start_ns))
     if not series:
         raise RecordError(
             f"{path.name} has no evenly spaced time response in a dataset 58 ({skipped} "
@@ -42,6 +49,8 @@ def read(path: Path, max_bytes: int) -> Found:
 
 
 def _name(found: dict[str, Any], number: int) -> str:
+    if str(found.get("id2") or "").strip() == MARK:
+        return str(found.get("id1") or "").strip()
     node, direction = found.get("rsp_node"), found.get("rsp_dir")
     if node is None or direction is None:
         return f"response_{number}"

@@ -1,10 +1,15 @@
 """WAV files, by SciPy."""
 
+import struct
 from pathlib import Path
 
 import scipy.io.wavfile
 
-from .found import Found, Series
+from .found import Figure, Found, Series
+
+HEAD_BYTES = 4096
+PCM, FLOAT, EXTENSIBLE = 1, 3, 0xFFFE
+"""Codes of formats whose frames are of one size."""
 
 
 def read(path: Path, max_bytes: int) -> Found:
@@ -18,6 +23,20 @@ def read(path: Path, max_bytes: int) -> Found:
     if samples.dtype.kind in "iu":
         notes = (
             f"{path.name} holds integers of {8 * samples.dtype.itemsize} bits, in steps of its "
-            "sound card; multiply by the sensitivity for a physical unit.",
+            "sound card. Give --sensitivity, such as 16384counts/g, for accelerations.",
         )
-    return Found(series, notes)
+    return Found(series, notes, {}, _figures(path))
+
+
+def _figures(path: Path) -> tuple[Figure, ...]:
+    """Read the rate that bytes a second and bytes a frame make, which the header states too."""
+    with path.open("rb") as file:
+        head = file.read(HEAD_BYTES)
+    at = head.find(b"fmt ")
+    if at < 0 or len(head) < at + 24:
+        return ()
+    order = ">" if head[:4] == b"RIFX" else "<"
+    form, _, _, a_second, a_frame = struct.unpack_from(f"{order}HHIIH", head, at + 8)
+    if form not in (PCM, FLOAT, EXTENSIBLE) or not a_frame:
+        return ()
+    return (Figure(a_second / a_frame, "bytes a second over bytes a frame:"),)

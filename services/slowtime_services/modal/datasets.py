@@ -1,0 +1,98 @@
+"""Datasets of a universal file as text: their kinds and lines, and numbers of fixed width."""
+
+import dataclasses
+import math
+import re
+from pathlib import Path
+
+from slowtime_services.files import RecordError
+
+_MARK = re.compile(r"\s*-1\s*$")
+MOST_BYTES = 256 << 20
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Dataset:
+    """One dataset: its number, its lines, and where they stand in the file."""
+
+    file: str
+    kind: str
+    lines: tuple[str, ...]
+    first_line: int
+
+
+def datasets_of(path: Path) -> list[Dataset]:
+    """Part a universal file into its datasets; binary ones are left out.
+
+    Raises
+    ------
+    RecordError
+        Where it is no universal file, or ends within a dataset.
+    """
+    if path.stat().st_size > MOST_BYTES:
+        raise RecordError(
+            f"{path.name} is larger than {MOST_BYTES >> 20} MiB. Give a file of modes and "
+            "geometry without records."
+        )
+    lines = path.read_bytes().decode("latin-1").splitlines()
+    marks = [number for number, line in enumerate(lines) if _MARK.fullmatch(line)]
+    if not marks or any(line.strip() for line in lines[: marks[0]]):
+        raise RecordError(
+            f"{path.name} is no universal file: it does not begin with a line -1. Give one."
+        )
+    if len(marks) % 2:
+        raise RecordError(
+            f"{path.name} ends within the dataset that begins in line {marks[-1] + 1}: it is "
+            "cut short. Export it anew."
+        )
+    return [
+        Dataset(path.name, kind, tuple(lines[first + 2 : last]), first + 3)
+        for first, last in zip(marks[::2], marks[1::2], strict=True)
+        if (kind := lines[first + 1][:6].strip() or lines[first + 1].strip())
+    ]
+
+
+def integers(dataset: Dataset, at: int, widths: list[int]) -> list[int]:
+    """Whole numbers of a line, each of its width; those that are missing are 0."""
+    line = _line(dataset, at)
+    found, begin = [], 0
+    for width in widths:
+        text = line[begin : begin + width].strip()
+        begin += width
+        if not re.fullmatch(r"[+-]?\d{1,10}|", text):
+            raise _refused(dataset, at, text, "a whole number")
+        found.append(int(text or 0))
+    return found
+
+
+def numbers(dataset: Dataset, at: int, layout: tuple[int, int, int]) -> list[float]:
+    """Numbers of a line: from a column on, so many characters each, so many of them."""
+    begin, width, count = layout
+    line = _line(dataset, at)
+    found = []
+    for number in range(count):
+        text = line[begin + number * width : begin + (number + 1) * width].strip()
+        try:
+            value = float(text.replace("D", "E").replace("d", "e"))
+        except ValueError:
+            raise _refused(dataset, at, text, "a number") from None
+        if not math.isfinite(value):
+            raise _refused(dataset, at, text, "a finite number")
+        found.append(value)
+    return found
+
+
+def _line(dataset: Dataset, at: int) -> str:
+    if at >= len(dataset.lines):
+        raise RecordError(
+            f"The dataset {dataset.kind} at line {dataset.first_line} of {dataset.file} is cut "
+            "short. Export it anew."
+        )
+    return dataset.lines[at]
+
+
+def _refused(dataset: Dataset, at: int, text: str, what: str) -> RecordError:
+    return RecordError(
+        f"Line {dataset.first_line + at} of {dataset.file} has {text[:40]!r} where {what} of "
+        f"dataset {dataset.kind} should be. Export it anew."
+    )

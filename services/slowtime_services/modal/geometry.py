@@ -1,0 +1,188 @@
+"""Where channels are: a node and a direction each, and where the nodes are."""
+
+import csv
+import dataclasses
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from slowtime_services.files import RecordError
+
+from .datasets import Dataset, datasets_of, integers, numbers
+
+AXES = {"+X": 1, "-X": -1, "+Y": 2, "-Y": -2, "+Z": 3, "-Z": -3}
+_NAMES = {value: name for name, value in AXES.items()}
+_NODE = re.compile(r"node (\d{1,9}) ([+-][XYZ])")
+_AXIS_AT_END = re.compile(r"(?P<stem>.*?)[\s_.\-]*(?P<sign>[+-])?(?P<axis>[xyzXYZ])")
+UNIVERSAL = (".uff", ".unv")
+MOST_BYTES = 64 << 20
+NEEDED = ("channel", "x", "y", "z")
+
+
+class Place(NamedTuple):
+    """A node and a direction: 1, 2, 3 along x, y, z, negative against them."""
+
+    node: int
+    axis: int
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Geometry:
+    """Nodes, lines between them, and which channel is where.
+
+    Parameters
+    ----------
+    nodes
+        Coordinates of each node, in the unit of the file.
+    lines
+        Nodes that are joined; 0 lifts the pen.
+    places
+        Node and direction of channels by name.
+    """
+
+    nodes: Mapping[int, tuple[float, float, float]] = dataclasses.field(default_factory=dict)
+    lines: tuple[tuple[int, ...], ...] = ()
+    places: Mapping[str, Place] = dataclasses.field(default_factory=dict)
+
+
+def name_of(place: Place) -> str:
+    """Name a channel by its place, as readers of universal files do.
+
+    Examples
+    --------
+    >>> name_of(Place(7, -3))
+    'node 7 -Z'
+    """
+    return f"node {place.node} {_NAMES[place.axis]}"
+
+
+def places_of(channels: Sequence[str], geometry: Geometry | None = None) -> tuple[Place, ...]:
+    """Give each channel a node and a direction.
+
+    They are those of the geometry; else those of the name, as in ``node 7 +Z``; else channels
+    that differ in a last x, y or z share a node, and every other has one of its own, along x.
+
+    Raises
+    ------
+    RecordError
+        Where two channels would be at one place, or the geometry lacks one.
+
+    Examples
+    --------
+    >>> places_of(("a_x", "a_y", "roof"))
+    (Place(node=1, axis=1), Place(node=1, axis=2), Place(node=2, axis=1))
+    """
+    found = [_NODE.fullmatch(name) for name in channels]
+    if geometry is not None and geometry.places:
+        missing = [name for name in channels if name not in geometry.places]
+        if missing:
+            raise RecordError(
+                f"The geometry has no channel {', '.join(missing)}. It has: "
+                f"{', '.join(geometry.places)}. Add a row for each channel."
+            )
+        places = [geometry.places[name] for name in channels]
+    elif all(found):
+        places = [Place(int(match[1]), AXES[match[2]]) for match in found if match]
+    else:
+        places = _by_stem(channels)
+    twice = {place for place in places if places.count(place) > 1}
+    if twice:
+        names = [n for n, place in zip(channels, places, strict=True) if place in twice]
+        raise RecordError(
+            f"{', '.join(names)} would be at one node in one direction. Give --geometry with "
+            "a node and a direction for each channel."
+        )
+    return tuple(places)
+
+
+def _by_stem(channels: Sequence[str]) -> list[Place]:
+    nodes: dict[str, int] = {}
+    places = []
+    for name in channels:
+        match = _AXIS_AT_END.fullmatch(name)
+        stem = match["stem"] if match else name
+        sign = -1 if match and match["sign"] == "-" else 1
+        axis = "xyz".index(match["axis"].lower()) + 1 if match else 1
+        places.append(Place(nodes.setdefault(stem, len(nodes) + 1), sign * axis))
+    return places
+
+
+def read_geometry(path: Path) -> Geometry:
+    """Read nodes of a universal file (15, 2411, lines of 82) or of a CSV file.
+
+    The CSV file has a row a channel: ``channel,x,y,z`` and, where they are known, ``direction``
+    (+X, -Y ...) and ``node`` (a number).
+
+    Raises
+    ------
+    RecordError
+        Where it is neither, or holds no node.
+    """
+    if path.stat().st_size > MOST_BYTES:
+        raise RecordError(f"{path.name} is larger than a geometry can be. Give another file.")
+    if path.suffix.lower() in UNIVERSAL:
+        found = geometry_of(datasets_of(path))
+        if not found.nodes:
+            raise RecordError(
+                f"{path.name} holds no nodes (datasets 15 or 2411). Give a file with some, or "
+                "CSV with the columns channel, x, y, z."
+            )
+        return found
+    return _of_table(path)
+
+
+def geometry_of(datasets: Sequence[Dataset]) -> Geometry:
+    """Gather nodes and lines of datasets 15, 2411 and 82."""
+    nodes: dict[int, tuple[float, float, float]] = {}
+    lines = []
+    for one in datasets:
+        if one.kind == "15":
+            for at in range(len(one.lines)):
+                label = integers(one, at, [10])[0]
+                x, y, z = numbers(one, at, (40, 13, 3))
+                nodes[label] = (x, y, z)
+        elif one.kind == "2411":
+            for at in range(0, len(one.lines) - 1, 2):
+                x, y, z = numbers(one, at + 1, (0, 25, 3))
+                nodes[integers(one, at, [10])[0]] = (x, y, z)
+        elif one.kind == "82":
+            count = integers(one, 0, [10, 10])[1]
+            words = " ".join(one.lines[2:]).split()
+            traced = tuple(int(float(word)) for word in words[:count] if _is_number(word))
+            lines.append(traced)
+    return Geometry(nodes, tuple(lines))
+
+
+def _is_number(word: str) -> bool:
+    return re.fullmatch(r"-?\d{1,9}(\.0*)?", word) is not None
+
+
+def _of_table(path: Path) -> Geometry:
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            rows = list(csv.DictReader(file))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise RecordError(f"{path.name} is no CSV text: {error}. Save it as CSV.") from error
+    nodes: dict[int, tuple[float, float, float]] = {}
+    places: dict[str, Place] = {}
+    for number, row in enumerate(rows, start=2):
+        known = {(key or "").strip().casefold(): (value or "") for key, value in row.items()
+                 if isinstance(value, str)}  # fmt: skip
+        try:
+            point = (float(known["x"]), float(known["y"]), float(known["z"]))
+            channel = known["channel"].strip()
+            same = next((label for label, other in nodes.items() if other == point), None)
+            label = int(known.get("node") or same or len(nodes) + 1)
+            direction = (known.get("direction") or "+X").strip().upper()
+            axis = AXES[direction if direction[:1] in "+-" else f"+{direction}"]
+        except (KeyError, ValueError) as error:
+            raise RecordError(
+                f"Line {number} of {path.name} is no row of a geometry ({error}). Give the "
+                f"columns {', '.join(NEEDED)}, and direction (+X, -X, +Y ...) and node where "
+                "they are known."
+            ) from None
+        nodes[label], places[channel] = point, Place(label, axis)
+    if not places:
+        raise RecordError(f"{path.name} has no rows. Give one for each channel.")
+    return Geometry(nodes, (), places)
