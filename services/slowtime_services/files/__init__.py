@@ -4,6 +4,7 @@ from .bridging import MARK, bridged
 from .read import ALL, MAX_BYTES, read_record
 from .record import UNDATED_NS, Gap, Record, RecordError, accelerations, find_column
 from .stamps import DateOrder
+from .streaming import RecordStream, open_record, streams
 from .time_units import UNITS
 
 __all__ = [
@@ -16,8 +17,11 @@ __all__ = [
     "Gap",
     "Record",
     "RecordError",
+    "RecordStream",
     "accelerations",
     "bridged",
     "find_column",
+    "open_record",
     "read_record",
+    "streams",
 ]
