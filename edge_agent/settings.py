@@ -173,6 +173,10 @@ class TrackingSettings(Frozen):
         return self
 
 
+FEWEST_CYCLES = 50
+"""Cycles of the lowest frequency that a memory holds, as recursive identification asks."""
+
+
 class ExtractSettings(Frozen):
     """How frequency, damping and shapes are read out of conditioned samples."""
 
@@ -181,9 +185,10 @@ class ExtractSettings(Frozen):
     covariates: Annotated[dict[str, str], Plain] = Field(default_factory=dict)
     """Temperature, load: name of a covariate, with its unit, such as `temperature_c`, and the
     channel whose mean over a window it is. Nothing is identified from these channels."""
-    method: Literal["auto", "ambient", "free_decay", "peak", "modes"] = "auto"
+    method: Literal["auto", "ambient", "free_decay", "peak", "modes", "recursive"] = "auto"
     """One way to identify the first mode, or `auto` for what the record calls for; or `modes`
-    for all of them, with shapes and identities, by stochastic subspaces."""
+    for all of them, with shapes and identities, by stochastic subspaces; or `recursive` for all
+    of them from a stream without windows, in bounded memory, with a message each `hop_s`."""
     identifier: PlainText | None = None
     """Installed part of one's own (entry point of `slowtime.identifiers`) that reads windows
     in the place of `method`."""
@@ -204,6 +209,9 @@ class ExtractSettings(Frozen):
     """Window of a continuous stream; an epoch is a window of its own."""
     hop_s: Positive | None = None
     """From one window to the next; None for windows that touch."""
+    memory_s: Positive = 1800.0
+    """Time in which old samples lose their weight by e, of `recursive`: a message knows as much
+    as a window of twice that length."""
     min_samples: Annotated[int, Field(ge=8)] = 64
     max_missing: Annotated[float, Field(ge=0, le=1)] = 0.2
     """Fraction of a window above which it is not read."""
@@ -219,11 +227,29 @@ class ExtractSettings(Frozen):
             raise ValueError(
                 f"band_hz={self.band_hz} is upside down. Give the lower frequency first."
             )
+        if self.band_hz is not None and self.method == "recursive":
+            least = FEWEST_CYCLES / self.band_hz[0]
+            if self.memory_s < least:
+                raise ValueError(
+                    f"memory_s={self.memory_s:g} holds fewer than {FEWEST_CYCLES} cycles of "
+                    f"{self.band_hz[0]:g} Hz, the lower edge of band_hz. Give at least "
+                    f"{least:g} s, or a higher band."
+                )
         if self.median_window % 2 == 0:
             raise ValueError(
                 f"median_window={self.median_window} has no middle. Give an odd number."
             )
         return self
+
+    @property
+    def every_s(self) -> float:
+        """From one message of a continuous stream to the next [s]."""
+        return self.hop_s or self.window_s
+
+    @property
+    def lowest_remembered_hz(self) -> float:
+        """Lowest frequency of which the memory of `recursive` holds enough cycles [Hz]."""
+        return FEWEST_CYCLES / self.memory_s
 
 
 class Processing(Frozen):

@@ -33,7 +33,7 @@ def edge(
     speed: float,
     epochs_per_s: float | None,
     channels: str | None,
-    method: Literal["auto", "ambient", "free_decay", "peak", "modes"] | None,
+    method: Literal["auto", "ambient", "free_decay", "peak", "modes", "recursive"] | None,
     band_hz: tuple[float, float] | None,
     window_s: float | None,
     hop_s: float | None,

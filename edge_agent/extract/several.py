@@ -55,7 +55,14 @@ class SeveralModes:
             order=given.order,
             most=given.most,
         )
-        found = _that_travel(result.modes)
+        return self.told(memory, window, result.modes)
+
+    def told(
+        self, memory: Memory, window: Window, result: Sequence[identified.Mode]
+    ) -> tuple[Memory, Reading]:
+        """Give modes their identities and put them as they travel."""
+        given = self.settings
+        found = _that_travel(result)
         memory, identities = self._followed(memory, window, found)
         modes = []
         for mode, identity in zip(found, identities, strict=True):
@@ -66,7 +73,7 @@ class SeveralModes:
                 )
             modes.append(_message(mode, identity, smoothed, window.clock))
         if not modes:
-            why = ("not_credible",) if result.modes else ("no_mode",)
+            why = ("not_credible",) if result else ("no_mode",)
             return memory, Reading(channels=window.channels, why=why)
         doubted = doubts((mode.frequency_hz for mode in found), window.clock)
         return memory, Reading(tuple(modes), "ssi", window.channels, doubts=doubted)

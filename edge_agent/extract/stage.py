@@ -12,6 +12,7 @@ from slowtime.signals.block import Block
 from slowtime_schemas.messages import Features, Quality
 from slowtime_services.files.record import accelerations, find_column
 
+from . import recursive
 from .first import FirstMode
 from .own import OwnIdentifier
 from .reading import Memory, Reader, Reading, Window
@@ -28,6 +29,7 @@ class ExtractState:
     sequence: int = 0
     memory: Memory = dataclasses.field(default_factory=Memory)
     gathered: Gathered | None = None
+    stream: recursive.Stream | None = None
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -45,6 +47,8 @@ class Extract:
         self, state: ExtractState, block: Block, marks: Marks
     ) -> tuple[ExtractState, tuple[Features, ...]]:
         """Take a conditioned block; give the features of the windows it completes."""
+        if self.settings.method == "recursive":
+            return self._continue(state, block, marks)
         out: tuple[Features, ...] = ()
         if state.gathered is not None and not belongs(block, state.gathered):
             state, out = self.finish(state)
@@ -61,6 +65,9 @@ class Extract:
         What is left of a continuous stream gives a message only if no whole window came before
         it, so that a stream shorter than a window is not passed over in silence.
         """
+        if state.stream is not None and state.stream.is_due:
+            state, message = self._tell(state, state.stream)
+            return state, (message,)
         gathered = state.gathered
         if gathered is None:
             return state, ()
@@ -94,6 +101,74 @@ class Extract:
             windows, skip = windows + 1, hop
         left = Gathered(gathered.latest, (stretch,), windows, skip)
         return dataclasses.replace(state, gathered=left), tuple(out)
+
+    def _continue(
+        self, state: ExtractState, block: Block, marks: Marks
+    ) -> tuple[ExtractState, tuple[Features, ...]]:
+        """Take a block into the stream; tell its modes where a hop is over."""
+        out: tuple[Features, ...] = ()
+        stream = state.stream
+        ends = stream is not None and block.epoch != stream.latest.epoch
+        if stream is not None and (ends or not recursive.continues(block, stream)):
+            state, out = self.finish(state)
+            stream = state.stream if recursive.continues(block, stream) else None
+        columns, _ = self._columns(block)
+        stream = recursive.taken_in(stream, block, marks, columns, self.settings)
+        state = dataclasses.replace(state, stream=stream)
+        if block.epoch is None and recursive.is_whole(stream, self.settings):
+            state, message = self._tell(state, stream)
+            out += (message,)
+        return state, out
+
+    def _tell(
+        self, state: ExtractState, stream: recursive.Stream
+    ) -> tuple[ExtractState, Features]:
+        """Make a message of the modes of a stream as they are known by now."""
+        block, hop, given = stream.latest, stream.hop, self.settings
+        assert hop is not None
+        _, channels = self._columns(block)
+        last_ns = block.end_ns - round(1e9 / block.rate_hz)
+        # Samples that fade know as much as the latest two memories of them.
+        start_ns = max(stream.since_ns, last_ns - round(2e9 * given.memory_s))
+        window = Window(
+            rows=hop.means(),
+            rate_hz=block.rate_hz,
+            channels=channels,
+            position=self._position(block, last_ns),
+        )
+        memory, reading = SeveralModes(given).told(state.memory, window, stream.modes)
+        if len(channels) > given.max_channels:
+            memory, reading = state.memory, Reading(why=("too_many_channels",))
+        covariates = self._covariates(window.rows, block)
+        flags = ("overlapping",) if state.sequence and start_ns < hop.first_ns else ()
+        if given.covariates.keys() - covariates:
+            flags += ("no_covariate",)
+        slow_time = block.slow_time
+        message = Features(
+            **self.origin.model_dump(),
+            sequence=state.sequence,
+            t_ns=last_ns,
+            slow_time=(start_ns + last_ns) / 2e9 if slow_time is None else slow_time,
+            start_ns=start_ns,
+            method=reading.method,
+            channels=reading.channels,
+            modes=reading.modes,
+            quality=Quality(
+                samples=hop.count,
+                missing=hop.missing,
+                outliers=hop.outliers,
+                flags=flags + reading.why,
+            ),
+            covariates={**block.covariates, **covariates},
+            truth=dict(block.truth) or None,
+        )
+        after = dataclasses.replace(
+            state,
+            sequence=state.sequence + 1,
+            memory=memory,
+            stream=dataclasses.replace(stream, hop=None),
+        )
+        return after, message
 
     def _read(
         self,
@@ -145,13 +220,13 @@ class Extract:
             return memory, Reading(why=("too_short",))
         if missing > given.max_missing * (len(rows) + missing):
             return memory, Reading(why=("too_much_missing",))
-        chosen = given.channels or self._vibrating(block)
-        columns = [find_column(name, block.channels) for name in chosen]
+        columns, channels = self._columns(block)
+        whole = columns == list(range(rows.shape[1]))
         window = Window(
-            rows=rows[:, columns],
+            rows=rows if whole else rows[:, columns],
             rate_hz=block.true_rate_hz,
             clock=block.clock,
-            channels=tuple(block.channels[column] for column in columns),
+            channels=channels,
             position=self._position(block, start_ns),
         )
         try:
@@ -162,6 +237,12 @@ class Extract:
         except Exception:
             logger.exception("Identification failed on a window from %d ns.", block.start_ns)
             return memory, Reading(why=("failed",))
+
+    def _columns(self, block: Block) -> tuple[list[int], tuple[str, ...]]:
+        """Places and names of the channels to identify from."""
+        chosen = self.settings.channels or self._vibrating(block)
+        columns = [find_column(name, block.channels) for name in chosen]
+        return columns, tuple(block.channels[column] for column in columns)
 
     def _vibrating(self, block: Block) -> tuple[str, ...]:
         """Channels to identify from, where the settings do not say."""

@@ -3,13 +3,13 @@
 import dataclasses
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Real
 
 from slowtime.signals.block import Block
 
 Rows = Float[np.ndarray, "time channel"]
 Marks = Int[np.ndarray, "time 2"]
-Part = tuple[Float[np.ndarray, "_ channel"], Int[np.ndarray, "_ 2"]]
+Part = tuple[Real[np.ndarray, "_ channel"], Int[np.ndarray, "_ 2"]]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -28,8 +28,11 @@ class Stretch:
 
     def joined(self) -> tuple[Rows, Marks]:
         """All rows and marks in one piece; parts are only joined once a window is whole."""
+        if len(self.parts) == 1:
+            rows, marks = self.parts[0]
+            return np.asarray(rows, dtype=float), marks
         rows, marks = zip(*self.parts, strict=True)
-        return np.concatenate(rows), np.concatenate(marks)
+        return np.concatenate(rows, dtype=float), np.concatenate(marks)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -59,7 +62,8 @@ def belongs(block: Block, gathered: Gathered) -> bool:
 
 def gather(gathered: Gathered | None, block: Block, marks: Marks, max_samples: int) -> Gathered:
     """Add a block to the window that was begun; what an epoch has beyond is left out."""
-    rows = np.asarray(block.samples, dtype=float)
+    # In the sensor's own type, which may be half as wide, until a window is whole.
+    rows = np.asarray(block.samples)
     fresh = Stretch(block.first_index, block.start_ns, ((rows, marks),), len(rows))
     if gathered is None:
         return Gathered(block, (fresh,))
@@ -81,13 +85,11 @@ def between(stretch: Stretch, first: int, last: int, latest: Block) -> Stretch:
     Where a clock model stamps the blocks, the latest one knows best when any row was taken.
     """
     rows, marks = stretch.joined()
+    part = rows[first:last], marks[first:last]
+    if 2 * (last - first) < len(rows):
+        part = part[0].copy(), part[1].copy()  # a view would keep all of the rows
     start_ns = stretch.start_ns + round(first * 1e9 / latest.rate_hz)
     if latest.clock is not None:
         behind = latest.first_index - (stretch.first_index + first)
         start_ns = latest.start_ns - round(behind * 1e9 / latest.true_rate_hz)
-    return Stretch(
-        stretch.first_index + first,
-        start_ns,
-        ((rows[first:last], marks[first:last]),),
-        last - first,
-    )
+    return Stretch(stretch.first_index + first, start_ns, (part,), last - first)

@@ -24,11 +24,12 @@ from .acceptance import PEAK as PEAK
 from .acceptance import distinct, is_mode
 from .bands import EDGE, Band, moved_to_zero, plan
 from .correlations import correlate
-from .harmonics import Verdict, find_harmonics, judge
+from .harmonics import Verdict, find_harmonics, judge_spectra
 from .identified import Measured
 from .modal_result import ModalResult as ModalResult
 from .modal_result import diagram, singular_values
 from .modes import Mode
+from .narrowband import Spectra
 from .poles import Poles, mixed
 from .shapes import normalised
 from .sharpen import Sharp, Spectrum, Start, select, sharpen
@@ -79,28 +80,33 @@ def identify_modes(
     edges = _band(band_hz, rate_hz, len(columns))
     columns = detrended(columns)
     scale = columns.std(axis=0)
-    columns = columns / scale
+    columns /= scale
     # A line leaks everywhere: those beyond the band are taken out, too.
     everywhere, _ = find_harmonics(
         columns, rate_hz, band_hz=_widest(edges, rate_hz, len(columns))
     )
     tones = tuple(line.frequency_hz for line in everywhere)
     lines = [line for line in everywhere if edges[0] <= line.frequency_hz.value <= edges[1]]
-    cleaned = without_lines(columns, rate_hz, tones) if tones else columns
-    transform = fft.rfft(cleaned, axis=0)
-    poles, found, members = _candidates(transform, len(columns), rate_hz, edges, order)
-    spectrum = _spectrum(transform, len(columns), rate_hz, tones)
+    count = len(columns)
+    if tones:
+        columns = without_lines(columns, rate_hz, tones)
+    transform = fft.rfft(columns, axis=0)
+    del columns
+    frequency, values = singular_values(transform, count, rate_hz)
+    poles, found, members = _candidates(transform, count, rate_hz, edges, order)
+    # In its place: from here on, densities are asked for.
+    transform *= np.sqrt(2.0 / (rate_hz * count))
+    spectrum = _spectrum(transform, rate_hz / count, tones)
     sharp = _sharp(spectrum, found, edges, EDGE * rate_hz / 2)
     if most is not None:
         strongest = sorted(sharp, key=lambda pair: -pair[1].evidence)[:most]
         sharp = [pair for pair in sharp if pair in strongest]
     units = _Units(scale, moving)
     modes = [_mode(found[k], s, units) for k, s in sharp]
-    modes = _judged(modes, cleaned, rate_hz)
+    modes = _judged(modes, Spectra(spectrum.coefficients, spectrum.spacing_hz))
     whole = sorted([*modes, *(_line(v, units) for v in lines)], key=_frequency)
     members = [members[k] for k, _ in sharp]
     places = [next(i for i, m in enumerate(whole) if m is mode) for mode in modes]
-    frequency, values = singular_values(transform, len(columns), rate_hz)
     return ModalResult(
         modes=tuple(whole),
         stabilisation=diagram(poles, members, places),
@@ -195,16 +201,13 @@ def _poles(
     return mixed(found, scale[:, None] * directions.conj())
 
 
-def _spectrum(
-    transform: np.ndarray, count: int, rate_hz: float, lines: tuple[Measured, ...]
-) -> Spectrum:
-    spacing = rate_hz / count
+def _spectrum(transform: np.ndarray, spacing: float, lines: tuple[Measured, ...]) -> Spectrum:
     spared = np.zeros(len(transform), dtype=bool)
     for line in lines:
         reach = max(1, int(np.ceil(2.0 * line.sd / spacing))) + 1
         at = round(line.value / spacing)
         spared[max(0, at - reach) : at + reach + 1] = True
-    return Spectrum(transform * np.sqrt(2.0 / (rate_hz * count)), spacing, spared)
+    return Spectrum(transform, spacing, spared)
 
 
 def _sharp(
@@ -245,11 +248,11 @@ def _mode(candidate: Candidate, sharp: Sharp, units: _Units) -> Mode:
     )
 
 
-def _judged(modes: list[Mode], columns: np.ndarray, rate_hz: float) -> list[Mode]:
+def _judged(modes: list[Mode], spectra: Spectra) -> list[Mode]:
     """Modes too steady for a structure called harmonics."""
     if not modes:
         return modes
-    verdicts = judge(columns, rate_hz, np.array([_frequency(mode) for mode in modes]))
+    verdicts = judge_spectra(spectra, np.array([_frequency(mode) for mode in modes]))
     return [
         dataclasses.replace(mode, kind=verdict.kind)
         for mode, verdict in zip(modes, verdicts, strict=True)

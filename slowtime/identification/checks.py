@@ -10,6 +10,8 @@ SHORTEST = 32
 def series(samples: np.ndarray, rate_hz: float) -> Float[np.ndarray, "time channel"]:
     """Turn samples into float columns, or refuse with the cure.
 
+    What is in order already is given back as it is, not copied: it is not to be written into.
+
     Parameters
     ----------
     samples
@@ -40,7 +42,7 @@ def series(samples: np.ndarray, rate_hz: float) -> Float[np.ndarray, "time chann
             f"{len(columns)} samples were given, at least {SHORTEST} are needed. Give a "
             f"longer record (and if shape {given.shape} is channels by time, transpose it)."
         )
-    columns = columns.astype(float)
+    columns = columns.astype(float, copy=False)
     bad = np.count_nonzero(~np.isfinite(columns))
     if bad:
         raise ValueError(
@@ -48,13 +50,15 @@ def series(samples: np.ndarray, rate_hz: float) -> Float[np.ndarray, "time chann
             f"{int(np.argmax(~np.isfinite(columns).all(axis=1)))}. Give finite "
             "samples: cut the record at the gap, or fill it, before identification."
         )
-    return columns[:, moving(columns)]
+    varies = moving(columns)
+    return columns if varies.all() else columns[:, varies]
 
 
 def moving(columns: Float[np.ndarray, "time channel"]) -> Bool[np.ndarray, " channel"]:
     """Which channels vary by more than rounding; at least one must."""
     spread = np.ptp(columns, axis=0)
-    varies = spread > 1e-12 * np.abs(columns).max(axis=0)
+    largest = np.maximum(columns.max(axis=0), -columns.min(axis=0))
+    varies = spread > 1e-12 * largest
     if not varies.any():
         raise ValueError(
             f"Every one of {columns.shape[1]} channels is constant over {len(columns)} "

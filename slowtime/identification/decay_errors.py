@@ -45,10 +45,18 @@ def describe(
     rate_hz: float,
     start_s: float = 0.0,
     band_hz: tuple[float, float] | None = None,
+    shift_hz: float = 0.0,
 ) -> Stretch:
-    """One mode of a fit, with errors from the information and the noise next to the mode."""
+    """One mode of a fit, with errors from the information and the noise next to the mode.
+
+    Parameters
+    ----------
+    shift_hz
+        What was taken off all frequencies of the series before [Hz].
+    """
     pole, modes, count = complex(fit.poles[which]), len(fit.poles), len(fit.residual)
     noise = _noise(fit, pole, rate_hz, band_hz)
+    pole += 2j * np.pi * shift_hz
     pick = np.array([which, modes + which])
     covariance = noise.variance * fit.unit_covariance[np.ix_(pick, pick)]
     natural, damping = abs(pole), -pole.real / abs(pole)

@@ -1,10 +1,11 @@
 """Samples in, the resonances that stand significantly above their neighbourhood out."""
 
+import bisect
 import dataclasses
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.special import gammainccinv
 
 from slowtime.signals.peaks import local_maxima
@@ -29,6 +30,9 @@ much within a quarter octave, and by so much more an octave further away."""
 
 SKIRT, SKIRT_FROM = 0.5, 0.08
 """A mode's skirt reaches as far as e to the first of its frequency, outside of its peak."""
+
+SKIRT_ORDINATES = 8192
+"""Ordinates whose median is the level of a skirt; of more, evenly spaced ones are taken."""
 
 RESOLVED_BINS = 8.0
 UNRESOLVED_DB = 3.0
@@ -70,13 +74,15 @@ def candidates(
     """
     curve = _curve(columns, rate_hz, taper, high)
     inside = (curve.frequency_hz >= low) & (curve.frequency_hz <= high)
-    height = np.where(inside, curve.level_db, -np.inf)
-    tops = local_maxima(np.maximum(height, -300.0))
-    threshold = _threshold_db(curve.worth, int(inside.sum()))
-    tops = tops[height[tops] > threshold[tops]]
-    separate = _separate(curve, tops[np.argsort(-height[tops])])
-    separate = _above_skirts(curve, separate, threshold)
-    return _with_bands(curve, separate, low, high)
+    height = np.where(inside, curve.level_db, -300.0)
+    tops = local_maxima(np.maximum(height, -300.0, out=height))
+    threshold = _threshold_db(curve.worth[tops], int(inside.sum()))
+    high_enough = height[tops] > threshold
+    tops, threshold = tops[high_enough], threshold[high_enough]
+    separate = separate_peaks(curve.level_db, tops, _valley_db(curve.worth[tops]))
+    thresholds = dict(zip(tops.tolist(), threshold.tolist(), strict=True))
+    above = _above_skirts(curve, separate, thresholds)
+    return _with_bands(curve, above, low, high)
 
 
 def strongest(
@@ -132,33 +138,100 @@ def _curve(columns: np.ndarray, rate_hz: float, taper: str, high: float) -> _Cur
     # An anti-aliasing filter digs a hole beyond the band, beside which all else seems a peak.
     count = int(np.searchsorted(spectrum.frequency_hz, high, side="right")) + 1
     frequency, density = spectrum.frequency_hz[:count], spectrum.density[:count]
-    floor = np.maximum(noise_floor(density), 1e-300)
-    ratio = (density / floor).mean(axis=1, keepdims=True)
-    level, number = smoothed(ratio, SMOOTHING)
-    return _Curve(
-        frequency,
-        10 * np.log10(np.maximum(level[:, 0], 1e-30)),
-        np.maximum(number / HANN_WORTH, 1.0),
-    )
+    floor = noise_floor(density)
+    # In place, here and below: of a long record there are millions.
+    density /= np.maximum(floor, 1e-300, out=floor)
+    del floor
+    ratio = density if density.shape[1] == 1 else density.mean(axis=1, keepdims=True)
+    means, number = smoothed(ratio, SMOOTHING)
+    level = np.maximum(means[:, 0], 1e-30)
+    del means, ratio, density, spectrum
+    np.log10(level, out=level)
+    level *= 10
+    number /= HANN_WORTH
+    return _Curve(frequency, level, np.maximum(number, 1.0, out=number))
 
 
 def _threshold_db(worth: np.ndarray, bins: int) -> np.ndarray:
+    # Many ordinates are worth the same, and the quantile is dear.
+    values, place = np.unique(worth, return_inverse=True)
     # The floor is estimated from few dozen ordinates where bins are few; hence the factor.
-    return np.asarray(10 * np.log10(1.5 * gammainccinv(worth, FALSE_ALARM / bins) / worth))
+    level = 1.5 * gammainccinv(values, FALSE_ALARM / bins) / values
+    return np.asarray(10 * np.log10(level))[place]
 
 
-def _separate(curve: _Curve, tops: np.ndarray) -> list[int]:
-    """From the highest down, the peaks with a valley on the way to every higher one."""
+def _valley_db(worth: np.ndarray) -> np.ndarray:
+    """Depth of a valley that parts a peak from a higher one, its scatter included [dB]."""
+    return np.asarray(VALLEY_DB + 2 * 4.34 / np.sqrt(worth))
+
+
+def separate_peaks(
+    level_db: Float[np.ndarray, " frequency"],
+    tops: Int[np.ndarray, " peak"],
+    valley_db: Float[np.ndarray, " peak"],
+) -> list[int]:
+    """From the highest down, the peaks with a valley on the way to every higher one.
+
+    A valley on the way to the nearest higher peak that is kept, on either side, lies on the way
+    to all those behind it as well. With the minima between neighbours in a table of powers of
+    two [1]_ the work is of the order of n log n for n peaks.
+
+    Parameters
+    ----------
+    level_db
+        Spectrum [dB].
+    tops
+        Places of the peaks, ascending.
+    valley_db
+        How far below each peak the valley has to reach [dB].
+
+    Returns
+    -------
+    Places of those that are separate, ascending.
+
+    References
+    ----------
+    .. [1] M. A. Bender, M. Farach-Colton, "The LCA problem revisited", LATIN (2000): range
+       minimum queries by a sparse table.
+
+    Examples
+    --------
+    >>> level = np.array([0.0, 20.0, 15.0, 18.0, 0.0, 12.0, 0.0])
+    >>> separate_peaks(level, np.array([1, 3, 5]), np.full(3, 6.0))
+    [1, 5]
+    """
+    if len(tops) == 0:
+        return []
+    table = _minima_table(np.minimum.reduceat(level_db, tops))
+    height = level_db[tops]
+    ceilings = (height - valley_db).tolist()
     kept: list[int] = []
-    for top in tops.tolist():
-        need = VALLEY_DB + 2 * 4.34 / np.sqrt(curve.worth[top])
-        ceiling = curve.level_db[top] - need
-        if all(curve.level_db[min(top, k) : max(top, k)].min() < ceiling for k in kept):
-            kept.append(top)
-    return sorted(kept)
+    for peak in np.argsort(-height).tolist():
+        at = bisect.bisect(kept, peak)
+        beside = [(kept[at - 1], peak)] if at > 0 else []
+        beside += [(peak, kept[at])] if at < len(kept) else []
+        if all(_least(table, first, last) < ceilings[peak] for first, last in beside):
+            kept.insert(at, peak)
+    return np.asarray(tops)[kept].tolist()
 
 
-def _above_skirts(curve: _Curve, tops: list[int], threshold: np.ndarray) -> list[int]:
+def _minima_table(between: Float[np.ndarray, " peak"]) -> list[list[float]]:
+    """Minima over 1, 2, 4 … neighbouring stretches, from each of them on."""
+    rows = [between]
+    while 2 ** len(rows) <= len(between):
+        half, last = 2 ** (len(rows) - 1), rows[-1]
+        rows.append(np.minimum(last[:-half], last[half:]))
+    return [row.tolist() for row in rows]
+
+
+def _least(table: list[list[float]], first: int, last: int) -> float:
+    """Minimum of the stretches from `first` up to `last`, of which there is at least one."""
+    power = (last - first).bit_length() - 1
+    row = table[power]
+    return min(row[first], row[last - 2**power])
+
+
+def _above_skirts(curve: _Curve, tops: list[int], threshold: dict[int, float]) -> list[int]:
     r"""From the highest down, the peaks significant above the skirts of the higher ones too.
 
     Far from its resonance, at :math:`W = f / f_0`, a mode's acceleration under white force has
@@ -166,20 +239,29 @@ def _above_skirts(curve: _Curve, tops: list[int], threshold: np.ndarray) -> list
     peaks do not move.
     """
     kept: list[int] = []
-    level = 10 ** (curve.level_db / 10)
-    background = np.ones_like(level)
+    background: Float[np.ndarray, " frequency"] = np.ones(len(curve.level_db))
     for top in sorted(tops, key=lambda k: -curve.level_db[k]):
         if curve.level_db[top] - 10 * np.log10(background[top]) <= threshold[top]:
             continue
         kept.append(top)
-        ratio = curve.frequency_hz / curve.frequency_hz[top]
-        near = np.abs(np.log(ratio + 1e-30)) < SKIRT
-        shape = np.where(near, ratio**4 / np.maximum((1 - ratio**2) ** 2, 1e-3), 0.0)
-        skirt = near & (np.abs(ratio - 1) > SKIRT_FROM)
-        if skirt.any():
-            excess = np.maximum(level[skirt] - background[skirt], 0.0)
-            background = background + float(np.median(excess / shape[skirt])) * shape
+        _add_skirt(curve, top, background)
     return sorted(kept)
+
+
+def _add_skirt(curve: _Curve, top: int, background: Float[np.ndarray, " frequency"]) -> None:
+    """Add to a background what a peak sends to either side."""
+    frequency = curve.frequency_hz[top]
+    edges = frequency * np.exp([-SKIRT, SKIRT])
+    low, high = np.searchsorted(curve.frequency_hz, edges, side="right")
+    ratio = curve.frequency_hz[low:high] / frequency
+    square = ratio**2
+    shape = square**2 / np.maximum((1 - square) ** 2, 1e-3)
+    skirt = low + np.flatnonzero(np.abs(ratio - 1) > SKIRT_FROM)
+    skirt = skirt[:: max(1, len(skirt) // SKIRT_ORDINATES)]
+    if len(skirt):
+        level = 10 ** (curve.level_db[skirt] / 10)
+        excess = np.maximum(level - background[skirt], 0.0)
+        background[low:high] += float(np.median(excess / shape[skirt - low])) * shape
 
 
 def _with_bands(curve: _Curve, tops: list[int], low: float, high: float) -> list[Candidate]:

@@ -14,10 +14,11 @@ from .ambient import fit_ambient, fit_ambient_steady
 from .combine import modal_series
 from .detect import Candidate, candidates, leading
 from .excitation import excitation
-from .free_decay import fit_blow
+from .free_decay import FRONT_SHARE, MOST_MODES, fit_blow
 from .harmonics import LEAST_DAMPING, judge
 from .identified import Identified, Measured
-from .isolate import isolate
+from .isolate import Isolated, isolate
+from .neighbourhood import LONG, LongRecord
 from .peak import fit_peak
 from .randomness import is_random
 from .stretches import best_stretch
@@ -32,6 +33,10 @@ CLEARLY = 0.99
 than its memory, is explained by decays to 90 or 95 %, and known much worse than they say."""
 
 MAINS_HZ = (50.0, 60.0)
+
+BEGINNING = 128.0
+"""Samples a cycle that are kept of a decay after a blow: less than a quarter of a cycle is lost
+before the first."""
 
 BURST_SHARE = 0.85
 """Two neighbouring eighths of a record with more of its power than this are a burst."""
@@ -78,20 +83,19 @@ def first_mode(
     """
     columns = detrended(checks.series(samples, rate_hz))
     low, high = checks.band(band_hz, rate_hz, len(columns))
+    record = LongRecord(columns, rate_hz)
     struck = None
     if method in ("auto", "free_decay") and expected_hz is None:
-        struck = _after_a_blow(columns, rate_hz, low, high)
+        struck = _after_a_blow(record, low, high)
         # Something else that happened in the record shows in the residual; stretches can tell.
         if struck is not None and "coloured_residual" not in struck.flags:
             return struck
     found = leading(candidates(columns, rate_hz, low, high), len(columns) / rate_hz)
     for candidate in _in_order(found, expected_hz):
-        mode = identify_candidate(columns, rate_hz, candidate, method)
-        if method == "auto":
-            mode = _flag_machine(mode, columns, rate_hz)
+        mode = _mode(record, candidate, method)
         found_out = verdict(mode)
         if found_out == "mode":
-            return _decaying(_with_force(mode, columns, rate_hz))
+            return _decaying(_with_force(mode, record))
         if found_out == "unclear":
             return None
     return struck
@@ -109,15 +113,29 @@ def all_modes(
     columns = detrended(checks.series(samples, rate_hz))
     low, high = checks.band(band_hz, rate_hz, len(columns))
     modes: list[Identified] = []
+    record = LongRecord(columns, rate_hz)
     for candidate in leading(candidates(columns, rate_hz, low, high), len(columns) / rate_hz):
-        mode = identify_candidate(columns, rate_hz, candidate, method)
-        if method == "auto":
-            mode = _flag_machine(mode, columns, rate_hz)
+        mode = _mode(record, candidate, method)
         if verdict(mode) == "mode":
             modes.append(_decaying(mode))
         if len(modes) == most:
             break
     return tuple(sorted(modes, key=lambda mode: mode.frequency_hz.value))
+
+
+def _mode(record: LongRecord, candidate: Candidate, method: Method) -> Identified:
+    """Mode behind a candidate, at the rate that it needs; flagged if a machine put it there."""
+    slower, own = record.about(candidate)
+    mode = identify_candidate(slower.samples, slower.rate_hz, own, method)
+    if method == "auto":
+        mode = _flag_machine(mode, slower.samples, slower.rate_hz)
+    return _begun(mode, slower.start_s)
+
+
+def _begun(mode: Identified, start_s: float) -> Identified:
+    """Mode of a series that begins so long after the record."""
+    begin, end = mode.span_s
+    return dataclasses.replace(mode, span_s=(begin + start_s, end + start_s))
 
 
 def verdict(mode: Identified) -> Literal["mode", "no mode", "unclear"]:
@@ -162,22 +180,36 @@ def identify_candidate(
         if method == "free_decay" or best.explained >= (CLEARLY if coloured else EXPLAINED):
             return _flag_line(best.identified)
     steady = fit_ambient_steady(columns, rate_hz, candidate)
-    if _is_burst(_in_band(series, rate_hz, part.band_hz)):
+    if _is_burst(_in_band(series, rate_hz, part)):
         steady = dataclasses.replace(steady, flags=(*steady.flags, "not_stationary"))
     return _flag_line(steady)
 
 
-def _after_a_blow(
-    columns: Float[np.ndarray, "time channel"], rate_hz: float, low: float, high: float
-) -> Identified | None:
+def _after_a_blow(record: LongRecord, low: float, high: float) -> Identified | None:
     """Lowest mode of a record that begins with a blow and says little else, or None."""
+    columns, rate_hz = record.columns, record.rate_hz
+    if not _is_struck(columns):
+        return None
     # No taper: it would hide the beginning, which is where the decay is.
     peaks = candidates(columns, rate_hz, low, high, taper="boxcar")
     found = leading(peaks, len(columns) / rate_hz)
-    blow = fit_blow(columns, rate_hz, found) if found else None
+    if not found:
+        return None
+    slower = record.at_rate_for(max(one.frequency_hz for one in found[:MOST_MODES]), BEGINNING)
+    if not _is_struck(slower.samples):
+        return None
+    blow = fit_blow(slower.samples[:LONG], slower.rate_hz, found)
     if blow is None or blow.explained < EXPLAINED:
         return None
-    return blow.identified if verdict(blow.identified) == "mode" else None
+    mode = _begun(blow.identified, slower.start_s)
+    return mode if verdict(mode) == "mode" else None
+
+
+def _is_struck(columns: Float[np.ndarray, "time channel"]) -> bool:
+    """Whether most of the power comes in the first half."""
+    first = columns[: len(columns) // 2]
+    whole = float(np.einsum("tc,tc->", columns, columns))
+    return float(np.einsum("tc,tc->", first, first)) >= FRONT_SHARE * whole
 
 
 def _in_order(
@@ -232,19 +264,22 @@ def _flag_machine(
     return dataclasses.replace(mode, flags=(*mode.flags, "line"))
 
 
-def _with_force(
-    mode: Identified, columns: Float[np.ndarray, "time channel"], rate_hz: float
-) -> Identified:
+def _with_force(mode: Identified, record: LongRecord) -> Identified:
     """Flag an ambient mode whose force plainly was no steady random one."""
     if mode.method != "ambient":
         return mode
-    return dataclasses.replace(mode, flags=(*mode.flags, *excitation(columns, rate_hz).flags))
+    near = record.near(mode.frequency_hz.value)
+    force = excitation(near.samples, near.rate_hz)
+    return dataclasses.replace(mode, flags=(*mode.flags, *force.flags))
 
 
 def _in_band(
-    series: Float[np.ndarray, " time"], rate_hz: float, band_hz: tuple[float, float]
-) -> Float[np.ndarray, " time"]:
+    series: Float[np.ndarray, " time"], rate_hz: float, part: Isolated
+) -> Float[np.ndarray, " _"]:
     """Part of a series that lies in a band, from its first sample to its last."""
+    if part.shift_hz:
+        return part.series
+    band_hz = part.band_hz
     frequency, coefficients = fft.rfftfreq(len(series), 1 / rate_hz), fft.rfft(series)
     coefficients[(frequency < band_hz[0]) | (frequency > band_hz[1])] = 0.0
     return np.asarray(fft.irfft(coefficients, len(series)))

@@ -95,11 +95,11 @@ def fit_stretch(part: Isolated, candidate: Candidate) -> Stretch:
         if gained >= worth:
             break
         fit, worth = more, gained
-    which = own_mode(fit, duration, candidate)
+    which = own_mode(fit, duration, candidate, part.shift_hz)
+    told = describe(fit, which or 0, part.rate_hz, part.start_s, part.band_hz, part.shift_hz)
     if which is None:
-        strayed = describe(fit, 0, part.rate_hz, part.start_s, part.band_hz)
-        return dataclasses.replace(strayed, identified=_strayed(strayed.identified))
-    return describe(fit, which, part.rate_hz, part.start_s, part.band_hz)
+        return dataclasses.replace(told, identified=_strayed(told.identified))
+    return told
 
 
 def fit_blow(
@@ -146,11 +146,14 @@ def _strayed(mode: Identified) -> Identified:
     )
 
 
-def own_mode(fit: Decays, duration: float, candidate: Candidate) -> int | None:
+def own_mode(
+    fit: Decays, duration: float, candidate: Candidate, shift_hz: float = 0.0
+) -> int | None:
     """Index of the most energetic fitted mode near the candidate, if there is one."""
     decay = np.clip(-fit.poles.real, 1e-9, None)
     energy = np.abs(fit.amplitudes) ** 2 * -np.expm1(-2 * decay * duration) / decay
-    ratio = np.abs(fit.poles) / (2 * np.pi * candidate.frequency_hz)
+    poles = fit.poles + 2j * np.pi * shift_hz
+    ratio = np.abs(poles) / (2 * np.pi * candidate.frequency_hz)
     near = (ratio > 1 / NEIGHBOUR) & (ratio < NEIGHBOUR)
     return int(np.argmax(np.where(near, energy, -1.0))) if near.any() else None
 
@@ -162,6 +165,7 @@ def _started(
     hz = poles.imag / (2 * np.pi)
     poles = poles[(hz > part.low_hz) & (hz < part.high_hz)]
     if len(poles) == 0:
-        poles = 2 * np.pi * candidate.frequency_hz * np.array([-0.01 + 1j])
+        own = 2 * np.pi * candidate.frequency_hz * np.array([-0.01 + 1j])
+        poles = own - 2j * np.pi * part.shift_hz
     slowest = -0.1 * part.rate_hz / len(part.series)
     return np.asarray(np.clip(poles.real, -0.5 * poles.imag, slowest) + 1j * poles.imag)

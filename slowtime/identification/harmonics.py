@@ -162,6 +162,14 @@ def judge(
     return tuple(_verdict(spectra, moving, float(f), doubt, speeds) for f in frequency_hz)
 
 
+def judge_spectra(
+    spectra: Spectra, frequency_hz: Float[np.ndarray, " peak"]
+) -> tuple[Verdict, ...]:
+    """Judge as `judge` does, from the spectra of a whole record whose channels all move."""
+    moving = np.ones(spectra.coefficients.shape[1], dtype=bool)
+    return tuple(_verdict(spectra, moving, float(f), Doubt(), ()) for f in frequency_hz)
+
+
 def find_harmonics(
     samples: Float[np.ndarray, "time channel"] | Float[np.ndarray, " time"],
     rate_hz: float,

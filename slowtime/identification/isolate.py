@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
+from slowtime.signals.decimation import moved_down
 from slowtime.signals.finite import Kind, convolved, kaiser_order, windowed_sinc
 
 from .detect import Candidate
@@ -17,6 +18,13 @@ MOST_TERMS = 40
 
 STOP_DB = 70.0
 
+MOST_SAMPLES = 32_768
+"""A series of more is cut to the nearest bins of its candidate ..."""
+
+MOST_BINS = 2500
+"""... so many on either side. A decay that fills an eighth of a record is some bins wide; what
+is wider than these is over before it can be told from a blow."""
+
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Isolated:
@@ -28,6 +36,8 @@ class Isolated:
     low_hz: float
     high_hz: float
     drift_hz: float
+    shift_hz: float = 0.0
+    """What was taken off all frequencies; the band, too, is where the series has it [Hz]."""
 
     @property
     def band_hz(self) -> tuple[float, float]:
@@ -48,6 +58,8 @@ def isolate(
     low = max(candidate.low_hz, candidate.frequency_hz / REACH)
     high = min(candidate.high_hz, candidate.frequency_hz * REACH)
     duration = len(series) / rate_hz
+    if 2 * REACH * candidate.frequency_hz * duration > MOST_SAMPLES:
+        return _narrowed(series, rate_hz, candidate, low, high)
     drift, start = low, 0.0
     if 2 * duration * low > MOST_TERMS:
         series, lost = _filtered(series, rate_hz, low / 2, low, "highpass")
@@ -59,6 +71,29 @@ def isolate(
         series, start = series[::factor], start + lost
         rate_hz = rate_hz / factor
     return Isolated(series, rate_hz, start, low, high, drift)
+
+
+def _narrowed(
+    series: Float[np.ndarray, " time"],
+    rate_hz: float,
+    candidate: Candidate,
+    low: float,
+    high: float,
+) -> Isolated:
+    """Nearest bins of a candidate of many cycles, moved down to a rate that suits them."""
+    reach = MOST_BINS * rate_hz / len(series)
+    low = max(low, candidate.frequency_hz - reach)
+    high = min(high, candidate.frequency_hz + reach)
+    slow = moved_down(series, rate_hz, (low + high) / 2, (high - low) / 2)
+    return Isolated(
+        slow.samples[:, 0],
+        slow.rate_hz,
+        slow.start_s,
+        low - slow.shift_hz,
+        high - slow.shift_hz,
+        0.0,
+        slow.shift_hz,
+    )
 
 
 def _filtered(

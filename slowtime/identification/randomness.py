@@ -32,7 +32,7 @@ def is_random(part: Isolated, candidate: Candidate) -> bool:
     power = np.array([np.sum(eighth**2) for eighth in np.array_split(part.series, PARTS)])
     if (power[1:] + power[:-1]).max() > CONCENTRATED * power.sum():
         return False
-    envelope = _envelope(part, candidate.frequency_hz)
+    envelope = _envelope(part, candidate.frequency_hz - part.shift_hz)
     if envelope is None:
         return False
     edges = np.linspace(0, len(envelope), PARTS + 1).round().astype(int)

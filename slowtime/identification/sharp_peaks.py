@@ -4,6 +4,8 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 from scipy.special import gammainccinv
 
+from slowtime.signals.spectra import PIECE
+
 from .narrowband import Spectra
 
 FALSE_ALARM = 1e-2
@@ -21,7 +23,7 @@ MOST = 100
 
 def sharp_peaks(spectra: Spectra, low_hz: float, high_hz: float) -> list[float]:
     """Frequencies of peaks no wider than a few tens of bins, ascending [Hz]."""
-    power = np.abs(_hann(spectra.coefficients)) ** 2
+    power = _hann_power(spectra.coefficients)
     index = np.arange(len(power))
     inside = (index * spectra.spacing_hz >= low_hz) & (index * spectra.spacing_hz <= high_hz)
     inside &= (index >= 3) & (index < len(power) - 4)
@@ -37,11 +39,15 @@ def sharp_peaks(spectra: Spectra, low_hz: float, high_hz: float) -> list[float]:
     return sorted(top * spectra.spacing_hz for top in sharpest)
 
 
-def _hann(coefficients: np.ndarray) -> np.ndarray:
-    """Put a Hann taper on, by what it does to neighbouring coefficients."""
-    tapered = coefficients.copy()
-    tapered[1:-1] -= 0.5 * (coefficients[:-2] + coefficients[2:])
-    return tapered
+def _hann_power(coefficients: np.ndarray) -> np.ndarray:
+    """Power under a Hann taper, by what it does to neighbouring coefficients."""
+    power = np.abs(coefficients)
+    for first in range(1, len(coefficients) - 1, PIECE):
+        last = min(first + PIECE, len(coefficients) - 1)
+        beside = coefficients[first - 1 : last - 1] + coefficients[first + 1 : last + 1]
+        power[first:last] = np.abs(coefficients[first:last] - 0.5 * beside)
+    power **= 2
+    return power
 
 
 def _excess(power: np.ndarray, width: int) -> np.ndarray:

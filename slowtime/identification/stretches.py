@@ -118,12 +118,11 @@ def _quick_error(part: Isolated, candidate: Candidate) -> float:
     if len(poles) == 0:
         return float("inf")
     fit = fit_decays(part.series, part.rate_hz, poles, drift, steps=0)
-    which = own_mode(fit, _seconds(part), candidate)
+    which = own_mode(fit, _seconds(part), candidate, part.shift_hz)
     if which is None:
         return float("inf")
-    return describe(
-        fit, which, part.rate_hz, part.start_s, part.band_hz
-    ).identified.frequency_hz.sd
+    told = describe(fit, which, part.rate_hz, part.start_s, part.band_hz, part.shift_hz)
+    return told.identified.frequency_hz.sd
 
 
 def _with_change(part: Isolated, fit: Stretch, candidate: Candidate) -> Stretch:

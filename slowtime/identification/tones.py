@@ -22,6 +22,9 @@ SEARCH_BINS = 4
 SEARCH_SHARE = 1e-3
 """A line is looked for so far from where it is said to be: in bins, and of its frequency."""
 
+PIECE = 16_384
+"""Rows from which lines are taken at once."""
+
 SURROUNDINGS = 40
 """Bins either side that say how loud a channel is where there is no line."""
 
@@ -116,11 +119,19 @@ def without_lines(
     count = len(left)
     cycles = np.unique([f for line in lines for f in _bins_of(line, rate_hz, count)])
     waves = np.concatenate([cycles, -cycles])  # cycles per sample
-    parts = np.array([_wave(f, count).conj() @ left for f in cycles])
+    # In pieces, each of them the first one turned: waves of a long record are larger than it.
+    rows = min(PIECE, count)
+    piece = np.exp(2j * np.pi * np.outer(np.arange(rows), cycles))
+    turns = [(at, np.exp(2j * np.pi * cycles * at)[:, None]) for at in range(0, count, rows)]
+    parts = np.zeros((len(cycles), left.shape[1]), dtype=complex)
+    for at, turn in turns:
+        here = left[at : at + rows]
+        parts += turn.conj() * (piece[: len(here)].conj().T @ here)
     right = np.concatenate([parts, parts.conj()])
-    amplitudes = np.linalg.lstsq(_overlap(waves, count), right, rcond=1e-9)[0]
-    for f, amplitude in zip(cycles, amplitudes[: len(cycles)], strict=True):
-        left -= 2.0 * (_wave(f, count)[:, None] * amplitude).real
+    amplitudes = np.linalg.lstsq(_overlap(waves, count), right, rcond=1e-9)[0][: len(cycles)]
+    for at, turn in turns:
+        here = left[at : at + rows]
+        here -= 2.0 * (piece[: len(here)] @ (turn * amplitudes)).real
     return left
 
 
@@ -128,10 +139,6 @@ def _bins_of(line: Measured, rate_hz: float, count: int) -> np.ndarray:
     """Cycles per sample of a line and of the bins that it needs besides."""
     reach = max(1, int(np.ceil(2.0 * line.sd * count / rate_hz)))
     return np.asarray(line.value / rate_hz + np.arange(-reach, reach + 1) / count)
-
-
-def _wave(cycles: float, count: int) -> np.ndarray:
-    return np.asarray(np.exp(2j * np.pi * cycles * np.arange(count)))
 
 
 def _overlap(cycles: np.ndarray, count: int) -> np.ndarray:

@@ -18,6 +18,13 @@ MOST_AVERAGED = 300
 """Beyond so many ordinates percentile and mean are the same for the purpose."""
 
 
+LONG = 262_144
+"""Samples from which on memory is spared, by sums in another order."""
+
+PIECE = 65_536
+"""Rows that are worked at once, where what is worked needs room of its own."""
+
+
 @dataclasses.dataclass(frozen=True, slots=True)
 class Spectrum:
     r"""One-sided power spectral densities of all channels.
@@ -50,7 +57,12 @@ def detrended(samples: Float[np.ndarray, "time channel"]) -> Float[np.ndarray, "
     """
     instants = np.arange(len(samples)) - (len(samples) - 1) / 2
     slope = instants @ samples / (instants @ instants)
-    return np.asarray(samples - samples.mean(axis=0) - instants[:, None] * slope)
+    left = np.asarray(samples - samples.mean(axis=0))
+    # In pieces: a long record leaves no room for its straight line.
+    for first in range(0, len(left), PIECE):
+        piece = slice(first, first + PIECE)
+        left[piece] -= instants[piece, None] * slope
+    return left
 
 
 def transform(
@@ -71,14 +83,34 @@ def transform(
         ``boxcar`` or ``hann``: the window :math:`h_n`.
     """
     count = len(samples)
-    window = _taper(taper, count)
-    scale = np.sqrt(2.0 / (rate_hz * (window @ window)))
-    tapered = samples if taper == "boxcar" else samples * window[:, None]
-    coefficients = scale * fft.rfft(tapered, axis=0)
+    tapered, power = _tapered(samples, taper)
+    scale = np.sqrt(2.0 / (rate_hz * power))
+    coefficients = fft.rfft(tapered, axis=0)
+    del tapered
+    coefficients *= scale
     coefficients[0] /= np.sqrt(2.0)
     if count % 2 == 0:
         coefficients[-1] /= np.sqrt(2.0)
     return fft.rfftfreq(count, 1.0 / rate_hz), coefficients
+
+
+def _tapered(
+    samples: np.ndarray, taper: str, first: int = 0, step: int = 1
+) -> tuple[np.ndarray, float]:
+    """Every `step`-th sample from the `first` on times a window, and the sum of its squares."""
+    count, chosen = len(samples), samples[first::step]
+    if taper == "boxcar":
+        return chosen, float(len(chosen))
+    if taper != "hann" or count <= LONG:
+        window = _taper(taper, count)[first::step]
+        return chosen * window[:, None], float(window @ window)
+    tapered, power = np.empty(chosen.shape), 0.0
+    for begin in range(0, len(chosen), PIECE):
+        place = np.arange(begin, min(begin + PIECE, len(chosen)))
+        window = 0.5 - 0.5 * np.cos(2 * np.pi / count * (first + step * place))
+        tapered[place] = chosen[place] * window[:, None]
+        power += float(window @ window)
+    return tapered, power
 
 
 def periodogram(
@@ -94,8 +126,39 @@ def periodogram(
     >>> bool(np.isclose(power, np.mean(noise**2)))
     True
     """
+    count = len(samples)
+    if count > LONG and count % 2 == 0:
+        density = _density_by_halves(samples, rate_hz, taper)
+        return Spectrum(fft.rfftfreq(count, 1.0 / rate_hz), density)
     frequency, coefficients = transform(samples, rate_hz, taper=taper)
     return Spectrum(frequency, np.abs(coefficients) ** 2)
+
+
+def _density_by_halves(samples: np.ndarray, rate_hz: float, taper: str) -> np.ndarray:
+    r"""Periodogram by the transforms E and O of the samples of even and of odd number.
+
+    .. math:: Y_k = E_k + e^{-2 \pi i k / N} O_k, \qquad
+              Y_{N/2-k}^* = E_k - e^{-2 \pi i k / N} O_k
+
+    The transform of a long record takes six times its memory; this one takes half of that.
+    """
+    count, power = len(samples), 0.0
+    parts = []
+    for first in (0, 1):
+        tapered, own = _tapered(samples, taper, first, 2)
+        parts.append(fft.rfft(tapered, axis=0))
+        power += own
+        del tapered
+    even, odd = parts
+    density = np.empty((count // 2 + 1, samples.shape[1]))
+    for first in range(0, len(even), PIECE):
+        k = np.arange(first, min(first + PIECE, len(even)))
+        turned = np.exp(-2j * np.pi / count * k)[:, None] * odd[k]
+        density[k] = np.abs(even[k] + turned) ** 2
+        density[count // 2 - k] = np.abs(even[k] - turned) ** 2
+    density *= 2.0 / (rate_hz * power)
+    density[[0, -1]] /= 2.0
+    return density
 
 
 def welch(
@@ -124,13 +187,17 @@ def smoothed(
     frequency smooths low and high modes alike; where it is under one bin nothing changes.
     """
     count = len(density)
-    index = np.arange(count)
-    reach = np.floor(index * relative_half_width).astype(int)
-    low = np.maximum(index - reach, 0)
-    high = np.minimum(index + reach + 1, count)
-    running = np.concatenate([np.zeros((1, density.shape[1])), np.cumsum(density, axis=0)])
-    number = (high - low).astype(float)
-    return (running[high] - running[low]) / number[:, None], number
+    running = np.zeros((count + 1, density.shape[1]))
+    np.cumsum(density, axis=0, out=running[1:])
+    means, number = np.empty(density.shape), np.empty(count)
+    for first in range(0, count, PIECE):
+        index = np.arange(first, min(first + PIECE, count))
+        reach = np.floor(index * relative_half_width).astype(int)
+        low = np.maximum(index - reach, 0)
+        high = np.minimum(index + reach + 1, count)
+        number[index] = high - low
+        means[index] = (running[high] - running[low]) / number[index, None]
+    return means, number
 
 
 def noise_floor(
@@ -153,10 +220,15 @@ def noise_floor(
     columns = [np.interp(ruler, centres, column) for column in logarithms.T]
     size = max(3, 2 * round(octaves * np.log(2.0) / (ruler[1] - ruler[0])) + 1)
     floors = [percentile_filter(c, FLOOR_QUANTILE, size=size, mode="reflect") for c in columns]
-    where = np.log(np.maximum(np.arange(count), 1))
-    found = np.stack([np.interp(where, ruler, f) for f in floors], axis=1)
-    scatter = np.interp(where, centres, np.minimum(width, MOST_AVERAGED).astype(float))
-    return np.asarray(np.exp(found) * _percentile_to_mean(scatter)[:, None])
+    averaged = np.minimum(width, MOST_AVERAGED).astype(float)
+    found = np.empty(density.shape)
+    for first in range(0, count, PIECE):
+        index = np.arange(first, min(first + PIECE, count))
+        where = np.log(np.maximum(index, 1))
+        mean = _percentile_to_mean(np.interp(where, centres, averaged))
+        for column, floor in enumerate(floors):
+            found[index, column] = np.exp(np.interp(where, ruler, floor)) * mean
+    return found
 
 
 def _percentile_to_mean(ordinates: Float[np.ndarray, " frequency"]) -> np.ndarray:

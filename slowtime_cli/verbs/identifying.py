@@ -16,7 +16,7 @@ UNIVERSAL = (".uff", ".unv")
 
 @click.command(
     cls=Deferred,
-    work="identifying:identify",
+    work="streaming:identify",
     extra="analysis",
     epilog="""\b
 Examples:
@@ -57,6 +57,12 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     "fast Bayesian FFT. efdd, fdd: frequency domain decomposition, with and without damping.",
 )
 @click.option(
+    "--stream/--whole",
+    default=None,
+    help="Whether the record is read piece by piece, in bounded memory and without end, by "
+    "recursive identification, or at once.  [default: a stream from 256 MiB on]",
+)
+@click.option(
     "--model",
     type=EXISTING,
     help="Model file (YAML) to compare the modes with, mode by mode; or modes of another "
@@ -87,6 +93,7 @@ def identify(
     report: Path | None,
     out: Path | None,
     geometry: Path | None,
+    stream: bool | None,
     **_given: object,
 ) -> None:
     """Find natural frequencies and damping in a record, with errors.
@@ -109,6 +116,11 @@ def identify(
         raise click.UsageError(
             f"--window-s follows the first mode. Leave it out for --method "
             f"{', '.join(ALL_CHANNELS)}, --model and --report."
+        )
+    if stream and (window_s is not None or report or method not in ("auto", "modes")):
+        raise click.UsageError(
+            "--stream finds all modes of a record of any length. Leave out --window-s, "
+            "--report and any --method but modes, or give --whole."
         )
     if (model or report) and method not in ("auto", *ALL_CHANNELS):
         raise click.UsageError(

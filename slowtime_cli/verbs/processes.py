@@ -87,9 +87,10 @@ underscores); flags overrule the environment, which overrules the file.
 @click.option("--channels", help="Channels to identify from: a,b.  [default: all]")
 @click.option(
     "--method",
-    type=click.Choice(["auto", "ambient", "free_decay", "peak", "modes"]),
-    help="How to identify the first mode, or all modes with shapes.  [default: auto, or what "
-    "the simulated structure needs]",
+    type=click.Choice(["auto", "ambient", "free_decay", "peak", "modes", "recursive"]),
+    help="How to identify the first mode, or all modes with shapes, window by window or, "
+    "recursive, of a stream that never ends.  [default: auto, or what the simulated structure "
+    "needs]",
 )
 @click.option(
     "--band-hz",

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from .read import ALL, MAX_BYTES, read_record
     from .record import UNDATED_NS, Gap, Record, RecordError, accelerations, find_column
     from .stamps import DateOrder
+    from .streaming import RecordStream, open_record, streams
     from .time_units import UNITS
 
 _MODULES = {
@@ -19,6 +20,7 @@ _MODULES = {
         "UNDATED_NS", "Gap", "Record", "RecordError", "accelerations", "find_column",
     ),
     "stamps": ("DateOrder",),
+    "streaming": ("RecordStream", "open_record", "streams"),
     "time_units": ("UNITS",),
 }  # fmt: skip
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
@@ -33,12 +35,15 @@ __all__ = [
     "Gap",
     "Record",
     "RecordError",
+    "RecordStream",
     "accelerations",
     "bridged",
     "find_column",
     "in_si",
     "mixed_units",
+    "open_record",
     "read_record",
+    "streams",
 ]
 
 

@@ -119,6 +119,11 @@ class RecursiveModes:
                 state = self._after_gap(state, state.tail.next_index + end - begin)
         return state, state.modes
 
+    def solved(self, state: RecursiveState) -> tuple[Mode, ...]:
+        """Modes as all that has been taken in says, whatever was due."""
+        steps = zip(_steps(self), state.bands, strict=True)
+        return joined([(step.band, step.solved(band)) for step, band in steps])
+
     def _after_gap(self, state: RecursiveState, index: int) -> RecursiveState:
         lost = index - state.tail.next_index
         if lost < 0:
