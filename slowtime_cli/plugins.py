@@ -14,8 +14,8 @@ def plugins(timeout_s: float) -> int:
     """List installed parts; 1 where one of them cannot be loaded."""
     rows = [("group", "name", "distribution", "version", "state")]
     for one in installed.plugins():
-        row = (one.group, one.name, one.distribution, one.version)
-        rows.append((*row, _state(one, timeout_s)))
+        state = _state(one, timeout_s)
+        rows.append((one.group, one.name, one.distribution, one.version, state))
     if len(rows) == 1:
         click.echo(f"No parts are installed. Groups: {', '.join(installed.GROUPS)}.")
         return 0

@@ -41,10 +41,10 @@ class OwnIdentifier:
             logger.error("%s", error)
             return memory, Reading(channels=window.channels, why=("failed",))
         except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            where = ".".join(map(str, first["loc"])) or "answer"
+            fault = error.errors(include_url=False)[0]
+            where = ".".join(map(str, fault["loc"])) or "answer"
             logger.error(
-                "%s gave no modes: %s: %s.", find(GROUP, self.name), where, first["msg"]
+                "%s gave no modes: %s: %s.", find(GROUP, self.name), where, fault["msg"]
             )
             return memory, Reading(channels=window.channels, why=("not_credible",))
         if not modes:

@@ -94,9 +94,8 @@ class PluginProcess:
                 self._end()
 
     def close(self) -> None:
-        """End the process."""
-        with self._lock:
-            self._end()
+        """End the process, whoever is asking it."""
+        self._end()
 
     def _start(self) -> None:
         if self._process is not None and self._process.poll() is None:

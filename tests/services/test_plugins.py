@@ -144,6 +144,7 @@ def test_a_stream_that_hangs_is_ended_with_who_reads_it(installed):
     given = process.stream("own:", stop=stop)
     assert next(given) is None
     child = process._process
+    assert child is not None
     stop.set()
     assert list(given) == []
     assert child.poll() is not None
@@ -184,6 +185,9 @@ def test_the_process_ends_with_who_asked(installed):
         process.ask(1, timeout_s=0.2)
     process._start()
     child = process._process
+    assert child is not None
+    assert child.stdin is not None
+    assert child.stdout is not None
     assert process._send((1,), time.monotonic() + 10.0)
     child.stdin.close()
     assert child.wait(30.0) == 0

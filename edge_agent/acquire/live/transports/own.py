@@ -26,6 +26,10 @@ class OwnPackets:
         for data in self._process.stream(self._url, stop=stop):
             yield None if data is None else Packet(data, self._clock.now_ns())
 
+    def close(self) -> None:
+        """End the process of the part."""
+        self._process.close()
+
 
 def opened(settings: LiveInput, around: Surroundings) -> Opened:
     """Find the part; it is imported when it is first asked for packets."""
