@@ -231,9 +231,10 @@ def test_a_silent_sensor_is_an_alarm_and_its_return_an_event(house):
     house.until(lambda: "boot" in house.said("edge"), "the edge to listen")
     publish(house, f"udp://127.0.0.1:{port}", "--seconds", "14")
     until_valid(house, readings=1)
+    house.until(lambda: state_of(house)["sensor"]["sensor_silent_s"] >= 3, "the silence")
     house.until(lambda: bool(events(house, "sensor_silent")), "an event of the silence")
     assert events(house, "sensor_silent")[0]["severity"] == "alarm"
-    assert state_of(house)["sensor"]["sensor_silent_s"] >= 3
     publish(house, f"udp://127.0.0.1:{port}")
-    house.until(lambda: bool(events(house, "sensor_back")), "the sensor to be back")
+    house.until(lambda: state_of(house)["sensor"]["sensor_silent_s"] == 0, "the sensor")
+    house.until(lambda: bool(events(house, "sensor_back")), "an event of its return")
     house.until(lambda: state_of(house)["sensor"]["sensor_restarts"] == 1, "its restart")

@@ -48,6 +48,8 @@ class SensorWatch:
         for health in healths:
             if SILENT in health.counters:
                 notices += self._hear(health, now_s)
+            else:
+                self.forget(health.site, health.asset)
         return notices
 
     def of(self, site: str, asset: str) -> dict[str, int] | None:

@@ -66,7 +66,10 @@ class Scheme:
     parameters: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
 
-_MQTT = {"qos": "0, 1 (default) or 2", "client_id": "name of this client at the broker"}
+_MQTT = {
+    "qos": "0, 1 (default) or 2",
+    "client_id": "a name, under which messages wait while the connection is lost",
+}
 _TCP = {"timeout_s": "of connecting"}
 SCHEMES: dict[str, Scheme] = {
     scheme.name: scheme

@@ -25,8 +25,8 @@ PORTS = {"mqtt": 1883, "mqtts": 8883}
 class Mqtt:
     """Subscriptions at a broker.
 
-    Messages of QoS 1 that come while the connection is lost wait at the broker, as the session
-    is kept under the name of the client as long as the agent runs.
+    Where a client is named, the broker keeps its session: messages of QoS 1 wait there while
+    the connection is lost; a nameless session would be left behind with each run.
     """
 
     is_stream = ends = False
@@ -52,7 +52,7 @@ class Mqtt:
         self._client = paho.Client(
             CallbackAPIVersion.VERSION2,
             client_id=client_id or f"slowtime-{secrets.token_hex(6)}",
-            clean_session=False,
+            clean_session=not client_id,
         )
         if user is not None:
             self._client.username_pw_set(user, password)
@@ -89,6 +89,8 @@ class Mqtt:
         """Do nothing: what is open is closed with each connection."""
 
     def _hear(self, client: paho.Client, data: Any, message: paho.MQTTMessage) -> None:
+        if message.retain:
+            return  # what a broker has kept from an unknown time before
         topic = message.topic if self._by_topic else ""
         self._arrived.append(Packet(bytes(message.payload), self._clock.now_ns(), topic))
 
