@@ -20,7 +20,7 @@ from twin_server.persist import (
     look_through,
     open_store,
 )
-from twin_server.persist.layout import VERSION, WITHOUT_LEVELS
+from twin_server.persist.layout import LACKING, VERSION
 from twin_server.states import blank
 
 TWIN = TwinRow("lab", "beam", "{}", "{}")
@@ -302,7 +302,8 @@ def test_a_bucket_that_rots_is_noticed_where_it_is_read(tmp_path):
     store.close()
 
 
-def test_a_database_of_before_gets_its_buckets(database):
+@pytest.mark.parametrize("version", LACKING)
+def test_a_database_of_before_gets_the_tables_that_it_lacks(database, version):
     store = open_store(database("x"))
     states = states_of(np.arange(1_500))
     store.write(Cut(twins=[TWIN]))
@@ -310,16 +311,16 @@ def test_a_database_of_before_gets_its_buckets(database):
     expected, digest = store.thinned("lab.beam", 40), store.digest("lab.beam")
     with store._writing() as writer:
         sqlite = isinstance(store, SqliteStore)
-        for table in ("levels", "digests"):
+        for table in (lacked.name for lacked in LACKING[version]):
             writer.execute(f"drop table {table}")
             if sqlite:
                 writer.execute(f"delete from tallies where what = '{table}'")
         if not sqlite:
-            writer.execute("update layouts set version = ?", (WITHOUT_LEVELS,))
+            writer.execute("update layouts set version = ?", (version,))
     store.close()
     if sqlite:
         with sqlite3.connect(database("x"), isolation_level=None) as file:
-            file.execute(f"pragma user_version={WITHOUT_LEVELS}")
+            file.execute(f"pragma user_version={version}")
         file.close()
     for first in (1_500, 1_600):
         again = open_store(database("x"))
@@ -332,5 +333,6 @@ def test_a_database_of_before_gets_its_buckets(database):
         fill(again, 1, states_of(np.arange(first, first + 100)))
         digest = again.digest("lab.beam")
         expected = again.thinned("lab.beam", 40)
+        assert again.deliveries() == []
         again.close()
-    assert VERSION == WITHOUT_LEVELS + 1
+    assert sorted(LACKING) == [VERSION - 2, VERSION - 1]
