@@ -4,7 +4,17 @@ import subprocess
 import sys
 from pathlib import Path
 
-from . import door, flow, foresight, identification, modal_truth, plant, startup, transport
+from . import (
+    door,
+    flow,
+    foresight,
+    identification,
+    modal_truth,
+    plant,
+    startup,
+    streaming,
+    transport,
+)
 
 TRUTH_RUNS = 8
 """Of each structure of known modes: a minute or two; 300 take the better part of an hour."""
@@ -20,6 +30,8 @@ def main() -> int:
     status |= identification.main([])
     print("\n# Modes of simulated structures\n")
     status |= modal_truth.main(["--runs", str(TRUTH_RUNS)])
+    print("\n# Fast sensors and long files\n")
+    status |= streaming.main([])
     print("\n# Modes of many channels, beside pyOMA-2 and without end\n")
     sys.stdout.flush()
     # Peers have an environment of their own, which `make bench` sets up.

@@ -177,7 +177,8 @@ def read_time(
     deviation = seconds / step - instants
     jitter = float(np.sqrt(np.mean((deviation - deviation.mean()) ** 2)))
     scattered = jumps[jumps > 0].sum() > MOST_MISSING * (instants[-1] + 1)
-    scattered = scattered and np.median(np.diff(np.flatnonzero(jumps > 0))) < FEWEST_IN_A_ROW
+    apart = np.diff(np.flatnonzero(jumps > 0))
+    scattered = scattered and len(apart) > 0 and np.median(apart) < FEWEST_IN_A_ROW
     if (jitter > MOST_JITTER and not printed) or (jumps < 0).any() or scattered:
         raise UnevenError(
             f"The times in column {name!r} are too uneven for one sampling rate: they deviate "
