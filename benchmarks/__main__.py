@@ -13,6 +13,7 @@ from . import (
     modal_truth,
     plant,
     startup,
+    streaming,
     transport,
 )
 
@@ -32,6 +33,8 @@ def main() -> int:
     status |= identification.main([])
     print("\n# Modes of simulated structures\n")
     status |= modal_truth.main(["--runs", str(TRUTH_RUNS)])
+    print("\n# Fast sensors and long files\n")
+    status |= streaming.main([])
     print("\n# Modes of many channels, beside pyOMA-2 and without end\n")
     sys.stdout.flush()
     # Peers have an environment of their own, which `make bench` sets up.

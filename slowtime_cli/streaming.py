@@ -107,23 +107,22 @@ def _identify(path: Path, opened: RecordStream, flags: dict[str, Any]) -> None:
     channels = accelerations(head.channels, head.units)
     columns = [head.channels.index(name) for name in channels]
     band = flags["band_hz"] or (LOWEST_SHARE * rate, HIGHEST_SHARE * rate)
-    recursive = RecursiveModes(
-        rate_hz=rate, band_hz=band, every_s=max(FEWEST_S, _guessed_s(opened) / LOOKS)
-    )
+    every_s = max(FEWEST_S, _guessed_s(opened) / LOOKS)
+    recursive = RecursiveModes(rate_hz=rate, band_hz=band, every_s=every_s)
     state, modes = recursive.start(), ()
-    first = end = None
+    first, end, due = None, 0, every_s
     with counting("Identifying") as tell:
         for block, share in opened.blocks:
-            first, end = block.first_index if first is None else first, block.next_index
+            first = block.first_index if first is None else first
+            end = block.next_index - first
             samples = np.asarray(block.samples[:, columns], dtype=float)
-            state, found = recursive.step(state, samples, first_index=block.first_index - first)
-            if found is not modes:
-                modes = found
-                note(f"{(end - first) / rate / 3600:.1f} h read: {_listed(modes)}.")
+            state, modes = recursive.step(state, samples, first_index=block.first_index - first)
+            if end / rate >= due:
+                due += every_s
+                note(f"{end / rate / 3600:.2f} h read: {_listed(modes)}.")
             tell(f"{100 * share:.0f} %, {plural(len(modes), 'mode')} so far")
         modes = recursive.solved(state)
-    seconds = (end - first) / rate if first is not None and end is not None else 0.0
-    _tell(path, head, channels, seconds, state.lost, modes, flags)
+    _tell(path, head, channels, end / rate, state.lost, modes, flags)
 
 
 def _guessed_s(opened: RecordStream) -> float:
