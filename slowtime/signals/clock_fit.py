@@ -28,6 +28,8 @@ from .lower_hull import Point, lowest
 
 HUBER = 1.345
 """Residual, in standard deviations, beyond which a point loses weight: 95 % efficiency [2]."""
+CLIP = 3.0
+"""Distance, in standard deviations, that counts at most as evidence of a change."""
 FEWEST = 6
 """Points for a line whose scatter is to be known."""
 ROUNDS = 12
@@ -238,8 +240,12 @@ def widening(free: int) -> float:
     )
 
 
-def find_change(points: Points, *, fewest: int, least_s: float, score: float) -> Change | None:
+def find_change(
+    points: Points, line: Line, *, fewest: int, least_s: float, score: float
+) -> Change | None:
     """Where a step or a change of slope explains the points far better than one line.
+
+    Their distances from the line are clipped, so that a few late spans are no change.
 
     Parameters
     ----------
@@ -253,7 +259,9 @@ def find_change(points: Points, *, fewest: int, least_s: float, score: float) ->
     if free < 2 * fewest - 3:
         return None
     basis = np.linalg.qr(np.column_stack([np.ones_like(x), x - x.mean()]))[0]
-    residuals = y - basis @ (basis.T @ y)
+    far = y - line.level - line.slope * (x - line.x)
+    far = np.clip(far - np.sort(far)[len(far) // 2], -CLIP * line.scatter, CLIP * line.scatter)
+    residuals = far - basis @ (basis.T @ far)
     positions = _splits(x, fewest, least_s)
     best: Change | None = None
     for kind, regressors in (
@@ -268,8 +276,15 @@ def find_change(points: Points, *, fewest: int, least_s: float, score: float) ->
         if len(scores) and scores.max() > max(score, best.score if best else 0.0):
             at = int(np.argmax(scores))
             first = points.kept[positions[at]]
-            best = Change(first, kind, float(sizes[at]), float(scores[at]))
+            size = _size(y - basis @ (basis.T @ y), own[:, at])
+            best = Change(first, kind, size, float(scores[at]))
     return best
+
+
+def _size(
+    residuals: Float[np.ndarray, " span"], regressor: Float[np.ndarray, " span"]
+) -> float:
+    return float(regressor @ residuals / (regressor @ regressor))
 
 
 def _splits(x: Float[np.ndarray, " span"], fewest: int, least_s: float) -> list[int]:

@@ -179,7 +179,11 @@ class History:
         if line is not None:
             points = envelope(complete, line.slope, given.rate_limit)
             change = find_change(
-                points, fewest=given.fewest, least_s=given.patience_s / 3, score=given.change
+                points,
+                line,
+                fewest=given.fewest,
+                least_s=given.patience_s / 3,
+                score=given.change,
             )
             if change is not None:
                 turned = change.size if change.kind == "rate" else 0.0
