@@ -126,16 +126,16 @@ def shared_modes(
         reach = max(REACH * f, 3 * frequency[1])
         inside = np.abs(frequency - f) <= reach
         cross = np.array([a[inside].T @ b[inside].conj() for a, b in spectra])
-        powers = [[float(np.sum(np.abs(part[inside]) ** 2)) for part in pair] for pair in spectra]
+        powers = [
+            [float(np.sum(np.abs(part[inside]) ** 2)) for part in pair] for pair in spectra
+        ]
         power = float(np.prod(np.sum(powers, axis=0)))
         worth = _worth(spectra, inside) / HANN_WORTH
         modes.append(SharedMode(f, cross, power, max(worth, 1.5)))
     return tuple(modes), times_s
 
 
-def _worth(
-    spectra: list[tuple[np.ndarray, np.ndarray]], inside: np.ndarray
-) -> float:
+def _worth(spectra: list[tuple[np.ndarray, np.ndarray]], inside: np.ndarray) -> float:
     """Ordinates that share the power of a peak as so many equal ones would."""
     power = sum(np.sum(np.abs(part[inside]) ** 2, axis=1) for pair in spectra for part in pair)
     return float(np.sum(power) ** 2 / np.sum(np.square(power)))

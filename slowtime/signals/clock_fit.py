@@ -30,7 +30,9 @@ HUBER = 1.345
 """Residual, in standard deviations, beyond which a point loses weight: 95 % efficiency [2]."""
 CLIP = 3.0
 """Distance, in standard deviations, that counts at most as evidence of a change."""
-FEWEST = 6
+FITTED = 2
+"""Numbers that make a line: so many residuals are small for no merit of theirs."""
+FEWEST = 8
 """Points for a line whose scatter is to be known."""
 ROUNDS = 12
 """Of a fit, at most; three or four are usual."""
@@ -197,7 +199,9 @@ def fit_points(points: Points, resolution_s: float) -> Line | None:
     psi = np.clip(residuals, -HUBER * scale, HUBER * scale)
     inner = float(np.count_nonzero(np.abs(residuals) <= HUBER * scale)) / len(x)
     free = len(x) - 2
-    variance = max(float(psi @ psi) / free, resolution_s**2) / inner**2
+    # Huber's correction for few points of the variance of a regression.
+    few = 1.0 + 2.0 / len(x) * (1.0 - inner) / inner
+    variance = max(float(psi @ psi) / free, resolution_s**2) * (few / inner) ** 2
     wide = widening(free)
     spread = float(np.sum((x - x.mean()) ** 2))
     return Line(
@@ -211,9 +215,9 @@ def fit_points(points: Points, resolution_s: float) -> Line | None:
 
 
 def spread_of(residuals: Float[np.ndarray, " span"]) -> float:
-    """Estimate a standard deviation by the median of absolute residuals."""
+    """Estimate a standard deviation by the median of absolute residuals from a line."""
     ranked = np.sort(np.abs(residuals))
-    return 1.4826 * float(ranked[len(ranked) // 2])
+    return 1.4826 * float(ranked[min((len(ranked) + FITTED) // 2, len(ranked) - 1)])
 
 
 def _weighted(

@@ -12,6 +12,8 @@ from .lower_hull import Point, extend, joined, lowest
 
 MEMORY = 32
 """Shortest spans over which their typical distance from the line is averaged."""
+MOST_WAITING = 240
+"""Shortest spans that wait; a longer queue, drained late, says nothing of the clock."""
 NOTABLE = 4.0
 """Typical distances from which on a span is late, or early."""
 
@@ -90,27 +92,25 @@ class History:
         if line is None:
             self._commit((span,))
             return
-        far_s = _far_s(span, line)
-        wander_s = 3 * line.slope_sd * abs(span.hull[-1][0] - line.x)
-        usual_s = max(NOTABLE * state.roughness_s, 5 * given.resolution_s)
-        if abs(far_s) <= usual_s + wander_s:
-            rough = state.roughness_s
-            rough += (min(abs(far_s), 8 * rough + given.resolution_s) - rough) / MEMORY
-            self._state = dataclasses.replace(state, roughness_s=rough, waiting=())
-            self._commit((*state.waiting, span))
-            return
-        waiting = state.waiting
-        if waiting and (_far_s(waiting[0], line) > 0) != (far_s > 0):
-            self._state = dataclasses.replace(state, waiting=())
-            self._commit(waiting)
-            waiting = ()
-        waiting = (*_not_drained(waiting, span, given.rate_limit), span)
+        if not self._unusual(span, line):
+            far_s, rough = abs(_far_s(span, line)), state.roughness_s
+            rough += (min(far_s, 8 * rough + given.resolution_s) - rough) / MEMORY
+            self._state = dataclasses.replace(state, roughness_s=rough)
+            if not state.waiting or not self._unusual(state.waiting[-1], line):
+                self._state = dataclasses.replace(self._state, waiting=())
+                self._commit((*state.waiting, span))
+                return
+        waiting = (*state.waiting, span)[-MOST_WAITING:]
         self._state = dataclasses.replace(self._state, waiting=waiting)
-        x, y = waiting[0].hull[0]
-        if self._state.line is not None and len(waiting) >= 2 * given.fewest:
-            latest = sum(span.hull[-1])
-            if latest - (x + y) >= given.patience_s:
-                self._begin_anew(waiting, line)
+        since_s = sum(span.hull[-1]) - sum(waiting[0].hull[0])
+        if len(waiting) >= 2 * given.fewest and since_s >= given.patience_s:
+            self._begin_anew(waiting, line)
+
+    def _unusual(self, span: Span, line: Line) -> bool:
+        """Whether a shortest span is farther from the line than usual."""
+        drift_s = 3 * line.slope_sd * abs(span.hull[-1][0] - line.x)
+        usual_s = max(NOTABLE * self._state.roughness_s, 5 * self._given.resolution_s)
+        return abs(_far_s(span, line)) > usual_s + drift_s
 
     def _begin_anew(self, waiting: tuple[Span, ...], line: Line) -> None:
         """Leave the old line: the host's clock has stepped, or the device's has changed."""
@@ -217,14 +217,6 @@ def _far_s(span: Span, line: Line) -> float:
     """Least delay of a span beyond the line [s]; negative where it is early."""
     x, y = lowest(span.hull, line.slope)
     return y - line.at(x)
-
-
-def _not_drained(waiting: tuple[Span, ...], span: Span, limit: float) -> tuple[Span, ...]:
-    """Spans that were not merely held in a queue that `span` came out of."""
-    x, y = lowest(span.hull, 0.0)
-    return tuple(
-        past for past in waiting if past.hull[-1][1] <= y + limit * (x - past.hull[-1][0])
-    )
 
 
 def _merged(left: Span, right: Span) -> Span:

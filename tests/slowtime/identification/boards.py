@@ -31,7 +31,9 @@ class Motion:
     ) -> Float[np.ndarray, "time place"]:
         """Exact values at instants of any rate and start, by the chirp z transform."""
         lines = np.arange(len(self.coefficients))
-        turned = self.coefficients * np.exp(2j * np.pi * self.spacing_hz * start_s * lines)[:, None]
+        turned = (
+            self.coefficients * np.exp(2j * np.pi * self.spacing_hz * start_s * lines)[:, None]
+        )
         step = np.exp(-2j * np.pi * self.spacing_hz / rate_hz)
         return np.asarray(czt(turned, m=count, w=1 / step, a=1.0, axis=0).real)
 
@@ -42,7 +44,7 @@ def motion(
     """Stationary motion under white forces at all places."""
     spacing = 1 / (PERIOD_FACTOR * seconds)
     f = np.arange(int(top_hz / spacing)) * spacing
-    places, modes = structure.shapes.shape
+    places = len(structure.shapes)
     force = rng.normal(size=(len(f), places, 2)) @ np.array([1.0, 1.0j])
     natural = np.array(structure.frequency_hz)
     response = -(f[:, None] ** 2) / (
