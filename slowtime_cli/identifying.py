@@ -40,6 +40,9 @@ COLUMNS = ("frequency [Hz]", "damping [%]", "SNR [dB]", "method", "mistrust")
 def identify(
     record: Record,
     path: Path,
+    second: Record | None,
+    start_sd_ms: float,
+    rate_sd_ppm: float,
     band_hz: tuple[float, float] | None,
     window_s: float | None,
     hop_s: float | None,
@@ -53,6 +56,11 @@ def identify(
         method = "modes"
     description = read_description(model) if model else None
     record = _accelerations_of(record)
+    if second is not None:
+        # Imported here, for most records are of one board.
+        from .aligning import Clocks, aligned
+
+        record = aligned(record, second, Clocks(start_sd_ms, rate_sd_ppm), band_hz)
     duration_s, rows = record.duration_s, len(record.samples)
     record, said = bridged(record)
     if said:

@@ -37,15 +37,19 @@ TEXT_ONLY = ("time_column", "time_unit", "date_order", "wrapped", "keep")
 
 
 def with_record(verb: Callable[..., Any]) -> Callable[..., Any]:
-    """Hand a verb that takes `verbs.flags.RECORD` a `Record` in place of them."""
+    """Hand a verb that takes `verbs.flags.RECORD` a `Record` in place of them, and a second."""
 
     @functools.wraps(verb)
     def reading(record_path: Path, **flags: Any) -> Any:
         said = {field.name: flags.pop(field.name) for field in dataclasses.fields(Given)}
         for name in ("channels", "columns", "keep"):
             said[name] = names(said[name], f"--{name}")
-        record = read_any(record_path, Given(**{**said, "keep": said["keep"] or ()}))
+        given = Given(**{**said, "keep": said["keep"] or ()})
+        record = read_any(record_path, given)
         tell_reading(record)
+        if flags.get("second") is not None:
+            flags["second"] = read_any(flags["second"], given)
+            tell_reading(flags["second"])
         return verb(record=record, path=record_path, **flags)
 
     return reading

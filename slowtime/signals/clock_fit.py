@@ -115,7 +115,7 @@ class Change:
     kind
         'step' of the delay, or 'rate' of its slope.
     size, score
-        Step [s] or change of slope, and that over its standard deviation.
+        Step [s] or change of slope, and how many standard deviations that is.
     """
 
     first: int
@@ -256,7 +256,7 @@ def find_change(
     fewest, least_s
         Points, and sensor time between them [s], that must lie on either side.
     score
-        Size over its standard deviation from which on a change is believed.
+        Standard deviations from which on a change is believed.
     """
     x, y = points.x, points.y
     free = len(x) - 3
@@ -276,7 +276,8 @@ def find_change(
         power = np.sum(own**2, axis=0)
         sizes = own.T @ residuals / power
         left = np.maximum(residuals @ residuals - sizes**2 * power, 1e-30)
-        scores = np.abs(sizes) * np.sqrt(power * free / left)
+        # Student's t as the normal deviate of the same probability, nearly: few points lie.
+        scores = np.sqrt(free * np.log1p(sizes**2 * power / left))
         if len(scores) and scores.max() > max(score, best.score if best else 0.0):
             at = int(np.argmax(scores))
             first = points.kept[positions[at]]

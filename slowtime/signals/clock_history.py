@@ -14,6 +14,8 @@ MEMORY = 32
 """Shortest spans over which their typical distance from the line is averaged."""
 MOST_WAITING = 240
 """Shortest spans that wait; a longer queue, drained late, says nothing of the clock."""
+TURNING = 0.5
+"""Share of its distance by which a waiting line must turn away to be a change of rate."""
 NOTABLE = 4.0
 """Typical distances from which on a span is late, or early."""
 
@@ -89,22 +91,27 @@ class History:
     def _judge(self, span: Span) -> None:
         """Take a complete shortest span in, or let it wait where it is far from the line."""
         state, line, given = self._state, self._state.line, self._given
-        if line is None:
+        since_s = span.hull[-1][0] - state.history[0].hull[0][0] if state.history else 0.0
+        if line is None or since_s < given.patience_s:
             self._commit((span,))
             return
-        if not self._unusual(span, line):
+        usual = not self._unusual(span, line)
+        if usual:
             far_s, rough = abs(_far_s(span, line)), state.roughness_s
             rough += (min(far_s, 8 * rough + given.resolution_s) - rough) / MEMORY
             self._state = dataclasses.replace(state, roughness_s=rough)
-            if not state.waiting or not self._unusual(state.waiting[-1], line):
-                self._state = dataclasses.replace(self._state, waiting=())
-                self._commit((*state.waiting, span))
-                return
+        # One usual span after unusual ones may be a late one of a clock that was set back.
+        if usual and not (state.waiting and self._unusual(state.waiting[-1], line)):
+            self._state = dataclasses.replace(self._state, waiting=())
+            self._commit((*state.waiting, span))
+            return
         waiting = (*state.waiting, span)[-MOST_WAITING:]
         self._state = dataclasses.replace(self._state, waiting=waiting)
-        since_s = sum(span.hull[-1]) - sum(waiting[0].hull[0])
-        if len(waiting) >= 2 * given.fewest and since_s >= given.patience_s:
-            self._begin_anew(waiting, line)
+        since = [self._unusual(one, line) for one in reversed(waiting)]
+        after = waiting[len(waiting) - since.index(False) :] if False in since else waiting
+        if len(after) >= 2 * given.fewest:
+            if sum(after[-1].hull[-1]) - sum(after[0].hull[0]) >= given.patience_s:
+                self._begin_anew(after, line)
 
     def _unusual(self, span: Span, line: Line) -> bool:
         """Whether a shortest span is farther from the line than usual."""
@@ -119,7 +126,10 @@ class History:
         fresh = fit_points(points, given.resolution_s)
         turned = 0.0 if fresh is None else fresh.slope - line.slope
         doubt = 0.0 if fresh is None else float(np.hypot(fresh.slope_sd, line.slope_sd))
-        kind = "rate" if abs(turned) > 4 * doubt and fresh is not None else "step"
+        moved_s = abs(turned) * (waiting[-1].hull[-1][0] - waiting[0].hull[0][0])
+        apart_s = float(np.median([abs(_far_s(span, line)) for span in waiting]))
+        grows = moved_s > TURNING * apart_s and abs(turned) > 4 * doubt
+        kind = "rate" if grows else "step"
         self._reset(waiting, 1, kind, turned)
         self._refit()
 

@@ -21,6 +21,7 @@ Examples:
   slowtime identify tower.mcap --window-s 60 --hop-s 60 --out modes.json
   slowtime identify record.csv --rate-hz 200 --out - | python -m json.tool
   slowtime identify record.csv --rate-hz 200 --method modes --report modes.html
+  slowtime identify deck.mcap --with tower.mcap --method modes --out modes.json
 
 A terminal is shown a table; a pipe or a file gets lines with tabs between their fields.
 """,
@@ -50,6 +51,28 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     help="How to fit; auto finds out what the record is. modes: every mode of all channels "
     "together, with shapes; lines of machines are told apart. bayes: these modes by the "
     "fast Bayesian FFT. efdd, fdd: frequency domain decomposition, with and without damping.",
+)
+@click.option(
+    "--with",
+    "second",
+    type=EXISTING,
+    metavar="RECORD",
+    help="A second board's record of the same structure: both are put on one clock by modes "
+    "that both see, or refused with the reason. It is read as RECORD is.",
+)
+@click.option(
+    "--start-sd-ms",
+    type=POSITIVE,
+    default=20.0,
+    show_default=True,
+    help="With --with: how well the start of each record is known (one standard deviation).",
+)
+@click.option(
+    "--rate-sd-ppm",
+    type=POSITIVE,
+    default=100.0,
+    show_default=True,
+    help="With --with: how well the rate of each record is known (one standard deviation).",
 )
 @click.option(
     "--model",
