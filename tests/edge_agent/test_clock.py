@@ -11,6 +11,7 @@ from edge_agent.settings import Origin, Processing
 from slowtime.signals.block import Block, RateCorrection
 from slowtime.signals.sampling_clock import SamplingClock
 from slowtime_schemas.codec import encode
+from slowtime_schemas.messages import Features
 from slowtime_schemas.raw import encode_raw
 from slowtime_services.replay import block_of
 from tests.slowtime.identification.oscillators import record
@@ -38,7 +39,8 @@ def blocks(samples, clocks, start_ns=10**18):
 def told(stream, processing=None):
     """Every message of a stream."""
     edge = Edge.of(processing or Processing(), ORIGIN)
-    state, out = edge.start(), ()
+    state = edge.start()
+    out: tuple[Features, ...] = ()
     for block in stream:
         state, messages_ = edge.step(state, block)
         out += messages_
