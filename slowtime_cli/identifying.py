@@ -45,6 +45,9 @@ COLUMNS = ("frequency [Hz]", "damping [%]", "SNR [dB]", "method", "mistrust")
 def identify(
     record: Record,
     path: Path,
+    second: Record | None,
+    start_sd_ms: float,
+    rate_sd_ppm: float,
     band_hz: tuple[float, float] | None,
     window_s: float | None,
     hop_s: float | None,
@@ -60,8 +63,13 @@ def identify(
         method = "modes"
     known = read_geometry(geometry) if geometry else None
     record = _accelerations_of(record)
+    if second is not None:
+        # Imported here, for most records are of one board.
+        from .aligning import Clocks, aligned
+
+        record = aligned(record, second, Clocks(start_sd_ms, rate_sd_ppm), band_hz)
     mixed = mixed_units(record.channels, record.units)
-    models = [] if model is None else _models(model, record.channels, mixed)
+    models = models_of(model, record.channels, mixed)
     duration_s, rows = record.duration_s, len(record.samples)
     record, said = bridged(record)
     if said:
@@ -94,11 +102,11 @@ def identify(
         else:
             channels = record.channels
             if mixed and len(channels) > 1:
-                _say_mixed(mixed)
+                say_mixed(mixed)
             span = 0.0, len(part) / record.rate_hz
             method = "modes" if method == "auto" else method
             result["modes"] = [
-                _without_shape(modal.as_json(mode, models, span, method=method), mixed)
+                without_shape(modal.as_json(mode, models, span, method=method), mixed)
                 for mode in whole.modes
             ]
             if not silent:
@@ -116,8 +124,12 @@ def identify(
         write_found(out, result, known, record.units[0])
 
 
-def _models(model: Path, channels: tuple[str, ...], mixed: str) -> list[modal.ModelMode]:
+def models_of(
+    model: Path | None, channels: tuple[str, ...], mixed: str
+) -> list[modal.ModelMode]:
     """Modes of a model file, or of a universal file, at the channels of the record."""
+    if model is None:
+        return []
     if model.suffix.lower() in UNIVERSAL:
         found = modal.read_model_modes(model, channels)
     else:
@@ -125,7 +137,7 @@ def _models(model: Path, channels: tuple[str, ...], mixed: str) -> list[modal.Mo
     return [(hz, None) for hz, _ in found] if mixed else found
 
 
-def _say_mixed(mixed: str) -> None:
+def say_mixed(mixed: str) -> None:
     """Say why there are no shapes."""
     note(
         f"channels are of several units ({mixed}), so that no shapes are told: components "
@@ -134,7 +146,7 @@ def _say_mixed(mixed: str) -> None:
     )
 
 
-def _without_shape(body: dict[str, Any], mixed: str) -> dict[str, Any]:
+def without_shape(body: dict[str, Any], mixed: str) -> dict[str, Any]:
     """Take the shape from a mode over channels of several units, and flag it."""
     if not mixed:
         return body

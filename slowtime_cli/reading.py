@@ -39,15 +39,19 @@ TEXT_ONLY = ("time_column", "time_unit", "date_order", "wrapped", "keep")
 
 
 def with_record(verb: Callable[..., Any]) -> Callable[..., Any]:
-    """Hand a verb that takes `verbs.flags.RECORD` a `Record` in place of them."""
+    """Hand a verb that takes `verbs.flags.RECORD` a `Record` in place of them, and a second."""
 
     @functools.wraps(verb)
     def reading(record_path: Path, **flags: Any) -> Any:
         said = {field.name: flags.pop(field.name) for field in dataclasses.fields(Given)}
         for name in ("channels", "columns", "keep"):
             said[name] = names(said[name], f"--{name}")
-        record = read_any(record_path, Given(**{**said, "keep": said["keep"] or ()}))
+        given = Given(**{**said, "keep": said["keep"] or ()})
+        record = read_any(record_path, given)
         tell_reading(record)
+        if flags.get("second") is not None:
+            flags["second"] = read_any(flags["second"], given)
+            tell_reading(flags["second"])
         return verb(record=record, path=record_path, **flags)
 
     return reading
@@ -74,9 +78,7 @@ def read_any(path: Path, given: Given | None = None) -> Record:
                 note(
                     f"--{flag} was not used: an MCAP recording carries its own clock and names."
                 )
-        record = record_or_foreign(path)
-        record = _as_told(record, path, given.rate_hz, given.channels, given.columns)
-        return in_si(record, given.units, given.sensitivities)
+        return as_told(record_or_foreign(path), path, given)
     return read_record(
         path,
         **{field.name: getattr(given, field.name) for field in dataclasses.fields(Given)},
@@ -84,14 +86,9 @@ def read_any(path: Path, given: Given | None = None) -> Record:
     )
 
 
-def _as_told(
-    record: Record,
-    path: Path,
-    rate_hz: float | None,
-    channels: tuple[str, ...] | None,
-    columns: tuple[str, ...] | None,
-) -> Record:
+def as_told(record: Record, path: Path, given: Given) -> Record:
     """Let flags overrule what a recording says of itself, as they do for other files."""
+    rate_hz, channels, columns = given.rate_hz, given.channels, given.columns
     if columns is not None:
         if len(columns) != len(record.channels):
             raise click.UsageError(
@@ -102,8 +99,12 @@ def _as_told(
     if rate_hz is not None and abs(rate_hz / record.rate_hz - 1) > 1e-3:
         note(f"{path.name} says {record.rate_hz:g} Hz; {rate_hz:g} Hz was given, and used.")
         record = dataclasses.replace(record, rate_hz=rate_hz)
-    if channels is None:
-        return record
+    if channels is not None:
+        record = _chosen(record, channels)
+    return in_si(record, given.units, given.sensitivities)
+
+
+def _chosen(record: Record, channels: tuple[str, ...]) -> Record:
     kept = [find_column(name, record.channels) for name in channels]
     if len(set(kept)) != len(kept):
         raise click.UsageError(f"--channels {','.join(channels)} names one twice.")

@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import itertools
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,21 +12,24 @@ import numpy as np
 from slowtime.identification.modal_result import ModalResult, diagram
 from slowtime.identification.modes import Mode
 from slowtime.identification.recursive import RecursiveModes
+from slowtime.signals.block import Block
 from slowtime_services.files import (
     Record,
     RecordError,
     RecordStream,
     accelerations,
+    mixed_units,
     open_record,
     streams,
 )
-from slowtime_services.models import read_description
+from slowtime_services.modal import read_geometry
 from slowtime_services.replay import raw_blocks
 
 from . import identifying, modal
+from .modes_out import write_found
 from .options import names
-from .reading import Given, tell_reading
-from .terminal import counting, note, plural, write_json
+from .reading import Given, as_told, tell_reading
+from .terminal import counting, note, plural
 
 LONG_BYTES = 256 * 2**20
 """Size from which on a file is read as a stream, unless asked otherwise: read whole, one hour
@@ -60,7 +64,8 @@ def identify(record_path: Path, stream: bool | None, **flags: Any) -> None:
 
 def _is_long(path: Path, flags: dict[str, Any]) -> bool:
     """Whether a file is long, can be read in pieces, and is asked for no more than modes."""
-    whole = flags["window_s"] or flags["report"] or flags["method"] not in ("auto", "modes")
+    whole = flags["window_s"] or flags["report"] or flags["second"]
+    whole = whole or flags["method"] not in ("auto", "modes")
     kind = path.suffix.lower() == ".mcap" or streams(path)
     if whole or not kind or path.stat().st_size < LONG_BYTES:
         return False
@@ -77,27 +82,48 @@ def _opened(path: Path, said: dict[str, Any]) -> Iterator[RecordStream]:
         with open_record(path, **said, skip_missing=True) as opened:
             yield opened
         return
+    given = Given(**{**said, "keep": ()})
     blocks = (block for _, block in raw_blocks(path))
-    first = next(blocks)
-    head = Record(
-        samples=first.samples,
-        rate_hz=first.rate_hz,
-        channels=first.channels,
-        units=first.units,
-        start_ns=first.start_ns,
-    )
+    first = next(blocks, None)
+    if first is None:
+        raise RecordError(
+            f"{path.name} holds no raw blocks. A recording of another program is read at once: "
+            "give --whole."
+        )
+    head = as_told(_record(first), path, given)
+    quiet = dataclasses.replace(given, rate_hz=None)
 
-    def all_blocks() -> Iterator[Any]:
-        yield first, 0.0
-        for block in blocks:
+    def all_blocks() -> Iterator[tuple[Block, float]]:
+        for block in itertools.chain([first], blocks):
             if block.rate_hz != first.rate_hz or block.channels != first.channels:
                 raise RecordError(
                     f"{path.name}: rate or channels change within it, so that its blocks are "
                     "no one record. Give a recording of one set-up."
                 )
-            yield block, 0.0
+            told = as_told(_record(block), path, quiet)
+            yield (
+                dataclasses.replace(
+                    block,
+                    samples=told.samples,
+                    channels=told.channels,
+                    units=told.units,
+                    rate_hz=head.rate_hz,
+                ),
+                0.0,
+            )
 
     yield RecordStream(head, path.stat().st_size, all_blocks())
+
+
+def _record(block: Block) -> Record:
+    """Make a record of one block."""
+    return Record(
+        samples=block.samples,
+        rate_hz=block.rate_hz,
+        channels=block.channels,
+        units=block.units,
+        start_ns=block.start_ns,
+    )
 
 
 def _identify(path: Path, opened: RecordStream, flags: dict[str, Any]) -> None:
@@ -150,34 +176,39 @@ def _tell(
     flags: dict[str, Any],
 ) -> None:
     """Say what was found, as for a record that is read whole."""
-    out, model = flags["out"], flags["model"]
+    out, geometry = flags["out"], flags["geometry"]
     said = (f"{plural(lost, 'sample')} missing were left out.",) if lost else ()
     for text in said:
         note(text)
     if not modes:
         note("no mode stands out of the noise. Record longer, or give --band-hz.")
-    models = modal.model_modes(read_description(model), channels) if model else []
+    chosen = [head.units[head.channels.index(name)] for name in channels]
+    mixed = mixed_units(channels, chosen) if len(channels) > 1 else ""
+    if mixed:
+        identifying.say_mixed(mixed)
+    models = identifying.models_of(flags["model"], channels, mixed)
     if str(out) != "-":
         nothing = np.zeros(0)
-        result = ModalResult(
+        shown = ModalResult(
             modes=modes,
             stabilisation=diagram([], [], []),
             spectrum_hz=nothing,
             singular_values=nothing[:, None],
         )
-        modal.show_modes(result, models, path.name, method=METHOD)
+        modal.show_modes(shown, models, path.name, method=METHOD)
     if out is None:
         return
     span = 0.0, seconds
-    write_json(
-        out,
-        {
-            "slowtime_modes": 1,
-            "record": path.name,
-            "rate_hz": head.rate_hz,
-            "channels": list(channels),
-            "duration_s": seconds,
-            "assumptions": [*head.assumptions, *head.notes, *said],
-            "modes": [modal.as_json(mode, models, span, method=METHOD) for mode in modes],
-        },
-    )
+    result = {
+        "slowtime_modes": 1,
+        "record": path.name,
+        "rate_hz": head.rate_hz,
+        "channels": list(channels),
+        "duration_s": seconds,
+        "assumptions": [*head.assumptions, *head.notes, *said],
+        "modes": [
+            identifying.without_shape(modal.as_json(mode, models, span, method=METHOD), mixed)
+            for mode in modes
+        ],
+    }
+    write_found(out, result, read_geometry(geometry) if geometry else None, chosen[0])

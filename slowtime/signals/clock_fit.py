@@ -28,7 +28,11 @@ from .lower_hull import Point, lowest
 
 HUBER = 1.345
 """Residual, in standard deviations, beyond which a point loses weight: 95 % efficiency [2]."""
-FEWEST = 6
+CLIP = 3.0
+"""Distance, in standard deviations, that counts at most as evidence of a change."""
+FITTED = 2
+"""Numbers that make a line: so many residuals are small for no merit of theirs."""
+FEWEST = 8
 """Points for a line whose scatter is to be known."""
 ROUNDS = 12
 """Of a fit, at most; three or four are usual."""
@@ -111,7 +115,7 @@ class Change:
     kind
         'step' of the delay, or 'rate' of its slope.
     size, score
-        Step [s] or change of slope, and that over its standard deviation.
+        Step [s] or change of slope, and how many standard deviations that is.
     """
 
     first: int
@@ -195,7 +199,9 @@ def fit_points(points: Points, resolution_s: float) -> Line | None:
     psi = np.clip(residuals, -HUBER * scale, HUBER * scale)
     inner = float(np.count_nonzero(np.abs(residuals) <= HUBER * scale)) / len(x)
     free = len(x) - 2
-    variance = max(float(psi @ psi) / free, resolution_s**2) / inner**2
+    # Huber's correction for few points of the variance of a regression.
+    few = 1.0 + 2.0 / len(x) * (1.0 - inner) / inner
+    variance = max(float(psi @ psi) / free, resolution_s**2) * (few / inner) ** 2
     wide = widening(free)
     spread = float(np.sum((x - x.mean()) ** 2))
     return Line(
@@ -209,9 +215,9 @@ def fit_points(points: Points, resolution_s: float) -> Line | None:
 
 
 def spread_of(residuals: Float[np.ndarray, " span"]) -> float:
-    """Estimate a standard deviation by the median of absolute residuals."""
+    """Estimate a standard deviation by the median of absolute residuals from a line."""
     ranked = np.sort(np.abs(residuals))
-    return 1.4826 * float(ranked[len(ranked) // 2])
+    return 1.4826 * float(ranked[min((len(ranked) + FITTED) // 2, len(ranked) - 1)])
 
 
 def _weighted(
@@ -238,22 +244,28 @@ def widening(free: int) -> float:
     )
 
 
-def find_change(points: Points, *, fewest: int, least_s: float, score: float) -> Change | None:
+def find_change(
+    points: Points, line: Line, *, fewest: int, least_s: float, score: float
+) -> Change | None:
     """Where a step or a change of slope explains the points far better than one line.
+
+    Their distances from the line are clipped, so that a few late spans are no change.
 
     Parameters
     ----------
     fewest, least_s
         Points, and sensor time between them [s], that must lie on either side.
     score
-        Size over its standard deviation from which on a change is believed.
+        Standard deviations from which on a change is believed.
     """
     x, y = points.x, points.y
     free = len(x) - 3
     if free < 2 * fewest - 3:
         return None
     basis = np.linalg.qr(np.column_stack([np.ones_like(x), x - x.mean()]))[0]
-    residuals = y - basis @ (basis.T @ y)
+    far = y - line.level - line.slope * (x - line.x)
+    far = np.clip(far - np.sort(far)[len(far) // 2], -CLIP * line.scatter, CLIP * line.scatter)
+    residuals = far - basis @ (basis.T @ far)
     positions = _splits(x, fewest, least_s)
     best: Change | None = None
     for kind, regressors in (
@@ -264,12 +276,20 @@ def find_change(points: Points, *, fewest: int, least_s: float, score: float) ->
         power = np.sum(own**2, axis=0)
         sizes = own.T @ residuals / power
         left = np.maximum(residuals @ residuals - sizes**2 * power, 1e-30)
-        scores = np.abs(sizes) * np.sqrt(power * free / left)
+        # Student's t as the normal deviate of the same probability, nearly: few points lie.
+        scores = np.sqrt(free * np.log1p(sizes**2 * power / left))
         if len(scores) and scores.max() > max(score, best.score if best else 0.0):
             at = int(np.argmax(scores))
             first = points.kept[positions[at]]
-            best = Change(first, kind, float(sizes[at]), float(scores[at]))
+            size = _size(y - basis @ (basis.T @ y), own[:, at])
+            best = Change(first, kind, size, float(scores[at]))
     return best
+
+
+def _size(
+    residuals: Float[np.ndarray, " span"], regressor: Float[np.ndarray, " span"]
+) -> float:
+    return float(regressor @ residuals / (regressor @ regressor))
 
 
 def _splits(x: Float[np.ndarray, " span"], fewest: int, least_s: float) -> list[int]:

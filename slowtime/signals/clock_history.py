@@ -12,6 +12,10 @@ from .lower_hull import Point, extend, joined, lowest
 
 MEMORY = 32
 """Shortest spans over which their typical distance from the line is averaged."""
+MOST_WAITING = 240
+"""Shortest spans that wait; a longer queue, drained late, says nothing of the clock."""
+TURNING = 0.5
+"""Share of its distance by which a waiting line must turn away to be a change of rate."""
 NOTABLE = 4.0
 """Typical distances from which on a span is late, or early."""
 
@@ -87,30 +91,33 @@ class History:
     def _judge(self, span: Span) -> None:
         """Take a complete shortest span in, or let it wait where it is far from the line."""
         state, line, given = self._state, self._state.line, self._given
-        if line is None:
+        since_s = span.hull[-1][0] - state.history[0].hull[0][0] if state.history else 0.0
+        if line is None or since_s < given.patience_s:
             self._commit((span,))
             return
-        far_s = _far_s(span, line)
-        wander_s = 3 * line.slope_sd * abs(span.hull[-1][0] - line.x)
-        usual_s = max(NOTABLE * state.roughness_s, 5 * given.resolution_s)
-        if abs(far_s) <= usual_s + wander_s:
-            rough = state.roughness_s
-            rough += (min(abs(far_s), 8 * rough + given.resolution_s) - rough) / MEMORY
-            self._state = dataclasses.replace(state, roughness_s=rough, waiting=())
+        usual = not self._unusual(span, line)
+        if usual:
+            far_s, rough = abs(_far_s(span, line)), state.roughness_s
+            rough += (min(far_s, 8 * rough + given.resolution_s) - rough) / MEMORY
+            self._state = dataclasses.replace(state, roughness_s=rough)
+        # One usual span after unusual ones may be a late one of a clock that was set back.
+        if usual and not (state.waiting and self._unusual(state.waiting[-1], line)):
+            self._state = dataclasses.replace(self._state, waiting=())
             self._commit((*state.waiting, span))
             return
-        waiting = state.waiting
-        if waiting and (_far_s(waiting[0], line) > 0) != (far_s > 0):
-            self._state = dataclasses.replace(state, waiting=())
-            self._commit(waiting)
-            waiting = ()
-        waiting = (*_not_drained(waiting, span, given.rate_limit), span)
+        waiting = (*state.waiting, span)[-MOST_WAITING:]
         self._state = dataclasses.replace(self._state, waiting=waiting)
-        x, y = waiting[0].hull[0]
-        if self._state.line is not None and len(waiting) >= 2 * given.fewest:
-            latest = sum(span.hull[-1])
-            if latest - (x + y) >= given.patience_s:
-                self._begin_anew(waiting, line)
+        since = [self._unusual(one, line) for one in reversed(waiting)]
+        after = waiting[len(waiting) - since.index(False) :] if False in since else waiting
+        if len(after) >= 2 * given.fewest:
+            if sum(after[-1].hull[-1]) - sum(after[0].hull[0]) >= given.patience_s:
+                self._begin_anew(after, line)
+
+    def _unusual(self, span: Span, line: Line) -> bool:
+        """Whether a shortest span is farther from the line than usual."""
+        drift_s = 3 * line.slope_sd * abs(span.hull[-1][0] - line.x)
+        usual_s = max(NOTABLE * self._state.roughness_s, 5 * self._given.resolution_s)
+        return abs(_far_s(span, line)) > usual_s + drift_s
 
     def _begin_anew(self, waiting: tuple[Span, ...], line: Line) -> None:
         """Leave the old line: the host's clock has stepped, or the device's has changed."""
@@ -119,7 +126,10 @@ class History:
         fresh = fit_points(points, given.resolution_s)
         turned = 0.0 if fresh is None else fresh.slope - line.slope
         doubt = 0.0 if fresh is None else float(np.hypot(fresh.slope_sd, line.slope_sd))
-        kind = "rate" if abs(turned) > 4 * doubt and fresh is not None else "step"
+        moved_s = abs(turned) * (waiting[-1].hull[-1][0] - waiting[0].hull[0][0])
+        apart_s = float(np.median([abs(_far_s(span, line)) for span in waiting]))
+        grows = moved_s > TURNING * apart_s and abs(turned) > 4 * doubt
+        kind = "rate" if grows else "step"
         self._reset(waiting, 1, kind, turned)
         self._refit()
 
@@ -179,7 +189,11 @@ class History:
         if line is not None:
             points = envelope(complete, line.slope, given.rate_limit)
             change = find_change(
-                points, fewest=given.fewest, least_s=given.patience_s / 3, score=given.change
+                points,
+                line,
+                fewest=given.fewest,
+                least_s=given.patience_s / 3,
+                score=given.change,
             )
             if change is not None:
                 turned = change.size if change.kind == "rate" else 0.0
@@ -213,14 +227,6 @@ def _far_s(span: Span, line: Line) -> float:
     """Least delay of a span beyond the line [s]; negative where it is early."""
     x, y = lowest(span.hull, line.slope)
     return y - line.at(x)
-
-
-def _not_drained(waiting: tuple[Span, ...], span: Span, limit: float) -> tuple[Span, ...]:
-    """Spans that were not merely held in a queue that `span` came out of."""
-    x, y = lowest(span.hull, 0.0)
-    return tuple(
-        past for past in waiting if past.hull[-1][1] <= y + limit * (x - past.hull[-1][0])
-    )
 
 
 def _merged(left: Span, right: Span) -> Span:

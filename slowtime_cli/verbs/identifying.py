@@ -26,6 +26,7 @@ Examples:
   slowtime identify record.csv --rate-hz 200 --out - | python -m json.tool
   slowtime identify record.csv --rate-hz 200 --method modes --report modes.html
   slowtime identify record.tdms --sensitivity 100mV/g --geometry nodes.csv --out modes.uff
+  slowtime identify deck.mcap --with tower.mcap --method modes --out modes.json
 
 A terminal is shown a table; a pipe or a file gets lines with tabs between their fields.
 """,
@@ -63,6 +64,28 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     "recursive identification, or at once.  [default: a stream from 256 MiB on]",
 )
 @click.option(
+    "--with",
+    "second",
+    type=EXISTING,
+    metavar="RECORD",
+    help="A second board's record of the same structure: both are put on one clock by modes "
+    "that both see, or refused with the reason. It is read as RECORD is.",
+)
+@click.option(
+    "--start-sd-ms",
+    type=POSITIVE,
+    default=20.0,
+    show_default=True,
+    help="With --with: how well the start of each record is known (one standard deviation).",
+)
+@click.option(
+    "--rate-sd-ppm",
+    type=POSITIVE,
+    default=100.0,
+    show_default=True,
+    help="With --with: how well the rate of each record is known (one standard deviation).",
+)
+@click.option(
     "--model",
     type=EXISTING,
     help="Model file (YAML) to compare the modes with, mode by mode; or modes of another "
@@ -94,6 +117,7 @@ def identify(
     out: Path | None,
     geometry: Path | None,
     stream: bool | None,
+    second: Path | None,
     **_given: object,
 ) -> None:
     """Find natural frequencies and damping in a record, with errors.
@@ -117,10 +141,10 @@ def identify(
             f"--window-s follows the first mode. Leave it out for --method "
             f"{', '.join(ALL_CHANNELS)}, --model and --report."
         )
-    if stream and (window_s is not None or report or method not in ("auto", "modes")):
+    if stream and (window_s or report or second or method not in ("auto", "modes")):
         raise click.UsageError(
             "--stream finds all modes of a record of any length. Leave out --window-s, "
-            "--report and any --method but modes, or give --whole."
+            "--report, --with and any --method but modes, or give --whole."
         )
     if (model or report) and method not in ("auto", *ALL_CHANNELS):
         raise click.UsageError(
