@@ -17,7 +17,7 @@ def delivery(name, *, receiver="ops", twin="lab.beam", due_ns=10, **more):
 
 
 def test_an_event_and_its_deliveries_are_kept_together_or_not_at_all(store):
-    torn = delivery("a")._replace(body=None)  # type: ignore[arg-type]  # refused by the table
+    torn = delivery("a")._replace(body=None)  # refused by the table
     with pytest.raises(StoreError):
         store.write(Cut(events=[EVENT], deliveries=[delivery("b"), torn]))
     assert (store.events(), store.deliveries()) == ([], [])
