@@ -122,11 +122,24 @@ def test_a_file_becomes_a_stream_with_its_gaps_and_its_missing_values(tmp_path):
     blocks = [block for block in source if block is not None]
     assert (source.time_base, blocks[0].units, blocks[0].start_ns) == (
         "recorded",
-        ("g",),
+        ("m/s^2",),
         NOW_NS,
     )
+    np.testing.assert_allclose(blocks[0].samples[:3, 0], [0.0, 9.80665, 2 * 9.80665])
     assert [block.first_index for block in blocks[:5]] == [0, 50, 100, 160, 210]
     assert np.isnan(blocks[0].samples).sum() == 1
+
+
+def test_a_file_in_volts_becomes_accelerations_by_its_sensitivities(tmp_path):
+    x, z = np.random.default_rng(1).standard_normal((2, 200))
+    np.savez(tmp_path / "a.npz", x=x, z=z, rate_hz=100.0)
+    chosen = FileInput(
+        path=tmp_path / "a.npz", units=("V", "x=mg"), sensitivities=("z=100mV/g",)
+    )
+    source = open_source(chosen, HandClock(), threading.Event())
+    first = next(block for block in source if block is not None)
+    assert first.units == ("m/s^2", "m/s^2")
+    np.testing.assert_allclose(first.samples[1], [9.80665e-3 * x[1], 98.0665 * z[1]])
 
 
 def test_a_file_without_a_time_begins_where_a_twin_takes_it_and_says_so(tmp_path, caplog):

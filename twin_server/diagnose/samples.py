@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slowtime.signals.block import Block
-from slowtime_services.files import Record
+from slowtime_services.files import Record, in_si
 
 
 class NoSamplesError(ValueError):
@@ -60,7 +60,7 @@ def _joined(run: list[Block]) -> Piece:
         units=first.units,
         start_ns=first.start_ns,
     )
-    return Piece(record, first.epoch)
+    return Piece(in_si(record), first.epoch)
 
 
 def within(pieces: Iterable[Piece], start_ns: int | None, end_ns: int | None) -> list[Piece]:
