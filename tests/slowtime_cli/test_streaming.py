@@ -1,6 +1,7 @@
 """`identify --stream`: a long file in bounded memory, told as a record read whole."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -53,7 +54,7 @@ def test_a_stream_says_on_its_way_how_far_it_is_and_what_it_knows(run, tmp_path,
     done = run("identify", path, "--rate-hz", "20", "--stream", "--band-hz", "2.2", "3.0")
     said = [line for line in done.err.splitlines() if "h read" in line]
     assert len(said) >= 2
-    assert "1 mode: 2.6" in said[-1]
+    assert re.search(r"1 mode: 2\.(59|60|61)\d\d ± 0\.0\d+ Hz", said[-1])
 
 
 @pytest.mark.parametrize(
