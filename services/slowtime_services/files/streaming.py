@@ -24,6 +24,9 @@ from .record import Record, RecordError
 PIECE_BYTES = 16 * 2**20
 """Size of a piece: large enough to tell columns and clock from, small beside any memory."""
 
+BLOCK_ROWS = 8192
+"""Rows of a block at most."""
+
 RATE_TOLERANCE = 1e-3
 """Relative difference of rates up to which two pieces are of one stream."""
 
@@ -128,7 +131,7 @@ def _blocks(
         if first.start_ns is not None and record.start_ns is not None:
             due = round((record.start_ns - first.start_ns) * 1e-9 * rate)
             index = due if due > index + 1 else index
-        for block in record.blocks(max(1.0, 65_536 / rate), start_ns=0):
+        for block in record.blocks(BLOCK_ROWS / rate, start_ns=0):
             moved = dataclasses.replace(
                 block,
                 rate_hz=rate,
