@@ -121,7 +121,7 @@ class SamplingClock:
         self,
         state: ClockState,
         index: Int[np.ndarray, " message"],
-        arrival_ns: Int[np.ndarray, " message"],
+        arrival_ns: Int[np.ndarray, " arrival"],
     ) -> ClockState:
         """Take messages in the order they came; how they are cut into calls does not matter.
 

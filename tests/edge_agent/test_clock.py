@@ -85,11 +85,10 @@ def test_a_correction_moves_every_frequency_and_leaves_damping(fast):
 def test_the_error_of_the_clock_is_added_and_not_averaged_away(fast):
     known = steady(fast, RateCorrection(relative=0.01, sd=0.0))[-1]
     vague = steady(fast, RateCorrection(relative=0.01, sd=0.01))[-1]
-    share = known.modes[0].frequency_hz.value * 0.01 / 1.01
     for name in ("frequency_hz", "smoothed_frequency_hz"):
         before, after = getattr(known.modes[0], name), getattr(vague.modes[0], name)
         assert after.value == before.value
-        assert after.sd == pytest.approx(np.hypot(before.sd, share))
+        assert after.sd == pytest.approx(np.hypot(before.sd, before.value * 0.01 / 1.01))
     covariance = [
         mode.correlation * mode.frequency_hz.sd for mode in (known.modes[0], vague.modes[0])
     ]
