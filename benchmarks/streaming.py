@@ -98,7 +98,7 @@ def peaks() -> float:
             separate_peaks(level, tops, np.full(len(tops), 3.0))
             times.append(time.process_time() - began)
         took.append(min(times))
-    return took[1] / took[0] / (2 * (1 + 1 / np.log2(200_000)))
+    return float(took[1] / took[0] / (2 * (1 + 1 / np.log2(200_000))))
 
 
 def _resident_now() -> int:

@@ -135,7 +135,8 @@ def _identify(path: Path, opened: RecordStream, flags: dict[str, Any]) -> None:
     band = flags["band_hz"] or (LOWEST_SHARE * rate, HIGHEST_SHARE * rate)
     every_s = max(FEWEST_S, _guessed_s(opened) / LOOKS)
     recursive = RecursiveModes(rate_hz=rate, band_hz=band, every_s=every_s)
-    state, modes = recursive.start(), ()
+    state = recursive.start()
+    modes: tuple[Mode, ...] = ()
     first, end, due = None, 0, every_s
     with counting("Identifying") as tell:
         for block, share in opened.blocks:

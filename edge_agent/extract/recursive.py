@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from edge_agent.settings import ExtractSettings
+from slowtime.identification.identified import Measured
 from slowtime.identification.modes import Mode
 from slowtime.identification.recursive import RecursiveModes, RecursiveState
 from slowtime.signals.block import Block
@@ -74,6 +75,20 @@ class Stream:
     state: RecursiveState
     modes: tuple[Mode, ...] = ()
     hop: Hop | None = None
+
+    @property
+    def true_modes(self) -> tuple[Mode, ...]:
+        """The modes at the true rate, which is known better the longer a clock was watched."""
+        true = self.latest.true_rate_hz / self.latest.rate_hz
+        return tuple(
+            dataclasses.replace(
+                mode,
+                frequency_hz=Measured(
+                    mode.frequency_hz.value * true, mode.frequency_hz.sd * true
+                ),
+            )
+            for mode in self.modes
+        )
 
     @property
     def is_due(self) -> bool:

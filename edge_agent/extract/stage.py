@@ -127,20 +127,23 @@ class Extract:
         block, hop, given = stream.latest, stream.hop, self.settings
         assert hop is not None
         _, channels = self._columns(block)
-        last_ns = block.end_ns - round(1e9 / block.rate_hz)
+        last_ns = block.end_ns - round(1e9 / block.true_rate_hz)
         # Samples that fade know as much as the latest two memories of them.
         start_ns = max(stream.since_ns, last_ns - round(2e9 * given.memory_s))
         window = Window(
             rows=hop.means(),
-            rate_hz=block.rate_hz,
+            rate_hz=block.true_rate_hz,
             channels=channels,
             position=self._position(block, last_ns),
+            clock=block.clock,
         )
-        memory, reading = SeveralModes(given).told(state.memory, window, stream.modes)
+        memory, reading = SeveralModes(given).told(state.memory, window, stream.true_modes)
         if len(channels) > given.max_channels:
             memory, reading = state.memory, Reading(why=("too_many_channels",))
         covariates = self._covariates(window.rows, block)
-        flags = ("overlapping",) if state.sequence and start_ns < hop.first_ns else ()
+        flags: tuple[str, ...] = (
+            ("overlapping",) if state.sequence and start_ns < hop.first_ns else ()
+        )
         if given.covariates.keys() - covariates:
             flags += ("no_covariate",)
         slow_time = block.slow_time
@@ -157,7 +160,7 @@ class Extract:
                 samples=hop.count,
                 missing=hop.missing,
                 outliers=hop.outliers,
-                flags=flags + reading.why,
+                flags=flags + reading.why + reading.doubts,
             ),
             covariates={**block.covariates, **covariates},
             truth=dict(block.truth) or None,
@@ -270,6 +273,7 @@ class Extract:
             return OwnIdentifier(self.settings, self.settings.identifier)
         if self.settings.method == "modes":
             return SeveralModes(self.settings)
+        assert self.settings.method != "recursive"
         return FirstMode(self.settings, self.settings.method)
 
     def _position(self, block: Block, start_ns: int) -> float:

@@ -29,8 +29,8 @@ class Stretch:
     def joined(self) -> tuple[Rows, Marks]:
         """All rows and marks in one piece; parts are only joined once a window is whole."""
         if len(self.parts) == 1:
-            rows, marks = self.parts[0]
-            return np.asarray(rows, dtype=float), marks
+            only, its_marks = self.parts[0]
+            return np.asarray(only, dtype=float), its_marks
         rows, marks = zip(*self.parts, strict=True)
         return np.concatenate(rows, dtype=float), np.concatenate(marks)
 

@@ -41,7 +41,7 @@ def sharp_peaks(spectra: Spectra, low_hz: float, high_hz: float) -> list[float]:
 
 def _hann_power(coefficients: np.ndarray) -> np.ndarray:
     """Power under a Hann taper, by what it does to neighbouring coefficients."""
-    power = np.abs(coefficients)
+    power: np.ndarray = np.abs(coefficients)
     for first in range(1, len(coefficients) - 1, PIECE):
         last = min(first + PIECE, len(coefficients) - 1)
         beside = coefficients[first - 1 : last - 1] + coefficients[first + 1 : last + 1]

@@ -13,7 +13,8 @@ from pydantic import ValidationError
 from edge_agent.extract import Extract
 from edge_agent.pipeline import Edge
 from edge_agent.settings import ExtractSettings, Origin, Processing
-from slowtime.signals.block import Block
+from slowtime.signals.block import Block, RateCorrection
+from slowtime_schemas.messages import Features
 
 RATE, HZ, DAMPING = 20.0, 2.0, 0.02
 ORIGIN = Origin(site="lab", asset="beam", boot="b1", time_base="recorded")
@@ -62,7 +63,8 @@ def cut(block, where):
 
 def run(blocks, **more):
     stage = Extract(ExtractSettings(**{**GIVEN, **more}), ORIGIN)
-    state, out = stage.start(), []
+    state = stage.start()
+    out: list[Features] = []
     for block in blocks:
         marks = np.zeros((len(block.samples), 2), dtype=int)
         state, features = stage.step(state, block, marks)
@@ -115,6 +117,18 @@ def test_cutting_the_stream_between_hops_changes_no_message():
     assert [message.model_copy(update={"covariates": {}}) for message in out] == [
         message.model_copy(update={"covariates": {}}) for message in told()
     ]
+
+
+def test_frequencies_are_at_the_true_rate_and_carry_the_error_of_the_clock():
+    clock = RateCorrection(relative=0.01, sd=1e-2)
+    out, _ = run([dataclasses.replace(block, clock=clock) for block in each_second(whole())])
+    for message, nominal in zip(out, told(), strict=True):
+        for mode, plain in zip(message.modes, nominal.modes, strict=True):
+            value = 1.01 * plain.frequency_hz.value
+            assert mode.frequency_hz.value == pytest.approx(value)
+            share = np.hypot(1.01 * plain.frequency_hz.sd, 1e-2 * plain.frequency_hz.value)
+            assert mode.frequency_hz.sd == pytest.approx(share)
+    assert "clock_uncertain" in out[-1].quality.flags
 
 
 def test_a_gap_is_counted_and_the_modes_are_kept():
