@@ -212,7 +212,8 @@ def separate_peaks(
         beside += [(peak, kept[at])] if at < len(kept) else []
         if all(_least(table, first, last) < ceilings[peak] for first, last in beside):
             kept.insert(at, peak)
-    return [int(tops[place]) for place in kept]
+    separate: list[int] = tops[kept].tolist()
+    return separate
 
 
 def _minima_table(between: Float[np.ndarray, " peak"]) -> list[list[float]]:
@@ -228,7 +229,7 @@ def _least(table: list[list[float]], first: int, last: int) -> float:
     """Minimum of the stretches from `first` up to `last`, of which there is at least one."""
     power = (last - first).bit_length() - 1
     row = table[power]
-    return float(min(row[first], row[last - 2**power]))
+    return min(row[first], row[last - (1 << power)])
 
 
 def _above_skirts(curve: _Curve, tops: list[int], threshold: dict[int, float]) -> list[int]:

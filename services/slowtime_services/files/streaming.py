@@ -21,7 +21,7 @@ from .dialect import find_layout
 from .read import read_record
 from .record import Record, RecordError
 
-PIECE_BYTES = 16 * 2**20
+PIECE_BYTES = 4 * 2**20
 """Size of a piece: large enough to tell columns and clock from, small beside any memory."""
 
 BLOCK_ROWS = 8192
