@@ -157,7 +157,8 @@ def test_an_epoch_ends_with_a_message_whatever_the_hop():
         for n in range(4)
     ]
     edge = Edge.of(Processing(extract=ExtractSettings(**GIVEN)), ORIGIN)
-    state, out = edge.start(), []
+    state = edge.start()
+    out: list[Features] = []
     for block in epochs:
         state, features = edge.step(state, block)
         out += features
