@@ -20,7 +20,7 @@ FEW = 4
 """A counter that has just begun is below this; the first samples may be lost."""
 
 FOLLOWS_WITHIN = 64
-"""Two batches whose counters are so close confirm each other after a jump."""
+"""Two messages so close, by their counters, confirm each other after a jump."""
 
 UNIT_NS = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 
@@ -191,7 +191,7 @@ class ByCounter(_Numbered):
         assert suspect.counter is not None
         assert batch.counter is not None
         jump = (batch.counter - suspect.counter) % self._modulus
-        return 0 < jump <= self._counts_of(suspect) + FOLLOWS_WITHIN
+        return 0 < jump <= FOLLOWS_WITHIN * self._counts_of(suspect)
 
 
 class ByStamp(_Numbered):
@@ -249,7 +249,7 @@ class ByStamp(_Numbered):
 
     def _confirms(self, suspect: Batch, batch: Batch) -> bool:
         apart = (self._first_ns(batch) - self._first_ns(suspect)) % self._modulus_ns
-        return 0 < apart <= (len(suspect.rows) + FOLLOWS_WITHIN) * self._period_ns
+        return 0 < apart <= FOLLOWS_WITHIN * len(suspect.rows) * self._period_ns
 
 
 class ByArrival:
