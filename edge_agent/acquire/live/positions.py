@@ -5,6 +5,7 @@ has passed, so that what follows is never joined to what came before.
 """
 
 import abc
+import math
 from typing import NamedTuple, Protocol, runtime_checkable
 
 from edge_agent.layouts import Counter, Stamp
@@ -218,12 +219,13 @@ class ByStamp(_Numbered):
 
     def _error_ns(self, batch: Batch) -> float:
         """How much later a stamp is than expected, wraps undone."""
-        # In parts, as nanoseconds since 1970 have more digits than a float.
-        error = (self._first_ns(batch) - self._expected_ns) % self._modulus_ns
+        error = self._first_ns(batch) - self._expected_ns
+        if abs(error) > self._modulus_ns / 2:
+            error = math.remainder(error, self._modulus_ns)
         passed = batch.arrival_ns - self._arrival_ns
         if 4 * passed > self._modulus_ns:
-            return error + self._modulus_ns * round((passed - error) / self._modulus_ns)
-        return error - self._modulus_ns if error > self._modulus_ns / 2 else error
+            error += self._modulus_ns * round((passed - error) / self._modulus_ns)
+        return error
 
     def _expect_after(self, batch: Batch, samples: int) -> None:
         count = len(batch.rows)
