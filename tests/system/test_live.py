@@ -57,9 +57,9 @@ def until_valid(house, readings=2):
     return state_of(house)
 
 
-def publish(house, to, *more):
+def publish(house, to, *more, name="board"):
     house.start(
-        "board", "publish", "--to", to, "--frequency-hz", str(FREQUENCY_HZ),
+        name, "publish", "--to", to, "--frequency-hz", str(FREQUENCY_HZ),
         "--rate-hz", str(RATE_HZ), "--connect", house.endpoint, *more,
     )  # fmt: skip
 
@@ -234,7 +234,7 @@ def test_a_silent_sensor_is_an_alarm_and_its_return_an_event(house):
     house.until(lambda: state_of(house)["sensor"]["sensor_silent_s"] >= 3, "the silence")
     house.until(lambda: bool(events(house, "sensor_silent")), "an event of the silence")
     assert events(house, "sensor_silent")[0]["severity"] == "alarm"
-    publish(house, f"udp://127.0.0.1:{port}")
+    publish(house, f"udp://127.0.0.1:{port}", name="board-again")
     house.until(lambda: state_of(house)["sensor"]["sensor_silent_s"] == 0, "the sensor")
     house.until(lambda: bool(events(house, "sensor_back")), "an event of its return")
     house.until(lambda: state_of(house)["sensor"]["sensor_restarts"] == 1, "its restart")

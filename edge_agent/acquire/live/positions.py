@@ -5,6 +5,7 @@ has passed, so that what follows is never joined to what came before.
 """
 
 import abc
+import math
 from typing import NamedTuple, Protocol, runtime_checkable
 
 from edge_agent.layouts import Counter, Stamp
@@ -20,7 +21,7 @@ FEW = 4
 """A counter that has just begun is below this; the first samples may be lost."""
 
 FOLLOWS_WITHIN = 64
-"""Two batches whose counters are so close confirm each other after a jump."""
+"""Two messages so close, by their counters, confirm each other after a jump."""
 
 UNIT_NS = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 
@@ -191,7 +192,7 @@ class ByCounter(_Numbered):
         assert suspect.counter is not None
         assert batch.counter is not None
         jump = (batch.counter - suspect.counter) % self._modulus
-        return 0 < jump <= self._counts_of(suspect) + FOLLOWS_WITHIN
+        return 0 < jump <= FOLLOWS_WITHIN * self._counts_of(suspect)
 
 
 class ByStamp(_Numbered):
@@ -218,12 +219,13 @@ class ByStamp(_Numbered):
 
     def _error_ns(self, batch: Batch) -> float:
         """How much later a stamp is than expected, wraps undone."""
-        # In parts, as nanoseconds since 1970 have more digits than a float.
-        error = (self._first_ns(batch) - self._expected_ns) % self._modulus_ns
+        error = self._first_ns(batch) - self._expected_ns
+        if abs(error) > self._modulus_ns / 2:
+            error = math.remainder(error, self._modulus_ns)
         passed = batch.arrival_ns - self._arrival_ns
         if 4 * passed > self._modulus_ns:
-            return error + self._modulus_ns * round((passed - error) / self._modulus_ns)
-        return error - self._modulus_ns if error > self._modulus_ns / 2 else error
+            error += self._modulus_ns * round((passed - error) / self._modulus_ns)
+        return error
 
     def _expect_after(self, batch: Batch, samples: int) -> None:
         count = len(batch.rows)
@@ -249,7 +251,7 @@ class ByStamp(_Numbered):
 
     def _confirms(self, suspect: Batch, batch: Batch) -> bool:
         apart = (self._first_ns(batch) - self._first_ns(suspect)) % self._modulus_ns
-        return 0 < apart <= (len(suspect.rows) + FOLLOWS_WITHIN) * self._period_ns
+        return 0 < apart <= FOLLOWS_WITHIN * len(suspect.rows) * self._period_ns
 
 
 class ByArrival:

@@ -154,7 +154,10 @@ SCHEMES: dict[str, Scheme] = {
             opens="opcua",
             library="asyncua",
             extra="opcua",
-            parameters={"interval_ms": "publishing interval; 100 by default"},
+            parameters={
+                "channels": "ids of the variables",
+                "interval_ms": "publishing interval; 100 by default",
+            },
         ),
     )
 }  # fmt: skip

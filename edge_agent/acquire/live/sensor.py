@@ -86,7 +86,7 @@ class LiveSource:
         )
         return told
 
-    def __iter__(self) -> Iterator[Block | None]:
+    def __iter__(self) -> Iterator[Block]:
         """Blocks, until the source ends or the agent is stopped."""
         self._heard_ns = self._clock.now_ns()
         if self._reader is None and isinstance(self._opened.transport, Describing):

@@ -3,6 +3,7 @@
 import random
 import struct
 
+import numpy as np
 import pytest
 
 from edge_agent.acquire.live.batch import GarbledError
@@ -80,7 +81,7 @@ def test_a_frame_without_checksum_is_believed_once_another_follows():
 def test_numbers_of_three_bytes_keep_their_sign(order):
     layout = layout_of("crc32", order, "i24", samples=1)
     (batch,) = decoder_of(layout)(frame_of(layout, 9, [-1, 8_388_607, -8_388_608]), 0)
-    assert batch.rows.tolist() == [[-1.0, 8_388_607.0, -8_388_608.0]]
+    assert np.asarray(batch.rows).tolist() == [[-1.0, 8_388_607.0, -8_388_608.0]]
     assert (batch.counter, batch.stamp) == (9, 9_000)
 
 
@@ -104,10 +105,10 @@ def test_json_is_one_sample_a_block_or_rows():
     (one,) = scalars(b'{"n": 7, "x": 1, "y": 2.5, "z": null}', 5)
     assert (one.counter, list(one.rows[0])[:2], one.arrival_ns) == (7, [1.0, 2.5], 5)
     (block,) = scalars(b'{"n": 7, "x": [1, 2], "y": [3, 4], "z": [5, 6]}', 5)
-    assert block.rows.tolist() == [[1.0, 3.0, 5.0], [2.0, 4.0, 6.0]]
+    assert np.asarray(block.rows).tolist() == [[1.0, 3.0, 5.0], [2.0, 4.0, 6.0]]
     nested = JsonLayout(channels=CHANNELS, rows="data.rows")
     (rows,) = decoder_of(nested)(b'{"data": {"rows": [[1, 2, 3]]}}', 5)
-    assert rows.rows.tolist() == [[1.0, 2.0, 3.0]]
+    assert np.asarray(rows.rows).tolist() == [[1.0, 2.0, 3.0]]
     many = scalars(b'[{"n":1,"x":1,"y":1,"z":1},{"n":5,"x":1,"y":1,"z":1}]', 0)
     assert [batch.counter for batch in many] == [1, 5]
 

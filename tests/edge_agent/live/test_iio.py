@@ -12,6 +12,7 @@ from edge_agent.acquire.live.scan import element_of, scan_of, values_of
 from edge_agent.inputs import LiveInput
 from slowtime_services.clock import SystemClock
 
+from .listening import opened
 from .sysfs import SCALE, scan, tree
 
 
@@ -21,8 +22,8 @@ def test_scans_of_a_buffer_become_blocks_in_si_units_with_their_stamps(tmp_path)
         source="iio:///adxl355?channels=accel_x,accel_z", sysfs=tmp_path, rate_hz=250
     )
     whole = LiveInput(source="iio:///iio:device0", sysfs=tmp_path)
-    assert open_source(whole, SystemClock(), stop)._opened.rate_hz == 125.0
-    source = open_source(live, SystemClock(), stop)
+    assert opened(whole, stop)._opened.rate_hz == 125.0
+    source = opened(live, stop)
     start_ns = time.time_ns()
 
     def write():

@@ -16,10 +16,10 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from paho.mqtt.enums import CallbackAPIVersion
 
-from edge_agent.acquire import open_source
 from edge_agent.inputs import LiveInput
 from edge_agent.layouts import Channel, Counter, JsonLayout
-from slowtime_services.clock import SystemClock
+
+from .listening import opened
 
 pytestmark = pytest.mark.system
 TOPICS = JsonLayout(
@@ -60,11 +60,12 @@ def broker(tmp_path):
         shutil.which(name) or shutil.which(name, path="/usr/sbin")
         for name in ("mosquitto", "mosquitto_passwd")
     ]
-    if None in programs:
+    server, passwords = programs
+    if server is None or passwords is None:
         pytest.skip("mosquitto is not installed: apt-get install mosquitto")
     certificate(tmp_path)
     subprocess.run(
-        [programs[1], "-b", "-c", str(tmp_path / "users"), "pi", "raspberry"], check=True
+        [passwords, "-b", "-c", str(tmp_path / "users"), "pi", "raspberry"], check=True
     )
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
@@ -75,7 +76,7 @@ def broker(tmp_path):
         f"certfile {tmp_path}/broker.pem\nkeyfile {tmp_path}/broker.key\n"
     )
     process = subprocess.Popen(
-        [programs[0], "-c", str(tmp_path / "broker.conf")], stderr=subprocess.DEVNULL
+        [server, "-c", str(tmp_path / "broker.conf")], stderr=subprocess.DEVNULL
     )
     deadline = time.monotonic() + 60
     while time.monotonic() < deadline:
@@ -113,7 +114,7 @@ def test_topics_meet_in_one_row_behind_tls_and_a_password(broker, tmp_path):
         ca_file=tmp_path / "broker.pem", password_file=tmp_path / "password",
     )  # fmt: skip
     stop, over = threading.Event(), threading.Event()
-    source = open_source(live, SystemClock(), stop)
+    source = opened(live, stop)
     sender = threading.Thread(target=publish, args=(broker, tmp_path, over))
     sender.start()
     timer = threading.Timer(90, stop.set)
@@ -140,7 +141,7 @@ def test_who_has_the_wrong_password_is_told_and_goes_on_trying(broker, tmp_path,
         ca_file=tmp_path / "broker.pem", password_file=tmp_path / "password",
     )  # fmt: skip
     stop = threading.Event()
-    source = open_source(live, SystemClock(), stop)
+    source = opened(live, stop)
     reading = threading.Thread(target=lambda: list(source))
     reading.start()
     deadline = time.monotonic() + 60

@@ -21,13 +21,15 @@ from slowtime_schemas.streams import SAMPLES
 from slowtime_services.bus import MemoryBus
 from slowtime_services.clock import SystemClock
 
+from .listening import opened
+
 LINES = "layout=csv&counter=0&channels=x,y&rate_hz=200"
 
 
 def listen(live, samples, *, bus=None, patience_s=60.0):
     """Blocks of a source until so many samples have come, and what it counted."""
     stop = threading.Event()
-    source = open_source(live, SystemClock(), stop, bus=bus, twin=("lab", "beam"))
+    source = opened(live, stop, bus)
     timer = threading.Timer(patience_s, stop.set)
     timer.start()
     blocks, taken = [], 0
@@ -196,7 +198,7 @@ def test_what_waits_is_bounded_and_what_is_dropped_leaves_a_gap():
     port = free_port(socket.SOCK_DGRAM)
     live = LiveInput.of(f"udp://127.0.0.1:{port}?{LINES}", block_s=0.05, queue_samples=100)
     stop, began = threading.Event(), threading.Event()
-    source = open_source(live, SystemClock(), stop)
+    source = opened(live, stop)
 
     def send():
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
@@ -231,7 +233,7 @@ def test_what_waits_is_bounded_and_what_is_dropped_leaves_a_gap():
 
 def test_variables_of_an_opc_ua_server_become_channels():
     pytest.importorskip("asyncua")
-    from asyncua import Server
+    from asyncua.server.server import Server
 
     port, ready, stop = free_port(), threading.Event(), threading.Event()
 
