@@ -48,12 +48,12 @@ VERBS = {
     ),
     "plugins": Verb(
         "plugins:plugins",
-        "List parts of your own: group, name, distribution, version, loaded or the error.",
+        "List parts of your own that are installed.",
     ),
     "check": Verb("keeping:check", "Look through a twin's database for damage."),
     "backup": Verb("keeping:backup", "Copy a twin's database while the server writes it."),
     "restore": Verb("keeping:restore", "Put a backup in the place of a twin's database."),
-    "export": Verb("exporting:export", "Write what a twin knows as CSV, Parquet or DTDL."),
+    "export": Verb("exporting:export", "Write what a twin knows, or the samples of a record."),
     "record": Verb("recording:record", "Record what travels on the bus into an MCAP file."),
     "replay": Verb(
         "recording:replay", "Play a recording again and print the hash of its history."
@@ -77,7 +77,7 @@ VERBS = {
     ),
     "publish": Verb(
         "publishing:publish",
-        "Play an acceleration board on a structure that exists in software only.",
+        "Play an acceleration board on a structure in software.",
     ),
     "diagnose": Verb(
         "diagnosing:diagnose",

@@ -114,12 +114,12 @@ def test_a_correction_found_late_counts_for_windows_before(fast):
 
 def test_several_modes_carry_the_error_of_the_clock_too(fast):
     processing = Processing.model_validate({"extract": {"method": "modes"}})
-    clocks = [RateCorrection(relative=0.01, sd=0.002)] * (len(fast) // PER_MESSAGE)
+    clocks = [RateCorrection(relative=0.01, sd=0.02)] * (len(fast) // PER_MESSAGE)
     for message in told(blocks(fast, clocks), processing):
         assert "clock_uncertain" in message.quality.flags
         mode = min(message.modes, key=lambda mode: abs(mode.frequency_hz.value - 3.0))
         assert abs(mode.frequency_hz.value - 3.0) < 0.05
-        assert mode.frequency_hz.sd > 3.0 * 0.002 / 1.011
+        assert mode.frequency_hz.sd > 3.0 * 0.02 / 1.011
 
 
 def test_times_of_windows_follow_the_clock(fast):

@@ -15,7 +15,7 @@ from slowtime_cli.__main__ import VERBS, app
 from slowtime_cli.trying import FIRST, HEADING, LASTING, TRY
 from tests.docs.tutorials import can_run
 
-FILE = re.compile(r"[\w.-]+\.(csv|txt|npy|npz|mat|mcap|json|toml|yaml|sqlite|pem)")
+FILE = re.compile(r"[\w.-]+\.(csv|txt|npy|npz|mat|mcap|tdms|json|toml|yaml|sqlite|pem)")
 RUN = ("simulate", "identify", "evolve")
 
 
@@ -30,8 +30,10 @@ def examples(epilog: str) -> list[list[str]]:
     found = []
     for line in epilog.replace("\\\n", " ").splitlines():
         example = re.split(r"(?<=\S)\s{2,}", line.strip())[0]
-        for part in re.split(r"&&|[|&]", example):
-            words = shlex.split(part, comments=True)
+        lexer = shlex.shlex(example, posix=True, punctuation_chars="|&")
+        lexer.whitespace_split = True
+        for divides, part in itertools.groupby(lexer, lambda word: set(word) <= set("|&")):
+            words = [] if divides else list(part)
             while words and re.fullmatch(r"[A-Z_]+=\S+", words[0]):
                 words = words[1:]
             if words[:1] == ["slowtime"]:

@@ -9,13 +9,16 @@ import pytest
     [
         (
             (),
-            "An edge agent needs an input. Give --simulate, --file, --recording, or",
+            "An edge agent needs an input. Give --source, --simulate, --file, --recording, or",
         ),
         (
             ("--simulate", "tower", "--file", __file__),
             "--simulate and --file exclude each other",
         ),
-        (("--simulate", "tower", "--rate-hz", "1"), "--rate-hz goes with --file; other inputs"),
+        (
+            ("--simulate", "tower", "--rate-hz", "1"),
+            "--rate-hz goes with --file or --source; other inputs",
+        ),
         (("--simulate", "cathedral"), "not one of 'bridge', 'frame', 'tank', 'tower', 'wing'"),
         (("--simulate", "tower", "--site", "A B"), "'A B' is no name. Allowed: at most 63"),
         (("--simulate", "tower", "--window-s", "-1"), "-1.0 is not in the range x>0"),

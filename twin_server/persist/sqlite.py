@@ -219,6 +219,8 @@ def _told(path: Path) -> Iterator[None]:
     """Say what is wrong with a file, and what to do."""
     try:
         yield
+    except UnicodeDecodeError as error:  # of a message that quotes the file
+        raise _damaged(path, "it holds bytes that are no text") from error
     except sqlite3.Error as error:
         if _is_damage(error):
             raise _damaged(path, str(error)) from error

@@ -4,7 +4,8 @@ import dataclasses
 import re
 from typing import Literal
 
-from slowtime.dynamics.units import GRAVITY
+GRAVITY = 9.80665
+"""Standard gravity [m/s²] (CGPM, 1901)."""
 
 Motion = Literal["acceleration", "velocity", "displacement"]
 

@@ -121,6 +121,7 @@ class Encrypted(Controller):
     """Its own check of readiness trusts nobody's authority; it is ready when it listens."""
 
     def _trigger_server(self):
+        self.smtpd = self.factory()
         self._factory_invoked.set()
 
 

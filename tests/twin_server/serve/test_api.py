@@ -210,7 +210,7 @@ PROBLEMS = [
     ("DELETE", "/api/v1/twins/lab.nobody", 404, "no-such-twin", "Register it with PUT"),
     ("GET", "/api/v1/nowhere", 404, "no-such-address", "openapi.json"),
     ("GET", "/assets/../settings.py", 404, "no-such-address", "does not exist"),
-    ("GET", "/assets/nothing.js", 404, "no-such-address", "Allowed: app.js"),
+    ("GET", "/assets/nothing.js", 404, "no-such-address", "Allowed: acknowledging.js, app.js"),
     ("POST", "/api/v1/twins", 405, "method-not-allowed", "Allowed: GET"),
     ("GET", "/api/v1/twins/Not-An-Id", 422, "not-valid", "path.twin_id"),
     ("GET", f"{TWIN}?at=yesterday", 422, "not-valid", "query.at, yesterday is no moment"),
@@ -289,7 +289,9 @@ def test_every_route_is_described_with_an_example(server):
         "/api/v1/session", "/api/v1/twins/{twin_id}/simulate", "/api/v1/asyncapi.json",
         "/api/v1/twins/{twin_id}/history/export", "/api/v1/twins/{twin_id}/dtdl",
         "/api/v1/dtdl", "/api/v1/recordings", "/api/v1/recordings/{name}",
-        "/api/v1/recordings/{name}/replay",
+        "/api/v1/recordings/{name}/replay", "/api/v1/twins/{twin_id}/alarms",
+        "/api/v1/twins/{twin_id}/alarms/deliveries", "/api/v1/twins/{twin_id}/alarms/test",
+        "/api/v1/twins/{twin_id}/alarms/{event_id}/acknowledge",
     }  # fmt: skip
     for path, methods in document["paths"].items():
         for method, operation in methods.items():
