@@ -11,7 +11,7 @@ import numpy as np
 import scipy.special
 from jaxtyping import Bool, Float
 
-from .units import GRAVITY
+from slowtime.signals.units import GRAVITY
 
 Series = Float[np.ndarray, " time"]
 Samples = Float[np.ndarray, " sample"]

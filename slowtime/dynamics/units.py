@@ -3,11 +3,10 @@
 from types import MappingProxyType
 from typing import Literal
 
+from slowtime.signals.units import GRAVITY
+
 UnitOfCoordinate = Literal["m", "rad"]
 Quantity = Literal["acceleration", "velocity", "displacement", "force"]
-
-GRAVITY = 9.80665
-"""Standard gravity [m/s^2], by definition."""
 
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
 _ANGLES = {"rad": 1.0, "mrad": 1e-3, "deg": 3.141592653589793 / 180}

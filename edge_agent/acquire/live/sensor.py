@@ -120,9 +120,10 @@ class LiveSource:
 
     def _hear(self, batch: Batch) -> None:
         self._dropped += batch.dropped
-        self._backlog.note(batch.arrival_ns, len(batch.rows))
-        if self._bursts.note(batch.arrival_ns, len(batch.rows)):
-            self.tally.add("sensor_bursts")
+        if batch.lane == 0:  # samples of the others come beside these
+            self._backlog.note(batch.arrival_ns, len(batch.rows))
+            if self._bursts.note(batch.arrival_ns, len(batch.rows)):
+                self.tally.add("sensor_bursts")
         # Where arrivals come from replays or from a clock set back, silence is not negative.
         self._heard_ns = max(self._heard_ns, batch.arrival_ns)
         if self._is_silent:

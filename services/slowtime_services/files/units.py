@@ -4,8 +4,7 @@ import dataclasses
 import re
 from typing import Literal
 
-GRAVITY = 9.80665
-"""Standard gravity [m/s²] (CGPM, 1901)."""
+from slowtime.signals.units import GRAVITY
 
 Motion = Literal["acceleration", "velocity", "displacement"]
 

@@ -120,7 +120,8 @@ def test_a_layout_file_says_where_it_is_wrong(tmp_path):
 
 def test_datagrams_become_blocks_and_a_full_queue_drops_what_it_counts():
     port = free_port(socket.SOCK_DGRAM)
-    live = LiveInput.of(f"udp://127.0.0.1:{port}?{LINES}", block_s=0.1)
+    lines = LINES.replace("rate_hz=200", "rate_hz=1000")
+    live = LiveInput.of(f"udp://127.0.0.1:{port}?{lines}", block_s=0.1)
     stop = threading.Event()
 
     def send():
@@ -174,7 +175,7 @@ def test_samples_on_the_bus_bring_their_layout_along():
         n = 0
         while not stop.is_set():
             message = SensorSamples(
-                site="lab", asset="beam", boot="a", sequence=n, t_ns=0, rate_hz=50.0,
+                site="lab", asset="beam", boot="a", sequence=n, t_ns=0, rate_hz=500.0,
                 first_index=10 * n, channels=("z",), units=("g",),
                 samples=tuple((float(10 * n + i),) for i in range(10)),
             )  # fmt: skip
@@ -189,14 +190,15 @@ def test_samples_on_the_bus_bring_their_layout_along():
     stop.set()
     thread.join()
     bus.close()
-    assert (blocks[0].channels, blocks[0].units, blocks[0].rate_hz) == (("z",), ("g",), 50.0)
+    assert (blocks[0].channels, blocks[0].units, blocks[0].rate_hz) == (("z",), ("g",), 500.0)
     assert counts["garbage_bytes"] > 0
     assert counts["samples_lost"] == 0
 
 
 def test_what_waits_is_bounded_and_what_is_dropped_leaves_a_gap():
     port = free_port(socket.SOCK_DGRAM)
-    live = LiveInput.of(f"udp://127.0.0.1:{port}?{LINES}", block_s=0.05, queue_samples=100)
+    lines = LINES.replace("rate_hz=200", "rate_hz=2000")
+    live = LiveInput.of(f"udp://127.0.0.1:{port}?{lines}", block_s=0.05, queue_samples=100)
     stop, began = threading.Event(), threading.Event()
     source = opened(live, stop)
 
