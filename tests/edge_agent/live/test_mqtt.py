@@ -89,7 +89,7 @@ def broker(tmp_path):
     process.wait()
 
 
-def publish(port, folder, stop):
+def publish(port, folder, stop, sent):
     """Send the two axes of a board on topics of their own; one sample of one axis is lost."""
     client = paho.Client(CallbackAPIVersion.VERSION2)
     client.username_pw_set("pi", "raspberry")
@@ -102,6 +102,7 @@ def publish(port, folder, stop):
             if (n, axis) != (40, "y"):
                 client.publish(f"rig/{axis}", json.dumps({"n": n, "v": sign * n}))
         n += 1
+        sent.append(n)
         time.sleep(0.01)
     client.disconnect()
     client.loop_stop()
@@ -113,14 +114,15 @@ def test_topics_meet_in_one_row_behind_tls_and_a_password(broker, tmp_path):
         source=f"mqtts://pi@127.0.0.1:{broker}/", layout=TOPICS, rate_hz=100, block_s=0.1,
         ca_file=tmp_path / "broker.pem", password_file=tmp_path / "password",
     )  # fmt: skip
-    stop, over = threading.Event(), threading.Event()
+    stop, over, sent = threading.Event(), threading.Event(), list[int]()
     source = opened(live, stop)
-    sender = threading.Thread(target=publish, args=(broker, tmp_path, over))
+    sender = threading.Thread(target=publish, args=(broker, tmp_path, over, sent))
     sender.start()
     timer = threading.Timer(90, stop.set)
     timer.start()
-    taken = 0
+    taken, sent_before = 0, 0
     for block in source:
+        sent_before = sent_before or len(sent)
         rows = block.samples
         whole = rows[abs(rows).max(axis=1) >= 0]
         assert (whole[:, 0] == -whole[:, 1]).all()
@@ -131,6 +133,7 @@ def test_topics_meet_in_one_row_behind_tls_and_a_password(broker, tmp_path):
     over.set()
     sender.join()
     assert taken > 100
+    assert sent_before < 1000  # two topics at their rate are no backlog, which holds for 15 s
     assert source.counts()["samples_refused"] == 0
 
 
