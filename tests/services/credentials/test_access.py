@@ -12,6 +12,7 @@ from slowtime_schemas.streams import (
     HEALTH,
     RAW,
     REGISTRATION,
+    SAMPLES,
     STATE,
     STREAMS,
     alive_key,
@@ -54,12 +55,14 @@ def test_an_edge_writes_its_own_keys_and_no_other(join, eventually):
             say(edge, stream.key(site, asset), b"x")
     say(edge, "slowtime/v1/lab/beam/features/more", b"x")
     say(edge, "elsewhere", b"x")
-    own = {(s.key("lab", "beam"), b"x") for s in (FEATURES, HEALTH, ABOUT, RAW)}
+    own = {(s.key("lab", "beam"), b"x") for s in (FEATURES, HEALTH, ABOUT, RAW, SAMPLES)}
     # What was said before the subscriptions were known may be missing; no forged key may come.
     assert told(edge, got, FEATURES.key("lab", "beam"), eventually) <= own
-    for stream in (FEATURES, HEALTH, ABOUT, RAW):
+    for stream in (FEATURES, HEALTH, ABOUT, RAW, SAMPLES):
         say(edge, stream.key("lab", "beam"), b"x")
-    assert eventually(lambda: own <= {(s.key, s.payload) for s in got})
+    # Samples are for the edge itself, not for the server.
+    heard = own - {(SAMPLES.key("lab", "beam"), b"x")}
+    assert eventually(lambda: heard <= {(s.key, s.payload) for s in got})
     assert eventually(lambda: own <= {(s.key, s.payload) for s in seen})
     assert {(s.key, s.payload) for s in got + seen if s.payload == b"x"} == own
 

@@ -12,7 +12,7 @@ from collections import Counter
 
 import pytest
 from aiosmtpd.controller import Controller
-from aiosmtpd.smtp import AuthResult
+from aiosmtpd.smtp import SMTP, AuthResult
 
 SECRET = "a secret that is long enough"
 
@@ -121,7 +121,7 @@ class Encrypted(Controller):
     """Its own check of readiness trusts nobody's authority; it is ready when it listens."""
 
     def _trigger_server(self):
-        self.smtpd = self.factory()
+        self.smtpd = SMTP(self.handler, loop=self.loop)
         self._factory_invoked.set()
 
 
