@@ -44,6 +44,7 @@ def test_equal_seeds_give_equal_bytes(battery, tmp_path):
     assert short_cases(SEED + 1)[0][0] not in cases
 
 
+@pytest.mark.long
 def test_the_case_folder_says_nothing_of_the_truth(battery):
     out, cases = battery
     for name, case in cases.items():

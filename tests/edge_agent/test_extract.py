@@ -147,6 +147,7 @@ def test_only_the_channels_asked_for_are_read():
     assert message.modes[0].frequency_hz.value == pytest.approx(5.0, rel=0.03)
 
 
+@pytest.mark.long
 def test_the_smoothed_frequency_stands_beside_the_measured_one_with_its_lag():
     blocks = [block for epoch in range(12) for block in STRUCTURE.epoch(epoch)]
     modes = [m.modes[0] for m in run(blocks, median_window=3, ewma_a=0.5) if m.modes]

@@ -38,7 +38,13 @@ print("imported", *sys.modules)
 """
 
 
-@pytest.mark.parametrize("method", ["auto", "free_decay", "peak", "modes"])
+@pytest.mark.parametrize(
+    "method",
+    [
+        "auto",
+        *(pytest.param(m, marks=pytest.mark.long) for m in ("free_decay", "peak", "modes")),
+    ],
+)
 def test_an_edge_over_a_file_has_not_imported_what_it_does_not_run(method, tmp_path):
     rng = np.random.default_rng(5)
     ringing = np.exp(-0.25 * np.arange(800) / 100) * np.sin(

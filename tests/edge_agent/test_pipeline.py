@@ -138,6 +138,7 @@ def test_cutting_a_stream_anywhere_changes_no_feature(where):
     close(through(cut(STREAM, where)), WHOLE_STREAM)
 
 
+@pytest.mark.long
 @settings(max_examples=8, deadline=None)
 @given(where=st.sets(st.integers(1, 2999), max_size=8))
 def test_cutting_epochs_anywhere_changes_no_feature(where):

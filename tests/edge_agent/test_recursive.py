@@ -110,6 +110,7 @@ def test_before_modes_are_known_a_message_says_why_it_has_none():
     assert "no_mode" in out[0].quality.flags
 
 
+@pytest.mark.long
 def test_cutting_the_stream_between_hops_changes_no_message():
     hops = set(range(2000, 24_000, 2000))
     out, _ = run(cut(whole(), hops | {17, 5003, 5004}))
@@ -119,6 +120,7 @@ def test_cutting_the_stream_between_hops_changes_no_message():
     ]
 
 
+@pytest.mark.long
 def test_frequencies_are_at_the_true_rate_and_carry_the_error_of_the_clock():
     clock = RateCorrection(relative=0.01, sd=1e-2)
     out, _ = run([dataclasses.replace(block, clock=clock) for block in each_second(whole())])
@@ -131,6 +133,7 @@ def test_frequencies_are_at_the_true_rate_and_carry_the_error_of_the_clock():
     assert "clock_uncertain" in out[-1].quality.flags
 
 
+@pytest.mark.long
 def test_a_gap_is_counted_and_the_modes_are_kept():
     first, lost, last = cut(whole(), {15_000, 15_200})
     pieces = [*each_second(first), *each_second(last)]
@@ -167,6 +170,7 @@ def test_an_epoch_ends_with_a_message_whatever_the_hop():
     assert [message.quality.samples for message in out] == [3000] * 4
 
 
+@pytest.mark.long
 def test_what_is_kept_of_a_stream_does_not_grow():
     _, early = run(each_second(whole(seconds=900)))
     _, late = run(each_second(whole(seconds=1800)))

@@ -55,6 +55,7 @@ def house():
         yield opened
 
 
+@pytest.mark.long
 def test_what_was_let_in_the_estimators_stand(house):
     """Asked of the server: its worker has lived through all that `accepted` let in."""
     guard, document, headers = house

@@ -101,6 +101,7 @@ def test_the_first_help_has_examples_that_parse(tmp_path, monkeypatch):
         parse(arguments)
 
 
+@pytest.mark.long
 def test_the_short_examples_run_one_after_the_other(run, tmp_path):
     """Those that name only what an earlier one has written."""
     done = []

@@ -145,6 +145,7 @@ def test_a_record_of_an_event_says_so_instead_of_listing_its_spectrum(run, text)
     assert "No mode is claimed" in done.err
 
 
+@pytest.mark.long
 def test_a_multisine_says_so_instead_of_listing_its_lines(run, text):
     rng = np.random.default_rng(8)
     times = np.arange(4000) / 100.0

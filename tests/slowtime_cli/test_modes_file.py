@@ -100,6 +100,7 @@ def test_modes_for_another_program_come_back_as_the_same_modes(run, vibration, m
             assert mode.model.difference == pytest.approx(0.0, abs=1e-5)
 
 
+@pytest.mark.long
 def test_units_change_no_frequency_and_make_shapes_comparable(run, vibration, monkeypatch):
     monkeypatch.chdir(vibration.parent)
     whole = np.loadtxt(vibration, delimiter=",", skiprows=1)

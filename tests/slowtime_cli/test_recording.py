@@ -27,6 +27,7 @@ def test_the_history_of_another_recording_is_another(run, recorded):
     assert a != b
 
 
+@pytest.mark.long
 def test_a_recording_of_samples_alone_is_read_by_an_edge_agent_on_the_way(run, tmp_path):
     run("simulate", "--structure", "tank", "--epochs", 2, "--seed", 1, "--out", "raw.mcap")
     done = run("replay", "raw.mcap", "--into", "a.sqlite")

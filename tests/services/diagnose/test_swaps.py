@@ -83,6 +83,7 @@ def test_what_is_missing_is_not_taken_for_a_wire(effects):
     refuse_nonsense(campaign((0, 1, 2), *effects, off=0.95, seed=2), ["r.csv"])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("effects", [(), (CUBIC,)])
 @pytest.mark.parametrize("crossed", [True, False])
 def test_exchanged_inputs_are_told_and_right_ones_are_not(effects, crossed):

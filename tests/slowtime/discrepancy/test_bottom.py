@@ -90,6 +90,7 @@ def rubbed():
     return tuple(records), right, dataclasses.replace(right, values=values, cost=left)
 
 
+@pytest.mark.long
 def test_friction_goes_to_the_best_beside_where_it_ended_and_tells_how_those_scatter(rubbed):
     records, right, beside = rubbed
     found = Found([beside], records)

@@ -98,6 +98,7 @@ def test_where_one_stands_out_no_law_is_tried_on_how_records_begin(
     assert bool(asked) is down
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("left", "whole"),
     [(20.0, []), pytest.param(50.0, [label_of(DRAG)], marks=pytest.mark.long)],

@@ -254,6 +254,7 @@ def test_one_sensor_does_not_tell_where_a_constant_changed(hummed):
     assert told >= {GROUND, MIDDLE}
 
 
+@pytest.mark.long
 def test_a_tone_at_one_level_does_not_tell_a_softening_spring_from_a_softer_one(steady):
     rig, trials = steady
     bent = refit(Plant.of(rig, kinds=KINDS), trials)
@@ -263,6 +264,7 @@ def test_a_tone_at_one_level_does_not_tell_a_softening_spring_from_a_softer_one(
     assert found.answers[0].probability < 0.9
 
 
+@pytest.mark.long
 def test_laws_that_show_along_nothing_are_refitted_all_the_same(steady, monkeypatch):
     rig, trials = steady
     bent = refit(Plant.of(rig, kinds=KINDS), trials)
@@ -660,6 +662,7 @@ def test_a_motion_of_the_base_is_unmeasured_only_where_it_is_no_input(measured):
     assert ("base_motion" in named) is not measured
 
 
+@pytest.mark.long
 def test_a_slow_error_of_the_only_sensor_is_its_drift_and_no_motion_of_the_base():
     """The base would do the same to one accelerometer."""
     sensor = Sensor(channel="a", quantity="acceleration", node="m1", unit="m/s^2")
@@ -712,6 +715,7 @@ def test_constants_within_their_tolerance_need_no_law():
     assert "quadratic_damping" in {one.effect.kind for one in found}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("sharp", "apart"), [(2e-4, False), (0.2, True)])
 def test_of_friction_it_is_said_whether_its_curve_at_low_speed_shows(sharp, apart):
     """Far above the speed of Stribeck's curve, it is dry friction."""

@@ -44,6 +44,7 @@ def test_an_error_of_noise_needs_no_second_look(fitted):
     assert borne_out(fitted["gap_symmetric"], 1.0, [recorded(HARD, 9.0, 7)])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "begun",
     [pytest.param(None, marks=pytest.mark.long), np.array([0.05, -1.5])],

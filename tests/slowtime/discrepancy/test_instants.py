@@ -32,6 +32,7 @@ def records_of_a_jump(jump_s):
     return truth, tuple(trials)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("begun_s", "jump_s"),
     [

@@ -111,6 +111,7 @@ def test_the_base_comes_before_its_twins_and_before_nothing_else(found):
     assert whole.base_first() is whole
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "grows"), [("base", False), ("cubic", True), ("jump", True)])
 def test_a_motion_of_the_base_knows_nothing_of_what_drives_the_structure(found, name, grows):
     _, (_, _, result) = found[name]
@@ -143,6 +144,7 @@ def test_the_force_is_recovered_with_an_honest_error(found):
         assert np.std(error) < 0.25 * np.std(missing)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [3, pytest.param(6, marks=pytest.mark.long)])
 def test_accelerometers_tell_a_motion_and_not_their_noise_at_low_frequency(
     campaign, wrong, seed

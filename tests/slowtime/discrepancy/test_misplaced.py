@@ -41,17 +41,9 @@ def accounted(trials, *effects):
     return Found(fits, trials, answers=answers)
 
 
-@pytest.mark.parametrize(
-    ("first", "name"),
-    [
-        pytest.param(True, "jump", id="first-jump"),
-        pytest.param(False, "curve", id="last-curve"),
-        pytest.param(False, "rider", id="last-rider"),
-        pytest.param(False, "jump", id="last-jump", marks=pytest.mark.long),
-        pytest.param(True, "curve", id="first-curve", marks=pytest.mark.long),
-        pytest.param(True, "rider", id="first-rider", marks=pytest.mark.long),
-    ],
-)
+@pytest.mark.long
+@pytest.mark.parametrize("first", [True, False], ids=["first", "last"])
+@pytest.mark.parametrize("name", ["jump", "curve", "rider"])
 def test_it_goes_to_where_it_leaves_least(first, name):
     true = TRUE[name]
     # Beside less noise, which minimum the wrong law is fitted into hangs on the last digit.
@@ -70,6 +62,7 @@ def test_it_goes_to_where_it_leaves_least(first, name):
     assert str(true.place) in told[true.kind].sentence
 
 
+@pytest.mark.long
 def test_what_is_where_it_belongs_stays():
     found = accounted(seen((TRUE["curve"], DRAG)), TRUE["curve"], DRAG)
     fits = list(found.fits)
@@ -77,6 +70,7 @@ def test_what_is_where_it_belongs_stays():
     assert found.fits == fits
 
 
+@pytest.mark.long
 def test_one_law_alone_is_not_asked_and_nor_is_what_ended_or_comes_too_late():
     wrong = dataclasses.replace(TRUE["curve"], place=FIRST)
     found = accounted(seen((TRUE["curve"], DRAG)), wrong, DRAG)
@@ -89,6 +83,7 @@ def test_one_law_alone_is_not_asked_and_nor_is_what_ended_or_comes_too_late():
     assert late.hurried
 
 
+@pytest.mark.long
 def test_at_another_place_a_law_is_begun_with_as_strong_as_it_comes_nearest(monkeypatch):
     """An element that moves less needs more of it; the motion tells before any fit."""
     trials = seen((TRUE["jump"], DRAG), samples=600)
@@ -116,6 +111,7 @@ def test_at_another_place_a_law_is_begun_with_as_strong_as_it_comes_nearest(monk
     assert begun[FIRST, SECOND] == pytest.approx(150.0, rel=1e-6)
 
 
+@pytest.mark.long
 def test_a_better_instant_is_looked_for_there_too(monkeypatch):
     found = accounted(seen((TRUE["jump"], DRAG)), TRUE["jump"], DRAG)
     asked = []
@@ -138,6 +134,7 @@ def right_at(plant, found):
     return dataclasses.replace(found.fits[-1], plant=plant)
 
 
+@pytest.mark.long
 def test_what_was_doubted_of_the_place_that_a_law_had_is_doubted_no_more():
     true = TRUE["curve"]
     trials = seen((true, DRAG), samples=600)

@@ -46,6 +46,7 @@ def records():
     return tuple(trials)
 
 
+@pytest.mark.long
 def test_the_part_looked_at_is_the_first_of_which_the_law_leaves_something(records):
     plant = Plant.of(with_effect(ACCELERATION, LAW), kinds=KINDS)
     before = refit(plant, records)

@@ -98,6 +98,7 @@ def hard():
     return lacking("cubic_hardening", TOP)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "place"),
     [
@@ -140,6 +141,7 @@ def test_what_the_recovered_motion_misses_the_beginning_tells_soon(hard, monkeyp
     assert len(fits) < 32
 
 
+@pytest.mark.long
 def test_only_the_places_that_are_asked_for_are_tried(hard):
     before, trials = hard
     found = openings(before, trials, KINDS, never, [MIDDLE, Place("node", "m1")])

@@ -157,6 +157,7 @@ def run_away(*_, **__):
     raise FloatingPointError("it did")
 
 
+@pytest.mark.long
 def test_a_law_from_which_whole_records_run_away_is_told_by_its_pieces(monkeypatch):
     """Near the edge of a well a free run goes over it, though the law be all but right."""
     effect = Effect("quadratic_stiffness", PLACE, {"k2_n_per_m2": -8000.0})

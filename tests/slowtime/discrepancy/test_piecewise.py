@@ -119,6 +119,7 @@ def two():
     return lacking(STOP, Effect("cubic_hardening", MIDDLE, {"k3_n_per_m3": 3e5}))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("effect", "level"),
     [
@@ -158,6 +159,7 @@ def test_a_law_on_the_wrong_side_is_tried_on_the_other(stop):
         assert told.effect.parameters["side"] == -1.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "instant", [2.0, *(pytest.param(at, marks=pytest.mark.long) for at in (6.1, 9.3))]
 )
@@ -177,6 +179,7 @@ def test_a_switch_is_begun_where_a_force_told_it_too():
     assert told.effect.parameters["t_jump_s"] == pytest.approx(5.0, abs=0.005)
 
 
+@pytest.mark.long
 def test_where_the_right_law_is_not_tried_nothing_is_told(stop):
     others = [
         one for one in stop.tried if one.effect.kind in ("viscous_damping", "stiffness_loss")
@@ -196,6 +199,7 @@ def test_what_swings_by_itself_is_not_tried():
     assert {one.effect.kind for one in given.told()} == {"harmonic_force"}
 
 
+@pytest.mark.long
 def test_the_stronger_of_two_is_told_alone(two):
     best = two.told()[0]
     assert label_of(best.effect) == label_of(STOP)
@@ -241,6 +245,7 @@ def left(fit, chi2):
     return [Named(STOP, fit.plant.description, fit, 0.0)]
 
 
+@pytest.mark.long
 def test_pieces_are_asked_once_where_no_force_explains_what_is_missing(stop):
     data = stop.before.data
     near = [dataclasses.replace(stop.tried[0], cost=0.9 * FAR_OFF * data)]
@@ -255,6 +260,7 @@ def test_pieces_are_asked_once_where_no_force_explains_what_is_missing(stop):
     assert asked(stop, []).begins is None
 
 
+@pytest.mark.long
 def test_or_where_what_was_refitted_explains_little(stop):
     near = [dataclasses.replace(stop.tried[0], cost=0.01 * stop.before.data)]
     pieced = asked(stop, near)
@@ -265,6 +271,7 @@ def test_or_where_what_was_refitted_explains_little(stop):
     assert pieced.whole == pieced.told
 
 
+@pytest.mark.long
 def test_what_leaves_more_than_noise_of_pieces_is_not_all_there_is(two):
     pieced = asked(two, two.tried[:3])
     assert pieced([])

@@ -278,6 +278,7 @@ def test_numbers_that_are_told_only_together_end_where_the_claim_of_one_puts_the
         assert abs(fine) < 0.01
 
 
+@pytest.mark.long
 def test_a_wrong_model_is_not_followed_to_its_bottom_because_most_data_lie_above_it(
     campaign, wrong, monkeypatch
 ):

@@ -113,6 +113,7 @@ def test_negative_damping_that_is_nowhere_negative_does_nothing_of_its_own():
     assert doubt(DISPLACED, SINGS) == Doubt(PLACE, (0,))
 
 
+@pytest.mark.long
 def test_what_lags_in_an_element_is_seen_though_something_on_its_node_was_named():
     seen = [doubt(MAXWELL, RIDER, seed, noise=0.005) for seed in range(12)]
     assert set(seen) <= {None, Doubt(PLACE, ())}
@@ -125,6 +126,7 @@ def test_the_right_law_is_hardly_ever_refuted(told):
     assert sum(doubt(told, told, seed) is not None for seed in range(300)) <= 1
 
 
+@pytest.mark.long
 def test_noise_alone_takes_no_law_out_of_what_it_may_be_off(monkeypatch):
     monkeypatch.setattr("slowtime.discrepancy.refuted.BY_CHANCE", 0.9)
     assert sum(doubt(DRAG, DRAG, seed, noise=0.1) is not None for seed in range(20)) <= 1

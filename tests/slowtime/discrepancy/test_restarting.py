@@ -73,6 +73,7 @@ def thrown():
     return plant, trials, right, stray
 
 
+@pytest.mark.long
 def test_a_record_that_begins_badly_is_begun_anew(thrown):
     _, trials, right, stray = thrown
     again = restarted(stray, trials)
@@ -81,6 +82,7 @@ def test_a_record_that_begins_badly_is_begun_anew(thrown):
     assert again.states[1] == pytest.approx([0.09, -2.0], abs=0.02)
 
 
+@pytest.mark.long
 def test_the_answers_are_told_again_by_what_was_begun_anew(thrown):
     plant, trials, right, stray = thrown
     answer = answer_of([Named(SINGS, plant.description, stray, 0.0)], [1.0], KINDS)
@@ -114,6 +116,7 @@ def test_what_would_leave_more_is_not_taken(thrown, monkeypatch):
     assert restarted(stray, trials) is None
 
 
+@pytest.mark.long
 def test_a_state_is_found_from_far_away_and_a_good_one_is_kept(thrown):
     plant, trials, right, _ = thrown
     (head,) = first_swings(plant, trials[1:])
@@ -201,6 +204,7 @@ def test_the_nearest_start_is_the_one_whose_run_is_and_never_one_that_runs_away(
     assert nearest(well, trial, noise, well.values, [away, off]) is off
 
 
+@pytest.mark.long
 def test_a_record_never_seen_is_run_from_where_it_begins(thrown):
     """The free run by which a law is judged is lost where it begins in the wrong swing."""
     plant, _, right, _ = thrown

@@ -55,6 +55,7 @@ def trials():
     return seen((HARD, LOUD), samples=700)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "neighbour",
     [PLAY, pytest.param(THERE, marks=pytest.mark.long)],
@@ -106,6 +107,7 @@ def test_of_two_accounts_that_do_as_well_the_one_of_fewer_effects_stands(trials,
     ]
 
 
+@pytest.mark.long
 def test_what_does_next_to_nothing_of_its_own_gives_way_to_what_it_stands_for():
     """What rides on a node and swings for ever, without damping, is a tone."""
     names = ("extra_dof", "harmonic_force", "cubic_hardening")

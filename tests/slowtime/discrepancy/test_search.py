@@ -206,6 +206,7 @@ def test_nobody_looks_for_more_than_is_looked_for(beside):
 OFF = Effect("sensor_bias", Place("sensor", "v_m2"), {"bias": 0.01})
 
 
+@pytest.mark.long
 def test_what_a_wandering_sensor_was_said_to_be_off_by_gives_way(beside):
     """Its mean was taken for an offset, and hid that a spring is missing."""
     kinds, trials, first, _ = with_the_law()
@@ -604,6 +605,7 @@ def test_once_it_is_over_the_best_is_left_in_its_minimum(shared, monkeypatch, ov
     assert told.fit is (loud if over else better)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("over", [True, False])
 def test_who_refits_laws_is_told_when_it_is_over(shared, monkeypatch, over):
     trials, first, located, _ = shared
@@ -736,6 +738,7 @@ def test_a_later_effect_that_explains_a_fleck_is_a_flaw_of_the_first(
     assert len(found.answers) == 1 + taken
 
 
+@pytest.mark.long
 def test_what_shows_first_in_how_records_go_on_is_located_too(monkeypatch):
     """As where a sensor that wanders was left out, and nothing was named before."""
     trials = seen((CUBIC,))

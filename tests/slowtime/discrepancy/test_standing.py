@@ -68,6 +68,7 @@ def test_no_sensor_stands_off_where_only_a_law_is_missing():
     assert standing(fitted(trials), trials) is None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("course", "told"),
     [(constant, "sensor_bias"), (rising, "sensor_drift"), (wandering, None)],

@@ -38,6 +38,7 @@ def beginning(before, trials):
     return Together(before, trials, MORE, (None,), (None,), Watch())
 
 
+@pytest.mark.long
 def test_no_pair_is_tried_twice_whichever_comes_first(lacking):
     before, trials, _ = lacking
     one, other, third = LABELS

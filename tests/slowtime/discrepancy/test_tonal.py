@@ -27,6 +27,7 @@ def located(*effects):
     return before, locate(before, trials)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("effects", "hums"), [((HUM,), True), ((CUBIC,), False), ((DRAG,), False)]
 )

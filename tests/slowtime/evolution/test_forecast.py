@@ -146,7 +146,9 @@ def test_teeth_of_what_is_known_to_repeat_itself_are_no_jumps():
     assert outlook.jumps == ()
 
 
-@pytest.mark.parametrize("begin", [6100, 6400, 7000])
+@pytest.mark.parametrize(
+    "begin", [6100, *(pytest.param(b, marks=pytest.mark.long) for b in (6400, 7000))]
+)
 def test_edges_are_found_wherever_they_lie_between_readings(begin):
     """Nine edges fit between the right readings at few periods and phases: one is as good."""
     rng = np.random.default_rng(begin)

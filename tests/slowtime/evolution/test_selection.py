@@ -123,6 +123,7 @@ def test_a_single_jump_is_no_tooth_however_large_it_is(seed):
     assert outlook.period is None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("signs", [(-1.0, 1.0), (-1.0,)], ids=["both ways", "one way"])
 def test_bands_hold_jumps_that_go_on_as_they_came(signs):
     """Known jumps leave a calm process, whose bands must not forget that more will come."""

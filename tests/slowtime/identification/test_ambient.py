@@ -75,6 +75,7 @@ def test_the_amplitude_is_the_standard_deviation_of_the_mode():
     assert identify_ambient(record, 100.0).amplitude == pytest.approx(expected, rel=0.08)
 
 
+@pytest.mark.long
 def test_two_channels_are_weighted_by_their_noise():
     rng = np.random.default_rng(6)
     alone, both = [], []

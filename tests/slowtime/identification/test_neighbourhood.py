@@ -45,6 +45,7 @@ def test_a_long_record_keeps_enough_samples_of_each_cycle_and_in_all(hz):
     assert slower.rate_hz < 20_000
 
 
+@pytest.mark.long
 def test_a_mode_sampled_much_too_fast_is_that_of_the_same_motion_sampled_slowly():
     fast = ambient(8.0, 0.02, 60.0, 3200.0)
     slow = fast.reshape(-1, 16).mean(axis=1)

@@ -45,6 +45,7 @@ def test_the_steps_of_the_tracker_give_what_the_whole_record_gives():
         assert ((mode,) if mode else ()) == epoch.modes
 
 
+@pytest.mark.long
 def test_without_following_every_window_stands_alone():
     record = hopping(np.random.default_rng(3))
     for epoch in identify_windows(record, RATE, window_s=1.0, hop_s=0.7):

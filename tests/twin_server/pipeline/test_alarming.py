@@ -237,6 +237,7 @@ def test_what_cannot_be_delivered_is_given_up_with_an_event_that_others_are_told
     assert {told["kind"] for told in broken.told} == {"alarm"}
 
 
+@pytest.mark.long
 def test_of_an_alarm_that_stays_is_reminded_until_somebody_has_seen_it(telling):
     house = telling(routes=[{"receiver": "ops", "remind_s": 1.0}])
     house.hear(0.0, 0.2, 0.2, 0.2)

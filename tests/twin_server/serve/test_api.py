@@ -452,6 +452,7 @@ def test_modes_come_with_shapes_and_with_what_was_learnt(framed, server):
     assert "no features at that moment" in none["reasons"][0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("shapes", [False, True])
 def test_the_history_of_elements_has_shapes_where_they_are_asked_for(framed, shapes):
     found = framed.get(f"{FRAME}/history", shapes=shapes).json()

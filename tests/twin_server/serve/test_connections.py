@@ -192,6 +192,7 @@ def test_a_body_that_is_waited_for_by_the_server_is_not_slow():
             sending.join(PATIENCE_S)
 
 
+@pytest.mark.long
 def test_a_client_that_leaves_is_nobodys_fault(server, caplog):
     caplog.set_level(logging.WARNING)
     address = server.client.base_url.host, server.client.base_url.port

@@ -97,6 +97,7 @@ def unhurried(serving, jumping):
     return start
 
 
+@pytest.mark.long
 def test_while_features_wait_nobody_looks_and_nothing_is_missed_for_it(
     unhurried, eventually, monkeypatch
 ):
@@ -112,6 +113,7 @@ def test_while_features_wait_nobody_looks_and_nothing_is_missed_for_it(
     assert event["details"]["since"] == AT - 1
 
 
+@pytest.mark.long
 def test_of_a_fleet_too_large_to_be_known_each_is_learnt_anew(
     unhurried, eventually, monkeypatch
 ):
@@ -153,6 +155,7 @@ def test_a_twin_that_is_made_anew_is_watched_anew(serving, jumping, eventually):
     assert len(told(server)) == 1
 
 
+@pytest.mark.long
 def test_a_jump_that_was_announced_as_a_renewal_is_no_sudden_change(
     serving, jumping, eventually
 ):

@@ -61,6 +61,7 @@ def house(serving, ageing, eventually):
     return server
 
 
+@pytest.mark.long
 def test_a_true_value_is_drawn_only_where_it_is_known(house, visit):
     page = visit(house, "#lab.paused")
     traces = chart(page, twin_id="lab.paused", points=40).evaluate(TRACES)
@@ -70,6 +71,7 @@ def test_a_true_value_is_drawn_only_where_it_is_known(house, visit):
     assert traces["estimate"][1].index(None) == 20, "a pause is drawn as a gap"
 
 
+@pytest.mark.long
 def test_a_renewal_is_marked_and_every_line_stands_in_the_legend(house, visit):
     page = visit(house, "#lab.beam")
     plot = chart(page, points=50, forecast="true")

@@ -331,6 +331,7 @@ def looked_at(page, house, view, scheme, window):
     return serious, max(0, overflow(page))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("view", "look"), [("fleet", LOOKS[0]), ("state", LOOKS[1])])
 def test_nothing_of_a_view_keeps_people_out(house, visit, view, look):
     assert looked_at(visit(house), house, view, *look) == ([], 0)

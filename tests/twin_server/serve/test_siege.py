@@ -87,6 +87,7 @@ def test_eighty_callers_lock_nobody_out(serving, ageing, eventually):
         assert f"slowtime_twin_work_{name} 0\n" in metrics
 
 
+@pytest.mark.long
 def test_what_callers_wait_for_who_have_left_is_not_computed(serving, ageing, eventually):
     server = serving()
     server.feed(ageing(100))

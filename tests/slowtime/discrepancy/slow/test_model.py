@@ -50,6 +50,7 @@ def test_following_without_readings_is_forecasting(adopted):
     assert not blind.accepted.any()
 
 
+@pytest.mark.long
 def test_following_in_parts_of_the_readings_expects_the_first_alike(adopted):
     report, time, value, sd, warmth = adopted
     model = slow.adopt(report)

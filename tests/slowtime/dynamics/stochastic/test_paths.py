@@ -33,6 +33,7 @@ def by_hand(t, y, force=(0.0, 0.0)):
 START = np.array([0.3, -0.2, 1.0, 0.5])
 
 
+@pytest.mark.long
 def test_without_noise_the_motion_is_that_of_a_fine_integrator():
     springs = pair()
     forces = np.zeros((2501, 1, 2))

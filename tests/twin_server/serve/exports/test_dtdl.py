@@ -196,6 +196,7 @@ def test_every_twin_has_what_its_interface_says_and_nothing_else(whole):
     assert len(set(ids)) == len(ids)
 
 
+@pytest.mark.long
 def test_the_graph_has_the_frame_with_its_parts_and_the_storey_that_changed(whole):
     graph = whole["digitalTwinsGraph"]
     twins = {twin["$dtId"]: twin for twin in graph["digitalTwins"]}
