@@ -18,12 +18,17 @@ def local_maxima(series: Float[np.ndarray, " place"]) -> Int[np.ndarray, " peak"
     """
     if len(series) < 3:
         return np.zeros(0, dtype=np.int64)
-    first = np.flatnonzero(np.append(True, np.diff(series) != 0))
-    last = np.append(first[1:], len(series)) - 1
-    level = series[first]
-    higher = (level[1:-1] > level[:-2]) & (level[1:-1] > level[2:])
-    inner = np.flatnonzero(higher) + 1
-    return np.asarray((first[inner] + last[inner]) // 2, dtype=np.int64)
+    # One byte a place: of a long record there are millions.
+    rises, falls = series[1:] > series[:-1], series[1:] < series[:-1]
+    sharp = np.flatnonzero(rises[:-1] & falls[1:]) + 1
+    level = ~(rises | falls)
+    begins = np.flatnonzero(level & ~np.append(False, level[:-1]))
+    ends = np.flatnonzero(level & ~np.append(level[1:], False)) + 1
+    inside = (begins > 0) & (ends < len(series) - 1)
+    begins, ends = begins[inside], ends[inside]
+    top = rises[begins - 1] & falls[ends]
+    flat = (begins[top] + ends[top]) // 2
+    return np.sort(np.concatenate((sharp, flat))).astype(np.int64)
 
 
 def prominences(
