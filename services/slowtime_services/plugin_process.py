@@ -17,7 +17,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from typing import Any, BinaryIO
 
 from pydantic_core import from_json, to_json
@@ -71,7 +71,9 @@ class PluginProcess:
                 raise PluginError(f"{self.plugin} ended its process{self._end()}.")
             return from_json(answer)
 
-    def stream(self, *arguments: Any, stop: threading.Event) -> Iterator[bytes | None]:
+    def stream(
+        self, *arguments: Any, stop: threading.Event
+    ) -> Generator[bytes | None, None, None]:
         """Give the packets that the part yields; None now and then where there is none.
 
         Raises
