@@ -41,7 +41,7 @@ class OwnPackets:
             Where it raised, ended its process, or hung and was ended.
         """
         heard_s = None
-        # Closed here, not whenever it is collected: the part is to be ended before its next run.
+        # Closed here, not when it is collected: the part is ended before its next run.
         with contextlib.closing(self._process.stream(self._url, stop=stop)) as stream:
             for data in stream:
                 now_s = time.monotonic()
