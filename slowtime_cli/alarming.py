@@ -23,9 +23,9 @@ def send_test(twin: str, receiver: str | None, wait_s: float, server: str) -> in
     except (AnswerError, UnreachableError) as error:
         raise click.ClickException(str(error)) from error
     for one in found:
-        error = f": {one['error']}" if one["error"] else ""
+        why = f": {one['error']}" if one["error"] else ""
         tries = "1 try" if one["tries"] == 1 else f"{one['tries']} tries"
-        click.echo(f"{one['receiver']}: {one['state']} after {tries}{error}")
+        click.echo(f"{one['receiver']}: {one['state']} after {tries}{why}")
     reached = sum(one["state"] == "delivered" for one in found)
     if reached == len(sent["receivers"]):
         return 0

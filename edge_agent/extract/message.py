@@ -22,7 +22,7 @@ class Span(NamedTuple):
         Samples, or such as have the same means.
     start_ns, last_ns
         Sensor time of the first and of the last one.
-    count, missing, outliers
+    samples, missing, outliers
         How many there are, and how many of them were missing or outliers.
     flags
         What is to be said of the span itself.
@@ -32,7 +32,7 @@ class Span(NamedTuple):
     rows: Rows
     start_ns: int
     last_ns: int
-    count: int
+    samples: int
     missing: int
     outliers: int
     flags: tuple[str, ...]
@@ -57,7 +57,7 @@ def message_of(
         channels=reading.channels,
         modes=reading.modes,
         quality=Quality(
-            samples=span.count,
+            samples=span.samples,
             missing=span.missing,
             outliers=span.outliers,
             flags=flags + reading.why + reading.doubts,

@@ -14,7 +14,7 @@ from twin_server.settings import DiagnoseSettings, GapSettings
 SOFTENING = '{"effect": "softening_spring", "element": "j2", "k_n_per_m": 1.0, "d_m": 0.01}'
 ORDER = {
     "load": {"kind": "harmonic", "amplitude": 1.0, "frequency_hz": 2.0}, "on": "m1",
-    "quantity": "displacement", "duration_s": 2.0, "draws": 4,
+    "quantity": "displacement", "duration_s": 2.0, "draws": 20,
 }  # fmt: skip
 
 
