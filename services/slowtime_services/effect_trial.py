@@ -65,7 +65,7 @@ def installed_kinds(name: str, patience_s: float = PATIENCE_S) -> tuple[str, ...
     PluginError
         (a ValueError) where it is not installed, raised, did not come back, or gave nonsense.
     """
-    process = PluginProcess(find(GROUP, name))
+    process = PluginProcess(find(GROUP, name), starting_s=patience_s)
     try:
         return tuple(map(str, process.ask(timeout_s=patience_s)))
     finally:

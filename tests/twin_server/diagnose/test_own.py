@@ -59,11 +59,16 @@ def diagnosed(task, folder):
     """Run the process of a diagnosis; its report."""
     folder.mkdir()
     write_task(folder, task)
-    done = subprocess.run(
-        [sys.executable, "-m", "twin_server.diagnose", str(folder)],
-        stdin=subprocess.PIPE, capture_output=True, timeout=900, check=False,
-        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
-    )  # fmt: skip
+    reading, kept_open = os.pipe()  # its end would mean to stop
+    try:
+        done = subprocess.run(
+            [sys.executable, "-m", "twin_server.diagnose", str(folder)],
+            stdin=reading, capture_output=True, timeout=900, check=False,
+            env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+        )  # fmt: skip
+    finally:
+        os.close(reading)
+        os.close(kept_open)
     assert done.returncode == 0, (done.stdout[-500:], done.stderr[-2000:])
     assert all(json.loads(line) for line in done.stdout.splitlines())
     return json.loads((folder / "report.json").read_text())
