@@ -43,6 +43,10 @@ VERBS = {
         "entitling:tokens",
         "Make, list and revoke tokens for REST and the page.",
     ),
+    "alarms": Verb(
+        "alarming:alarms",
+        "Try whether alarms of a twin reach people and other programs.",
+    ),
     "status": Verb(
         "processes:status", "Tell whether the router answers and which edge agents live."
     ),

@@ -11,6 +11,8 @@ TRY: dict[str, str] = {
     "router": "slowtime router",
     "keys": "slowtime keys make lab --asset beam && slowtime keys list",
     "tokens": "slowtime tokens add ann --scope viewer --site lab && slowtime tokens list",
+    "alarms": "slowtime demo --duration 60 & sleep 25; "
+    "slowtime alarms deliveries demo.tower; kill %1",
     "status": "slowtime router & sleep 5; slowtime status; kill %1",
     "plugins": "slowtime plugins",
     "check": f"{_HOUSE} && slowtime check house/twin.sqlite",

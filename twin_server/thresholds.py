@@ -45,6 +45,17 @@ def shown(quantity: str) -> tuple[str, str, float]:
     return _SHOWN.get(quantity, (f"Change of {quantity}", "%", 100.0))
 
 
+def signed(number: float) -> str:
+    """Write a number for a person: four digits, and a minus sign as the page has it.
+
+    Examples
+    --------
+    >>> signed(-3.14159)
+    '−3.142'
+    """
+    return f"{number:.4g}".replace("-", "−")
+
+
 class Limit(NamedTuple):
     """A value that a change may reach.
 

@@ -5,15 +5,15 @@ Where nothing could be identified a message has no modes and a flag that says wh
 
 import dataclasses
 import logging
-import math
 
 from edge_agent.settings import ExtractSettings, Origin
 from slowtime.signals.block import Block
-from slowtime_schemas.messages import Features, Quality
-from slowtime_services.files.record import accelerations, find_column
+from slowtime_schemas.messages import Features
 
 from . import recursive
+from .channels import columns_of
 from .first import FirstMode
+from .message import Span, message_of
 from .own import OwnIdentifier
 from .reading import Memory, Reader, Reading, Window
 from .several import SeveralModes
@@ -112,7 +112,7 @@ class Extract:
         if stream is not None and (ends or not recursive.continues(block, stream)):
             state, out = self.finish(state)
             stream = state.stream if recursive.continues(block, stream) else None
-        columns, _ = self._columns(block)
+        columns, _ = columns_of(self.settings, block)
         stream = recursive.taken_in(stream, block, marks, columns, self.settings)
         state = dataclasses.replace(state, stream=stream)
         if block.epoch is None and recursive.is_whole(stream, self.settings):
@@ -126,7 +126,7 @@ class Extract:
         """Make a message of the modes of a stream as they are known by now."""
         block, hop, given = stream.latest, stream.hop, self.settings
         assert hop is not None
-        _, channels = self._columns(block)
+        _, channels = columns_of(self.settings, block)
         last_ns = block.end_ns - round(1e9 / block.true_rate_hz)
         # Samples that fade know as much as the latest two memories of them.
         start_ns = max(stream.since_ns, last_ns - round(2e9 * given.memory_s))
@@ -140,31 +140,12 @@ class Extract:
         memory, reading = SeveralModes(given).told(state.memory, window, stream.true_modes)
         if len(channels) > given.max_channels:
             memory, reading = state.memory, Reading(why=("too_many_channels",))
-        covariates = self._covariates(window.rows, block)
-        flags: tuple[str, ...] = (
-            ("overlapping",) if state.sequence and start_ns < hop.first_ns else ()
-        )
-        if given.covariates.keys() - covariates:
-            flags += ("no_covariate",)
-        slow_time = block.slow_time
-        message = Features(
-            **self.origin.model_dump(),
-            sequence=state.sequence,
-            t_ns=last_ns,
-            slow_time=(start_ns + last_ns) / 2e9 if slow_time is None else slow_time,
-            start_ns=start_ns,
-            method=reading.method,
-            channels=reading.channels,
-            modes=reading.modes,
-            quality=Quality(
-                samples=hop.count,
-                missing=hop.missing,
-                outliers=hop.outliers,
-                flags=flags + reading.why + reading.doubts,
-            ),
-            covariates={**block.covariates, **covariates},
-            truth=dict(block.truth) or None,
-        )
+        overlaps = state.sequence and start_ns < hop.first_ns
+        span = Span(
+            block, window.rows, start_ns, last_ns, hop.count, hop.missing, hop.outliers,
+            ("overlapping",) if overlaps else (),
+        )  # fmt: skip
+        message = message_of(given, self.origin, state.sequence, span, reading)
         after = dataclasses.replace(
             state,
             sequence=state.sequence + 1,
@@ -186,31 +167,10 @@ class Extract:
         rows, marks = window.joined()
         missing = int(marks[:, 0].sum()) + lost
         memory, reading = self._identify(state.memory, rows, block, window.start_ns, missing)
-        covariates = self._covariates(rows, block)
-        if self.settings.covariates.keys() - covariates:
-            flags += ("no_covariate",)
         last_ns = window.start_ns + round((count - 1) * 1e9 / block.true_rate_hz)
-        slow_time = block.slow_time
-        if slow_time is None:
-            slow_time = (window.start_ns + last_ns) / 2e9
-        message = Features(
-            **self.origin.model_dump(),
-            sequence=state.sequence,
-            t_ns=last_ns,
-            slow_time=slow_time,
-            start_ns=window.start_ns,
-            method=reading.method,
-            channels=reading.channels,
-            modes=reading.modes,
-            quality=Quality(
-                samples=count,
-                missing=missing,
-                outliers=int(marks[:, 1].sum()),
-                flags=flags + reading.why + reading.doubts,
-            ),
-            covariates={**block.covariates, **covariates},
-            truth=dict(block.truth) or None,
-        )
+        outliers = int(marks[:, 1].sum())
+        span = Span(block, rows, window.start_ns, last_ns, count, missing, outliers, flags)
+        message = message_of(self.settings, self.origin, state.sequence, span, reading)
         after = dataclasses.replace(state, sequence=state.sequence + 1, memory=memory)
         return after, message
 
@@ -223,7 +183,7 @@ class Extract:
             return memory, Reading(why=("too_short",))
         if missing > given.max_missing * (len(rows) + missing):
             return memory, Reading(why=("too_much_missing",))
-        columns, channels = self._columns(block)
+        columns, channels = columns_of(self.settings, block)
         whole = columns == list(range(rows.shape[1]))
         window = Window(
             rows=rows if whole else rows[:, columns],
@@ -240,32 +200,6 @@ class Extract:
         except Exception:
             logger.exception("Identification failed on a window from %d ns.", block.start_ns)
             return memory, Reading(why=("failed",))
-
-    def _columns(self, block: Block) -> tuple[list[int], tuple[str, ...]]:
-        """Places and names of the channels to identify from."""
-        chosen = self.settings.channels or self._vibrating(block)
-        columns = [find_column(name, block.channels) for name in chosen]
-        return columns, tuple(block.channels[column] for column in columns)
-
-    def _vibrating(self, block: Block) -> tuple[str, ...]:
-        """Channels to identify from, where the settings do not say."""
-        taken = self.settings.covariates.values()
-        rest = [
-            (name, unit)
-            for name, unit in zip(block.channels, block.units, strict=True)
-            if name not in taken
-        ]
-        names, units = zip(*rest, strict=True) if rest else ((), ())
-        return accelerations(names, units)
-
-    def _covariates(self, rows: Rows, block: Block) -> dict[str, float]:
-        """Means of the channels that tell of temperature or load, as far as they are there."""
-        found: dict[str, float] = {}
-        for name, channel in self.settings.covariates.items():
-            if channel in block.channels and len(rows):
-                mean = float(rows[:, block.channels.index(channel)].mean())
-                found |= {name: mean} if math.isfinite(mean) else {}
-        return found
 
     @property
     def _reader(self) -> Reader:

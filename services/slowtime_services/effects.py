@@ -1,5 +1,6 @@
 """A Python file of a user's own in, the kinds of effect that it holds out."""
 
+import functools
 import importlib.util
 import sys
 from collections.abc import Iterable, Mapping
@@ -45,7 +46,7 @@ def load(path: str | Path) -> tuple[Kind, ...]:
 def load_installed(name: str) -> tuple[Kind, ...]:
     """Import the part of `slowtime.effects` of that name, and take its kinds.
 
-    It runs in this process: a diagnosis of its own, which is ended as any other is.
+    It runs in this process: see `effect_trial` for one that may be ended.
 
     Raises
     ------
@@ -54,9 +55,34 @@ def load_installed(name: str) -> tuple[Kind, ...]:
         that cannot be compiled.
     """
     plugin = find("slowtime.effects", name)
-    part = plugin.load()
+    return kinds_in(str(plugin), plugin.load())
+
+
+def kinds_in(name: str, part: object) -> tuple[Kind, ...]:
+    """Take the kinds out of what an entry point holds out: a kind, several, or a module.
+
+    Raises
+    ------
+    EffectFileError
+        (a ValueError) where it holds none, or one that cannot be compiled.
+    """
     held = vars(part).values() if isinstance(part, ModuleType) else part
-    return _compiled(str(plugin), held if isinstance(held, Iterable) else (held,))
+    return _compiled(name, held if isinstance(held, Iterable) else (held,))
+
+
+@functools.lru_cache(maxsize=8)
+def kinds_for(effects: frozenset[str], own: tuple[str, ...]) -> Mapping[str, Kind]:
+    """Kinds by name: the catalogue's, and those of installed parts where they are needed.
+
+    Parameters
+    ----------
+    effects
+        Names of the kinds that are wanted, such as those in a model.
+    own
+        Installed parts that may be imported into this process.
+    """
+    ours = catalogue()
+    return ours if effects <= ours.keys() else known(own)
 
 
 def known(own: Iterable[str | Path] = ()) -> Mapping[str, Kind]:

@@ -93,8 +93,8 @@ def structure(folder, said):
 
 
 def alarms(folder, said):
-    assert re.search(r"^[\d.]+ alarm Stiffness change below -3 % with", said, re.M)
-    assert re.search(r"^[\d.]+ alarm Stiffness change below -2 % with", said, re.M)
+    assert re.search(r"^[\d.]+ alarm Stiffness change below −3 % with", said, re.M)
+    assert re.search(r"^[\d.]+ alarm Stiffness change below −2 % with", said, re.M)
     assert re.search(r"^stiffness_change at -0\.1: 10 %: by ", said, re.M)
     assert re.search(r"^ops is told: A test alarm, sent by .* to ops\.", said, re.M)
     assert re.search(r"^Seen by Ann$", said, re.M)

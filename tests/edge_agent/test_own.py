@@ -3,6 +3,7 @@
 import dataclasses
 import logging
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from edge_agent.settings import ExtractSettings
 from slowtime.signals.block import RateCorrection
 from slowtime_services.clock import SystemClock
 from slowtime_services.plugins import PluginError
+from tests.edge_agent.live.listening import opened as opened_live
 from tests.services.test_plugins import installed as installed
 
 WINDOW = Window(np.zeros((8, 1)), 100.0, ("a",), 0.0)
@@ -87,3 +89,49 @@ def test_a_scheme_that_nobody_brings_is_told_with_those_that_are_there(installed
     installed("sources", "own")
     with pytest.raises(ValueError, match=r"has the scheme 'onw'. Allowed: .*opcua, own;"):
         scheme_of("onw:")
+
+
+def counted(live, wanted, stop):
+    """Run a source until its counters say enough; the counters."""
+    opened = opened_live(live, stop)
+    thread = threading.Thread(target=lambda: list(opened), daemon=True)
+    thread.start()
+    deadline = time.monotonic() + 60
+    while not wanted(opened.counts()) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    stop.set()
+    thread.join(30)
+    assert not thread.is_alive()
+    return opened.counts()
+
+
+@pytest.mark.parametrize("target", ["hangs", "some_then_hangs", "ends", "some_then_raises"])
+def test_a_source_that_hangs_or_ends_is_started_again_and_counted(installed, target, caplog):
+    """Each time of at least three, after a pause that grows; the agent goes on."""
+    installed("sources", "own", f"bad_parts:{target}")
+    live = LiveInput.of("own:?layout=csv&channels=a&rate_hz=100", silent_after_s=0.2)
+    counts = counted(live, lambda now: now["source_restarts"] >= 3, threading.Event())
+    assert counts["source_restarts"] >= 3
+    assert counts["sensor_silences"] >= 1
+    if "hangs" in target:
+        assert (
+            "yielded nothing for 0.6 s (3 times silent_after_s), and was ended" in caplog.text
+        )
+
+
+def test_a_part_that_sends_a_little_and_ends_each_time_is_not_started_at_once_for_ever(
+    installed, monkeypatch
+):
+    installed("sources", "own", "bad_parts:some_then_raises")
+    monkeypatch.setattr(source.OwnPackets, "pauses_s", (0.01, 600.0))
+    live = LiveInput.of("own:?layout=csv&channels=a&rate_hz=100")
+    stop = threading.Event()
+    threading.Timer(8.0, stop.set).start()
+    assert counted(live, lambda now: stop.is_set(), stop)["source_restarts"] == 2
+
+
+def test_a_source_that_sends_is_never_taken_to_hang(installed):
+    installed("sources", "own", "bad_parts:slowly")
+    live = LiveInput.of("own:?layout=csv&channels=a&rate_hz=100", silent_after_s=1.0)
+    counts = counted(live, lambda now: now["samples_received"] >= 12, threading.Event())
+    assert counts["source_restarts"] == 0

@@ -40,6 +40,15 @@ def some_then_raises(url):
     yield b"one"
     raise RuntimeError("the device has gone")
 
+def some_then_hangs(url):
+    yield b"1"
+    time.sleep(600)
+
+def slowly(url):
+    for number in range(100):
+        yield b"1"
+        time.sleep(0.5)
+
 def not_bytes(url):
     yield "text"
 

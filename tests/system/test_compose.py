@@ -64,7 +64,7 @@ def house(port):
         _compose("down", "-v", "--timeout", "8", port=port)
 
 
-def _until(happens, patience_s=90.0):
+def _until(happens, patience_s=600.0):
     deadline = time.monotonic() + patience_s
     while time.monotonic() < deadline:
         try:

@@ -238,3 +238,37 @@ def test_a_silent_sensor_is_an_alarm_and_its_return_an_event(house):
     house.until(lambda: state_of(house)["sensor"]["sensor_silent_s"] == 0, "the sensor")
     house.until(lambda: bool(events(house, "sensor_back")), "an event of its return")
     house.until(lambda: state_of(house)["sensor"]["sensor_restarts"] == 1, "its restart")
+
+
+def test_a_minute_of_silence_costs_its_own_samples_only_and_all_of_them_are_counted(house):
+    """The device goes on counting while its cable is out for 60 s."""
+    port, quiet_s = free_port(), 60.0
+    begin(house, f"udp://127.0.0.1:{port}", layout=CSV, silent_after_s=3.0)
+    house.until(lambda: "boot" in house.said("edge"), "the edge to listen")
+    board, sent, unsent = Board(rate_hz=RATE_HZ, frequency_hz=FREQUENCY_HZ), 0, 0
+    began = time.monotonic()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as cable:
+        for n, readings in enumerate(board.readings(25, np.random.default_rng(1))):
+            at_s = 0.2 * (n + 1)
+            if at_s > quiet_s + 60.0:
+                break
+            time.sleep(max(0.0, began + at_s - time.monotonic()))
+            if 30.0 < at_s <= 30.0 + quiet_s:
+                unsent += 25
+                continue
+            cable.sendto(lines_of(readings), ("127.0.0.1", port))
+            sent += 25
+        house.until(lambda: bool(events(house, "sensor_back")), "an event of its return")
+        house.until(
+            lambda: state_of(house)["sensor"]["samples_received"] >= sent, "all that was sent"
+        )
+    sensor = state_of(house)["sensor"]
+    assert unsent == round(quiet_s * RATE_HZ)
+    assert (sensor["samples_received"], sensor["samples_lost"]) == (sent, unsent)
+    assert sensor["sensor_silences"] == len(events(house, "sensor_silent")) == 1
+    assert sensor["sensor_restarts"] == sensor["samples_refused"] == 0
+    assert events(house, "sensor_back")[0]["details"]["silent_s"] >= quiet_s - 5
+    history = house.history("lab.bridge")
+    assert [point["sequence"] for point in history] == list(range(len(history)))
+    assert all(point["missing_before"] == 0 for point in history)
+    house.until(lambda: bool(state_of(house)["valid"]), "a valid state after it")

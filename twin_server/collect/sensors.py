@@ -1,17 +1,19 @@
-"""What edges tell of their sensors in `Health` → notices: silent, back, samples lost.
+"""What edges tell of sensors in `Health` → notices: silent, back, restarted, samples lost.
 
-The watch does no I/O and has no clock: seconds are arguments.
+The watch does no I/O and has no clock: seconds are arguments. What it has told before is read
+from the history, so that a server that starts again neither repeats nor misses anything.
 """
 
 import dataclasses
-from collections.abc import Iterable, Mapping
-from typing import Literal, NamedTuple
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, Literal, NamedTuple
 
 from slowtime_schemas.messages import Health
 
 SILENT = "sensor_silent_s"
 LOST = "samples_lost"
 DROPPED = "samples_dropped"
+RESTARTS = "source_restarts"
 TOLD_EVERY_S = 600.0
 """Losses are told at once, then together: a poor radio link must not fill the history."""
 
@@ -21,7 +23,7 @@ class SensorNotice(NamedTuple):
 
     site: str
     asset: str
-    kind: Literal["sensor_silent", "sensor_back", "samples_lost"]
+    kind: Literal["sensor_silent", "sensor_back", "samples_lost", "source_restarted"]
     severity: Literal["info", "warning", "alarm"]
     message: str
     details: Mapping[str, int | float]
@@ -31,15 +33,32 @@ class SensorNotice(NamedTuple):
 class _Sensor:
     boot: str
     counters: Mapping[str, int]
+    is_silent: bool = False
     silent_s: int = 0
     told_lost: int = 0
     told_s: float | None = None
+    told_restarts: int = 0
+
+
+Told = Callable[[str, str], Iterable[Mapping[str, Any]]]
+"""Events of an asset that were told before, the newest first: `kind` and `details`."""
+
+
+def _nothing(site: str, asset: str) -> Iterable[Mapping[str, Any]]:
+    return ()
 
 
 class SensorWatch:
-    """What is known of the live sensors of all edges."""
+    """What is known of the live sensors of all edges.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    told
+        Asked once of each asset, when its sensor is first heard of.
+    """
+
+    def __init__(self, told: Told = _nothing) -> None:
+        self._told = told
         self._sensors: dict[tuple[str, str], _Sensor] = {}
 
     def hear(self, healths: Iterable[Health], now_s: float) -> list[SensorNotice]:
@@ -65,13 +84,17 @@ class SensorWatch:
         key = health.site, health.asset
         sensor = self._sensors.get(key)
         if sensor is None:
-            sensor = self._sensors[key] = _Sensor(health.boot, health.counters)
+            sensor = self._sensors[key] = self._recalled(health)
         # A boot may be a part of one run of the agent, whose counters go on, or a new run.
         if health.counters.get(LOST, 0) + health.counters.get(DROPPED, 0) < sensor.told_lost:
             sensor.told_lost = 0
+        if health.counters.get(RESTARTS, 0) < sensor.told_restarts:
+            sensor.told_restarts = 0
         sensor.boot, sensor.counters = health.boot, health.counters
-        silent_s, sensor.silent_s = sensor.silent_s, health.counters[SILENT]
-        if sensor.silent_s and not silent_s:
+        was_silent, before_s = sensor.is_silent, sensor.silent_s
+        sensor.silent_s = health.counters[SILENT]
+        sensor.is_silent = bool(sensor.silent_s)
+        if sensor.is_silent and not was_silent:
             yield SensorNotice(
                 *key,
                 "sensor_silent",
@@ -80,15 +103,50 @@ class SensorWatch:
                 "cable and its network; the edge agent goes on listening.",
                 {"silent_s": sensor.silent_s},
             )
-        elif silent_s and not sensor.silent_s:
+        elif was_silent and not sensor.is_silent:
+            long = f", after about {before_s} s of silence" if before_s else ""
             yield SensorNotice(
                 *key,
                 "sensor_back",
                 "info",
-                f"The sensor sends again, after about {silent_s} s of silence.",
-                {"silent_s": silent_s},
+                f"The sensor sends again{long}.",
+                {"silent_s": before_s},
             )
         yield from self._losses(key, sensor, now_s)
+        yield from self._restarts(key, sensor)
+
+    def _recalled(self, health: Health) -> _Sensor:
+        """Begin with what was told of this sensor before, by a server before this one too."""
+        sensor = _Sensor(health.boot, health.counters)
+        found: set[str] = set()
+        for event in self._told(health.site, health.asset):
+            kind, details = event["kind"], event["details"]
+            about = "silence" if kind in ("sensor_silent", "sensor_back") else kind
+            if about in found:
+                continue
+            found.add(about)
+            if kind == "sensor_silent":
+                sensor.is_silent = True
+            elif kind == "samples_lost":
+                sensor.told_lost = int(details["lost"]) + int(details["dropped"])
+            elif kind == "source_restarted":
+                sensor.told_restarts = int(details["restarts"])
+        return sensor
+
+    def _restarts(self, key: tuple[str, str], sensor: _Sensor) -> Iterable[SensorNotice]:
+        """Tell of each restart of a part of one's own; the agent's pauses bound how often."""
+        restarts = sensor.counters.get(RESTARTS, 0)
+        more, sensor.told_restarts = restarts - sensor.told_restarts, restarts
+        if more > 0:
+            times = "" if more == 1 else f" {more} times"
+            yield SensorNotice(
+                *key,
+                "source_restarted",
+                "warning",
+                f"The sensor's source, an installed part, ended or hung, and was started "
+                f"again{times}, {restarts:,} times in all. The log of the edge agent says why.",
+                {"more": more, "restarts": restarts},
+            )
 
     def _losses(
         self, key: tuple[str, str], sensor: _Sensor, now_s: float

@@ -5,19 +5,23 @@ nothing to find, with exit status 1. The end of standard input means to stop.
 """
 
 import contextlib
+import faulthandler
 import json
 import os
 import resource
 import sys
 import threading
 import time
+import traceback
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from slowtime.discrepancy.watch import Cancelled
+from slowtime_services.plugins import said
 
 from .fast import diagnose_samples
+from .own import attempt
 from .slow import diagnose_history
 from .task import TASK, Task
 
@@ -32,18 +36,20 @@ class _Voice:
 
     def __init__(self) -> None:
         self._told_s = 0.0
+        self._out = os.fdopen(os.dup(1), "w")
+        # What an effect of one's own prints is nobody's progress.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 
     def progress(self, stage: str, share: float) -> None:
         if time.monotonic() - self._told_s >= _TOLD_EVERY_S:
             self._told_s = time.monotonic()
-            _say({"stage": stage, "share": round(share, 4)})
+            self.say({"stage": stage, "share": round(share, 4)})
 
-
-def _say(content: dict[str, Any]) -> None:
-    # Nobody may be listening any more.
-    with contextlib.suppress(OSError):
-        sys.stdout.write(json.dumps(content) + "\n")
-        sys.stdout.flush()
+    def say(self, content: dict[str, Any]) -> None:
+        # Nobody may be listening any more.
+        with contextlib.suppress(OSError):
+            self._out.write(json.dumps(content) + "\n")
+            self._out.flush()
 
 
 def _watch_input(stop: threading.Event) -> None:
@@ -68,20 +74,32 @@ def _bound_memory(more: int) -> None:
 
 def main(folder: Path) -> int:
     """Do it; the exit status: 0 done, 1 for want of something, 3 stopped."""
-    os.nice(10)
-    task = Task.model_validate_json((folder / TASK).read_bytes())
+    task, voice = Task.model_validate_json((folder / TASK).read_bytes()), _Voice()
     stop = threading.Event()
     threading.Thread(target=_watch_input, args=(stop,), daemon=True).start()
+    if task.is_attempt:
+        # By a thread that needs no interpreter lock, which a law that hangs would keep.
+        faulthandler.dump_traceback_later(task.max_own_s, exit=True)
+    else:
+        os.nice(10)
+        if task.effects and task.order.clock == "fast":
+            tried = attempt(task, folder, voice.say, stop)
+            if tried.done:
+                return 0
+            if tried.error:
+                voice.say({"error": tried.error})
+                return 1
+            task = tried.task
     _bound_memory(task.max_memory_bytes)
     work: Callable[..., None] = (
         diagnose_history if task.order.clock == "slow" else diagnose_samples
     )
     try:
-        work(task, folder, _Voice().progress, stop)
+        work(task, folder, voice.progress, stop)
     except Cancelled:
         return 3
     except MemoryError:
-        _say(
+        voice.say(
             {
                 "error": f"{task.max_memory_bytes:,} bytes of memory did not suffice. Give "
                 "fewer samples, or raise diagnose.max_memory_bytes."
@@ -89,7 +107,14 @@ def main(folder: Path) -> int:
         )
         return 1
     except (ValueError, OSError) as error:
-        _say({"error": str(error)})
+        voice.say({"error": str(error)})
+        return 1
+    except Exception as error:
+        if not task.is_attempt:
+            raise
+        # Whatever an effect of one's own raises is its own fault, until the other one raises.
+        traceback.print_exc()
+        voice.say({"error": f"{said(error)}."})
         return 1
     return 0
 

@@ -35,6 +35,7 @@ def diagnose_samples(
     began = time.monotonic()
     assert task.model is not None
     progress("reading samples", 0.0)
+    kinds = known(task.effects) if task.effects else None
     learnt, judged = _pieces(task)
     campaign, notes = campaign_of(
         description_of(task.model), _sources(learnt), _sources(judged)
@@ -44,14 +45,14 @@ def diagnose_samples(
         quick=task.order.quick,
         progress=progress,
         stop=stop,
-        kinds=known(task.effects) if task.effects else None,
+        kinds=kinds,
     )
     found = dataclasses.replace(found, seconds=time.monotonic() - began)
     document = document_of(
         found,
         records=[source.name for source in _sources(learnt)],
         holdout=[source.name for source in _sources(judged)],
-        notes=notes,
+        notes=(*notes, *task.notes),
     )
     progress("writing the report", 0.99)
     write_results(folder, found, document)

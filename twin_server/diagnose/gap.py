@@ -29,6 +29,7 @@ from slowtime.discrepancy.values import with_values
 from slowtime.dynamics.plant import Plant
 from slowtime_schemas.model_file import ModelFile
 from slowtime_services.diagnose import Source, campaign_of
+from slowtime_services.effects import kinds_for
 from slowtime_services.files import Record
 from slowtime_services.models import description_of, model_file_of
 
@@ -78,13 +79,15 @@ class Usual:
         return self.limit * max(1.0, self.level / max(level, 1e-300))
 
 
-def measure(models: Sequence[str], record: Record) -> Reading:
+def measure(models: Sequence[str], record: Record, effects: tuple[str, ...] = ()) -> Reading:
     """Find the gap of each model on one record.
 
     Parameters
     ----------
     models
         Model files as JSON.
+    effects
+        Installed parts that hold kinds of effect beside the catalogue's.
 
     Raises
     ------
@@ -93,15 +96,15 @@ def measure(models: Sequence[str], record: Record) -> Reading:
     """
     found = []
     for text in models:
-        plant = _plant(text)
+        plant = _plant(text, effects)
         trial = _trial(plant, record)
         found.append(_gap(plant, trial))
     return Reading(tuple(found), float(np.sqrt(np.mean(trial.measured**2))))
 
 
-def tune(model: str, records: Sequence[Record]) -> str:
+def tune(model: str, records: Sequence[Record], effects: tuple[str, ...] = ()) -> str:
     """Fit a model's constants to records, within the tolerance that it states."""
-    plant = _plant(model)
+    plant = _plant(model, effects)
     fit = refit(plant, tuple(_trial(plant, record) for record in records))
     values = dict(zip(plant.parameters, fit.values.tolist(), strict=True))
     return model_file_of(with_values(plant.description, values)).model_dump_json()
@@ -157,5 +160,7 @@ def _trial(plant: Plant, record: Record) -> Trial:
 
 
 @functools.lru_cache(maxsize=8)
-def _plant(model: str) -> Plant:
-    return Plant.of(description_of(ModelFile.model_validate_json(model)))
+def _plant(model: str, effects: tuple[str, ...]) -> Plant:
+    description = description_of(ModelFile.model_validate_json(model))
+    used = frozenset(str(entry["effect"]) for entry in description.effects)
+    return Plant.of(description, kinds=kinds_for(used, effects))

@@ -24,6 +24,12 @@ class Task(Frozen):
         Of the history, for a diagnosis in slow time.
     effects
         Installed parts of one's own that hold kinds of effect.
+    max_own_s
+        How long a diagnosis with them may take, before one without them is made.
+    is_attempt
+        Whether it is that diagnosis.
+    notes
+        What is to be said of them in the report.
     """
 
     site: str
@@ -35,6 +41,9 @@ class Task(Frozen):
     quantity: Literal["stiffness_change", "frequency_ratio"] = "stiffness_change"
     slow_time_unit: str = "s"
     effects: tuple[str, ...] = ()
+    max_own_s: float = Field(default=300.0, gt=0)
+    is_attempt: bool = False
+    notes: tuple[str, ...] = ()
     max_samples: int = Field(default=20_000_000, ge=1)
     max_seconds: float = Field(default=600.0, gt=0)
     max_memory_bytes: int = Field(default=2 * 2**30, ge=1)

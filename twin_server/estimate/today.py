@@ -57,6 +57,8 @@ class Today:
     scale
         What the stiffness of `description` is multiplied by to be where the twin was learnt,
         by element; masses likewise by node and `.mass`.
+    parts
+        Installed parts that hold kinds of effect beside the catalogue's.
     reasons, assumed
         What stands against the answer; and what was taken for granted.
     """
@@ -67,6 +69,7 @@ class Today:
     has_mass: bool = True
     description: Description | None = None
     scale: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    parts: tuple[str, ...] = ()
     reasons: tuple[str, ...] = ()
     assumed: tuple[str, ...] = ()
 

@@ -14,7 +14,7 @@ from scipy.special import ndtri
 
 from twin_server.registration import Registration
 from twin_server.states import BEGINNING, States, sentences
-from twin_server.thresholds import Alarm, shown
+from twin_server.thresholds import Alarm, shown, signed
 
 from .checkpoint import Belief, Checkpoint
 from .notices import Notice
@@ -122,7 +122,7 @@ def _alarm(name: str, alarm: Alarm, estimate: list[float], row: int, holds: bool
         "estimate": {"value": value, "sd": sd, "lo": lo, "hi": hi},
     }
     words, unit, times = shown(name)
-    now, low, high, at = (f"{times * x:.4g}" for x in (value, lo, hi, limit))
+    now, low, high, at = (signed(times * x) for x in (value, lo, hi, limit))
     said = f"{now} {unit}, 95 % interval {low} to {high} {unit}"
     if holds:
         sure = f"{100.0 * alarm.certainty:g} %"

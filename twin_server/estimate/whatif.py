@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -11,8 +11,10 @@ from scipy.special import ndtri
 
 from slowtime.dynamics import loads
 from slowtime.dynamics.description import BASE, Description, Input, Sensor, assemble
+from slowtime.dynamics.effects import Kind
 from slowtime.dynamics.parts import Beam
 from slowtime.evolution.whatif import Bands, Believed, bands, respond
+from slowtime_services.effects import kinds_for
 from slowtime_services.models import description_of, run_model
 from twin_server.model import MASS
 from twin_server.orders import MOST_SAMPLES, SimulationOrder
@@ -316,13 +318,30 @@ def _with_effects(
         )
         for i, name in enumerate(outputs)
     )  # fmt: skip
+    kinds = _kinds(today)
     runs = np.empty((draws, len(load), len(outputs)))
     drawn = _descriptions(today, draws, rng)
     for number, description in enumerate(drawn):
         ready = dataclasses.replace(description, inputs=(acts,), sensors=hears)
-        found = run_model(ready, {"load": load}, rate_hz, hold="first")
+        found = run_model(ready, {"load": load}, rate_hz, hold="first", kinds=kinds)
         runs[number] = np.column_stack([found[f"out {i}"] for i in range(len(outputs))])
     return runs
+
+
+def _kinds(today: Today) -> Mapping[str, Kind]:
+    """Kinds of the model's effects, those of installed parts among them."""
+    assert today.description is not None
+    used = frozenset(str(entry["effect"]) for entry in today.description.effects)
+    try:
+        kinds = kinds_for(used, today.parts)
+    except ValueError as error:
+        raise OrderError(str(error)) from error
+    if missing := ", ".join(sorted(used - kinds.keys())):
+        raise OrderError(
+            f"The model has {missing}, which is no effect of slowtime's. An operator names the "
+            "installed part that holds it in diagnose.effects of the server's settings."
+        )
+    return kinds
 
 
 def _descriptions(today: Today, count: int, rng: np.random.Generator) -> Iterator[Description]:

@@ -61,6 +61,9 @@ logger = logging.getLogger(__name__)
 MOST_INCLUDED = 10_000
 """Features of before that are taken into a digest; an agent compares as many of a boot."""
 
+MOST_RECALLED = 10_000
+"""Events of before that are looked through for what was told of a sensor."""
+
 T = TypeVar("T")
 Answered = tuple[Want, Sequence[Holding] | None, bool]
 """What was asked, what the edge says it holds, and whether all was answered."""
@@ -113,7 +116,7 @@ class Pipeline:
         self._account = self._new_account()
         self._stale = True
         self._heard: dict[tuple[str, str], int] = {}
-        self._sensors = SensorWatch()
+        self._sensors = SensorWatch(self._told_of_sensor)
         self._load()
 
     def start(self) -> None:
@@ -390,10 +393,20 @@ class Pipeline:
         return received.misdated
 
     def _hear_of_sensors(self, healths: Sequence[Health]) -> None:
-        """Make events of what live sensors do."""
+        """Make events of what live sensors do; of twins only, since events are theirs."""
+        healths = [health for health in healths if (health.site, health.asset) in self._twins]
         for notice in self._sensors.hear(healths, time.monotonic()):
             site, asset, kind, severity, message, details = notice
-            self._note(f"{site}.{asset}", kind, severity, message, details)
+            try:
+                self._note(f"{site}.{asset}", kind, severity, message, details)
+            except StoreError:
+                self._sensors.forget(site, asset)  # and tell it once it can be kept
+                raise
+
+    def _told_of_sensor(self, site: str, asset: str) -> Iterator[dict[str, Any]]:
+        """Events of a twin as they were told, the newest first."""
+        rows = self.store.events(f"{site}.{asset}", limit=MOST_RECALLED, newest=True)
+        return (json.loads(row.body) for row in reversed(rows))
 
     def _take_arrivals(self, arrivals: Sequence[Arrival]) -> None:
         """Order, estimate and keep; one that cannot be worked does not stop the others."""

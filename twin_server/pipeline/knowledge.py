@@ -49,7 +49,8 @@ class TwinKnowledge:
         self._workers = workers or Here()
         self.prospects = Prospects(pipeline, store, refresh=refresh, run=self._workers.run)
         pipeline.listen(self.prospects)
-        self._simulating = Simulating(store, self._workers)
+        effects = pipeline.settings.diagnose.effects
+        self._simulating = Simulating(store, self._workers, effects)
 
     def ids(self) -> list[str]:
         """All twins, in the order of their registration."""

@@ -17,9 +17,11 @@ from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
 from slowtime.discrepancy.records import FEWEST
+from slowtime.dynamics.effects import catalogue
 from slowtime_schemas.model_file import ModelFile
 from slowtime_services.bus import BusClosedError, Sample
 from slowtime_services.files import Record
+from slowtime_services.plugins import said
 from slowtime_services.replay import block_of
 from twin_server.diagnose import Piece, part, pieces_of, within
 from twin_server.diagnose import gap as measuring
@@ -50,6 +52,8 @@ class _Mind:
         Of the nominal model that it is about.
     tuned
         The model, its constants fitted within tolerance.
+    failed
+        The model in use, where an effect of its own failed: it is not run again.
     """
 
     key: str
@@ -61,6 +65,7 @@ class _Mind:
     until_ns: int = -1
     against: int = 0
     disagrees: bool = False
+    failed: str = ""
 
 
 class Minder:
@@ -72,6 +77,8 @@ class Minder:
         Asks the edge of a twin for its last seconds.
     workers
         Makes what computes; a process of its own, where not given.
+    effects
+        Installed parts that may be imported there.
     """
 
     def __init__(
@@ -81,9 +88,11 @@ class Minder:
         settings: GapSettings,
         raw_samples: Callable[[str, float], list[Sample]],
         workers: Callable[[], concurrent.futures.Executor] | None = None,
+        effects: tuple[str, ...] = (),
     ) -> None:
         self._pipeline, self._store, self._settings = pipeline, store, settings
         self._raw_samples, self._make = raw_samples, workers or _one_process
+        self._effects = effects
         self._workers: concurrent.futures.Executor | None = None
         self._minds: dict[str, _Mind] = {}
         self._lock = threading.Lock()
@@ -179,10 +188,33 @@ class Minder:
         else:
             records = [piece.record]
         models = [mind.tuned]
+        in_use = registration.model.model_dump_json()
         if any(one.clock == "fast" for one in registration.adopted):
-            models.append(registration.model.model_dump_json())
+            models += [in_use] * (mind.failed != in_use)
         for record in records:
-            self._take(twin_id, mind, record, self._compute(measuring.measure, models, record))
+            found = self._measured(twin_id, mind, models, record)
+            self._take(twin_id, mind, record, found)
+
+    def _measured(
+        self, twin_id: str, mind: _Mind, models: list[str], record: Record
+    ) -> measuring.Reading:
+        """Measure; an own effect that fails or hangs costs the comparison of its model only."""
+        try:
+            return self._compute(measuring.measure, models, record)  # type: ignore[no-any-return]
+        except Exception as error:
+            if self._stop.is_set() or len(models) == 1 or not _is_own(models[-1]):
+                raise
+            self._drop_workers()
+            mind.failed = models.pop()
+            why = said(error) if str(error) else f"it took longer than {PATIENCE_S:g} s"
+            self._pipeline.note(
+                twin_id, "effect_failed", "warning",
+                f"The adopted model cannot be run ({why}). Its nominal model is compared "
+                "instead. Mend the installed part that holds its effect, and start the server "
+                "again; or undo the diagnosis.",
+                {},
+            )  # fmt: skip
+            return self._compute(measuring.measure, models, record)  # type: ignore[no-any-return]
 
     def _of(self, twin_id: str, nominal: ModelFile) -> _Mind:
         key = hashlib.sha256(nominal.model_dump_json().encode()).hexdigest()[:16]
@@ -217,7 +249,7 @@ class Minder:
     def _compute(self, function: Callable[..., Any], *arguments: Any) -> Any:
         if self._workers is None:
             self._workers = self._make()
-        return self._workers.submit(function, *arguments).result(PATIENCE_S)
+        return self._workers.submit(function, *arguments, self._effects).result(PATIENCE_S)
 
     def _take(
         self, twin_id: str, mind: _Mind, record: Record, found: measuring.Reading
@@ -299,6 +331,12 @@ class Minder:
 def _comparable(registration: Registration) -> bool:
     model = registration.model
     return model is not None and bool(model.inputs) and bool(model.sensors)
+
+
+def _is_own(model: str) -> bool:
+    """Whether a model has an effect that is none of the catalogue's."""
+    used = {entry["effect"] for entry in json.loads(model)["effects"]}
+    return bool(used - catalogue().keys())
 
 
 def _end_ns(piece: Piece) -> int:

@@ -11,12 +11,15 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from slowtime.dynamics.effects import catalogue
 from slowtime_schemas.model_file import ModelFile
 from slowtime_schemas.streams import RAW as RAW_STREAM
 from slowtime_schemas.streams import request_key
 from slowtime_services.bus import Bus, Sample
 from slowtime_services.clock import Clock, SystemClock
+from slowtime_services.effect_trial import installed_kinds
 from slowtime_services.models.reading import parse_model
+from slowtime_services.plugins import PluginError
 from slowtime_services.record import RecordingWriter
 from slowtime_services.replay import block_of
 from slowtime_services.reports import charts_in
@@ -59,7 +62,7 @@ class Orders:
         self._pipeline, self._store, self._settings = pipeline, store, settings
         self._bus, self._clock = bus, clock or SystemClock()
         self._jobs = Jobs(command, settings, self._end)
-        self._minder = Minder(pipeline, store, gaps, self.raw_samples)
+        self._minder = Minder(pipeline, store, gaps, self.raw_samples, effects=settings.effects)
 
     def start(self) -> None:
         """Say of what was under way that it has failed, and begin to work."""
@@ -221,7 +224,35 @@ class Orders:
                 f"Diagnosis {number} found a {word}, which is mended, not adopted.",
             )
         text = self._store.diagnosis_model(number) or ""
-        return parse_model(text, "augmented.yaml").model_dump(mode="json")
+        named = {effect["effect"] for effect in report["effects"]}
+        own = self._checked(number, named - catalogue().keys())
+        return parse_model(text, "augmented.yaml", own=own).model_dump(mode="json")
+
+    def _checked(self, number: int, own: set[str]) -> frozenset[str]:
+        """Refuse effects that the operator's parts do not hold; none is imported here."""
+        held: set[str] = set()
+        faults: list[str] = []
+        for name in self._settings.effects if own else ():
+            try:
+                held.update(installed_kinds(name))
+            except PluginError as error:
+                faults.append(str(error))
+        if missing := ", ".join(sorted(own - held)):
+            parts = ", ".join(self._settings.effects) or "none"
+            raise ProblemError(
+                409,
+                "effect-not-there",
+                " ".join(
+                    (
+                        f"Diagnosis {number} found {missing}, which slowtime does not know. "
+                        f"This server may load effects from: {parts}. An operator names the "
+                        "installed part that holds it in diagnose.effects of the server's "
+                        "settings.",
+                        *faults,
+                    )
+                ),
+            )
+        return frozenset(own)
 
     def _followed(
         self, twin_id: str, registration: Registration, report: dict[str, Any]
@@ -316,6 +347,7 @@ class Orders:
             "max_seconds": self._settings.max_raw_s,
             "max_memory_bytes": self._settings.max_memory_bytes,
             "effects": self._settings.effects,
+            "max_own_s": self._settings.max_s / 2,
         }
         if order.clock == "slow":
             told = history_of(

@@ -24,7 +24,9 @@ from twin_server.persist import EventRow
 from twin_server.receivers import AlarmRoute, AlarmSettings
 from twin_server.registration import Registration, WrongRegistrationsError
 
-ALWAYS = (ACKNOWLEDGED, GIVEN_UP, TEST)
+SENSOR = ("sensor_silent", "sensor_back", "samples_lost", "source_restarted")
+"""Kinds that only a live sensor causes, be it one of which no reading has come yet."""
+ALWAYS = (ACKNOWLEDGED, GIVEN_UP, TEST, *SENSOR)
 """Kinds that say nothing of readings, and leave whether these are live or not."""
 
 

@@ -1,5 +1,6 @@
 """A twin and an order in; what it would do under the load, as REST gives it, out."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -35,10 +36,12 @@ class Simulating:
     ----------
     workers
         Where they are run.
+    effects
+        Installed parts that may be imported there.
     """
 
-    def __init__(self, store: Store, workers: Workers) -> None:
-        self._store, self._workers = store, workers
+    def __init__(self, store: Store, workers: Workers, effects: tuple[str, ...] = ()) -> None:
+        self._store, self._workers, self._effects = store, workers, effects
 
     def check(self, twin: Twin, order: SimulationOrder) -> None:
         """Refuse what cannot be run anyway, at no cost.
@@ -81,7 +84,9 @@ class Simulating:
             rows = self._store.messages(twin_id, after, 1)
             last = decoded(rows[0].message) if rows else None
         try:
-            return self._workers.run(answered, twin_id, twin, found, now, last, order)
+            return self._workers.run(
+                answered, twin_id, twin, found, now, last, order, self._effects
+            )
         except UnknownTodayError as error:
             raise ProblemError(409, "not-known-yet", str(error)) from error
         except OrderError as error:
@@ -95,6 +100,7 @@ def answered(
     now: Mapping[str, tuple[float, float]],
     last: Features | None,
     order: SimulationOrder,
+    effects: tuple[str, ...] = (),
 ) -> bytes:
     """Run today's twin, and write what it does as REST gives it.
 
@@ -104,6 +110,7 @@ def answered(
         Where it cannot be run.
     """
     today = today_of(twin.registration, twin.checkpoint, found.states, found.bodies, now, last)
+    today = dataclasses.replace(today, parts=effects)
     unit = found.boots[found.number[-1]][1]
     return to_json(_told(twin_id, twin, today, unit, order, simulate(today, order)))
 

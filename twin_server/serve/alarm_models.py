@@ -92,7 +92,7 @@ class RouteModel(BaseModel):
     """How a route of a twin fares."""
 
     receiver: str
-    kind: Literal["webhook", "email", "mqtt"] | None = Field(
+    kind: Literal["webhook", "email", "mqtt", "own"] | None = Field(
         description="null where no such receiver is declared."
     )
     waiting: int

@@ -12,7 +12,7 @@ from slowtime.evolution.crossing import Crossing
 from twin_server.registration import Registration
 from twin_server.rendering import estimate_objects
 from twin_server.settings import ServeSettings
-from twin_server.thresholds import Limit, shown
+from twin_server.thresholds import Limit, shown, signed
 
 from . import models, problems
 from .knowledge import Knowledge
@@ -241,5 +241,5 @@ def _crossing(source: str, limit: Limit, crossing: Crossing, since: float) -> di
         "within": crossing.probability,
         "already": crossing.already,
         "horizon": crossing.horizon,
-        "sentence": f"{words} {side} {times * limit.at:.4g} {unit}: {crossing.words()}",
+        "sentence": f"{words} {side} {signed(times * limit.at)} {unit}: {crossing.words()}",
     }

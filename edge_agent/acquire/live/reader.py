@@ -2,7 +2,8 @@
 
 import logging
 import threading
-from collections.abc import Iterator, Mapping
+import time
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Protocol, runtime_checkable
 
 from slowtime_services.bus import Inbox
@@ -49,6 +50,16 @@ class Describing(Protocol):
         ...
 
 
+@runtime_checkable
+class Restarted(Protocol):
+    """A transport that runs code of somebody else, and starts it again where that ends."""
+
+    pauses_s: Sequence[float]
+    """Before each start that follows another; the last is repeated."""
+    sound_s: float
+    """A run that has lasted so long was sound: pauses are counted from the first again."""
+
+
 class Reader:
     """Reads a transport in a thread of its own.
 
@@ -73,6 +84,7 @@ class Reader:
         self._inbox, self._tally, self._stop = inbox, tally, stop
         self._garbled = self._garbled_bytes = 0
         self._dropped = 0
+        self._restarted = transport if isinstance(transport, Restarted) else None
         self._thread = threading.Thread(target=self._run, name="sensor", daemon=True)
 
     def start(self) -> None:
@@ -86,7 +98,7 @@ class Reader:
     def _run(self) -> None:
         attempts = 0
         while not self._stop.is_set():
-            heard = False
+            heard, began_s = False, time.monotonic()
             try:
                 for packet in self._transport.packets(self._stop):
                     if self._stop.is_set():
@@ -101,6 +113,8 @@ class Reader:
                 why = f"{type(error).__name__}: {error}"
             if self._stop.is_set():
                 break
+            if self._restarted is not None:
+                heard = heard and time.monotonic() - began_s >= self._restarted.sound_s
             attempts = 0 if heard else attempts
             self._lost_connection(why, attempts)
             attempts += 1
@@ -111,7 +125,11 @@ class Reader:
         self._tally.add("sensor_reconnects")
         if self._framer is not None:
             self._framer.reset()
-        pause_s = BACKOFF_S[min(attempts, len(BACKOFF_S) - 1)]
+        pauses_s: Sequence[float] = BACKOFF_S
+        if self._restarted is not None:
+            self._tally.add("source_restarts")
+            pauses_s = self._restarted.pauses_s
+        pause_s = pauses_s[min(attempts, len(pauses_s) - 1)]
         if attempts & (attempts - 1) == 0:
             logger.warning("No connection to the sensor: %s. Trying again.", why)
         self._stop.wait(pause_s)

@@ -8,11 +8,14 @@ with Client("http://127.0.0.1:8000") as client:
 """
 
 from .answers import (
+    Band,
+    Bands,
     Crossing,
     Digest,
     Event,
     Forecast,
     ForecastPoint,
+    History,
     State,
     Twin,
 )
@@ -21,12 +24,15 @@ from .client import Client, Live
 
 __all__ = [
     "AnswerError",
+    "Band",
+    "Bands",
     "Client",
     "Crossing",
     "Digest",
     "Event",
     "Forecast",
     "ForecastPoint",
+    "History",
     "Live",
     "State",
     "Twin",

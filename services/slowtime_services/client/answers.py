@@ -1,6 +1,7 @@
 """What a server answers, typed; what a newer server says beside it is passed over."""
 
 import datetime
+from collections.abc import Iterable
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict
@@ -40,6 +41,66 @@ class State(Answer):
     def time(self) -> datetime.datetime:
         """Sensor time to the microsecond; `t_ns` has all of it."""
         return _EPOCH + datetime.timedelta(microseconds=self.t_ns // 1000)
+
+
+class Instants(Answer):
+    """One instant of each bucket."""
+
+    t_ns: tuple[int, ...]
+    slow_time: tuple[float, ...]
+
+
+class Range(Answer):
+    """Extremes of a value in each bucket; None where there is nothing."""
+
+    min: tuple[float | None, ...]
+    max: tuple[float | None, ...]
+
+
+class Band(Range):
+    """Mean and extremes of a quantity in each bucket, and the ends of its 95 % intervals."""
+
+    mean: tuple[float | None, ...]
+    lo: tuple[float | None, ...]
+    hi: tuple[float | None, ...]
+
+
+class Bands(Answer):
+    """What all readings of a span show, in buckets of consecutive ones.
+
+    Parameters
+    ----------
+    readings
+        All of the span that was asked for.
+    count, valid
+        Of each bucket: its readings, and the valid ones among them.
+    start, end
+        First and last reading of each bucket.
+    """
+
+    readings: int
+    slow_time_unit: str
+    count: tuple[int, ...]
+    valid: tuple[int, ...]
+    start: Instants
+    end: Instants
+    quantities: dict[str, Band]
+    elements: dict[str, Band] = {}
+    truth: dict[str, Range] = {}
+
+
+class History(list[State]):
+    """States in order: all of a span, or those that show what all of them show.
+
+    Parameters
+    ----------
+    bands
+        What all readings show, where the states are but some of them; else None.
+    """
+
+    def __init__(self, states: Iterable[State], bands: Bands | None = None) -> None:
+        super().__init__(states)
+        self.bands = bands
 
 
 class Twin(Answer):

@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple, Self
 from pydantic import TypeAdapter
 from pydantic_core import from_json
 
-from .answers import Digest, Event, Forecast, State, Twin
+from .answers import Bands, Digest, Event, Forecast, History, State, Twin
 from .asking import AnswerError, Door, UnreachableError
 
 TOKEN = "SLOWTIME_TOKEN"
@@ -139,11 +139,18 @@ class Client:
         start: str | None = None,
         end: str | None = None,
         max_points: int | None = None,
-    ) -> list[State]:
-        """States from `start` to `end`; of too many, those that show what all of them show."""
+    ) -> History:
+        """States from `start` to `end`; of too many, those that show what all of them show.
+
+        `bands` of the answer then hold means, extremes and intervals of all of them.
+        """
         query = {"start": start, "end": end, "max_points": max_points}
         found = self.json("GET", f"/twins/{twin_id}/history", query)
-        return _STATES.validate_python(found["points"])
+        bands = found.get("bands")
+        return History(
+            _STATES.validate_python(found["points"]),
+            None if bands is None else Bands.model_validate(bands),
+        )
 
     def export(
         self,

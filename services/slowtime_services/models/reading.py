@@ -1,5 +1,6 @@
 """Model files in; what is wrong with them, line by line, or the description they hold out."""
 
+import dataclasses
 import difflib
 import pathlib
 from collections.abc import Mapping
@@ -62,8 +63,22 @@ def read_description(
     return description_of(read_model(path, kinds))
 
 
-def parse_model(text: str, name: str, kinds: Mapping[str, Kind] | None = None) -> ModelFile:
-    """Check the text of a model file; `name` is what errors call it."""
+def parse_model(
+    text: str,
+    name: str,
+    kinds: Mapping[str, Kind] | None = None,
+    *,
+    own: frozenset[str] = frozenset(),
+) -> ModelFile:
+    """Check the text of a model file.
+
+    Parameters
+    ----------
+    name
+        What errors call it.
+    own
+        Kinds of effect that are known elsewhere: nothing is checked of them here.
+    """
     try:
         values, lines = read_with_lines(text, NAMES)
     except YamlError as error:
@@ -80,7 +95,9 @@ def parse_model(text: str, name: str, kinds: Mapping[str, Kind] | None = None) -
             shown.append(f"... and {len(faults) - SHOWN} more.")
         raise ModelFileError("\n".join(shown)) from None
     try:
-        read_effects(description_of(model), kinds)
+        description = description_of(model)
+        ours = tuple(entry for entry in description.effects if entry["effect"] not in own)
+        read_effects(dataclasses.replace(description, effects=ours), kinds)
     except DescriptionError as error:
         line = lines[_known(error.where, lines)]
         raise ModelFileError(f"{name}, line {line}: {error}") from None

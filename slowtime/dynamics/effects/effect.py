@@ -68,7 +68,8 @@ def _effect(
         raise DescriptionError(
             (*where, "effect"),
             f"No effect is called {name!r}. {_near(name, kinds)}Known: "
-            f"{', '.join(sorted(kinds))}. Others come from files of your own (--effects).",
+            f"{', '.join(sorted(kinds))}. Others come from files or installed "
+            "parts of your own: --effects, or diagnose.effects of a twin server.",
         )
     kind = kinds[name]
     place = _place(description, where, entry, kind)

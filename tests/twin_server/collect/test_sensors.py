@@ -1,5 +1,7 @@
 """A sensor that falls silent is told once, its return once, and losses not too often."""
 
+import pytest
+
 from slowtime_schemas.messages import Health
 from twin_server.collect import SensorWatch
 from twin_server.collect.sensors import TOLD_EVERY_S
@@ -61,3 +63,48 @@ def test_an_input_that_is_not_live_has_no_sensor():
     assert (watch.of("lab", "beam") or {})["samples_lost"] == 2
     watch.forget("lab", "beam")
     assert watch.of("lab", "beam") is None
+
+
+def test_each_restart_of_an_own_source_is_told():
+    watch = SensorWatch()
+    assert told(watch, health(source_restarts=0)) == []
+    assert told(watch, health(source_restarts=1)) == [("source_restarted", "warning")]
+    assert told(watch, health(source_restarts=1)) == []
+    (notice,) = watch.hear([health(source_restarts=3)], 0.0)
+    assert notice.details == {"more": 2, "restarts": 3}
+    assert told(watch, health(boot="b2", source_restarts=1)) == [
+        ("source_restarted", "warning")
+    ]
+
+
+SILENT = {"kind": "sensor_silent", "details": {"silent_s": 10}}
+BACK = {"kind": "sensor_back", "details": {"silent_s": 12}}
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "events"),
+    [
+        ([SILENT], {"sensor_silent_s": 30}, []),
+        ([SILENT], {}, [("sensor_back", "info")]),
+        ([BACK, SILENT], {}, []),
+        ([BACK, SILENT], {"sensor_silent_s": 30}, [("sensor_silent", "alarm")]),
+        ([], {"sensor_silent_s": 30}, [("sensor_silent", "alarm")]),
+    ],
+)
+def test_a_watch_that_begins_goes_on_from_what_was_told(before, now, events):
+    """Events of before, the newest first."""
+    watch = SensorWatch(lambda site, asset: before if asset == "beam" else ())
+    assert told(watch, health(**now), health(**now)) == events
+
+
+def test_losses_and_restarts_that_were_told_before_are_not_told_again():
+    before = [
+        {"kind": "samples_lost", "details": {"more": 8, "lost": 20, "dropped": 5}},
+        {"kind": "samples_lost", "details": {"more": 12, "lost": 12, "dropped": 0}},
+        {"kind": "source_restarted", "details": {"more": 1, "restarts": 4}},
+    ]
+    watch = SensorWatch(lambda site, asset: before)
+    same = health(samples_lost=20, samples_dropped=5, source_restarts=4)
+    assert told(watch, same) == []
+    (lost,) = watch.hear([health(samples_lost=21, samples_dropped=5, source_restarts=4)], 0.0)
+    assert lost.details["more"] == 1

@@ -229,7 +229,7 @@ def test_an_alarm_is_raised_once_and_ends_once(features):
         ("alarm", "alarm", 7),
         ("alarm_cleared", "info", 37),
     ]
-    assert notices[0].message.startswith("Stiffness change below -10 % with 97.5 % certainty")
+    assert notices[0].message.startswith("Stiffness change below −10 % with 97.5 % certainty")
     assert notices[0].details["estimate"]["hi"] < -0.1
 
 

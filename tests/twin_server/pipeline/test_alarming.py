@@ -7,7 +7,8 @@ import time
 import pytest
 
 from slowtime_schemas.codec import encode
-from slowtime_schemas.streams import FEATURES
+from slowtime_schemas.messages import Health
+from slowtime_schemas.streams import FEATURES, HEALTH
 from slowtime_services.bus import MemoryBus
 from slowtime_services.clock import SystemClock
 from tests.twin_server.notify.conftest import Hook
@@ -85,6 +86,19 @@ class Telling:
                 replayed=replayed,
             )  # fmt: skip
         assert self.eventually(lambda: self.store.count("lab.beam") == self.sequence)
+
+    def hear_of_sensor(self, silent_s):
+        """Let the edge tell for how long its sensor has been silent."""
+        self.beats = getattr(self, "beats", 0) + 1
+        message = Health(
+            site="lab", asset="beam", boot="b1", sequence=self.beats, t_ns=time.time_ns(),
+            last_sequence=self.sequence - 1, first_held=-1, uptime_s=float(self.beats),
+            counters={"sensor_silent_s": silent_s},
+        )  # fmt: skip
+        self.bus.publish(HEALTH.key("lab", "beam"), encode(message), encoding=HEALTH.encoding)
+        self.until(
+            lambda: (self.pipeline.sensor("lab.beam") or {}).get("sensor_silent_s") == silent_s
+        )
 
     def told(self, name="ops"):
         return [(told["kind"], told["sequence"]) for told in self.hooks[name].told]
@@ -301,3 +315,30 @@ def test_who_forgets_a_twin_forgets_its_deliveries(telling, database):
     assert house.store.deliveries() == []
     house.notifier.stop()
     assert house.store.deliveries() == []
+
+
+def test_a_silent_sensor_is_told_once_over_restarts_of_the_server(telling, tmp_path):
+    route = {"receiver": "ops", "severities": ["alarm", "info"]}
+    kinds = ["sensor_silent", "sensor_back"]
+
+    def told():
+        return [kind for one in made for kind, _ in one.told() if kind in kinds]
+
+    made = [telling(routes=[route])]
+    made[-1].hear(0.0)
+    made[-1].hear_of_sensor(0)
+    made[-1].hear_of_sensor(11)
+    made[-1].until(lambda: told() == ["sensor_silent"])
+    for silent_s, expected in (
+        (15, kinds[:1]),
+        (0, kinds),
+        (0, kinds),
+        (12, [*kinds, kinds[0]]),
+    ):
+        made[-1].close()
+        made.append(telling(routes=[route]))
+        # No reading has come: a sensor that is silent gives none.
+        made[-1].hear_of_sensor(silent_s)
+        made[-1].until(lambda wanted=expected: told() == wanted)
+        events = [event["kind"] for event in made[-1].events() if event["kind"] in kinds]
+        assert events == expected

@@ -478,7 +478,7 @@ def test_what_changed_is_told_once_and_by_name(framed):
     by_kind = {event["kind"]: event for event in events}
     assert by_kind["element_changed"]["message"].startswith("storey2 has lost ")
     assert by_kind["alarm"]["message"].startswith(
-        "Change of storey2 below -5 % with 97.5 % certainty"
+        "Change of storey2 below −5 % with 97.5 % certainty"
     )
 
 

@@ -19,6 +19,9 @@ PAIRS = (
     (answers.CrossingTime, models.CrossingTime),
     (answers.Event, models.EventModel),
     (answers.Digest, models.HashModel),
+    (answers.Bands, models.BandsModel),
+    (answers.Band, models.BandModel),
+    (answers.Instants, models.InstantsModel),
 )
 
 
@@ -44,6 +47,14 @@ def test_a_twin_and_its_history_come_typed(client, server):
     assert last.time.isoformat() == "2026-01-01T00:04:59+00:00"
     some = client.history(TWIN, start="slow:10", end="slow:200", max_points=20)
     assert len(some) <= 20
+    assert history.bands is None
+    assert some.bands is not None
+    assert (some.bands.readings, sum(some.bands.count)) == (191, 191)
+    assert (some.bands.start.slow_time[0], some.bands.end.slow_time[-1]) == (10.0, 200.0)
+    stiffness = some.bands.quantities["stiffness_change"]
+    values = [state.stiffness_change.value for state in history[10:201]]
+    assert min(stiffness.min) == pytest.approx(min(values))
+    assert max(stiffness.max) == pytest.approx(max(values))
     assert (some[0].slow_time, some[-1].slow_time) == (10.0, 200.0)
     assert client.twin(TWIN, at="slow:41.7").slow_time == 41.0
 

@@ -131,4 +131,5 @@ def _of(mode: int | None) -> str:
 
 def _percent(value: float, interval: tuple[float, float]) -> str:
     lo, hi = interval
-    return f"{100 * value:+.2g} % (95 % interval {100 * lo:+.2g} to {100 * hi:+.2g})"
+    said = f"{100 * value:+.2g} % (95 % interval {100 * lo:+.2g} to {100 * hi:+.2g})"
+    return said.replace("-", "−")

@@ -57,10 +57,15 @@ export const atTime = (point, slowTime) => ({ ...point, slow_time: slowTime, t_n
 const UNITS = { T0: "natural periods", d: "days" };
 export const unitOf = (point) => UNITS[point.slow_time_unit] || point.slow_time_unit;
 
+/** No window is as short as a natural period, so that parts of one are said of the first hundred only. */
+function digitsOf({ slow_time: x, slow_time_unit: unit }) {
+  if (unit === "T0") return Math.abs(x) < 100 ? +x.toPrecision(3) : Math.round(x);
+  return Math.abs(x) < 1e5 ? +x.toPrecision(6) : Math.round(x);
+}
+
 export function slowTime(point) {
   if (isClock(point)) return new Date(1000 * point.slow_time).toLocaleString();
-  const digits = Math.abs(point.slow_time) < 1e5 ? +point.slow_time.toPrecision(6) : Math.round(point.slow_time);
-  return `${digits} ${unitOf(point)}`;
+  return `${digitsOf(point)} ${unitOf(point)}`.replace("-", MINUS);
 }
 
 /** How long ago, in the largest unit that fits. */

@@ -1,0 +1,38 @@
+"""What a block's channels are taken for: vibration to identify from, temperature, load."""
+
+import math
+
+from edge_agent.settings import ExtractSettings
+from slowtime.signals.block import Block
+from slowtime_services.files.record import accelerations, find_column
+
+from .windows import Rows
+
+
+def columns_of(settings: ExtractSettings, block: Block) -> tuple[list[int], tuple[str, ...]]:
+    """Give places and names of the channels to identify from."""
+    chosen = settings.channels or _vibrating(settings, block)
+    columns = [find_column(name, block.channels) for name in chosen]
+    return columns, tuple(block.channels[column] for column in columns)
+
+
+def covariate_means(settings: ExtractSettings, rows: Rows, block: Block) -> dict[str, float]:
+    """Give means of the channels that tell of temperature or load, as far as they are there."""
+    found: dict[str, float] = {}
+    for name, channel in settings.covariates.items():
+        if channel in block.channels and len(rows):
+            mean = float(rows[:, block.channels.index(channel)].mean())
+            found |= {name: mean} if math.isfinite(mean) else {}
+    return found
+
+
+def _vibrating(settings: ExtractSettings, block: Block) -> tuple[str, ...]:
+    """Channels to identify from, where the settings do not say."""
+    taken = settings.covariates.values()
+    rest = [
+        (name, unit)
+        for name, unit in zip(block.channels, block.units, strict=True)
+        if name not in taken
+    ]
+    names, units = zip(*rest, strict=True) if rest else ((), ())
+    return accelerations(names, units)
