@@ -155,6 +155,7 @@ class Extract:
             start_ns=start_ns,
             method=reading.method,
             channels=reading.channels,
+            units=_units(reading.channels, block),
             modes=reading.modes,
             quality=Quality(
                 samples=hop.count,
@@ -201,6 +202,7 @@ class Extract:
             start_ns=window.start_ns,
             method=reading.method,
             channels=reading.channels,
+            units=_units(reading.channels, block),
             modes=reading.modes,
             quality=Quality(
                 samples=count,
@@ -281,3 +283,9 @@ class Extract:
         if block.epoch is not None:
             return float(block.epoch)
         return start_ns / 1e9 / (self.settings.hop_s or self.settings.window_s)
+
+
+def _units(channels: tuple[str, ...], block: Block) -> tuple[str, ...]:
+    """Units of some channels of a block, in their order."""
+    unit = dict(zip(block.channels, block.units, strict=True))
+    return tuple(unit[name] for name in channels)

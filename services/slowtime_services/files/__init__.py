@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .bridging import MARK, bridged
-    from .conversion import in_si, mixed_units
+    from .conversion import Scaling, in_si, mixed_units, scaling_of
     from .read import ALL, MAX_BYTES, read_record
     from .record import UNDATED_NS, Gap, Record, RecordError, accelerations, find_column
     from .stamps import DateOrder
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "bridging": ("MARK", "bridged"),
-    "conversion": ("in_si", "mixed_units"),
+    "conversion": ("Scaling", "in_si", "mixed_units", "scaling_of"),
     "read": ("ALL", "MAX_BYTES", "read_record"),
     "record": (
         "UNDATED_NS", "Gap", "Record", "RecordError", "accelerations", "find_column",
@@ -36,6 +36,7 @@ __all__ = [
     "Record",
     "RecordError",
     "RecordStream",
+    "Scaling",
     "accelerations",
     "bridged",
     "find_column",
@@ -43,6 +44,7 @@ __all__ = [
     "mixed_units",
     "open_record",
     "read_record",
+    "scaling_of",
     "streams",
 ]
 
