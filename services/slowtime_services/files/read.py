@@ -38,6 +38,8 @@ MAX_BYTES = 1 << 30
 SLOWEST_HZ, FASTEST_HZ = 1e-6, 1e9
 """Sampling rates that a person may give; beyond these they are slips of the pen."""
 ALL = "all"
+BY_CLOCK = "time from column"
+"""Begins the assumption of a record whose clock is one of its columns."""
 FAR_S, FAR = 1.0, 0.01
 """Time of the first row, in seconds and in lengths of the record, beyond which a clock is not
 counted from the start that a heading states."""
@@ -73,6 +75,7 @@ def read_record(
     units: Sequence[str] = (),
     sensitivities: Sequence[str] = (),
     max_bytes: int = MAX_BYTES,
+    of_a_piece: bool = False,
 ) -> Record:
     """Read a record of measurements from a file.
 
@@ -115,6 +118,9 @@ def read_record(
         What volts or counts mean: ``100mV/g``, ``CHANNEL=256LSB/g``.
     max_bytes
         What a file may hold at most.
+    of_a_piece
+        Whether it is a piece of a longer file, of which its heading states the number of
+        points and the duration.
 
     Returns
     -------
@@ -140,6 +146,8 @@ def read_record(
     chosen = None if channels is None else tuple(channels)
     sheet = _open(path, skip_lines, max_bytes, date_order, chosen)
     sheet = _renamed(sheet, columns)
+    if of_a_piece:
+        sheet = dataclasses.replace(sheet, facts=sheet.facts.of_any_length)
     if len(sheet.columns[0].values) < 2 and len(sheet.columns) + len(sheet.tail) < 2 + (
         sheet.facts.found == ()
     ) * len(sheet.columns):
@@ -660,7 +668,7 @@ def _no_clock(sheet: Sheet) -> str:
 def _said_of(told: clock.Told, axis: TimeAxis | None, why: dict[str, str]) -> Iterator[str]:
     """Say what was taken for granted of the columns."""
     if told.clock is not None and axis is not None:
-        yield f"time from column {told.clock.said}"
+        yield f"{BY_CLOCK} {told.clock.said}"
     if why:
         apart = "; ".join(f"{name!r}: {reason}" for name, reason in why.items())
         yield f"set aside ({apart}), --keep keeps them"
