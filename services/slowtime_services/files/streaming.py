@@ -25,6 +25,9 @@ from .text import read_text
 PIECE_BYTES = 4 * 2**20
 """Size of a piece: large enough to tell columns and clock from, small beside any memory."""
 
+APART_PIECE_BYTES = 2 * PIECE_BYTES
+"""Size of one that a library reads in a process of its own, which takes a second to start."""
+
 BLOCK_ROWS = 8192
 """Rows of a block at most."""
 
@@ -63,7 +66,7 @@ def streams(path: Path) -> bool:
 
 @contextlib.contextmanager
 def open_record(
-    path: str | Path, *, piece_bytes: int = PIECE_BYTES, **given: Any
+    path: str | Path, *, piece_bytes: int | None = None, **given: Any
 ) -> Iterator[RecordStream]:
     """Open a record whose blocks are read as they are asked for.
 
@@ -73,7 +76,7 @@ def open_record(
     Parameters
     ----------
     piece_bytes
-        Of the file that are read at once.
+        Of the file that are read at once; None for what suits its kind.
     given
         What a person says of the file, as `read_record` takes it.
 
@@ -89,6 +92,9 @@ def open_record(
             f"{path.name} is of a kind that is only read whole. Read piece by piece are "
             f"{', '.join((*CUTS, *TEXT))}; convert it, or read it whole."
         )
+    if piece_bytes is None:
+        read_here = path.suffix.lower() in (".npy", *TEXT)
+        piece_bytes = PIECE_BYTES if read_here else APART_PIECE_BYTES
     with tempfile.TemporaryDirectory(prefix="slowtime-") as folder:
         place = Path(folder) / path.name
         stated = _Stated(path.name, given.get("rate_hz") is None)
