@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .bridging import MARK, bridged
     from .conversion import Scaling, in_si, mixed_units, scaling_of
-    from .read import ALL, MAX_BYTES, read_record
+    from .read import MAX_BYTES, read_record
     from .record import UNDATED_NS, Gap, Record, RecordError, accelerations, find_column
+    from .said import ALL
     from .stamps import DateOrder
     from .streaming import RecordStream, open_record, streams
     from .time_units import UNITS
@@ -15,10 +16,11 @@ if TYPE_CHECKING:
 _MODULES = {
     "bridging": ("MARK", "bridged"),
     "conversion": ("Scaling", "in_si", "mixed_units", "scaling_of"),
-    "read": ("ALL", "MAX_BYTES", "read_record"),
+    "read": ("MAX_BYTES", "read_record"),
     "record": (
         "UNDATED_NS", "Gap", "Record", "RecordError", "accelerations", "find_column",
     ),
+    "said": ("ALL",),
     "stamps": ("DateOrder",),
     "streaming": ("RecordStream", "open_record", "streams"),
     "time_units": ("UNITS",),

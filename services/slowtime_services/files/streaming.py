@@ -18,8 +18,9 @@ from slowtime.signals.block import Block
 from .cutting import CUTS, TEXT, cut_of
 from .facts import Facts
 from .plausibility import Measured, refuse_disagreement
-from .read import BY_CLOCK, read_record
+from .read import read_record
 from .record import Record, RecordError
+from .record_clock import BY_CLOCK
 from .text import read_text
 
 PIECE_BYTES = 4 * 2**20
