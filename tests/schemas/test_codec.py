@@ -248,7 +248,10 @@ def shaped(shape=(), channels=("x", "y"), **mode):
         (shaped({"sd": [0.1, -0.1]}), "greater than or equal to 0"),
         (shaped(channels=["x"]), r"Shapes of [2] components for 1 channels"),
         (shaped(channels=[]), r"Shapes of [2] components for 0 channels"),
-        (changed(channels=["x", "y"], units=["m"]), r"1 units for 2 channels.*or none"),
+        (
+            changed(channels=["x", "y"], units=["m"]),
+            "1 units for 2 channels. Give one unit per channel",
+        ),
         (shaped(kind="electric"), "'structural' or 'harmonic'"),
         (shaped(identity=-1), "at modes.0.identity, -1 was given"),
         (
