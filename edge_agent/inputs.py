@@ -68,6 +68,11 @@ class LiveInput(Frozen):
     """What waits at most for the work to be done; what comes beyond is dropped and counted."""
     rate_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.05
     """A relative difference to `rate_hz` that lasts is another rate, not an inexact clock."""
+    units: tuple[str, ...] = ()
+    """Units of the samples, `UNIT` of all channels or `CHANNEL=UNIT`; they overrule layout and
+    device. Motion is turned into SI."""
+    sensitivities: tuple[str, ...] = ()
+    """What volts or counts mean: `100mV/g`, `CHANNEL=256LSB/g`."""
     password_file: Path | None = None
     """File that holds the password of the user named in the URL."""
     ca_file: Path | None = None

@@ -114,6 +114,11 @@ class RecordingInput(Frozen):
     site: Name | None = None
     asset: Name | None = None
     """Whose blocks, where the recording holds those of several."""
+    units: tuple[str, ...] = ()
+    """Units of the samples, `UNIT` of all channels or `CHANNEL=UNIT`; they overrule the
+    recording, and motion is then turned into SI. Without any, blocks stay as recorded."""
+    sensitivities: tuple[str, ...] = ()
+    """What volts or counts mean: `100mV/g`, `CHANNEL=256LSB/g`."""
     speed: NotNegative = 0.0
     """Seconds of the recording in one second on the wall; 0 for as fast as possible."""
 

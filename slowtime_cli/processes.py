@@ -30,6 +30,8 @@ def edge(
     source: str | None,
     password_file: Path | None,
     rate_hz: float | None,
+    units: tuple[str, ...],
+    sensitivities: tuple[str, ...],
     speed: float,
     epochs_per_s: float | None,
     channels: str | None,
@@ -46,6 +48,7 @@ def edge(
     from edge_agent.__main__ import run
 
     given: dict[str, Any] | LiveInput = {}
+    measured_in = _given(units=units or None, sensitivities=sensitivities or None)
     if simulate:
         given = {
             "kind": "simulated",
@@ -53,11 +56,12 @@ def edge(
             "every_s": 1 / (epochs_per_s or EPOCHS_PER_S[simulate]),
         }
     elif file:
-        given = {"kind": "file", "path": file, "rate_hz": rate_hz, "speed": speed}
+        given = {"kind": "file", "path": file, "rate_hz": rate_hz, "speed": speed} | measured_in
     elif recording:
-        given = {"kind": "recording", "path": recording, "speed": speed}
+        given = {"kind": "recording", "path": recording, "speed": speed} | measured_in
     elif source:
-        given = LiveInput.of(source, **_given(rate_hz=rate_hz, password_file=password_file))
+        told = _given(rate_hz=rate_hz, password_file=password_file)
+        given = LiveInput.of(source, **told, **measured_in)
     extract = _given(
         channels=names(channels, "--channels"),
         band_hz=band_hz or None,

@@ -149,7 +149,7 @@ def _identify(path: Path, opened: RecordStream, flags: dict[str, Any]) -> None:
                 note(f"{end / rate / 3600:.2f} h read: {_listed(modes)}.")
             tell(f"{100 * share:.0f} %, {plural(len(modes), 'mode')} so far")
         modes = recursive.solved(state)
-    _tell(path, head, channels, end / rate, state.lost, modes, flags)
+    _tell(path, opened, channels, end / rate, state.lost, modes, flags)
 
 
 def _guessed_s(opened: RecordStream) -> float:
@@ -169,7 +169,7 @@ def _listed(modes: Sequence[Mode]) -> str:
 
 def _tell(
     path: Path,
-    head: Record,
+    opened: RecordStream,
     channels: tuple[str, ...],
     seconds: float,
     lost: int,
@@ -177,8 +177,9 @@ def _tell(
     flags: dict[str, Any],
 ) -> None:
     """Say what was found, as for a record that is read whole."""
-    out, geometry = flags["out"], flags["geometry"]
-    said = (f"{plural(lost, 'sample')} missing were left out.",) if lost else ()
+    out, geometry, head = flags["out"], flags["geometry"], opened.head
+    left_out = (f"{plural(lost, 'sample')} missing were left out.",) if lost else ()
+    said = (*left_out, *opened.end_notes)
     for text in said:
         note(text)
     if not modes:

@@ -5,10 +5,10 @@ import functools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Float
 
 from slowtime.dynamics.description import Description, Parts, assemble, assemble_parts
-from slowtime.dynamics.units import unit_factor
+from slowtime.dynamics.units import Motion, UnitOfCoordinate, unit_factor
 from slowtime.evolution.structures import ParametricStructure
 
 MASS = ".mass"
@@ -17,7 +17,11 @@ MASS = ".mass"
 ANY_STIFFNESS = 0.2
 """Relative sd of a model's stiffnesses where the model file does not say."""
 
-_POWERS = {"displacement": 0, "velocity": 1, "acceleration": 2}
+Worth = tuple[float, int]
+"""Worth of a channel's unit in SI, and how often its quantity is differentiated."""
+
+POWERS: dict[Motion, int] = {"displacement": 0, "velocity": 1, "acceleration": 2}
+"""How often each quantity of a sensor is differentiated from a displacement."""
 
 
 class ModelError(ValueError):
@@ -42,7 +46,9 @@ class Model:
     sees
         What each channel sees of the degrees of freedom.
     worth
-        Of each channel, worth of its unit in SI, and how often its quantity is differentiated.
+        Of each channel, as its sensor in the model says.
+    unit_of_coordinate
+        Of what the structure moves by.
     """
 
     whole: ParametricStructure
@@ -50,7 +56,8 @@ class Model:
     free: tuple[str, ...]
     prior_sd: Float[np.ndarray, " parameter"]
     sees: Mapping[str, Float[np.ndarray, " dof"]]
-    worth: Mapping[str, tuple[float, int]]
+    worth: Mapping[str, Worth]
+    unit_of_coordinate: UnitOfCoordinate = "m"
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -61,19 +68,6 @@ class Model:
     def rows(self) -> Float[np.ndarray, "channel dof"]:
         """`sees` as a matrix."""
         return np.array(list(self.sees.values())).reshape(len(self.sees), self.whole.size)
-
-    def as_displacement(
-        self,
-        shape: Complex[np.ndarray, " channel"],
-        channels: Sequence[str],
-        frequency_hz: float,
-    ) -> Complex[np.ndarray, " channel"]:
-        """Shape in metres out of one in the units and quantities of its channels."""
-        omega = 2.0 * np.pi * frequency_hz
-        factors = [
-            self.worth[name][0] / (1j * omega) ** self.worth[name][1] for name in channels
-        ]
-        return np.asarray(shape * np.array(factors))
 
     def at(self, theta: Sequence[float]) -> ParametricStructure:
         """Move `whole` by `theta`, which becomes nominal, and let only the free parts vary."""
@@ -158,6 +152,7 @@ def model_of(
         np.array([wanted[name] for name in free]),
         sees,
         worth,
+        description.unit_of_coordinate,
     )
 
 
@@ -171,7 +166,7 @@ def _tolerance(
 
 def _channels(
     description: Description, parts: Parts
-) -> tuple[dict[str, Float[np.ndarray, " dof"]], dict[str, tuple[float, int]]]:
+) -> tuple[dict[str, Float[np.ndarray, " dof"]], dict[str, Worth]]:
     """Tell what each channel sees; those on the base, which no mode moves, are left out."""
     sees, worth = {}, {}
     for sensor in description.sensors:
@@ -180,7 +175,7 @@ def _channels(
         row = np.zeros(len(parts.names))
         row[parts.names.index(sensor.node)] = 1.0
         factor = unit_factor(sensor.unit, sensor.quantity, description.unit_of_coordinate)
-        sees[sensor.channel], worth[sensor.channel] = row, (factor, _POWERS[sensor.quantity])
+        sees[sensor.channel], worth[sensor.channel] = row, (factor, POWERS[sensor.quantity])
     if not sees:
         raise ModelError(
             "No sensor of the model is on something that moves. Give `sensors` with the "

@@ -26,6 +26,12 @@ def covariate_means(settings: ExtractSettings, rows: Rows, block: Block) -> dict
     return found
 
 
+def units_of(channels: tuple[str, ...], block: Block) -> tuple[str, ...]:
+    """Give the units of some channels of a block, in their order."""
+    unit = dict(zip(block.channels, block.units, strict=True))
+    return tuple(unit[name] for name in channels)
+
+
 def _vibrating(settings: ExtractSettings, block: Block) -> tuple[str, ...]:
     """Channels to identify from, where the settings do not say."""
     taken = settings.covariates.values()

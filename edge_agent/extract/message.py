@@ -6,7 +6,7 @@ from edge_agent.settings import ExtractSettings, Origin
 from slowtime.signals.block import Block
 from slowtime_schemas.messages import Features, Quality
 
-from .channels import covariate_means
+from .channels import covariate_means, units_of
 from .reading import Reading
 from .windows import Rows
 
@@ -55,6 +55,7 @@ def message_of(
         start_ns=span.start_ns,
         method=reading.method,
         channels=reading.channels,
+        units=units_of(reading.channels, block),
         modes=reading.modes,
         quality=Quality(
             samples=span.samples,

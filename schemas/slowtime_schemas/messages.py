@@ -175,9 +175,9 @@ class Features(Message):
     """What one epoch of samples said about frequencies, damping and shapes."""
 
     MESSAGE: ClassVar[str] = "features"
-    VERSION: ClassVar[int] = 2
+    VERSION: ClassVar[int] = 3
 
-    version: Literal[2] = 2
+    version: Literal[3] = 3
     time_base: TimeBase = "live"
     slow_time: Finite
     slow_time_unit: UnitName = "s"
@@ -186,6 +186,14 @@ class Features(Message):
     channels: Annotated[
         tuple[str, ...],
         Field(max_length=4096, description="Whose components the shapes hold, in order."),
+    ] = ()
+    units: Annotated[
+        tuple[str, ...],
+        Field(
+            max_length=4096,
+            description="Of the channels, in order, such as m/s^2; an empty text where nobody "
+            "said one, and none at all where the agent does not tell units.",
+        ),
     ] = ()
     modes: Annotated[
         tuple[Mode, ...], Field(max_length=64, description="Ascending in frequency.")
@@ -216,6 +224,11 @@ class Features(Message):
             raise ValueError(
                 f"Shapes of {sorted(sizes)} components for {len(self.channels)} channels. "
                 "Give one component per channel."
+            )
+        if len(self.units) not in (0, len(self.channels)):
+            raise ValueError(
+                f"{len(self.units)} units for {len(self.channels)} channels. Give one unit "
+                "per channel, or none at all."
             )
         names = [mode.identity for mode in self.modes if mode.identity is not None]
         if len(set(names)) < len(names):

@@ -126,6 +126,12 @@ def _features_1(payload: Payload) -> Payload:
     return {"channels": [], **payload}
 
 
+@MIGRATIONS.step("features", from_version=2)
+def _features_2(payload: Payload) -> Payload:
+    """Come from an agent that did not tell units."""
+    return {"units": [], **payload}
+
+
 @MIGRATIONS.step("state", from_version=1)
 def _state_1(payload: Payload) -> Payload:
     """Come from a twin of one mode, of whose elements nothing was asked."""

@@ -6,6 +6,7 @@ from typing import Literal
 from slowtime.signals.units import GRAVITY
 
 UnitOfCoordinate = Literal["m", "rad"]
+Motion = Literal["acceleration", "velocity", "displacement"]
 Quantity = Literal["acceleration", "velocity", "displacement", "force"]
 
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}

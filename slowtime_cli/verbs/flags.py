@@ -72,8 +72,8 @@ UNITS = (
         "units",
         multiple=True,
         metavar="[CHANNEL=]UNIT",
-        help="Unit of the samples, where the file does not say: g, mg, gal, in/s^2, mV ...; "
-        "overrules what it says. Motion is turned into SI.",
+        help="Unit of the samples, where it is not stated: g, mg, gal, in/s^2, mV ...; "
+        "overrules what is stated. Motion is turned into SI.",
     ),
     click.option(
         "--sensitivity",

@@ -18,7 +18,7 @@ from slowtime_cli.options import (
 )
 from slowtime_cli.structures import STRUCTURES
 
-from .flags import EXISTING, SettingsFile
+from .flags import EXISTING, SettingsFile, unit_flags
 
 
 @click.command(
@@ -32,6 +32,7 @@ Examples:
   slowtime edge --site lab --asset beam --recording raw.mcap --window-s 1 --hop-s 0.5
   slowtime edge --asset beam --source 'mqtt://pi@10.0.0.2/beam?channels=x,y,z&rate_hz=200'
   my-program | slowtime edge --source 'stdin:?layout=csv&channels=x,y,z&rate_hz=200'
+  slowtime edge --asset beam --file record.csv --unit mg --unit deck=mm/s --method modes
 
 Schemes of --source: mqtt, mqtts, tcp, tcp-listen, udp, serial, stdin, zenoh, iio, opcua;
 docs/live.md tells what each takes.
@@ -72,6 +73,7 @@ underscores); flags overrule the environment, which overrules the file.
     type=POSITIVE,
     help="Samples per second of --file or --source, where it does not say.",
 )
+@unit_flags
 @click.option(
     "--speed",
     type=Number(min=0),
@@ -119,6 +121,8 @@ def edge(
     source: str | None,
     password_file: Path | None,
     rate_hz: float | None,
+    units: tuple[str, ...],
+    sensitivities: tuple[str, ...],
     **_given: object,
 ) -> None:
     """Run an edge agent: samples in, features with uncertainty out.
@@ -136,6 +140,10 @@ def edge(
     if rate_hz is not None and file is None and source is None:
         raise click.UsageError(
             "--rate-hz goes with --file or --source; other inputs say their rate."
+        )
+    if (units or sensitivities) and not (file or recording or source):
+        raise click.UsageError(
+            "--unit and --sensitivity go with --file, --recording or --source."
         )
     if password_file is not None and source is None:
         raise click.UsageError("--password-file goes with --source.")

@@ -128,7 +128,7 @@ MODE = {
     "damping_ratio": {"value": 0.02, "sd": 0.1},
 }
 VALID = {
-    "version": 2,
+    "version": 3,
     "site": "lab",
     "asset": "beam",
     "boot": "b1",
@@ -192,12 +192,16 @@ def test_a_raw_block_is_what_was_sent(rows, columns, dtype):
             "not_finite",
             "",
         ),
-        (changed(version=99), "unknown_version", "Allowed: 1, 2. It comes from newer software"),
-        (changed(version="1"), "unknown_version", "version '1' was given. Allowed: 1, 2"),
+        (
+            changed(version=99),
+            "unknown_version",
+            "Allowed: 1, 2, 3. It comes from newer software",
+        ),
+        (changed(version="1"), "unknown_version", "version '1' was given. Allowed: 1, 2, 3"),
         (
             json.dumps({k: v for k, v in VALID.items() if k != "version"}).encode(),
             "unknown_version",
-            'without a version was given. Send "version": 2',
+            'without a version was given. Send "version": 3',
         ),
         (changed(surprise=1), "unknown_field", "at surprise, 1 was given"),
         (changed(sequence=-1), "invalid", "at sequence, -1 was given"),
@@ -244,6 +248,10 @@ def shaped(shape=(), channels=("x", "y"), **mode):
         (shaped({"sd": [0.1, -0.1]}), "greater than or equal to 0"),
         (shaped(channels=["x"]), r"Shapes of [2] components for 1 channels"),
         (shaped(channels=[]), r"Shapes of [2] components for 0 channels"),
+        (
+            changed(channels=["x", "y"], units=["m"]),
+            "1 units for 2 channels. Give one unit per channel",
+        ),
         (shaped(kind="electric"), "'structural' or 'harmonic'"),
         (shaped(identity=-1), "at modes.0.identity, -1 was given"),
         (

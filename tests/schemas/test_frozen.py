@@ -48,7 +48,7 @@ def test_features_of_the_first_version_have_modes_without_shape_that_nobody_foll
     payload = (GOLDEN / "features" / "v1.json").read_bytes()
     message = decode(FEATURES, payload)
     assert isinstance(message, Features)
-    assert (message.version, message.channels, message.method) == (2, (), "ambient")
+    assert (message.version, message.channels, message.method) == (3, (), "ambient")
     assert [mode.frequency_hz.value for mode in message.modes] == [3.141592653589793, 18.25]
     for mode in message.modes:
         assert (mode.identity, mode.kind, mode.shape) == (None, "structural", None)
@@ -57,6 +57,15 @@ def test_features_of_the_first_version_have_modes_without_shape_that_nobody_foll
     assert all(new[key] == old[key] for key in old.keys() - {"version", "modes"})
     for before, after in zip(old["modes"], new["modes"], strict=True):
         assert before == {key: after[key] for key in before}
+
+
+def test_features_of_the_second_version_are_of_agents_that_did_not_tell_units():
+    payload = (GOLDEN / "features" / "v2.json").read_bytes()
+    message = decode(FEATURES, payload)
+    assert isinstance(message, Features)
+    assert (message.version, message.units) == (3, ())
+    old, new = json.loads(payload), json.loads(encode(message))
+    assert old | {"version": 3, "units": []} == new
 
 
 def test_states_of_the_first_version_are_of_twins_without_elements():

@@ -135,6 +135,17 @@ def test_a_gap_of_miniseed_is_missing_samples(tmp_path):
     np.testing.assert_array_equal(record.samples[:, 0], np.delete(values, np.s_[400:460]))
 
 
+def test_a_start_that_no_clock_of_64_bits_holds_is_refused(tmp_path):
+    obspy = pytest.importorskip("obspy")
+    header = {"station": "S", "channel": "HNZ", "sampling_rate": 100.0}
+    path = tmp_path / "a.mseed"
+    late = obspy.Trace(np.ones(500), {**header, "starttime": obspy.UTCDateTime(2400, 1, 1)})
+    now = obspy.Trace(np.ones(500), {**header, "channel": "HNE"})
+    obspy.Stream([late, now]).write(str(path), format="MSEED")
+    with pytest.raises(RecordError, match=r"HNZ begins \+430 years from 1970.*up to 292"):
+        read_record(path)
+
+
 @pytest.mark.parametrize("binary", [True, False])
 def test_universal_files(tmp_path, drawn, binary):
     pyuff = pytest.importorskip("pyuff")

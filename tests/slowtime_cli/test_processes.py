@@ -19,6 +19,10 @@ import pytest
             ("--simulate", "tower", "--rate-hz", "1"),
             "--rate-hz goes with --file or --source; other inputs",
         ),
+        (
+            ("--simulate", "tower", "--unit", "mg"),
+            "--unit and --sensitivity go with --file, --recording or --source.",
+        ),
         (("--simulate", "cathedral"), "not one of 'bridge', 'frame', 'tank', 'tower', 'wing'"),
         (("--simulate", "tower", "--site", "A B"), "'A B' is no name. Allowed: at most 63"),
         (("--simulate", "tower", "--window-s", "-1"), "-1.0 is not in the range x>0"),
@@ -30,6 +34,18 @@ import pytest
 )
 def test_an_edge_that_cannot_run_says_why(refused, arguments, says):
     assert says in refused("edge", *arguments)
+
+
+@pytest.mark.parametrize("kind", ["file", "recording", "source"])
+def test_units_that_are_given_reach_the_input(run, monkeypatch, record, kind):
+    taken = []
+    monkeypatch.setattr("edge_agent.__main__.run", lambda settings: taken.append(settings))
+    where = "stdin:?layout=csv&channels=acc_x&rate_hz=200" if kind == "source" else record
+    flags = ("--unit", "mg", "--unit", "acc_x=mV", "--sensitivity", "acc_x=100mV/g")
+    run("edge", f"--{kind}", where, *flags)
+    (settings,) = taken
+    assert settings.input.units == ("mg", "acc_x=mV")
+    assert settings.input.sensitivities == ("acc_x=100mV/g",)
 
 
 @pytest.mark.parametrize("verb", ["edge", "twin"])

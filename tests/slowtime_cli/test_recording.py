@@ -1,12 +1,21 @@
+import json
 import re
 import signal
+import threading
 import time
 
+import numpy as np
 import pytest
+import scipy.signal as sps
 
-from slowtime_schemas.streams import FEATURES
-from slowtime_services.bus import Sample, ZenohBus
-from slowtime_services.replay import contents
+from edge_agent.__main__ import run as run_edge
+from edge_agent.settings import EdgeSettings
+from slowtime.signals.block import Block
+from slowtime_schemas.messages import TimeBase
+from slowtime_schemas.streams import FEATURES, parse_key
+from slowtime_services.bus import MemoryBus, Sample, ZenohBus
+from slowtime_services.record.writer import RecordingWriter
+from slowtime_services.replay import contents, read_recording
 
 NOBODY = ("--connect", "tcp/127.0.0.1:1")
 
@@ -38,6 +47,57 @@ def test_a_recording_of_samples_alone_is_read_by_an_edge_agent_on_the_way(run, t
     said = run("layout", "raw.mcap", "--out", "layout.json")
     assert said.status == 2
     assert "slowtime edge --recording" in said.err
+
+
+class Shaken:
+    """Forty seconds of two channels that ring."""
+
+    time_base: TimeBase = "recorded"
+    slow_time_unit = "s"
+
+    def __iter__(self):
+        ringing = sps.lfilter(
+            [1.0], [1.0, -1.9, 0.99], np.random.default_rng(1).normal(size=2000)
+        )
+        yield Block(
+            samples=np.outer(ringing, [1.0, 0.5]), rate_hz=50.0, first_index=0, start_ns=0,
+            channels=("x", "y"), units=("m/s^2", "m/s^2"),
+        )  # fmt: skip
+
+
+def rewritten(path, to, change):
+    """The same recording, its features as `change` makes them."""
+    with RecordingWriter(to) as writer:
+        for message in read_recording(path):
+            stream, site, asset = parse_key(message.key)
+            payload = change(message.payload) if stream is FEATURES else message.payload
+            writer.write(stream, site, asset, payload, message.publish_ns)
+    return to
+
+
+def as_version_2(payload):
+    content = json.loads(payload)
+    del content["units"]
+    return json.dumps(content | {"version": 2}).encode()
+
+
+def in_feet(payload):
+    content = json.loads(payload)
+    return json.dumps(content | {"units": ["ft"] * len(content["units"])}).encode()
+
+
+@pytest.mark.parametrize(("change", "same"), [(as_version_2, 2), (in_feet, 0)])
+def test_an_edge_that_tells_more_than_it_did_still_tells_the_same(run, tmp_path, change, same):
+    path, bus = tmp_path / "raw.mcap", MemoryBus()
+    with RecordingWriter(path) as writer:
+        bus.subscribe("slowtime/**", lambda s: writer.write(*parse_key(s.key), s.payload, 0))
+        settings = EdgeSettings(
+            publish={"raw": "on", "linger_s": 0}, extract={"method": "modes", "window_s": 20},
+            spool={"folder": tmp_path / "spool", "fsync": "never"},
+        )  # fmt: skip
+        run_edge(settings, bus=bus, source=Shaken(), stop=threading.Event())
+    done = run("replay", rewritten(path, tmp_path / "old.mcap", change), "--edge")
+    assert f"{same} of 2 features identical to those recorded" in done.out
 
 
 def test_a_recording_of_features_evolves_by_asset(run, refused, recorded):

@@ -125,6 +125,8 @@ class Memory:
         Modes of the model that were found in the structure.
     suspicions
         What is believed to have changed, or is on its way to be.
+    unit_doubts
+        What was said last of channels whose units are in doubt.
     """
 
     references: tuple[Reference, ...] = ()
@@ -135,6 +137,7 @@ class Memory:
     suspicions: tuple[Suspicion, ...] = ()
     since: float = math.inf
     until: float = -math.inf
+    unit_doubts: tuple[str, ...] = ()
 
     @property
     def knows(self) -> bool:
@@ -187,6 +190,7 @@ class Memory:
             suspicions=tuple(Suspicion(**s) for s in content["suspicions"]),
             since=content.get("since", math.inf),
             until=content.get("until", -math.inf),
+            unit_doubts=tuple(content.get("unit_doubts", ())),
         )
 
 

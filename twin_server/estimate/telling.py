@@ -10,15 +10,15 @@ from slowtime_schemas.messages import Features
 from slowtime_schemas.messages import Mode as MessageMode
 from twin_server import states as st
 from twin_server.details import Detail
-from twin_server.model import MASS
+from twin_server.model import MASS, Model
 from twin_server.registration import Registration
 from twin_server.states import States
 
 from .checkpoint import Checkpoint
 from .columns import without_covariates
 from .covariates import words
-from .elements import Found, Reading, follow
-from .memory import Suspicion
+from .elements import Found, Reading, follow, told_shape, units_of
+from .memory import Memory, Suspicion
 from .notices import Notice
 from .renewals import follow_renewals
 from .watching import Estimates, watch
@@ -61,13 +61,15 @@ def tell(
         found.memory.suspicions, found.readings, registration.confirm_readings
     )
     memory = dataclasses.replace(found.memory, suspicions=suspicions)
+    memory, doubted = _doubted_units(memory, features, model)
     checkpoint, watched = watch(registration, checkpoint, states, parameters)
     checkpoint, renewed = follow_renewals(checkpoint, features)
-    notices = sorted([*renewed, *notices, *changed, *watched], key=lambda notice: notice.row)
+    notices += [*changed, *watched]
+    notices = sorted([*renewed, *doubted, *notices], key=lambda notice: notice.row)
     return Told(
         states,
         [
-            _detail(reading, model.free, registration.covariates is not None)
+            _detail(reading, model, registration.covariates is not None)
             for reading in found.readings
         ],
         dataclasses.replace(checkpoint, elements=memory),
@@ -115,7 +117,8 @@ def _by_parameter(names: Sequence[str], readings: Sequence[Reading]) -> Mapping[
     return {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(names)}
 
 
-def _detail(reading: Reading, names: Sequence[str], freed: bool) -> Detail:
+def _detail(reading: Reading, model: Model, freed: bool) -> Detail:
+    names, features = model.free, reading.features
     changes = np.full((len(names), 3), np.nan)
     elements, ratios = {}, {}
     if reading.changes is not None and reading.ratio is not None:
@@ -128,13 +131,13 @@ def _detail(reading: Reading, names: Sequence[str], freed: bool) -> Detail:
         "elements": elements,
         "posterior_to_prior": ratios,
         "suspects": [suspect.word for suspect in reading.suspects],
-        "channels": reading.features.channels,
+        "channels": features.channels,
         "modes": [
             told
-            for place, mode in enumerate(reading.features.modes)
-            if (told := _mode(mode, reading.pairs.get(place))) is not None
+            for place, mode in enumerate(features.modes)
+            if (told := _mode(mode, reading.pairs.get(place), features, model)) is not None
         ],
-        "truth": _truth(reading.features, names, freed),
+        "truth": _truth(features, names, freed),
     }
     return Detail(np.ascontiguousarray(changes).tobytes(), to_json(body))
 
@@ -149,7 +152,9 @@ def _truth(features: Features, names: Sequence[str], freed: bool) -> dict[str, f
     return {keys[key]: value for key, value in truth.items() if key in keys}
 
 
-def _mode(mode: MessageMode, number: int | None) -> dict[str, object] | None:
+def _mode(
+    mode: MessageMode, number: int | None, features: Features, model: Model
+) -> dict[str, object] | None:
     """One mode as the twin took it in; None where a number leaves the range of floats."""
     frequency = _numbers(mode.frequency_hz.value, mode.frequency_hz.sd)
     damping = _numbers(mode.damping_ratio.value, mode.damping_ratio.sd)
@@ -161,7 +166,7 @@ def _mode(mode: MessageMode, number: int | None) -> dict[str, object] | None:
         "frequency_hz": _named(frequency),
         "damping_ratio": _named(damping) if np.isfinite(damping).all() else None,
         "kind": mode.kind,
-        "shape": None if mode.shape is None else mode.shape.model_dump(),
+        "shape": told_shape(mode, features, model),
     }
 
 
@@ -195,6 +200,26 @@ def _lesson(found: Found, row: int, count: int) -> Notice:
         f"The structure is learnt by {count} of its modes: {said}. The model is moved there.",
         {f"mode_{one.mode + 1}_hz": one.frequency_hz for one in modes},
     )
+
+
+def _doubted_units(
+    memory: Memory, features: Sequence[Features], model: Model
+) -> tuple[Memory, list[Notice]]:
+    """Say which channels' units are in doubt, where that is not what was said last."""
+    notices = []
+    for row, message in enumerate(features):
+        if all(mode.shape is None for mode in message.modes):
+            continue
+        doubts = units_of(message, model).doubts
+        if doubts and doubts != memory.unit_doubts:
+            details = {
+                "units": dict(zip(message.channels, message.units, strict=True)),
+                "doubts": list(doubts),
+            }
+            said = " ".join(doubts)
+            notices.append(Notice(row, "units_in_doubt", "warning", said, details))
+        memory = dataclasses.replace(memory, unit_doubts=doubts)
+    return memory, notices
 
 
 def _of_covariates(registration: Registration, found: Found) -> list[Notice]:

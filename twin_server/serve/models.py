@@ -71,7 +71,10 @@ class SeenModeModel(BaseModel):
     damping_ratio: Estimate | None
     kind: Literal["structural", "harmonic"] = "structural"
     shape: Shape | None = Field(
-        None, description="One component per channel; null in histories unless asked for."
+        None,
+        description="One component per channel, in the unit that all of them have, else as "
+        "displacements; null in histories unless asked for, and where a unit among several "
+        "is unknown.",
     )
 
 

@@ -12,6 +12,7 @@ from slowtime.signals.sampling_clock import ClockReading
 from slowtime_schemas.messages import TimeBase
 from slowtime_services.bus import Inbox
 from slowtime_services.clock import Clock
+from slowtime_services.files.conversion import scaling_of
 
 from .assembly import Assembler, Run
 from .batch import Batch
@@ -68,7 +69,13 @@ class LiveSource:
         if self._opened.decode is not None:
             decoders = {"": self._opened.decode}
         framer = framer_of(layout) if transport.is_stream else None
+        given = self._settings
+        scaling = scaling_of(layout.names, layout.units, given.units, given.sensitivities)
+        for said in scaling.notes:
+            logger.info("%s: %s", given.scheme, said)
+        self._units = scaling.units
         self._factors = np.array([channel.factor for channel in layout.channels])
+        self._factors *= np.array(scaling.factors)
         self._offsets = np.array([channel.offset for channel in layout.channels])
         self._is_utc = layout.stamp is not None and layout.stamp.clock == "utc"
         self._timing = Timing(rate_hz, stamps=self._is_utc, tally=self.tally)
@@ -228,7 +235,7 @@ class LiveSource:
             first_index=run.first_index,
             start_ns=max(0, start_ns),
             channels=self._layout.names,
-            units=self._layout.units,
+            units=self._units,
             clock=RateCorrection(relative=reading.correction, sd=reading.correction_sd),
         )
 

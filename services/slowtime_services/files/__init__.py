@@ -5,20 +5,22 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .bridging import MARK, bridged
-    from .conversion import in_si, mixed_units
-    from .read import ALL, MAX_BYTES, read_record
+    from .conversion import Scaling, in_si, mixed_units, scaling_of
+    from .read import MAX_BYTES, read_record
     from .record import UNDATED_NS, Gap, Record, RecordError, accelerations, find_column
+    from .said import ALL
     from .stamps import DateOrder
     from .streaming import RecordStream, open_record, streams
     from .time_units import UNITS
 
 _MODULES = {
     "bridging": ("MARK", "bridged"),
-    "conversion": ("in_si", "mixed_units"),
-    "read": ("ALL", "MAX_BYTES", "read_record"),
+    "conversion": ("Scaling", "in_si", "mixed_units", "scaling_of"),
+    "read": ("MAX_BYTES", "read_record"),
     "record": (
         "UNDATED_NS", "Gap", "Record", "RecordError", "accelerations", "find_column",
     ),
+    "said": ("ALL",),
     "stamps": ("DateOrder",),
     "streaming": ("RecordStream", "open_record", "streams"),
     "time_units": ("UNITS",),
@@ -36,6 +38,7 @@ __all__ = [
     "Record",
     "RecordError",
     "RecordStream",
+    "Scaling",
     "accelerations",
     "bridged",
     "find_column",
@@ -43,6 +46,7 @@ __all__ = [
     "mixed_units",
     "open_record",
     "read_record",
+    "scaling_of",
     "streams",
 ]
 

@@ -34,25 +34,55 @@ def in_si(
     RecordError
         Where a channel is not there, or its unit and its sensitivity do not go together.
     """
-    given = _by_channel(units, record.channels, "unit")
-    scales = _by_channel(sensitivities, record.channels, "sensitivity")
-    stated = list(record.units)
-    notes: list[str] = []
-    for column, unit in given.items():
-        if stated[column] and stated[column] != unit.value:
-            notes.append(
-                f"The file says {record.channels[column]} is in {stated[column]}; "
-                f"{unit.value} was given, and used."
-            )
-        stated[column] = unit.value
-    factors, targets = _factors(record.channels, stated, scales)
-    notes += _told(record.channels, stated, factors, targets, scales)
+    scaling = scaling_of(record.channels, record.units, units, sensitivities)
     return dataclasses.replace(
         record,
-        samples=_scaled(record.samples, factors),
-        units=tuple(targets),
-        notes=(*record.notes, *notes),
+        samples=_scaled(record.samples, scaling.factors),
+        units=scaling.units,
+        notes=(*record.notes, *scaling.notes),
     )
+
+
+class Scaling(NamedTuple):
+    """For each channel what its numbers are multiplied by, and the unit they then have."""
+
+    factors: tuple[float, ...]
+    units: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def scaling_of(
+    channels: tuple[str, ...],
+    stated: Sequence[str],
+    units: Sequence[str] = (),
+    sensitivities: Sequence[str] = (),
+) -> Scaling:
+    """Find what turns the units that channels are stated to be in into SI; see `in_si`.
+
+    Raises
+    ------
+    RecordError
+        As `in_si` does.
+
+    Examples
+    --------
+    >>> scaling_of(("a", "b"), ("mm/s", ""), ["b=V"])[:2]
+    ((0.001, 1.0), ('m/s', 'V'))
+    """
+    given = _by_channel(units, channels, "unit")
+    scales = _by_channel(sensitivities, channels, "sensitivity")
+    said = list(stated)
+    notes: list[str] = []
+    for column, unit in given.items():
+        if said[column] and said[column] != unit.value:
+            notes.append(
+                f"By file or layout {channels[column]} is in {said[column]}; {unit.value} was "
+                "given, and used."
+            )
+        said[column] = unit.value
+    factors, targets = _factors(channels, said, scales)
+    notes += _told(channels, said, factors, targets, scales)
+    return Scaling(tuple(factors), tuple(targets), tuple(notes))
 
 
 def mixed_units(channels: Sequence[str], units: Sequence[str]) -> str:

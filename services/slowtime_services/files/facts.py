@@ -102,6 +102,12 @@ class Facts:
     factor: int = 1
     """By how much samples were thinned, where the heading says a factor and no rate."""
 
+    @property
+    def of_any_length(self) -> "Facts":
+        """Those that do not say how much there is."""
+        kept = (fact for fact in self.found if fact.kind in ("rate", "interval"))
+        return dataclasses.replace(self, found=tuple(kept))
+
     def of(self, kind: Kind) -> tuple[Fact, ...]:
         """Facts of one kind, of the highest rank that occurs."""
         ranks = [fact.rank for fact in self.found if fact.kind == kind]

@@ -148,6 +148,27 @@ def refuse_beyond(name: str, rate_hz: float) -> None:
         )
 
 
+def refuse_disagreement(
+    name: str, facts: Facts, measured: Measured, *, rate_hz: float, wrapped: bool
+) -> None:
+    """Refuse rows that are not as many as a heading states, once all have been counted.
+
+    Raises
+    ------
+    RecordError
+        Which names the figures; also where columns without names may be one series after all.
+    """
+    if not _agrees(_Reading(wrapped, measured.rows, rate_hz), facts, measured):
+        raise _contradiction(name, facts, measured, [rate_hz])
+    counted = [value for fact in facts.of("count") for value in fact.values]
+    if measured.width > 1 and not measured.named and measured.series in counted:
+        raise RecordError(
+            f"The heading of {name} states {_quoted(facts, 'count')}, as many as its "
+            f"{measured.rows} rows of {measured.width} columns hold together. Say --wrapped if "
+            "all are one series, or --not-wrapped and --rate-hz if columns are channels."
+        )
+
+
 def _layouts(measured: Measured) -> list[tuple[bool, int]]:
     """Whether columns are one series, and how many samples there are then."""
     single = measured.width == 1

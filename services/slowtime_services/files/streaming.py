@@ -1,43 +1,39 @@
 """Long file in; its blocks, one after the other, in bounded memory out.
 
 A file is cut into pieces that are files of its own kind, each with the heading of the whole,
-and each piece is read by `read_record`. So a stream means what the whole file would; only what
-can be told from the whole alone (a figure of the heading for all rows) is not held against it.
+and each piece is read by `read_record`. So a stream means what the whole file would. The number
+of points and the duration that a heading states are held against all rows at the end.
 """
 
 import contextlib
 import dataclasses
 import itertools
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from slowtime.signals.block import Block
 
-from .dialect import find_layout
+from .cutting import CUTS, TEXT, cut_of
+from .facts import Facts
+from .plausibility import Measured, refuse_disagreement
 from .read import read_record
 from .record import Record, RecordError
+from .record_clock import BY_CLOCK
+from .text import read_text
 
 PIECE_BYTES = 4 * 2**20
 """Size of a piece: large enough to tell columns and clock from, small beside any memory."""
+
+APART_PIECE_BYTES = 2 * PIECE_BYTES
+"""Size of one that a library reads in a process of its own, which takes a second to start."""
 
 BLOCK_ROWS = 8192
 """Rows of a block at most."""
 
 RATE_TOLERANCE = 1e-3
 """Relative difference of rates up to which two pieces are of one stream."""
-
-HEADING_BYTES = 2**20
-"""Of a text, within which its first row of numbers is looked for."""
-
-TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc")
-UTF_16 = (b"\xff\xfe", b"\xfe\xff")
-
-Pieces = Iterator[tuple[Callable[[Path], None], float]]
-"""What writes a piece to a place, and the share of the file up to its end."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -51,32 +47,37 @@ class RecordStream:
     size
         Of the file [bytes].
     blocks
-        Blocks with the share of the file that has been read by the end of each.
+        Blocks with the share of the file that has been read by the end of each. Where a file
+        without a clock ends at another number of points than its heading states, the last one
+        is followed by a RecordError.
+    end_notes
+        What is only known once all blocks have been read.
     """
 
     head: Record
     size: int
     blocks: Iterator[tuple[Block, float]]
+    end_notes: list[str] = dataclasses.field(default_factory=list)
 
 
 def streams(path: Path) -> bool:
     """Whether a file is of a kind that is read piece by piece."""
-    return path.suffix.lower() in (*_CUTS, *TEXT)
+    return cut_of(path) is not None
 
 
 @contextlib.contextmanager
 def open_record(
-    path: str | Path, *, piece_bytes: int = PIECE_BYTES, **given: Any
+    path: str | Path, *, piece_bytes: int | None = None, **given: Any
 ) -> Iterator[RecordStream]:
     """Open a record whose blocks are read as they are asked for.
 
-    NumPy ``.npy``, Parquet and text of any delimiter; the clock and the channels are those
-    that the first piece shows.
+    NumPy ``.npy``, Parquet, WAV, HDF5 and text of any delimiter; the clock and the channels are
+    those that the first piece shows.
 
     Parameters
     ----------
     piece_bytes
-        Of the file that are read at once.
+        Of the file that are read at once; None for what suits its kind.
     given
         What a person says of the file, as `read_record` takes it.
 
@@ -90,26 +91,87 @@ def open_record(
     if not streams(path):
         raise RecordError(
             f"{path.name} is of a kind that is only read whole. Read piece by piece are "
-            f"{', '.join((*_CUTS, *TEXT))}; convert it, or read it whole."
+            f"{', '.join((*CUTS, *TEXT))}; convert it, or read it whole."
         )
+    if piece_bytes is None:
+        read_here = path.suffix.lower() in (".npy", *TEXT)
+        piece_bytes = PIECE_BYTES if read_here else APART_PIECE_BYTES
     with tempfile.TemporaryDirectory(prefix="slowtime-") as folder:
         place = Path(folder) / path.name
-        records = _records(path, place, piece_bytes, given)
+        stated = _Stated(path.name, given.get("rate_hz") is None)
+        records = _records(path, place, piece_bytes, given, stated)
         head = next(records, None)
         if head is None:
             raise RecordError(f"{path.name} holds no rows.")
-        yield RecordStream(head[0], path.stat().st_size, _blocks(path, head, records))
+        notes: list[str] = []
+        blocks = _blocks(path, head, records, stated, notes)
+        yield RecordStream(head[0], path.stat().st_size, blocks, notes)
+
+
+@dataclasses.dataclass(slots=True)
+class _Stated:
+    """Figures of a heading that are of all rows, and what is known of these.
+
+    Parameters
+    ----------
+    counts
+        Whether the figures count: a rate that a person gives overrules them.
+    """
+
+    file: str
+    counts: bool
+    facts: Facts = dataclasses.field(default_factory=Facts)
+    named: bool = True
+    columns: int = 1
+
+    def learn(self, place: Path, given: dict[str, Any]) -> None:
+        """Read the figures off the first piece of a text."""
+        sheet = read_text(
+            place, skip_lines=given.get("skip_lines"), date_order=given.get("date_order")
+        )
+        self.facts, self.columns = sheet.facts, len(sheet.columns)
+        self.named = sheet.named or given.get("columns") is not None
+
+    def hold(self, head: Record, samples: int, missing: int) -> str:
+        """Hold the figures against all rows; a sentence, or nothing, where a clock is right.
+
+        Raises
+        ------
+        RecordError
+            Where they disagree, and no clock says who is right.
+        """
+        if not self.counts:
+            return ""
+        clocked = any(said.startswith(BY_CLOCK) for said in head.assumptions)
+        width = head.samples.shape[1]
+        wrapped = width == 1 and self.columns > 1 and not self.named and not clocked
+        try:
+            refuse_disagreement(
+                self.file,
+                self.facts,
+                Measured(rows=samples, width=width, missing=missing, named=self.named),
+                rate_hz=head.rate_hz,
+                wrapped=wrapped,
+            )
+        except RecordError as error:
+            if not clocked:
+                raise
+            return f"{error} The clock was believed."
+        return ""
 
 
 def _records(
-    path: Path, place: Path, piece_bytes: int, given: dict[str, Any]
+    path: Path, place: Path, piece_bytes: int, given: dict[str, Any], stated: _Stated
 ) -> Iterator[tuple[Record, float]]:
     """Read piece after piece; the channels of the first are asked of the others."""
-    cut = _CUTS.get(path.suffix.lower(), _cut_text)
-    asked = dict(given)
-    for write, share in cut(path, piece_bytes, asked.get("skip_lines")):
+    cut = cut_of(path)
+    assert cut is not None
+    asked, is_text = dict(given), path.suffix.lower() in TEXT
+    for number, (write, share) in enumerate(cut(path, piece_bytes, asked.get("skip_lines"))):
         write(place)
-        record = read_record(place, **asked)
+        if number == 0 and is_text and stated.counts:
+            stated.learn(place, given)
+        record = read_record(place, **asked, of_a_piece=True)
         place.unlink()
         yield record, share
         asked["channels"] = given.get("channels") or record.channels
@@ -117,11 +179,15 @@ def _records(
 
 
 def _blocks(
-    path: Path, head: tuple[Record, float], rest: Iterator[tuple[Record, float]]
+    path: Path,
+    head: tuple[Record, float],
+    rest: Iterator[tuple[Record, float]],
+    stated: _Stated,
+    notes: list[str],
 ) -> Iterator[tuple[Block, float]]:
     """Count the rows of all pieces through, with what is missing between two of them."""
     first, rate = head[0], head[0].rate_hz
-    index = 0
+    index = samples = 0
     for record, share in itertools.chain([head], rest):
         if abs(record.rate_hz / rate - 1) > RATE_TOLERANCE:
             raise RecordError(
@@ -140,89 +206,6 @@ def _blocks(
                 + round((index + block.first_index) * 1e9 / rate),
             )
             yield moved, share
-        index = moved.next_index
-
-
-def _cut_npy(path: Path, piece_bytes: int, _skip: int | None) -> Pieces:
-    """Rows of an array, whichever way it lies; it is mapped, not read."""
-    try:
-        whole = np.load(path, mmap_mode="r", allow_pickle=False)
-    except ValueError as error:
-        raise RecordError(f"{path.name} cannot be read as .npy: {error}") from error
-    if whole.ndim == 2 and whole.shape[0] < whole.shape[1]:
-        whole = whole.T
-    rows = max(1024, piece_bytes // max(1, whole.nbytes // max(1, len(whole))))
-    for first, last in _edges(len(whole), rows):
-
-        def write(place: Path, first: int = first, last: int = last) -> None:
-            np.save(place, np.ascontiguousarray(whole[first:last]))
-
-        yield write, last / len(whole)
-
-
-def _cut_parquet(path: Path, piece_bytes: int, _skip: int | None) -> Pieces:
-    """Batches of rows of a Parquet file."""
-    try:
-        import pyarrow.parquet as pq
-    except ImportError as error:
-        raise RecordError(
-            f"{path.name} is read by pyarrow, which is not installed. "
-            'Run: pip install "slowtime[formats]"'
-        ) from error
-    with pq.ParquetFile(path) as file:
-        total = max(1, file.metadata.num_rows)
-        rows = max(1024, piece_bytes // (8 * max(1, file.metadata.num_columns)))
-        done = 0
-        for batch in file.iter_batches(batch_size=rows):
-
-            def write(place: Path, batch: Any = batch) -> None:
-                with pq.ParquetWriter(place, batch.schema) as writer:
-                    writer.write_batch(batch)
-
-            done += batch.num_rows
-            yield write, done / total
-
-
-def _cut_text(path: Path, piece_bytes: int, skip: int | None) -> Pieces:
-    """Lines of a text, each piece behind the heading of the whole."""
-    size = max(1, path.stat().st_size)
-    with path.open("rb") as file:
-        heading = _heading(path, file.read(HEADING_BYTES), skip)
-        file.seek(len(heading))
-        while lines := file.read(piece_bytes):
-            lines += file.readline()
-            rest = size - file.tell()
-            if 0 < rest < piece_bytes // 4:
-                lines += file.read()  # a last piece of a few rows tells no clock
-
-            def write(place: Path, lines: bytes = lines) -> None:
-                place.write_bytes(heading + lines)
-
-            yield write, file.tell() / size
-
-
-def _heading(path: Path, begins: bytes, skip: int | None) -> bytes:
-    """Bytes before the first row of numbers."""
-    if begins.startswith(UTF_16):
-        raise RecordError(
-            f"{path.name} is UTF-16, which is only read whole. Convert it to UTF-8, or read it "
-            "whole."
-        )
-    lines = begins.splitlines(keepends=True)
-    words = [line.decode("utf-8", "replace") for line in lines]
-    return b"".join(lines[: find_layout(words, path.name, skip).first])
-
-
-def _edges(count: int, rows: int) -> Iterator[tuple[int, int]]:
-    """Begin and end of pieces of `rows`, the last one up to half as long again."""
-    first = 0
-    while first < count:
-        last = count if count - first < 1.5 * rows else first + rows
-        yield first, last
-        first = last
-
-
-_CUTS: dict[str, Callable[[Path, int, int | None], Pieces]] = {
-    ".npy": _cut_npy,
-    ".parquet": _cut_parquet,
-}
+        index, samples = moved.next_index, samples + len(record.samples)
+    said = stated.hold(first, samples, index - samples)
+    notes.extend([said] * bool(said))

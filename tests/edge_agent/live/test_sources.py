@@ -190,7 +190,11 @@ def test_samples_on_the_bus_bring_their_layout_along():
     stop.set()
     thread.join()
     bus.close()
-    assert (blocks[0].channels, blocks[0].units, blocks[0].rate_hz) == (("z",), ("g",), 500.0)
+    assert (blocks[0].channels, blocks[0].units, blocks[0].rate_hz) == (
+        ("z",),
+        ("m/s^2",),
+        500.0,
+    )
     assert counts["garbage_bytes"] > 0
     assert counts["samples_lost"] == 0
 

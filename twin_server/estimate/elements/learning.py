@@ -87,7 +87,7 @@ def conclude(memory: Memory, model: Model, wanted: Covariates | None = None) -> 
     groups = [group for group in groups if group[1].relative_sd < _MOST_UNCERTAIN]
     pairs = _partners([baseline for _, baseline in groups], model)
     if not pairs:
-        return Memory(suspicions=memory.suspicions)
+        return Memory(suspicions=memory.suspicions, unit_doubts=memory.unit_doubts)
     chosen = [groups[i] for i in pairs]
     theta, modes = _moved(model, [baseline for _, baseline in chosen])
     ranked = sorted(zip(modes, chosen, strict=True), key=lambda one: one[0])

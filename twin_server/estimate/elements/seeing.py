@@ -10,6 +10,8 @@ from slowtime.identification.shapes import real_shape
 from slowtime_schemas.messages import Features, Mode
 from twin_server.model import Model
 
+from .channel_units import ChannelUnits, as_displacement, units_of
+
 MOST_UNCERTAIN = 0.1
 """Relative sd of a frequency from which a mode says too little to be used."""
 
@@ -49,7 +51,7 @@ class Seen:
 
 def seen(features: Features, model: Model) -> list[Seen]:
     """Take the modes of a message that are the structure's and well enough known."""
-    found = []
+    found, units = [], units_of(features, model)
     for place, mode in enumerate(features.modes):
         frequency, sd = mode.frequency_hz.value, mode.frequency_hz.sd
         if mode.kind != "structural" or not 1e-9 < frequency < 1e9:
@@ -58,7 +60,7 @@ def seen(features: Features, model: Model) -> list[Seen]:
             continue
         damping = mode.damping_ratio
         known = 0.0 < damping.value < 1.0 and damping.sd < 1.0
-        shape, shape_sd = _shape(mode, features.channels, model)
+        shape, shape_sd = _shape(mode, features.channels, model, units)
         found.append(
             Seen(
                 place,
@@ -75,21 +77,21 @@ def seen(features: Features, model: Model) -> list[Seen]:
 
 
 def _shape(
-    mode: Mode, channels: tuple[str, ...], model: Model
+    mode: Mode, channels: tuple[str, ...], model: Model, units: ChannelUnits
 ) -> tuple[Float[np.ndarray, " channel"] | None, Float[np.ndarray, " channel"] | None]:
     """Real shape over the model's channels, and the sds of its components."""
-    heard = [name for name in channels if name in model.sees]
+    heard = [name for name in channels if name in model.sees and name in units.worth]
     if mode.shape is None or len(set(heard)) < max(_FEWEST, len(heard)):
         return None, None
     at = [channels.index(name) for name in heard]
     measured = np.array(mode.shape.re)[at] + 1j * np.array(mode.shape.im)[at]
-    frequency = mode.frequency_hz.value
-    moved = model.as_displacement(measured, heard, frequency)
+    frequency, worth = mode.frequency_hz.value, [units.worth[name] for name in heard]
+    moved = as_displacement(measured, worth, frequency)
     norm = float(np.linalg.norm(moved))
     if not 0.0 < norm < math.inf:
         return None, None
     # Half of a complex deviation lies along the real line.
-    sd = np.abs(model.as_displacement(np.array(mode.shape.sd)[at] + 0j, heard, frequency)) / (
+    sd = np.abs(as_displacement(np.array(mode.shape.sd)[at] + 0j, worth, frequency)) / (
         norm * math.sqrt(2.0)
     )
     to = [model.channels.index(name) for name in heard]

@@ -101,7 +101,7 @@ def opened(settings: LiveInput, around: Surroundings) -> Opened:
             "?channels=ns=2;s=ax,ns=2;s=ay&rate_hz=10."
         )
     layout = settings.layout or JsonLayout(
-        channels=tuple(Channel(name=node, at="v", topic=node) for node in nodes),
+        channels=tuple(Channel(name=node, at="v", topic=node, unit="1") for node in nodes),
         stamp=Stamp(at="t", unit="us", clock="utc"),
     )
     parts = urlsplit(settings.bare)

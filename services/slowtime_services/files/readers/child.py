@@ -16,6 +16,10 @@ from slowtime_services.plugins import find
 from . import OWN
 from .found import Found
 
+YEAR_NS = 31_557_600 * 10**9
+LATEST_NS = 2**63 - 1
+"""The latest time that nanoseconds since 1970 in 64 bits hold, in the year 2262."""
+
 
 def main(path: str, max_bytes: str, out: str, module: str, kind: str) -> int:
     """Read a file of a kind by `module` and leave what it finds in `out`; or say why not."""
@@ -53,6 +57,12 @@ def _read(module: str, path: Path, max_bytes: int, kind: str) -> Found:
             f"{path.name} is {kind} by its first bytes or its name, but cannot be read: "
             f"{reason}. It may be cut short or damaged."
         ) from error
+    for one in found.series:
+        if one.start_ns is not None and abs(one.start_ns) > LATEST_NS:
+            raise RecordError(
+                f"{path.name} is {kind} whose {one.name} begins {one.start_ns / YEAR_NS:+.0f} "
+                "years from 1970. Allowed: up to 292. It may be damaged: correct its start."
+            )
     refuse_above(path, sum(one.values.nbytes for one in found.series), max_bytes)
     return found
 
