@@ -1,0 +1,35 @@
+"""A ledger that cannot be rewritten: rows in, a chain of hashes and signed heads over it out.
+
+Source: section 2.7 of the book, which asks for it; trees as in RFC 6962, signatures RFC 8032.
+"""
+
+from .chain import (
+    Entry,
+    Link,
+    beginning,
+    features_digest,
+    linked,
+    packed,
+    unpacked,
+    words_digest,
+)
+from .heads import Head, Leaf, follows, headed
+from .tree import proof, proven, root
+
+__all__ = [
+    "Entry",
+    "Head",
+    "Leaf",
+    "Link",
+    "beginning",
+    "features_digest",
+    "follows",
+    "headed",
+    "linked",
+    "packed",
+    "proof",
+    "proven",
+    "root",
+    "unpacked",
+    "words_digest",
+]
