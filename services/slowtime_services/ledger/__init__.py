@@ -14,6 +14,7 @@ from .chain import (
     words_digest,
 )
 from .heads import Head, Leaf, follows, headed
+from .standing import Standing
 from .tree import proof, proven, root
 
 __all__ = [
@@ -21,6 +22,7 @@ __all__ = [
     "Head",
     "Leaf",
     "Link",
+    "Standing",
     "beginning",
     "features_digest",
     "follows",

@@ -5,12 +5,11 @@ them elsewhere knows of all before it, and of any that ends too early.
 """
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, NamedTuple, Self
 
 from slowtime_services.credentials import Signer, is_signed
 
-from . import tree
 from .chain import Link
 
 _NOTHING = "0" * 64
@@ -89,19 +88,18 @@ class Head(NamedTuple):
         return found
 
 
-def headed(leaves: Sequence[Leaf], before: Head | None, t_ns: int, signer: Signer) -> Head:
+def headed(root: str, assets: int, before: Head | None, t_ns: int, signer: Signer) -> Head:
     """Sign what all assets have come to.
 
     Parameters
     ----------
-    leaves
-        Of all assets, in the order of their names.
+    root
+        Hash over the leaves of so many assets (see `Standing`).
     before
         The head before; None for the first.
     """
-    root = tree.root([leaf.written for leaf in leaves]).hex()
     number, previous = (1, _NOTHING) if before is None else (before.number + 1, before.digest)
-    unsigned = Head(number, t_ns, len(leaves), root, previous, signer.public, "")
+    unsigned = Head(number, t_ns, assets, root, previous, signer.public, "")
     return unsigned._replace(signature=signer.sign(unsigned.said))
 
 

@@ -26,7 +26,7 @@ def root(leaves: Sequence[bytes]) -> bytes:
     if not row:
         return hashlib.sha256().digest()
     while len(row) > 1:
-        row = _paired(row)
+        row = paired(row)
     return row[0]
 
 
@@ -37,7 +37,7 @@ def proof(leaves: Sequence[bytes], index: int) -> list[tuple[str, bytes]]:
         other = index ^ 1
         if other < len(row):
             found.append(("left" if other < index else "right", row[other]))
-        row, index = _paired(row), index // 2
+        row, index = paired(row), index // 2
     return found
 
 
@@ -56,7 +56,7 @@ def proven(leaf: bytes, path: Sequence[tuple[str, bytes]]) -> bytes:
     return found
 
 
-def _paired(row: Sequence[bytes]) -> list[bytes]:
+def paired(row: Sequence[bytes]) -> list[bytes]:
     """Hash neighbours together; one that is left over goes up as it is, as in RFC 6962."""
     pairs = [_branch(*row[at : at + 2]) for at in range(0, len(row) - 1, 2)]
     return pairs + ([row[-1]] if len(row) % 2 else [])
