@@ -10,7 +10,15 @@ import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
-from slowtime_services.ledger import Entry, Link, beginning, features_digest, linked, packed
+from slowtime_services.ledger import (
+    Entry,
+    Link,
+    beginning,
+    features_digest,
+    linked,
+    packed,
+    unpacked,
+)
 from slowtime_services.ledger import chain as kinds
 from slowtime_services.ledger.chain import words_digest
 from twin_server.deliveries import Acknowledgement
@@ -98,6 +106,16 @@ def insert_blocks(writer: Any, rows: Iterable[tuple[str, int, bytes, bytes]]) ->
         f"insert into ledger ({', '.join(names)}) values ({','.join('?' * len(names))})",
         [LEDGER.sealed(row) for row in rows],
     )
+
+
+def entries(reader: Any, twin_id: str, after: int) -> list[Entry]:
+    """Read the entries of a twin's chain behind so many, which end a block."""
+    rows = reader.execute(
+        f"select {', '.join(LEDGER.all_columns)} from ledger where twin = ? and count > ? "
+        "order by count",
+        (twin_id, after),
+    )
+    return [entry for row in opened(LEDGER, rows) for entry in unpacked(row[2])]
 
 
 def insert_head(writer: Any, row: HeadRow) -> None:

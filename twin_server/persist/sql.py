@@ -438,6 +438,11 @@ class SqlStore(abc.ABC):
         with self._writing() as writer:
             return self._ends.all(writer)
 
+    def entries(self, twin_id: str, after: int) -> list[ledgering.Entry]:
+        """Read the entries of a twin's chain behind so many."""
+        with self._reading() as reader:
+            return ledgering.entries(reader, twin_id, after)
+
     def add_head(self, row: ledgering.HeadRow) -> None:
         """Keep a signed head."""
         with self._writing() as writer:

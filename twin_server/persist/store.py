@@ -8,7 +8,7 @@ import dataclasses
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple, Protocol
 
-from slowtime_services.ledger import Link
+from slowtime_services.ledger import Entry, Link
 from twin_server.buckets import Buckets
 from twin_server.deliveries import Acknowledgement, Delivery, State, Tally
 from twin_server.details import Bodies, Detail
@@ -284,6 +284,10 @@ class Store(Protocol):
 
     def ends(self) -> dict[str, Link]:
         """End of the chain of each twin, of deleted ones as well."""
+        ...
+
+    def entries(self, twin_id: str, after: int) -> list[Entry]:
+        """Entries of a twin's chain behind so many, which end a block."""
         ...
 
     def add_head(self, row: HeadRow) -> None:
