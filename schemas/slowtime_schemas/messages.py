@@ -410,6 +410,13 @@ class Accepted(Frozen):
     digest: Sha256 | None = None
 
 
+class Branch(Frozen):
+    """What a hash is hashed with next, and on which side that stands."""
+
+    side: Literal["left", "right"]
+    hash: Sha256
+
+
 class SignedHead(Frozen):
     """A signed hash over the ledgers of all assets of a server."""
 
@@ -438,7 +445,7 @@ class Vouched(Message):
     ]
     accepted: tuple[Accepted, ...] = ()
     proof: Annotated[
-        tuple[tuple[Literal["left", "right"], Sha256], ...],
+        tuple[Branch, ...],
         Field(description="What the asset's leaf is hashed with, up to the root of `head`."),
     ] = ()
     head: SignedHead

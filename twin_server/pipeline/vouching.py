@@ -9,7 +9,7 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 
 from slowtime_schemas.codec import encode
-from slowtime_schemas.messages import Accepted, SignedHead, Vouched
+from slowtime_schemas.messages import Accepted, Branch, SignedHead, Vouched
 from slowtime_schemas.streams import LEDGER
 from slowtime_services.clock import Clock
 from slowtime_services.credentials import Signer
@@ -21,6 +21,8 @@ from .estimating import NO_BOOT
 
 MOST_TOLD = 20_000
 """Entries of one twin that a message tells; of more, only their end is told."""
+LOOKED_BACK = 1_000
+"""Heads that a server looks through when it starts, for what it has told of each twin."""
 _LOW = (1 << 40) - 1
 
 Publish = Callable[[str, bytes, str], None]
@@ -43,9 +45,10 @@ class Voucher:
         self._store, self._clock, self._signer = store, clock, signer
         self._every_ns, self._publish = round(every_s * 1e9), publish
         self.standing = Standing()
-        kept = store.heads(limit=1, newest=True)
-        self.head = Head.of(json.loads(kept[0].body)["head"]) if kept else None
-        self._told: dict[str, int] = {}
+        kept = [json.loads(row.body) for row in store.heads(limit=LOOKED_BACK, newest=True)]
+        self.head = Head.of(kept[-1]["head"]) if kept else None
+        leaves = (Leaf(*leaf) for one in kept for leaf in one["leaves"])
+        self._told = {leaf.asset: leaf.count for leaf in leaves}
         self._sequence = 0
 
     def step(self) -> None:
@@ -82,7 +85,7 @@ class Voucher:
 
     def _tell(self, head: Head, leaf: Leaf) -> None:
         site, _, asset = leaf.asset.partition(".")
-        since = self._told.get(leaf.asset, leaf.count)
+        since = self._told.get(leaf.asset, 0)
         if leaf.count - since > MOST_TOLD:
             since = leaf.count
         self._told[leaf.asset] = leaf.count
@@ -99,7 +102,9 @@ class Voucher:
             history=leaf.history,
             accepted_after=since,
             accepted=tuple(accepted(self._store.entries(leaf.asset, since), self._boots())),
-            proof=tuple(self.standing.proof(leaf.asset)),
+            proof=tuple(
+                Branch(side=side, hash=other) for side, other in self.standing.proof(leaf.asset)
+            ),
             head=SignedHead(**head._asdict()),
         )
         self._publish(LEDGER.key(site, asset), encode(message), LEDGER.encoding)

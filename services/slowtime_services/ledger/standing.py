@@ -1,9 +1,13 @@
 """Many leaves that change one at a time, and one hash over all: a branch a change."""
 
 from collections.abc import Iterable
+from typing import Literal
 
 from . import tree
 from .heads import Leaf
+
+
+Side = Literal["left", "right"]
 
 
 class Standing:
@@ -48,9 +52,9 @@ class Standing:
         """One hash over all leaves."""
         return (self._rows[-1][0] if self._rows else tree.root([])).hex()
 
-    def proof(self, asset: str) -> list[tuple[str, str]]:
+    def proof(self, asset: str) -> list[tuple[Side, str]]:
         """Give what shows that an asset's leaf is under the root (see `tree.proof`)."""
-        place, found = self._place[asset], []
+        place, found = self._place[asset], list[tuple[Side, str]]()
         for row in self._rows[:-1]:
             other = place ^ 1
             if other < len(row):

@@ -7,7 +7,15 @@ from pathlib import Path
 from slowtime_schemas.codec import Refused, decode_sample
 from slowtime_schemas.messages import Accepted, Features, SignedHead, Vouched
 from slowtime_schemas.streams import FEATURES, LEDGER
-from slowtime_services.ledger import Entry, Head, Leaf, features_digest, linked, proven
+from slowtime_services.ledger import (
+    Entry,
+    Head,
+    Leaf,
+    beginning,
+    features_digest,
+    linked,
+    proven,
+)
 from slowtime_services.ledger import chain as kinds
 
 from .reading import read_recording
@@ -111,7 +119,7 @@ def _why_not_signed(message: Vouched, public: str | None) -> str | None:
     leaf = Leaf(
         message.twin_id, message.count, message.link, message.history_count, message.history
     )
-    path = [(side, bytes.fromhex(other)) for side, other in message.proof]
+    path = [(branch.side, bytes.fromhex(branch.hash)) for branch in message.proof]
     if proven(leaf.written, path).hex() != head.root:
         return "does not vouch for what it is said to"
     return None
@@ -125,9 +133,12 @@ def _follow(
     found: Verdict,
 ) -> None:
     """Chain what was accepted since the head before, from what the recording has of it."""
-    if before is None or message.accepted_after != before.count:
+    if message.accepted_after == 0:
+        from_head = beginning(message.twin_id)
+    elif before is not None and message.accepted_after == before.count:
+        from_head = Leaf(before.twin_id, before.count, before.link, 0, "").end
+    else:
         return
-    from_head = Leaf(before.twin_id, before.count, before.link, 0, "").end
     entries, missing = list[Entry](), 0
     keys = list[tuple[str, int]]()
     for key, entry in _entries(message.accepted, there):
@@ -142,8 +153,8 @@ def _follow(
     to_head = Leaf(message.twin_id, message.count, message.link, 0, "").end
     if linked(from_head, entries) != to_head:
         found.wrong.append(
-            f"of what was accepted between heads {before.head.number} and "
-            f"{message.head.number}, something is not as it was: {_named(keys)}"
+            f"of what head {message.head.number} vouches for and none before it, something is "
+            f"not as it was: {_named(keys)}"
         )
         return
     vouched.update(keys)
