@@ -90,7 +90,7 @@ def audit(
         one = _Chain(reader, twin_id, standing.leaves.get(twin_id), links.get(twin_id, {}))
         matched += one.check(twins.get(twin_id), found)
         if tell is not None:
-            tell(twin_id, one.end.count)
+            tell(twin_id, one.end.length)
     features = reader.execute("select count(*) from features").fetchone()[0]
     if features != matched and not found.wrong:
         found.wrong.append(
@@ -123,7 +123,7 @@ def _heads(
             if not _is_right(head, row, found, public, standing):
                 return standing, links
             for leaf in leaves:
-                links.setdefault(leaf.asset, {})[leaf.count] = leaf.link
+                links.setdefault(leaf.asset, {})[leaf.length] = leaf.link
             found.last, found.heads = head, found.heads + 1
             seen |= kept == head
     if kept is not None and not seen:
@@ -169,10 +169,10 @@ class _Chain:
     def check(self, registration: str | None, found: Audit) -> int:
         """Say what is wrong; give how many features were held against their entries."""
         deleted = self._walk(found)
-        vouched = self._leaf.count if self._leaf is not None else 0
-        found.vouched += min(vouched, self.end.count)
-        found.waiting += max(self.end.count - vouched, 0)
-        if self._wrong(self.end.count < vouched, found, "its chain has been cut off"):
+        vouched = self._leaf.length if self._leaf is not None else 0
+        found.vouched += min(vouched, self.end.length)
+        found.waiting += max(self.end.length - vouched, 0)
+        if self._wrong(self.end.length < vouched, found, "its chain has been cut off"):
             return 0
         if self._wrong(
             deleted > vouched > 0, found, "it was deleted, and no head vouches for that"
@@ -215,7 +215,7 @@ class _Chain:
                 deleted = count
         missing = sorted(self._links.keys() - ends)
         self._wrong(
-            bool(missing) and self.end.count >= max(missing, default=0),
+            bool(missing) and self.end.length >= max(missing, default=0),
             found,
             f"its chain is not the one vouched for at {missing[:1]}",
         )
@@ -302,7 +302,7 @@ class _Chain:
         last = -1
         for count, entries, _ in self._blocks():
             for entry in entries:
-                if count > leaf.count and (
+                if count > leaf.length and (
                     entry.kind in (kinds.ANEW, kinds.DELETED)
                     or (entry.kind == kinds.FEATURES and entry.key < last)
                 ):

@@ -59,7 +59,7 @@ class Ends:
             return
         end = self._known.get(twin_id) or _end(writer, twin_id)
         end = self._known[twin_id] = linked(end, entries)
-        insert_blocks(writer, [(twin_id, end.count, packed(entries), end.digest)])
+        insert_blocks(writer, [(twin_id, end.length, packed(entries), end.digest)])
 
     def all(self, reader: Any) -> dict[str, Link]:
         """Give the ends of all chains, those of deleted twins among them."""

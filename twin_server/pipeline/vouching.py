@@ -48,7 +48,7 @@ class Voucher:
         kept = [json.loads(row.body) for row in store.heads(limit=LOOKED_BACK, newest=True)]
         self.head = Head.of(kept[-1]["head"]) if kept else None
         leaves = (Leaf(*leaf) for one in kept for leaf in one["leaves"])
-        self._told = {leaf.asset: leaf.count for leaf in leaves}
+        self._told = {leaf.asset: leaf.length for leaf in leaves}
         self._sequence = 0
 
     def step(self) -> None:
@@ -81,14 +81,14 @@ class Voucher:
         if before is not None and before.end == end:
             return None
         digest, count = self._store.digest(twin_id)
-        return Leaf(twin_id, end.count, end.digest.hex(), count, digest)
+        return Leaf(twin_id, end.length, end.digest.hex(), count, digest)
 
     def _tell(self, head: Head, leaf: Leaf) -> None:
         site, _, asset = leaf.asset.partition(".")
         since = self._told.get(leaf.asset, 0)
-        if leaf.count - since > MOST_TOLD:
-            since = leaf.count
-        self._told[leaf.asset] = leaf.count
+        if leaf.length - since > MOST_TOLD:
+            since = leaf.length
+        self._told[leaf.asset] = leaf.length
         self._sequence += 1
         message = Vouched(
             site=site,
@@ -96,7 +96,7 @@ class Voucher:
             boot=NO_BOOT,
             sequence=self._sequence,
             t_ns=head.t_ns,
-            count=leaf.count,
+            count=leaf.length,
             link=leaf.link,
             history_count=leaf.history_count,
             history=leaf.history,

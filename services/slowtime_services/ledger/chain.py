@@ -40,7 +40,7 @@ WIDTH = 41
 class Link(NamedTuple):
     """End of a chain: how many entries it has, and the hash of all of them in their order."""
 
-    count: int
+    length: int
     digest: bytes
 
 
@@ -61,11 +61,11 @@ def linked(link: Link, entries: Iterable[Entry]) -> Link:
     >>> linked(begun, [other, one]).digest == linked(begun, [one, other]).digest
     False
     """
-    count, digest = link
+    length, digest = link
     for entry in entries:
         digest = hashlib.sha256(digest + entry.written).digest()
-        count += 1
-    return Link(count, digest)
+        length += 1
+    return Link(length, digest)
 
 
 def packed(entries: Iterable[Entry]) -> bytes:

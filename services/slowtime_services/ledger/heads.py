@@ -19,7 +19,7 @@ class Leaf(NamedTuple):
     """What a head vouches for of one asset."""
 
     asset: str
-    count: int
+    length: int
     """Entries of its chain."""
     link: str
     """End of its chain."""
@@ -35,7 +35,7 @@ class Leaf(NamedTuple):
     @property
     def end(self) -> Link:
         """End of its chain as `chain` knows it."""
-        return Link(self.count, bytes.fromhex(self.link))
+        return Link(self.length, bytes.fromhex(self.link))
 
 
 class Head(NamedTuple):

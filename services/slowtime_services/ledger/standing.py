@@ -20,7 +20,7 @@ class Standing:
     >>> standing.take(leaves)
     >>> standing.root == tree.root([leaf.written for leaf in leaves]).hex()
     True
-    >>> standing.take([leaves[1]._replace(count=2)])
+    >>> standing.take([leaves[1]._replace(length=2)])
     >>> standing.root == tree.root([leaf.written for leaf in leaves]).hex()
     False
     """
