@@ -13,7 +13,7 @@ from .flags import EXISTING, key_option
     epilog="""\b
 Examples:
   slowtime ledger key ledger.pem
-  SLOWTIME_TWIN_LEDGER__KEY=ledger.pem slowtime twin
+  slowtime twin --ledger-key ledger.pem
   slowtime ledger head --server http://127.0.0.1:8000 --out head.json
   slowtime check twin.sqlite --ledger --key ledger.pem.pub --head head.json
   slowtime ledger verify house.mcap --key ledger.pem.pub
@@ -32,8 +32,8 @@ def ledger() -> None:
 def key(**_given: object) -> None:
     """Make a key to sign with: the private one in OUT, the public one in OUT.pub.
 
-    Give OUT to the twin server (`ledger.key`, SLOWTIME_TWIN_LEDGER__KEY), and let nobody else
-    read it; OUT.pub is for whoever verifies.
+    Give OUT to the twin server (`slowtime twin --ledger-key OUT`), and let nobody else read
+    it; OUT.pub is for whoever verifies.
     """
 
 

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple, Protocol
 
-from slowtime_services.ledger import Link
+from slowtime_services.ledger import Entry, Link
 from slowtime_services.ledger import chain as kinds
 from twin_server.buckets import Buckets, thin
 from twin_server.deliveries import Acknowledgement, Delivery, State, Tally
@@ -127,7 +127,7 @@ class SqlStore(abc.ABC):
         written: Sequence["Written"],
     ) -> None:
         """Enter what `cut` accepts into the ledger, a block a twin."""
-        entries: dict[str, list[ledgering.Entry]] = {
+        entries: dict[str, list[Entry]] = {
             twin_id: [ledgering.of_registration(text)] for twin_id, text in registered.items()
         }
         of_run: dict[int, list[tuple[int, int, float, bytes]]] = {}
@@ -438,7 +438,7 @@ class SqlStore(abc.ABC):
         with self._writing() as writer:
             return self._ends.all(writer)
 
-    def entries(self, twin_id: str, after: int) -> list[ledgering.Entry]:
+    def entries(self, twin_id: str, after: int) -> list[Entry]:
         """Read the entries of a twin's chain behind so many."""
         with self._reading() as reader:
             return ledgering.entries(reader, twin_id, after)

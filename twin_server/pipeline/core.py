@@ -321,14 +321,19 @@ class Pipeline:
                 self._guarded(self._precedence.step)
                 self._guarded(self._voice.acknowledge)
                 self._guarded(lambda: self._voice.announce_all(self._twins))
-                if self.voucher is not None and not self._stale:
-                    self._guarded(self.voucher.step)
+                self._guarded(self._vouch)
             if self._inbox.closed and not samples and not self._calls:
-                if self.voucher is not None and not self._stale:
-                    self._guarded(
-                        lambda voucher=self.voucher: voucher.sign(self._clock.now_ns())
-                    )
+                self._guarded(lambda: self._vouch(at_once=True))
                 return
+
+    def _vouch(self, *, at_once: bool = False) -> None:
+        """Sign what has been accepted, where there is a key and it is time."""
+        if self.voucher is None or self._stale:
+            return
+        if at_once:
+            self.voucher.sign(self._clock.now_ns())
+        else:
+            self.voucher.step()
 
     def _guarded(self, function: Callable[[], object]) -> None:
         """Go on whatever happens."""

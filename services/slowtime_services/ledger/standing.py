@@ -6,7 +6,6 @@ from typing import Literal
 from . import tree
 from .heads import Leaf
 
-
 Side = Literal["left", "right"]
 
 
