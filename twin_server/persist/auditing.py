@@ -5,6 +5,7 @@ head he cannot: the key is elsewhere. What came after the last head, nobody vouc
 """
 
 import dataclasses
+import itertools
 import json
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -16,18 +17,23 @@ from slowtime_services.ledger import (
     Link,
     Standing,
     beginning,
+    features_digest,
+    followed,
     follows,
-    linked,
     unpacked,
 )
 from slowtime_services.ledger import chain as kinds
+from slowtime_services.ledger.chain import WIDTH
 
 from .hashing import Rolling, Row
 from .ledgering import heads as heads_after
-from .ledgering import of_acknowledgement, of_features, of_registration
-from .sealing import ACKNOWLEDGEMENTS, FEATURES, LEDGER, TWINS, opened
-from .searching import SHIFT, whole
+from .ledgering import of_acknowledgement, of_registration
+from .sealing import ACKNOWLEDGEMENTS, LEDGER, TWINS, opened
+from .searching import SHIFT, Span, whole
 
+_FEATURES, _ANEW, _DELETED = (
+    kind.encode() for kind in (kinds.FEATURES, kinds.ANEW, kinds.DELETED)
+)
 _LOW = (1 << SHIFT) - 1
 _AT_ONCE = 1_000
 
@@ -165,6 +171,8 @@ class _Chain:
         self._reader, self._twin_id = reader, twin_id
         self._leaf, self._links = leaf, links
         self.end = beginning(twin_id)
+        self._is_other = False
+        """Whether rows came before others, or all was estimated anew, since the last head."""
 
     def check(self, registration: str | None, found: Audit) -> int:
         """Say what is wrong; give how many features were held against their entries."""
@@ -187,20 +195,21 @@ class _Chain:
             found.wrong.append(f"{self._twin_id}: {what}")
         return is_so
 
-    def _blocks(self) -> Iterator[tuple[int, list[Entry], bytes]]:
+    def _blocks(self) -> Iterator[tuple[int, bytes, bytes]]:
         rows = self._reader.execute(
             f"select {', '.join(LEDGER.all_columns)} from ledger where twin = ? order by count",
             (self._twin_id,),
         )
         for row in rows:
             [(_, count, block, link)] = opened(LEDGER, [row])
-            yield count, unpacked(block), link
+            yield count, block, link
 
     def _walk(self, found: Audit) -> int:
         """Follow the links; give after how many entries the twin was deleted last."""
-        deleted, ends = 0, {0}
-        for count, entries, link in self._blocks():
-            self.end = linked(self.end, entries)
+        deleted, ends, last = 0, {0}, -1
+        leaf = self._leaf.length if self._leaf is not None else 0
+        for count, block, link in self._blocks():
+            self.end = followed(self.end, block)
             ends.add(count)
             if self._wrong(
                 self.end != Link(count, link), found, f"its chain is broken at entry {count}"
@@ -211,8 +220,19 @@ class _Chain:
                 vouched != link.hex(), found, f"its chain is not the one vouched for at {count}"
             ):
                 return deleted
-            if any(entry.kind == kinds.DELETED for entry in entries):
-                deleted = count
+            of_kind = block[::WIDTH]
+            if _DELETED in of_kind:
+                deleted, last = count, -1
+            elif of_kind == _FEATURES * len(of_kind):
+                first = int.from_bytes(block[1:9], "big")
+                self._is_other |= count > leaf and first < last
+                last = max(last, int.from_bytes(block[1 - WIDTH : 9 - WIDTH], "big"))
+            else:
+                for entry in unpacked(block):
+                    if entry.kind == kinds.FEATURES:
+                        self._is_other |= count > leaf and entry.key < last
+                        last = max(last, entry.key)
+            self._is_other |= count > leaf and (_DELETED in of_kind or _ANEW in of_kind)
         missing = sorted(self._links.keys() - ends)
         self._wrong(
             bool(missing) and self.end.length >= max(missing, default=0),
@@ -224,44 +244,61 @@ class _Chain:
     def _rows(self, deleted: int, registration: str | None, found: Audit) -> int:
         """Hold registration, acknowledgements and features against their entries."""
         spans = whole(self._reader, self._twin_id)
-        cursors = {span.number: self._features(span) for span in spans}
+        cursors: dict[int, Iterator[bytes]] = {
+            span.number: self._features(span) for span in spans
+        }
         registered: Entry | None = None
         taken_note: dict[int, Entry] = {}
         matched = 0
-        for count, entries, _ in self._blocks():
+        for count, block, _ in self._blocks():
             if count <= deleted:
                 continue
-            for entry in entries:
+            if block[:4] == block[-WIDTH : 4 - WIDTH] and block[:1] == _FEATURES:
+                # One boot, nearly always: all at once, and one by one only where that fails.
+                number = int.from_bytes(block[1:4], "big")
+                here = list(
+                    itertools.islice(cursors.get(number, iter(())), len(block) // WIDTH)
+                )
+                if b"".join(here) == block:
+                    matched += len(here)
+                    continue
+                if number in cursors:
+                    cursors[number] = itertools.chain(here, cursors[number])
+            for at in range(0, len(block), WIDTH):
+                written = block[at : at + WIDTH]
+                if written[:1] == _FEATURES:
+                    cursor = cursors.get(int.from_bytes(written[1:4], "big"))
+                    there = next(cursor, None) if cursor is not None else None
+                    if there != written:
+                        self._wrong(True, found, _difference(written, there))
+                        return matched
+                    matched += 1
+                    continue
+                [entry] = unpacked(written)
                 if entry.kind == kinds.REGISTRATION:
                     registered = entry
                 elif entry.kind == kinds.ACKNOWLEDGEMENT:
                     taken_note.setdefault(entry.key, entry)
-                elif entry.kind == kinds.FEATURES:
-                    there = next(cursors.get(entry.key >> SHIFT, iter(())), None)
-                    if there != entry:
-                        self._wrong(True, found, _difference(entry, there))
-                        return matched
-                    matched += 1
         for cursor in cursors.values():
             more = next(cursor, None)
             if more is not None:
                 self._wrong(True, found, f"{_named(more)} was never accepted")
-        here = None if registration is None else of_registration(registration)
-        self._wrong(here != registered, found, "its registration is not the one accepted")
+        now = None if registration is None else of_registration(registration)
+        self._wrong(now != registered, found, "its registration is not the one accepted")
         self._acknowledgements(taken_note, found)
         return matched
 
-    def _features(self, span: Any) -> Iterator[Entry]:
+    def _features(self, span: Span) -> Iterator[bytes]:
+        """Entries of the features of a boot as they are there, in their order."""
         first = span.first
-        while first <= span.last | _LOW:
-            rows = self._reader.execute(
-                f"select {', '.join(FEATURES.all_columns)} from features "
-                "where id between ? and ? order by id limit ?",
-                (first, span.first | _LOW, _AT_ONCE),
-            ).fetchall()
-            if not rows:
-                return
-            yield from of_features((row[:4] for row in opened(FEATURES, rows)), span.boot)
+        while rows := self._reader.execute(
+            "select id, t_ns, slow_time, message from features "
+            "where id between ? and ? order by id limit ?",
+            (first, span.first | _LOW, _AT_ONCE),
+        ).fetchall():
+            for key, t_ns, slow_time, message in rows:
+                digest = features_digest(span.boot, key & _LOW, t_ns, float(slow_time), message)
+                yield _FEATURES + key.to_bytes(8, "big") + digest
             first = rows[-1][0] + 1
 
     def _acknowledgements(self, accepted: dict[int, Entry], found: Audit) -> None:
@@ -281,7 +318,7 @@ class _Chain:
         """Hold the states against the hash of them that the last head vouches for."""
         if self._leaf is None or found.wrong:
             return
-        if self._is_other_since(self._leaf):
+        if self._is_other:
             found.notes.append(
                 f"{self._twin_id}: its states were estimated anew since the last head, which "
                 "vouches for what they were made from only"
@@ -297,33 +334,20 @@ class _Chain:
             "its states are not those that followed from what it was told",
         )
 
-    def _is_other_since(self, leaf: Leaf) -> bool:
-        """Whether rows came before others, or all was estimated anew, since a head."""
-        last = -1
-        for count, entries, _ in self._blocks():
-            for entry in entries:
-                if count > leaf.length and (
-                    entry.kind in (kinds.ANEW, kinds.DELETED)
-                    or (entry.kind == kinds.FEATURES and entry.key < last)
-                ):
-                    return True
-                if entry.kind == kinds.DELETED:
-                    last = -1
-                elif entry.kind == kinds.FEATURES:
-                    last = max(last, entry.key)
-        return False
-
     def _stated(self, count: int) -> Iterator[tuple[Row, str]]:
         """Rows of the history up to a count, with their boots."""
+        some = self._reader.execute("select 1 from details limit 1").fetchone() is not None
+        asked = (
+            f"select f.id, message, state, {'body' if some else 'null'} from features f "
+            f"{'left join details d on d.id = f.id' if some else ''} "
+            "where f.id between ? and ? order by f.id limit ?"
+        )
         left = count
         for span in whole(self._reader, self._twin_id):
             first = span.first
             while left > 0:
                 rows = self._reader.execute(
-                    "select f.id, f.message, f.state, d.body from features f "
-                    "left join details d on d.id = f.id "
-                    "where f.id between ? and ? order by f.id limit ?",
-                    (first, span.first | _LOW, min(left, _AT_ONCE)),
+                    asked, (first, span.first | _LOW, min(left, _AT_ONCE))
                 ).fetchall()
                 if not rows:
                     break
@@ -332,13 +356,14 @@ class _Chain:
                 left, first = left - len(rows), rows[-1][0] + 1
 
 
-def _named(entry: Entry) -> str:
-    return f"feature {entry.key & _LOW} of boot number {entry.key >> SHIFT}"
+def _named(written: bytes) -> str:
+    key = int.from_bytes(written[1:9], "big")
+    return f"feature {key & _LOW} of boot number {key >> SHIFT}"
 
 
-def _difference(accepted: Entry, there: Entry | None) -> str:
-    if there is None or there.key > accepted.key:
+def _difference(accepted: bytes, there: bytes | None) -> str:
+    if there is None or there[1:9] > accepted[1:9]:
         return f"{_named(accepted)} was accepted and is not there"
-    if there.key < accepted.key:
+    if there[1:9] < accepted[1:9]:
         return f"{_named(there)} was never accepted"
     return f"{_named(accepted)} is not what was accepted"

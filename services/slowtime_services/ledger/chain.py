@@ -68,6 +68,14 @@ def linked(link: Link, entries: Iterable[Entry]) -> Link:
     return Link(length, digest)
 
 
+def followed(link: Link, block: bytes) -> Link:
+    """Go on with entries that were packed."""
+    digest = link.digest
+    for at in range(0, len(block), WIDTH):
+        digest = hashlib.sha256(digest + block[at : at + WIDTH]).digest()
+    return Link(link.length + len(block) // WIDTH, digest)
+
+
 def packed(entries: Iterable[Entry]) -> bytes:
     """Write entries one behind the other."""
     return b"".join(entry.written for entry in entries)
