@@ -73,12 +73,12 @@ def hashed(path: Path) -> str:
     return found.hexdigest()
 
 
-def main() -> None:
+def main(arguments: list[str] | None = None) -> None:
     """Print the ratios."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--readings", type=int, default=50_000)
     parser.add_argument("--rounds", type=int, default=5)
-    asked = parser.parse_args()
+    asked = parser.parse_args(arguments)
     ratios = []
     with tempfile.TemporaryDirectory() as folder:
         for turn in range(asked.rounds):

@@ -20,11 +20,11 @@ def check(database: Path, *, ledger: bool, key: str | None, head: Path | None) -
         raise click.UsageError(
             "--key and --head say what the ledger is held against: --ledger."
         )
+    public = None if key is None else ledgering.public(key)
+    kept = None if head is None else ledgering.kept(head)
     _refusing(lambda: look_through(database, _tell))
     click.echo(f"{database} is sound.")
     if ledger:
-        public = None if key is None else ledgering.public(key)
-        kept = None if head is None else ledgering.kept(head)
         ledgering.report(
             _refusing(lambda: audit_file(database, public=public, kept=kept)), database, key
         )

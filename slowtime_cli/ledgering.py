@@ -76,7 +76,7 @@ def report(found: "Audit", database: Path, key: str | None) -> None:
         click.echo(f"{database} agrees with its chains, for which nobody vouches.")
         return
     click.echo(
-        f"{database} is as it was accepted{_by(key)}: {plural(found.vouched, 'entry')} up to "
+        f"{database} is as it was accepted{_by(key)}: {plural(found.vouched, 'accepted row')} up to "
         f"head {found.last.number}; {found.waiting:,} since then, for which nobody vouches yet."
     )
 
