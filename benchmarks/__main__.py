@@ -10,6 +10,7 @@ from . import (
     flow,
     foresight,
     identification,
+    ledger,
     modal_truth,
     plant,
     startup,
@@ -49,6 +50,8 @@ def main() -> int:
     status = plant.main() or status
     print("\n# Transport and recordings\n")
     transport.main()
+    print("\n# The ledger\n")
+    ledger.main([])
     print("\n# The door: long histories, many callers\n")
     sys.stdout.flush()
     status |= door.main(["--readings", "100000", "--seconds", "10", "--rest", "10"])

@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from slowtime_services.client import Client
+from slowtime_services.credentials import make_key
 
 from .children import Children, children
 from .structures import EPOCHS_PER_S, STRUCTURES, registration
@@ -88,6 +89,9 @@ def _run(
     url = f"http://127.0.0.1:{port}"
     click.echo("Starting router, twin server and edge agents ...")
     family.start("router", ["router", "--listen", endpoint])
+    key = home / "ledger.pem"
+    if not key.exists():
+        make_key(key)
     family.start(
         "twin",
         [
@@ -100,6 +104,8 @@ def _run(
             str(home / "twin.sqlite"),
             "--recordings",
             str(home / "recordings"),
+            "--ledger-key",
+            str(key),
         ],
     )
     client = Client(url)

@@ -6,17 +6,28 @@ from typing import TypeVar
 
 import click
 
-from twin_server.persist import WrongStoreError, look_through
+from twin_server.persist import WrongStoreError, audit_file, look_through
 from twin_server.persist import backup as copy_database
 from twin_server.persist import restore as put_back
 
+from . import ledgering
 from .terminal import plural
 
 
-def check(database: Path) -> None:
-    """Look through a twin's database for damage."""
+def check(database: Path, *, ledger: bool, key: str | None, head: Path | None) -> None:
+    """Look through a twin's database for damage, and for forgery."""
+    if (key or head) and not ledger:
+        raise click.UsageError(
+            "--key and --head say what the ledger is held against: --ledger."
+        )
+    public = None if key is None else ledgering.public(key)
+    kept = None if head is None else ledgering.kept(head)
     _refusing(lambda: look_through(database, _tell))
     click.echo(f"{database} is sound.")
+    if ledger:
+        ledgering.report(
+            _refusing(lambda: audit_file(database, public=public, kept=kept)), database, key
+        )
 
 
 def backup(database: Path, out: Path) -> None:

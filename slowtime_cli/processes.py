@@ -94,6 +94,7 @@ def twin(
     recordings: Path | None,
     registrations: Path | None,
     tokens: Path | None,
+    ledger_key: Path | None,
     tls_certificate: Path | None,
     tls_key: Path | None,
     behind_proxy: bool,
@@ -123,6 +124,7 @@ def twin(
                 connect=_endpoints(connect, config, credentials),
                 credentials=credentials,
                 access=access or None,
+                ledger={"key": ledger_key} if ledger_key else None,
                 tls={"certificate": tls_certificate, "key": tls_key} if tls_key else None,
             )
         )

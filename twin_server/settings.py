@@ -220,6 +220,16 @@ class AccessSettings(Frozen):
         return self.tokens is not None or self.openid is not None
 
 
+class LedgerSettings(Frozen):
+    """How what was accepted is vouched for."""
+
+    key: Path | None = None
+    """File of the private key that `slowtime ledger key` made; without one, rows are chained
+    all the same, and nobody vouches for the chain."""
+    every_s: Positive = 60.0
+    """A head is signed so often, where anything has changed."""
+
+
 class TwinSettings(ProcessSettings):
     """All settings of a twin server.
 
@@ -269,5 +279,6 @@ class TwinSettings(ProcessSettings):
     diagnose: DiagnoseSettings = DiagnoseSettings()
     recordings: RecordingSettings = RecordingSettings()
     gap: GapSettings = GapSettings()
+    ledger: LedgerSettings = LedgerSettings()
     alarms: AlarmSettings = AlarmSettings()
     """Receivers of events, and how they are told."""

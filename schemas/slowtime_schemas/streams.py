@@ -16,6 +16,7 @@ from .messages import (
     Registered,
     SensorSamples,
     TwinState,
+    Vouched,
 )
 from .raw_header import RawHeader
 
@@ -148,6 +149,17 @@ REGISTRATION = Stream(
     says="twin to all: what it was told of its structure, so that a replay knows it too",
 )
 
+LEDGER = Stream(
+    name="ledger",
+    message=Vouched,
+    nominal_rate_hz=None,
+    recorded=True,
+    sender="twin",
+    encoding=JSON,
+    max_bytes=4 * 2**20,
+    says="twin to all: what it has accepted, chained and signed",
+)
+
 STREAMS: tuple[Stream, ...] = (
     SAMPLES,
     FEATURES,
@@ -158,6 +170,7 @@ STREAMS: tuple[Stream, ...] = (
     STATE,
     EVENT,
     REGISTRATION,
+    LEDGER,
 )
 
 

@@ -13,6 +13,13 @@ EXISTING = click.Path(exists=True, dir_okay=False, path_type=Path)
 """A file that is there."""
 
 
+key_option = click.option(
+    "--key",
+    metavar="KEY",
+    help="The server's public key, from elsewhere: its .pub file, or the 44 characters.",
+)
+
+
 class SettingsFile(click.Path):
     """A file of settings that is there, of a kind that is read."""
 

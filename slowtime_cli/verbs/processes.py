@@ -196,6 +196,11 @@ underscores); flags overrule the environment, which overrules the file.
     type=EXISTING,
     help="File made by `slowtime tokens`: who may ask REST and page.",
 )
+@click.option(
+    "--ledger-key",
+    type=EXISTING,
+    help="Key of `slowtime ledger key`: what is accepted is signed with it.",
+)
 @click.option("--tls-certificate", type=EXISTING, help="Certificate of REST and page (PEM).")
 @click.option("--tls-key", type=EXISTING, help="Its private key (PEM).")
 @click.option(

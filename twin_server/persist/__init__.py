@@ -1,11 +1,13 @@
 """Third stage of the twin: what was accepted and estimated goes to disk, and is read there."""
 
+from .auditing import Audit, audit
 from .copying import backup, restore
 from .diagnosing import DiagnosisRow
 from .errors import DamagedStoreError, StoreError, WrongStoreError
+from .ledgering import HeadRow
 from .opening import is_url, open_store
 from .postgres import PostgresStore
-from .sqlite import SqliteStore, look_through
+from .sqlite import SqliteStore, audit_file, look_through
 from .store import (
     Cut,
     DetailRow,
@@ -19,12 +21,14 @@ from .store import (
 )
 
 __all__ = [
+    "Audit",
     "Cut",
     "DamagedStoreError",
     "DetailRow",
     "DiagnosisRow",
     "EventRow",
     "FeatureRow",
+    "HeadRow",
     "History",
     "PostgresStore",
     "RunRow",
@@ -34,6 +38,8 @@ __all__ = [
     "StoreError",
     "TwinRow",
     "WrongStoreError",
+    "audit",
+    "audit_file",
     "backup",
     "is_url",
     "look_through",

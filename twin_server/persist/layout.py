@@ -14,6 +14,7 @@ from twin_server.states import LAYOUT
 
 from .errors import DamagedStoreError
 from .hashing import Roller, Rolling
+from .ledgering import build_ledger
 from .levels import build
 from .sealing import (
     ACKNOWLEDGEMENTS,
@@ -22,6 +23,8 @@ from .sealing import (
     DIGESTS,
     EVENTS,
     FEATURES,
+    HEADS,
+    LEDGER,
     LEVELS,
     NUMBERS,
     TABLES,
@@ -32,16 +35,19 @@ from .sql import insert_all
 logger = logging.getLogger(__name__)
 
 APPLICATION = 0x536C6F77
-VERSION = 256 * LAYOUT + 6
+VERSION = 256 * LAYOUT + 7
 """Layout of the states, and of the tables around them."""
 
+WITHOUT_LEDGER = 256 * LAYOUT + 6
 WITHOUT_DELIVERIES = 256 * LAYOUT + 5
 WITHOUT_LEVELS = 256 * LAYOUT + 4
 """Versions before, which lack some tables and nothing else."""
 
 _OLDER = tuple(range(256 * LAYOUT + 1, VERSION))
-_OF_ALARMS = (DELIVERIES, ACKNOWLEDGEMENTS)
+_LATER = (LEDGER, HEADS)
+_OF_ALARMS = (DELIVERIES, ACKNOWLEDGEMENTS, *_LATER)
 LACKING: dict[int, tuple[Table, ...]] = {
+    WITHOUT_LEDGER: _LATER,
     WITHOUT_DELIVERIES: _OF_ALARMS,
     WITHOUT_LEVELS: (LEVELS, DIGESTS, *_OF_ALARMS),
 }
@@ -200,6 +206,7 @@ def bring_up_to_date(writer: sqlite3.Connection, version: int) -> bool:
                 insert_all(writer, table, _old_rows(writer, table))
         _number_as_before(writer, names)
         build_levels(writer)
+        build_ledger(writer)
         for name in names:
             writer.execute(f"drop table old_{name}")
         writer.execute(f"pragma user_version={VERSION}")
@@ -232,6 +239,7 @@ def _add_lacking(writer: sqlite3.Connection, version: int) -> None:
                 writer.execute(statement)
         if LEVELS in tables:
             build_levels(writer)
+        build_ledger(writer)
         writer.execute(f"pragma user_version={VERSION}")
         writer.execute("commit")
     except BaseException:

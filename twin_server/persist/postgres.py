@@ -21,6 +21,7 @@ from .layout import (
     postgres_lacking,
     postgres_schema,
 )
+from .ledgering import build_ledger
 from .sealing import FEATURES, LEVELS, TABLES
 from .sql import SqlStore
 
@@ -131,6 +132,7 @@ class PostgresStore(SqlStore):
                 writer.raw.execute(postgres_lacking(version))
                 if LEVELS in LACKING[version]:
                     build_levels(writer)
+                build_ledger(writer)
                 writer.execute("insert into layouts values (?)", (VERSION,))
             return
         if version != VERSION:

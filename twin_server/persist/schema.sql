@@ -1,4 +1,4 @@
--- Version 6. A feature's id is number << 40 | sequence: boots are numbered in the order in which
+-- Version 7. A feature's id is number << 40 | sequence: boots are numbered in the order in which
 -- they were let in, so that ascending ids are a twin's history in order. Each row has checksums
 -- of what it says (see sealing.py).
 create table twins (
@@ -127,5 +127,22 @@ create table acknowledgements (
   crc integer not null
 );
 create index acknowledgements_of_twin on acknowledgements (twin);
+-- What was accepted, hashed row by row with what was before it (see ledgering.py): blocks of
+-- entries of one twin, `count` of them up to the end of this one, whose hash is `link`.
+create table ledger (
+  twin text not null,
+  count integer not null,
+  entries blob not null,
+  link blob not null,
+  crc integer not null,
+  primary key (twin, count)
+);
+-- Signed hashes over the ends of all chains, with those that had changed since the head before.
+create table heads (
+  number integer primary key,
+  t_ns integer not null,
+  body text not null,
+  crc integer not null
+);
 -- The last number given to a boot, an event, a diagnosis.
 create table numbers (what text primary key, value integer not null, crc integer not null);

@@ -7,11 +7,13 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple, Protocol
 
+from slowtime_services.ledger import Entry, Link
+from slowtime_services.ledger import chain as kinds
 from twin_server.buckets import Buckets, thin
 from twin_server.deliveries import Acknowledgement, Delivery, State, Tally
 from twin_server.states import from_bytes
 
-from . import delivering, diagnosing
+from . import delivering, diagnosing, ledgering
 from .detailing import changes, column, delete_details, has_details, insert_details
 from .diagnosing import DiagnosisRow
 from .hashing import Rolling, Row, insert_digests, rolled
@@ -48,6 +50,7 @@ class SqlStore(abc.ABC):
 
     def __init__(self) -> None:
         self._hashes = Hashes()
+        self._ends = ledgering.Ends()
 
     @abc.abstractmethod
     def _writing(self) -> contextlib.AbstractContextManager[Connection]:
@@ -86,6 +89,7 @@ class SqlStore(abc.ABC):
                 numbers = self._write(writer, cut, news)
         except BaseException:
             self._hashes.settle({twin_id: None for twin_id, one in news.items() if one is None})
+            self._ends.forget()
             raise
         self._hashes.settle(news)
         return numbers
@@ -94,7 +98,7 @@ class SqlStore(abc.ABC):
         self, writer: Connection, cut: Cut, news: dict[str, Rolling | None]
     ) -> list[int]:
         """Write all of a cut; what its histories' hashes will be then is put into `news`."""
-        _write_twins(writer, cut.twins)
+        registered = _write_twins(writer, cut.twins)
         written = _write_runs(writer, cut.runs, cut.features)
         _insert(
             writer,
@@ -112,7 +116,30 @@ class SqlStore(abc.ABC):
         delivering.insert(writer, cut.deliveries)
         delivering.settle(writer, cut.settled)
         delivering.acknowledge(writer, cut.acknowledgements)
+        self._chain(writer, cut, registered, written)
         return _insert_events(writer, cut.events)
+
+    def _chain(
+        self,
+        writer: Connection,
+        cut: Cut,
+        registered: dict[str, str],
+        written: Sequence["Written"],
+    ) -> None:
+        """Enter what `cut` accepts into the ledger, a block a twin."""
+        entries: dict[str, list[Entry]] = {
+            twin_id: [ledgering.of_registration(text)] for twin_id, text in registered.items()
+        }
+        of_run: dict[int, list[tuple[int, int, float, bytes]]] = {}
+        for n, s, t_ns, slow, message, _ in cut.features:
+            of_run.setdefault(n, []).append((n << SHIFT | s, t_ns, slow, message))
+        for twin_id, boot, grown in written:
+            found = ledgering.of_features(of_run.get(grown.number, ()), boot)
+            entries.setdefault(twin_id, []).extend(found)
+        for twin_id, theirs in ledgering.of_acknowledgements(cut.acknowledgements):
+            entries.setdefault(twin_id, []).extend(theirs)
+        for twin_id, theirs in entries.items():
+            self._ends.append(writer, twin_id, theirs)
 
     def _roll(
         self,
@@ -172,10 +199,11 @@ class SqlStore(abc.ABC):
         finish: Callable[[], tuple[TwinRow, Sequence[EventRow]]],
     ) -> None:
         """Replace a twin's states, its registration and its derived events, all at once."""
-        with self._hashes.remade(twin_id), self._writing() as writer:
+        with self._remade(twin_id) as writer:
             delete_details(writer, twin_id)
             spans = whole(writer, twin_id)
             _delete_derived(writer, spans)
+            self._ends.append(writer, twin_id, [ledgering.of_act(kinds.ANEW)])
             rows = iter(states)
             while part := list(itertools.islice(rows, _AT_ONCE)):
                 keys = [row.number << SHIFT | row.sequence for row in part]
@@ -198,7 +226,7 @@ class SqlStore(abc.ABC):
 
     def delete(self, twin_id: str) -> bool:
         """Forget a twin and all it has seen; False where there is none."""
-        with self._hashes.remade(twin_id), self._writing() as writer:
+        with self._remade(twin_id) as writer:
             following = self.runs()[1]
             delete_details(writer, twin_id)
             spans = whole(writer, twin_id)
@@ -212,7 +240,20 @@ class SqlStore(abc.ABC):
                 writer.execute(f"delete from {table} where twin = ?", (twin_id,))
             _note_number(writer, "run", following)
             existed = writer.execute("delete from twins where id = ?", (twin_id,)).rowcount
+            if existed > 0:
+                self._ends.append(writer, twin_id, [ledgering.of_act(kinds.DELETED)])
             return bool(existed > 0)
+
+    @contextlib.contextmanager
+    def _remade(self, twin_id: str) -> Iterator[Connection]:
+        """Hold the writer while a history is made anew or goes; all of it, or nothing."""
+        with self._hashes.remade(twin_id):
+            try:
+                with self._writing() as writer:
+                    yield writer
+            except BaseException:
+                self._ends.forget()
+                raise
 
     def history(
         self,
@@ -392,6 +433,28 @@ class SqlStore(abc.ABC):
         with self._reading() as reader:
             return delivering.acknowledged(reader, twin_id)
 
+    def ends(self) -> dict[str, Link]:
+        """End of the chain of each twin, of deleted ones as well."""
+        with self._writing() as writer:
+            return self._ends.all(writer)
+
+    def entries(self, twin_id: str, after: int) -> list[Entry]:
+        """Read the entries of a twin's chain behind so many."""
+        with self._reading() as reader:
+            return ledgering.entries(reader, twin_id, after)
+
+    def add_head(self, row: ledgering.HeadRow) -> None:
+        """Keep a signed head."""
+        with self._writing() as writer:
+            ledgering.insert_head(writer, row)
+
+    def heads(
+        self, *, after: int = 0, limit: int = 1000, newest: bool = False
+    ) -> list[ledgering.HeadRow]:
+        """Read signed heads, in order."""
+        with self._reading() as reader:
+            return ledgering.heads(reader, after, limit, newest)
+
     def check(self) -> None:
         """Raise where nothing can be written or read any more."""
         with self._writing() as writer:
@@ -563,16 +626,23 @@ def _note_number(writer: Connection, what: str, value: int) -> None:
     _upsert(writer, NUMBERS, [(what, value)])
 
 
-def _write_twins(writer: Connection, twins: Sequence[TwinRow]) -> None:
+def _write_twins(writer: Connection, twins: Sequence[TwinRow]) -> dict[str, str]:
+    """Keep twins; give the registrations that are not what they were, by twin."""
     if not twins:
-        return
+        return {}
     newest = {twin.id: twin for twin in twins}
-    places = {key: row[1] for key, row in _known(writer, TWINS, list(newest)).items()}
+    known = _known(writer, TWINS, list(newest))
+    places = {key: row[1] for key, row in known.items()}
     if len(places) < len(newest):
         last = writer.execute("select coalesce(max(place), 0) from twins").fetchone()[0]
         following = itertools.count(last + 1)
         places |= {key: next(following) for key in newest if key not in places}
     _upsert(writer, TWINS, [(key, places[key], *twin) for key, twin in newest.items()])
+    return {
+        key: twin.registration
+        for key, twin in newest.items()
+        if key not in known or known[key][4] != twin.registration
+    }
 
 
 def _write_runs(

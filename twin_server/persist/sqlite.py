@@ -12,6 +12,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Literal
 
+from slowtime_services.ledger import Head
+
+from .auditing import Audit, audit
 from .errors import DamagedStoreError, StoreError, WrongStoreError
 from .layout import APPLICATION, VERSION, bring_up_to_date, damages, schema
 from .sql import SqlStore
@@ -212,6 +215,19 @@ def look_through(path: Path, tell: Callable[[str, int], None] | None = None) -> 
         found, _ = damages(reader, tell)
     if found:
         raise _damaged(path, "; ".join(found[:5]))
+
+
+def audit_file(
+    path: Path,
+    *,
+    public: str | None = None,
+    kept: Head | None = None,
+    tell: Callable[[str, int], None] | None = None,
+) -> Audit:
+    """Hold a sound database against its ledger (see `auditing.audit`)."""
+    with _told(path), contextlib.closing(open_reader(path)) as reader:
+        reader.execute("begin")
+        return audit(reader, public=public, kept=kept, tell=tell)
 
 
 @contextlib.contextmanager

@@ -8,12 +8,14 @@ import dataclasses
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple, Protocol
 
+from slowtime_services.ledger import Entry, Link
 from twin_server.buckets import Buckets
 from twin_server.deliveries import Acknowledgement, Delivery, State, Tally
 from twin_server.details import Bodies, Detail
 from twin_server.states import States
 
 from .diagnosing import DiagnosisRow
+from .ledgering import HeadRow
 
 
 class TwinRow(NamedTuple):
@@ -278,6 +280,24 @@ class Store(Protocol):
 
     def acknowledgements(self, twin_id: str) -> dict[str, Acknowledgement]:
         """Who has taken note of which alarms of a twin, by the identity of the event."""
+        ...
+
+    def ends(self) -> dict[str, Link]:
+        """End of the chain of each twin, of deleted ones as well."""
+        ...
+
+    def entries(self, twin_id: str, after: int) -> list[Entry]:
+        """Entries of a twin's chain behind so many, which end a block."""
+        ...
+
+    def add_head(self, row: HeadRow) -> None:
+        """Keep a signed head."""
+        ...
+
+    def heads(
+        self, *, after: int = 0, limit: int = 1000, newest: bool = False
+    ) -> list[HeadRow]:
+        """Signed heads in order: those after a number, of which the first or the last ones."""
         ...
 
     def check(self) -> None:

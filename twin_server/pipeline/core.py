@@ -19,6 +19,7 @@ from slowtime_schemas.messages import Features, Health
 from slowtime_schemas.streams import FEATURES, HEALTH, REGISTRATION, alive_key, request_key
 from slowtime_services.bus import Bus, Handle, Inbox, Query, Sample, matches
 from slowtime_services.clock import Clock, SystemClock
+from slowtime_services.credentials import Signer
 from twin_server.collect import (
     Account,
     Arrival,
@@ -55,6 +56,7 @@ from .records import (
 )
 from .routing import Routing
 from .voice import ACK_EVERY_S, Proof, Voice
+from .vouching import Voucher
 
 logger = logging.getLogger(__name__)
 
@@ -117,6 +119,11 @@ class Pipeline:
         self._stale = True
         self._heard: dict[tuple[str, str], int] = {}
         self._sensors = SensorWatch(self._told_of_sensor)
+        self.voucher: Voucher | None = None
+        if settings.ledger.key is not None:
+            signer = Signer.read(settings.ledger.key)
+            every_s = settings.ledger.every_s
+            self.voucher = Voucher(store, self._clock, signer, every_s, self._voice.say)
         self._load()
 
     def start(self) -> None:
@@ -317,8 +324,19 @@ class Pipeline:
                 self._guarded(self._precedence.step)
                 self._guarded(self._voice.acknowledge)
                 self._guarded(lambda: self._voice.announce_all(self._twins))
+                self._guarded(self._vouch)
             if self._inbox.closed and not samples and not self._calls:
+                self._guarded(lambda: self._vouch(at_once=True))
                 return
+
+    def _vouch(self, *, at_once: bool = False) -> None:
+        """Sign what has been accepted, where there is a key and it is time."""
+        if self.voucher is None or self._stale:
+            return
+        if at_once:
+            self.voucher.sign(self._clock.now_ns())
+        else:
+            self.voucher.step()
 
     def _guarded(self, function: Callable[[], object]) -> None:
         """Go on whatever happens."""

@@ -1,5 +1,6 @@
 """What pipeline and store know together, as those who serve it ask for it."""
 
+import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -171,6 +172,11 @@ class TwinKnowledge:
         """Find number and body of events in order."""
         rows = self._store.events(twin_id, after=after, limit=limit, newest=newest)
         return [(row.number, row.body) for row in rows]
+
+    def heads(self, after: int | None, limit: int) -> list[dict[str, Any]]:
+        """Signed heads of the ledger: those that follow a number, or the newest."""
+        rows = self._store.heads(after=after or 0, limit=limit, newest=after is None)
+        return [json.loads(row.body)["head"] for row in rows]
 
     def digest(self, twin_id: str) -> tuple[str, int]:
         """SHA-256 of a twin's whole history, and how many features it has."""

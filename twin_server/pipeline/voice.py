@@ -180,6 +180,10 @@ class Voice:
         )
         return encode(message)
 
+    def say(self, key: str, payload: bytes, encoding: str) -> None:
+        """Publish what somebody else of the server has to say."""
+        self._publish(key, payload, encoding)
+
     def _publish(self, key: str, payload: bytes, encoding: str) -> None:
         if self._bus is None or self._precedence.first is not None:
             return

@@ -240,6 +240,14 @@ def _twins(
         digest, count = knowledge.digest(twin_id)
         return _json({"id": twin_id, "sha256": digest, "features": count})
 
+    @api.get("/ledger/heads", response_model=models.HeadList, responses=_PROBLEMS)
+    def heads(
+        after: Annotated[int | None, Query(ge=0, lt=2**63)] = None,
+        limit: Annotated[int, Query(ge=1, le=10_000)] = 1,
+    ) -> Response:
+        """Give the newest signed head of the ledger; with `after`, those that follow."""
+        return _json({"heads": knowledge.heads(after, limit)})
+
     @api.get("/twins/{twin_id}/events", response_model=models.EventList, responses=_PROBLEMS)
     def events(
         twin_id: TwinId,

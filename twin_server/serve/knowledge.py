@@ -121,6 +121,10 @@ class Knowledge(Protocol):
         """Where a twin is heading, or was at a moment; None where too little was known."""
         ...
 
+    def heads(self, after: int | None, limit: int) -> list[dict[str, Any]]:
+        """Signed heads of the ledger: those that follow a number, or the newest."""
+        ...
+
     def check(self, twin_id: str, order: SimulationOrder) -> None:
         """Refuse, by a `ProblemError`, what cannot be run of a twin anyway; costs nothing."""
         ...

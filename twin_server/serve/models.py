@@ -480,6 +480,24 @@ class HashModel(BaseModel):
     features: int
 
 
+class HeadModel(BaseModel):
+    """A signed hash over what the server had accepted of all its twins."""
+
+    number: int
+    t_ns: int
+    assets: int
+    root: str
+    previous: str
+    public: str
+    signature: str
+
+
+class HeadList(BaseModel):
+    """Heads in their order; none where the server has no key to sign with."""
+
+    heads: list[HeadModel]
+
+
 _ORDER: dict[str, Any] = {"clock": "fast", "raw": {"duration_s": 60.0}, "quick": False}
 DIAGNOSIS_EXAMPLE: dict[str, Any] = {
     "number": 3,

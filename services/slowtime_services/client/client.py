@@ -122,6 +122,11 @@ class Client:
         """
         return Twin.model_validate(self.json("GET", f"/twins/{twin_id}", {"at": at}))
 
+    def heads(self, *, after: int | None = None, limit: int = 1) -> list[dict[str, Any]]:
+        """Signed heads of the ledger: the newest, or those that follow a number."""
+        told = self.json("GET", "/ledger/heads", {"after": after, "limit": limit})
+        return list(told["heads"])
+
     def register(self, twin_id: str, registration: Mapping[str, Any]) -> Twin:
         """Register a twin, or register it anew: its history is then estimated again."""
         return Twin.model_validate(

@@ -4,6 +4,7 @@ from .access import access_control
 from .authority import Authority, Issued, WrongAuthorityError
 from .folder import Credentials, CredentialsError, NotNowError, options_for
 from .roles import ROLES, Role, common_name
+from .signing import Signer, fingerprint, is_signed, make_key, public_key
 
 __all__ = [
     "ROLES",
@@ -13,8 +14,13 @@ __all__ = [
     "Issued",
     "NotNowError",
     "Role",
+    "Signer",
     "WrongAuthorityError",
     "access_control",
     "common_name",
+    "fingerprint",
+    "is_signed",
+    "make_key",
     "options_for",
+    "public_key",
 ]

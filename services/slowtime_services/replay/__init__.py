@@ -5,6 +5,7 @@ from .checking import check
 from .layout import layout_of
 from .playing import PLAYED, Played, Progress, replay
 from .reading import Contents, Recorded, RecordingError, contents, read_recording
+from .vouching import Verdict, verdicts
 
 __all__ = [
     "PLAYED",
@@ -13,6 +14,7 @@ __all__ = [
     "Progress",
     "Recorded",
     "RecordingError",
+    "Verdict",
     "block_of",
     "check",
     "contents",
@@ -22,4 +24,5 @@ __all__ = [
     "record_of",
     "record_or_foreign",
     "replay",
+    "verdicts",
 ]

@@ -71,6 +71,7 @@ POLICY: tuple[Rule, ...] = (
     Rule("DELETE", f"{_V1}/session", Reach.OPEN),
     Rule("GET", f"{_V1}/twins", Reach.LISTED),
     Rule("GET", f"{_V1}/dtdl", Reach.LISTED),
+    Rule("GET", f"{_V1}/ledger/heads", Reach.ANY),
     Rule("GET", f"{_V1}/recordings", Reach.LISTED),
     Rule("GET", _RECORDING, Reach.LISTED),
     Rule("PUT", _RECORDING, Reach.LISTED, Scope.OPERATOR),

@@ -1,0 +1,117 @@
+"""Each accepted row of an asset is hashed with the one before it: nothing between can change.
+
+SHA-256 throughout. The chain of an asset begins at the hash of its name, so that none of its
+links is one of another asset, and does not depend on in which table or shard it is kept.
+"""
+
+import hashlib
+from collections.abc import Iterable
+from typing import NamedTuple
+
+_BEGIN = b"slowtime ledger 1\n"
+
+FEATURES, REGISTRATION, ACKNOWLEDGEMENT = "f", "r", "a"
+ANEW = "e"
+"""All states were estimated anew: a hash of the history from before is none of it now."""
+DELETED = "d"
+"""The twin was deleted with all it had seen; what follows is of one registered anew."""
+
+
+class Entry(NamedTuple):
+    """A row that was accepted: what it is, its number among such, and the hash of what it says.
+
+    Kinds are of one letter: see the constants of this module.
+    """
+
+    kind: str
+    key: int
+    digest: bytes
+
+    @property
+    def written(self) -> bytes:
+        """Kind, key, hash: 41 bytes."""
+        return self.kind.encode("ascii") + self.key.to_bytes(8, "big") + self.digest
+
+
+WIDTH = 41
+"""Bytes of an entry."""
+
+
+class Link(NamedTuple):
+    """End of a chain: how many entries it has, and the hash of all of them in their order."""
+
+    length: int
+    digest: bytes
+
+
+def beginning(asset: str) -> Link:
+    """Give the end of a chain that has no entry yet."""
+    return Link(0, hashlib.sha256(_BEGIN + asset.encode()).digest())
+
+
+def linked(link: Link, entries: Iterable[Entry]) -> Link:
+    """Go on with some entries.
+
+    Examples
+    --------
+    >>> one, other = (Entry("f", n, hashlib.sha256(b"%d" % n).digest()) for n in (1, 2))
+    >>> begun = beginning("lab.beam")
+    >>> linked(linked(begun, [one]), [other]) == linked(begun, [one, other])
+    True
+    >>> linked(begun, [other, one]).digest == linked(begun, [one, other]).digest
+    False
+    """
+    length, digest = link
+    for entry in entries:
+        digest = hashlib.sha256(digest + entry.written).digest()
+        length += 1
+    return Link(length, digest)
+
+
+def followed(link: Link, block: bytes) -> Link:
+    """Go on with entries that were packed."""
+    digest = link.digest
+    for at in range(0, len(block), WIDTH):
+        digest = hashlib.sha256(digest + block[at : at + WIDTH]).digest()
+    return Link(link.length + len(block) // WIDTH, digest)
+
+
+def packed(entries: Iterable[Entry]) -> bytes:
+    """Write entries one behind the other."""
+    return b"".join(entry.written for entry in entries)
+
+
+def unpacked(block: bytes) -> list[Entry]:
+    """Read what `packed` wrote.
+
+    Raises
+    ------
+    ValueError
+        If it is no whole number of entries.
+    """
+    if len(block) % WIDTH:
+        raise ValueError(
+            f"A block of {len(block)} bytes is no whole number of entries of {WIDTH}."
+        )
+    return [
+        Entry(
+            block[at : at + 1].decode("latin-1"),
+            int.from_bytes(block[at + 1 : at + 9], "big"),
+            block[at + 9 : at + WIDTH],
+        )
+        for at in range(0, len(block), WIDTH)
+    ]
+
+
+def features_digest(
+    boot: str, sequence: int, t_ns: int, slow_time: float, message: bytes
+) -> bytes:
+    """Hash features as they travelled, with what they are found by."""
+    head = f"f {boot} {sequence} {t_ns} {slow_time!r}\n"
+    return hashlib.sha256(head.encode() + message).digest()
+
+
+def words_digest(kind: str, *words: str) -> bytes:
+    """Hash some words, and where each ends."""
+    text = "".join(f"{len(word.encode())}:{word}" for word in words)
+    return hashlib.sha256(f"{kind} {text}".encode()).digest()

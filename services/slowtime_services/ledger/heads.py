@@ -1,0 +1,114 @@
+"""What is signed now and then: one hash over the chains and histories of all assets.
+
+A head names the one before it by its hash, so that heads are a chain as well: who keeps one of
+them elsewhere knows of all before it, and of any that ends too early.
+"""
+
+import hashlib
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Self
+
+from slowtime_services.credentials import Signer, is_signed
+
+from .chain import Link
+
+_NOTHING = "0" * 64
+
+
+class Leaf(NamedTuple):
+    """What a head vouches for of one asset."""
+
+    asset: str
+    length: int
+    """Entries of its chain."""
+    link: str
+    """End of its chain."""
+    history_count: int
+    history: str
+    """SHA-256 of so many rows with the states they led to, as `GET .../history/hash` tells."""
+
+    @property
+    def written(self) -> bytes:
+        """What is hashed of it."""
+        return "\n".join(map(str, self)).encode()
+
+    @property
+    def end(self) -> Link:
+        """End of its chain as `chain` knows it."""
+        return Link(self.length, bytes.fromhex(self.link))
+
+
+class Head(NamedTuple):
+    """A signed hash over all assets at one moment."""
+
+    number: int
+    t_ns: int
+    assets: int
+    root: str
+    previous: str
+    public: str
+    signature: str
+
+    @property
+    def said(self) -> bytes:
+        """What is signed."""
+        words = ("slowtime head 1", *self[:6])
+        return "\n".join(map(str, words)).encode()
+
+    @property
+    def digest(self) -> str:
+        """What the next head calls it by."""
+        return hashlib.sha256(self.said + self.signature.encode()).hexdigest()
+
+    @property
+    def is_signed(self) -> bool:
+        """Whether the key that it names has signed it; whose that is, is another question."""
+        return is_signed(self.said, self.signature, self.public)
+
+    @classmethod
+    def of(cls, told: Mapping[str, Any]) -> Self:
+        """Read one from JSON.
+
+        Raises
+        ------
+        ValueError
+            If a part is missing or of another kind.
+        """
+        try:
+            found = cls(**{name: told[name] for name in cls._fields})
+        except KeyError as error:
+            raise ValueError(f"A head lacks {error}.") from error
+        numbers, words = found[:3], found[3:]
+        if not all(type(n) is int for n in numbers) or not all(
+            isinstance(word, str) for word in words
+        ):
+            raise ValueError(
+                "Of a head, number, t_ns and assets are integers, the rest is text."
+            )
+        return found
+
+
+def headed(root: str, assets: int, before: Head | None, t_ns: int, signer: Signer) -> Head:
+    """Sign what all assets have come to.
+
+    Parameters
+    ----------
+    root
+        Hash over the leaves of so many assets (see `Standing`).
+    before
+        The head before; None for the first.
+    """
+    number, previous = (1, _NOTHING) if before is None else (before.number + 1, before.digest)
+    unsigned = Head(number, t_ns, assets, root, previous, signer.public, "")
+    return unsigned._replace(signature=signer.sign(unsigned.said))
+
+
+def follows(head: Head, before: Head | None) -> bool:
+    """Whether a head is the one right after another, or the first."""
+    if before is None:
+        return head.number == 1 and head.previous == _NOTHING
+    return (
+        head.number == before.number + 1
+        and head.previous == before.digest
+        and head.t_ns >= before.t_ns
+    )

@@ -1,0 +1,184 @@
+"""Features of a recording against what the server says, signed, that it accepted."""
+
+import dataclasses
+from collections.abc import Iterator
+from pathlib import Path
+
+from slowtime_schemas.codec import Refused, decode_sample
+from slowtime_schemas.messages import Accepted, Features, SignedHead, Vouched
+from slowtime_schemas.streams import FEATURES, LEDGER
+from slowtime_services.ledger import (
+    Entry,
+    Head,
+    Leaf,
+    beginning,
+    features_digest,
+    linked,
+    proven,
+)
+from slowtime_services.ledger import chain as kinds
+
+from .reading import read_recording
+
+
+@dataclasses.dataclass
+class Verdict:
+    """What a recording is worth of one asset.
+
+    Parameters
+    ----------
+    heads
+        Signed heads that vouch for it.
+    vouched
+        Features that are, to the last bit, those that the server accepted.
+    waiting
+        Features of the recording that no head in it vouches for: before the first, or after
+        the last.
+    missing
+        Features that the server accepted and the recording has not.
+    wrong
+        What has been changed, a sentence each; empty if nothing has.
+    """
+
+    heads: int = 0
+    vouched: int = 0
+    waiting: int = 0
+    missing: int = 0
+    wrong: list[str] = dataclasses.field(default_factory=list)
+
+
+def verdicts(path: Path | str, public: str | None = None) -> dict[str, Verdict]:
+    """Hold a recording against the heads in it.
+
+    Parameters
+    ----------
+    public
+        Key of the server, from elsewhere; None to believe the one in the heads.
+
+    Returns
+    -------
+    Of each asset that has features or heads in it.
+
+    Raises
+    ------
+    RecordingError
+        If it is no sound recording.
+    """
+    there: dict[str, dict[tuple[str, int], bytes]] = {}
+    said: dict[str, list[Vouched]] = {}
+    for message in read_recording(path, streams=[FEATURES, LEDGER]):
+        try:
+            read = decode_sample(message.key, message.payload)
+        except Refused:
+            continue
+        if isinstance(read, Vouched):
+            said.setdefault(read.twin_id, []).append(read)
+        elif isinstance(read, Features):
+            key = (read.boot, read.sequence)
+            digest = features_digest(*key, read.t_ns, read.slow_time, message.payload)
+            there.setdefault(read.twin_id, {}).setdefault(key, digest)
+    keys = {read.head.public for of_asset in said.values() for read in of_asset}
+    found = {}
+    for asset in sorted(there.keys() | said.keys()):
+        found[asset] = _verdict(there.get(asset, {}), said.get(asset, []), public)
+        if public is None and len(keys) > 1:
+            found[asset].wrong.append(
+                f"heads are signed with {len(keys)} keys; name the server's own with --key"
+            )
+    return found
+
+
+def _verdict(
+    there: dict[tuple[str, int], bytes], said: list[Vouched], public: str | None
+) -> Verdict:
+    found = Verdict()
+    before: Vouched | None = None
+    vouched: set[tuple[str, int]] = set()
+    heads: dict[int, SignedHead] = {}
+    for message in sorted(said, key=lambda one: one.head.number):
+        which = f"head {message.head.number}"
+        if heads.setdefault(message.head.number, message.head) != message.head:
+            found.wrong.append(f"there are two of {which}")
+        elif (why := _why_not_signed(message, public)) is not None:
+            found.wrong.append(f"{which} {why}")
+        elif before is not None and message.count < before.count:
+            found.wrong.append(f"{which} vouches for less than the one before it")
+        else:
+            found.heads += 1
+            _follow(there, before, message, vouched, found)
+            before = message
+    found.vouched = len(vouched)
+    found.waiting = len(there.keys() - vouched)
+    return found
+
+
+def _why_not_signed(message: Vouched, public: str | None) -> str | None:
+    head = Head(**message.head.model_dump())
+    if not head.is_signed or head.public != (public or head.public):
+        return "is not signed with the server's key"
+    leaf = Leaf(
+        message.twin_id, message.count, message.link, message.history_count, message.history
+    )
+    path = [(branch.side, bytes.fromhex(branch.hash)) for branch in message.proof]
+    if proven(leaf.written, path).hex() != head.root:
+        return "does not vouch for what it is said to"
+    return None
+
+
+def _follow(
+    there: dict[tuple[str, int], bytes],
+    before: Vouched | None,
+    message: Vouched,
+    vouched: set[tuple[str, int]],
+    found: Verdict,
+) -> None:
+    """Chain what was accepted since the head before, from what the recording has of it."""
+    if message.accepted_after == 0:
+        from_head = beginning(message.twin_id)
+    elif before is not None and message.accepted_after == before.count:
+        from_head = Leaf(before.twin_id, before.count, before.link, 0, "").end
+    else:
+        return
+    entries, missing = list[Entry](), 0
+    keys = list[tuple[str, int]]()
+    for key, entry in _entries(message.accepted, there):
+        entries.append(entry)
+        if key is not None:
+            keys.append(key)
+            missing += key not in there
+    found.missing += missing
+    if missing:
+        # Without one of them, what the others hash to cannot be told.
+        return
+    to_head = Leaf(message.twin_id, message.count, message.link, 0, "").end
+    if linked(from_head, entries) != to_head:
+        found.wrong.append(
+            f"of what head {message.head.number} vouches for and none before it, something is "
+            f"not as it was: {_named(keys)}"
+        )
+        return
+    vouched.update(keys)
+
+
+def _entries(
+    accepted: tuple[Accepted, ...], there: dict[tuple[str, int], bytes]
+) -> Iterator[tuple[tuple[str, int] | None, Entry]]:
+    for one in accepted:
+        if one.kind == kinds.FEATURES:
+            for sequence in range(one.first, one.last + 1):
+                key = (one.boot, sequence)
+                place = (one.number << 40) + sequence
+                yield key, Entry(one.kind, place, there.get(key, b""))
+        else:
+            yield None, Entry(one.kind, one.key, bytes.fromhex(one.digest or ""))
+
+
+def _named(keys: list[tuple[str, int]]) -> str:
+    if not keys:
+        return "no features are among it"
+    boots = sorted({boot for boot, _ in keys})
+    parts = []
+    for boot in boots:
+        theirs = [sequence for of, sequence in keys if of == boot]
+        parts.append(f"features {min(theirs)} to {max(theirs)} of boot {boot}")
+    return ", ".join(parts)

@@ -1,0 +1,137 @@
+"""Signs now and then what all twins have accepted, and tells the bus: a head for each change.
+
+It works in the pipeline's own thread, between batches, so that the ends of the chains and the
+hashes of the histories that it signs together belong together.
+"""
+
+import itertools
+import json
+from collections.abc import Callable, Iterator, Sequence
+
+from slowtime_schemas.codec import encode
+from slowtime_schemas.messages import Accepted, Branch, SignedHead, Vouched
+from slowtime_schemas.streams import LEDGER
+from slowtime_services.clock import Clock
+from slowtime_services.credentials import Signer
+from slowtime_services.ledger import Entry, Head, Leaf, Link, Standing, headed
+from slowtime_services.ledger import chain as kinds
+from twin_server.persist import HeadRow, Store
+
+from .estimating import NO_BOOT
+
+MOST_TOLD = 20_000
+"""Entries of one twin that a message tells; of more, only their end is told."""
+LOOKED_BACK = 1_000
+"""Heads that a server looks through when it starts, for what it has told of each twin."""
+_LOW = (1 << 40) - 1
+
+Publish = Callable[[str, bytes, str], None]
+
+
+class Voucher:
+    """Signs what a store has accepted.
+
+    Parameters
+    ----------
+    every_s
+        At most one head in so many seconds.
+    publish
+        Told key, payload and encoding of what the bus is told.
+    """
+
+    def __init__(
+        self, store: Store, clock: Clock, signer: Signer, every_s: float, publish: Publish
+    ) -> None:
+        self._store, self._clock, self._signer = store, clock, signer
+        self._every_ns, self._publish = round(every_s * 1e9), publish
+        self.standing = Standing()
+        kept = [json.loads(row.body) for row in store.heads(limit=LOOKED_BACK, newest=True)]
+        self.head = Head.of(kept[-1]["head"]) if kept else None
+        leaves = (Leaf(*leaf) for one in kept for leaf in one["leaves"])
+        self._told = {leaf.asset: leaf.length for leaf in leaves}
+        self._sequence = 0
+
+    def step(self) -> None:
+        """Sign, if it is time and anything has changed."""
+        now_ns = self._clock.now_ns()
+        if self.head is None or now_ns >= self.head.t_ns + self._every_ns:
+            self.sign(now_ns)
+
+    def sign(self, now_ns: int) -> Head | None:
+        """Sign what has changed since the head before; None where nothing has."""
+        ends = self._store.ends()
+        leaves = [leaf for leaf in map(self._leaf, ends, ends.values()) if leaf is not None]
+        if not leaves:
+            return None
+        self.standing.take(leaves)
+        t_ns = max(now_ns, self.head.t_ns if self.head is not None else now_ns)
+        head = headed(
+            self.standing.root, len(self.standing.leaves), self.head, t_ns, self._signer
+        )
+        body = json.dumps({"head": head._asdict(), "leaves": leaves}, separators=(",", ":"))
+        self._store.add_head(HeadRow(head.number, head.t_ns, body))
+        self.head = head
+        for leaf in leaves:
+            self._tell(head, leaf)
+        return head
+
+    def _leaf(self, twin_id: str, end: Link) -> Leaf | None:
+        """Give what is to be vouched for of a twin; None where nothing is new."""
+        before = self.standing.leaves.get(twin_id)
+        if before is not None and before.end == end:
+            return None
+        digest, count = self._store.digest(twin_id)
+        return Leaf(twin_id, end.length, end.digest.hex(), count, digest)
+
+    def _tell(self, head: Head, leaf: Leaf) -> None:
+        site, _, asset = leaf.asset.partition(".")
+        since = self._told.get(leaf.asset, 0)
+        if leaf.length - since > MOST_TOLD:
+            since = leaf.length
+        self._told[leaf.asset] = leaf.length
+        self._sequence += 1
+        message = Vouched(
+            site=site,
+            asset=asset,
+            boot=NO_BOOT,
+            sequence=self._sequence,
+            t_ns=head.t_ns,
+            count=leaf.length,
+            link=leaf.link,
+            history_count=leaf.history_count,
+            history=leaf.history,
+            accepted_after=since,
+            accepted=tuple(accepted(self._store.entries(leaf.asset, since), self._boots())),
+            proof=tuple(
+                Branch(side=side, hash=other) for side, other in self.standing.proof(leaf.asset)
+            ),
+            head=SignedHead(**head._asdict()),
+        )
+        self._publish(LEDGER.key(site, asset), encode(message), LEDGER.encoding)
+
+    def _boots(self) -> dict[int, str]:
+        return {run.number: run.boot for run in self._store.runs()[0]}
+
+
+def accepted(entries: Sequence[Entry], boots: dict[int, str]) -> Iterator[Accepted]:
+    """Write entries shortly: consecutive features of a boot by the first and the last."""
+    for _, group in itertools.groupby(
+        enumerate(entries),
+        lambda one: (
+            one[1].kind,
+            # Grows with the place among consecutive features, and stays if that is taken off.
+            one[1].key - one[0] if one[1].kind == kinds.FEATURES else ("", one[0]),
+        ),
+    ):
+        several = [entry for _, entry in group]
+        first, last = several[0], several[-1]
+        if first.kind == kinds.FEATURES:
+            yield Accepted(
+                kind=first.kind,
+                boot=boots.get(first.key >> 40, ""),
+                number=first.key >> 40,
+                first=first.key & _LOW,
+                last=last.key & _LOW,
+            )
+        else:
+            yield Accepted(kind=first.kind, key=first.key, digest=first.digest.hex())
