@@ -1,6 +1,7 @@
 """Batches with a counter → the index of each sample, however narrow the counter is."""
 
 import collections
+import logging
 
 from edge_agent.layouts import Counter
 
@@ -8,6 +9,8 @@ from .batch import Batch
 from .positions import FOLLOWS_WITHIN, Numbered, Placement, Step
 from .tally import Tally
 from .wraps import JITTER_S, Pause, Verdict
+
+logger = logging.getLogger(__name__)
 
 PAUSE_S = 0.5
 """A device that starts takes longer than this, and one that only sends late hardly does."""
@@ -71,6 +74,13 @@ class ByCounter(Numbered):
             return []
         self._pause = None
         self._tally.add("samples_lost_unsure", verdict.unsure)
+        if verdict.unsure:
+            logger.warning(
+                "Up to %d samples more than counted may be lost: a counter that wraps every %d "
+                "samples cannot tell a gap so long, or the sensor has begun anew. Give it a "
+                "wider counter.",
+                verdict.unsure, self._wrap(pause.held[0][1]),
+            )  # fmt: skip
         if verdict.unsure and not verdict.restarts:
             self._delays.begin()
         if verdict.restarts:

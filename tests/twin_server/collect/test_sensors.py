@@ -61,3 +61,8 @@ def test_an_input_that_is_not_live_has_no_sensor():
     assert (watch.of("lab", "beam") or {})["samples_lost"] == 2
     watch.forget("lab", "beam")
     assert watch.of("lab", "beam") is None
+
+
+def test_losses_that_a_narrow_counter_cannot_tell_are_named():
+    (notice,) = SensorWatch().hear([health(samples_lost=3, samples_lost_unsure=256)], 0.0)
+    assert "3 in all, and up to 256 that its counter is too narrow to tell." in notice.message
