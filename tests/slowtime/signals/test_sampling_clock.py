@@ -19,7 +19,7 @@ def read(clock, came):
 
 
 @given(where=st.sets(st.integers(1, len(SOME.index) - 1), max_size=9))
-@settings(deadline=None, max_examples=10)
+@settings(deadline=None, max_examples=4)
 def test_cutting_the_messages_anywhere_changes_nothing(where):
     state = CLOCK.start()
     cuts = [0, *sorted(where), len(SOME.index)]
@@ -100,7 +100,7 @@ def test_stamps_wrong_to_both_sides_are_averaged():
 
 
 def test_memory_is_bounded_however_long_a_stream_runs():
-    index = np.arange(1, 8_001) * 400
+    index = np.arange(1, 2_001) * 1_600
     state = CLOCK.step(CLOCK.start(), index, np.round(index * 1e9 / 201.0).astype(np.int64))
     assert len(state.history) <= CLOCK.tolerances.spans + 1
     assert max(len(span.hull) for span in state.history) <= 16
@@ -153,8 +153,9 @@ def _distance(seed, given, longest_s):
 
 
 def test_a_change_that_is_not_established_widens_the_interval():
+    given = Messages(seconds=150.0, per_message=20)
     steady, jumped = (
-        read(CLOCK, messages(np.random.default_rng(3), Messages(seconds=150.0, jump=jump)))
+        read(CLOCK, messages(np.random.default_rng(3), dataclasses.replace(given, jump=jump)))
         for jump in (0.0, 2e-4)
     )
     assert jumped.rate_changes == 0
