@@ -76,8 +76,9 @@ def report(found: "Audit", database: Path, key: str | None) -> None:
         click.echo(f"{database} agrees with its chains, for which nobody vouches.")
         return
     click.echo(
-        f"{database} is as it was accepted{_by(key)}: {plural(found.vouched, 'accepted row')} up to "
-        f"head {found.last.number}; {found.waiting:,} since then, for which nobody vouches yet."
+        f"{database} is as it was accepted{_by(key)}: "
+        f"{plural(found.vouched, 'accepted row')} up to head {found.last.number}; "
+        f"{found.waiting:,} since then, for which nobody vouches yet."
     )
 
 

@@ -1,4 +1,4 @@
-r"""Spans of late messages in, the line of their clock out, and where that line breaks.
+r"""Spans of late messages in, the line of their clock out.
 
 A message that holds samples up to sensor time :math:`x_k` (index over nominal rate) arrives at
 
@@ -22,14 +22,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from .lower_hull import Point, lowest
 
 HUBER = 1.345
 """Residual, in standard deviations, beyond which a point loses weight: 95 % efficiency [2]."""
-CLIP = 3.0
-"""Distance, in standard deviations, that counts at most as evidence of a change."""
 FITTED = 2
 """Numbers that make a line: so many residuals are small for no merit of theirs."""
 FEWEST = 8
@@ -102,26 +100,6 @@ class Points:
     x: Float[np.ndarray, " span"]
     y: Float[np.ndarray, " span"]
     kept: tuple[int, ...]
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class Change:
-    """Where a line breaks.
-
-    Parameters
-    ----------
-    first
-        Position of the first span after it.
-    kind
-        'step' of the delay, or 'rate' of its slope.
-    size, score
-        Step [s] or change of slope, and how many standard deviations that is.
-    """
-
-    first: int
-    kind: str
-    size: float
-    score: float
 
 
 def envelope(spans: Sequence[Span], slope: float, limit: float) -> Points:
@@ -242,56 +220,3 @@ def widening(free: int) -> float:
         + (5 * z**4 + 16 * z**2 + 3) / (96 * free**2)
         + (3 * z**6 + 19 * z**4 + 17 * z**2 - 15) / (384 * free**3)
     )
-
-
-def find_change(
-    points: Points, line: Line, *, fewest: int, least_s: float, score: float
-) -> Change | None:
-    """Where a step or a change of slope explains the points far better than one line.
-
-    Their distances from the line are clipped, so that a few late spans are no change.
-
-    Parameters
-    ----------
-    fewest, least_s
-        Points, and sensor time between them [s], that must lie on either side.
-    score
-        Standard deviations from which on a change is believed.
-    """
-    x, y = points.x, points.y
-    free = len(x) - 3
-    if free < 2 * fewest - 3:
-        return None
-    basis = np.linalg.qr(np.column_stack([np.ones_like(x), x - x.mean()]))[0]
-    far = y - line.level - line.slope * (x - line.x)
-    far = np.clip(far - np.sort(far)[len(far) // 2], -CLIP * line.scatter, CLIP * line.scatter)
-    residuals = far - basis @ (basis.T @ far)
-    positions = _splits(x, fewest, least_s)
-    best: Change | None = None
-    for kind, regressors in (
-        ("step", (x[:, None] >= x[positions]).astype(float)),
-        ("rate", np.maximum(0.0, x[:, None] - x[positions])),
-    ):
-        own = regressors - basis @ (basis.T @ regressors)
-        power = np.sum(own**2, axis=0)
-        sizes = own.T @ residuals / power
-        left = np.maximum(residuals @ residuals - sizes**2 * power, 1e-30)
-        # Student's t as the normal deviate of the same probability, nearly: few points lie.
-        scores = np.sqrt(free * np.log1p(sizes**2 * power / left))
-        if len(scores) and scores.max() > max(score, best.score if best else 0.0):
-            at = int(np.argmax(scores))
-            first = points.kept[positions[at]]
-            size = _size(y - basis @ (basis.T @ y), own[:, at])
-            best = Change(first, kind, size, float(scores[at]))
-    return best
-
-
-def _size(
-    residuals: Float[np.ndarray, " span"], regressor: Float[np.ndarray, " span"]
-) -> float:
-    return float(regressor @ residuals / (regressor @ regressor))
-
-
-def _splits(x: Float[np.ndarray, " span"], fewest: int, least_s: float) -> list[int]:
-    enough: Bool[np.ndarray, " span"] = (x - x[0] >= least_s) & (x[-1] - x >= least_s)
-    return [at for at in range(fewest, len(x) - fewest + 1) if enough[at]]

@@ -5,7 +5,8 @@ from typing import Literal
 
 import numpy as np
 
-from .clock_fit import Line, Span, envelope, find_change, fit, fit_points, spread_of
+from .clock_changes import breaks_of, change_among, doubted
+from .clock_fit import Line, Span, envelope, fit, fit_points, spread_of
 from .clock_settings import ClockTolerances
 from .clock_state import ClockState
 from .lower_hull import Point, extend, joined, lowest
@@ -129,8 +130,12 @@ class History:
         moved_s = abs(turned) * (waiting[-1].hull[-1][0] - waiting[0].hull[0][0])
         apart_s = float(np.median([abs(_far_s(span, line)) for span in waiting]))
         grows = moved_s > TURNING * apart_s and abs(turned) > 4 * doubt
-        kind = "rate" if grows else "step"
-        self._reset(waiting, 1, kind, turned)
+        if not grows:
+            # A change of rate since the history began would have turned the line by so much.
+            since_s = waiting[-1].hull[-1][0] - self._state.history[0].hull[0][0]
+            least = apart_s / since_s
+            turned = max(abs(turned), least) if least < 3 * doubt else 0.0
+        self._reset(waiting, 1, "rate" if grows else "step", turned)
         self._refit()
 
     def _reset(self, history: tuple[Span, ...], width: int, kind: str, turned: float) -> None:
@@ -143,8 +148,9 @@ class History:
             width=width,
             waiting=(),
             line=None,
+            told=None,
             slope=slope,
-            slope_sd=sd if stepped else max(3 * abs(turned), sd),
+            slope_sd=max(3 * abs(turned), sd),
             steps=self._state.steps + stepped,
             rate_changes=self._state.rate_changes + (not stepped),
             began="stepped" if stepped else "rate_changed",
@@ -183,31 +189,28 @@ class History:
     def _refit(self) -> None:
         """Fit the complete spans; begin anew where they hold a change."""
         given, state = self._given, self._state
-        complete = state.history[:-1]
+        complete, told = state.history[:-1], None
         guess = state.line.slope if state.line is not None else state.slope
         line = fit(complete, given.rate_limit, given.resolution_s, guess)
         if line is not None:
             points = envelope(complete, line.slope, given.rate_limit)
-            change = find_change(
-                points,
-                line,
-                fewest=given.fewest,
-                least_s=given.patience_s / 3,
-                score=given.change,
-            )
+            breaks = breaks_of(points, line, fewest=given.fewest, least_s=given.patience_s / 3)
+            change = change_among(breaks, points, given.change)
             if change is not None:
-                turned = change.size if change.kind == "rate" else 0.0
                 before = fit(complete[: change.first], given.rate_limit, given.resolution_s)
-                self._state = dataclasses.replace(state, line=before)
-                self._reset(state.history[change.first :], state.width, change.kind, turned)
+                self._state = dataclasses.replace(state, line=before, told=before)
+                self._reset(
+                    state.history[change.first :], state.width, change.kind, change.turned
+                )
                 self._refit()
                 return
+            told = doubted(line, breaks, len(points.x))
             if self._stamps == "arrival":
                 line = _lowered(line, complete, points.kept)
         rough = self._state.roughness_s
         if line is not None and rough == 0.0:
             rough = line.scatter
-        self._state = dataclasses.replace(self._state, line=line, roughness_s=rough)
+        self._state = dataclasses.replace(self._state, line=line, told=told, roughness_s=rough)
 
 
 def _lowered(line: Line, spans: tuple[Span, ...], kept: tuple[int, ...]) -> Line:

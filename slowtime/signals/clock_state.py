@@ -27,6 +27,8 @@ class ClockState:
         The shortest span at hand.
     line
         Clock as of the complete spans.
+    told
+        The same, its slope averaged over the changes that it may have had.
     roughness_s
         Typical distance of a shortest span from the line [s].
     slope, slope_sd
@@ -45,6 +47,7 @@ class ClockState:
     waiting: tuple[Span, ...] = ()
     filling: Span | None = None
     line: Line | None = None
+    told: Line | None = None
     roughness_s: float = 0.0
     slope: float = 0.0
     slope_sd: float = 0.0
@@ -54,7 +57,7 @@ class ClockState:
 
     def posterior(self) -> tuple[float, float, tuple[str, ...]]:
         """Slope, its standard deviation, and flags: what was assumed and measured, together."""
-        line = self.line
+        line = self.told
         if line is None:
             return self.slope, self.slope_sd, ("few",)
         apart = abs(line.slope - self.slope)

@@ -1,6 +1,7 @@
 """A device whose rate is not what it promises, from raw samples to the message."""
 
 import dataclasses
+import functools
 
 import numpy as np
 import pytest
@@ -60,19 +61,23 @@ def fast():
     return sampled(1, correction=0.01)
 
 
-def steady(samples, clock):
-    return told(blocks(samples, [clock] * (len(samples) // PER_MESSAGE)))
+@pytest.fixture(scope="module")
+def steady(fast):
+    """Messages of what is one per cent fast, by one word on the clock all the time."""
+    return functools.cache(
+        lambda clock: told(blocks(fast, [clock] * (len(fast) // PER_MESSAGE)))
+    )
 
 
-def test_a_clock_that_is_right_changes_nothing_but_its_own_word(fast):
-    without = steady(fast, None)
-    exact = steady(fast, RateCorrection(relative=0.0, sd=0.0))
+def test_a_clock_that_is_right_changes_nothing_but_its_own_word(steady):
+    without = steady(None)
+    exact = steady(RateCorrection(relative=0.0, sd=0.0))
     assert [encode(message) for message in exact] == [encode(message) for message in without]
 
 
-def test_a_correction_moves_every_frequency_and_leaves_damping(fast):
+def test_a_correction_moves_every_frequency_and_leaves_damping(steady):
     for raw, right in zip(
-        steady(fast, None), steady(fast, RateCorrection(relative=0.01, sd=0.0)), strict=True
+        steady(None), steady(RateCorrection(relative=0.01, sd=0.0)), strict=True
     ):
         one, other = raw.modes[0], right.modes[0]
         ratio = other.frequency_hz.value / one.frequency_hz.value
@@ -82,9 +87,9 @@ def test_a_correction_moves_every_frequency_and_leaves_damping(fast):
         assert smoothed == pytest.approx(1.01, rel=1e-5)
 
 
-def test_the_error_of_the_clock_is_added_and_not_averaged_away(fast):
-    known = steady(fast, RateCorrection(relative=0.01, sd=0.0))[-1]
-    vague = steady(fast, RateCorrection(relative=0.01, sd=0.01))[-1]
+def test_the_error_of_the_clock_is_added_and_not_averaged_away(steady):
+    known = steady(RateCorrection(relative=0.01, sd=0.0))[-1]
+    vague = steady(RateCorrection(relative=0.01, sd=0.01))[-1]
     for name in ("frequency_hz", "smoothed_frequency_hz"):
         before, after = getattr(known.modes[0], name), getattr(vague.modes[0], name)
         assert after.value == before.value
@@ -97,7 +102,8 @@ def test_the_error_of_the_clock_is_added_and_not_averaged_away(fast):
     assert "clock_uncertain" not in known.quality.flags
 
 
-def test_a_correction_found_late_counts_for_windows_before(fast):
+@pytest.mark.long
+def test_a_correction_found_late_counts_for_windows_before(fast, steady):
     count = len(fast) // PER_MESSAGE
     unknown, found = (
         RateCorrection(relative=0.0, sd=0.01),
@@ -106,12 +112,13 @@ def test_a_correction_found_late_counts_for_windows_before(fast):
     late = told(
         blocks(fast, [unknown] * (count // 2 - 10) + [found] * (count - count // 2 + 10))
     )
-    early = steady(fast, found)
+    early = steady(found)
     assert late[-1].modes[0].smoothed_frequency_hz.value == pytest.approx(
         early[-1].modes[0].smoothed_frequency_hz.value, rel=1e-5
     )
 
 
+@pytest.mark.long
 def test_several_modes_carry_the_error_of_the_clock_too(fast):
     processing = Processing.model_validate({"extract": {"method": "modes"}})
     clocks = [RateCorrection(relative=0.01, sd=0.02)] * (len(fast) // PER_MESSAGE)
@@ -122,6 +129,7 @@ def test_several_modes_carry_the_error_of_the_clock_too(fast):
         assert mode.frequency_hz.sd > 3.0 * 0.02 / 1.011
 
 
+@pytest.mark.long
 def test_times_of_windows_follow_the_clock(fast):
     clock = RateCorrection(relative=0.01, sd=1e-6)
     stream = [

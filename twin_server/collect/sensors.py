@@ -12,6 +12,7 @@ from slowtime_schemas.messages import Health
 
 SILENT = "sensor_silent_s"
 LOST = "samples_lost"
+UNSURE = "samples_lost_unsure"
 DROPPED = "samples_dropped"
 RESTARTS = "source_restarts"
 TOLD_EVERY_S = 600.0
@@ -157,6 +158,8 @@ class SensorWatch:
             return
         sensor.told_lost, sensor.told_s = lost + dropped, now_s
         why = f", {dropped:,} of all because the edge agent fell behind" if dropped else ""
+        if unsure := sensor.counters.get(UNSURE, 0):
+            why += f", and up to {unsure:,} that its counter is too narrow to tell"
         yield SensorNotice(
             *key,
             "samples_lost",

@@ -8,17 +8,11 @@ import abc
 import math
 from typing import NamedTuple, Protocol, runtime_checkable
 
-from edge_agent.layouts import Counter, Stamp
+from edge_agent.layouts import Stamp
 
 from .batch import Batch
 from .delays import Delays
 from .tally import Tally
-
-PAUSE_S = 0.5
-"""A device that starts takes longer than this, and one that only sends late hardly does."""
-
-FEW = 4
-"""A counter that has just begun is below this; the first samples may be lost."""
 
 FOLLOWS_WITHIN = 64
 """Two messages so close, by their counters, confirm each other after a jump."""
@@ -51,14 +45,14 @@ class Positions(Protocol):
         ...
 
 
-class _Step(NamedTuple):
+class Step(NamedTuple):
     """By how many samples a batch is away from where the next one was expected."""
 
     samples: int
     restarts: bool = False
 
 
-class _Numbered(abc.ABC):
+class Numbered(abc.ABC):
     """What counters and stamps have in common: small steps back are late samples."""
 
     def __init__(self, rate_hz: float, horizon: int, tally: Tally) -> None:
@@ -71,7 +65,7 @@ class _Numbered(abc.ABC):
 
     def begin_beside(self, other: Positions, batch: Batch) -> None:
         """Begin to number where `batch` is in the numbers of another lane, if that is known."""
-        if not self._begun and isinstance(other, _Numbered) and other._begun:
+        if not self._begun and isinstance(other, Numbered) and other._begun:
             self._front = other._front + other._step(batch).samples
 
     def place(self, batch: Batch) -> list[Placement]:
@@ -94,7 +88,7 @@ class _Numbered(abc.ABC):
         suspect, self._suspect = self._suspect, None
         return [] if suspect is None else [self._restart(suspect)]
 
-    def _decide(self, suspect: Batch, batch: Batch, step: _Step) -> list[Placement]:
+    def _decide(self, suspect: Batch, batch: Batch, step: Step) -> list[Placement]:
         if self._confirms(suspect, batch):
             self._suspect = None
             first = self._restart(suspect)
@@ -117,7 +111,7 @@ class _Numbered(abc.ABC):
         self._expect_after(batch, index)
         return self._accept(index, batch)._replace(restart=True)
 
-    def _follow(self, batch: Batch, step: _Step) -> Placement:
+    def _follow(self, batch: Batch, step: Step) -> Placement:
         index = self._front + step.samples
         if step.samples < 0:
             return Placement(index, batch)
@@ -129,18 +123,22 @@ class _Numbered(abc.ABC):
         self._delays.note(self._front, batch.arrival_ns)
         return Placement(index, batch)
 
-    def _judge(self, samples: int, batch: Batch) -> _Step:
+    def _judge(self, samples: int, batch: Batch) -> Step:
         """Late, after a gap, or begun anew."""
         if samples < 0:
-            return _Step(samples, restarts=-samples > max(self._horizon, 4 * len(batch.rows)))
+            return Step(samples, restarts=-samples > self._latest(batch))
         next_index = self._front + samples + len(batch.rows)
         # What this agent itself has dropped had come: no time needs to have passed for it.
         unexplained = samples > batch.dropped
         ahead = unexplained and self._delays.is_ahead(next_index, batch.arrival_ns)
-        return _Step(samples, restarts=ahead)
+        return Step(samples, restarts=ahead)
+
+    def _latest(self, batch: Batch) -> int:
+        """By how many samples a late one may be behind."""
+        return max(self._horizon, 4 * len(batch.rows))
 
     @abc.abstractmethod
-    def _step(self, batch: Batch) -> _Step: ...
+    def _step(self, batch: Batch) -> Step: ...
 
     @abc.abstractmethod
     def _expect_after(self, batch: Batch, samples: int) -> None: ...
@@ -149,53 +147,7 @@ class _Numbered(abc.ABC):
     def _confirms(self, suspect: Batch, batch: Batch) -> bool: ...
 
 
-class ByCounter(_Numbered):
-    """Places by a counter of samples or messages, of any width.
-
-    A jump that is longer than the counter is wide is told by the time that has passed.
-    """
-
-    def __init__(self, counter: Counter, rate_hz: float, horizon: int, tally: Tally) -> None:
-        super().__init__(rate_hz, horizon, tally)
-        self._modulus: int = 2**counter.bits
-        self._by_message = counter.counts == "messages"
-        self._expected = 0
-
-    def _samples_per_count(self, batch: Batch) -> int:
-        return len(batch.rows) if self._by_message else 1
-
-    def _counts_of(self, batch: Batch) -> int:
-        return 1 if self._by_message else len(batch.rows)
-
-    def _expect_after(self, batch: Batch, samples: int) -> None:
-        assert batch.counter is not None
-        self._expected = (batch.counter + self._counts_of(batch)) % self._modulus
-
-    def _step(self, batch: Batch) -> _Step:
-        assert batch.counter is not None
-        jump = (batch.counter - self._expected) % self._modulus
-        if jump == 0:
-            return _Step(0)
-        each = self._samples_per_count(batch)
-        passed_s = (batch.arrival_ns - self._arrival_ns) / 1e9
-        passed = max(0.0, passed_s * self._rate_hz / each - self._counts_of(batch))
-        is_pause = passed_s > PAUSE_S + 5 * len(batch.rows) / self._rate_hz
-        if is_pause and batch.counter % self._modulus < FEW:
-            return _Step(jump * each, restarts=True)
-        if 4 * passed > self._modulus:
-            jump += self._modulus * round((passed - jump) / self._modulus)
-        elif jump > self._modulus // 2:
-            jump -= self._modulus
-        return self._judge(jump * each, batch)
-
-    def _confirms(self, suspect: Batch, batch: Batch) -> bool:
-        assert suspect.counter is not None
-        assert batch.counter is not None
-        jump = (batch.counter - suspect.counter) % self._modulus
-        return 0 < jump <= FOLLOWS_WITHIN * self._counts_of(suspect)
-
-
-class ByStamp(_Numbered):
+class ByStamp(Numbered):
     """Places by the device's stamps: a loop follows their phase and their period.
 
     Losses are exact as long as the loop's period is within half a sample over the gap.
@@ -246,7 +198,7 @@ class ByStamp(_Numbered):
         self._period_ns = min(max(self._period_ns + period * rest_ns / count, low), high)
         return rest_ns * (1 - phase)
 
-    def _step(self, batch: Batch) -> _Step:
+    def _step(self, batch: Batch) -> Step:
         return self._judge(round(self._error_ns(batch) / self._period_ns), batch)
 
     def _confirms(self, suspect: Batch, batch: Batch) -> bool:

@@ -17,9 +17,10 @@ from slowtime_services.files.conversion import scaling_of
 from .assembly import Assembler, Run
 from .batch import Batch
 from .bursts import Backlog, Bursts
+from .counters import ByCounter
 from .decoding import AnyLayout, Decoder, decoder_of
 from .framing import framer_of
-from .positions import UNIT_NS, ByArrival, ByCounter, ByStamp, Placement, Positions
+from .positions import UNIT_NS, ByArrival, ByStamp, Placement, Positions
 from .rates import RateWatch
 from .reader import Describing, Reader
 from .registry import Opened
@@ -178,13 +179,21 @@ class LiveSource:
             self._rates.interrupt()
         rate_hz = self._rates.note(index + len(batch.rows), batch.arrival_ns)
         if rate_hz is not None:
-            yield from self._leave(all_of_it=True)
+            was_held = self._backlog.lasts and not self._is_utc
+            if not was_held:
+                yield from self._leave(all_of_it=True)
             self.tally.add("rate_changes")
             logger.warning(
                 "The sensor samples at %g Hz now, not at %g Hz; its blocks say so from here.",
                 rate_hz, self._timing.rate_hz,
             )  # fmt: skip
             self._timing.begin(rate_hz)
+            if was_held:  # No queue that was drained: the device was as fast all along.
+                self._rate_hz = rate_hz
+                self._timing.note(last, time_ns)
+                yield from self._leave(all_of_it=True)
+                self._timing.begin(rate_hz)
+            self._backlog = Backlog(rate_hz)
             self._began(rate_hz, self._next_index + 1)
 
     def _began(self, rate_hz: float, first_index: int) -> None:

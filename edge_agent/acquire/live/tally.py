@@ -6,6 +6,8 @@ COUNTERS: Mapping[str, str] = {
     "samples_received": "samples that came",
     "samples_lost": "samples that the device has taken and that never came",
     "samples_lost_inferred": "those of them that were inferred from time, without a counter",
+    "samples_lost_unsure": "samples that may have been lost beyond those: a narrow counter may "
+    "have wrapped once more in a pause, or the device have begun anew in it",
     "samples_duplicated": "samples that came again",
     "samples_reordered": "samples that came after later ones, and were put in their place",
     "samples_late": "samples that came too late for it; they count as lost too",

@@ -1,11 +1,16 @@
-"""Every loss is counted exactly where there is a counter or a stamp, whatever else happens."""
+"""Every loss is counted exactly where there is a counter or a stamp, whatever else happens.
+
+Where a narrow counter and the times of arrival leave more than one answer, the least is counted
+and the rest told apart.
+"""
 
 import numpy as np
 import pytest
 
 from edge_agent.acquire.live.assembly import Assembler
 from edge_agent.acquire.live.batch import Batch
-from edge_agent.acquire.live.positions import ByArrival, ByCounter, ByStamp
+from edge_agent.acquire.live.counters import ByCounter
+from edge_agent.acquire.live.positions import ByArrival, ByStamp
 from edge_agent.acquire.live.tally import Tally
 from edge_agent.layouts import Counter, Stamp
 
@@ -39,22 +44,29 @@ def positions_of(kind, tally):
     return ByCounter(Counter(bits=int(kind)), RATE_HZ, HORIZON, tally)
 
 
-def hold_to_account(kind, seed, samples):
-    """One seeded run; what is counted is what has happened."""
+def hold_to_account(kind, seed, samples, *, stalls=0):
+    """One seeded run; what is counted is what has happened. Whether it was decidable."""
     rng, tally = np.random.default_rng(seed), Tally()
+    per_message = (1, 1, 5, 20)[seed % 4]
+    begins = rng.integers(samples // 10, samples - 600, stalls) // per_message
     sent = device(
         rng,
         samples=samples,
         bits=64 if kind == "stamp" else int(kind),
-        per_message=(1, 1, 5, 20)[seed % 4],
+        per_message=per_message,
         bursts=3,
         restart_at=0.5 if seed % 3 else None,
         off_s=float(rng.uniform(2.0, 6.0)),
         error=float(rng.uniform(-0.01, 0.01)),
         duplicates=0.001,
         reorder=0.001,
+        pauses=[(int(begin), float(rng.uniform(1.0, 5.0))) for begin in begins],
     )
     runs = assembled(sent, positions_of(kind, tally), tally)
+    unsure = tally["samples_lost_unsure"]
+    if unsure:
+        assert tally["samples_lost"] <= sent.lost <= tally["samples_lost"] + unsure
+        return False
     counted = {name: tally[name] for name in ("samples_lost", "sensor_restarts")}
     assert counted == {"samples_lost": sent.lost, "sensor_restarts": sent.restarts}
     assert tally["samples_duplicated"] == sent.duplicated
@@ -66,19 +78,84 @@ def hold_to_account(kind, seed, samples):
     assert len(shifts) == 1 + sent.restarts
     for run in runs:
         assert (np.diff(run.rows[:, 0]) == 1).all()
+    return True
 
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("kind", ["8", "16", "32", "stamp"])
 def test_every_loss_is_counted_over_wraps_bursts_and_restarts(kind, seed):
-    hold_to_account(kind, seed, 3_000)
+    assert hold_to_account(kind, seed, 3_000) or kind == "8"
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(100, 180))
 @pytest.mark.parametrize("kind", ["8", "16", "32", "stamp"])
 def test_every_loss_is_counted_in_hundreds_of_runs(kind, seed):
-    hold_to_account(kind, seed, 20_000)
+    assert hold_to_account(kind, seed, 20_000) or kind == "8"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["8", "16", "stamp"])
+def test_stalls_of_seconds_are_no_losses_and_hide_none(kind):
+    decided = [hold_to_account(kind, seed, 6_000, stalls=2) for seed in range(1000, 1080)]
+    # A restart looks like a loss to an 8-bit counter where its time fits by chance.
+    assert np.mean(decided) > (0.75 if kind == "8" else 0.999)
+
+
+def arrivals(numbers, counters, times):
+    """Single samples that come at times in sample periods."""
+    rows = [np.full((1, 2), float(number)) for number in numbers]
+    came = zip(times, counters, rows, strict=True)
+    return [(START_NS + round(t * 1e7), counter % 256, 0, row) for t, counter, row in came]
+
+
+def counted_of(messages):
+    """What is counted of messages with a counter of 8 bits."""
+    sent, tally = device(np.random.default_rng(1), samples=10), Tally()
+    sent.messages = messages
+    assembled(sent, positions_of("8", tally), tally)
+    names = ("samples_lost", "samples_lost_unsure", "sensor_restarts")
+    return tuple(tally[name] for name in names)
+
+
+def test_a_loss_of_as_many_samples_as_the_counter_is_wide_is_counted():
+    numbers = [*range(400), *range(656, 1_000)]
+    assert counted_of(arrivals(numbers, numbers, numbers)) == (256, 0, 0)
+
+
+def test_wraps_of_a_minute_are_told_by_a_rate_that_was_learnt_for_a_minute():
+    numbers = [*range(6_000), *range(12_000, 12_500)]
+    assert counted_of(arrivals(numbers, numbers, numbers)) == (6_000, 0, 0)
+
+
+def test_a_gap_longer_than_the_rate_is_known_for_is_told_as_unsure():
+    numbers = [*range(500), *range(6_500, 7_000)]
+    least, unsure, restarts = counted_of(arrivals(numbers, numbers, numbers))
+    assert (least + unsure, restarts) == (6_000, 0)
+    assert unsure > 0
+
+
+def test_a_stall_as_long_as_the_counter_is_wide_is_no_loss():
+    times = [*range(400), *[656] * 256, *range(656, 1_000)]
+    assert counted_of(arrivals(range(1_000), range(1_000), times)) == (0, 0, 0)
+
+
+def test_a_loss_within_a_stall_is_counted():
+    numbers = [n for n in range(1_000) if not 500 <= n < 540]
+    times = [656 if 400 <= n < 656 else n for n in numbers]
+    assert counted_of(arrivals(numbers, numbers, times)) == (40, 0, 0)
+
+
+def test_a_restart_that_a_loss_would_explain_as_well_is_told_as_unsure():
+    counters = [*range(400), *range(200)]
+    times = [*range(400), *range(512, 712)]
+    assert counted_of(arrivals(range(600), counters, times)) == (0, 112, 1)
+
+
+def test_a_restart_that_no_loss_explains_is_sure():
+    counters = [*range(400), *range(200)]
+    times = [*range(400), *range(600, 800)]
+    assert counted_of(arrivals(range(600), counters, times)) == (0, 0, 1)
 
 
 def test_a_counter_that_is_wrong_once_costs_its_own_samples_only():
@@ -89,17 +166,6 @@ def test_a_counter_that_is_wrong_once_costs_its_own_samples_only():
     assert (tally["samples_refused"], tally["sensor_restarts"]) == (1, 0)
     assert next(run.first_index for run in runs if run.first_index > 150) == 201
     assert tally["samples_lost"] == 1
-
-
-def test_a_wide_gap_is_told_from_a_narrow_counter_by_the_time_that_passed():
-    messages = []
-    for n in [*range(500), *range(6_500, 7_000)]:
-        rows = np.full((1, 2), float(n))
-        messages.append((START_NS + n * 10_000_000, n % 256, 0, rows))
-    sent, tally = device(np.random.default_rng(1), samples=10), Tally()
-    sent.messages = messages
-    assembled(sent, positions_of("8", tally), tally)
-    assert tally["samples_lost"] == 6_000
 
 
 def test_without_a_counter_a_pause_that_is_not_made_up_for_is_a_loss():

@@ -108,3 +108,8 @@ def test_losses_and_restarts_that_were_told_before_are_not_told_again():
     assert told(watch, same) == []
     (lost,) = watch.hear([health(samples_lost=21, samples_dropped=5, source_restarts=4)], 0.0)
     assert lost.details["more"] == 1
+
+
+def test_losses_that_a_narrow_counter_cannot_tell_are_named():
+    (notice,) = SensorWatch().hear([health(samples_lost=3, samples_lost_unsure=256)], 0.0)
+    assert "3 in all, and up to 256 that its counter is too narrow to tell." in notice.message

@@ -85,6 +85,7 @@ export function sensorOf({ sensor }) {
     silent ? `sensor silent for ${silent}${NARROW}s` : "sensor sends",
     rate > 0 && `true rate ${+(rate / 1e6).toPrecision(6)}${NARROW}Hz`,
     `${lost.toLocaleString()} samples lost`,
+    sensor.samples_lost_unsure > 0 && `up to ${sensor.samples_lost_unsure.toLocaleString()} more that its counter cannot tell`,
     dropped > 0 && `${dropped.toLocaleString()} dropped by the agent`,
     sensor.sensor_restarts > 0 && `${sensor.sensor_restarts} restarts`,
     sensor.sensor_reconnects > 0 && `${sensor.sensor_reconnects} lost connections`,
