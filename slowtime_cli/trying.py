@@ -16,8 +16,7 @@ TRY: dict[str, str] = {
     "status": "slowtime router & sleep 5; slowtime status; kill %1",
     "plugins": "slowtime plugins",
     "check": f"{_HOUSE} && slowtime check house/twin.sqlite",
-    "ledger": f"{_HOUSE} && "
-    "slowtime check house/twin.sqlite --ledger --key house/ledger.pem.pub",
+    "ledger": f"{_HOUSE} && slowtime ledger verify house.mcap --key house/ledger.pem.pub",
     "backup": f"{_HOUSE} && slowtime backup house/twin.sqlite --out monday.sqlite",
     "restore": f"{_HOUSE} && slowtime backup house/twin.sqlite --out monday.sqlite && "
     "slowtime restore monday.sqlite --database house/twin.sqlite",

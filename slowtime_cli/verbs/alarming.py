@@ -33,7 +33,7 @@ def alarms() -> None:
     """Try whether alarms of a twin reach people and other programs."""
 
 
-@alarms.command(cls=Deferred, work="alarming:send_test", name="test")
+@alarms.command(cls=Deferred, work="alarming:send_test", extra="analysis", name="test")
 @click.argument("twin", type=Name(parts=2))
 @click.option("--receiver", help="One receiver, instead of all of the twin's routes.")
 @click.option(
@@ -51,7 +51,7 @@ def send_test(**_given: object) -> None:
     """
 
 
-@alarms.command(cls=Deferred, work="alarming:deliveries")
+@alarms.command(cls=Deferred, work="alarming:deliveries", extra="analysis")
 @click.argument("twin", type=Name(parts=2))
 @_server
 def deliveries(**_given: object) -> None:

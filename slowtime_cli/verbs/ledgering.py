@@ -19,8 +19,8 @@ Examples:
   slowtime ledger verify house.mcap --key ledger.pem.pub
 
 A server with a key signs, once a minute, one hash over all that it has accepted. Keep the
-public key and now and then a head where the server's machine cannot write: whoever forges the
-database has to forge those, too.
+public key and now and then a head where the machine of the server cannot write: whoever forges
+the database has to forge those, too.
 """
 )
 def ledger() -> None:

@@ -61,7 +61,7 @@ def test_a_forecast_says_where_it_is_heading_and_when_a_threshold_is_reached(run
     head, *rows = done.out.splitlines()
     assert head.split("\t") == ["slow_time", "quantity", "value", "sd", "lo", "hi"]
     assert len(rows) == 20
-    assert "note: Stiffness change at -24 %: 10 %: by" in done.err
+    assert "note: Stiffness change at −24 %: 10 %: by" in done.err
     never = run("forecast", softening, *NOMINAL, "--threshold", -0.9, "--out", "-")
     assert never.json["crossings"][0]["times"][0]["slow_time"] is None
 
