@@ -90,6 +90,9 @@ VERBS = {
         "foreseeing:forecast", "Tell where a twin is heading, and when a threshold is reached."
     ),
     "whatif": Verb("foreseeing:whatif", "Run today's twin under a load, with bands."),
+    "reliability": Verb(
+        "reliability:reliability", "Tell how probable failure is, by several methods."
+    ),
 }
 ROOMS = (
     "edge_agent", "slowtime", "slowtime_cli", "slowtime_schemas", "slowtime_services",

@@ -109,8 +109,10 @@ Predict = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 def _tamed(values: np.ndarray) -> np.ndarray:
     """Keep what counts as failed finite, and the largest values from ruling the scale."""
     finite = values[np.isfinite(values)]
-    size = float(np.quantile(np.abs(finite), 0.75)) if len(finite) else 1.0
+    size = 10.0 * float(np.median(np.abs(finite))) if len(finite) else 1.0
     size = size or 1.0
+    if np.all(np.abs(values) <= size):
+        return values
     return np.asarray(size * np.arcsinh(np.clip(values / size, -1e3, 1e3)))
 
 
@@ -121,7 +123,12 @@ def _learn(design: np.ndarray, values: np.ndarray, kernel: str) -> Predict:
         # Points of a search crowd together, and predictions reach beyond them by intent.
         python_warnings.simplefilter("ignore", SurrogateWarning)
         process = GaussianProcess(
-            kernel, starts=1, folds=1, nugget=1e-6 * float(values.std()), extrapolation="ignore"
+            kernel,
+            trend="linear" if len(design) > 2 * design.shape[1] + 2 else "constant",
+            starts=1,
+            folds=1,
+            nugget=1e-6 * float(values.std()),
+            extrapolation="ignore",
         ).fit(design, values)
 
     def predict(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -132,7 +139,7 @@ def _learn(design: np.ndarray, values: np.ndarray, kernel: str) -> Predict:
 
 
 def _near_failure(inputs: int, predict: Predict, rng: np.random.Generator) -> _Population:
-    """Importance sample of the process, and the standard normal density over its own."""
+    """Draw an importance sample of the process, with the density ratio of each point."""
 
     def mean(u: np.ndarray) -> np.ndarray:
         return predict(u)[0]
@@ -145,9 +152,7 @@ def _near_failure(inputs: int, predict: Predict, rng: np.random.Generator) -> _P
     return _Population(sample.u, sample.ratios())
 
 
-def _judge(
-    population: _Population, predict: Predict
-) -> tuple[float, float, float, np.ndarray]:
+def _judge(population: _Population, predict: Predict) -> tuple[float, float, float, np.ndarray]:
     """Probability, its ends by doubtful signs, and the point to run next."""
     mean, sd = predict(population.u)
     weight = population.weight / len(population.u)
@@ -166,8 +171,8 @@ def _result(
     warnings: list[str] = []
     if not settled:
         warnings.append(
-            f"After {calls} runs the sign of the limit state is still doubtful where it counts. "
-            "Allow more runs, or use another method."
+            f"After {calls} runs the sign of the limit state is still doubtful where it "
+            "counts. Allow more runs, or use another method."
         )
     middle, lo, hi = ends
     if middle <= 0.0:

@@ -1,4 +1,4 @@
-r"""Dependence between inputs: independent standard normal :math:`u` to dependent scores :math:`z`.
+r"""Dependence between inputs: independent normal :math:`u` to dependent scores :math:`z`.
 
 Each copula is a Rosenblatt transformation: the score of an input is drawn from its distribution
 given those before it. With `GaussianCopula` that is the Nataf transformation.
@@ -6,7 +6,7 @@ given those before it. With `GaussianCopula` that is the Nataf transformation.
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -21,6 +21,7 @@ REACH = 12.0
 """Largest score that an inversion looks for."""
 
 
+@runtime_checkable
 class Copula(Protocol):
     """Dependence of a group of inputs."""
 
@@ -55,11 +56,11 @@ class GaussianCopula:
 
     def scores(self, u: Scores) -> Scores:
         """Multiply by the Cholesky factor."""
-        return u @ self._factor.T  # type: ignore[attr-defined,no-any-return]
+        return np.asarray(u @ self._factor.T)  # type: ignore[attr-defined]
 
     def independent(self, z: Scores) -> Scores:
         """Solve by the Cholesky factor."""
-        return np.linalg.solve(self._factor, z.T).T  # type: ignore[attr-defined]
+        return np.asarray(np.linalg.solve(self._factor, z.T).T)  # type: ignore[attr-defined]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -119,7 +120,7 @@ class ClaytonCopula:
             power = q ** (-self.theta / (1.0 + k * self.theta))
             p[:, k] = (1.0 + total * (power - 1.0)) ** (-1.0 / self.theta)
             total = total + p[:, k] ** -self.theta - 1.0
-        return special.ndtri(_inside(p))
+        return np.asarray(special.ndtri(_inside(p)))
 
     def independent(self, z: Scores) -> Scores:
         """Apply the conditional distributions."""
@@ -235,7 +236,9 @@ def nataf(
     matrix = np.eye(len(marginals))
     for (i, j), given in correlations.items():
         if i == j or not -1.0 < given < 1.0:
-            raise ValueError(f"Correlation {given:g} of inputs {i} and {j}: give one in (-1, 1).")
+            raise ValueError(
+                f"Correlation {given:g} of inputs {i} and {j}: give one in (-1, 1)."
+            )
         if kind == "linear":
             value = corrected(marginals[i], marginals[j], given)
         elif kind == "spearman":

@@ -110,9 +110,7 @@ def _draw(
 
 def _log_ratio(density: PolarMixture, wide: float, u: np.ndarray) -> np.ndarray:
     broad = _log_normal(u / wide) - u.shape[1] * np.log(wide)
-    both = np.stack(
-        [np.log1p(-DEFENSIVE) + density.log_density(u), np.log(DEFENSIVE) + broad]
-    )
+    both = np.stack([np.log1p(-DEFENSIVE) + density.log_density(u), np.log(DEFENSIVE) + broad])
     return np.asarray(_log_normal(u) - logsumexp(both, axis=0))
 
 

@@ -7,6 +7,7 @@ sequential quadratic programming (`scipy.optimize`, SLSQP).
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -47,9 +48,7 @@ def gradient(g: G, u: np.ndarray, step: float = STEP) -> tuple[float, np.ndarray
     return float(values[0]), (values[1:] - values[0]) / step
 
 
-def descend(
-    g: G, start: np.ndarray, scale: float, *, again: bool = False
-) -> Descent | None:
+def descend(g: G, start: np.ndarray, scale: float, *, again: bool = False) -> Descent | None:
     """Nearest point of the limit state from a start; None where there is none to be found.
 
     Parameters
@@ -108,7 +107,7 @@ def _second_try(g: G, start: np.ndarray, scale: float) -> Descent | None:
     def of(u: np.ndarray) -> float:
         return float(np.clip(g(u[None])[0] / scale, -1e6, 1e6))
 
-    found = minimize(
+    found: Any = minimize(  # type: ignore[call-overload]  # stubs want exact array ranks
         lambda u: 0.5 * float(u @ u),
         start,
         jac=lambda u: u,

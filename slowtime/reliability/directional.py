@@ -91,14 +91,19 @@ def _directions(
     fails = values <= 0.0
     which, ring = np.nonzero(fails[:, 1:] != fails[:, :-1])
     root = _crossings(
-        g, ways[which], radii[ring], radii[ring + 1], values[which, ring], values[which, ring + 1]
+        g,
+        ways[which],
+        radii[ring],
+        radii[ring + 1],
+        values[which, ring],
+        values[which, ring + 1],
     )
     beyond = stats.chi2.sf(root**2, size)
     # Passing into failure adds what lies beyond, passing out of it takes that away again.
     each = np.where(fails[:, 0], 1.0, 0.0)
     np.add.at(each, which, np.where(fails[which, ring], -beyond, beyond))
     # What lies beyond the reach is counted as the last ring found it.
-    return np.maximum(each, 0.0)
+    return np.asarray(np.maximum(each, 0.0))
 
 
 def _crossings(
@@ -140,7 +145,7 @@ def _crossings(
         share = a / (a - b)
     share = np.where(np.isfinite(share), np.clip(share, 0.0, 1.0), 0.5)
     last = lo + share * (hi - lo)
-    return np.where(going, last, root)
+    return np.asarray(np.where(going, last, root))
 
 
 CLOSE = 3e-3

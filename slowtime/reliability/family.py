@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 from collections.abc import Mapping
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from .subset import subset_simulation
 from .system import system
 
 
+@runtime_checkable
 class Run(Protocol):
     """What each method is called with; further settings have defaults."""
 
@@ -52,7 +53,9 @@ _MEMBERS = (
         False,
     ),
     Method("system", "series or parallel system by multivariate normal", system, False),
-    Method("monte-carlo", "crude Monte Carlo, for probabilities from 1e-4 on", monte_carlo, True),
+    Method(
+        "monte-carlo", "crude Monte Carlo, for probabilities from 1e-4 on", monte_carlo, True
+    ),
     Method("stratified", "stratified sampling by radius", stratified, True),
     Method("importance", "importance sampling about all design points", importance, True),
     Method("directional", "directional simulation", directional, True),
@@ -101,5 +104,3 @@ def estimate(
         raise ValueError(f"Method {method!r} is not known. Allowed: {', '.join(METHODS)}.")
     stopping = Stopping(variation, calls)
     return METHODS[method].run(problem, np.random.default_rng(seed), stopping)
-
-

@@ -33,7 +33,7 @@ def mean_value(problem: Problem, rng: np.random.Generator, stopping: Stopping) -
     g = Evaluator(problem)
     mean, covariance = moments(problem)
     sd = np.sqrt(np.diag(covariance))
-    u = problem.standard((mean + np.diag(SHARE * sd)))
+    u = problem.standard(mean + np.diag(SHARE * sd))
     values = g(np.concatenate([problem.standard(mean[None]), u]))
     slope = (values[1:] - values[0]) / (SHARE * sd)
     spread = float(np.sqrt(slope @ covariance @ slope))

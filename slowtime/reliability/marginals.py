@@ -124,7 +124,10 @@ FAMILIES: Mapping[str, tuple[tuple[tuple[str, ...], Build], ...]] = {
     ),
     "exponential": (
         (("mean",), lambda *, mean: stats.expon(scale=mean)),
-        (("location", "mean"), lambda *, location, mean: stats.expon(location, mean - location)),
+        (
+            ("location", "mean"),
+            lambda *, location, mean: stats.expon(location, mean - location),
+        ),
     ),
     "triangular": ((("lo", "mode", "hi"), _triangular),),
     "truncated_normal": ((("parent_mean", "parent_sd", "lo", "hi"), _truncated_normal),),
@@ -195,12 +198,12 @@ class Marginal:
         x = np.empty_like(tail)
         below = z < 0.0
         x[below], x[~below] = self.law.ppf(tail[below]), self.law.isf(tail[~below])
-        return x
+        return np.asarray(x)
 
     def score(self, x: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " sample"]:
-        r"""Standard normal score :math:`\Phi^{-1}(F(x))`, accurate in both tails."""
+        r"""Give the score :math:`\Phi^{-1}(F(x))`, accurate in both tails."""
         below, above = self.law.cdf(x), self.law.sf(x)
-        return np.where(below < above, special.ndtri(below), -special.ndtri(above))
+        return np.asarray(np.where(below < above, special.ndtri(below), -special.ndtri(above)))
 
 
 def marginal(name: str, **parameters: float) -> Marginal:

@@ -43,9 +43,7 @@ class Component:
         """Logarithm of this density over the standard normal one."""
         if self.kind == "broad":
             square = np.sum(u**2, axis=1)
-            return np.asarray(
-                0.5 * square * (1.0 - self.at**-2) - u.shape[1] * np.log(self.at)
-            )
+            return np.asarray(0.5 * square * (1.0 - self.at**-2) - u.shape[1] * np.log(self.at))
         along = u @ self.axis
         if self.kind == "shift":
             return np.asarray(self.at * along - 0.5 * self.at**2)
@@ -93,16 +91,16 @@ def first_shares(components: Sequence[Component]) -> Float[np.ndarray, " compone
 
 
 def floored(
-    share: Float[np.ndarray, " component"], wide: np.ndarray
+    share: Float[np.ndarray, " component"], wide: np.ndarray, least: float = LOOKOUT
 ) -> Float[np.ndarray, " component"]:
     """Leave no component without samples, and to the broad ones a share that sees enough."""
     share = (1.0 - FLOOR) * share / share.sum() + FLOOR / len(share)
     lookout = float(share[wide].sum())
-    if lookout < LOOKOUT and not wide.all():
+    if lookout < least and not wide.all():
         # Among themselves by the root of what was learnt, so that none takes all.
         part = np.sqrt(share[wide])
-        share[wide] = LOOKOUT * part / part.sum()
-        share[~wide] *= (1.0 - LOOKOUT) / share[~wide].sum()
+        share[wide] = least * part / part.sum()
+        share[~wide] *= (1.0 - least) / share[~wide].sum()
     return share
 
 
@@ -112,6 +110,7 @@ def learnt_shares(
     share: Float[np.ndarray, " component"],
     wide: np.ndarray,
     *,
+    lookout: float = LOOKOUT,
     rounds: int = 30,
 ) -> Float[np.ndarray, " component"]:
     """Shares nearest to the failing points in cross-entropy, by expectation maximisation."""
@@ -120,4 +119,4 @@ def learnt_shares(
         parts = np.exp(parts - np.logaddexp.reduce(parts, axis=1, keepdims=True))
         share = weights @ parts
         share = np.maximum(share / share.sum(), 1e-12)
-    return floored(share, wide)
+    return floored(share, wide, lookout)

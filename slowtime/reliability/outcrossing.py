@@ -27,7 +27,7 @@ INCREMENT = 1e-3
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Outcrossing:
-    """Failure over time.
+    r"""Failure over time.
 
     Parameters
     ----------
@@ -39,10 +39,10 @@ class Outcrossing:
         Point-in-time index.
     upper
         Upper bound of the probability of failure until each time,
-        :math:`P_f(0) + \\int \\nu^+ dt`.
+        :math:`P_f(0) + \int \nu^+ dt`.
     poisson
         The same if crossings are independent of each other,
-        :math:`1 - (1 - P_f(0)) \\exp(-\\int \\nu^+ dt)`; too large where they come in clumps.
+        :math:`1 - (1 - P_f(0)) \exp(-\int \nu^+ dt)`; too large where they come in clumps.
     calls
         Calls of the limit states.
     """
@@ -84,7 +84,9 @@ def outcrossing(
        time-variant reliability", Reliab. Eng. Syst. Saf. 84 (2004) 75-86.
     """
     if len(times) < 2 or np.any(np.diff(times) <= 0.0):
-        raise ValueError("Times do not rise. Give at least two, each later than the one before.")
+        raise ValueError(
+            "Times do not rise. Give at least two, each later than the one before."
+        )
     unknown = set(correlation) - set(problem_at(float(times[0])).names)
     if unknown or not correlation or correlation_time <= 0.0:
         raise ValueError(
@@ -100,7 +102,9 @@ def outcrossing(
         now, spent = _nearest(problem, rng)
         later, more = _nearest(problem_at(float(time) + step), rng)
         calls += spent + more
-        kept = np.array([correlation[n](step) if n in correlation else 1.0 for n in problem.names])
+        kept = np.array(
+            [correlation[n](step) if n in correlation else 1.0 for n in problem.names]
+        )
         alike = float(np.clip(now.alpha @ (kept * later.alpha), -1.0, 1.0))
         # Safe now and failed later: failed later, less failed at both instants.
         crossed = joint(-now.beta, later.beta, -alike)

@@ -41,7 +41,7 @@ class PolarMixture:
             + (2.0 * m - 1.0) * log_r - m / w * radius[:, None] ** 2
         )  # fmt: skip
         # Polar to Cartesian: the density in u divides by r^(n-1).
-        return np.log(self.share) + direction + radial - (size - 1) * log_r
+        return np.asarray(np.log(self.share) + direction + radial - (size - 1) * log_r)
 
     def log_density(self, u: Points) -> Float[np.ndarray, " sample"]:
         """Logarithm of the density of the mixture."""
@@ -111,16 +111,14 @@ def _spread_out(
 def _log_vmf_constant(size: int, kappa: np.ndarray) -> np.ndarray:
     """Logarithm of the normalising constant on the sphere."""
     if size == 1:
-        return -np.logaddexp(kappa, -kappa)
+        return np.asarray(-np.logaddexp(kappa, -kappa))
     order = 0.5 * size - 1.0
     with np.errstate(divide="ignore"):
         log_bessel = np.log(ive(order, kappa)) + kappa
     # For small arguments the series' first term, which does not underflow.
     small = order * np.log(0.5 * kappa) - gammaln(order + 1.0) + 0.25 * kappa**2 / (order + 1.0)
     log_bessel = np.where(np.isfinite(log_bessel), log_bessel, small)
-    return np.asarray(
-        order * np.log(kappa) - 0.5 * size * np.log(2.0 * np.pi) - log_bessel
-    )
+    return np.asarray(order * np.log(kappa) - 0.5 * size * np.log(2.0 * np.pi) - log_bessel)
 
 
 def _vmf(rng: np.random.Generator, mean: np.ndarray, kappa: float, count: int) -> np.ndarray:
@@ -128,7 +126,7 @@ def _vmf(rng: np.random.Generator, mean: np.ndarray, kappa: float, count: int) -
     size = len(mean)
     if size == 1:
         up = rng.uniform(size=count) < 1.0 / (1.0 + np.exp(-2.0 * kappa))
-        return np.where(up, mean[0], -mean[0])[:, None]
+        return np.asarray(np.where(up, mean[0], -mean[0])[:, None])
     b = (size - 1.0) / (2.0 * kappa + np.sqrt(4.0 * kappa**2 + (size - 1.0) ** 2))
     x = (1.0 - b) / (1.0 + b)
     c = kappa * x + (size - 1.0) * np.log(1.0 - x**2)
@@ -136,7 +134,9 @@ def _vmf(rng: np.random.Generator, mean: np.ndarray, kappa: float, count: int) -
     while len(along) < count:
         z = rng.beta(0.5 * (size - 1.0), 0.5 * (size - 1.0), size=2 * count + 16)
         w = (1.0 - (1.0 + b) * z) / (1.0 - (1.0 - b) * z)
-        kept = kappa * w + (size - 1.0) * np.log(1.0 - x * w) - c >= np.log(rng.uniform(size=len(z)))
+        kept = kappa * w + (size - 1.0) * np.log(1.0 - x * w) - c >= np.log(
+            rng.uniform(size=len(z))
+        )
         along = np.concatenate([along, w[kept]])
     along = along[:count]
     across = rng.standard_normal((count, size))

@@ -1,7 +1,7 @@
 """A reliability problem: named random inputs, their dependence, and a limit state."""
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -31,10 +31,10 @@ class Conditional:
 
 @dataclasses.dataclass(frozen=True)
 class System:
-    """Series or parallel system: a limit state made of others.
+    r"""Series or parallel system: a limit state made of others.
 
-    A series system fails where one part does, :math:`g = \\min g_k`; a parallel system where
-    all do, :math:`g = \\max g_k`.
+    A series system fails where one part does, :math:`g = \min g_k`; a parallel system where
+    all do, :math:`g = \max g_k`.
     """
 
     kind: Literal["series", "parallel"]
@@ -50,7 +50,7 @@ class System:
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Value of the system [sample]."""
         values = np.stack([np.asarray(part(x), dtype=float) for part in self.parts.values()])
-        return values.min(axis=0) if self.kind == "series" else values.max(axis=0)
+        return np.asarray(values.min(axis=0) if self.kind == "series" else values.max(axis=0))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,7 +74,8 @@ class Problem:
     --------
     >>> from .marginals import marginal
     >>> problem = Problem(
-    ...     {"r": marginal("normal", mean=10.0, sd=1.0), "s": marginal("normal", mean=5.0, sd=1.0)},
+    ...     {"r": marginal("normal", mean=10.0, sd=1.0),
+    ...      "s": marginal("normal", mean=5.0, sd=1.0)},
     ...     lambda x: x[:, 0] - x[:, 1])
     >>> problem.physical(np.array([[0.0, 2.0]]))
     array([[10.,  7.]])
@@ -126,7 +127,7 @@ class Problem:
     def physical(
         self, u: Float[np.ndarray, "sample input"]
     ) -> Float[np.ndarray, "sample input"]:
-        """Inputs in their own units, of independent standard normal ones."""
+        """Transform independent standard normal inputs to those in their own units."""
         z = self.scores(u)
         x = np.empty_like(z)
         for k, law in enumerate(self.inputs.values()):
@@ -219,7 +220,6 @@ class Evaluator:
     def _told(self, x: np.ndarray, count: int) -> str:
         at = ", ".join(f"{n}={v:.6g}" for n, v in zip(self.problem.names, x, strict=True))
         return (
-            f"The limit state returned NaN at {count} points, such as {at[:300]}. Repair it, or "
-            "state that such points count as failed (invalid='fails')."
+            f"The limit state returned NaN at {count} points, such as {at[:300]}. Repair it, "
+            "or state that such points count as failed (invalid='fails')."
         )
-

@@ -71,7 +71,7 @@ class DesignPoint:
 
     @property
     def importance(self) -> Float[np.ndarray, " input"]:
-        r"""Share of each input in the variance of the linearised limit state, :math:`\alpha^2`."""
+        r"""Share of each input in the variance of the linearised g, :math:`\alpha^2`."""
         return np.asarray(self.alpha**2)
 
     @property
@@ -134,7 +134,7 @@ def sampled(
     warnings: tuple[str, ...] = (),
     freedom: float = math.inf,
 ) -> Result:
-    """Result of a sampling method, its interval even in the logarithm as errors multiply.
+    """Make the result of a sampling method, its interval even in the logarithm.
 
     Parameters
     ----------
@@ -174,7 +174,5 @@ def approximated(
     warnings: tuple[str, ...] = (),
     bounds: tuple[float, float] | None = None,
 ) -> Result:
-    """Result of a method whose error is not known: no interval, and why."""
-    return Result(
-        method, probability, None, why, None, calls, design_points, warnings, bounds
-    )
+    """Make the result of a method whose error is not known: no interval, and why."""
+    return Result(method, probability, None, why, None, calls, design_points, warnings, bounds)

@@ -123,7 +123,7 @@ def _complete(
         points = points + new
         if not settled:
             warnings.append(
-                f"{len(points)} design points were found, and failures that they do not explain "
+                f"{len(points)} design points were found, and failures they do not explain "
                 "remain: there may be more, or the limit state is curved as a sphere is."
             )
             break
@@ -140,7 +140,7 @@ def _from_failures(
     known: list[DesignPoint],
     most: int,
 ) -> tuple[list[DesignPoint], bool]:
-    """New design points from probes that fail unexplained; False where some remain so."""
+    """Find design points from probes that fail unexplained; False where some remain so."""
     points = list(known)
     least = min((abs(p.beta) for p in points), default=3.0)
     spread = max(least / TENTH, 1.0)
@@ -164,9 +164,7 @@ def _from_failures(
         points.append(point)
 
 
-def explained(
-    u: Float[np.ndarray, "sample input"], points: list[DesignPoint]
-) -> np.ndarray:
+def explained(u: Float[np.ndarray, "sample input"], points: list[DesignPoint]) -> np.ndarray:
     """Which points lie beyond the tangent plane of a known design point."""
     if not points or not len(u):
         return np.zeros(len(u), dtype=bool)
@@ -189,7 +187,7 @@ def is_new(point: DesignPoint, points: list[DesignPoint], search: Search) -> boo
 def descend_from(
     g: Evaluator, start: Float[np.ndarray, " input"], points: list[DesignPoint], search: Search
 ) -> DesignPoint | None:
-    """A new design point reached from a failing point; None where it is one of those known."""
+    """Descend from a failing point; None where that leads to a point that is known."""
     scale = abs(float(g(np.zeros((1, len(start))))[0])) or 1.0
     found = descend(g, start, scale if np.isfinite(scale) else 1.0)
     if found is None or not np.any(found.u):

@@ -63,8 +63,8 @@ def sorm(
         total += corrected
     if bent:
         warnings.append(
-            f"At {bent} of {len(found.points)} design points the limit state curves too strongly "
-            "for SORM; their first-order values are used. Use a sampling method."
+            f"At {bent} of {len(found.points)} design points the limit state curves too "
+            "strongly for SORM; their first-order values are used. Use a sampling method."
         )
     # The ratio of the union to the sum is taken over from the half-spaces.
     overlap = union_of_halfspaces(found.points, rng) / plain
@@ -92,7 +92,8 @@ def curvatures(
     steps = STEP * tangent
     # Four corners of each pair; of a direction with itself, two ends and the middle twice.
     corners = [
-        u + a * steps[rows] + b * steps[columns] for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1))
+        u + a * steps[rows] + b * steps[columns]
+        for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1))
     ]
     values = g(np.concatenate(corners)).reshape(4, -1)
     second = (values[0] - values[1] - values[2] + values[3]) / (4.0 * STEP**2)
@@ -105,7 +106,9 @@ def curvatures(
     return np.asarray(np.linalg.eigvalsh(hessian / slope))
 
 
-def second_order(beta: float, kappa: Float[np.ndarray, " curvature"], formula: Formula) -> float:
+def second_order(
+    beta: float, kappa: Float[np.ndarray, " curvature"], formula: Formula
+) -> float:
     """Probability beyond a paraboloid by Breitung's or Tvedt's formula; NaN where none is.
 
     Examples

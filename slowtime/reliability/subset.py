@@ -94,7 +94,9 @@ def _run(g: Evaluator, samples: int, rng: np.random.Generator) -> float:
         if not threshold > 0.0 or level == LEVELS - 1:
             return float(SHARE**level * np.mean(values <= 0.0))
         chosen = order[:seeds]
-        points, values, width = _chains(g, points[chosen], values[chosen], threshold, width, rng)
+        points, values, width = _chains(
+            g, points[chosen], values[chosen], threshold, width, rng
+        )
     raise AssertionError("the last level returns")
 
 

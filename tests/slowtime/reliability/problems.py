@@ -221,7 +221,9 @@ def four_branch(k):
     def g(u):
         d, s = u[:, 0] - u[:, 1], (u[:, 0] + u[:, 1]) / np.sqrt(2.0)
         bowl = 3.0 + 0.1 * d**2
-        return np.minimum.reduce([bowl - s, bowl + s, d + k / np.sqrt(2.0), k / np.sqrt(2.0) - d])
+        return np.minimum.reduce(
+            [bowl - s, bowl + s, d + k / np.sqrt(2.0), k / np.sqrt(2.0) - d]
+        )
 
     return Problem(unknowns(2), g)
 
@@ -248,7 +250,9 @@ def closed_forms() -> dict[str, Known]:
             known[f"plane {n} {p:.0e}"] = Known(plane(stats.norm.isf(p), n), p)
             known[f"sphere {n} {p:.0e}"] = Known(sphere(stats.chi2.isf(p, n), n), p)
         for n in (2, 5, 20):
-            known[f"exponentials {n} {p:.0e}"] = Known(exponentials(stats.gamma.isf(p, n), n), p)
+            known[f"exponentials {n} {p:.0e}"] = Known(
+                exponentials(stats.gamma.isf(p, n), n), p
+            )
         known[f"two-sided {p:.0e}"] = Known(two_sided(stats.norm.isf(p / 2.0)), p)
         log_mean = stats.norm.isf(p) * np.hypot(0.1, 0.2)
         known[f"strength and load {p:.0e}"] = Known(strength_and_load(log_mean), p)
@@ -273,12 +277,12 @@ def references() -> dict[str, float]:
 
 def challenge() -> dict[str, Known]:
     exact = references()
-    return {
-        name: Known(Problem(named(laws), g), exact[name]) for name, (laws, g) in RP.items()
-    }
+    return {name: Known(Problem(named(laws), g), exact[name]) for name, (laws, g) in RP.items()}
 
 
 def every() -> dict[str, Known]:
     """All problems by name."""
-    series = {"series of 20 planes": Known(series_of_planes(), references()["series of 20 planes"])}
+    series = {
+        "series of 20 planes": Known(series_of_planes(), references()["series of 20 planes"])
+    }
     return closed_forms() | QUADRATURE | series | challenge()
