@@ -15,15 +15,16 @@ from slowtime.reliability import (
     FrankCopula,
     GumbelCopula,
     LimitState,
+    Marginal,
     Problem,
     StudentCopula,
     System,
     correlated,
     marginal,
 )
-from slowtime_schemas.reliability_file import CopulaOf, ReliabilityFile
+from slowtime_schemas.reliability_file import CopulaOf, RandomInput, ReliabilityFile
 
-from .expressions import Expression, ExpressionError
+from .expressions import Expression
 from .models.lines import Path, YamlError, read_with_lines
 
 MAX_BYTES = 1 << 20
@@ -97,24 +98,21 @@ def _problem(
     name: str,
     own: Callable[..., Any] | None,
 ) -> Problem:
-    def at(where: Path, work: Callable[[], Any]) -> Any:
+    def at(where: Path, work: Callable[..., Any], *given: Any) -> Any:
         try:
-            return work()
-        except (ExpressionError, ValueError) as error:
+            return work(*given)
+        except ValueError as error:
             raise ReliabilityFileError(f"{name}, line {_line(where, lines)}: {error}") from None
 
-    inputs = {
-        key: at(
-            ("inputs", key),
-            lambda law=law: marginal(law.marginal, **(law.__pydantic_extra__ or {})),
-        )
-        for key, law in file.inputs.items()
-    }
+    def law(given: RandomInput) -> Marginal:
+        return marginal(given.marginal, **(given.__pydantic_extra__ or {}))
+
+    inputs = {key: at(("inputs", key), law, one) for key, one in file.inputs.items()}
     dependence: dict[tuple[str, ...], Copula] = {}
     for number, group in enumerate(file.copulas):
-        dependence[group.of] = at(("copulas", number), lambda group=group: _copula(group))
+        dependence[group.of] = at(("copulas", number), _copula, group)
     if file.correlations:
-        dependence |= at(("correlations",), lambda: _correlated(inputs, file))
+        dependence |= at(("correlations",), _correlated, inputs, file)
     limit_state: LimitState
     if own is not None:
         if file.limit_state is not None or file.parts:
@@ -124,21 +122,18 @@ def _problem(
         limit_state = _by_name(own, tuple(inputs))
     elif file.system is not None:
         parts = {
-            key: at(("parts", key), lambda said=said: Expression(said, tuple(inputs)))
+            key: at(("parts", key), Expression, said, tuple(inputs))
             for key, said in file.parts.items()
         }
         limit_state = System(file.system, parts)
     elif file.limit_state is not None:
-        said = file.limit_state
-        limit_state = at(("limit_state",), lambda: Expression(said, tuple(inputs)))
+        limit_state = at(("limit_state",), Expression, file.limit_state, tuple(inputs))
     else:
         raise ReliabilityFileError(
             f"{name} has no limit state. Add `limit_state`, `system` with `parts`, or name a "
             "Python file by --limit-state."
         )
-    problem: Problem = at(
-        ("copulas",), lambda: Problem(inputs, limit_state, dependence, file.invalid)
-    )
+    problem: Problem = at(("copulas",), Problem, inputs, limit_state, dependence, file.invalid)
     return problem
 
 

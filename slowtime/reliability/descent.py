@@ -20,6 +20,9 @@ STEP = 1e-5
 TOLERANCE = 1e-4
 """Of the point, over 1 + its distance, and of g, over its scale."""
 
+GAIN = 1e-6
+"""Of the distance, over 1 + itself: it grows with the square of the error of the point."""
+
 LOOSE = 0.1
 STILL = 3
 """Iterations without gain in distance after which a point is taken, as converged where the
@@ -76,7 +79,7 @@ def descend(g: G, start: np.ndarray, scale: float, *, again: bool = False) -> De
             if length < TOLERANCE * (1.0 + np.linalg.norm(u)):
                 return Descent(target, slope, True)
             gained = np.inf if best is None else np.linalg.norm(best.u) - np.linalg.norm(u)
-            still = 0 if gained > TOLERANCE * (1.0 + np.linalg.norm(u)) else still + 1
+            still = 0 if gained > GAIN * (1.0 + np.linalg.norm(u)) else still + 1
             if best is None or gained > 0.0:
                 best = Descent(u, slope, False)
             if still >= STILL:

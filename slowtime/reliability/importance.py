@@ -30,11 +30,8 @@ from .search import (
     sensitivities,
 )
 
-KINDS = ("shift", "tail", "broad")
-FEW = 40
-"""Points of a component below which its own spread is not believed."""
-
-PILOT = 300
+MOST_PLANNED = 20_000
+PILOT = 250
 """Points from which shares are learnt first, beside eight per component."""
 
 AT_ONCE = 5
@@ -44,7 +41,7 @@ NOTABLE = 0.03
 """Share of one weight in a lesson from which its point gets a component."""
 
 LENIENT = 0.9
-"""Factor on the error that the points learnt from foresee: strata make it somewhat less."""
+"""Factor on the error that the points learnt from foresee, which is uncertain itself."""
 
 NEAR = 1.0
 """Distance within which one component serves two heavy points."""
@@ -56,10 +53,10 @@ RESTARTS = 2
 FAR = 3.0
 """Times the target above which, with enough failures, the mixture is learnt again."""
 
-KEPT = 0.25
+KEPT = 0.35
 """Part of the shares that stays as before whatever was learnt."""
 
-FIRST_ROUND = 400
+FIRST_ROUND = 300
 LEAST_FAILED = 150
 """Failing points before which a coefficient of variation is not believed."""
 
@@ -79,7 +76,6 @@ class Sample:
         self.failed = np.empty(0, dtype=bool)
         self.log_ratios = np.empty((0, len(components)))
         self.drawn = np.zeros(len(components))
-        self.which = np.empty(0, dtype=int)
 
     def add_components(self, new: list[Component]) -> None:
         """Add components that have drawn nothing yet."""
@@ -97,7 +93,6 @@ class Sample:
         counts = np.diff(np.floor(edges + rng.uniform())).astype(int)
         parts = zip(self.components, counts, strict=True)
         u = np.concatenate([c.draw(rng, int(k)) for c, k in parts if k])
-        self.which = np.concatenate([self.which, np.repeat(np.arange(len(counts)), counts)])
         ratios = np.stack([component.log_ratio(u) for component in self.components], axis=1)
         self.failed = np.concatenate([self.failed, g(u) <= 0.0])
         self.u = np.concatenate([self.u, u])
@@ -106,7 +101,7 @@ class Sample:
 
     def join(self, other: "Sample") -> None:
         """Take over the points of another sample of the same components."""
-        for name in ("u", "failed", "log_ratios", "which"):
+        for name in ("u", "failed", "log_ratios"):
             setattr(self, name, np.concatenate([getattr(self, name), getattr(other, name)]))
         self.drawn = self.drawn + other.drawn
 
@@ -184,9 +179,12 @@ def explore(
     while True:
         share = _learn(g, learning, share, points, search, stopping, rng)
         counted = Sample(g.problem.size, learning.components)
-        again = False
+        again, variation = False, np.inf
         while not again:
-            more = _more(_foreseen(counted, learning), len(counted.u), stopping)
+            if len(counted.u):
+                more = _more(variation, len(counted.u), stopping)
+            else:
+                more = _needed(learning, share, stopping)
             counted.draw(g, share, _allowed(g, stopping, more), rng)
             variation = _foreseen(counted, learning)
             failed = int(counted.failed.sum())
@@ -197,6 +195,18 @@ def explore(
             again = restarts < RESTARTS and far
         restarts += 1
         learning.join(counted)
+
+
+def _needed(learning: Sample, share: np.ndarray, stopping: Stopping) -> int:
+    """Points for the target, decided before any is drawn: no luck of theirs ends it."""
+    failed = learning.failed
+    if not failed.any():
+        return FIRST_ROUND
+    theirs = learning.ratios()[failed]
+    logs = np.log(share / share.sum()) + learning.log_ratios[failed]
+    square = float(np.sum(theirs * np.exp(-np.logaddexp.reduce(logs, axis=1))))
+    spread = square * len(learning.u) / float(np.sum(theirs)) ** 2 - 1.0
+    return int(np.clip(spread / stopping.variation**2, FIRST_ROUND, MOST_PLANNED))
 
 
 def _foreseen(counted: Sample, learning: Sample) -> float:
@@ -211,9 +221,9 @@ def _foreseen(counted: Sample, learning: Sample) -> float:
     if not value > 0.0 or not failed.any():
         return variation
     theirs = learning.ratios()[failed]
-    square = float(np.sum(theirs * counted.ratios_at(learning, failed))) / len(failed)
-    learnt = float(np.sum(theirs)) / len(failed)
-    spread = max(square - learnt**2, 0.0) / learnt**2
+    square = float(np.sum(theirs * counted.ratios_at(learning, failed)))
+    # Means over all points, of which those that did not fail add nothing.
+    spread = max(square * len(failed) / float(np.sum(theirs)) ** 2 - 1.0, 0.0)
     return max(variation, float(np.sqrt(spread / len(counted.u))) * LENIENT)
 
 
@@ -240,7 +250,7 @@ def _learn(
     A heavy failure beyond all tangent planes starts a descent to a further design point; any
     other gets a component of its own.
     """
-    for _ in range(LESSONS):
+    for number in range(LESSONS):
         count = PILOT + 8 * len(learning.components)
         learning.draw(g, share, _allowed(g, stopping, count), rng)
         weight = learning.weights()
@@ -251,7 +261,8 @@ def _learn(
             learning.add_components(added)
             share = np.append(share, np.full(len(added), share.mean()))
         share = _learnt(learning, share / share.sum(), points)
-        if not added or g.calls >= stopping.calls:
+        # The second round is drawn from what was learnt, and tells how well that does.
+        if (number and not added) or g.calls >= stopping.calls:
             break
     return share
 
@@ -263,19 +274,14 @@ def _allowed(g: Evaluator, stopping: Stopping, count: int) -> int:
 def _estimate(sample: Sample) -> tuple[float, float]:
     """Probability and its coefficient of variation.
 
-    Components get fixed numbers of points, so only the spread within each errs; those with few
-    points are taken together by kind.
+    As if each point came from the mixture. That components get fixed numbers of points lessens
+    the error somewhat; by their own spreads it was underestimated where they get few.
     """
     weight = sample.weights()
     value = float(weight.mean()) if len(weight) else 0.0
     if value <= 0.0:
         return 0.0, np.inf
-    kinds = np.array([KINDS.index(component.kind) for component in sample.components])
-    few = sample.drawn[sample.which] < FEW
-    stratum = np.where(few, -1 - kinds[sample.which], sample.which)
-    parts = [weight[stratum == one] for one in np.unique(stratum)]
-    square = sum(len(part) * float(part.var(ddof=1)) for part in parts if len(part) > 1)
-    return value, float(np.sqrt(square) / len(weight) / value)
+    return value, float(weight.std(ddof=1) / np.sqrt(len(weight)) / value)
 
 
 def _learnt(sample: Sample, before: np.ndarray, points: list[DesignPoint]) -> np.ndarray:

@@ -15,7 +15,7 @@ from scipy.special import log_ndtr, ndtr, ndtri
 
 from .result import DesignPoint
 
-DEPTHS = (0.1, 0.6)
+DEPTHS = (0.1, 0.5, 1.5)
 """By how much, over the index, the tail begins before a design point."""
 
 BROAD = (1.15, 1.4, 1.8, 2.5, 3.5)

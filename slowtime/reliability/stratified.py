@@ -36,7 +36,7 @@ def stratified(problem: Problem, rng: np.random.Generator, stopping: Stopping) -
     >>> from .problem import unknowns
     >>> sphere = Problem(unknowns(3), lambda u: 25.0 - np.sum(u**2, axis=1))
     >>> found = stratified(sphere, np.random.default_rng(0), Stopping())
-    >>> abs(found.probability / stats.chi2.sf(25.0, 3) - 1.0) < 0.2
+    >>> bool(abs(found.probability / stats.chi2.sf(25.0, 3) - 1.0) < 0.2)
     True
     """
     g = Evaluator(problem)
@@ -91,7 +91,7 @@ def _allocated(
     number = min(max(total * min(factor, 3.0) - total, 200.0), ROUND, stopping.calls - calls)
     goal = (total + number) * need / need.sum()
     lacking = np.maximum(goal - drawn, 0.0)
-    return np.ceil(number * lacking / lacking.sum()).astype(int)
+    return np.asarray(np.ceil(number * lacking / lacking.sum()).astype(int))
 
 
 def _points(

@@ -63,6 +63,8 @@ def system(
     if kind == "series":
         value = sequential(betas, correlation, rng)
         bounds = ditlevsen(betas, correlation)
+        # Of few parts the bounds are nearly one value, and the union is sampled.
+        value = float(np.clip(value, *bounds))
     else:
         value = orthant(-betas, correlation, rng)
         bounds = parallel_bounds(betas, correlation)

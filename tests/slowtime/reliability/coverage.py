@@ -111,7 +111,8 @@ def main() -> None:
             print(
                 f"  {method:14} {name:26} n {len(cell.held):3} "
                 f"held {100 * cell.held.mean():5.1f} warned {100 * cell.warned.mean():5.1f} "
-                f"mean {cell.ratio.mean():.3f} sd {cell.ratio.std():.3f} unsafe {cell.unsafe} calls {cell.calls.mean():.0f}",
+                f"mean {cell.ratio.mean():.3f} sd {cell.ratio.std():.3f} "
+                f"unsafe {cell.unsafe} calls {cell.calls.mean():.0f}",
                 flush=True,
             )
         print(report(cells), flush=True)

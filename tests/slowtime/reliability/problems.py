@@ -7,13 +7,12 @@ by `references.py` beside this file.
 
 import csv
 import dataclasses
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from scipy import stats
 
-from slowtime.reliability import Problem, marginal, unknowns
+from slowtime.reliability import LimitState, Marginal, Problem, marginal, unknowns
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,7 +104,7 @@ def rp22(a, b):
     return 2.5 - (a + b) / np.sqrt(2.0) + 0.1 * (a - b) ** 2
 
 
-RP: dict[str, tuple[list, Callable]] = {
+RP: dict[str, tuple[list[Marginal], LimitState]] = {
     "RP8": (
         [lognormal(120.0, 12.0)] * 4 + [lognormal(50.0, 10.0), lognormal(40.0, 8.0)],
         columns(rp8),

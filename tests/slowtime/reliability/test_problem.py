@@ -8,6 +8,7 @@ from slowtime.reliability import (
     FAMILIES,
     ClaytonCopula,
     Conditional,
+    Copula,
     FrankCopula,
     GumbelCopula,
     Problem,
@@ -61,7 +62,7 @@ def test_a_marginal_that_is_none_is_refused_with_what_is_allowed(name, parameter
         marginal(name, **parameters)
 
 
-COPULAS = {
+COPULAS: dict[str, tuple[Copula, float]] = {
     "clayton": (ClaytonCopula(2.0), 2.0 / 4.0),
     "gumbel": (GumbelCopula(2.0), 1.0 - 1.0 / 2.0),
     # Of Frank's copula with theta 5.7363 Kendall's correlation is a half.

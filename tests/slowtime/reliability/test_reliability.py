@@ -38,14 +38,25 @@ QUICK = plane(2.5, 2)
 EXACT = float(stats.norm.sf(2.5))
 
 
+def ends(found):
+    assert found.interval is not None
+    return found.interval
+
+
+def error(found):
+    """Coefficient of variation of a result that has one."""
+    assert found.variation is not None
+    return found.variation
+
+
 @pytest.mark.parametrize("method", SAMPLERS)
 def test_a_sampling_method_holds_a_plane_within_four_standard_errors(method):
     found = estimate(QUICK, method, variation=0.1, seed=3)
     assert found.method == method
-    assert found.probability == pytest.approx(EXACT, rel=4.0 * found.variation)
-    lo, hi = found.interval
+    assert found.probability == pytest.approx(EXACT, rel=4.0 * error(found))
+    lo, hi = ends(found)
     assert lo < found.probability < hi
-    assert found.variation <= 0.1
+    assert error(found) <= 0.1
     assert found.warnings == ()
 
 
@@ -82,7 +93,7 @@ def test_monte_carlo_gives_up_below_1e_4_and_says_so():
     found = estimate(plane(6.0, 2), "monte-carlo")
     assert "below 0.0001" in found.warnings[0]
     assert found.calls < 200_000
-    assert found.interval[0] == 0.0
+    assert ends(found)[0] == 0.0
 
 
 @pytest.mark.parametrize("method", [name for name in METHODS if name != "mean-value"])
@@ -98,7 +109,7 @@ def test_nan_counts_as_failed_where_told():
     )
     for method in ("monte-carlo", "subset", "directional"):
         found = estimate(wall, method, variation=0.1)
-        assert found.probability == pytest.approx(EXACT, rel=4.0 * found.variation), method
+        assert found.probability == pytest.approx(EXACT, rel=4.0 * error(found)), method
 
 
 @pytest.mark.parametrize("wrong", [lambda u: 3.0, lambda u: u, lambda u: u[:1, 0]])
@@ -170,8 +181,8 @@ def test_sensitivities_of_form_are_derivatives_of_its_index():
         return form(problem, np.random.default_rng(0), Stopping(), search=Search(rounds=0))
 
     point = index(10.0, 1.2).design_points[0]
-    by_mean = (index(10.01, 1.2).beta - index(9.99, 1.2).beta) / 0.02
-    by_sd = (index(10.0, 1.21).beta - index(10.0, 1.19).beta) / 0.02
+    by_mean = (index(10.1, 1.2).beta - index(9.9, 1.2).beta) / 0.2
+    by_sd = (index(10.0, 1.25).beta - index(10.0, 1.15).beta) / 0.1
     assert point.mean_sensitivity["r"] == pytest.approx(by_mean, rel=1e-2)
     assert point.sd_sensitivity["r"] == pytest.approx(by_sd, rel=1e-2)
     assert np.sum(point.importance) == pytest.approx(1.0)
@@ -255,7 +266,7 @@ def test_outcrossing_of_a_gaussian_process_is_rices_rate():
     rice = omega / (2.0 * np.pi) * np.exp(-0.5 * b**2)
     np.testing.assert_allclose(found.rate, rice, rtol=0.01)
     assert found.upper[-1] == pytest.approx(stats.norm.sf(b) + 2.0 * rice, rel=0.01)
-    assert np.all(found.poisson <= found.upper)
+    assert np.all(found.poisson <= found.upper + 1e-12)
 
 
 @pytest.mark.long
@@ -264,11 +275,11 @@ def test_active_learning_needs_few_runs(name):
     known = QUADRATURE[name]
     found = estimate(known.problem, "active")
     assert found.calls <= 80
-    assert found.interval[0] < known.exact < found.interval[1]
+    assert ends(found)[0] < known.exact < ends(found)[1]
 
 
 @pytest.mark.long
 def test_two_sided_failure_one_in_a_million_is_seen_on_both_sides():
     for method in ("importance", "cross-entropy", "subset", "stratified"):
         found = estimate(two_sided(4.891638), method, seed=1)
-        assert found.probability == pytest.approx(1e-6, rel=4.0 * found.variation), method
+        assert found.probability == pytest.approx(1e-6, rel=4.0 * error(found)), method
