@@ -96,11 +96,11 @@ class StudentCopula:
 
 
 def _student(z: np.ndarray, freedom: float) -> np.ndarray:
-    return -np.sign(z) * np.asarray(special.stdtrit(freedom, special.ndtr(-np.abs(z))))
+    return np.asarray(-np.sign(z) * special.stdtrit(freedom, special.ndtr(-np.abs(z))))
 
 
 def _normal(t: np.ndarray, freedom: float) -> np.ndarray:
-    return -np.sign(t) * np.asarray(special.ndtri(special.stdtr(freedom, -np.abs(t))))
+    return np.asarray(-np.sign(t) * special.ndtri(special.stdtr(freedom, -np.abs(t))))
 
 
 @dataclasses.dataclass(frozen=True)

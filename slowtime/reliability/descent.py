@@ -83,7 +83,7 @@ def descend(g: G, start: np.ndarray, scale: float, *, again: bool = False) -> De
             if best is None or gained > 0.0:
                 best = Descent(u, slope, False)
             if still >= STILL:
-                return dataclasses.replace(best, converged=length < LOOSE)
+                return Descent(u, slope, True) if length < LOOSE else best
         weight = 2.0 * (np.linalg.norm(u) + 1.0) / np.sqrt(square)
         before = 0.5 * u @ u + weight * abs(value)
         u = _shortened(g, u, step, weight, before)

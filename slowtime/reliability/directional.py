@@ -55,7 +55,7 @@ def directional(problem: Problem, rng: np.random.Generator, stopping: Stopping) 
         left = max((stopping.calls - g.calls) // (RINGS + 1), 1)
         count = min(_more(variation, len(each), stopping), left)
     warnings: tuple[str, ...] = ()
-    if problem.size > MOST_INPUTS and value > 0.0 and variation > 1e-3:
+    if problem.size > MOST_INPUTS and value > 0.0 and variation > 2.0 * CLOSE:
         warnings = (
             f"In {problem.size} inputs few directions carry most of the probability. Use "
             "importance sampling or subset simulation.",
@@ -66,7 +66,9 @@ def directional(problem: Problem, rng: np.random.Generator, stopping: Stopping) 
 def _variation(each: np.ndarray, value: float) -> float:
     if value <= 0.0:
         return np.inf
-    return float(each.std(ddof=1) / np.sqrt(len(each)) / value)
+    sampling = float(each.std(ddof=1) / np.sqrt(len(each)) / value)
+    # Crossings are found to a tolerance, which all directions of a sphere share.
+    return float(np.hypot(sampling, CLOSE))
 
 
 def _more(variation: float, drawn: int, stopping: Stopping) -> int:

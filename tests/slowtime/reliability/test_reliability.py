@@ -193,7 +193,7 @@ def test_a_series_system_lies_within_ditlevsens_bounds_and_equals_sampling():
     parts = {f"plane{k}": (lambda x, a=a: 2.5 - x @ a) for k, a in enumerate(ways)}
     problem = Problem(unknowns(3), System("series", parts))
     found = system(problem, np.random.default_rng(0), Stopping(), search=Search(rounds=0))
-    lo, hi = found.bounds
+    lo, hi = found.bounds or (0.0, 0.0)
     assert lo <= found.probability <= hi
     assert hi / lo < 1.2
     sampled = estimate(problem, "directional", variation=0.03)
@@ -205,7 +205,7 @@ def test_a_parallel_system_of_two_planes_is_the_bivariate_normal_tail():
     problem = Problem(unknowns(2), System("parallel", parts))
     found = system(problem, np.random.default_rng(0), Stopping(), search=Search(rounds=0))
     assert found.probability == pytest.approx(joint(2.0, 2.0, 0.6), rel=1e-3)
-    assert found.bounds[1] == pytest.approx(joint(2.0, 2.0, 0.6), rel=1e-6)
+    assert (found.bounds or (0.0, 0.0))[1] == pytest.approx(joint(2.0, 2.0, 0.6), rel=1e-6)
 
 
 @pytest.mark.parametrize("rho", [-0.9, -0.3, 0.0, 0.5, 0.99])
