@@ -14,8 +14,11 @@ from .result import Result, Stopping, sampled
 
 SHARE = 0.1
 LEVELS = 30
-DEFENSIVE = 0.1
+DEFENSIVE = 0.2
 """Share of points from a widened normal density, which bounds the weights."""
+
+CAUTION = 1.3
+"""Factor on the size planned: a spread is more often under- than overestimated."""
 
 HEAVY = 0.05
 LEAST_FAILED = 200
@@ -50,7 +53,7 @@ def cross_entropy(
     u = np.empty((0, problem.size))
     failed = np.empty(0, dtype=bool)
     weight = np.empty(0)
-    count = samples
+    count = _planned(g, density, wide, samples, stopping, rng)
     while True:
         new = _draw(density, wide, count, rng)
         hit = g(new) <= 0.0
@@ -75,6 +78,29 @@ def cross_entropy(
         stopping,
         warnings=_doubts(weight, reached, problem.size),
     )
+
+
+def _planned(
+    g: Evaluator,
+    density: PolarMixture,
+    wide: float,
+    samples: int,
+    stopping: Stopping,
+    rng: np.random.Generator,
+) -> int:
+    """Size of the sample, from points that are not counted.
+
+    Sampling that ends as soon as it has met few heavy points underestimates.
+    """
+    u = _draw(density, wide, max(min(samples, stopping.calls - g.calls), 1), rng)
+    hit = g(u) <= 0.0
+    weight = np.zeros(len(u))
+    weight[hit] = np.exp(_log_ratio(density, wide, u[hit]))
+    if not hit.any():
+        return samples
+    spread = float(weight.var() / weight.mean() ** 2)
+    planned = CAUTION * spread / stopping.variation**2
+    return int(min(max(planned, samples), max(stopping.calls - g.calls, 1)))
 
 
 def _levels(
