@@ -27,7 +27,7 @@ DEFAULT = ("form", "importance", "subset")
 Examples:
   slowtime reliability column.yaml
   slowtime reliability column.yaml --method form --method directional --cov 0.02
-  slowtime reliability column.yaml --method all --json > column.json
+  slowtime reliability column.yaml --method all --json
   slowtime reliability inputs.yaml --limit-state own_model.py --method active
   slowtime reliability problem.py
 

@@ -3,6 +3,7 @@
 import re
 import shlex
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -40,9 +41,9 @@ def test_every_command_of_the_page_parses(arguments, tmp_path, monkeypatch):
 
 
 def test_the_python_of_the_page_runs():
-    names: dict[str, object] = {}
+    names: dict[str, Any] = {}
     exec(block("python").replace("print(", "shown = ("), names)
-    probability, interval, _, _, warnings = names["shown"]  # type: ignore[misc]
+    probability, interval, _, _, warnings = names["shown"]
     assert interval[0] < probability < interval[1]
     assert warnings == ()
 
