@@ -44,6 +44,10 @@ def main() -> int:
     print("\n# Filters and streaming processes, beside filterpy and scikit-learn\n")
     sys.stdout.flush()
     status |= subprocess.run([python, "-m", "benchmarks.learning"], check=False).returncode
+    print("\n# Reliability, beside OpenTURNS and pystra\n")
+    sys.stdout.flush()
+    reliability = ["-m", "benchmarks.reliability", "--methods", "importance", "--seeds", "3"]
+    status |= subprocess.run([python, *reliability], check=False).returncode
     print("\n# Forecasts\n")
     status |= foresight.main([])
     print("\n# Models with effects\n")

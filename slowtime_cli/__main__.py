@@ -70,7 +70,7 @@ VERBS = {
         "Make a recording sound again that was cut short or damaged.",
     ),
     "layout": Verb(
-        "viewing:layout", "Write a layout for Foxglove or Lichtblick that fits a recording."
+        "viewing:layout", "Write a layout for Foxglove or Lichtblick to fit a recording."
     ),
     "import": Verb(
         "importing:import_", "Turn a text, NumPy or MATLAB record into an MCAP recording."
@@ -80,7 +80,7 @@ VERBS = {
     ),
     "simulate": Verb(
         "simulating:simulate",
-        "Write the vibration of a structure that ages, or of a model file.",
+        "Write the vibration of an ageing structure or of a model file.",
     ),
     "publish": Verb(
         "publishing:publish",
@@ -88,7 +88,7 @@ VERBS = {
     ),
     "diagnose": Verb(
         "diagnosing:diagnose",
-        "Find what a model lacks, where and how much, from records of it.",
+        "Find what a model lacks, where and how much, from its records.",
     ),
     "evolve": Verb(
         "evolving:evolve", "Tell how stiffness and mass have changed, from frequencies."
@@ -97,6 +97,9 @@ VERBS = {
         "foreseeing:forecast", "Tell where a twin is heading, and when a threshold is reached."
     ),
     "whatif": Verb("foreseeing:whatif", "Run today's twin under a load, with bands."),
+    "reliability": Verb(
+        "reliability:reliability", "Tell how probable failure is, by several methods."
+    ),
 }
 ROOMS = (
     "edge_agent", "slowtime", "slowtime_cli", "slowtime_schemas", "slowtime_services",

@@ -41,7 +41,7 @@ def diagnose(
     patience_s: float | None,
     unchecked: bool,
 ) -> None:
-    """Find what a model lacks, where and how much, from records of it."""
+    """Find what a model lacks, where and how much, from its records."""
     if history is not None:
         _refuse_unwritable(out)
         # Only then: it brings the whole server along, which takes half a second.

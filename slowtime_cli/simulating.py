@@ -32,7 +32,7 @@ def simulate(
     effects: tuple[Path, ...],
     out: Path,
 ) -> None:
-    """Write the vibration of a structure that ages, or of a model file."""
+    """Write the vibration of an ageing structure or of a model file."""
     if model is not None:
         simulate_model(
             model,

@@ -40,6 +40,9 @@ TRY: dict[str, str] = {
     "forecast": f"{_MODES} && slowtime forecast modes.json --nominal-hz 5 --threshold -0.1",
     "whatif": f"{_MODES} && slowtime whatif modes.json --nominal-hz 5 --nominal-damping 0.01 "
     "--load step --amplitude 1",
+    "reliability": """echo '{slowtime_reliability: 1, inputs: {"""
+    "r: {marginal: lognormal, mean: 10, sd: 1}, s: {marginal: gumbel, mean: 5, sd: 1}}, "
+    """limit_state: r - s}' > beam.yaml && slowtime reliability beam.yaml""",
 }
 FIRST = f"{_RECORD} && slowtime identify tower.mcap"
 LASTING = ("twin", "router")

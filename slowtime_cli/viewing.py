@@ -9,7 +9,7 @@ from slowtime_services.replay import RecordingError, contents, layout_of
 
 
 def layout(recording: Path, out: Path) -> None:
-    """Write a layout for Foxglove or Lichtblick that fits a recording."""
+    """Write a layout for Foxglove or Lichtblick to fit a recording."""
     try:
         counts = contents(recording).counts
         whole = layout_of([topic for topic, count in counts.items() if count])

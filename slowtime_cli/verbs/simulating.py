@@ -88,7 +88,7 @@ Examples:
     help="MCAP or NumPy (.npz) file to write.",
 )
 def simulate(name: str | None, model: Path | None, **_given: object) -> None:
-    """Write the vibration of a structure that ages, or of a model file.
+    """Write the vibration of an ageing structure or of a model file.
 
     With --structure, epoch by epoch: MCAP holds raw blocks with the simulator's truth beside
     them; .npz the samples (epoch, time), their slow times and the truth.

@@ -22,7 +22,7 @@ Open the recording in Foxglove or Lichtblick, and import the layout there.
 @click.argument("recording", type=EXISTING)
 @click.option("--out", required=True, type=OutFile(".json"), help="Layout to write.")
 def layout(**_given: object) -> None:
-    """Write a layout for Foxglove or Lichtblick that fits a recording.
+    """Write a layout for Foxglove or Lichtblick to fit a recording.
 
     A tab for each asset: frequency, stiffness, mass and damping with their 95 % intervals,
     validity, health and events.

@@ -15,7 +15,7 @@ from slowtime_cli.__main__ import VERBS, app
 from slowtime_cli.trying import FIRST, HEADING, LASTING, TRY
 from tests.docs.tutorials import can_run
 
-FILE = re.compile(r"[\w.-]+\.(csv|txt|npy|npz|mat|mcap|tdms|json|toml|yaml|sqlite|pem)")
+FILE = re.compile(r"[\w.-]+\.(csv|txt|npy|npz|mat|mcap|tdms|json|toml|yaml|sqlite|pem|py)")
 RUN = ("simulate", "identify", "evolve")
 
 

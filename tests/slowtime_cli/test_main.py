@@ -21,7 +21,7 @@ def test_the_list_of_verbs_says_what_each_verb_says_of_itself(verb):
 
 def test_the_list_of_verbs_fits_a_terminal_of_80_columns(run):
     said = run("--help").out
-    assert all(f"  {verb:9} {VERBS[verb].help}\n" in said for verb in VERBS)
+    assert all(f"  {verb:12} {VERBS[verb].help}\n" in said for verb in VERBS)
     commands = said.partition("Commands:")[2].partition("Examples:")[0]
     assert max(map(len, commands.splitlines())) < 80
 
