@@ -273,6 +273,14 @@ def _identified(series: Float[np.ndarray, " time"], extent: Extent) -> Identifie
     damping = posterior.value
     sd_f = float(frequency * np.sqrt(posterior.log_frequency_variance + extent.choice[0]))
     sd_z = float(np.hypot(posterior.sd, damping * np.sqrt(extent.choice[1])))
+    memories = 2 * np.pi * damping * frequency * data.duration_s
+    if memories < 1.0:
+        # Whatever the likelihood says at its edge: a damping whose memory is longer than the
+        # record cannot be told from none, nor better than a bin of half-power bandwidth.
+        bin_z = 0.5 / (frequency * data.duration_s)
+        sd_z = float(np.hypot(sd_z, bin_z))
+        share = bin_z / (4 * np.pi * frequency * data.duration_s)
+        sd_f = float(np.hypot(sd_f, frequency * np.sqrt(share)))
     flags = []
     if not fit.converged:
         flags.append("not_converged")
@@ -282,7 +290,7 @@ def _identified(series: Float[np.ndarray, " time"], extent: Extent) -> Identifie
         flags.append("on_edge")
     if not extent.holds:
         flags.append("misfit")
-    if 2 * np.pi * damping * frequency * data.duration_s < FEW:
+    if memories < FEW:
         flags.append("few_cycles")
     return Identified(
         frequency_hz=Measured(float(frequency), sd_f),

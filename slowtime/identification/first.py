@@ -174,15 +174,34 @@ def identify_candidate(
         return fit_ambient(columns, rate_hz, candidate)
     series = modal_series(columns, rate_hz, candidate)
     part = isolate(series, rate_hz, candidate)
+    doubtful: Identified | None = None
     if method == "free_decay" or not is_random(part, candidate):
         best = best_stretch(part, candidate)
         coloured = "coloured_residual" in best.identified.flags
         if method == "free_decay" or best.explained >= (CLEARLY if coloured else EXPLAINED):
-            return _flag_line(best.identified)
+            doubtful = _flag_line(best.identified)
+            if (
+                method == "free_decay"
+                or best.explained >= CLEARLY
+                or not _is_in_doubt(doubtful)
+            ):
+                return doubtful
     steady = fit_ambient_steady(columns, rate_hz, candidate)
-    if _is_burst(_in_band(series, rate_hz, part)):
+    is_burst = _is_burst(_in_band(series, rate_hz, part))
+    if doubtful is not None and (is_burst or verdict(steady) != "mode"):
+        return doubtful
+    if is_burst:
         steady = dataclasses.replace(steady, flags=(*steady.flags, "not_stationary"))
     return _flag_line(steady)
+
+
+def _is_in_doubt(decay: Identified) -> bool:
+    """Whether a decay may be a mode driven at random, of which a part looks like one.
+
+    Seen for a few times its memory, the best part of a random response is explained by decays
+    to 90 or 97 %, and what they leave is too short to show that it is no noise.
+    """
+    return not {"part_of_record", "not_decaying"}.isdisjoint(decay.flags)
 
 
 def _after_a_blow(record: LongRecord, low: float, high: float) -> Identified | None:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from slowtime.identification import ambient_law, first_mode, identify_ambient
+from slowtime_services.board import Board
 from tests.slowtime.identification.oscillators import drawn, record
 
 PLAIN = {"f": 4.0, "z": 0.02, "rate": 200.0, "seconds": 60.0, "noise": 0.01}
@@ -86,3 +87,24 @@ def test_five_hundred_drawn_records_hold_their_intervals():
     lawful = table[table[:, 3] >= 50]
     assert np.mean(lawful[:, 2] - 1 / lawful[:, 3]) == pytest.approx(1.0, abs=0.03)
     assert np.all(np.sqrt(np.mean(lawful[:, 4:] ** 2, axis=0)) < 1.15)
+
+
+@pytest.mark.long
+def test_a_random_response_seen_for_a_few_times_its_memory_is_not_read_as_a_decay():
+    """20 s at 3.2 Hz and 1 %: four times the memory; the noise is 30 dB below the motion."""
+    readings = Board(rate_hz=125.0, frequency_hz=3.2, damping_ratio=0.01).readings(
+        2_500, np.random.default_rng(5)
+    )
+    found = [first_mode(next(readings).counts[:, :2].astype(float), 125.0) for _ in range(24)]
+    modes = [mode for mode in found if mode is not None]
+    assert len(modes) >= 22
+    assert sum(mode.method == "free_decay" for mode in modes) <= 2
+    frequency = np.array([(m.frequency_hz.value - 3.2) / m.frequency_hz.sd for m in modes])
+    damping = np.array([(m.damping_ratio.value - 0.01) / m.damping_ratio.sd for m in modes])
+    # Of 24 intervals of 95 %, fewer than 19 hold with probability 0.2 %.
+    assert np.sum(np.abs(frequency) < 1.96) >= 19
+    assert np.sum(np.abs(damping) < 1.96) >= 19
+    for mode in modes:
+        memories = 2 * np.pi * mode.damping_ratio.value * mode.frequency_hz.value * 20.0
+        if mode.method == "ambient" and memories < 1.0:
+            assert mode.damping_ratio.sd > 0.5 / (mode.frequency_hz.value * 20.0)
