@@ -55,9 +55,7 @@ VERBS = {
         "List parts of your own that are installed.",
     ),
     "check": Verb("keeping:check", "Look through a twin's database for damage."),
-    "ledger": Verb(
-        "ledgering:ledger", "Keep, and check, what shows that nobody has rewritten a history."
-    ),
+    "ledger": Verb("ledgering:ledger", "Show that nobody has rewritten a history."),
     "backup": Verb("keeping:backup", "Copy a twin's database while the server writes it."),
     "restore": Verb("keeping:restore", "Put a backup in the place of a twin's database."),
     "export": Verb("exporting:export", "Write what a twin knows, or the samples of a record."),

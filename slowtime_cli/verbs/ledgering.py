@@ -24,7 +24,7 @@ the database has to forge those, too.
 """
 )
 def ledger() -> None:
-    """Keep, and check, what shows that nobody has rewritten a history."""
+    """Show that nobody has rewritten a history."""
 
 
 @ledger.command(cls=Deferred, work="ledgering:key", extra="twin")

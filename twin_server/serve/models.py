@@ -497,6 +497,26 @@ class HeadList(BaseModel):
 
     heads: list[HeadModel]
 
+    model_config = {
+        "json_schema_extra": {
+            "examples": [
+                {
+                    "heads": [
+                        {
+                            "number": 7,
+                            "t_ns": 1795233600123456789,
+                            "assets": 2,
+                            "root": "9f" * 32,
+                            "previous": "5c" * 32,
+                            "public": "phkz1zZnFSklHpcC5loUFGLlUp9TMlBk/UDa2AeoaYg=",
+                            "signature": "bm" * 43 + "==",
+                        }
+                    ]
+                }
+            ]
+        }
+    }
+
 
 _ORDER: dict[str, Any] = {"clock": "fast", "raw": {"duration_s": 60.0}, "quick": False}
 DIAGNOSIS_EXAMPLE: dict[str, Any] = {

@@ -124,7 +124,7 @@ def test_the_forecast_says_when_a_threshold_is_reached(server):
     median = crossing["times"][1]
     assert median["slow_time"] == pytest.approx(450.0, abs=60.0)
     assert median["ahead"] == pytest.approx(median["slow_time"] - 299.0)
-    assert crossing["sentence"].startswith("Stiffness change at -30 %: 10 %: by 4")
+    assert crossing["sentence"].startswith("Stiffness change at −30 %: 10 %: by 4")
     never = server.get(f"{TWIN}/forecast", threshold=-0.9, horizon=10).json()["crossings"][0]
     assert [time["slow_time"] for time in never["times"]] == [None] * 3
     assert "not within the horizon of 309" in never["sentence"]
@@ -291,7 +291,7 @@ def test_every_route_is_described_with_an_example(server):
         "/api/v1/dtdl", "/api/v1/recordings", "/api/v1/recordings/{name}",
         "/api/v1/recordings/{name}/replay", "/api/v1/twins/{twin_id}/alarms",
         "/api/v1/twins/{twin_id}/alarms/deliveries", "/api/v1/twins/{twin_id}/alarms/test",
-        "/api/v1/twins/{twin_id}/alarms/{event_id}/acknowledge",
+        "/api/v1/twins/{twin_id}/alarms/{event_id}/acknowledge", "/api/v1/ledger/heads",
     }  # fmt: skip
     for path, methods in document["paths"].items():
         for method, operation in methods.items():
@@ -299,6 +299,7 @@ def test_every_route_is_described_with_an_example(server):
     for name in (
         "State", "TwinModel", "Registration", "ModesModel", "DiagnosisOrder", "DiagnosisModel",
         "GapModel", "ForecastModel", "CrossingModel", "SimulationOrder", "SimulationModel",
+        "HeadList",
     ):  # fmt: skip
         assert document["components"]["schemas"][name]["examples"]
 
@@ -373,7 +374,7 @@ def test_a_hostile_message_is_counted_in_metrics_and_stops_nothing(
     own.feed([first])
     key, good, _, _ = sample(first)
     for payload in (b"\xff", good.replace(b'"slow_time":0.0', b'"slow_time":NaN'),
-                    good.replace(b'"version":2', b'"version":77'), bytes(2**21)):  # fmt: skip
+                    good.replace(b'"version":3', b'"version":77'), bytes(2**21)):  # fmt: skip
         own.bus.publish(key, payload, encoding="application/json")
     future = features(9, time_base="live", t_ns=SystemClock().now_ns() + 10**15)
     own.bus.publish(key, sample(future).payload, encoding="application/json")
