@@ -442,8 +442,8 @@ class SignedHead(Frozen):
     signature: Annotated[str, Field(description="Of number to public, base64.")]
 
 
-class Vouched(Message):
-    """What the twin server has accepted of an asset, signed: nobody can change it unnoticed."""
+class LedgerUpdate(Message):
+    """Rows that the twin server accepted for an asset, with a signed head that covers them."""
 
     MESSAGE: ClassVar[str] = "ledger"
     VERSION: ClassVar[int] = 1

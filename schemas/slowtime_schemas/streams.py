@@ -12,11 +12,11 @@ from .messages import (
     Event,
     Features,
     Health,
+    LedgerUpdate,
     Message,
     Registered,
     SensorSamples,
     TwinState,
-    Vouched,
 )
 from .raw_header import RawHeader
 
@@ -151,7 +151,7 @@ REGISTRATION = Stream(
 
 LEDGER = Stream(
     name="ledger",
-    message=Vouched,
+    message=LedgerUpdate,
     nominal_rate_hz=None,
     recorded=True,
     sender="twin",

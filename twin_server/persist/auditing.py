@@ -1,7 +1,7 @@
-"""A database against its ledger: what was changed, put in, taken out or moved since a head.
+"""Compares a database with its ledger: finds rows changed, inserted, deleted or moved.
 
-A checksum of a row shows what decays; whoever writes the file can compute it again. A signed
-head he cannot: the key is elsewhere. What came after the last head, nobody vouches for yet.
+Checksums of rows detect decay, but a forger can recompute them. The forger cannot sign a head,
+because the key is not in the database. Rows accepted after the last head are not covered yet.
 """
 
 import dataclasses
@@ -15,7 +15,7 @@ from slowtime_services.ledger import (
     Head,
     Leaf,
     Link,
-    Standing,
+    MerkleTree,
     beginning,
     features_digest,
     followed,
@@ -40,18 +40,18 @@ _AT_ONCE = 1_000
 
 @dataclasses.dataclass
 class Audit:
-    """What a database is worth by its ledger.
+    """Result of comparing a database with its ledger.
 
     Parameters
     ----------
     wrong
-        What is not as it was accepted, a sentence each; empty if all is.
+        Differences from what was accepted, one sentence each; empty if there are none.
     heads
         How many signed heads there are, and the last one.
     vouched, waiting
-        Entries that the last head vouches for, and those that came after it.
+        Number of entries that the last head covers, and of those after it.
     notes
-        What could not be told, and why.
+        Checks that could not be made, and why.
     """
 
     wrong: list[str] = dataclasses.field(default_factory=list)
@@ -111,9 +111,9 @@ def audit(
 
 def _heads(
     reader: Any, found: Audit, public: str | None, kept: Head | None
-) -> tuple[Standing, dict[str, dict[int, str]]]:
+) -> tuple[MerkleTree, dict[str, dict[int, str]]]:
     """Check the chain of heads; give what the last vouches for, and each end ever signed."""
-    standing, links = Standing(), dict[str, dict[int, str]]()
+    standing, links = MerkleTree(), dict[str, dict[int, str]]()
     number, seen = 0, False
     while rows := heads_after(reader, number, _AT_ONCE, newest=False):
         for row in rows:
@@ -141,7 +141,7 @@ def _heads(
 
 
 def _is_right(
-    head: Head, row: Any, found: Audit, public: str | None, standing: Standing
+    head: Head, row: Any, found: Audit, public: str | None, standing: MerkleTree
 ) -> bool:
     which = f"head {row.number}"
     if (head.number, head.t_ns) != (row.number, row.t_ns):

@@ -1,4 +1,4 @@
-"""The ledger's tables: what a cut accepts is chained to what was accepted before it.
+"""Tables of the ledger: each accepted row is chained to the one before it.
 
 A block holds the entries of one twin and one cut, so that a cut of thousands of rows costs one
 row more. Chains and heads are described in `slowtime_services.ledger`.

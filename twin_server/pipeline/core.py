@@ -40,6 +40,7 @@ from twin_server.registration import Registration
 from twin_server.settings import TwinSettings
 
 from .estimating import NOTHING, begun, estimate_anew, estimate_next, noted, registered
+from .ledger_signing import LedgerSigner
 from .news import Listener
 from .precedence import Precedence
 from .records import (
@@ -56,7 +57,6 @@ from .records import (
 )
 from .routing import Routing
 from .voice import ACK_EVERY_S, Proof, Voice
-from .vouching import Voucher
 
 logger = logging.getLogger(__name__)
 
@@ -119,11 +119,13 @@ class Pipeline:
         self._stale = True
         self._heard: dict[tuple[str, str], int] = {}
         self._sensors = SensorWatch(self._told_of_sensor)
-        self.voucher: Voucher | None = None
+        self.ledger_signer: LedgerSigner | None = None
         if settings.ledger.key is not None:
             signer = Signer.read(settings.ledger.key)
             every_s = settings.ledger.every_s
-            self.voucher = Voucher(store, self._clock, signer, every_s, self._voice.say)
+            self.ledger_signer = LedgerSigner(
+                store, self._clock, signer, every_s, self._voice.say
+            )
         self._load()
 
     def start(self) -> None:
@@ -324,19 +326,19 @@ class Pipeline:
                 self._guarded(self._precedence.step)
                 self._guarded(self._voice.acknowledge)
                 self._guarded(lambda: self._voice.announce_all(self._twins))
-                self._guarded(self._vouch)
+                self._guarded(self._sign_ledger)
             if self._inbox.closed and not samples and not self._calls:
-                self._guarded(lambda: self._vouch(at_once=True))
+                self._guarded(lambda: self._sign_ledger(at_once=True))
                 return
 
-    def _vouch(self, *, at_once: bool = False) -> None:
-        """Sign what has been accepted, where there is a key and it is time."""
-        if self.voucher is None or self._stale:
+    def _sign_ledger(self, *, at_once: bool = False) -> None:
+        """Sign a head of the ledger, if the server has a key and the interval has passed."""
+        if self.ledger_signer is None or self._stale:
             return
         if at_once:
-            self.voucher.sign(self._clock.now_ns())
+            self.ledger_signer.sign(self._clock.now_ns())
         else:
-            self.voucher.step()
+            self.ledger_signer.step()
 
     def _guarded(self, function: Callable[[], object]) -> None:
         """Go on whatever happens."""

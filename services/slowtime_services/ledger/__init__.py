@@ -1,4 +1,4 @@
-"""A ledger that cannot be rewritten: rows in, a chain of hashes and signed heads over it out.
+"""Tamper-evident ledger: accepted rows in, hash chains and signed Merkle heads out.
 
 Source: section 2.7 of the book, which asks for it; trees as in RFC 6962, signatures RFC 8032.
 """
@@ -15,15 +15,15 @@ from .chain import (
     words_digest,
 )
 from .heads import Head, Leaf, follows, headed
-from .standing import Standing
-from .tree import proof, proven, root
+from .merkle_tree import MerkleTree
+from .tree import proven, root
 
 __all__ = [
     "Entry",
     "Head",
     "Leaf",
     "Link",
-    "Standing",
+    "MerkleTree",
     "beginning",
     "features_digest",
     "followed",
@@ -31,7 +31,6 @@ __all__ = [
     "headed",
     "linked",
     "packed",
-    "proof",
     "proven",
     "root",
     "unpacked",

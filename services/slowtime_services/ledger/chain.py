@@ -1,4 +1,4 @@
-"""Each accepted row of an asset is hashed with the one before it: nothing between can change.
+"""Hash chain of an asset: each accepted row is hashed together with the row before it.
 
 SHA-256 throughout. The chain of an asset begins at the hash of its name, so that none of its
 links is one of another asset, and does not depend on in which table or shard it is kept.
@@ -61,11 +61,7 @@ def linked(link: Link, entries: Iterable[Entry]) -> Link:
     >>> linked(begun, [other, one]).digest == linked(begun, [one, other]).digest
     False
     """
-    length, digest = link
-    for entry in entries:
-        digest = hashlib.sha256(digest + entry.written).digest()
-        length += 1
-    return Link(length, digest)
+    return followed(link, packed(entries))
 
 
 def followed(link: Link, block: bytes) -> Link:

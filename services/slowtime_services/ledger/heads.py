@@ -1,7 +1,7 @@
-"""What is signed now and then: one hash over the chains and histories of all assets.
+"""Signed heads: one hash over the chains and histories of all assets.
 
-A head names the one before it by its hash, so that heads are a chain as well: who keeps one of
-them elsewhere knows of all before it, and of any that ends too early.
+Each head contains the hash of the head before, so that heads form a chain. A copy of one head,
+kept elsewhere, therefore proves all heads before it, and reveals a chain that was cut.
 """
 
 import hashlib
@@ -16,7 +16,7 @@ _NOTHING = "0" * 64
 
 
 class Leaf(NamedTuple):
-    """What a head vouches for of one asset."""
+    """Leaf of the Merkle tree: the state of one asset's chain and history."""
 
     asset: str
     length: int
@@ -94,7 +94,7 @@ def headed(root: str, assets: int, before: Head | None, t_ns: int, signer: Signe
     Parameters
     ----------
     root
-        Hash over the leaves of so many assets (see `Standing`).
+        Hash over the leaves of so many assets (see `MerkleTree`).
     before
         The head before; None for the first.
     """

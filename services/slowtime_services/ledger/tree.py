@@ -1,4 +1,4 @@
-"""One hash over many leaves, and a short proof that a leaf is among them (RFC 6962, 2.1).
+"""Hashes of a Merkle tree (RFC 6962, section 2.1).
 
 Leaves and branches are hashed with different first bytes, so that no branch passes for a leaf.
 """
@@ -30,26 +30,8 @@ def root(leaves: Sequence[bytes]) -> bytes:
     return row[0]
 
 
-def proof(leaves: Sequence[bytes], index: int) -> list[tuple[str, bytes]]:
-    """Give what the leaf at `index` is hashed with up to the root, and on which side."""
-    row, found = [leaf_hash(leaf) for leaf in leaves], []
-    while len(row) > 1:
-        other = index ^ 1
-        if other < len(row):
-            found.append(("left" if other < index else "right", row[other]))
-        row, index = paired(row), index // 2
-    return found
-
-
 def proven(leaf: bytes, path: Sequence[tuple[str, bytes]]) -> bytes:
-    """Give the root that a leaf and its proof lead to.
-
-    Examples
-    --------
-    >>> leaves = [b"a", b"b", b"c", b"d", b"e"]
-    >>> all(proven(leaf, proof(leaves, i)) == root(leaves) for i, leaf in enumerate(leaves))
-    True
-    """
+    """Compute the root from a leaf and its audit path: the side and hash of each sibling."""
     found = leaf_hash(leaf)
     for side, other in path:
         found = _branch(other, found) if side == "left" else _branch(found, other)

@@ -3,9 +3,9 @@
 from .blocks import block_of, raw_blocks, record_of, record_or_foreign
 from .checking import check
 from .layout import layout_of
+from .ledger_check import Verdict, verdicts
 from .playing import PLAYED, Played, Progress, replay
 from .reading import Contents, Recorded, RecordingError, contents, read_recording
-from .vouching import Verdict, verdicts
 
 __all__ = [
     "PLAYED",

@@ -16,9 +16,9 @@ from twin_server.persist import Cut, SqliteStore, StateRow, TwinRow, audit_file,
 from twin_server.persist.hashing import Rolling, Row, insert_digests, rolled
 from twin_server.persist.layout import build_levels
 from twin_server.persist.ledgering import Ends, of_features, of_registration
-from twin_server.persist.sealing import FEATURES, RUNS, TWINS
+from twin_server.persist.sealing import FEATURES, HEADS, RUNS, TWINS
 from twin_server.persist.searching import whole
-from twin_server.pipeline.vouching import Voucher
+from twin_server.pipeline.ledger_signing import LedgerSigner
 
 from .test_levels import cut_of, states_of
 
@@ -48,7 +48,7 @@ def house(tmp_path_factory, key):
     """A database of two twins and three boots, one of which comes late, under eight heads."""
     path = tmp_path_factory.mktemp("house") / "twin.sqlite"
     store = SqliteStore(path)
-    voucher = Voucher(store, Ticking(), Signer.read(key[0]), 60.0, lambda *_: None)
+    signer = LedgerSigner(store, Ticking(), Signer.read(key[0]), 60.0, lambda *_: None)
     store.write(Cut(twins=[TwinRow("lab", asset, "{}", "{}") for asset in TWINS_OF]))
     kept = []
     for part in range(8):
@@ -61,8 +61,8 @@ def house(tmp_path_factory, key):
             store.write(
                 Cut(acknowledgements=[Acknowledgement("e1", "lab.beam", 7, "ann", "ann", "")])
             )
-        voucher.step()
-        kept.append(voucher.head)
+        signer.step()
+        kept.append(signer.head)
     store.close()
     return path, kept
 
@@ -284,11 +284,11 @@ def test_a_cut_end_is_found_by_a_head_that_was_kept(house, key, tmp_path):
 def store_at(path, key, parts):
     """The database of `house` as it was after some parts."""
     store = SqliteStore(path)
-    voucher = Voucher(store, Ticking(), Signer.read(key[0]), 60.0, lambda *_: None)
+    signer = LedgerSigner(store, Ticking(), Signer.read(key[0]), 60.0, lambda *_: None)
     store.write(Cut(twins=[TwinRow("lab", asset, "{}", "{}") for asset in TWINS_OF]))
     for part in range(parts):
         store.write(cut_of(1, states_of(np.arange(20 * part, 20 * part + 20))))
-        voucher.step()
+        signer.step()
     store.close()
 
 
@@ -314,7 +314,7 @@ def test_what_an_operator_does_is_no_forgery(tmp_path, key, act):
     path = tmp_path / "twin.sqlite"
     store_at(path, key, parts=3)
     store = SqliteStore(path)
-    voucher = Voucher(store, Ticking(), Signer.read(key[0]), 60.0, lambda *_: None)
+    signer = LedgerSigner(store, Ticking(), Signer.read(key[0]), 60.0, lambda *_: None)
     if act == "estimated anew":
         twin = TwinRow("lab", "beam", '{"changes":"mass"}', "{}")
         states = states_of(np.arange(60), seed=9)
@@ -329,10 +329,36 @@ def test_what_an_operator_does_is_no_forgery(tmp_path, key, act):
         store.write(cut_of(1, states_of(np.arange(60, 80))))
     before = audit_file(path, public=key[1])
     assert before.wrong == [] or act == "deleted and begun again"
-    voucher.sign(Ticking().now_ns() + 10**18)
+    signer.sign(Ticking().now_ns() + 10**18)
     store.close()
     after = check(path, key)
     assert (after.wrong, after.notes, after.waiting) == ([], [], 0)
+
+
+def head_row(writer, number):
+    (body,) = writer.execute("select body from heads where number = ?", (number,)).fetchone()
+    return json.loads(body)
+
+
+def test_a_head_that_was_removed_is_missed(house, key, tmp_path):
+    def remove(writer, rng):
+        del rng
+        writer.execute("delete from heads where number = 4")
+
+    found = audit_file(forged(house, tmp_path, remove, 0, covered=False), public=key[1])
+    assert any("head 5 does not follow the one before" in what for what in found.wrong)
+
+
+def test_leaves_beside_a_head_are_those_that_it_signs(house, key, tmp_path):
+    def exchange(writer, rng):
+        del rng
+        told = head_row(writer, 8)
+        told["leaves"][0][1] -= 1
+        row = HEADS.sealed((8, told["head"]["t_ns"], json.dumps(told)))
+        writer.execute("update heads set body = ?, crc = ? where number = 8", row[2:])
+
+    found = audit_file(forged(house, tmp_path, exchange, 0, covered=False), public=key[1])
+    assert any("head 8 vouches for other chains" in what for what in found.wrong)
 
 
 def test_heads_are_a_chain_and_say_so_in_json(house):

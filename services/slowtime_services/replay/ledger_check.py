@@ -1,11 +1,11 @@
-"""Features of a recording against what the server says, signed, that it accepted."""
+"""Compares the features of a recording with the signed ledger messages in it."""
 
 import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 
 from slowtime_schemas.codec import Refused, decode_sample
-from slowtime_schemas.messages import Accepted, Features, SignedHead, Vouched
+from slowtime_schemas.messages import Accepted, Features, LedgerUpdate, SignedHead
 from slowtime_schemas.streams import FEATURES, LEDGER
 from slowtime_services.ledger import (
     Entry,
@@ -23,7 +23,7 @@ from .reading import read_recording
 
 @dataclasses.dataclass
 class Verdict:
-    """What a recording is worth of one asset.
+    """Result for one asset of a recording.
 
     Parameters
     ----------
@@ -65,13 +65,13 @@ def verdicts(path: Path | str, public: str | None = None) -> dict[str, Verdict]:
         If it is no sound recording.
     """
     there: dict[str, dict[tuple[str, int], bytes]] = {}
-    said: dict[str, list[Vouched]] = {}
+    said: dict[str, list[LedgerUpdate]] = {}
     for message in read_recording(path, streams=[FEATURES, LEDGER]):
         try:
             read = decode_sample(message.key, message.payload)
         except Refused:
             continue
-        if isinstance(read, Vouched):
+        if isinstance(read, LedgerUpdate):
             said.setdefault(read.twin_id, []).append(read)
         elif isinstance(read, Features):
             key = (read.boot, read.sequence)
@@ -89,10 +89,10 @@ def verdicts(path: Path | str, public: str | None = None) -> dict[str, Verdict]:
 
 
 def _verdict(
-    there: dict[tuple[str, int], bytes], said: list[Vouched], public: str | None
+    there: dict[tuple[str, int], bytes], said: list[LedgerUpdate], public: str | None
 ) -> Verdict:
     found = Verdict()
-    before: Vouched | None = None
+    before: LedgerUpdate | None = None
     vouched: set[tuple[str, int]] = set()
     heads: dict[int, SignedHead] = {}
     for message in sorted(said, key=lambda one: one.head.number):
@@ -112,7 +112,7 @@ def _verdict(
     return found
 
 
-def _why_not_signed(message: Vouched, public: str | None) -> str | None:
+def _why_not_signed(message: LedgerUpdate, public: str | None) -> str | None:
     head = Head(**message.head.model_dump())
     if not head.is_signed or head.public != (public or head.public):
         return "is not signed with the server's key"
@@ -127,8 +127,8 @@ def _why_not_signed(message: Vouched, public: str | None) -> str | None:
 
 def _follow(
     there: dict[tuple[str, int], bytes],
-    before: Vouched | None,
-    message: Vouched,
+    before: LedgerUpdate | None,
+    message: LedgerUpdate,
     vouched: set[tuple[str, int]],
     found: Verdict,
 ) -> None:

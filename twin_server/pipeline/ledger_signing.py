@@ -1,7 +1,7 @@
-"""Signs now and then what all twins have accepted, and tells the bus: a head for each change.
+"""Signs heads of the ledger periodically, and publishes them on the bus.
 
-It works in the pipeline's own thread, between batches, so that the ends of the chains and the
-hashes of the histories that it signs together belong together.
+Runs in the pipeline's own thread, between batches: the chains and the histories that one head
+covers then belong to the same moment.
 """
 
 import itertools
@@ -9,11 +9,11 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 
 from slowtime_schemas.codec import encode
-from slowtime_schemas.messages import Accepted, Branch, SignedHead, Vouched
+from slowtime_schemas.messages import Accepted, Branch, LedgerUpdate, SignedHead
 from slowtime_schemas.streams import LEDGER
 from slowtime_services.clock import Clock
 from slowtime_services.credentials import Signer
-from slowtime_services.ledger import Entry, Head, Leaf, Link, Standing, headed
+from slowtime_services.ledger import Entry, Head, Leaf, Link, MerkleTree, headed
 from slowtime_services.ledger import chain as kinds
 from twin_server.persist import HeadRow, Store
 
@@ -28,8 +28,8 @@ _LOW = (1 << 40) - 1
 Publish = Callable[[str, bytes, str], None]
 
 
-class Voucher:
-    """Signs what a store has accepted.
+class LedgerSigner:
+    """Signs heads over the chains of all twins of a store.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Voucher:
     ) -> None:
         self._store, self._clock, self._signer = store, clock, signer
         self._every_ns, self._publish = round(every_s * 1e9), publish
-        self.standing = Standing()
+        self.merkle = MerkleTree()
         kept = [json.loads(row.body) for row in store.heads(limit=LOOKED_BACK, newest=True)]
         self.head = Head.of(kept[-1]["head"]) if kept else None
         leaves = (Leaf(*leaf) for one in kept for leaf in one["leaves"])
@@ -52,22 +52,20 @@ class Voucher:
         self._sequence = 0
 
     def step(self) -> None:
-        """Sign, if it is time and anything has changed."""
+        """Sign a head if the interval has passed and a chain has grown."""
         now_ns = self._clock.now_ns()
         if self.head is None or now_ns >= self.head.t_ns + self._every_ns:
             self.sign(now_ns)
 
     def sign(self, now_ns: int) -> Head | None:
-        """Sign what has changed since the head before; None where nothing has."""
+        """Sign a head; return None where no chain has grown since the one before."""
         ends = self._store.ends()
         leaves = [leaf for leaf in map(self._leaf, ends, ends.values()) if leaf is not None]
         if not leaves:
             return None
-        self.standing.take(leaves)
+        self.merkle.take(leaves)
         t_ns = max(now_ns, self.head.t_ns if self.head is not None else now_ns)
-        head = headed(
-            self.standing.root, len(self.standing.leaves), self.head, t_ns, self._signer
-        )
+        head = headed(self.merkle.root, len(self.merkle.leaves), self.head, t_ns, self._signer)
         body = json.dumps({"head": head._asdict(), "leaves": leaves}, separators=(",", ":"))
         self._store.add_head(HeadRow(head.number, head.t_ns, body))
         self.head = head
@@ -76,8 +74,8 @@ class Voucher:
         return head
 
     def _leaf(self, twin_id: str, end: Link) -> Leaf | None:
-        """Give what is to be vouched for of a twin; None where nothing is new."""
-        before = self.standing.leaves.get(twin_id)
+        """Return the leaf of a twin; None where its chain has not grown."""
+        before = self.merkle.leaves.get(twin_id)
         if before is not None and before.end == end:
             return None
         digest, count = self._store.digest(twin_id)
@@ -90,7 +88,7 @@ class Voucher:
             since = leaf.length
         self._told[leaf.asset] = leaf.length
         self._sequence += 1
-        message = Vouched(
+        message = LedgerUpdate(
             site=site,
             asset=asset,
             boot=NO_BOOT,
@@ -103,7 +101,7 @@ class Voucher:
             accepted_after=since,
             accepted=tuple(accepted(self._store.entries(leaf.asset, since), self._boots())),
             proof=tuple(
-                Branch(side=side, hash=other) for side, other in self.standing.proof(leaf.asset)
+                Branch(side=side, hash=other) for side, other in self.merkle.proof(leaf.asset)
             ),
             head=SignedHead(**head._asdict()),
         )
@@ -114,7 +112,7 @@ class Voucher:
 
 
 def accepted(entries: Sequence[Entry], boots: dict[int, str]) -> Iterator[Accepted]:
-    """Write entries shortly: consecutive features of a boot by the first and the last."""
+    """Write entries compactly: consecutive features of a boot as one range."""
     for _, group in itertools.groupby(
         enumerate(entries),
         lambda one: (

@@ -1,4 +1,4 @@
-"""Many leaves that change one at a time, and one hash over all: a branch a change."""
+"""A Merkle tree whose leaves are replaced one at a time, at the cost of one branch each."""
 
 from collections.abc import Iterable
 from typing import Literal
@@ -9,19 +9,22 @@ from .heads import Leaf
 Side = Literal["left", "right"]
 
 
-class Standing:
-    """Leaves of all assets, in the order of their names.
+class MerkleTree:
+    """Merkle tree over the leaves of all assets, in the order of their names.
 
     Examples
     --------
     >>> leaves = [Leaf(name, 1, "00" * 32, 0, "00" * 32) for name in ("a", "b", "c")]
-    >>> standing = Standing()
-    >>> standing.take(leaves)
-    >>> standing.root == tree.root([leaf.written for leaf in leaves]).hex()
+    >>> merkle = MerkleTree()
+    >>> merkle.take(leaves)
+    >>> merkle.root == tree.root([leaf.written for leaf in leaves]).hex()
     True
-    >>> standing.take([leaves[1]._replace(length=2)])
-    >>> standing.root == tree.root([leaf.written for leaf in leaves]).hex()
+    >>> merkle.take([leaves[1]._replace(length=2)])
+    >>> merkle.root == tree.root([leaf.written for leaf in leaves]).hex()
     False
+    >>> path = [(side, bytes.fromhex(other)) for side, other in merkle.proof("c")]
+    >>> tree.proven(leaves[2].written, path).hex() == merkle.root
+    True
     """
 
     def __init__(self) -> None:
@@ -52,7 +55,7 @@ class Standing:
         return (self._rows[-1][0] if self._rows else tree.root([])).hex()
 
     def proof(self, asset: str) -> list[tuple[Side, str]]:
-        """Give what shows that an asset's leaf is under the root (see `tree.proof`)."""
+        """Return the audit path of an asset's leaf: side and hash of each sibling."""
         place, found = self._place[asset], list[tuple[Side, str]]()
         for row in self._rows[:-1]:
             other = place ^ 1
