@@ -64,6 +64,7 @@ def test_one_constant_that_is_far_off_by_itself_is_an_effect(fit):
     assert not alone_off(pulled(fit, **two), LOST)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("lost", "told"), [(250.0, True), (30.0, False)])
 def test_a_constant_that_is_far_off_is_told_beside_a_law_that_leaves_something(
     monkeypatch, lost, told
@@ -134,6 +135,7 @@ def test_two_curves_that_share_a_place_may_be_one_that_is_unknown(fit, second, s
     assert all(answer.probability < 1 for answer in found.answers) is doubted
 
 
+@pytest.mark.long
 def test_once_the_time_is_up_what_was_fitted_last_is_compared_with(monkeypatch):
     """What it is compared with is not fitted anew; no other hold is asked."""
     effects = (HARD, Effect("stiffness_loss", SECOND, {"dk_n_per_m": 250.0}))
@@ -169,6 +171,7 @@ def test_once_the_time_is_up_what_was_fitted_last_is_compared_with(monkeypatch):
     np.testing.assert_array_equal(late.fits[-1].values, in_time.fits[-1].values)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("k3", "told"), [(20.0, True), (5.0, False)])
 def test_a_faint_law_after_which_all_is_noise_is_told_beside_a_loud_fault(k3, told):
     """Louder noise would be left by any law."""

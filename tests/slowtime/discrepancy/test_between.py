@@ -294,6 +294,7 @@ def test_of_two_accounts_that_which_leaves_less_is_kept(straight, chi2, counts, 
     assert diagnosing._leaves_less(account, other) is less
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("least", "share", "found"),
     [(10.0, 0.5, ("first",)), (10.0, 0.9, None), (2.0, 0.9, ("first",))],

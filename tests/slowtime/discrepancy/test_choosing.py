@@ -29,6 +29,7 @@ def test_what_explains_how_records_begin_and_nothing_of_the_rest_comes_before_no
     assert not begins(dataclasses.replace(best, fit=worse), label_of(CUBIC), bent)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("at", "left", "leaves", "told"),
     [

@@ -87,6 +87,7 @@ def test_a_law_is_seen_once_the_input_that_hides_it_may_be_late():
     assert delay.effect.parameters["delay_s"] == pytest.approx(0.019, rel=0.2)
 
 
+@pytest.mark.long
 def test_where_a_law_is_seen_no_input_is_asked_whether_it_is_late(monkeypatch):
     before, _, tried, trials = asked(RIG, (SINGS,))
     monkeypatch.setattr("slowtime.discrepancy.delayed.refitted", None)

@@ -135,6 +135,7 @@ def test_of_laws_that_all_leave_much_none_is_among_those_in_doubt(ridden):
     assert found.experiment is None
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("closed")
 @pytest.mark.parametrize("shaken", [False, True])
 def test_what_swings_as_a_shaken_base_makes_it_is_not_taken_to_ride_there(ridden, shaken):
@@ -208,6 +209,7 @@ def steady():
     return rig, tuple(found)
 
 
+@pytest.mark.long
 def test_constants_that_leave_nothing_may_stand_for_a_law(steady):
     rig, trials = steady
     bent = refit(Plant.of(rig, kinds=KINDS), trials)
@@ -332,6 +334,7 @@ def test_further_down_one_goes_too_where_nothing_could_be_refitted(far_off):
     assert more([]) == []
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("closed")
 @pytest.mark.parametrize(("share", "goes_down"), [(0.59, False), (0.61, True)])
 def test_where_a_law_explains_much_another_is_looked_for_beside_it(far_off, share, goes_down):
@@ -343,6 +346,7 @@ def test_where_a_law_explains_much_another_is_looked_for_beside_it(far_off, shar
     assert bool(more([best])) is goes_down
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("closed")
 def test_labels_are_given_once_and_where_one_leaves_little_never(far_off):
     bent, before, tried, trials = far_off

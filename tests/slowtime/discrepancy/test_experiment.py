@@ -70,6 +70,7 @@ def test_of_rivals_each_must_part_from_each(rivals, trials):
     assert three == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.long
 def test_a_rival_that_goes_with_another_everywhere_does_not_hinder(rivals, trials):
     assert propose([*rivals, rivals[1]], trials, KINDS) == propose(rivals, trials, KINDS)
     assert propose([rivals[0], rivals[0], rivals[1]], trials, KINDS) is None

@@ -119,6 +119,7 @@ def test_what_one_sensor_cannot_tell_from_the_best_is_tried_as_early(monkeypatch
     assert far == sorted(far)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("left", "few"), [(0.9, False), (1.1, True)])
 def test_where_several_are_missing_fewer_are_refitted_before_the_next_is_sought(
     monkeypatch, left, few
@@ -163,6 +164,7 @@ def test_what_was_not_tried_with_its_rivals_is_not_named(monkeypatch, shaken):
     assert found.hurried
 
 
+@pytest.mark.long
 def test_who_has_no_time_left_says_that_more_was_not_tried():
     trials = seen((CUBIC,))
     first = refit(Plant.of(TWO, kinds=KINDS), trials)

@@ -79,6 +79,7 @@ def test_a_base_that_nobody_measured_stays_named_and_constants_are_as_given(foun
 LAST = Effect("sensor_drift", Place("sensor", ONE.sensors[0].channel), {"drift_total": 0.0})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("behind", [False, True])
 def test_a_drift_that_is_a_word_only_stays_alone_and_goes_with_what_leads_astray(found, behind):
     """No answer is left without a fit, nor an end to the search without what ended it."""

@@ -206,6 +206,7 @@ def test_the_stronger_of_two_is_told_alone(two):
     assert IN_PIECES * two.before.data < best.cost < TELLS * best.bare
 
 
+@pytest.mark.long
 def test_nothing_is_told_once_it_is_late(stop):
     counts = itertools.count()
     assert stop.told(late=lambda: True) == []

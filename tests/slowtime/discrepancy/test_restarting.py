@@ -110,6 +110,7 @@ def test_what_begins_as_it_goes_on_is_left_alone(thrown, monkeypatch):
     assert restarted(short, tuple(t.part(0, 300) for t in trials)) is None
 
 
+@pytest.mark.long
 def test_what_would_leave_more_is_not_taken(thrown, monkeypatch):
     _, trials, _, stray = thrown
     monkeypatch.setattr(restarting, "left_by", lambda fit: 0.0 if fit is stray else 1.0)
@@ -131,6 +132,7 @@ def test_a_state_is_found_from_far_away_and_a_good_one_is_kept(thrown):
     assert state_from_many(plant, head, noise, right.values, known, 0 * size) is known
 
 
+@pytest.mark.long
 def test_a_state_is_looked_for_where_sensors_say_and_never_where_runs_go_away():
     sensors = (
         Sensor(channel="x", quantity="displacement", node="m1", unit="m"),

@@ -73,12 +73,14 @@ def test_a_neighbour_of_the_right_law_gives_way_once_the_other_is_in(trials, nei
     assert [len(fit.plant.effects) for fit in better.fits] == [0, 1, 2]
 
 
+@pytest.mark.long
 def test_what_is_right_stays_as_it_is(trials):
     found = accounted(trials, HARD, LOUD)
     assert not worth_it(found, KINDS)
     assert revised(found, KINDS, None, Watch()) is found
 
 
+@pytest.mark.long
 def test_it_is_not_worth_it_for_one_effect_nor_for_what_ended_or_was_cut(trials):
     found = accounted(trials, PLAY, LOUD)
     assert worth_it(found, KINDS)

@@ -131,6 +131,7 @@ def test_a_wandering_that_stands_behind_a_law_is_not_forgotten():
     assert [len(fit.plant.effects) for fit in found.fits] == [0, 1, 2]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sure", [0.6, 0.95])
 def test_doubts_about_what_stays_outlive_what_was_needless(sure):
     trials = seen((CUBIC,))
@@ -229,6 +230,7 @@ def test_what_a_wandering_sensor_was_said_to_be_off_by_gives_way(beside):
     assert found.unheard
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("named", "stays"),
     [
@@ -347,6 +349,7 @@ def test_a_mass_and_the_factors_that_do_the_same_are_told_apart_by_no_one_alone(
     assert "added_mass" in told
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("share", "count"), [(1e-4, 1), (4e-4, 2)])
 def test_more_effects_have_to_explain_more_than_a_fleck_of_what_was_missing(share, count):
     trials = seen((CUBIC,))
@@ -471,6 +474,7 @@ def test_once_one_explains_half_those_that_would_leave_more_are_given_up():
     assert far.isdisjoint(map(label_of, asked))
 
 
+@pytest.mark.long
 def test_one_law_that_explains_all_is_not_made_two():
     trials = seen((CUBIC,))
     first = unbent(refit(Plant.of(TWO, kinds=KINDS), trials), trials)
@@ -519,6 +523,7 @@ def test_an_account_with_an_effect_is_weighed_against_one_without(shared):
     assert likelier(found, branch, KINDS) is branch
 
 
+@pytest.mark.long
 def test_an_account_under_another_hold_ends_the_comparison(shared, monkeypatch):
     trials, first, *_ = shared
     named = refit_all(first, [Candidate(SOFT, 0.0, 0.0, 0.0)], trials, KINDS, lambda *_: False)

@@ -74,6 +74,7 @@ def test_two_that_need_a_constant_that_is_off_are_no_answer(lacking, monkeypatch
     assert told.fits[-1].chi2_in_band < 1.2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("best", "on"), [(1e4, True), (30.0, False)])
 def test_a_pair_that_is_near_is_fitted_on_from_where_it_was_given_up(monkeypatch, best, on):
     """A moment before the instant of its switch: it is right from there on."""

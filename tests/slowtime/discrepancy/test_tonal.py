@@ -35,6 +35,7 @@ def test_what_hums_has_one_line_and_a_law_has_many(effects, hums):
     assert tonal(located(*effects)[1]) is hums
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("hums", [True, False])
 def test_a_hum_is_tried_everywhere_and_all_else_where_a_force_explains_it(monkeypatch, hums):
     before, found = located(HUM)

@@ -115,6 +115,7 @@ def test_a_spring_is_tried_in_its_place_whatever_inputs_do_between_samples(linke
     assert found.link.between == between
 
 
+@pytest.mark.long
 def test_no_spring_does_what_an_oscillator_does(ridden):
     named, before = oscillator_for(ridden, "m2")
     link = instead_of(named.fit, 0, before, ridden, KINDS)

@@ -41,6 +41,7 @@ def test_a_hidden_effect_is_named_and_its_band_is_narrower_and_holds(truth):
     assert score.held[0] >= 0.85 * score.later
 
 
+@pytest.mark.long
 def test_plain_wandering_is_not_called_a_discovery():
     report = slow.diagnose_history(*_past(hidden((), np.random.default_rng(SAMPLE), 160)))
     assert report.verdict == "nothing_missing"
