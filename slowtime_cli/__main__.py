@@ -98,6 +98,9 @@ VERBS = {
     "reliability": Verb(
         "reliability:reliability", "Tell how probable failure is, by several methods."
     ),
+    "design": Verb(
+        "design:design", "Choose a damper, mass or stiffness that is cheap, robust and safe."
+    ),
 }
 ROOMS = (
     "edge_agent", "slowtime", "slowtime_cli", "slowtime_schemas", "slowtime_services",

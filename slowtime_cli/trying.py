@@ -43,6 +43,10 @@ TRY: dict[str, str] = {
     "reliability": """echo '{slowtime_reliability: 1, inputs: {"""
     "r: {marginal: lognormal, mean: 10, sd: 1}, s: {marginal: gumbel, mean: 5, sd: 1}}, "
     """limit_state: r - s}' > beam.yaml && slowtime reliability beam.yaml""",
+    "design": """echo '{slowtime_design: 1, variables: {area: {lower: 1, upper: 9}}, """
+    "inputs: {load: {marginal: gumbel, mean: 5, sd: 1}}, objective: {formula: area}, "
+    """limit_states: {yielding: {formula: 3 * area - load, probability: 0.001}}}' > rod.yaml """
+    "&& slowtime design rod.yaml",
 }
 FIRST = f"{_RECORD} && slowtime identify tower.mcap"
 LASTING = ("twin", "router")

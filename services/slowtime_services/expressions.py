@@ -95,6 +95,12 @@ class Expression:
         self.text, self.names = text, tuple(names)
         self._check(self._tree, 0)
 
+    @property
+    def used(self) -> frozenset[str]:
+        """Names of inputs that the formula speaks of."""
+        spoken = {node.id for node in ast.walk(self._tree) if isinstance(node, ast.Name)}
+        return frozenset(spoken & {*self.names})
+
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Value at each point [sample]."""
         columns = dict(zip(self.names, x.T, strict=True))

@@ -3,7 +3,7 @@
 import importlib.util
 import inspect
 import pathlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,12 @@ from slowtime.reliability import (
     correlated,
     marginal,
 )
-from slowtime_schemas.reliability_file import CopulaOf, RandomInput, ReliabilityFile
+from slowtime_schemas.reliability_file import (
+    CopulaOf,
+    Correlation,
+    RandomInput,
+    ReliabilityFile,
+)
 
 from .expressions import Expression
 from .models.lines import Path, YamlError, read_with_lines
@@ -85,7 +90,7 @@ def parse_problem(text: str, name: str, own: Callable[..., Any] | None = None) -
     try:
         file = ReliabilityFile.model_validate(values)
     except ValidationError as error:
-        told = sorted({_fault(item, lines) for item in error.errors(include_url=False)})
+        told = sorted({fault_of(item, lines) for item in error.errors(include_url=False)})
         raise ReliabilityFileError(
             "\n".join(f"{name}, line {line}: {sentence}" for line, sentence in told[:8])
         ) from None
@@ -102,7 +107,9 @@ def _problem(
         try:
             return work(*given)
         except ValueError as error:
-            raise ReliabilityFileError(f"{name}, line {_line(where, lines)}: {error}") from None
+            raise ReliabilityFileError(
+                f"{name}, line {line_of(where, lines)}: {error}"
+            ) from None
 
     def law(given: RandomInput) -> Marginal:
         return marginal(given.marginal, **(given.__pydantic_extra__ or {}))
@@ -110,9 +117,9 @@ def _problem(
     inputs = {key: at(("inputs", key), law, one) for key, one in file.inputs.items()}
     dependence: dict[tuple[str, ...], Copula] = {}
     for number, group in enumerate(file.copulas):
-        dependence[group.of] = at(("copulas", number), _copula, group)
+        dependence[group.of] = at(("copulas", number), copula_of, group)
     if file.correlations:
-        dependence |= at(("correlations",), _correlated, inputs, file)
+        dependence |= at(("correlations",), correlations_of, inputs, file.correlations)
     limit_state: LimitState
     if own is not None:
         if file.limit_state is not None or file.parts:
@@ -137,18 +144,20 @@ def _problem(
     return problem
 
 
-def _correlated(
-    inputs: Mapping[str, Any], file: ReliabilityFile
+def correlations_of(
+    inputs: Mapping[str, Any], given: Sequence[Correlation]
 ) -> dict[tuple[str, ...], Copula]:
-    kinds = {kind for one in file.correlations for kind in one.given()}
+    """Copula of the inputs that correlations in a file join."""
+    kinds = {kind for one in given for kind in one.given()}
     if len(kinds) > 1:
         raise ValueError(f"{', '.join(sorted(kinds))}: give all correlations in one kind.")
     kind = kinds.pop()
-    pairs = {one.between: one.given()[kind] for one in file.correlations}
+    pairs = {one.between: one.given()[kind] for one in given}
     return correlated(inputs, pairs, kind)  # type: ignore[arg-type]  # one of its literals
 
 
-def _copula(group: CopulaOf) -> Copula:
+def copula_of(group: CopulaOf) -> Copula:
+    """Copula that a file names."""
     if group.copula == "student":
         if group.freedom is None or group.correlation is None or group.theta is not None:
             raise ValueError("A student copula takes freedom and correlation, and no theta.")
@@ -195,18 +204,19 @@ def _executed(path: pathlib.Path, wanted: str) -> Any:
     return getattr(module, wanted)
 
 
-def _fault(item: Any, lines: Mapping[Path, int]) -> tuple[int, str]:
+def fault_of(item: Any, lines: Mapping[Path, int]) -> tuple[int, str]:
+    """Line of a fault that pydantic has found in a file, and a sentence."""
     where = tuple(item["loc"])
     last = where[-1] if where else "file"
     if item["type"] == "extra_forbidden":
-        return _line(where, lines), f"unknown key `{last}`."
+        return line_of(where, lines), f"unknown key `{last}`."
     if item["type"] == "missing":
-        return _line(where, lines), f"`{last}` is missing. Add it."
+        return line_of(where, lines), f"`{last}` is missing. Add it."
     said = item["msg"].removeprefix("Value error, ")
-    return _line(where, lines), f"`{last}`: {said}."
+    return line_of(where, lines), f"`{last}`: {said}."
 
 
-def _line(where: Path, lines: Mapping[Path, int]) -> int:
+def line_of(where: Path, lines: Mapping[Path, int]) -> int:
     """Line of the place, or of the nearest one around it that the file has."""
     while where and where not in lines:
         where = where[:-1]
