@@ -40,6 +40,7 @@ class Diagram:
         self._minimal: dict[int, int] = {}
         self._without: dict[tuple[int, int], int] = {}
         self._closed: dict[int, int] = {}
+        self._having: dict[tuple[int, int], int] = {}
         self._steps = 0
 
     def build(self, tree: Node, order: Mapping[str, int]) -> int:
@@ -89,11 +90,16 @@ class Diagram:
             return 0
         if at == variable:
             return self._set(at, 0, self.high[family])
-        return self._set(
+        if (known := self._having.get((family, variable))) is not None:
+            return known
+        found = self._set(
             at,
             self.containing(self.low[family], variable),
             self.containing(self.high[family], variable),
         )
+        self._count()
+        self._having[family, variable] = found
+        return found
 
     def closure(self, family: int) -> int:
         """Make the function that is true where all of some set is true."""

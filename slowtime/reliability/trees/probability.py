@@ -7,6 +7,7 @@ groups.
 """
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -15,7 +16,7 @@ from jaxtyping import Float
 
 from .bounds import any_dependence
 from .dependence import Conditional, Group, Marginals, grouped
-from .diagram import Diagram
+from .diagram import Diagram, TooLargeTreeError
 from .structure import Node, members
 
 MOST_VALUES = 4_000_000
@@ -37,7 +38,7 @@ class Importance:
         the share of failures that would not be if this member could not fail.
     fussell_vesely
         Probability that all of some minimal cut set with the member has failed, given that the
-        system has.
+        system has; NaN where the minimal cut sets are too many to be counted.
 
     References
     ----------
@@ -116,8 +117,8 @@ def analyse(
     plan = _Plan(tree, groups)
     _check(plan.names, marginals)
     one = {name: np.array([marginals[name]], dtype=np.float64) for name in plan.names}
-    cuts = [plan.cut_event(name) for name in plan.names]
-    whole, *of_cuts = plan.evaluate([plan.root, *cuts], one)[:, 0].tolist()
+    whole, *of_cuts = plan.evaluate([plan.root, *plan.cut_events()], one)[:, 0].tolist()
+    of_cuts = of_cuts or [math.nan] * len(plan.names)
     critical, at_fault = plan.criticality(one)
     importance = {
         name: Importance(
@@ -144,12 +145,19 @@ class _Plan:
         ]
         self._diagram = Diagram()
         self.root = self._diagram.build(tree, self._variables)
-        self._cuts = self._diagram.minimal(self.root)
 
-    def cut_event(self, name: str) -> int:
-        """Make the function "all of some minimal cut set with this member has failed"."""
-        having = self._diagram.containing(self._cuts, self._variables[name])
-        return self._diagram.closure(having)
+    def cut_events(self) -> list[int]:
+        """Make of each member "all of some minimal cut set with it has failed".
+
+        Empty where the cut sets are too many.
+        """
+        diagram = self._diagram
+        try:
+            cuts = diagram.minimal(self.root)
+            numbers = [self._variables[name] for name in self.names]
+            return [diagram.closure(diagram.containing(cuts, one)) for one in numbers]
+        except TooLargeTreeError:
+            return []
 
     def evaluate(
         self, roots: Sequence[int], marginals: Marginals
@@ -243,7 +251,8 @@ def _as_placed(group: Group, names: Sequence[str]) -> list[str]:
 
 
 def _share(part: float, whole: float) -> float:
-    return min(max(part / whole, 0.0), 1.0) if whole > 0.0 else 0.0
+    share = part / whole if whole > 0.0 else 0.0
+    return share if math.isnan(share) else min(max(share, 0.0), 1.0)
 
 
 def _check(names: Sequence[str], marginals: Mapping[str, Any]) -> None:
