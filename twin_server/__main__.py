@@ -23,6 +23,7 @@ from twin_server.persist import Store, WrongStoreError, open_store
 from twin_server.pipeline import (
     Alarms,
     Bell,
+    Compositions,
     Herald,
     Lookout,
     Orders,
@@ -178,6 +179,7 @@ def _serve(
     orders = Orders(
         pipeline, store, settings.diagnose, settings.gap, diagnosis, bus=bus, clock=clock
     )
+    compositions = Compositions(pipeline, store, clock)
     recordings = Recordings(
         settings.diagnose.recordings,
         settings.recordings,
@@ -187,6 +189,7 @@ def _serve(
     app = create_app(
         knowledge, hub, settings.serve, orders, recordings,
         largest_recording=settings.recordings.max_bytes, lane=lane, alarming=alarms,
+        compositing=compositions,
     )  # fmt: skip
     door_of = guard.around(app)
     connections = Connections(_limits(settings))

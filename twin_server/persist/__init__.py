@@ -1,6 +1,7 @@
 """Third stage of the twin: what was accepted and estimated goes to disk, and is read there."""
 
 from .auditing import Audit, audit
+from .compositing import CompositeRow
 from .copying import backup, restore
 from .diagnosing import DiagnosisRow
 from .errors import DamagedStoreError, StoreError, WrongStoreError
@@ -22,6 +23,7 @@ from .store import (
 
 __all__ = [
     "Audit",
+    "CompositeRow",
     "Cut",
     "DamagedStoreError",
     "DetailRow",

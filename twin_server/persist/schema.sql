@@ -1,4 +1,4 @@
--- Version 7. A feature's id is number << 40 | sequence: boots are numbered in the order in which
+-- Version 8. A feature's id is number << 40 | sequence: boots are numbered in the order in which
 -- they were let in, so that ascending ids are a twin's history in order. Each row has checksums
 -- of what it says (see sealing.py).
 create table twins (
@@ -127,6 +127,17 @@ create table acknowledgements (
   crc integer not null
 );
 create index acknowledgements_of_twin on acknowledgements (twin);
+-- Composites as they were registered, one row each time (see compositing.py): the last one of a
+-- composite is in force, and an empty `body` says that it was deleted.
+create table composites (
+  number integer primary key,
+  composite text not null,
+  t_ns integer not null,
+  principal text not null,
+  body text not null,
+  crc integer not null
+);
+create index composites_of_id on composites (composite, number);
 -- What was accepted, hashed row by row with what was before it (see ledgering.py): blocks of
 -- entries of one twin, `count` of them up to the end of this one, whose hash is `link`.
 create table ledger (

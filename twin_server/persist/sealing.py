@@ -77,12 +77,13 @@ DELIVERIES = _table(
     "id",
 )
 ACKNOWLEDGEMENTS = _table("acknowledgements", "event twin t_ns by_whom principal note", "event")
+COMPOSITES = _table("composites", "number composite t_ns principal body", "number")
 LEDGER = _table("ledger", "twin count entries link", "twin, count")
 HEADS = _table("heads", "number t_ns body", "number")
 NUMBERS = _table("numbers", "what value", "what")
 TABLES = (
     TWINS, RUNS, FEATURES, DETAILS, LEVELS, DIGESTS, HELD, EVENTS, DIAGNOSES, DELIVERIES,
-    ACKNOWLEDGEMENTS, LEDGER, HEADS, NUMBERS,
+    ACKNOWLEDGEMENTS, COMPOSITES, LEDGER, HEADS, NUMBERS,
 )  # fmt: skip
 
 

@@ -13,7 +13,8 @@ from twin_server.buckets import Buckets, thin
 from twin_server.deliveries import Acknowledgement, Delivery, State, Tally
 from twin_server.states import from_bytes
 
-from . import delivering, diagnosing, ledgering
+from . import compositing, delivering, diagnosing, ledgering
+from .compositing import CompositeRow
 from .detailing import changes, column, delete_details, has_details, insert_details
 from .diagnosing import DiagnosisRow
 from .hashing import Rolling, Row, insert_digests, rolled
@@ -432,6 +433,19 @@ class SqlStore(abc.ABC):
         """Read who has taken note of which alarms of a twin."""
         with self._reading() as reader:
             return delivering.acknowledged(reader, twin_id)
+
+    def composites(self, composite: str | None = None) -> list[CompositeRow]:
+        """Read what was registered of composites, or of one, in order."""
+        with self._reading() as reader:
+            return compositing.read(reader, composite)
+
+    def add_composites(self, rows: Sequence[CompositeRow]) -> None:
+        """Keep what was registered, all at once, under the next numbers."""
+        with self._writing() as writer:
+            following = (_number(writer, "composite") or 0) + 1
+            compositing.insert(writer, rows, following)
+            if rows:
+                _note_number(writer, "composite", following + len(rows) - 1)
 
     def ends(self) -> dict[str, Link]:
         """End of the chain of each twin, of deleted ones as well."""

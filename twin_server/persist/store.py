@@ -14,6 +14,7 @@ from twin_server.deliveries import Acknowledgement, Delivery, State, Tally
 from twin_server.details import Bodies, Detail
 from twin_server.states import States
 
+from .compositing import CompositeRow
 from .diagnosing import DiagnosisRow
 from .ledgering import HeadRow
 
@@ -280,6 +281,14 @@ class Store(Protocol):
 
     def acknowledgements(self, twin_id: str) -> dict[str, Acknowledgement]:
         """Who has taken note of which alarms of a twin, by the identity of the event."""
+        ...
+
+    def composites(self, composite: str | None = None) -> list[CompositeRow]:
+        """All that was registered of composites, or of one, in order."""
+        ...
+
+    def add_composites(self, rows: Sequence[CompositeRow]) -> None:
+        """Keep what was registered, all at once, under the next numbers."""
         ...
 
     def ends(self) -> dict[str, Link]:

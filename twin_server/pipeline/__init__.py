@@ -1,6 +1,7 @@
 """The order of the stages, and the one thread that keeps it: samples in, history out."""
 
 from .alarming import Alarms, Bell
+from .compositing import Compositions
 from .core import Pipeline
 from .knowledge import Herald, TwinKnowledge
 from .lookout import Lookout
@@ -11,6 +12,7 @@ from .tracing import Tracing
 from .workers import Here, Processes, Workers
 
 __all__ = [
+    "Compositions",
     "Alarms",
     "Bell",
     "Herald",

@@ -19,8 +19,19 @@ from twin_server.registration import Registration
 from twin_server.rendering import event_object, points, state_objects
 from twin_server.settings import ServeSettings
 
-from . import alarms, diagnoses, exports, forecasts, models, problems, recordings, simulations
+from . import (
+    alarms,
+    composites,
+    diagnoses,
+    exports,
+    forecasts,
+    models,
+    problems,
+    recordings,
+    simulations,
+)
 from .alarms import Alarming
+from .composites import Compositing
 from .diagnoses import Ordering
 from .document import document
 from .few import Few
@@ -79,6 +90,7 @@ def create_app(
     largest_recording: int = 0,
     lane: Lane | None = None,
     alarming: Alarming | None = None,
+    compositing: Compositing | None = None,
 ) -> FastAPI:
     """Make the ASGI application; without `ordering`, one that diagnoses nothing.
 
@@ -90,6 +102,8 @@ def create_app(
         Where it is waited for what takes long; by default one as the settings say.
     alarming
         Of alarms and their deliveries; without it, alarms are events only.
+    compositing
+        Of composites; without it, there are none.
     """
     if lane is None:
         lane = Lane(settings.workers, settings.max_waiting, settings.max_waiting_of_one)
@@ -107,7 +121,9 @@ def create_app(
     app.add_middleware(BodyLimit, max_bytes=settings.max_body_bytes, larger=larger)
     known = registered_in(knowledge)
     changing = Few(2)
-    app.include_router(_twins(knowledge, hub, settings, known, changing), prefix="/api/v1")
+    app.include_router(
+        _twins(knowledge, hub, settings, known, changing, compositing), prefix="/api/v1"
+    )
     app.include_router(forecasts.routes(knowledge, settings, known, lane), prefix="/api/v1")
     app.include_router(simulations.routes(knowledge, known, lane), prefix="/api/v1")
     app.include_router(exports.routes(knowledge, known, settings.max_exports), prefix="/api/v1")
@@ -115,6 +131,10 @@ def create_app(
         app.include_router(diagnoses.routes(ordering, known, changing), prefix="/api/v1")
     if alarming is not None:
         app.include_router(alarms.routes(alarming, known), prefix="/api/v1")
+    if compositing is not None:
+        app.include_router(
+            composites.routes(knowledge, compositing, known, lane), prefix="/api/v1"
+        )
     if keeping is not None:
         app.include_router(recordings.routes(keeping), prefix="/api/v1")
     app.include_router(_operations(knowledge, hub, settings, lane, alarming))
@@ -130,6 +150,7 @@ def _twins(
     settings: ServeSettings,
     known: Callable[[str], Awaitable[Registration]],
     changing: Few,
+    compositing: Compositing | None,
 ) -> APIRouter:
     api = APIRouter(tags=["twins"])
     listing, reading = Few(2), Few(2)
@@ -179,6 +200,12 @@ def _twins(
     ) -> Response:
         """Register a twin, or register it anew: its history is then estimated again."""
         passed(request.scope)
+        if compositing is not None and twin_id in compositing.all():
+            raise ProblemError(
+                409,
+                "is-a-composite",
+                f"{twin_id} is a composite. Give the twin another id, or delete the composite.",
+            )
         new = await changing.run(lambda: knowledge.register(twin_id, registration))
         told = await run_in_threadpool(described, twin_id, registration, None)
         return Response(told, 201 if new else 200, media_type=JSON)

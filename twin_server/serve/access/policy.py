@@ -40,11 +40,12 @@ class Rule:
 
 _V1 = "/api/v1"
 _TWIN = f"{_V1}/twins/{{twin_id}}"
+_COMPOSITE = f"{_V1}/composites/{{composite_id}}"
 _RECORDING = f"{_V1}/recordings/{{name}}"
 _SEE = [(f"{_TWIN}{more}", Scope.VIEWER) for more in (
     "", "/history", "/history/hash", "/history/export", "/dtdl", "/modes", "/forecast",
     "/events", "/live", "/gap", "/alarms", "/alarms/deliveries",
-    "/diagnoses", "/diagnoses/{number}", "/diagnoses/{number}/{name}",
+    "/memberships", "/diagnoses", "/diagnoses/{number}", "/diagnoses/{number}/{name}",
 )]  # fmt: skip
 _DO = [
     ("PUT", _TWIN, Scope.OPERATOR),
@@ -78,6 +79,12 @@ POLICY: tuple[Rule, ...] = (
     Rule("DELETE", _RECORDING, Reach.LISTED, Scope.ADMIN),
     Rule("POST", f"{_RECORDING}/replay", Reach.LISTED, Scope.OPERATOR),
     Rule("DELETE", f"{_RECORDING}/replay", Reach.LISTED, Scope.OPERATOR),
+    Rule("GET", f"{_V1}/composites", Reach.LISTED),
+    Rule("GET", _COMPOSITE, Reach.TWIN),
+    Rule("PUT", _COMPOSITE, Reach.TWIN, Scope.OPERATOR),
+    Rule("DELETE", _COMPOSITE, Reach.TWIN, Scope.ADMIN),
+    Rule("GET", f"{_COMPOSITE}/members", Reach.TWIN),
+    Rule("GET", f"{_COMPOSITE}/revisions", Reach.TWIN),
     *(Rule("GET", path, Reach.TWIN, scope) for path, scope in _SEE),
     *(Rule(method, path, Reach.TWIN, scope) for method, path, scope in _DO),
 )
@@ -89,7 +96,7 @@ _PATTERNS = [(rule, rule.pattern) for rule in POLICY]
 
 
 def find(method: str, path: str) -> tuple[Rule, str | None]:
-    """Rule of a request, and the twin it is about.
+    """Rule of a request, and the twin or the composite it is about.
 
     Examples
     --------
@@ -102,5 +109,6 @@ def find(method: str, path: str) -> tuple[Rule, str | None]:
     asked = "GET" if method == "HEAD" else method
     for rule, pattern in _PATTERNS:
         if rule.method == asked and (match := pattern.match(path)) is not None:
-            return rule, match.groupdict().get("twin_id")
+            found = match.groupdict()
+            return rule, found.get("twin_id", found.get("composite_id"))
     return UNKNOWN, None

@@ -280,7 +280,7 @@ def test_large_trees_of_like_assets_are_quick_and_tangled_ones_refused():
     assert found.probability > stats.binom.sf(2, 20, row)
     one = found.importance["m0"]
     assert math.isnan(one.fussell_vesely)  # 2e9 minimal cut sets and more
-    assert 0 < one.criticality < found.importance["m199"].criticality * 10
+    assert one.criticality > found.importance["m199"].criticality  # its row fails together
     rng = np.random.default_rng(0)
     tangled = series(*(k_of_n(20, *rng.choice(names, 40, replace=False)) for _ in range(40)))
     with pytest.raises(trees.TooLargeTreeError, match="too entangled"):

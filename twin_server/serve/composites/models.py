@@ -1,0 +1,189 @@
+"""Answers about composites, as the API's document describes them."""
+
+from typing import Any, Literal
+
+from pydantic import BaseModel, Field
+
+Kind = Literal["site", "line", "structure"]
+
+
+class HealthOfTwins(BaseModel):
+    """Of all twins within a composite; valid where all of them are."""
+
+    twins: int
+    alive: int
+    valid_twins: int
+    valid: bool
+    alarms: int = Field(description="Alarms that are raised now.")
+    reasons: list[str]
+
+
+class HealthOfComposite(HealthOfTwins):
+    """Beside that, the twin that accounts for most of the failures."""
+
+    worst: str | None
+
+
+class Chance(BaseModel):
+    """A failure probability with its 95 % band; null where nothing is known."""
+
+    value: float | None
+    lo: float
+    hi: float
+
+
+class ChanceWithReasons(Chance):
+    """Beside that, why it should not be relied on."""
+
+    reasons: list[str]
+
+
+class AnyDependence(BaseModel):
+    """Bounds that hold however the members depend on each other."""
+
+    lo: float
+    hi: float
+
+
+class FailureOfComposite(ChanceWithReasons):
+    """Probability that the composite fails within the horizon."""
+
+    lowest: float = Field(description="All members at the lower ends of their bands.")
+    highest: float = Field(description="All members at the upper ends of their bands.")
+    any_dependence: AnyDependence
+    horizon: float | None = Field(description="How far ahead, in slow time.")
+    slow_time_unit: str | None
+
+
+class ImportanceOfTwin(BaseModel):
+    """How much a twin matters; see `docs/composites.md`."""
+
+    birnbaum: float
+    criticality: float
+    fussell_vesely: float | None
+
+
+class MemberOfComposite(BaseModel):
+    """A direct member: a twin, or a composite of some kind."""
+
+    id: str
+    kind: Kind | Literal["twin"]
+    valid: bool
+    failure: dict[str, Any]
+
+
+class TwinOfComposite(BaseModel):
+    """A twin within a composite, at any depth."""
+
+    id: str
+    name: str
+    alive: bool
+    valid: bool
+    reasons: list[str]
+    alarms: list[dict[str, Any]]
+    failure: ChanceWithReasons
+    importance: ImportanceOfTwin | None
+
+
+class RateModel(BaseModel):
+    """A drift rate per slow time, with its 95 % interval; null where it does not exist."""
+
+    value: float | None
+    sd: float | None
+    lo: float | None
+    hi: float | None
+
+
+class OwnRate(BaseModel):
+    """What a twin's own readings say."""
+
+    value: float
+    sd: float
+
+
+class PooledRate(RateModel):
+    """Rate of a member, given the readings of all."""
+
+    id: str
+    shrinkage: float = Field(description="Share drawn towards the fleet: 0 to 1.")
+    own: OwnRate | None
+
+
+class PoolModel(BaseModel):
+    """Drift rates of like members."""
+
+    quantity: str
+    slow_time_unit: str | None
+    fleet: RateModel
+    spread: RateModel
+    another: RateModel = Field(description="Of an asset of which nothing is known yet.")
+    members: list[PooledRate]
+
+
+class CompositeModel(BaseModel):
+    """A composite, and all that is known of it."""
+
+    id: str
+    name: str
+    kind: Kind
+    registration: dict[str, Any]
+    health: HealthOfComposite
+    failure: FailureOfComposite
+    tree: dict[str, Any]
+    members: list[MemberOfComposite]
+    twins: list[TwinOfComposite]
+    pooled: list[PoolModel]
+
+
+class CompositeBrief(BaseModel):
+    """A composite in a list: without what takes forecasts."""
+
+    id: str
+    name: str
+    kind: Kind
+    members: list[str]
+    health: HealthOfTwins
+
+
+class CompositeList(BaseModel):
+    """All composites whose twins the caller sees."""
+
+    composites: list[CompositeBrief]
+
+
+class MemberBrief(BaseModel):
+    """A member by its id, and whether it is a twin or a composite."""
+
+    id: str
+    kind: Kind | Literal["twin"]
+
+
+class MemberList(BaseModel):
+    """Members, and the twins within at any depth."""
+
+    id: str
+    members: list[MemberBrief]
+    twins: list[str]
+
+
+class MembershipList(BaseModel):
+    """Composites that a twin is in: at once, and at any height."""
+
+    id: str
+    composites: list[str]
+    above: list[str]
+
+
+class Revision(BaseModel):
+    """A registration of a composite; null where it was deleted."""
+
+    t_ns: int
+    principal: str
+    registration: dict[str, Any] | None
+
+
+class RevisionList(BaseModel):
+    """All registrations of a composite, in order."""
+
+    id: str
+    revisions: list[Revision]
