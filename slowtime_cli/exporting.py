@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-FLAGS = ("asset", "site", "start", "end")
+FLAGS = ("asset", "site", "start", "end", "dtdl")
 """What is said of a twin's history, and not of a record."""
 SQLITE = b"SQLite format 3\0"
 
@@ -29,7 +29,7 @@ def export(
         export_twin(source, server, **of_twin, form=kind, out=out)
         return
     _refuse(of_twin, "a twin's database or --server", f"{source} is a record")
-    if kind == "json":
+    if kind in ("json", "jsonld"):
         raise click.UsageError(
             "JSON is a graph of twins, of a database or --server. Write a record as .csv, "
             ".parquet or .uff."

@@ -11,14 +11,16 @@ import click
 
 from slowtime_services.client import AnswerError, Client
 from twin_server.persist import WrongStoreError, backup
-from twin_server.pipeline import TwinKnowledge
+from twin_server.pipeline import Compositions, TwinKnowledge
 from twin_server.serve.exports import (
+    Form,
     NotInstalledError,
     assets_of,
     columns_of,
     graph,
     pages_of,
     written,
+    written_as,
 )
 from twin_server.serve.moments import MomentError, parse_moment
 
@@ -35,14 +37,16 @@ def export_twin(
     end: str | None,
     form: str,
     out: Path,
+    dtdl: str | None = None,
 ) -> None:
     """Write what a twin knows as CSV, Parquet or DTDL."""
+    graph_form: Form = "json-ld" if form == "jsonld" else "dtdl-2" if dtdl == "2" else "dtdl-3"
     with removed_unless_finished(out), _sentences():
         if server is not None:
-            _of_server(Client(server), form, asset, site, start, end, out)
+            _of_server(Client(server), form, asset, site, start, end, out, graph_form)
         else:
             assert database is not None
-            _of_file(database, form, asset, site, start, end, out)
+            _of_file(database, form, asset, site, start, end, out, graph_form)
     click.echo(f"{out}: {out.stat().st_size:,} bytes")
 
 
@@ -54,10 +58,15 @@ def _of_server(
     start: str | None,
     end: str | None,
     out: Path,
+    graph_form: Form,
 ) -> None:
-    if form == "json":
-        whole = client.dtdl(site=site) if asset is None else client.dtdl_of(asset)
-        _write(out, whole)
+    if form in ("json", "jsonld"):
+        told = (
+            client.dtdl(site=site, form=graph_form)
+            if asset is None
+            else client.dtdl_of(asset, form=graph_form)
+        )
+        _write(out, told)
         return
     which = _one_of([twin.id for twin in client.twins()], asset)
     kind = cast(Literal["csv", "parquet"], form)
@@ -72,6 +81,7 @@ def _of_file(
     start: str | None,
     end: str | None,
     out: Path,
+    graph_form: Form,
 ) -> None:
     moments = [None if text is None else parse_moment(text) for text in (start, end)]
     with tempfile.TemporaryDirectory() as folder:
@@ -81,10 +91,12 @@ def _of_file(
         with offline_twin(copy) as (pipeline, store):
             knowledge = TwinKnowledge(pipeline, store)
             known = knowledge.ids()
-            if form == "json":
+            if form in ("json", "jsonld"):
                 of_site = [i for i in known if site in (None, i.partition(".")[0])]
                 chosen = of_site if asset is None else [_one_of(known, asset)]
-                _write(out, graph(list(assets_of(knowledge, chosen))))
+                composites = Compositions(pipeline, store).all()
+                whole = graph(list(assets_of(knowledge, chosen)), composites)
+                _write(out, written_as(whole, graph_form))
                 return
             which = _one_of(known, asset)
             registration = knowledge.registration(which)

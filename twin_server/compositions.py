@@ -87,7 +87,7 @@ def tree_of(composite_id: str, composites: Composites) -> Node:
 
 
 def groups_of(composite_id: str, composites: Composites) -> tuple[Group, ...]:
-    """Groups of dependent twins, those of composites below included; equal ones once."""
+    """Collect groups of dependent twins, also of composites below; equal ones once."""
     names = [composite_id, *below(composite_id, composites)]
     every = [one.group() for name in names for one in composites[name].dependence]
     leaves = set(members(tree_of(composite_id, composites)))

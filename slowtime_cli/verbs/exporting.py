@@ -9,7 +9,7 @@ from slowtime_cli.options import Name, OutFile
 
 from .flags import EXISTING, reading_flags
 
-ENDINGS = (".csv", ".parquet", ".json", ".uff", ".unv")
+ENDINGS = (".csv", ".parquet", ".json", ".jsonld", ".uff", ".unv")
 
 
 @click.command(
@@ -26,7 +26,7 @@ Examples:
 
 Of a record, .csv, .parquet and .uff (UFF 58b) hold its samples. Of a twin, .csv and .parquet
 hold the history, a row a state; .json holds a site, its twins and their relations as a graph
-with models in DTDL version 3, which twin platforms load.
+with models in DTDL, which twin platforms load, and .jsonld the same graph as JSON-LD.
 """,
 )
 @click.argument("source", required=False, type=EXISTING)
@@ -42,8 +42,13 @@ with models in DTDL version 3, which twin platforms load.
 @click.option(
     "--format",
     "form",
-    type=click.Choice(["csv", "parquet", "uff", "json"]),
+    type=click.Choice(["csv", "parquet", "uff", "json", "jsonld"]),
     help="What to write.  [default: by the ending of --out]",
+)
+@click.option(
+    "--dtdl",
+    type=click.Choice(["2", "3"]),
+    help="Of .json: version of the models.  [default: 3]",
 )
 @click.option("--out", required=True, type=OutFile(), help="File to write.")
 @reading_flags

@@ -16,7 +16,12 @@ from twin_server.compositions import (
     twins_of,
 )
 
+PAIR = {"members": ["lab.a", "lab.b"]}
 TWINS = {f"lab.t{i}" for i in range(20)}
+
+
+def depends(kind, one, other):
+    return {"members": [f"lab.t{one}", f"lab.t{other}"], kind: 0.1}
 
 
 def composite(*names, **more):
@@ -84,20 +89,28 @@ def test_dependence_of_a_composite_holds_in_what_contains_it():
         ("lab.line", composite("lab.site"), "lab.line → lab.site → lab.line"),
         (
             "lab.x",
-            composite("lab.t1", "lab.t2", dependence=[{"members": ["lab.t1", "lab.t9"], "rho": 0.1}]),
+            composite("lab.t1", "lab.t2", dependence=[depends("rho", 1, 9)]),
             "`dependence` names lab.t9, not a twin in the tree",
         ),
         (
             "lab.x",
             composite(
-                "lab.t1", "lab.t2", "lab.t3",
-                dependence=[{"members": ["lab.t1", "lab.t2"], "rho": 0.1}, {"members": ["lab.t2", "lab.t3"], "beta": 0.1}],
+                "lab.t1",
+                "lab.t2",
+                "lab.t3",
+                dependence=[depends("rho", 1, 2), depends("beta", 2, 3)],
             ),
             "'lab.t2' is in two groups",
         ),
-        ("lab.x", composite("lab.line", failing={"lab.line": {"quantity": "stiffness_change", "at": -0.1}}), "`failing` names lab.line"),
+        (
+            "lab.x",
+            composite(
+                "lab.line", failing={"lab.line": {"quantity": "stiffness_change", "at": -0.1}}
+            ),
+            "`failing` names lab.line",
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_is_refused_with_what_to_change(name, wanted, says):
     known = registered(line=LINE, site=SITE)
     with pytest.raises(WrongCompositeError, match=says):
@@ -145,14 +158,20 @@ def test_trees_that_double_at_each_level_are_counted_before_they_are_made():
         ({"members": []}, "at least 1"),
         ({"members": ["lab.a", "lab.a"]}, "names one twice"),
         ({"members": ["Lab.A"]}, "pattern"),
-        ({"members": ["lab.a"], "tree": {"series": ["lab.b"]}}, "`tree` names lab.b, not among"),
-        ({"members": ["lab.a"], "tree": {"series": ["lab.a"], "parallel": ["lab.a"]}}, "Give one of them"),
+        (
+            {"members": ["lab.a"], "tree": {"series": ["lab.b"]}},
+            "`tree` names lab.b, not among",
+        ),
+        (
+            {"members": ["lab.a"], "tree": {"series": ["lab.a"], "parallel": ["lab.a"]}},
+            "Give one of them",
+        ),
         ({"members": ["lab.a"], "tree": {"k": 2, "of": ["lab.a"]}}, "k=2 of 1 inputs"),
-        ({"members": ["lab.a", "lab.b"], "dependence": [{"members": ["lab.a", "lab.b"]}]}, "either beta"),
-        ({"members": ["lab.a", "lab.b"], "dependence": [{"members": ["lab.a", "lab.b"], "rho": -0.1}]}, "greater than or equal to 0"),
+        ({**PAIR, "dependence": [PAIR]}, "either beta"),
+        ({**PAIR, "dependence": [{**PAIR, "rho": -0.1}]}, "greater than or equal to 0"),
         ({"members": ["lab.a"], "alike": ["lab.b"]}, "`alike` names lab.b"),
     ],
-)  # fmt: skip
+)
 def test_a_registration_that_is_wrong_in_itself_says_where(given, says):
     with pytest.raises(ValidationError, match=says):
         Composite.model_validate(given)

@@ -12,9 +12,9 @@ from .tracing import Tracing
 from .workers import Here, Processes, Workers
 
 __all__ = [
-    "Compositions",
     "Alarms",
     "Bell",
+    "Compositions",
     "Herald",
     "Here",
     "Listener",

@@ -126,7 +126,11 @@ def create_app(
     )
     app.include_router(forecasts.routes(knowledge, settings, known, lane), prefix="/api/v1")
     app.include_router(simulations.routes(knowledge, known, lane), prefix="/api/v1")
-    app.include_router(exports.routes(knowledge, known, settings.max_exports), prefix="/api/v1")
+    all_composites = dict if compositing is None else compositing.all
+    app.include_router(
+        exports.routes(knowledge, known, settings.max_exports, all_composites),
+        prefix="/api/v1",
+    )
     if ordering is not None:
         app.include_router(diagnoses.routes(ordering, known, changing), prefix="/api/v1")
     if alarming is not None:

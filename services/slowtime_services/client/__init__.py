@@ -21,12 +21,15 @@ from .answers import (
 )
 from .asking import AnswerError, UnreachableError
 from .client import Client, Live
+from .composite_answers import Composite, CompositeBrief, Pool
 
 __all__ = [
     "AnswerError",
     "Band",
     "Bands",
     "Client",
+    "Composite",
+    "CompositeBrief",
     "Crossing",
     "Digest",
     "Event",
@@ -34,6 +37,7 @@ __all__ = [
     "ForecastPoint",
     "History",
     "Live",
+    "Pool",
     "State",
     "Twin",
     "UnreachableError",

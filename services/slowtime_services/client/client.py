@@ -12,6 +12,7 @@ from pydantic_core import from_json
 
 from .answers import Bands, Digest, Event, Forecast, History, State, Twin
 from .asking import AnswerError, Door, UnreachableError
+from .composite_answers import Composite, CompositeBrief
 
 TOKEN = "SLOWTIME_TOKEN"
 """Name of the variable that holds the token; arguments may be read by others."""
@@ -225,13 +226,40 @@ class Client:
         """Tell whom events of a twin have reached, and what keeps others from it."""
         return self.json("GET", f"/twins/{twin_id}/alarms/deliveries", {"limit": limit})
 
-    def dtdl(self, *, site: str | None = None) -> dict[str, Any]:
-        """Give sites, twins and relations as a graph with DTDL v3 models."""
-        return self.json("GET", "/dtdl", {"site": site})
+    def dtdl(self, *, site: str | None = None, form: str = "dtdl-3") -> dict[str, Any]:
+        """Give sites, twins, composites and relations as a graph.
 
-    def dtdl_of(self, twin_id: str) -> dict[str, Any]:
+        `form` is ``dtdl-3`` or ``dtdl-2``, with models of that version, or ``json-ld``.
+        """
+        return self.json("GET", "/dtdl", {"site": site, "as": form})
+
+    def dtdl_of(self, twin_id: str, *, form: str = "dtdl-3") -> dict[str, Any]:
         """Give one twin, the parts of its model and their relations, likewise."""
-        return self.json("GET", f"/twins/{twin_id}/dtdl")
+        return self.json("GET", f"/twins/{twin_id}/dtdl", {"as": form})
+
+    def composites(self) -> list[CompositeBrief]:
+        """All composites whose twins the token may see, with their health."""
+        return _COMPOSITES.validate_python(self.json("GET", "/composites")["composites"])
+
+    def composite(self, composite_id: str, *, horizon: float | None = None) -> Composite:
+        """Find a composite: health, failure probability, importance, pooled rates."""
+        told = self.json("GET", f"/composites/{composite_id}", {"horizon": horizon})
+        return Composite.model_validate(told)
+
+    def register_composite(
+        self, composite_id: str, registration: Mapping[str, Any]
+    ) -> Composite:
+        """Register a composite, or register it anew."""
+        told = self.json("PUT", f"/composites/{composite_id}", body=dict(registration))
+        return Composite.model_validate(told)
+
+    def delete_composite(self, composite_id: str) -> None:
+        """Delete a composite; its members stay."""
+        self._door.read("DELETE", f"{_V1}/composites/{composite_id}")
+
+    def memberships(self, twin_id: str) -> list[str]:
+        """Name the composites that a twin is a member of."""
+        return list(self.json("GET", f"/twins/{twin_id}/memberships")["composites"])
 
     def live(
         self, twin_id: str, *, last_id: str | None = None, patience_s: float = 60.0
@@ -293,5 +321,6 @@ def _live(fields: Mapping[str, str]) -> Live | None:
 
 
 _TWINS = TypeAdapter(list[Twin])
+_COMPOSITES = TypeAdapter(list[CompositeBrief])
 _STATES = TypeAdapter(list[State])
 _EVENTS = TypeAdapter(list[Event])

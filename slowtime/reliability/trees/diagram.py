@@ -16,8 +16,8 @@ from collections.abc import Mapping, Sequence
 
 from .structure import Node
 
-MOST_STEPS = 300_000
-"""Nodes and remembered results beyond which a tree is refused: about 100 MB, a few seconds."""
+MOST_STEPS = 150_000
+"""Nodes and remembered results beyond which a tree is refused: about 50 MB, a second or two."""
 
 _LAST = 1 << 60
 

@@ -176,7 +176,8 @@ class _Plan:
             part = {name: marginals[name][start : start + step] for name in self.names}
             mean = self._sweep(blocks, self._given(part), min(step, cases - start))
             parts.append(np.stack([mean[root] for root in roots]))
-        return np.concatenate(parts, axis=1)
+        # Weights sum to one but for rounding.
+        return np.clip(np.concatenate(parts, axis=1), 0.0, 1.0)
 
     def criticality(self, marginals: Marginals) -> tuple[dict[str, float], dict[str, float]]:
         """Probability that each member is critical, and that it is so and has failed.

@@ -116,7 +116,7 @@ def interval(share: float, count: int = PATHS) -> tuple[float, float]:
 
 
 def _limits(registration: Registration, failing: Failing | None) -> list[Limit]:
-    """Thresholds of failure, each with the side on which it lies from an unchanged structure."""
+    """Thresholds of failure, each with the side on which an unchanged structure fails."""
     if failing is not None:
         given = [Limit(failing.quantity, failing.at)]
     else:

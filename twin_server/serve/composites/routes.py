@@ -91,7 +91,7 @@ def routes(
 
     @api.get("/composites", response_model=models.CompositeList)
     async def list_composites(request: Request) -> Response:
-        """All composites with their members and health; one by one with all else."""
+        """List composites with their members and health; ask for one to get all else."""
 
         def listed() -> bytes:
             composites = compositing.all()

@@ -1,12 +1,17 @@
 """What a twin knows in forms that other tools read: CSV, Parquet, DTDL."""
 
 from .dtdl import Asset, graph, models
-from .routes import assets_of, routes
+from .linked import as_json_ld
+from .routes import Form, assets_of, routes, written_as
 from .tables import NotInstalledError, columns_of, pages_of, written
+from .telemetry import as_version_2
 
 __all__ = [
     "Asset",
+    "Form",
     "NotInstalledError",
+    "as_json_ld",
+    "as_version_2",
     "assets_of",
     "columns_of",
     "graph",
@@ -14,4 +19,5 @@ __all__ = [
     "pages_of",
     "routes",
     "written",
+    "written_as",
 ]

@@ -1,7 +1,8 @@
 """A site as a graph that twin platforms load: interfaces in DTDL v3, and what is one of them.
 
 The graph has the form that Azure Digital Twins Explorer imports: models, twins, relationships.
-A site hosts twins; a twin with a model consists of elements and nodes and listens by sensors.
+A site hosts twins; a composite has twins and other composites as members; a twin with a model
+consists of elements and nodes and listens by sensors.
 
 References
 ----------
@@ -10,16 +11,22 @@ References
 """
 
 import hashlib
+import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from twin_server.composites import Composite
+from twin_server.compositions import twins_of
 from twin_server.registration import Registration
+
+from .telemetry import QUANTITIES, telemetry_of
 
 Node = dict[str, Any]
 
-CONTEXT = "dtmi:dtdl:context;3"
+CONTEXT = ["dtmi:dtdl:context;3", QUANTITIES]
 LONGEST_ID = 128
+_MEMBERS = "Twins and other composites."
 _PARTS = ("value", "sd", "lo", "hi")
 _OF = {
     "stiffness": ("stiffness_change",),
@@ -42,8 +49,14 @@ def models(assets: Iterable[Asset]) -> list[Node]:
     return [*_common(), *(_of_twin(asset) for asset in assets)]
 
 
-def graph(assets: Sequence[Asset]) -> Node:
-    """Models, and the twins and relationships of all sites that `assets` belong to."""
+def graph(assets: Sequence[Asset], composites: Mapping[str, Composite] | None = None) -> Node:
+    """Models, and the twins and relationships of all sites that `assets` belong to.
+
+    Parameters
+    ----------
+    composites
+        Of which those are told of whose twins are all among `assets`.
+    """
     twins: list[Node] = []
     links: list[Node] = []
     for site in sorted({asset.id.partition(".")[0] for asset in assets}):
@@ -52,6 +65,7 @@ def graph(assets: Sequence[Asset]) -> Node:
         twins.append(_twin(asset.id, _own(asset.id), **_known(asset)))
         links.append(_link(asset.id.partition(".")[0], "hosts", asset.id))
         _add_parts(asset, twins, links)
+    _add_composites({asset.id for asset in assets}, composites or {}, twins, links)
     return {
         "digitalTwinsFileInfo": {"fileVersion": "1.0.0"},
         "digitalTwinsGraph": {"digitalTwins": twins, "relationships": links},
@@ -151,7 +165,16 @@ def _common() -> list[Node]:
             _relationship("consists_of", "Element", "Springs, storeys or beams of its model."),
             _relationship("has_node", "Node", "Nodes of its model."),
             _relationship("listens_by", "Sensor", "Channels of its edge agent."),
+            *telemetry_of("frequency_hz", "Natural frequency [Hz]"),
+            *telemetry_of("damping_ratio", "Damping ratio [1]"),
             **twin_schemas,
+        ),
+        _interface(
+            _shared("Composite"), "Composite", "A twin made of twins.",
+            _property("name", "string", "For people."),
+            _property("kind", "string", "site, line or structure."),
+            _property("registration", "string", "Tree, dependence and the rest, as JSON."),
+            {"@type": "Relationship", "name": "has_member", "description": _MEMBERS},
         ),
         _interface(
             element, "Element", "A spring or beam of a twin's model.",
@@ -160,6 +183,7 @@ def _common() -> list[Node]:
             _property("damping_n_s_per_m", "double", "As the model file has it [N s/m]."),
             _property("stiffness_change", of_element, "-0.1 once a tenth is gone [1]."),
             _property("suspected", "boolean", "Whether it may be what has changed."),
+            *telemetry_of("stiffness_change", "Relative change of stiffness [1]"),
             _relationship("joins", "Node", "Its ends; an end at the base has none."),
             **element_schemas,
         ),
@@ -169,6 +193,7 @@ def _common() -> list[Node]:
             _property("mass_kg", "double", "As the model file has it [kg]."),
             _property("mass_change", of_node, "0.1 once a tenth is added [1]."),
             _property("suspected", "boolean", "Whether it may be what has changed."),
+            *telemetry_of("mass_change", "Relative change of mass [1]"),
             **node_schemas,
         ),
         _interface(
@@ -191,6 +216,11 @@ def _of_twin(asset: Asset) -> Node:
         *(
             _property(name, schema, "Relative change; 95 % interval [1].")
             for name in _OF[asset.registration.changes]
+        ),
+        *(
+            node
+            for name in _OF[asset.registration.changes]
+            for node in telemetry_of(name, f"Relative {name.replace('_', ' ')} [1]")
         ),
         extends=_shared("Twin"),
         **(schemas if _OF[asset.registration.changes] else {}),
@@ -230,6 +260,18 @@ def _part(twin_id: str, kind: str, name: str) -> str:
     if len(whole) <= LONGEST_ID:
         return whole
     return f"H{hashlib.sha256(whole.encode()).hexdigest()}"
+
+
+def _add_composites(
+    ids: set[str], composites: Mapping[str, Composite], twins: list[Node], links: list[Node]
+) -> None:
+    for name, one in composites.items():
+        if not ids.issuperset(twins_of(name, composites)):
+            continue
+        told = {"name": one.name or name, "kind": one.kind}
+        text = json.dumps(one.to_dict(), ensure_ascii=False)
+        twins.append(_twin(name, _shared("Composite"), registration=text, **told))
+        links += [_link(name, "has_member", member) for member in one.members]
 
 
 def _add_parts(asset: Asset, twins: list[Node], links: list[Node]) -> None:

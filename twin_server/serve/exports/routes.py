@@ -1,12 +1,13 @@
 """Routes that give what a twin knows to other tools, as files."""
 
-from collections.abc import Awaitable, Callable, Iterable, Iterator
-from typing import Annotated
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic_core import from_json, to_json
 
 from slowtime_schemas.quantities import Name
+from twin_server.composites import Composite
 from twin_server.principals import principal_of
 from twin_server.registration import Registration
 from twin_server.rendering import state_objects
@@ -19,13 +20,29 @@ from twin_server.serve.registered import TwinId
 
 from .dtdl import Asset, graph
 from .files import Files
+from .linked import as_json_ld
 from .tables import Format, NotInstalledError, columns_of, pages_of, written
+from .telemetry import as_version_2
 
 MEDIA_TYPES: dict[Format, str] = {
     "csv": "text/csv; charset=utf-8",
     "parquet": "application/vnd.apache.parquet",
 }
 _PROBLEMS = problems.answers({404: "No such twin", 422: "A parameter that is not valid"})
+
+
+Form = Literal["dtdl-3", "dtdl-2", "json-ld"]
+AsForm = Annotated[
+    Form, Query(alias="as", description="Version of the models, or JSON-LD without models.")
+]
+JSON_LD = "application/ld+json"
+
+
+def written_as(whole: dict[str, Any], form: Form) -> dict[str, Any]:
+    """Write a graph with models of DTDL version 3 in another form."""
+    if form == "dtdl-3":
+        return whole
+    return as_version_2(whole) if form == "dtdl-2" else as_json_ld(whole)
 
 
 def assets_of(knowledge: Knowledge, twin_ids: Iterable[str]) -> Iterator[Asset]:
@@ -46,6 +63,7 @@ def routes(
     knowledge: Knowledge,
     known: Callable[[str], Awaitable[Registration]],
     most: int = 16,
+    composites: Callable[[], Mapping[str, Composite]] = dict,
 ) -> APIRouter:
     """Make the routes.
 
@@ -55,15 +73,19 @@ def routes(
         Gives the registration of the twin in the path, or raises.
     most
         Exports that are under way at once.
+    composites
+        Gives all composites there are.
     """
     under_way, listing = Files(most), Few(2)
     api = APIRouter(tags=["exports"])
     Known = Annotated[Registration, Depends(known)]
 
-    def given(twin_ids: Iterable[str], name: str) -> Response:
-        whole = graph(list(assets_of(knowledge, twin_ids)))
-        headers = _file(f"{name}.dtdl.json")
-        return Response(to_json(whole), headers=headers, media_type="application/json")
+    def given(twin_ids: Iterable[str], name: str, form: Form) -> Response:
+        whole = graph(list(assets_of(knowledge, twin_ids)), composites())
+        body = to_json(written_as(whole, form))
+        if form == "json-ld":
+            return Response(body, headers=_file(f"{name}.jsonld"), media_type=JSON_LD)
+        return Response(body, headers=_file(f"{name}.dtdl.json"), media_type="application/json")
 
     @api.get(
         "/twins/{twin_id}/history/export",
@@ -98,9 +120,9 @@ def routes(
         return under_way.given(table, MEDIA_TYPES[form], _file(f"{twin_id}.{form}"))
 
     @api.get("/twins/{twin_id}/dtdl", response_class=Response, responses=_PROBLEMS)
-    def one(twin_id: TwinId, registration: Known) -> Response:
-        """Give a twin, the parts of its model and their relations, with DTDL v3 models."""
-        return given([twin_id], twin_id)
+    def one(twin_id: TwinId, registration: Known, form: AsForm = "dtdl-3") -> Response:
+        """Give a twin, the parts of its model and their relations, with DTDL models."""
+        return given([twin_id], twin_id, form)
 
     @api.get(
         "/dtdl",
@@ -110,13 +132,14 @@ def routes(
     async def sites(
         request: Request,
         site: Annotated[Name | None, Query(description="Of this site alone.")] = None,
+        form: AsForm = "dtdl-3",
     ) -> Response:
-        """Give sites, their twins and all relations as one graph, with DTDL v3 models."""
+        """Give sites, twins, composites and all relations as one graph, with DTDL models."""
 
         def told() -> Response:
             seen = filter(principal_of(request.scope).sees, knowledge.ids())
             of_site = [i for i in seen if site is None or i.partition(".")[0] == site]
-            return given(of_site, site or "sites")
+            return given(of_site, site or "sites", form)
 
         return await listing.run(told)
 

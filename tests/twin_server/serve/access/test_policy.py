@@ -18,7 +18,8 @@ CALLERS = (
     "revoked",
 )  # fmt: skip
 FILLED = {
-    "{twin_id}": "lab.beam", "{name}": "report.json", "{number}": "1", "{event_id}": "0" * 32,
+    "{twin_id}": "lab.beam", "{composite_id}": "lab.line",
+    "{name}": "report.json", "{number}": "1", "{event_id}": "0" * 32,
 }  # fmt: skip
 HEAD = """\
 # Who may ask what
@@ -54,6 +55,10 @@ def path_of(template):
     return template
 
 
+def body_of(template):
+    return {"members": ["lab.beam"]} if template.endswith("{composite_id}") else {}
+
+
 def wanted(rule, caller):
     """What the policy says of a caller: None where it may."""
     if rule.reach is Reach.OPEN:
@@ -80,7 +85,7 @@ def tried(door):
                 method,
                 path_of(template),
                 door.words.get(caller),
-                json={} if method in ("PUT", "POST") else None,
+                json=body_of(template) if method in ("PUT", "POST") else None,
             )
             found[method, template, caller] = answer.status_code
     return found
