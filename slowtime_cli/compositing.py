@@ -38,7 +38,8 @@ def list_(server: str) -> None:
         health = one.health
         click.echo(
             f"{one.id}  {one.kind}  {plural(health.twins, 'twin')}, "
-            f"{health.valid_twins} valid, {plural(health.alarms, 'alarm')}: {', '.join(one.members)}"
+            f"{health.valid_twins} valid, {plural(health.alarms, 'alarm')}: "
+            f"{', '.join(one.members)}"
         )
     if not every:
         click.echo("There are no composites. Register one: slowtime composite add ID FILE.")

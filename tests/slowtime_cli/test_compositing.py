@@ -95,7 +95,7 @@ def test_a_yard_is_registered_shown_exported_and_read_back(run, tmp_path):
             "import", tmp_path / "bad.yaml", status=2
         )
         (tmp_path / "strange.yaml").write_text("members: [lab.nobody]")
-        strange = said("add", "lab.x", tmp_path / "strange.yaml", status=1)
+        strange = said("add", "lab.x", tmp_path / "strange.yaml", status=2)
         assert "lab.nobody is neither a twin nor a composite" in strange
     out = tmp_path / "file.json"
     done = run("export", tmp_path / "twin.sqlite", "--dtdl", "2", "--out", out)
@@ -108,7 +108,7 @@ def test_a_yard_is_registered_shown_exported_and_read_back(run, tmp_path):
 
 def test_without_a_server_it_is_said(run):
     done = run("composite", "list", "--server", "http://127.0.0.1:9")
-    assert done.status == 1
+    assert done.status == 2
     assert "127.0.0.1:9" in done.err
 
 

@@ -1,5 +1,6 @@
 // All twins at a glance: what each is, whether it is to be relied on, when it was last heard of, what is wrong.
 import { served } from "./buckets.js";
+import { Composites } from "./composites.js";
 import { toTwin } from "./route.js";
 import { sparkline } from "./sparkline.js";
 import { historyOf } from "./window.js";
@@ -141,7 +142,8 @@ export class Fleet {
     this.more = button("Show more", () => { this.most += MOST_CARDS; this.arrange(); });
     const head = make("div", undefined, "heading");
     head.append(this.title, this.summary, this.find);
-    this.root.append(head, this.list, this.more);
+    this.composites = new Composites();
+    this.root.append(head, this.list, this.more, this.composites.root);
     this.watcher = new IntersectionObserver((entries) => {
       for (const { target, isIntersecting } of entries) this.see(this.cards.get(target.dataset.twin), isIntersecting);
     }, { rootMargin: "200px" });
@@ -156,6 +158,7 @@ export class Fleet {
   hear(states) {
     this.states = states;
     this.arrange();
+    this.composites.refresh();
   }
 
   /** What is urgent comes first; among equals the order of registration stays, so that nothing jumps about. */
