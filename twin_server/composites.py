@@ -150,7 +150,7 @@ class Composite(Frozen):
     them: it fails as soon as one does. A member may stand in several branches, or in none."""
     dependence: Annotated[tuple[Dependence, ...], Field(max_length=64)] = ()
     """Twins below that depend on each other; all others fail independently."""
-    failing: Annotated[dict[Id, Failing], Field(max_length=MOST_MEMBERS, default_factory=dict)]
+    failing: dict[Id, Failing] = Field(default_factory=dict, max_length=MOST_MEMBERS)
     """When a member that is a twin counts as failed; by default at the thresholds of its own
     registration."""
     horizon: Annotated[

@@ -230,7 +230,7 @@ def _quantiles(
         middle = 0.5 * (lo + hi)
         below = weight @ ndtr((middle - mean) / sd) < share
         lo, hi = np.where(below, middle, lo), np.where(below, hi, middle)
-    return 0.5 * (lo + hi)
+    return np.asarray(0.5 * (lo + hi))
 
 
 def _spread(

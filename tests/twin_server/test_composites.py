@@ -1,5 +1,7 @@
 """Composites: what may be registered, what a tree of twins is made of, and what is refused."""
 
+from typing import Any
+
 import pytest
 from pydantic import ValidationError
 
@@ -30,7 +32,7 @@ def composite(*names, **more):
 
 def registered(**wanted):
     """Register composites one after the other, each checked against those before."""
-    found = {}
+    found: dict[str, Composite] = {}
     for name, one in wanted.items():
         check(f"lab.{name}", one, found, TWINS.__contains__)
         found[f"lab.{name}"] = one
@@ -138,7 +140,7 @@ def test_a_change_below_that_would_break_what_is_above_is_refused():
 
 
 def test_trees_that_double_at_each_level_are_counted_before_they_are_made():
-    known = {}
+    known: dict[str, Composite] = {}
     for level in range(14):
         name = f"lab.l{level}"
         below_it = ("lab.t1", "lab.t2") if level == 0 else (f"lab.l{level - 1}", "lab.t1")
@@ -178,7 +180,7 @@ def test_a_registration_that_is_wrong_in_itself_says_where(given, says):
 
 
 def test_gates_nested_too_deep_are_refused():
-    tree = {"series": ["lab.a"]}
+    tree: Any = {"series": ["lab.a"]}
     for _ in range(20):
         tree = {"parallel": [tree]}
     with pytest.raises(ValidationError, match="more than 16 deep"):

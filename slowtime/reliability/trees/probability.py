@@ -92,7 +92,7 @@ def probability(
     """
     plan = _Plan(tree, groups)
     _check(plan.names, marginals)
-    return plan.evaluate([plan.root], marginals)[0]
+    return np.asarray(plan.evaluate([plan.root], marginals)[0])
 
 
 def analyse(
@@ -177,7 +177,7 @@ class _Plan:
             mean = self._sweep(blocks, self._given(part), min(step, cases - start))
             parts.append(np.stack([mean[root] for root in roots]))
         # Weights sum to one but for rounding.
-        return np.clip(np.concatenate(parts, axis=1), 0.0, 1.0)
+        return np.asarray(np.clip(np.concatenate(parts, axis=1), 0.0, 1.0))
 
     def criticality(self, marginals: Marginals) -> tuple[dict[str, float], dict[str, float]]:
         """Probability that each member is critical, and that it is so and has failed.

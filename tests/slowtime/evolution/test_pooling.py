@@ -92,7 +92,9 @@ def test_the_slope_of_a_line_holds_its_interval_with_correlated_scatter(phi):
         noise = rng.standard_normal(60)
         for i in range(1, 60):
             noise[i] = phi * noise[i - 1] + math.sqrt(1 - phi**2) * noise[i]
-        slope, sd = drift_rate(time, 0.3 - 0.02 * time + 0.1 * noise, np.full(60, 0.1))
+        found = drift_rate(time, 0.3 - 0.02 * time + 0.1 * noise, np.full(60, 0.1))
+        assert found is not None
+        slope, sd = found
         held += abs(slope + 0.02) < 1.959964 * sd
     assert 0.88 < held / runs < 0.99
 

@@ -46,7 +46,7 @@ def test_a_composite_opens_to_its_probability_its_tree_and_links_to_members(hous
     expect(line.locator(".tree .gate")).to_have_text("2 out of 3: works while 2 work")
     expect(line.locator(".tree a")).to_have_count(3)
     values = {one["id"]: one["failure"]["value"] for one in told["twins"]}
-    assert told["health"]["worst"] == max(values, key=values.get)
+    assert told["health"]["worst"] == max(values, key=lambda one: values[one])
     first = line.locator("table").first.locator("tbody th").first
     expect(first).to_have_text(told["health"]["worst"])
     expect(line.locator("table").nth(1)).to_contain_text("Another such asset")

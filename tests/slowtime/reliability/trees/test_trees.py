@@ -14,6 +14,7 @@ from slowtime.reliability import trees
 from slowtime.reliability.trees import (
     CommonCause,
     Equicorrelated,
+    Group,
     analyse,
     any_dependence,
     band,
@@ -66,7 +67,7 @@ def enumerated(tree, marginals):
 def cut_sets(tree):
     """Minimal cut sets by trying all sets of members."""
     names = members(tree)
-    cuts = []
+    cuts: list[tuple[str, ...]] = []
     for size in range(len(names) + 1):
         for chosen in itertools.combinations(names, size):
             one = {name: np.array([name in chosen]) for name in names}
@@ -136,7 +137,7 @@ def test_a_gate_of_equal_independent_members_is_binomial():
 def test_two_equicorrelated_members_fail_as_the_bivariate_normal_does(rho, p):
     marginals = {"a": p, "b": 0.3}
     found = analyse(parallel("a", "b"), marginals, [Equicorrelated(("a", "b"), rho)])
-    a, b = stats.norm.ppf([p, 0.3])
+    a, b = map(float, stats.norm.ppf(np.array([p, 0.3])))
 
     def density(x):
         return stats.norm.pdf(x) * stats.norm.cdf((b - rho * x) / math.sqrt(1 - rho**2))
@@ -151,7 +152,10 @@ def test_two_equicorrelated_members_fail_as_the_bivariate_normal_does(rho, p):
 @settings(max_examples=25, deadline=None)
 def test_a_member_keeps_its_own_probability_in_any_group(chances, beta, rho):
     marginals = dict(zip(NAMES, chances, strict=True))
-    groups = [CommonCause(("a", "b", "c"), beta), Equicorrelated(("d", "e", "f"), rho)]
+    groups: list[Group] = [
+        CommonCause(("a", "b", "c"), beta),
+        Equicorrelated(("d", "e", "f"), rho),
+    ]
     every = {name: np.array([p]) for name, p in marginals.items()}
     tree = series(*NAMES)
     for name in NAMES:
@@ -185,7 +189,7 @@ SITE_CHANCES = dict(
     p1=0.21, p2=0.17, p3=0.3, v1=0.11, v2=0.09, v3=0.14,
     t1=0.2, t2=0.08, t3=0.25, t4=0.3, s1=0.05, s2=0.012,
 )  # fmt: skip
-DEPENDENCES = {
+DEPENDENCES: dict[str, tuple[Group, ...]] = {
     "independent": (),
     "common cause": (CommonCause(("p1", "p2", "p3"), 0.2), CommonCause(("v1", "v2"), 0.5)),
     "equicorrelated": (
@@ -238,7 +242,8 @@ def test_the_bounds_of_a_gate_are_attained_by_some_dependence(needed):
     cases = np.array(list(itertools.product([0, 1], repeat=4)))
     constraints, values = np.vstack([cases.T, np.ones(16)]), [*chances, 1.0]
     goal = (cases.sum(axis=1) >= needed).astype(float)
-    found = [linprog(sign * goal, A_eq=constraints, b_eq=values).fun * sign for sign in (1, -1)]
+    solved = [linprog(sign * goal, A_eq=constraints, b_eq=values).fun for sign in (1, -1)]
+    found = np.array(solved, dtype=float) * (1, -1)
     marginals = dict(zip("abcd", chances.tolist(), strict=True))
     lo, hi = any_dependence(k_of_n(5 - needed, *"abcd"), marginals)
     assert (lo, hi) == pytest.approx(tuple(found), abs=1e-9)
@@ -267,7 +272,7 @@ def test_a_member_that_is_not_known_leaves_bounds_and_no_value():
     bands = {"a": (0.1, 0.1, 0.1), "b": (math.nan, 0.0, 1.0)}
     found = band(parallel("a", "b"), bands, np.random.default_rng(0))
     assert math.isnan(found.value)
-    assert (found.lo, found.hi) == (0.0, pytest.approx(0.1))
+    assert (found.lo, found.hi) == pytest.approx((0.0, 0.1))
 
 
 def test_large_trees_of_like_assets_are_quick_and_tangled_ones_refused():

@@ -1,10 +1,12 @@
 """A server with twelve beams that lose stiffness at rates of their own, and their yard."""
 
+from typing import Any
+
 import pytest
 
 BEAMS = [f"beam-{i}" for i in range(12)]
 IDS = [f"lab.{name}" for name in BEAMS]
-YARD = {
+YARD: dict[str, Any] = {
     "name": "Yard",
     "kind": "site",
     "members": ["lab.line", *IDS[3:]],
@@ -22,7 +24,7 @@ YARD = {
     ],
     "horizon": 30.0,
 }
-LINE = {
+LINE: dict[str, Any] = {
     "kind": "line",
     "members": IDS[:3],
     "tree": {"k": 2, "of": IDS[:3]},

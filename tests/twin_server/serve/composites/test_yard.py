@@ -53,7 +53,7 @@ def test_the_probability_of_the_yard_is_that_of_sampling_its_members(yard):
     assert failed["hi"] <= failed["highest"]
     assert failed["horizon"] == 30.0
     shares = {one["id"]: one["importance"]["criticality"] for one in told["twins"]}
-    assert told["health"]["worst"] == max(shares, key=shares.get)
+    assert told["health"]["worst"] == max(shares, key=lambda one: shares[one])
     line = next(one for one in told["members"] if one["id"] == "lab.line")
     assert line["kind"] == "line"
     sooner = yard.get("/api/v1/composites/lab.full", horizon=1.0).json()["failure"]
