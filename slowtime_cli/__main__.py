@@ -57,7 +57,7 @@ VERBS = {
     "check": Verb("keeping:check", "Look through a twin's database for damage."),
     "ledger": Verb("ledgering:ledger", "Show that nobody has rewritten a history."),
     "composite": Verb(
-        "compositing:composite", "Join twins to sites, lines of like assets and structures."
+        "compositing:composite", "Join twins to sites, lines and structures of parts."
     ),
     "backup": Verb("keeping:backup", "Copy a twin's database while the server writes it."),
     "restore": Verb("keeping:restore", "Put a backup in the place of a twin's database."),

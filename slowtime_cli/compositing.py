@@ -14,7 +14,7 @@ from slowtime_services.client import AnswerError, Client, Composite, Unreachable
 from .terminal import plural
 
 
-def add(composite_id: str, file: Path, server: str) -> None:
+def add(file: Path, composite_id: str, server: str) -> None:
     """Register a composite from a file."""
     try:
         content = yaml.safe_load(file.read_text(encoding="utf-8"))
@@ -42,7 +42,9 @@ def list_(server: str) -> None:
             f"{', '.join(one.members)}"
         )
     if not every:
-        click.echo("There are no composites. Register one: slowtime composite add ID FILE.")
+        click.echo(
+            "There are no composites. Register one: slowtime composite add FILE --id ID."
+        )
 
 
 def show(composite_id: str, horizon: float | None, as_json: bool, server: str) -> None:

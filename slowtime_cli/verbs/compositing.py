@@ -21,7 +21,7 @@ _SERVER = click.option(
 @click.group(
     epilog="""\b
 Examples:
-  slowtime composite add demo.yard yard.yaml
+  slowtime composite add yard.yaml --id demo.yard
   slowtime composite list
   slowtime composite show demo.yard --horizon 365
   slowtime composite export --site demo --out demo.json
@@ -32,15 +32,15 @@ parallel and k-out-of-n gates how their failure makes it fail (docs/composites.m
 """
 )
 def composite() -> None:
-    """Join twins to sites, lines of like assets and structures of parts."""
+    """Join twins to sites, lines and structures of parts."""
 
 
 @composite.command(cls=Deferred, work="compositing:add", extra="analysis")
-@click.argument("composite_id", type=Name(parts=2))
 @click.argument("file", type=EXISTING)
+@click.option("--id", "composite_id", required=True, type=Name(parts=2), help="SITE.NAME.")
 @_SERVER
 def add(**_given: object) -> None:
-    """Register COMPOSITE_ID as FILE says, or register it anew.
+    """Register a composite as FILE says, or register it anew.
 
     FILE is YAML or JSON with `members`, and if wanted `tree`, `dependence`, `failing`,
     `horizon`, `alike`, `kind` and `name`.

@@ -61,9 +61,9 @@ def test_a_yard_is_registered_shown_exported_and_read_back(run, tmp_path):
             return done.out if status == 0 else done.err
 
         assert "There are no composites" in said("list")
-        told = said("add", "lab.line", tmp_path / "line.yaml")
+        told = said("add", tmp_path / "line.yaml", "--id", "lab.line")
         assert "lab.line fails with probability not known (0 to 1)" in told
-        said("add", "lab.yard", tmp_path / "yard.yaml")
+        said("add", tmp_path / "yard.yaml", "--id", "lab.yard")
         assert "lab.yard  site  4 twins, 0 valid, 0 alarms: lab.line, lab.mast" in said("list")
         shown = said("show", "lab.yard", "--horizon", "30")
         assert "0 of 4 twins valid" in shown
@@ -90,12 +90,14 @@ def test_a_yard_is_registered_shown_exported_and_read_back(run, tmp_path):
                 assert "2 composites are registered" in said("import", tmp_path / name)
                 after = {n: client.composite(f"lab.{n}").registration for n in ("line", "yard")}
                 assert after == before
-        assert "holds no composite" in said("add", "lab.x", tmp_path / "bad.yaml", status=2)
+        assert "holds no composite" in said(
+            "add", tmp_path / "bad.yaml", "--id", "lab.x", status=2
+        )
         assert "neither digitalTwinsGraph nor" in said(
             "import", tmp_path / "bad.yaml", status=2
         )
         (tmp_path / "strange.yaml").write_text("members: [lab.nobody]")
-        strange = said("add", "lab.x", tmp_path / "strange.yaml", status=2)
+        strange = said("add", tmp_path / "strange.yaml", "--id", "lab.x", status=2)
         assert "lab.nobody is neither a twin nor a composite" in strange
     out = tmp_path / "file.json"
     done = run("export", tmp_path / "twin.sqlite", "--dtdl", "2", "--out", out)

@@ -105,7 +105,7 @@ def interval(share: float, count: int = PATHS) -> tuple[float, float]:
     Examples
     --------
     >>> [round(end, 5) for end in interval(0.0)]
-    [0.0, 0.00125]
+    [0.0, 0.00126]
     """
     seen = round(share * count)
     low, high = 0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0

@@ -2,7 +2,7 @@
 
 from typing import Any, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 Kind = Literal["site", "line", "structure"]
 
@@ -120,8 +120,50 @@ class PoolModel(BaseModel):
     members: list[PooledRate]
 
 
+_PAIR = ["demo.tower", "demo.mast"]
+_CHANCES: list[dict[str, Any]] = [
+    {"value": 0.02, "lo": 0.0145, "hi": 0.0268},
+    {"value": 0.5, "lo": 0.478, "hi": 0.522},
+]
+_IMPORTANCE = [
+    {"birnbaum": 0.5, "criticality": 1.0, "fussell_vesely": 1.0},
+    {"birnbaum": 0.02, "criticality": 1.0, "fussell_vesely": 1.0},
+]
+_HEALTHY: dict[str, Any] = {"alive": True, "valid": True, "reasons": [], "alarms": []}
+_EXAMPLE: dict[str, Any] = {
+    "id": "demo.yard",
+    "name": "Yard",
+    "kind": "site",
+    "registration": {"name": "Yard", "members": _PAIR, "tree": {"parallel": _PAIR}},
+    "health": {
+        "twins": 2, "alive": 2, "valid_twins": 2, "valid": True, "alarms": 0, "reasons": [],
+        "worst": "demo.mast",
+    },
+    "failure": {
+        "value": 0.01, "lo": 0.0072, "hi": 0.0135, "lowest": 0.0069, "highest": 0.014,
+        "any_dependence": {"lo": 0.0, "hi": 0.0268}, "horizon": 365.0, "slow_time_unit": "d",
+        "reasons": [],
+    },
+    "tree": {"parallel": _PAIR},
+    "members": [
+        {"id": name, "kind": "twin", "valid": True, "failure": chance | {"reasons": []}}
+        for name, chance in zip(_PAIR, _CHANCES, strict=True)
+    ],
+    "twins": [
+        {
+            "id": name, "name": name, **_HEALTHY, "failure": chance | {"reasons": []},
+            "importance": importance,
+        }
+        for name, chance, importance in zip(_PAIR, _CHANCES, _IMPORTANCE, strict=True)
+    ],
+    "pooled": [],
+}  # fmt: skip
+
+
 class CompositeModel(BaseModel):
     """A composite, and all that is known of it."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [_EXAMPLE]})
 
     id: str
     name: str
