@@ -18,7 +18,8 @@ TRY: dict[str, str] = {
     "check": f"{_HOUSE} && slowtime check house/twin.sqlite",
     "ledger": f"{_HOUSE} && slowtime ledger verify house.mcap --key house/ledger.pem.pub",
     "composite": "echo '{members: [demo.tower]}' > yard.yaml; slowtime demo --duration 60 & "
-    "sleep 25; slowtime composite add yard.yaml --id demo.yard; slowtime composite list; kill %1",
+    "sleep 25; slowtime composite add yard.yaml --id demo.yard; "
+    "slowtime composite list; kill %1",
     "backup": f"{_HOUSE} && slowtime backup house/twin.sqlite --out monday.sqlite",
     "restore": f"{_HOUSE} && slowtime backup house/twin.sqlite --out monday.sqlite && "
     "slowtime restore monday.sqlite --database house/twin.sqlite",
