@@ -88,6 +88,16 @@ VERBS = {
         "diagnosing:diagnose",
         "Find what a model lacks, where and how much, from its records.",
     ),
+    "merge": Verb(
+        "merging:merge",
+        "Merge the modes of several set-ups of sensors.",
+    ),
+    "track": Verb(
+        "tracking:track", "Track the constants of a nonlinear structure over slow time."
+    ),
+    "separate": Verb(
+        "separating:separate", "Take a history apart into what drifts and what comes and goes."
+    ),
     "evolve": Verb(
         "evolving:evolve", "Tell how stiffness and mass have changed, from frequencies."
     ),
@@ -98,8 +108,11 @@ VERBS = {
     "reliability": Verb(
         "reliability:reliability", "Tell how probable failure is, by several methods."
     ),
+    "surrogate": Verb(
+        "surrogating:surrogate", "Learn a quick function from runs of a slow model."
+    ),
     "design": Verb(
-        "design:design", "Choose a damper, mass or stiffness that is cheap, robust and safe."
+        "design:design", "Choose a damper, mass or stiffness: cheap, robust and safe."
     ),
 }
 ROOMS = (

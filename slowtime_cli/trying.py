@@ -43,6 +43,22 @@ TRY: dict[str, str] = {
     "reliability": """echo '{slowtime_reliability: 1, inputs: {"""
     "r: {marginal: lognormal, mean: 10, sd: 1}, s: {marginal: gumbel, mean: 5, sd: 1}}, "
     """limit_state: r - s}' > beam.yaml && slowtime reliability beam.yaml""",
+    "merge": "slowtime simulate --structure frame --epochs 1 --seed 1 --out frame.mcap && "
+    "slowtime identify frame.mcap --method modes --out a.json && cp a.json b.json && "
+    "slowtime merge a.json b.json",
+    "track": """echo '{slowtime_model: 1, name: rig, nodes: [{id: m, mass_kg: 2}], """
+    "elements: [{id: k, between: [base, m], stiffness_n_per_m: 900, damping_n_s_per_m: 1}], "
+    "inputs: [{channel: f, kind: force, node: m, unit: N}], sensors: [{channel: a, quantity: "
+    """acceleration, node: m, unit: m/s^2}]}' > rig.yaml && awk 'BEGIN {print "t_s,f,a"; """
+    "for (i = 0; i < 20000; i++) {f = sin(i * i / 4e6); a = (f - 800 * x - v) / 2; "
+    """if (i % 10 == 0) print i / 1000 "," f "," a; v += a / 1000; x += v / 1000}}' > a.csv """
+    "&& slowtime track rig.yaml a.csv",
+    "separate": 'seq 0 99 | awk \'BEGIN {print "slow_time,value,sd"} '
+    '{print $1 "," 4 - 0.002 * $1 + 0.05 * sin($1) ",0.01"}\' > history.csv && '
+    "slowtime separate history.csv",
+    "surrogate": 'seq 60 | awk \'BEGIN {print "mass,stiffness,peak"} {m = 1 + rand(); '
+    'k = 2 + rand(); print m "," k "," sqrt(k / m)}\' > runs.csv && '
+    "slowtime surrogate runs.csv --output peak",
     "design": """echo '{slowtime_design: 1, variables: {area: {lower: 1, upper: 9}}, """
     "inputs: {load: {marginal: gumbel, mean: 5, sd: 1}}, objective: {formula: area}, "
     """limit_states: {yielding: {formula: 3 * area - load, probability: 0.001}}}' > rod.yaml """
