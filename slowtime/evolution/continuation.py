@@ -192,6 +192,7 @@ def begin(
     slow_time: Series,
     value: Series,
     sd: Series,
+    *,
     known: Sequence[KnownEvent] = (),
 ) -> Continuation:
     """Take in a history, in any order, from before its first reading on.

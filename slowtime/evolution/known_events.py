@@ -180,7 +180,7 @@ class DetectionCurve:
         size = np.maximum(damage, 0.0)
         if self.points:
             at, share = np.array(self.points).T
-            return np.interp(size, at, share)
+            return np.asarray(np.interp(size, at, share))
         assert self.a50 is not None
         assert self.slope is not None
         with np.errstate(divide="ignore"):

@@ -152,8 +152,8 @@ def test_cutting_the_stream_anywhere_changes_nothing(cuts, events):
         dataclasses.replace(event, time=30.0 + 15.5 * place)
         for place, event in enumerate(events)
     ]
-    whole = continuation.begin(OUTLOOK, *STEADY, moved)
-    begun = continuation.begin(OUTLOOK, *(each[:31] for each in STEADY), moved)
+    whole = continuation.begin(OUTLOOK, *STEADY, known=moved)
+    begun = continuation.begin(OUTLOOK, *(each[:31] for each in STEADY), known=moved)
     for first, last in zip([31, *sorted(cuts)], [*sorted(cuts), 80], strict=True):
         begun = begun.follow(*(each[first:last] for each in STEADY))
     np.testing.assert_array_equal(begun.smooth.mean, whole.smooth.mean)
@@ -167,7 +167,7 @@ def test_a_forecast_restarts_from_a_repair_before_any_reading_follows():
     outlook = forecast.fit(*past, known=[repair])
     later = np.array([49.0, 55.0])
     without = continuation.begin(outlook, *past).predict(later)
-    told = continuation.begin(outlook, *past, [repair]).predict(later)
+    told = continuation.begin(outlook, *past, known=[repair]).predict(later)
     assert without.mean[0] == pytest.approx(-0.147, abs=0.01)
     assert told.mean[0] == pytest.approx(0.0, abs=1e-9)
     # The rate that was learnt before the repair goes on after it.
@@ -188,7 +188,7 @@ def test_a_told_repair_of_which_nothing_is_seen_is_overruled_by_readings():
     past = time, -0.003 * time + 0.004 * rng.standard_normal(70), np.full(70, 0.004)
     told = [Repair(time=49.0)]
     outlook = forecast.fit(*past, known=told)
-    found = continuation.begin(outlook, *past, told).predict(np.array([75.0]))
+    found = continuation.begin(outlook, *past, known=told).predict(np.array([75.0]))
     assert found.lo[0] < -0.225 < found.hi[0]
 
 
@@ -198,8 +198,8 @@ def test_readings_and_events_may_come_in_any_order(order):
         dataclasses.replace(event, time=32.0 + 3.0 * place)
         for place, event in enumerate(EVENTS)
     ]
-    whole = continuation.begin(OUTLOOK, *STEADY, events)
-    mixed = continuation.begin(OUTLOOK, *STEADY, [events[place] for place in order])
+    whole = continuation.begin(OUTLOOK, *STEADY, known=events)
+    mixed = continuation.begin(OUTLOOK, *STEADY, known=[events[place] for place in order])
     np.testing.assert_array_equal(mixed.smooth.mean, whole.smooth.mean)
 
 
@@ -207,7 +207,7 @@ def test_more_events_than_readings_between_them_are_withstood():
     past = tuple(each[:12] for each in PAST)
     told = [Repair(time=float(at)) for at in range(-2, 14)]
     outlook = forecast.fit(*past, known=told)
-    found = continuation.begin(outlook, *past, told).predict(np.array([14.0]))
+    found = continuation.begin(outlook, *past, known=told).predict(np.array([14.0]))
     assert np.isfinite([found.mean[0], found.sd[0], found.lo[0], found.hi[0]]).all()
 
 
