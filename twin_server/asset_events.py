@@ -79,6 +79,8 @@ class AssetEventOrder(EventContent):
     def _has_one_time(self) -> Self:
         if self.at is not None and self.slow_time is not None:
             raise ValueError("at and slow_time were given. Give one of them.")
+        if self.at_ns is not None and self.at_ns < 0:
+            raise ValueError(f"{self.at} is before 1970. Give the time of the sensor's clock.")
         return self
 
     @property
