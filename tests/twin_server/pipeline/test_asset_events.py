@@ -1,6 +1,7 @@
 """Events of assets through a pipeline: forecasts restart, replays agree, undoing undoes."""
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -53,11 +54,16 @@ def record(keeping, given, principal="ann"):
     return keeping.record(TWIN, BEAM, AssetEventOrder.model_validate(given), principal)
 
 
-def ahead(pipeline, store):
-    """Forecast by what a server that starts now would know."""
-    found = Prospects(pipeline, store).foresee(TWIN, 20.0, 5, ())
+def foreseen(prospects, twin=TWIN):
+    """Bands of each quantity, by what is kept."""
+    found = prospects.foresee(twin, 20.0, 5, ())
     assert found is not None
-    return found.foresight
+    return found.foresight.bands
+
+
+def ahead(pipeline, store):
+    """Bands of each quantity, by what a server that starts now would know."""
+    return foreseen(Prospects(pipeline, store))
 
 
 def test_the_forecast_restarts_at_once_from_a_repair(opened, life, sample):
@@ -65,25 +71,31 @@ def test_the_forecast_restarts_at_once_from_a_repair(opened, life, sample):
     prospects = Prospects(pipeline, store)
     pipeline.listen(prospects)
     pipeline.ingest(map(sample, life[:60]))
-    before = prospects.foresee(TWIN, 20.0, 5, ()).foresight
-    assert before.bands["stiffness_change"][0, 0] == pytest.approx(-0.21, abs=0.02)
+    before = foreseen(prospects)
+    assert before["stiffness_change"][0, 0] == pytest.approx(-0.21, abs=0.02)
     told, new = record(keeping, REPAIR)
     assert (new, told["slow_time"]) == (True, 59.0)
-    after = prospects.foresee(TWIN, 20.0, 5, ()).foresight
-    value, sd, low, high = after.bands["stiffness_change"][0]
+    after = foreseen(prospects)
+    value, sd, low, high = after["stiffness_change"][0]
     assert value == pytest.approx(-0.013, abs=0.01)
     assert low < 0.0 < high
     assert 0.015 < sd < 0.05
     # Readings go on from there, and what they add is what a server that restarts finds.
     for one in life[60:90]:
         pipeline.ingest([sample(one)])
-        kept = prospects.foresee(TWIN, 20.0, 5, ()).foresight
+        if one.sequence % 10 == 9:
+            kept = foreseen(prospects)
     again = ahead(pipeline, store)
-    np.testing.assert_array_equal(
-        kept.bands["stiffness_change"], again.bands["stiffness_change"]
-    )
+    np.testing.assert_array_equal(kept["stiffness_change"], again["stiffness_change"])
     truth = -0.2 * (29 + 4) / 60
-    assert kept.bands["stiffness_change"][0, 2] < truth < kept.bands["stiffness_change"][0, 3]
+    assert kept["stiffness_change"][0, 2] < truth < kept["stiffness_change"][0, 3]
+
+
+def then(knowledge, moment):
+    """Bands as they would have been at a moment."""
+    found = knowledge.outlook(TWIN, 10.0, 3, (), moment)
+    assert found is not None
+    return found.bands
 
 
 def test_undoing_gives_back_the_forecast_of_before(opened, life, sample):
@@ -91,11 +103,11 @@ def test_undoing_gives_back_the_forecast_of_before(opened, life, sample):
     prospects = Prospects(pipeline, store)
     pipeline.listen(prospects)
     pipeline.ingest(map(sample, life[:60]))
-    before = prospects.foresee(TWIN, 20.0, 5, ()).foresight.bands["stiffness_change"]
+    before = foreseen(prospects)["stiffness_change"]
     record(keeping, REPAIR)
-    between = prospects.foresee(TWIN, 20.0, 5, ()).foresight.bands["stiffness_change"]
+    between = foreseen(prospects)["stiffness_change"]
     record(keeping, {"event": "u1", "kind": "note", "reverses": "r1"})
-    after = prospects.foresee(TWIN, 20.0, 5, ()).foresight.bands["stiffness_change"]
+    after = foreseen(prospects)["stiffness_change"]
     np.testing.assert_array_equal(after, before)
     assert not np.array_equal(between, before)
     listed = keeping.listed(TWIN)["events"]
@@ -110,14 +122,12 @@ def test_the_forecast_of_a_past_moment_knows_no_later_repair(opened, life, sampl
     pipeline.ingest(map(sample, life[:80]))
     knowledge = TwinKnowledge(pipeline, store)
     moment = Moment(t_ns=life[55].t_ns)
-    before = knowledge.outlook(TWIN, 10.0, 3, (), moment)
+    before = then(knowledge, moment)
     record(keeping, REPAIR | {"slow_time": 59.5})
-    after = knowledge.outlook(TWIN, 10.0, 3, (), moment)
-    np.testing.assert_array_equal(
-        before.bands["stiffness_change"], after.bands["stiffness_change"]
-    )
-    later = knowledge.outlook(TWIN, 10.0, 3, (), Moment(t_ns=life[62].t_ns))
-    assert later.bands["stiffness_change"][0, 0] == pytest.approx(-0.015, abs=0.02)
+    after = then(knowledge, moment)
+    np.testing.assert_array_equal(before["stiffness_change"], after["stiffness_change"])
+    later = then(knowledge, Moment(t_ns=life[62].t_ns))
+    assert later["stiffness_change"][0, 0] == pytest.approx(-0.015, abs=0.02)
 
 
 def test_the_alarm_on_the_damaged_state_clears_after_the_repair(opened, life, sample):
@@ -153,8 +163,8 @@ def test_a_recording_with_events_replays_to_the_same_history_bit_for_bit(opened,
         row.body for row in store.asset_events(TWIN)
     ]
     np.testing.assert_array_equal(
-        ahead(pipeline, store).bands["stiffness_change"],
-        ahead(again, other).bands["stiffness_change"],
+        ahead(pipeline, store)["stiffness_change"],
+        ahead(again, other)["stiffness_change"],
     )
     # What is live is the server's own, and comes by REST.
     third, empty, _ = opened("third")
@@ -163,7 +173,7 @@ def test_a_recording_with_events_replays_to_the_same_history_bit_for_bit(opened,
 
 
 def test_an_accepted_event_is_said_on_the_bus(opened):
-    bus, heard = MemoryBus(), []
+    bus, heard = MemoryBus(), list[Sample]()
     bus.subscribe(ASSET_EVENT.everywhere, heard.append)
     _, store, keeping = opened(bus=bus)
     record(keeping, REPAIR)
@@ -267,3 +277,51 @@ def test_a_told_repair_is_no_sudden_change_and_asks_nothing(watched):
     _, keeping, events = watched(told=True, upto=90)
     assert {event["kind"] for event in events} & {QUESTION, "model_changed"} == set()
     assert keeping.listed(TWIN)["questions"] == []
+
+
+@pytest.mark.long
+def test_a_repair_of_one_element_leaves_the_others_as_they_were(opened, frame, sample):
+    edge = frame()
+    pipeline, store, keeping = opened()
+    twin = "lab.frame"
+    registration = Registration.model_validate(edge.registration(learn_epochs=5))
+    pipeline.register(twin, registration)
+    losses = [(0.0, -0.006 * max(n - 5, 0), -0.003 * max(n - 5, 0)) for n in range(36)]
+    pipeline.ingest(sample(edge.epoch(n, changes)) for n, changes in enumerate(losses))
+    prospects = Prospects(pipeline, store)
+    pipeline.listen(prospects)
+    before = foreseen(prospects, twin)
+    for name, kind in (("storey9", "repair"), (None, "inspection")):
+        given: dict[str, Any] = {"event": "x", "kind": kind, "quantity": name}
+        if kind == "inspection":
+            given["measured"] = {"value": -0.1, "sd": 0.01}
+        order = AssetEventOrder.model_validate(given)
+        with pytest.raises(ProblemError, match="storey1, storey2, storey3"):
+            keeping.record(twin, registration, order, "ann")
+    order = AssetEventOrder.model_validate(REPAIR | {"quantity": "storey2"})
+    keeping.record(twin, registration, order, "ann")
+    after = foreseen(prospects, twin)
+    np.testing.assert_array_equal(after["storey3"], before["storey3"])
+    assert before["storey2"][0, 0] == pytest.approx(-0.19, abs=0.04)
+    assert after["storey2"][0, 0] == pytest.approx(-0.01, abs=0.03)
+
+
+def test_a_route_takes_questions_to_those_who_are_to_answer(opened, life, sample, tmp_path):
+    secret = tmp_path / "secret"
+    secret.write_text("a secret that is long enough")
+    store = SqliteStore(tmp_path / "routed.sqlite")
+    hook = {"kind": "webhook", "url": "http://127.0.0.1:1/", "secret_file": secret}
+    settings = TwinSettings(alarms={"receivers": {"ops": hook, "boss": hook}})
+    pipeline = Pipeline(settings, store, bus=MemoryBus())
+    routes = [
+        {"receiver": "ops", "severities": ["warning"], "kinds": [QUESTION]},
+        {"receiver": "boss"},
+    ]
+    pipeline.register(TWIN, BEAM.model_copy(update={"alarm_routes": ()}))
+    pipeline.register(
+        TWIN, Registration.model_validate(BEAM.to_dict() | {"alarm_routes": routes})
+    )
+    pipeline.routing._live["lab", "beam"] = True
+    pipeline.note(TWIN, QUESTION, "warning", "Was something repaired?", {"quantity": "x"})
+    assert [(one.receiver, one.kind) for one in store.deliveries()] == [("ops", QUESTION)]
+    store.close()

@@ -2,7 +2,7 @@
 import { isNear, stepOf } from "./buckets.js";
 import { ask } from "./link.js";
 import { historyOf } from "./window.js";
-import { sensorOf } from "./words.js";
+import { QUANTITIES, sensorOf } from "./words.js";
 
 const MAX_POINTS = 1000, FORECAST_MS = 3000, PATIENCE_MS = 30000, EVENTS = 100;
 
@@ -39,7 +39,7 @@ function marksOf(events, points, recorded) {
   const told = holding(recorded), jumps = told.filter(({ kind }) => kind === "repair" || kind === "replacement");
   const own = sudden.filter((since) => !isNear(since, [...renewed, ...jumps.map(({ slow_time }) => slow_time)], stepOf(points)));
   return [
-    ...told.map(({ kind, quantity, slow_time }) => ({ kind: "told", text: `${kind.replace("_", " ")}${quantity ? ` of ${quantity}` : ""}`, slow_time })),
+    ...told.map(({ kind, quantity, slow_time }) => ({ kind: "told", text: `${kind.replace("_", " ")}${quantity && !QUANTITIES[quantity] ? ` of ${quantity}` : ""}`, slow_time })),
     ...renewed.map((slow_time) => ({ kind: "renewed", slow_time })),
     ...[...new Set(own)].map((slow_time) => ({ kind: "sudden", slow_time })),
   ];
