@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slowtime.estimation.matern import Belief, SlowProcess
@@ -143,6 +143,7 @@ STEADY = repaired(4, share=0.0)
 OUTLOOK = forecast.fit(*(each[:60] for each in STEADY), known=EVENTS)
 
 
+@settings(max_examples=30)
 @given(
     cuts=st.sets(st.integers(31, 79), max_size=4),
     events=st.lists(st.sampled_from(EVENTS), max_size=3),
@@ -192,6 +193,7 @@ def test_a_told_repair_of_which_nothing_is_seen_is_overruled_by_readings():
     assert found.lo[0] < -0.225 < found.hi[0]
 
 
+@settings(max_examples=15)
 @given(order=st.permutations(range(6)))
 def test_readings_and_events_may_come_in_any_order(order):
     events = [

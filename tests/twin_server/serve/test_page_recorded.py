@@ -6,7 +6,7 @@ from playwright.sync_api import expect
 
 from slowtime_services.client import Client
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.long]
 
 TWIN = "/api/v1/twins/lab.beam"
 BODY = {"nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02}}
