@@ -13,6 +13,7 @@ from . import (
     ledger,
     modal_truth,
     plant,
+    repairs,
     startup,
     streaming,
     transport,
@@ -50,6 +51,8 @@ def main() -> int:
     status |= subprocess.run([python, *reliability], check=False).returncode
     print("\n# Forecasts\n")
     status |= foresight.main([])
+    print("\n# Forecasts across repairs\n")
+    status |= repairs.main(["--histories", "20"])
     print("\n# Models with effects\n")
     status = plant.main() or status
     print("\n# Transport and recordings\n")

@@ -47,6 +47,10 @@ VERBS = {
         "alarming:alarms",
         "Try whether alarms of a twin reach people and other programs.",
     ),
+    "event": Verb(
+        "eventing:event",
+        "Record repairs, replacements, inspections, load tests and notes of an asset.",
+    ),
     "status": Verb(
         "processes:status", "Tell whether the router answers and which edge agents live."
     ),

@@ -17,7 +17,7 @@ from slowtime.identification.windows import dependence
 from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Features, Mode, Quality
 from slowtime_schemas.quantities import Quantity
-from slowtime_schemas.streams import FEATURES
+from slowtime_schemas.streams import ASSET_EVENT, FEATURES
 from slowtime_services.bus import Sample
 from slowtime_services.replay import contents, read_recording
 from twin_server.registration import Nominal, Registration
@@ -89,7 +89,7 @@ def evolve(
 
 
 def samples_of(source: Path, asset: str | None) -> tuple[str, Iterator[Sample]]:
-    """Features of a file, as the bus would have brought them, and the twin they are of."""
+    """Features and told events of a file as the bus would have brought them, and their twin."""
     if source.suffix.lower() == ".mcap":
         return _of_recording(source, asset)
     if asset is not None:
@@ -116,11 +116,12 @@ def _of_recording(source: Path, asset: str | None) -> tuple[str, Iterator[Sample
             f"{source} has no {asset}, but: {', '.join(assets)}. Name one of them with --asset."
         )
     twin_id = asset or assets[0]
-    key = FEATURES.key(*twin_id.split(".", 1))
+    site, _, name = twin_id.partition(".")
+    keys = {stream.key(site, name) for stream in (FEATURES, ASSET_EVENT)}
     return twin_id, (
         Sample(message.key, message.payload, message.publish_ns, replayed=True)
-        for message in read_recording(source, streams=[FEATURES])
-        if message.key == key
+        for message in read_recording(source, streams=[FEATURES, ASSET_EVENT])
+        if message.key in keys
     )
 
 

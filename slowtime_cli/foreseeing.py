@@ -12,10 +12,11 @@ import click
 from slowtime_services.client import AnswerError, Client, UnreachableError
 from slowtime_services.files import ALL
 from twin_server.orders import SimulationOrder
-from twin_server.pipeline import TwinKnowledge
+from twin_server.pipeline import AssetEvents, TwinKnowledge
 from twin_server.registration import Registration, registrations
 from twin_server.serve import ProblemError, foretell
 
+from .eventing import orders_of
 from .evolving import Changes, registration_of, samples_of
 from .offline import offline_twin
 from .options import STDOUT
@@ -32,6 +33,7 @@ class Asked(NamedTuple):
     server: str | None
     asset: str | None
     registration: Path | None
+    events: Path | None
     changes: Changes
     nominal_hz: float | None
     nominal_damping: float | None
@@ -139,6 +141,11 @@ def _made(asked: Asked) -> Iterator[tuple[TwinKnowledge, str, Registration]]:
         pipeline.give_up()
         if not len(store.history(twin_id, limit=1).states):
             raise click.UsageError(f"{asked.source} holds no epoch. Give one with some.")
+        if asked.events is not None:
+            keeping = AssetEvents(pipeline, store)
+            with _said():
+                for order in orders_of(asked.events):
+                    keeping.record(twin_id, registration, order, order.person or "offline")
         yield TwinKnowledge(pipeline, store), twin_id, registration
 
 

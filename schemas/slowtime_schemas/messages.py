@@ -409,10 +409,10 @@ class Accepted(Frozen):
     """Entries of an asset's ledger in a row: features of one boot, or anything else."""
 
     kind: Annotated[
-        Literal["f", "r", "a", "e", "d"],
+        Literal["f", "r", "a", "v", "e", "d"],
         Field(
-            description="f features; r a registration; a an acknowledgement; e estimated anew; "
-            "d deleted."
+            description="f features; r a registration; a an acknowledgement; v an event of the "
+            "asset; e estimated anew; d deleted."
         ),
     ]
     boot: str = ""
@@ -446,9 +446,9 @@ class LedgerUpdate(Message):
     """Rows that the twin server accepted for an asset, with a signed head that covers them."""
 
     MESSAGE: ClassVar[str] = "ledger"
-    VERSION: ClassVar[int] = 1
+    VERSION: ClassVar[int] = 2
 
-    version: Literal[1] = 1
+    version: Literal[2] = 2
     count: Annotated[int, Field(ge=0, description="Entries of the asset's chain.")]
     link: Annotated[Sha256, Field(description="Hash of all of them in their order.")]
     history_count: Annotated[int, Field(ge=0)]

@@ -6,6 +6,7 @@ Nothing else in the house spells a key.
 import dataclasses
 from typing import Literal
 
+from .asset_events import AssetEvent
 from .messages import (
     About,
     Acknowledgement,
@@ -160,6 +161,16 @@ LEDGER = Stream(
     says="twin to all: what it has accepted, chained and signed",
 )
 
+ASSET_EVENT = Stream(
+    name="asset_event",
+    message=AssetEvent,
+    nominal_rate_hz=None,
+    recorded=True,
+    sender="twin",
+    encoding=JSON,
+    says="twin to all: what people have told of the asset, such as a repair",
+)
+
 STREAMS: tuple[Stream, ...] = (
     SAMPLES,
     FEATURES,
@@ -171,6 +182,7 @@ STREAMS: tuple[Stream, ...] = (
     EVENT,
     REGISTRATION,
     LEDGER,
+    ASSET_EVENT,
 )
 
 

@@ -33,6 +33,11 @@ def _twin(function: F) -> F:
                 help="TOML or JSON file, twin id → registration, with model, thresholds and "
                 "all else; instead of what follows.",
             ),
+            click.option(
+                "--events",
+                type=EXISTING,
+                help="JSON file of repairs and inspections, as `slowtime event` records them.",
+            ),
             as_built,
         ]
     ):
@@ -48,6 +53,7 @@ def _twin(function: F) -> F:
 Examples:
   slowtime forecast modes.json --nominal-hz 4 --threshold -0.2
   slowtime forecast house.mcap --asset demo.tower --nominal-hz 5 --horizon 200
+  slowtime forecast house.mcap --asset demo.tower --nominal-hz 5 --events events.json
   slowtime forecast --server http://127.0.0.1:8000 --asset demo.tower --threshold -0.3
 
 SOURCE is what `slowtime evolve` takes: the file of `slowtime identify --window-s`, a recording
@@ -167,6 +173,7 @@ def _refuse_half_a_twin(
     asset: str | None,
     nominal_hz: float | None,
     nominal_damping: float | None,
+    events: Path | None,
     **_given: object,
 ) -> None:
     refuse_damping_alone(nominal_hz, nominal_damping)
@@ -174,5 +181,10 @@ def _refuse_half_a_twin(
         raise click.UsageError("Give SOURCE, or --server URL with --asset SITE.ASSET.")
     if source is not None and server is not None:
         raise click.UsageError("SOURCE and --server exclude each other. Give one of them.")
+    if server is not None and events is not None:
+        raise click.UsageError(
+            "--events goes with SOURCE. Record events of a server's twin with `slowtime event "
+            "add --file`."
+        )
     if server is not None and asset is None:
         raise click.UsageError("--server needs --asset SITE.ASSET.")

@@ -6,9 +6,17 @@ from typing import NamedTuple
 
 from pydantic import ValidationError
 
+from slowtime_schemas.asset_events import AssetEvent
 from slowtime_schemas.codec import Refused, decode
 from slowtime_schemas.messages import Features, Health, Message, Registered
-from slowtime_schemas.streams import FEATURES, HEALTH, REGISTRATION, Stream, parse_key
+from slowtime_schemas.streams import (
+    ASSET_EVENT,
+    FEATURES,
+    HEALTH,
+    REGISTRATION,
+    Stream,
+    parse_key,
+)
 from slowtime_services.bus import Sample
 from twin_server.registration import Registration
 from twin_server.settings import AdmissionSettings
@@ -27,11 +35,13 @@ class Received(NamedTuple):
     """By twin id; replayed ones only, since those of the moment are our own."""
     disbelieved: list[tuple[Features, str]]
     """Features whose sensor time is not believed, and the reason."""
+    asset_events: list[AssetEvent]
+    """Replayed ones only, likewise."""
     misdated: int = 0
     """How many were refused because their sender's clock is off: they may be sound later."""
 
 
-_TAKEN = (FEATURES, HEALTH, REGISTRATION)
+_TAKEN = (FEATURES, HEALTH, REGISTRATION, ASSET_EVENT)
 
 
 class Reception:
@@ -61,7 +71,7 @@ class Reception:
 
     def read(self, samples: Iterable[Sample], now_ns: int) -> Received:
         """Take what is believed out of `samples`, in their order."""
-        received = Received([], [], [], [])
+        received = Received([], [], [], [], [])
         arrivals, misdated = received.arrivals, 0
         for sample in samples:
             if not self.admits(sample):
@@ -80,6 +90,8 @@ class Reception:
                     received.healths.append((message, sample.replayed))
                 elif type(message) is Registered and sample.replayed:
                     received.registrations.append((message.twin_id, _registration(message)))
+                elif type(message) is AssetEvent and sample.replayed:
+                    received.asset_events.append(message)
             except Refused as refused:
                 self._refusals.refuse(refused.reason, f"{sample.key:.200}: {refused}")
         return received._replace(misdated=misdated)

@@ -18,6 +18,7 @@ from twin_server.thresholds import Limit
 
 from .checkpoint import Known
 from .estimator import LEVEL
+from .known import KnownEvents
 from .memory import Memory
 
 FEWEST = 10
@@ -142,23 +143,36 @@ def learn(
     past: Mapping[str, Past],
     process: forecast.Choice = "evidence",
     suspected: Mapping[str, Sequence[float]] | None = None,
+    known: KnownEvents | None = None,
 ) -> Outlooks:
     """Learn from the past of each quantity what it may do; empty where that is too little.
 
-    `suspected` are slow times of each after which it was seen to jump.
+    Parameters
+    ----------
+    suspected
+        Slow times of each quantity after which it was seen to jump.
+    known
+        Repairs and inspections of each that were told.
     """
-    jumps = suspected or {}
+    jumps, told = suspected or {}, known or {}
     if not _is_enough(past):
         return {}
     return {
         name: forecast.fit(
-            one.slow_time, one.value, one.own_sd, process=process, suspected=jumps.get(name, ())
+            one.slow_time,
+            one.value,
+            one.own_sd,
+            process=process,
+            suspected=jumps.get(name, ()),
+            known=told.get(name, ()),
         )
         for name, one in past.items()
     }
 
 
-def prospect_of(past: Mapping[str, Past], outlooks: Outlooks) -> Prospect | None:
+def prospect_of(
+    past: Mapping[str, Past], outlooks: Outlooks, known: KnownEvents | None = None
+) -> Prospect | None:
     """Take in the past of each quantity; None where there is too little to go by.
 
     Parameters
@@ -167,12 +181,17 @@ def prospect_of(past: Mapping[str, Past], outlooks: Outlooks) -> Prospect | None
         Of each, its history, oldest first; all at the same slow times.
     outlooks
         What `learn` has learnt, from this past or from an earlier one.
+    known
+        Repairs and inspections of each that were told; those after its last reading too.
     """
+    told = known or {}
     if not _is_enough(past) or not set(past) <= set(outlooks):
         return None
     time = next(iter(past.values())).slow_time
     begun = {
-        name: continuation.begin(outlooks[name], one.slow_time, one.value, one.own_sd)
+        name: continuation.begin(
+            outlooks[name], one.slow_time, one.value, one.own_sd, known=told.get(name, ())
+        )
         for name, one in past.items()
     }
     common = {name: one.common for name, one in past.items()}

@@ -1,4 +1,4 @@
--- Version 7. A feature's id is number << 40 | sequence: boots are numbered in the order in which
+-- Version 8. A feature's id is number << 40 | sequence: boots are numbered in the order in which
 -- they were let in, so that ascending ids are a twin's history in order. Each row has checksums
 -- of what it says (see sealing.py).
 create table twins (
@@ -127,6 +127,19 @@ create table acknowledgements (
   crc integer not null
 );
 create index acknowledgements_of_twin on acknowledgements (twin);
+-- What people have told of an asset, such as a repair (see asset_events.py): `body` is the
+-- message, `number` counts the events of a twin.
+create table asset_events (
+  twin text not null,
+  event text not null,
+  number integer not null,
+  t_ns integer not null,
+  principal text not null,
+  body text not null,
+  crc integer not null,
+  primary key (twin, event)
+);
+create index asset_events_of_twin on asset_events (twin, number);
 -- What was accepted, hashed row by row with what was before it (see ledgering.py): blocks of
 -- entries of one twin, `count` of them up to the end of this one, whose hash is `link`.
 create table ledger (

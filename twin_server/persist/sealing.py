@@ -77,12 +77,15 @@ DELIVERIES = _table(
     "id",
 )
 ACKNOWLEDGEMENTS = _table("acknowledgements", "event twin t_ns by_whom principal note", "event")
+ASSET_EVENTS = _table(
+    "asset_events", "twin event number t_ns principal body", "twin, number, event"
+)
 LEDGER = _table("ledger", "twin count entries link", "twin, count")
 HEADS = _table("heads", "number t_ns body", "number")
 NUMBERS = _table("numbers", "what value", "what")
 TABLES = (
     TWINS, RUNS, FEATURES, DETAILS, LEVELS, DIGESTS, HELD, EVENTS, DIAGNOSES, DELIVERIES,
-    ACKNOWLEDGEMENTS, LEDGER, HEADS, NUMBERS,
+    ACKNOWLEDGEMENTS, ASSET_EVENTS, LEDGER, HEADS, NUMBERS,
 )  # fmt: skip
 
 

@@ -9,11 +9,12 @@ from typing import Any, NamedTuple, Protocol
 
 from slowtime_services.ledger import Entry, Link
 from slowtime_services.ledger import chain as kinds
+from twin_server.asset_events import AssetEventRow
 from twin_server.buckets import Buckets, thin
 from twin_server.deliveries import Acknowledgement, Delivery, State, Tally
 from twin_server.states import from_bytes
 
-from . import delivering, diagnosing, ledgering
+from . import delivering, diagnosing, eventing, ledgering
 from .detailing import changes, column, delete_details, has_details, insert_details
 from .diagnosing import DiagnosisRow
 from .hashing import Rolling, Row, insert_digests, rolled
@@ -116,6 +117,7 @@ class SqlStore(abc.ABC):
         delivering.insert(writer, cut.deliveries)
         delivering.settle(writer, cut.settled)
         delivering.acknowledge(writer, cut.acknowledgements)
+        eventing.insert(writer, cut.asset_events)
         self._chain(writer, cut, registered, written)
         return _insert_events(writer, cut.events)
 
@@ -138,6 +140,8 @@ class SqlStore(abc.ABC):
             entries.setdefault(twin_id, []).extend(found)
         for twin_id, theirs in ledgering.of_acknowledgements(cut.acknowledgements):
             entries.setdefault(twin_id, []).extend(theirs)
+        for row in cut.asset_events:
+            entries.setdefault(row.twin, []).append(ledgering.of_asset_event(row))
         for twin_id, theirs in entries.items():
             self._ends.append(writer, twin_id, theirs)
 
@@ -236,7 +240,9 @@ class SqlStore(abc.ABC):
                     "delete from features where id between ? and ?", (span.first, span.last)
                 )
                 writer.execute("delete from held where number = ?", (span.number,))
-            for table in ("runs", "events", "diagnoses", "deliveries", "acknowledgements"):
+            for table in (
+                "runs", "events", "diagnoses", "deliveries", "acknowledgements", "asset_events",
+            ):  # fmt: skip
                 writer.execute(f"delete from {table} where twin = ?", (twin_id,))
             _note_number(writer, "run", following)
             existed = writer.execute("delete from twins where id = ?", (twin_id,)).rowcount
@@ -432,6 +438,11 @@ class SqlStore(abc.ABC):
         """Read who has taken note of which alarms of a twin."""
         with self._reading() as reader:
             return delivering.acknowledged(reader, twin_id)
+
+    def asset_events(self, twin_id: str) -> list[AssetEventRow]:
+        """Read what people have told of an asset, in the order in which it was accepted."""
+        with self._reading() as reader:
+            return eventing.read(reader, twin_id)
 
     def ends(self) -> dict[str, Link]:
         """End of the chain of each twin, of deleted ones as well."""

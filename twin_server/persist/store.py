@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple, Protocol
 
 from slowtime_services.ledger import Entry, Link
+from twin_server.asset_events import AssetEventRow
 from twin_server.buckets import Buckets
 from twin_server.deliveries import Acknowledgement, Delivery, State, Tally
 from twin_server.details import Bodies, Detail
@@ -98,6 +99,8 @@ class Cut:
     settled: list[Delivery] = dataclasses.field(default_factory=list)
     """What has become of some that were begun."""
     acknowledgements: list[Acknowledgement] = dataclasses.field(default_factory=list)
+    asset_events: list[AssetEventRow] = dataclasses.field(default_factory=list)
+    """Of an id that a twin has already, the first stays."""
 
 
 class History(NamedTuple):
@@ -280,6 +283,10 @@ class Store(Protocol):
 
     def acknowledgements(self, twin_id: str) -> dict[str, Acknowledgement]:
         """Who has taken note of which alarms of a twin, by the identity of the event."""
+        ...
+
+    def asset_events(self, twin_id: str) -> list[AssetEventRow]:
+        """Read what people have told of an asset, in the order in which it was accepted."""
         ...
 
     def ends(self) -> dict[str, Link]:

@@ -1,6 +1,7 @@
 """The order of the stages, and the one thread that keeps it: samples in, history out."""
 
 from .alarming import Alarms, Bell
+from .asset_events import AssetEvents, orders_in
 from .core import Pipeline
 from .knowledge import Herald, TwinKnowledge
 from .lookout import Lookout
@@ -12,6 +13,7 @@ from .workers import Here, Processes, Workers
 
 __all__ = [
     "Alarms",
+    "AssetEvents",
     "Bell",
     "Herald",
     "Here",
@@ -25,4 +27,5 @@ __all__ = [
     "Tracing",
     "TwinKnowledge",
     "Workers",
+    "orders_in",
 ]

@@ -15,11 +15,20 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Literal, TypeVar
 
+from slowtime_schemas.asset_events import AssetEvent
 from slowtime_schemas.messages import Features, Health
-from slowtime_schemas.streams import FEATURES, HEALTH, REGISTRATION, alive_key, request_key
+from slowtime_schemas.streams import (
+    ASSET_EVENT,
+    FEATURES,
+    HEALTH,
+    REGISTRATION,
+    alive_key,
+    request_key,
+)
 from slowtime_services.bus import Bus, Handle, Inbox, Query, Sample, matches
 from slowtime_services.clock import Clock, SystemClock
 from slowtime_services.credentials import Signer
+from twin_server.asset_events import MOST_KEPT, AssetEventRow
 from twin_server.collect import (
     Account,
     Arrival,
@@ -45,6 +54,7 @@ from .news import Listener
 from .precedence import Precedence
 from .records import (
     address,
+    asset_event_row,
     decoded,
     lost_event,
     old_event,
@@ -53,6 +63,7 @@ from .records import (
     rows_of_released,
     run_of,
     run_row,
+    told_event,
     twin_row,
 )
 from .routing import Routing
@@ -142,6 +153,7 @@ class Pipeline:
             self._bus.subscribe(FEATURES.everywhere, self._receive),
             self._bus.subscribe(HEALTH.everywhere, self._receive),
             self._bus.subscribe(REGISTRATION.everywhere, self._receive),
+            self._bus.subscribe(ASSET_EVENT.everywhere, self._receive),
             self._bus.watch(alive_key("*", "*"), self._see),
             self._bus.answer(request_key("*", "*", "registration"), self._answer_registrations),
         ]
@@ -220,9 +232,16 @@ class Pipeline:
         deliveries: Sequence[Delivery] = (),
         settled: Sequence[Delivery] = (),
         acknowledgements: Sequence[Acknowledgement] = (),
+        asset_events: Sequence[AssetEventRow] = (),
     ) -> None:
         """Make an event durable with what belongs to it, and tell it."""
-        self.call(lambda: self._keep(event, deliveries, settled, acknowledgements))
+        self.call(
+            lambda: self._keep(event, deliveries, settled, acknowledgements, asset_events)
+        )
+
+    def record(self, told: AssetEvent) -> AssetEventRow:
+        """Make what somebody has told of an asset durable, and tell it to all who listen."""
+        return self.call(lambda: self._record(told))
 
     def delete(self, twin_id: str) -> bool:
         """Forget a twin, its history and its account; False where there is none."""
@@ -410,6 +429,8 @@ class Pipeline:
         if healths:
             self._durably(lambda c: self._account.hear(healths, time.monotonic(), c))
             self._hear_of_sensors([health for health, replayed in healths if not replayed])
+        for told in received.asset_events:
+            self._take_told(told)
         return received.misdated
 
     def _hear_of_sensors(self, healths: Sequence[Health]) -> None:
@@ -614,6 +635,7 @@ class Pipeline:
         deliveries: Sequence[Delivery] = (),
         settled: Sequence[Delivery] = (),
         acknowledgements: Sequence[Acknowledgement] = (),
+        asset_events: Sequence[AssetEventRow] = (),
     ) -> None:
         """Make an event durable with what belongs to it, and tell it."""
         cut = Cut(
@@ -621,10 +643,33 @@ class Pipeline:
             deliveries=list(deliveries),
             settled=list(settled),
             acknowledgements=list(acknowledgements),
+            asset_events=list(asset_events),
         )
         numbers = self.store.write(cut)
         self.counts[f"event_{json.loads(event.body)['kind']}"] += 1
         self._voice.tell((), NOTHING, self._units, [event], numbers)
+        for row in asset_events:
+            key = ASSET_EVENT.key(*address(row.twin))
+            self._voice.say(key, row.body.encode(), ASSET_EVENT.encoding)
+
+    def _record(self, told: AssetEvent) -> AssetEventRow:
+        row, event = asset_event_row(told), told_event(told)
+        deliveries = self.routing.deliveries([event], self._twins, row.t_ns)
+        self._keep(event, deliveries, asset_events=[row])
+        return row
+
+    def _take_told(self, told: AssetEvent) -> None:
+        """Keep an event of a recording that is played; one that is known is passed over."""
+        if address(told.twin_id) not in self._twins:
+            self.refusals.refuse(
+                "not_registered",
+                f"An event of {told.twin_id} was played. Allowed: those of registered twins.",
+            )
+            return
+        rows = self.store.asset_events(told.twin_id)
+        if len(rows) < MOST_KEPT and all(row.event != told.event for row in rows):
+            number = 1 + max((row.number for row in rows), default=0)
+            self._record(told.model_copy(update={"sequence": number}))
 
     def _register(
         self,

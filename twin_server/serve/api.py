@@ -19,8 +19,19 @@ from twin_server.registration import Registration
 from twin_server.rendering import event_object, points, state_objects
 from twin_server.settings import ServeSettings
 
-from . import alarms, diagnoses, exports, forecasts, models, problems, recordings, simulations
+from . import (
+    alarms,
+    asset_events,
+    diagnoses,
+    exports,
+    forecasts,
+    models,
+    problems,
+    recordings,
+    simulations,
+)
 from .alarms import Alarming
+from .asset_events import EventKeeping
 from .diagnoses import Ordering
 from .document import document
 from .few import Few
@@ -79,6 +90,7 @@ def create_app(
     largest_recording: int = 0,
     lane: Lane | None = None,
     alarming: Alarming | None = None,
+    events: EventKeeping | None = None,
 ) -> FastAPI:
     """Make the ASGI application; without `ordering`, one that diagnoses nothing.
 
@@ -90,6 +102,8 @@ def create_app(
         Where it is waited for what takes long; by default one as the settings say.
     alarming
         Of alarms and their deliveries; without it, alarms are events only.
+    events
+        Of repairs and inspections; without it, none can be recorded.
     """
     if lane is None:
         lane = Lane(settings.workers, settings.max_waiting, settings.max_waiting_of_one)
@@ -115,6 +129,8 @@ def create_app(
         app.include_router(diagnoses.routes(ordering, known, changing), prefix="/api/v1")
     if alarming is not None:
         app.include_router(alarms.routes(alarming, known), prefix="/api/v1")
+    if events is not None:
+        app.include_router(asset_events.routes(events, known), prefix="/api/v1")
     if keeping is not None:
         app.include_router(recordings.routes(keeping), prefix="/api/v1")
     app.include_router(_operations(knowledge, hub, settings, lane, alarming))

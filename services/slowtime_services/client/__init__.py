@@ -8,6 +8,8 @@ with Client("http://127.0.0.1:8000") as client:
 """
 
 from .answers import (
+    AssetEvent,
+    AssetEvents,
     Band,
     Bands,
     Crossing,
@@ -16,6 +18,7 @@ from .answers import (
     Forecast,
     ForecastPoint,
     History,
+    Question,
     State,
     Twin,
 )
@@ -24,6 +27,8 @@ from .client import Client, Live
 
 __all__ = [
     "AnswerError",
+    "AssetEvent",
+    "AssetEvents",
     "Band",
     "Bands",
     "Client",
@@ -34,6 +39,7 @@ __all__ = [
     "ForecastPoint",
     "History",
     "Live",
+    "Question",
     "State",
     "Twin",
     "UnreachableError",

@@ -177,6 +177,53 @@ class Event(Answer):
     details: dict[str, Any]
 
 
+class AssetEvent(Answer):
+    """A repair, replacement, inspection, load test or note of an asset, as it was told."""
+
+    event: str
+    """Id that was given; one id is one event."""
+    number: int
+    kind: Literal["repair", "replacement", "inspection", "load_test", "note"]
+    sentence: str
+    quantity: str | None = None
+    t_ns: int | None = None
+    slow_time: float | None = None
+    person: str
+    principal: str
+    accepted_ns: int
+    text: str = ""
+    repair: dict[str, Any] | None = None
+    replacement: dict[str, Any] | None = None
+    measured: dict[str, float] | None = None
+    detection: dict[str, Any] | None = None
+    conditions: dict[str, float] = {}
+    reverses: str | None = None
+    reversed_by: str | None = None
+    answers: str | None = None
+
+
+class Question(Answer):
+    """A change that looks like a repair of which nobody has told."""
+
+    event_id: str
+    number: int
+    t_ns: int
+    message: str
+    quantity: str
+    since: float
+    size: float
+    sd: float
+    answered_by: str | None = None
+
+
+class AssetEvents(Answer):
+    """What people have recorded of an asset, and what the twin asks; the newest first."""
+
+    id: str
+    events: tuple[AssetEvent, ...]
+    questions: tuple[Question, ...]
+
+
 class Digest(Answer):
     """One number for a whole history: equal where the histories are, to the last bit."""
 

@@ -43,13 +43,14 @@ _TWIN = f"{_V1}/twins/{{twin_id}}"
 _RECORDING = f"{_V1}/recordings/{{name}}"
 _SEE = [(f"{_TWIN}{more}", Scope.VIEWER) for more in (
     "", "/history", "/history/hash", "/history/export", "/dtdl", "/modes", "/forecast",
-    "/events", "/live", "/gap", "/alarms", "/alarms/deliveries",
+    "/events", "/events/recorded", "/live", "/gap", "/alarms", "/alarms/deliveries",
     "/diagnoses", "/diagnoses/{number}", "/diagnoses/{number}/{name}",
 )]  # fmt: skip
 _DO = [
     ("PUT", _TWIN, Scope.OPERATOR),
     ("DELETE", _TWIN, Scope.ADMIN),
     ("POST", f"{_TWIN}/simulate", Scope.VIEWER),
+    ("POST", f"{_TWIN}/events", Scope.OPERATOR),
     ("POST", f"{_TWIN}/alarms/test", Scope.OPERATOR),
     ("POST", f"{_TWIN}/alarms/{{event_id}}/acknowledge", Scope.OPERATOR),
     ("POST", f"{_TWIN}/diagnoses", Scope.OPERATOR),
