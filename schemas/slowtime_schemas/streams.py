@@ -10,6 +10,7 @@ from .messages import (
     About,
     Acknowledgement,
     Event,
+    Fatigue,
     Features,
     Health,
     LedgerUpdate,
@@ -17,6 +18,7 @@ from .messages import (
     Registered,
     SensorSamples,
     TwinState,
+    Virtual,
 )
 from .raw_header import RawHeader
 
@@ -160,6 +162,26 @@ LEDGER = Stream(
     says="twin to all: what it has accepted, chained and signed",
 )
 
+FATIGUE = Stream(
+    name="fatigue",
+    message=Fatigue,
+    nominal_rate_hz=None,
+    recorded=True,
+    sender="edge",
+    encoding=JSON,
+    says="edge to twin: stress cycles and damage since the boot began",
+)
+VIRTUAL = Stream(
+    name="virtual",
+    message=Virtual,
+    nominal_rate_hz=None,
+    recorded=True,
+    sender="edge",
+    encoding=JSON,
+    max_bytes=4 * 2**20,
+    says="edge to all: quantities that nobody measures, with standard deviations",
+)
+
 STREAMS: tuple[Stream, ...] = (
     SAMPLES,
     FEATURES,
@@ -171,6 +193,8 @@ STREAMS: tuple[Stream, ...] = (
     EVENT,
     REGISTRATION,
     LEDGER,
+    FATIGUE,
+    VIRTUAL,
 )
 
 
@@ -205,6 +229,7 @@ REQUESTS = {
     "features": "features messages again; parameters boot, first, last",
     "raw": "the last samples from the ring buffer; parameter seconds",
     "about": "the about message",
+    "fatigue": "the newest fatigue message of each boot that the agent remembers",
     "registration": "registrations; the twin server answers, for all its twins that match",
 }
 

@@ -30,7 +30,7 @@ from slowtime_schemas.streams import (
 
 OF_EDGES = (FEATURES, HEALTH, ABOUT, RAW)
 OF_TWINS = (ACK, STATE, EVENT, REGISTRATION)
-ASKED_OF_EDGES = ("account", "features", "raw", "about")
+ASKED_OF_EDGES = ("account", "features", "raw", "about", "fatigue")
 ASKED_OF_TWINS = ("registration",)
 LONGEST_NAME = 44
 """So that a common name keeps within the 64 characters of X.509."""

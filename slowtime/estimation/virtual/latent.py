@@ -224,9 +224,7 @@ def noise_of(
     known = {}
     for sensor in description.sensors:
         if sensor.noise_sd is not None:
-            factor = unit_factor(
-                sensor.unit, sensor.quantity, description.unit_of_coordinate
-            )
+            factor = unit_factor(sensor.unit, sensor.quantity, description.unit_of_coordinate)
             known[sensor.channel] = factor * sensor.noise_sd
     return np.array([known.get(channel, np.nan) for channel in channels])
 

@@ -92,7 +92,9 @@ def element_force(element: str, *, name: str = "") -> Output:
     return Output(name=name or f"{element}.force", unit="N", row=row)
 
 
-def moment(element: str, end: Literal["first", "second"] = "first", *, name: str = "") -> Output:
+def moment(
+    element: str, end: Literal["first", "second"] = "first", *, name: str = ""
+) -> Output:
     """Bending moment at one end of a beam [N m]."""
 
     def row(description: Description) -> Row:

@@ -40,8 +40,9 @@ class Window:
         Where the filters have forgotten how they began.
     levels
         As fitted to the window.
-    estimate_variance, error_variance
-        Of each output: variance of the values over the window, and mean squared deviation.
+    missing_variance, model_variance
+        Of each output: variance of what the filters cannot tell, and mean square of the
+        error that tolerances of the model and of the output's factor cause.
     reasons
         Why the values may be worse than they say.
     """
@@ -51,6 +52,8 @@ class Window:
     sd: Float[np.ndarray, "time output"]
     settled: Bool[np.ndarray, " time"]
     levels: Levels
+    missing_variance: Float[np.ndarray, " output"]
+    model_variance: Float[np.ndarray, " output"]
     reasons: tuple[str, ...] = ()
 
 
@@ -194,16 +197,19 @@ class VirtualSensor:
         states, values = filters.run(states, samples)
         mean = values.mean(axis=0)
         spread = values.var(axis=0, ddof=1) if len(values) > 1 else np.zeros_like(mean)
-        variance = filters.variance.mean(axis=0) + spread + (self._factor_sd * mean) ** 2
+        missing = filters.variance.mean(axis=0)
+        wrong = spread + (self._factor_sd * mean) ** 2
         levels = state.levels
         assert levels is not None
         index = state.taken + np.arange(len(samples))
         window = Window(
             first_index=state.taken,
             values=mean,
-            sd=np.sqrt(variance),
+            sd=np.sqrt(missing + wrong),
             settled=index >= filters.settles_s * self.rate_hz,
             levels=levels,
+            missing_variance=missing,
+            model_variance=wrong.mean(axis=0),
             reasons=self._reasons(levels),
         )
         after = dataclasses.replace(state, states=states, taken=state.taken + len(samples))
