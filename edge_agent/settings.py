@@ -300,8 +300,8 @@ class VirtualStageSettings(Frozen):
     """Quantities that nobody measures, from a model and the accelerations."""
 
     model: Path
-    """Model file; its sensors are named as the channels are, and give their noise. Its tolerance
-    is what the model may be wrong by."""
+    """Model file; its sensors are named as the channels are, and give their noise. Its
+    tolerance is what the model may be wrong by."""
     outputs: Annotated[tuple[Asked, ...], Field(min_length=1, max_length=64)]
     """What is asked for: displacement, drift, force or moment, with a factor for stress."""
     tell_hz: NotNegative = 10.0

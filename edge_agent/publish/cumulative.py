@@ -1,7 +1,7 @@
-"""The newest fatigue message of each boot, on disk: sums since the boot began, never lost whole.
+"""The newest fatigue message of each boot, on disk: sums since the boot began.
 
-The sums only grow, so that the newest message of a boot holds all that earlier ones said: a twin
-that takes the newest of each boot counts each cycle once, however often it is told.
+The sums only grow, so that the newest message of a boot holds all that earlier ones said: a
+twin that takes the newest of each boot counts each cycle once, however often it is told.
 """
 
 import logging

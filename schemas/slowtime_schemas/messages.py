@@ -313,7 +313,7 @@ class Acknowledgement(Message):
 
 
 class CurveOfMessage(Frozen):
-    """A median S-N curve in ranges: life = constant × range^(-slope); other slope below knee."""
+    """A median S-N curve in ranges: life = constant × range^(-slope), or two slopes."""
 
     constant: Annotated[float, Field(gt=0, allow_inf_nan=False)]
     slope: Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -327,7 +327,7 @@ NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
 class FatiguePoint(Frozen):
-    """Fatigue at one point since the boot began: sums that grow, so that the newest counts."""
+    """Fatigue at one point since the boot began: sums, of which the newest counts."""
 
     name: PlainText
     unit: UnitName

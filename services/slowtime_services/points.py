@@ -23,7 +23,7 @@ class Asked(Frozen):
 
     Examples
     --------
-    >>> Asked(name="storey1.stress", quantity="force", element="k1", factor=2e-5, unit="MPa").unit
+    >>> Asked(name="s", quantity="force", element="k1", factor=2e-5, unit="MPa").unit
     'MPa'
     """
 
@@ -38,7 +38,7 @@ class Asked(Frozen):
     end: Literal["first", "second"] = "first"
     """Of the beam whose moment is asked."""
     factor: float | None = None
-    """Units for one of SI, such as MPa for one newton: 1e-6 / area, or 1e-6 / section modulus."""
+    """Units for one of SI, such as MPa for one newton: 1e-6 / area [m^2]."""
     unit: PlainText | None = None
     """Of the values; left out, that of SI."""
     factor_sd: NotNegative = 0.0
@@ -116,7 +116,8 @@ class PointCurve(Frozen):
 
         if self.detail_category is not None:
             return Curve.of_detail_category(self.detail_category, log10_sd=self.log10_sd)
-        assert self.constant is not None and self.slope is not None
+        assert self.constant is not None
+        assert self.slope is not None
         return Curve(
             constant=self.constant,
             slope=self.slope,

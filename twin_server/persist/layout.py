@@ -22,6 +22,7 @@ from .sealing import (
     DIAGNOSES,
     DIGESTS,
     EVENTS,
+    FATIGUE,
     FEATURES,
     HEADS,
     LEDGER,
@@ -35,18 +36,20 @@ from .sql import insert_all
 logger = logging.getLogger(__name__)
 
 APPLICATION = 0x536C6F77
-VERSION = 256 * LAYOUT + 7
+VERSION = 256 * LAYOUT + 8
 """Layout of the states, and of the tables around them."""
 
+WITHOUT_FATIGUE = 256 * LAYOUT + 7
 WITHOUT_LEDGER = 256 * LAYOUT + 6
 WITHOUT_DELIVERIES = 256 * LAYOUT + 5
 WITHOUT_LEVELS = 256 * LAYOUT + 4
 """Versions before, which lack some tables and nothing else."""
 
 _OLDER = tuple(range(256 * LAYOUT + 1, VERSION))
-_LATER = (LEDGER, HEADS)
+_LATER = (LEDGER, HEADS, FATIGUE)
 _OF_ALARMS = (DELIVERIES, ACKNOWLEDGEMENTS, *_LATER)
 LACKING: dict[int, tuple[Table, ...]] = {
+    WITHOUT_FATIGUE: (FATIGUE,),
     WITHOUT_LEDGER: _LATER,
     WITHOUT_DELIVERIES: _OF_ALARMS,
     WITHOUT_LEVELS: (LEVELS, DIGESTS, *_OF_ALARMS),
@@ -239,7 +242,8 @@ def _add_lacking(writer: sqlite3.Connection, version: int) -> None:
                 writer.execute(statement)
         if LEVELS in tables:
             build_levels(writer)
-        build_ledger(writer)
+        if LEDGER in tables:
+            build_ledger(writer)
         writer.execute(f"pragma user_version={VERSION}")
         writer.execute("commit")
     except BaseException:

@@ -22,7 +22,7 @@ from .layout import (
     postgres_schema,
 )
 from .ledgering import build_ledger
-from .sealing import FEATURES, LEVELS, TABLES
+from .sealing import FEATURES, LEDGER, LEVELS, TABLES
 from .sql import SqlStore
 
 GUARD = 0x736C6F77
@@ -132,7 +132,8 @@ class PostgresStore(SqlStore):
                 writer.raw.execute(postgres_lacking(version))
                 if LEVELS in LACKING[version]:
                     build_levels(writer)
-                build_ledger(writer)
+                if LEDGER in LACKING[version]:
+                    build_ledger(writer)
                 writer.execute("insert into layouts values (?)", (VERSION,))
             return
         if version != VERSION:

@@ -1,4 +1,4 @@
--- Version 7. A feature's id is number << 40 | sequence: boots are numbered in the order in which
+-- Version 8. A feature's id is number << 40 | sequence: boots are numbered in the order in which
 -- they were let in, so that ascending ids are a twin's history in order. Each row has checksums
 -- of what it says (see sealing.py).
 create table twins (
@@ -143,6 +143,17 @@ create table heads (
   t_ns integer not null,
   body text not null,
   crc integer not null
+);
+-- Newest fatigue message of each boot and hour of sensor time; a message holds sums of its boot.
+create table fatigue (
+  twin text not null,
+  boot text not null,
+  hour integer not null,
+  sequence integer not null,
+  t_ns integer not null,
+  message blob not null,
+  crc integer not null,
+  primary key (twin, boot, hour)
 );
 -- The last number given to a boot, an event, a diagnosis.
 create table numbers (what text primary key, value integer not null, crc integer not null);

@@ -79,10 +79,11 @@ DELIVERIES = _table(
 ACKNOWLEDGEMENTS = _table("acknowledgements", "event twin t_ns by_whom principal note", "event")
 LEDGER = _table("ledger", "twin count entries link", "twin, count")
 HEADS = _table("heads", "number t_ns body", "number")
+FATIGUE = _table("fatigue", "twin boot hour sequence t_ns message", "twin, boot, hour")
 NUMBERS = _table("numbers", "what value", "what")
 TABLES = (
     TWINS, RUNS, FEATURES, DETAILS, LEVELS, DIGESTS, HELD, EVENTS, DIAGNOSES, DELIVERIES,
-    ACKNOWLEDGEMENTS, LEDGER, HEADS, NUMBERS,
+    ACKNOWLEDGEMENTS, LEDGER, HEADS, FATIGUE, NUMBERS,
 )  # fmt: skip
 
 

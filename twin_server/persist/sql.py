@@ -13,7 +13,7 @@ from twin_server.buckets import Buckets, thin
 from twin_server.deliveries import Acknowledgement, Delivery, State, Tally
 from twin_server.states import from_bytes
 
-from . import delivering, diagnosing, ledgering
+from . import delivering, diagnosing, fatigue_rows, ledgering
 from .detailing import changes, column, delete_details, has_details, insert_details
 from .diagnosing import DiagnosisRow
 from .hashing import Rolling, Row, insert_digests, rolled
@@ -236,7 +236,14 @@ class SqlStore(abc.ABC):
                     "delete from features where id between ? and ?", (span.first, span.last)
                 )
                 writer.execute("delete from held where number = ?", (span.number,))
-            for table in ("runs", "events", "diagnoses", "deliveries", "acknowledgements"):
+            for table in (
+                "runs",
+                "events",
+                "diagnoses",
+                "deliveries",
+                "acknowledgements",
+                "fatigue",
+            ):
                 writer.execute(f"delete from {table} where twin = ?", (twin_id,))
             _note_number(writer, "run", following)
             existed = writer.execute("delete from twins where id = ?", (twin_id,)).rowcount
@@ -454,6 +461,16 @@ class SqlStore(abc.ABC):
         """Read signed heads, in order."""
         with self._reading() as reader:
             return ledgering.heads(reader, after, limit, newest)
+
+    def add_fatigue(self, rows: Sequence[fatigue_rows.FatigueRow]) -> None:
+        """Keep fatigue messages; of a boot and hour the newest stays."""
+        with self._writing() as writer:
+            fatigue_rows.insert(writer, rows)
+
+    def fatigue(self, twin_id: str) -> list[fatigue_rows.FatigueRow]:
+        """Read the fatigue messages of a twin in the order of time."""
+        with self._reading() as reader:
+            return fatigue_rows.select(reader, twin_id)
 
     def check(self) -> None:
         """Raise where nothing can be written or read any more."""

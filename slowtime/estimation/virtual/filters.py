@@ -1,8 +1,8 @@
 r"""Steady-state Kalman filters of several models at once, run in blocks of samples.
 
 The gain is that of the algebraic Riccati equation, so that estimate and outputs are a linear
-recursion with constant coefficients, :math:`\hat x_k = (I - K H) F \hat x_{k-1} + K y_k`; a block
-of it is one matrix product.
+recursion with constant coefficients, :math:`\hat x_k = (I - K H) F \hat x_{k-1} + K y_k`; a
+block of it is one matrix product.
 """
 
 import dataclasses

@@ -4,8 +4,8 @@ In modal coordinates :math:`\ddot q + \Phi^T C \Phi\, \dot q + \Omega^2 q = \sum
 with latent forces :math:`\dot p_l = -c_l p_l + \sqrt{2 c_l s_l}\, w_l`: two of each mode, one
 with a corner at the lower edge of the band and one at a quarter of the sampling rate, whose
 variances :math:`s_l` are fitted. Motion of the base, and forces that a channel measures, are
-latent forces too. Outputs pass a high-pass of second order, whose states belong to the model, so
-that their error is that of the band that is told.
+latent forces too. Outputs pass a high-pass of second order, whose states belong to the model,
+so that their error is that of the band that is told.
 
 References
 ----------
@@ -220,7 +220,7 @@ def modes_kept(description: Description, rate_hz: float, settings: VirtualSettin
 def noise_of(
     description: Description, channels: Sequence[str]
 ) -> Float[np.ndarray, " channel"]:
-    """Standard deviation of each channel's noise in SI; NaN where the model does not say."""
+    """Look up the standard deviation of each channel's noise in SI; NaN where the model does not say."""
     known = {}
     for sensor in description.sensors:
         if sensor.noise_sd is not None:

@@ -1,7 +1,7 @@
 """The virtual sensor: samples of accelerations in, outputs with standard deviations out.
 
-Samples are taken in windows: of each, the levels of forces are estimated, and the filters of all
-models run through it with their states carried over. Where the stream is cut changes nothing.
+Samples are taken in windows: of each, the levels of forces are estimated, and the filters of
+all models run through it with their states carried over. Where the stream is cut changes nothing.
 """
 
 import dataclasses
@@ -154,7 +154,7 @@ class VirtualSensor:
         """
         if not np.isfinite(samples).all():
             raise ValueError(
-                "Samples are missing (not finite). Bridge short gaps; begin anew after long ones."
+                "Samples are missing (not finite). Bridge short gaps; begin anew after others."
             )
         waiting = np.concatenate([*state.waiting, samples])
         out = []
