@@ -404,7 +404,7 @@ class VirtualQuantity(Frozen):
     def _has_deviations(self) -> "VirtualQuantity":
         if len(self.values) != len(self.sd):
             raise ValueError(
-                f"{self.name}: {len(self.values)} values and {len(self.sd)} standard deviations. "
+                f"{self.name}: {len(self.values)} values and {len(self.sd)} deviations. "
                 "Give one of each."
             )
         return self

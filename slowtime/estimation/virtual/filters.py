@@ -125,15 +125,19 @@ def _steady(
     the Riccati equation has eigenvalues too near the unit circle for a Schur decomposition.
     """
     size = len(transition)
-    a = transition.T
-    g = sensing.T @ np.linalg.solve(noise, sensing)
-    h = process
+    a, h = transition.T, process
+    # A factor of G: I + G H itself is singular to rounding where noise is small.
+    factor = sensing.T / np.sqrt(np.diag(noise))
     for _ in range(TURNS):
-        inverse = np.linalg.solve(np.eye(size) + g @ h, np.eye(size))
-        grown = a.T @ h @ inverse @ a
-        g = g + a @ inverse @ g @ a.T
-        g = (g + g.T) / 2
-        a = a @ inverse @ a
+        inner = np.linalg.cholesky(np.eye(factor.shape[1]) + factor.T @ h @ factor)
+        narrow = scipy.linalg.solve_triangular(inner, factor.T, lower=True)
+        weighed = narrow @ h
+        grown = a.T @ (h - weighed.T @ weighed) @ a
+        reached = a @ narrow.T
+        a = a @ a - reached @ (weighed @ a)
+        factor = np.concatenate([factor, reached], axis=1)
+        if factor.shape[1] > size:
+            factor = np.linalg.qr(factor.T, mode="r").T
         h = h + (grown + grown.T) / 2
         if np.abs(grown).max() <= TOLERANCE * np.abs(h).max():
             break

@@ -220,7 +220,7 @@ def modes_kept(description: Description, rate_hz: float, settings: VirtualSettin
 def noise_of(
     description: Description, channels: Sequence[str]
 ) -> Float[np.ndarray, " channel"]:
-    """Look up the standard deviation of each channel's noise in SI; NaN where the model does not say."""
+    """Look up noise of the channels (standard deviation, SI); NaN where nothing is said."""
     known = {}
     for sensor in description.sensors:
         if sensor.noise_sd is not None:

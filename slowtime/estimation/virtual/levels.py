@@ -26,7 +26,12 @@ RELATIVE_WIDTH = 0.01
 HIGHEST = 0.45
 """Upper edge of the frequencies that are fitted, as a share of the sampling rate [1]."""
 FLOOR = 1e-12
-"""Of a level, relative to the largest of its kind [1]."""
+"""Of a level of force, relative to the largest [1]."""
+QUIETEST = 1e-8
+"""Variance of a channel's noise, relative to that of the samples [1]: a resolution of 13 bits.
+What is less makes the filters' equations singular."""
+SILENT = 1e-20
+"""Least variance of noise [m^2/s^4], where all channels are dead."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -143,6 +148,10 @@ def fit_levels(
         levels = np.concatenate([start.forces, start.noise])
     known = np.concatenate([np.zeros(len(given), bool), np.isfinite(noise_sd)])
     levels[known] = noise_sd[np.isfinite(noise_sd)] ** 2
+    variance = float((sizes @ power).max() / sizes.sum()) * rate_hz / 2
+    floors = np.full(len(levels), max(QUIETEST * variance, SILENT))
+    floors[: len(given)] = 0.0
+    levels = np.maximum(levels, floors)
     flat = parts.reshape(len(parts), -1)
     weights = sizes[:, None, None]
     for _ in range(iterations):
@@ -154,8 +163,7 @@ def fit_levels(
         levels = np.where(known, levels, levels * step)
         forces = levels[: len(given)]
         levels[: len(given)] = np.maximum(forces, FLOOR * forces.max())
-        rest = levels[len(given) :]
-        levels[len(given) :] = np.maximum(rest, FLOOR * power.max() * rate_hz)
+        levels = np.maximum(levels, floors)
     density = (levels @ flat).reshape(spectra.shape)
     ratio = np.einsum("fij,fji->f", np.linalg.inv(density), spectra).real
     misfit = float((sizes * ratio).sum() / (sizes.sum() * channels))

@@ -1,7 +1,8 @@
 """The virtual sensor: samples of accelerations in, outputs with standard deviations out.
 
 Samples are taken in windows: of each, the levels of forces are estimated, and the filters of
-all models run through it with their states carried over. Where the stream is cut changes nothing.
+all models run through it with their states carried over. Where the stream is cut changes
+nothing.
 """
 
 import dataclasses
