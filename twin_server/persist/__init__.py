@@ -4,6 +4,7 @@ from .auditing import Audit, audit
 from .copying import backup, restore
 from .diagnosing import DiagnosisRow
 from .errors import DamagedStoreError, StoreError, WrongStoreError
+from .fatigue_rows import HOUR_NS, FatigueRow
 from .ledgering import HeadRow
 from .opening import is_url, open_store
 from .postgres import PostgresStore
@@ -21,12 +22,14 @@ from .store import (
 )
 
 __all__ = [
+    "HOUR_NS",
     "Audit",
     "Cut",
     "DamagedStoreError",
     "DetailRow",
     "DiagnosisRow",
     "EventRow",
+    "FatigueRow",
     "FeatureRow",
     "HeadRow",
     "History",

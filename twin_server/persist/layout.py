@@ -23,6 +23,7 @@ from .sealing import (
     DIAGNOSES,
     DIGESTS,
     EVENTS,
+    FATIGUE,
     FEATURES,
     HEADS,
     LEDGER,
@@ -36,9 +37,10 @@ from .sql import insert_all
 logger = logging.getLogger(__name__)
 
 APPLICATION = 0x536C6F77
-VERSION = 256 * LAYOUT + 8
+VERSION = 256 * LAYOUT + 9
 """Layout of the states, and of the tables around them."""
 
+WITHOUT_FATIGUE = 256 * LAYOUT + 8
 WITHOUT_ASSET_EVENTS = 256 * LAYOUT + 7
 WITHOUT_LEDGER = 256 * LAYOUT + 6
 WITHOUT_DELIVERIES = 256 * LAYOUT + 5
@@ -46,10 +48,11 @@ WITHOUT_LEVELS = 256 * LAYOUT + 4
 """Versions before, which lack some tables and nothing else."""
 
 _OLDER = tuple(range(256 * LAYOUT + 1, VERSION))
-_LATER = (LEDGER, HEADS, ASSET_EVENTS)
+_LATER = (LEDGER, HEADS, ASSET_EVENTS, FATIGUE)
 _OF_ALARMS = (DELIVERIES, ACKNOWLEDGEMENTS, *_LATER)
 LACKING: dict[int, tuple[Table, ...]] = {
-    WITHOUT_ASSET_EVENTS: (ASSET_EVENTS,),
+    WITHOUT_FATIGUE: (FATIGUE,),
+    WITHOUT_ASSET_EVENTS: (ASSET_EVENTS, FATIGUE),
     WITHOUT_LEDGER: _LATER,
     WITHOUT_DELIVERIES: _OF_ALARMS,
     WITHOUT_LEVELS: (LEVELS, DIGESTS, *_OF_ALARMS),

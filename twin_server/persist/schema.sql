@@ -157,5 +157,16 @@ create table heads (
   body text not null,
   crc integer not null
 );
+-- Newest fatigue message of each boot and hour of sensor time; a message holds sums of its boot.
+create table fatigue (
+  twin text not null,
+  boot text not null,
+  hour integer not null,
+  sequence integer not null,
+  t_ns integer not null,
+  message blob not null,
+  crc integer not null,
+  primary key (twin, boot, hour)
+);
 -- The last number given to a boot, an event, a diagnosis.
 create table numbers (what text primary key, value integer not null, crc integer not null);

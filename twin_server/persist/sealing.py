@@ -82,10 +82,11 @@ ASSET_EVENTS = _table(
 )
 LEDGER = _table("ledger", "twin count entries link", "twin, count")
 HEADS = _table("heads", "number t_ns body", "number")
+FATIGUE = _table("fatigue", "twin boot hour sequence t_ns message", "twin, boot, hour")
 NUMBERS = _table("numbers", "what value", "what")
 TABLES = (
     TWINS, RUNS, FEATURES, DETAILS, LEVELS, DIGESTS, HELD, EVENTS, DIAGNOSES, DELIVERIES,
-    ACKNOWLEDGEMENTS, ASSET_EVENTS, LEDGER, HEADS, NUMBERS,
+    ACKNOWLEDGEMENTS, ASSET_EVENTS, LEDGER, HEADS, FATIGUE, NUMBERS,
 )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from twin_server.buckets import Buckets, thin
 from twin_server.deliveries import Acknowledgement, Delivery, State, Tally
 from twin_server.states import from_bytes
 
-from . import delivering, diagnosing, eventing, ledgering
+from . import delivering, diagnosing, eventing, fatigue_rows, ledgering
 from .detailing import changes, column, delete_details, has_details, insert_details
 from .diagnosing import DiagnosisRow
 from .hashing import Rolling, Row, insert_digests, rolled
@@ -242,6 +242,7 @@ class SqlStore(abc.ABC):
                 writer.execute("delete from held where number = ?", (span.number,))
             for table in (
                 "runs", "events", "diagnoses", "deliveries", "acknowledgements", "asset_events",
+                "fatigue",
             ):  # fmt: skip
                 writer.execute(f"delete from {table} where twin = ?", (twin_id,))
             _note_number(writer, "run", following)
@@ -465,6 +466,16 @@ class SqlStore(abc.ABC):
         """Read signed heads, in order."""
         with self._reading() as reader:
             return ledgering.heads(reader, after, limit, newest)
+
+    def add_fatigue(self, rows: Sequence[fatigue_rows.FatigueRow]) -> None:
+        """Keep fatigue messages; of a boot and hour the newest stays."""
+        with self._writing() as writer:
+            fatigue_rows.insert(writer, rows)
+
+    def fatigue(self, twin_id: str) -> list[fatigue_rows.FatigueRow]:
+        """Read the fatigue messages of a twin in the order of time."""
+        with self._reading() as reader:
+            return fatigue_rows.select(reader, twin_id)
 
     def check(self) -> None:
         """Raise where nothing can be written or read any more."""

@@ -16,6 +16,7 @@ from twin_server.details import Bodies, Detail
 from twin_server.states import States
 
 from .diagnosing import DiagnosisRow
+from .fatigue_rows import FatigueRow
 from .ledgering import HeadRow
 
 
@@ -305,6 +306,14 @@ class Store(Protocol):
         self, *, after: int = 0, limit: int = 1000, newest: bool = False
     ) -> list[HeadRow]:
         """Signed heads in order: those after a number, of which the first or the last ones."""
+        ...
+
+    def add_fatigue(self, rows: Sequence[FatigueRow]) -> None:
+        """Keep fatigue messages; of a boot and hour the newest stays."""
+        ...
+
+    def fatigue(self, twin_id: str) -> list[FatigueRow]:
+        """Fatigue messages of a twin in the order of time."""
         ...
 
     def check(self) -> None:

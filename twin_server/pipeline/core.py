@@ -16,12 +16,15 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Literal, TypeVar
 
 from slowtime_schemas.asset_events import AssetEvent
-from slowtime_schemas.messages import Features, Health
+from slowtime_schemas.codec import encode
+from slowtime_schemas.messages import Fatigue, Features, Health, Virtual
 from slowtime_schemas.streams import (
     ASSET_EVENT,
+    FATIGUE,
     FEATURES,
     HEALTH,
     REGISTRATION,
+    VIRTUAL,
     alive_key,
     request_key,
 )
@@ -44,7 +47,7 @@ from twin_server.collect import (
 )
 from twin_server.deliveries import Acknowledgement, Delivery
 from twin_server.estimate import Checkpoint, Twin
-from twin_server.persist import Cut, EventRow, Store, StoreError
+from twin_server.persist import HOUR_NS, Cut, EventRow, FatigueRow, Store, StoreError
 from twin_server.registration import Registration
 from twin_server.settings import TwinSettings
 
@@ -76,6 +79,9 @@ MOST_INCLUDED = 10_000
 
 MOST_RECALLED = 10_000
 """Events of before that are looked through for what was told of a sensor."""
+
+VIRTUAL_KEPT = 12
+"""Windows of virtual quantities that are remembered of a twin; recordings hold all."""
 
 T = TypeVar("T")
 Answered = tuple[Want, Sequence[Holding] | None, bool]
@@ -129,6 +135,7 @@ class Pipeline:
         self._account = self._new_account()
         self._stale = True
         self._heard: dict[tuple[str, str], int] = {}
+        self._virtual: dict[tuple[str, str], collections.deque[Virtual]] = {}
         self._sensors = SensorWatch(self._told_of_sensor)
         self.ledger_signer: LedgerSigner | None = None
         if settings.ledger.key is not None:
@@ -152,6 +159,8 @@ class Pipeline:
         self._handles = [
             self._bus.subscribe(FEATURES.everywhere, self._receive),
             self._bus.subscribe(HEALTH.everywhere, self._receive),
+            self._bus.subscribe(FATIGUE.everywhere, self._receive),
+            self._bus.subscribe(VIRTUAL.everywhere, self._receive),
             self._bus.subscribe(REGISTRATION.everywhere, self._receive),
             self._bus.subscribe(ASSET_EVENT.everywhere, self._receive),
             self._bus.watch(alive_key("*", "*"), self._see),
@@ -426,12 +435,38 @@ class Pipeline:
         self._heard.update(((a.features.site, a.features.asset), now_ns) for a in arrivals)
         self._take_arrivals(arrivals)
         self._account.disbelieve(received.disbelieved)
+        self._take_assessed(received.assessed)
         if healths:
             self._durably(lambda c: self._account.hear(healths, time.monotonic(), c))
             self._hear_of_sensors([health for health, replayed in healths if not replayed])
         for told in received.asset_events:
             self._take_told(told)
         return received.misdated
+
+    def _take_assessed(self, messages: Sequence[Fatigue | Virtual]) -> None:
+        """Keep fatigue, and remember the latest virtual quantities; of twins only."""
+        rows = []
+        for message in messages:
+            key = message.site, message.asset
+            if key not in self._twins:
+                continue  # sums come again, once there is a twin
+            if isinstance(message, Virtual):
+                windows = self._virtual.setdefault(key, collections.deque(maxlen=VIRTUAL_KEPT))
+                windows.append(message)
+                continue
+            rows.append(
+                FatigueRow(
+                    message.twin_id, message.boot, message.t_ns // HOUR_NS, message.sequence,
+                    message.t_ns, encode(message),
+                )
+            )  # fmt: skip
+        if rows:
+            self.store.add_fatigue(rows)
+            self.counts["fatigue"] += len(rows)
+
+    def virtual(self, twin_id: str) -> list[Virtual]:
+        """Latest windows of virtual quantities, since this server began."""
+        return list(self._virtual.get(address(twin_id), ()))
 
     def _hear_of_sensors(self, healths: Sequence[Health]) -> None:
         """Make events of what live sensors do; of twins only, since events are theirs."""
@@ -712,6 +747,7 @@ class Pipeline:
         existed = self.store.delete(twin_id)
         self._twins.pop(key, None)
         self._heard.pop(key, None)
+        self._virtual.pop(key, None)
         self._sensors.forget(*key)
         self._account.forget(*key)
         self._voice.reset(twin_id)

@@ -4,6 +4,9 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from slowtime_schemas.codec import decode
+from slowtime_schemas.messages import Fatigue
+from slowtime_schemas.streams import FATIGUE
 from slowtime_services.bus import Bus
 from twin_server.estimate import Foresight, foresee_from, normal_of, now_of
 from twin_server.orders import SimulationOrder
@@ -14,6 +17,7 @@ from twin_server.thresholds import Limit
 
 from .alarming import raised_of
 from .core import Pipeline
+from .fatigue import fatigue_of
 from .news import News
 from .prospects import Prospects
 from .routing import UnknownReceiverError
@@ -177,6 +181,20 @@ class TwinKnowledge:
         """Signed heads of the ledger: those that follow a number, or the newest."""
         rows = self._store.heads(after=after or 0, limit=limit, newest=after is None)
         return [json.loads(row.body)["head"] for row in rows]
+
+    def fatigue(self, twin_id: str) -> list[dict[str, Any]]:
+        """Damage of each point of a twin, its course and the time that is left."""
+        messages = (decode(FATIGUE, row.message) for row in self._store.fatigue(twin_id))
+        return fatigue_of([one for one in messages if isinstance(one, Fatigue)])
+
+    def virtual(self, twin_id: str) -> list[dict[str, Any]]:
+        """Latest windows of virtual quantities, since this server began."""
+        kept = ("boot", "start_ns", "t_ns", "rate_hz", "lowest_hz", "valid", "reasons")
+        return [
+            {name: getattr(window, name) for name in kept}
+            | {"quantities": [quantity.model_dump() for quantity in window.quantities]}
+            for window in self._pipeline.virtual(twin_id)
+        ]
 
     def digest(self, twin_id: str) -> tuple[str, int]:
         """SHA-256 of a twin's whole history, and how many features it has."""

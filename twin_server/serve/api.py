@@ -22,6 +22,7 @@ from twin_server.settings import ServeSettings
 from . import (
     alarms,
     asset_events,
+    assessed,
     diagnoses,
     exports,
     forecasts,
@@ -124,6 +125,7 @@ def create_app(
     app.include_router(_twins(knowledge, hub, settings, known, changing), prefix="/api/v1")
     app.include_router(forecasts.routes(knowledge, settings, known, lane), prefix="/api/v1")
     app.include_router(simulations.routes(knowledge, known, lane), prefix="/api/v1")
+    app.include_router(assessed.routes(knowledge, known), prefix="/api/v1")
     app.include_router(exports.routes(knowledge, known, settings.max_exports), prefix="/api/v1")
     if ordering is not None:
         app.include_router(diagnoses.routes(ordering, known, changing), prefix="/api/v1")

@@ -125,6 +125,14 @@ class Knowledge(Protocol):
         """Signed heads of the ledger: those that follow a number, or the newest."""
         ...
 
+    def fatigue(self, twin_id: str) -> list[dict[str, Any]]:
+        """Damage of each point of a twin, its course and the time that is left."""
+        ...
+
+    def virtual(self, twin_id: str) -> list[dict[str, Any]]:
+        """Latest windows of virtual quantities, since this server began."""
+        ...
+
     def check(self, twin_id: str, order: SimulationOrder) -> None:
         """Refuse, by a `ProblemError`, what cannot be run of a twin anyway; costs nothing."""
         ...

@@ -480,6 +480,83 @@ class HashModel(BaseModel):
     features: int
 
 
+class BandModel(BaseModel):
+    """A value with standard deviation and 95 % interval."""
+
+    value: float
+    sd: float
+    lo: float
+    hi: float
+
+
+class DamageMoment(BaseModel):
+    """Miner's sum at one time, with its 95 % interval, and seconds counted by then."""
+
+    t_ns: int
+    damage: float
+    lo: float
+    hi: float
+    seconds: float
+
+
+class FatiguePointModel(BaseModel):
+    """Fatigue of one point over all boots."""
+
+    name: str
+    unit: str
+    source: Literal["channel", "virtual"]
+    damage: BandModel
+    damage_per_year: float
+    rate_variation: float
+    counted_s: float
+    uncounted_s: float
+    boots: int
+    time_to_failure_s: dict[str, float | None]
+    failed_probability: float
+    capacity: dict[str, float]
+    curve: dict[str, float | None]
+    reasons: list[str]
+    course: list[DamageMoment]
+    ranges: list[float]
+    cycles: list[float]
+
+
+class FatigueModel(BaseModel):
+    """Fatigue of a twin; no points where its edge counts none."""
+
+    id: str
+    points: list[FatiguePointModel]
+
+
+class VirtualQuantityModel(BaseModel):
+    """A quantity that nobody measures."""
+
+    name: str
+    unit: str
+    values: list[float]
+    sd: list[float]
+
+
+class VirtualWindowModel(BaseModel):
+    """Virtual quantities over one window."""
+
+    boot: str
+    start_ns: int
+    t_ns: int
+    rate_hz: float
+    lowest_hz: float
+    valid: bool
+    reasons: list[str]
+    quantities: list[VirtualQuantityModel]
+
+
+class VirtualModel(BaseModel):
+    """Latest windows of a twin's virtual quantities; none where its edge makes none."""
+
+    id: str
+    windows: list[VirtualWindowModel]
+
+
 class HeadModel(BaseModel):
     """A signed hash over what the server had accepted of all its twins."""
 
