@@ -1,0 +1,122 @@
+"""One-step lookahead: repair now, inspect first, or wait, of one asset or of a whole fleet.
+
+All that is asked of a model of degradation is the probability of a failure by each time, of a
+few weighted states of each asset. What follows a renewal enters by its value V
+(`continuation`), so that one step ahead is enough: repairing later is compared with the best
+later repair, and each epoch asks anew.
+"""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from .costs import FAILURE, INSPECTION, REPAIR, Costs, discount
+from .information import OUTCOMES, of_a_number, value_of_information
+
+
+def repair_items(
+    time: Float[np.ndarray, " time"],
+    failure_cdf: Float[np.ndarray, "*asset path time"],
+    costs: Costs,
+    after_repair: Float[np.ndarray, "*asset path time item"],
+    after_failure: Float[np.ndarray, "*asset path time item"],
+) -> Float[np.ndarray, "*asset path time item"]:
+    """Give expected discounted items of "repair at each of the times, unless it fails before".
+
+    Parameters
+    ----------
+    time
+        When a repair may be planned, the first being now; not necessarily equal steps.
+    failure_cdf
+        Probability of a failure by each time, in each state.
+    after_repair, after_failure
+        What follows a renewal at each time, until the horizon, not yet discounted to now.
+
+    Returns
+    -------
+    Items of each planned time.
+    """
+    weight = discount(time, costs.discount_rate)[:, None]
+    failing = np.diff(failure_cdf, axis=-1, prepend=0.0)[..., None]
+    failures = np.cumsum(failing * weight * (costs.event(FAILURE) + after_failure), axis=-2)
+    alive = (1.0 - failure_cdf)[..., None]
+    return failures + alive * weight * (costs.event(REPAIR) + after_repair)
+
+
+def never_items(
+    time: Float[np.ndarray, " time"],
+    failure_cdf: Float[np.ndarray, "*asset path time"],
+    costs: Costs,
+    after_failure: Float[np.ndarray, "*asset path time item"],
+) -> Float[np.ndarray, "*asset path item"]:
+    """Give expected discounted items of planning no repair within the times."""
+    weight = discount(time, costs.discount_rate)[:, None]
+    failing = np.diff(failure_cdf, axis=-1, prepend=0.0)[..., None]
+    return (failing * weight * (costs.event(FAILURE) + after_failure)).sum(axis=-2)
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Lookahead:
+    """What each asset should do now.
+
+    Parameters
+    ----------
+    repair, inspect
+        Whether to repair now, or to inspect now and decide by what is found.
+    repair_cost, wait_cost, inspect_cost
+        Expected cost of each: repairing now, at the best later time or never, inspecting first
+        [currency].
+    when
+        Index of the best time of a repair; the count of times for none.
+    net_value
+        Value of an inspection now minus its cost [currency]; -infinite where none is offered.
+    """
+
+    repair: Bool[np.ndarray, " asset"]
+    inspect: Bool[np.ndarray, " asset"]
+    repair_cost: Float[np.ndarray, " asset"]
+    wait_cost: Float[np.ndarray, " asset"]
+    inspect_cost: Float[np.ndarray, " asset"]
+    when: Int[np.ndarray, " asset"]
+    net_value: Float[np.ndarray, " asset"]
+
+
+def look_ahead(
+    cost: Float[np.ndarray, "asset path action"],
+    weights: Float[np.ndarray, "asset path"],
+    damage: Float[np.ndarray, "asset path"] | None = None,
+    *,
+    inspection_sd: float = 0.0,
+    inspection_cost: float = np.inf,
+    outcomes: int = OUTCOMES,
+) -> Lookahead:
+    """Choose for each asset; the first action is to repair now, the others are later.
+
+    Parameters
+    ----------
+    cost
+        Of a repair at each time, in each state [currency].
+    weights
+        Of each state; their sum is 1.
+    damage
+        Of each state now, which an inspection measures [1]; None to offer no inspection.
+    inspection_sd, inspection_cost
+        Error of an inspection [1], and what one costs [currency].
+    """
+    expected = (weights[..., None] * cost).sum(axis=-2)
+    now, later = expected[..., 0], expected[..., 1:].min(axis=-1)
+    inspected = np.full(len(expected), np.inf)
+    net = np.full(len(expected), -np.inf)
+    if damage is not None and np.isfinite(inspection_cost):
+        likelihood = of_a_number(damage, weights, inspection_sd, outcomes)
+        net = value_of_information(cost, weights, likelihood).value - inspection_cost
+        inspected = np.minimum(now, later) - net
+    inspect = net > 0.0
+    repair = ~inspect & (now <= later)
+    return Lookahead(repair, inspect, now, later, inspected, expected.argmin(axis=-1), net)
+
+
+def inspection_price(costs: Costs) -> float:
+    """Give what one inspection costs, its downtime included [currency]."""
+    return costs.price(INSPECTION)
