@@ -7,6 +7,7 @@ later repair, and each epoch asks anew.
 """
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -57,6 +58,22 @@ def never_items(
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
+class Monitored:
+    """Readings that come by a later time without being ordered.
+
+    Parameters
+    ----------
+    action
+        Index of the first action that is left then.
+    sd
+        Error with which they tell, together, in which state the asset is now [1].
+    """
+
+    action: int
+    sd: Float[np.ndarray, " asset"]
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
 class Lookahead:
     """What each asset should do now.
 
@@ -89,6 +106,7 @@ def look_ahead(
     *,
     inspection_sd: float = 0.0,
     inspection_cost: float = np.inf,
+    monitored: Sequence[Monitored] = (),
     outcomes: int = OUTCOMES,
 ) -> Lookahead:
     """Choose for each asset; the first action is to repair now, the others are later.
@@ -103,15 +121,22 @@ def look_ahead(
         Of each state now, which an inspection measures [1]; None to offer no inspection.
     inspection_sd, inspection_cost
         Error of an inspection [1], and what one costs [currency].
+    monitored
+        Readings that come anyway: waiting may end by what they tell.
     """
     expected = (weights[..., None] * cost).sum(axis=-2)
     now, later = expected[..., 0], expected[..., 1:].min(axis=-1)
+    for one in monitored if damage is not None else ():
+        likelihood = of_a_number(damage, weights, one.sd, outcomes)
+        told = value_of_information(cost[..., one.action :], weights, likelihood)
+        later = np.minimum(later, told.prior - told.value)
     inspected = np.full(len(expected), np.inf)
     net = np.full(len(expected), -np.inf)
     if damage is not None and np.isfinite(inspection_cost):
         likelihood = of_a_number(damage, weights, inspection_sd, outcomes)
         net = value_of_information(cost, weights, likelihood).value - inspection_cost
-        inspected = np.minimum(now, later) - net
+        inspected = expected.min(axis=-1) - net
+        net = np.minimum(now, later) - inspected
     inspect = net > 0.0
     repair = ~inspect & (now <= later)
     return Lookahead(repair, inspect, now, later, inspected, expected.argmin(axis=-1), net)

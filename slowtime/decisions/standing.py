@@ -94,11 +94,7 @@ def standing_policies(
         )
     )
     found.append(_fixed_interval(starts, costs, steps))
-    found.append(
-        _best("estimate_threshold", starts, costs, [
-            ({"damage": level}, _level(level, seen)) for level in LEVELS
-        ])
-    )  # fmt: skip
+    found.append(_thresholds(starts, costs, seen))
     levels: list[tuple[dict[str, float], Rule]] = []
     for chance in PROBABILITIES:
         level = rules.threshold_of_probability(starts.new, seen[id(starts.new)], chance, window)
@@ -119,6 +115,18 @@ def standing_policies(
             ])
         )  # fmt: skip
     return found
+
+
+def threshold_policy(starts: Starts, costs: Costs, error: EstimateError) -> Standing:
+    """Give the best threshold on the estimate."""
+    return _thresholds(starts, costs, {id(each): error.of(each) for each in _each(starts)})
+
+
+def _thresholds(
+    starts: Starts, costs: Costs, seen: Mapping[int, Float[np.ndarray, "path time"]]
+) -> Standing:
+    candidates = [({"damage": level}, _level(level, seen)) for level in LEVELS]
+    return _best("estimate_threshold", starts, costs, candidates)
 
 
 def _each(starts: Starts) -> Iterable[Ensemble]:
