@@ -229,7 +229,7 @@ def _chosen(
     bend = np.maximum(2.0 * mid - low - high, 1e-9)
     shift = np.clip((high - low) / (2.0 * bend), -1.0, 1.0)
     found = np.exp(logs[middle] + shift * (logs[1] - logs[0]))
-    return flat, found, np.array(ACCELERATIONS)[column]
+    return np.asarray(flat), np.asarray(found), np.asarray(np.array(ACCELERATIONS)[column])
 
 
 def _sisters(
@@ -250,17 +250,18 @@ def _sisters(
     best = fit.argmax(axis=-1)[..., None]
     pick = (np.take_along_axis(each, best, axis=-1)[..., 0] for each in (mean, s2, precision))
     m, s, p = pick
-    return m, np.sqrt(s + 1.0 / p)
+    return np.asarray(m), np.asarray(np.sqrt(s + 1.0 / p))
 
 
 def _mean(
-    rate: Float[np.ndarray, "*row asset"],
+    rate: Float[np.ndarray, "*#row asset"],
     total: Float[np.ndarray, "*row asset"],
     guess: float,
     guess_sd: float,
 ) -> tuple[Float[np.ndarray, "*row"], Float[np.ndarray, "*row"]]:
     precision = (1.0 / total).sum(axis=-1) + guess_sd**-2
-    return ((rate / total).sum(axis=-1) + guess * guess_sd**-2) / precision, precision
+    mean = ((rate / total).sum(axis=-1) + guess * guess_sd**-2) / precision
+    return np.asarray(mean), np.asarray(precision)
 
 
 def states_of(

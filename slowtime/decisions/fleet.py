@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 
 from . import drift
 from .continuation import Follow
-from .costs import INSPECTION, Costs
+from .costs import INSPECTION, Costs, discount
 from .ensemble import Ensemble, from_paths
 from .lookahead import Lookahead, Monitored, look_ahead, never_items, repair_items
 from .rules import EstimateError
@@ -129,7 +129,11 @@ def decide(
         never = never_items(step * ahead, cdf, costs, after) @ prices
         cost = np.concatenate([cost, never[..., None]], axis=-1)
     weights = np.full(place.shape, 1.0 / place.shape[-1])
-    monitored = () if reading_sd is None else _monitored(pooled, ahead, step, reading_sd)
+    monitored: list[Monitored] = []
+    if reading_sd is not None:
+        monitored += _monitored(pooled, ahead, step, reading_sd)
+    if inspection_sd is not None:
+        monitored += _postponed(pooled, ahead, step, inspection_sd, costs)
     return look_ahead(
         cost,
         weights,
@@ -143,7 +147,7 @@ def decide(
 
 def _monitored(
     pooled: drift.Pooled, ahead: Int[np.ndarray, " time"], step: float, sd: float
-) -> tuple[Monitored, ...]:
+) -> list[Monitored]:
     """Say how well the readings of some epochs together tell the damage of now.
 
     The mean of n readings less the expected drift has the variance sd² / n of their errors, and
@@ -156,7 +160,34 @@ def _monitored(
             own = (sd / drift.slope_at(pooled.place, pooled.acceleration)) ** 2
             var = own / count + pooled.variance * time / 3.0 + pooled.prr * time**2 / 3.0
             found.append(Monitored(int(np.flatnonzero(ahead == count)[0]), np.sqrt(var)))
-    return tuple(found)
+    return found
+
+
+def _postponed(
+    pooled: drift.Pooled,
+    ahead: Int[np.ndarray, " time"],
+    step: float,
+    sd: float,
+    costs: Costs,
+) -> list[Monitored]:
+    """Say what an inspection after some epochs of waiting tells, and costs.
+
+    What the damage does meanwhile, of variance q t, hides in which state it is now.
+    """
+    found = []
+    for count in WAITS:
+        if count in ahead:
+            time = step * count
+            own = (sd / drift.slope_at(pooled.place, pooled.acceleration)) ** 2
+            weight = float(discount(np.array([time]), costs.discount_rate)[0])
+            found.append(
+                Monitored(
+                    int(np.flatnonzero(ahead == count)[0]),
+                    np.sqrt(own + pooled.variance * time),
+                    weight * costs.price(INSPECTION),
+                )
+            )
+    return found
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

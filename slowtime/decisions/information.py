@@ -90,7 +90,8 @@ def value_of_information(
     actions = after.argmin(axis=-1)
     least = prior.min(axis=-1)
     saved = least - after.min(axis=-1).sum(axis=-1)
-    return Information(saved, least, prior.argmin(axis=-1), actions, joint.sum(axis=-2))
+    best = np.asarray(prior.argmin(axis=-1))
+    return Information(np.asarray(saved), np.asarray(least), best, actions, joint.sum(axis=-2))
 
 
 def of_a_number(

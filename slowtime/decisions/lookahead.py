@@ -20,8 +20,8 @@ def repair_items(
     time: Float[np.ndarray, " time"],
     failure_cdf: Float[np.ndarray, "*asset path time"],
     costs: Costs,
-    after_repair: Float[np.ndarray, "*asset path time item"],
-    after_failure: Float[np.ndarray, "*asset path time item"],
+    after_repair: Float[np.ndarray, "*#asset #path time item"],
+    after_failure: Float[np.ndarray, "*#asset #path time item"],
 ) -> Float[np.ndarray, "*asset path time item"]:
     """Give expected discounted items of "repair at each of the times, unless it fails before".
 
@@ -49,7 +49,7 @@ def never_items(
     time: Float[np.ndarray, " time"],
     failure_cdf: Float[np.ndarray, "*asset path time"],
     costs: Costs,
-    after_failure: Float[np.ndarray, "*asset path time item"],
+    after_failure: Float[np.ndarray, "*#asset #path time item"],
 ) -> Float[np.ndarray, "*asset path item"]:
     """Give expected discounted items of planning no repair within the times."""
     weight = discount(time, costs.discount_rate)[:, None]
@@ -59,7 +59,7 @@ def never_items(
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Monitored:
-    """Readings that come by a later time without being ordered.
+    """Readings that come by a later time anyway, or an inspection that may be made then.
 
     Parameters
     ----------
@@ -67,10 +67,13 @@ class Monitored:
         Index of the first action that is left then.
     sd
         Error with which they tell, together, in which state the asset is now [1].
+    cost
+        Of it, discounted [currency].
     """
 
     action: int
     sd: Float[np.ndarray, " asset"]
+    cost: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -122,24 +125,44 @@ def look_ahead(
     inspection_sd, inspection_cost
         Error of an inspection [1], and what one costs [currency].
     monitored
-        Readings that come anyway: waiting may end by what they tell.
+        Readings that come anyway, and later inspections: waiting may end by what they tell.
     """
     expected = (weights[..., None] * cost).sum(axis=-2)
-    now, later = expected[..., 0], expected[..., 1:].min(axis=-1)
-    for one in monitored if damage is not None else ():
-        likelihood = of_a_number(damage, weights, one.sd, outcomes)
-        told = value_of_information(cost[..., one.action :], weights, likelihood)
-        later = np.minimum(later, told.prior - told.value)
+    now, later = expected[:, 0], expected[:, 1:].min(axis=-1)
     inspected = np.full(len(expected), np.inf)
-    net = np.full(len(expected), -np.inf)
-    if damage is not None and np.isfinite(inspection_cost):
-        likelihood = of_a_number(damage, weights, inspection_sd, outcomes)
-        net = value_of_information(cost, weights, likelihood).value - inspection_cost
-        inspected = expected.min(axis=-1) - net
-        net = np.minimum(now, later) - inspected
+    if damage is not None:
+        # Perfect information is worth at least as much: most assets need nothing more.
+        perfect = expected.min(axis=-1) - (weights * cost.min(axis=-1)).sum(axis=-1)
+        close = np.flatnonzero((now <= later) | (perfect > inspection_cost))
+        some = cost[close], weights[close], damage[close]
+        for one in monitored:
+            of_all = np.broadcast_to(one.sd, now.shape)[close]
+            told = _informed(some, of_all, one.action, outcomes)
+            later[close] = np.minimum(later[close], told + one.cost)
+        if np.isfinite(inspection_cost):
+            of_all = np.full(len(close), inspection_sd)
+            inspected[close] = _informed(some, of_all, 0, outcomes) + inspection_cost
+    net = np.minimum(now, later) - inspected
     inspect = net > 0.0
     repair = ~inspect & (now <= later)
     return Lookahead(repair, inspect, now, later, inspected, expected.argmin(axis=-1), net)
+
+
+def _informed(
+    some: tuple[
+        Float[np.ndarray, "asset path action"],
+        Float[np.ndarray, "asset path"],
+        Float[np.ndarray, "asset path"],
+    ],
+    sd: Float[np.ndarray, " asset"],
+    action: int,
+    outcomes: int,
+) -> Float[np.ndarray, " asset"]:
+    """Give the expected cost where it is chosen among the actions from one on, informed."""
+    cost, weights, damage = some
+    likelihood = of_a_number(damage, weights, sd, outcomes)
+    told = value_of_information(cost[..., action:], weights, likelihood)
+    return told.prior - told.value
 
 
 def inspection_price(costs: Costs) -> float:
