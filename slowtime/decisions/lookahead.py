@@ -91,6 +91,8 @@ class Lookahead:
         Index of the best time of a repair; the count of times for none.
     net_value
         Value of an inspection now minus its cost [currency]; -infinite where none is offered.
+        It is the lesser of two: against all plans made without further knowledge, and against
+        repairing now or later where all is known later.
     """
 
     repair: Bool[np.ndarray, " asset"]
@@ -129,7 +131,7 @@ def look_ahead(
     """
     expected = (weights[..., None] * cost).sum(axis=-2)
     now, later = expected[:, 0], expected[:, 1:].min(axis=-1)
-    inspected = np.full(len(expected), np.inf)
+    inspected, resolved = np.full(len(expected), np.inf), np.full(len(expected), -np.inf)
     if damage is not None:
         # Perfect information is worth at least as much: most assets need nothing more.
         perfect = expected.min(axis=-1) - (weights * cost.min(axis=-1)).sum(axis=-1)
@@ -142,10 +144,31 @@ def look_ahead(
         if np.isfinite(inspection_cost):
             of_all = np.full(len(close), inspection_sd)
             inspected[close] = _informed(some, of_all, 0, outcomes) + inspection_cost
-    net = np.minimum(now, later) - inspected
+            resolved[close] = _resolved(some, of_all, outcomes) - inspection_cost
+    net = np.minimum(np.minimum(now, later) - inspected, resolved)
     inspect = net > 0.0
     repair = ~inspect & (now <= later)
     return Lookahead(repair, inspect, now, later, inspected, expected.argmin(axis=-1), net)
+
+
+def _resolved(
+    some: tuple[
+        Float[np.ndarray, "asset path action"],
+        Float[np.ndarray, "asset path"],
+        Float[np.ndarray, "asset path"],
+    ],
+    sd: Float[np.ndarray, " asset"],
+    outcomes: int,
+) -> Float[np.ndarray, " asset"]:
+    """Value of an observation for what is done now, where all is known later on anyway.
+
+    Repairs that are planned far ahead will be planned anew by the readings until then: an
+    inspection is not worth what it saves on them.
+    """
+    cost, weights, damage = some
+    now_or_later = np.stack([cost[..., 0], cost[..., 1:].min(axis=-1)], axis=-1)
+    likelihood = of_a_number(damage, weights, sd, outcomes)
+    return value_of_information(now_or_later, weights, likelihood).value
 
 
 def _informed(

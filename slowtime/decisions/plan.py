@@ -84,6 +84,8 @@ class Plan:
         Best option, the best that does something else now, and whether that is known.
     worths
         Of each observation, the most that it is worth; the best first.
+    inspections
+        What an inspection is worth at each time that was tried.
     repair_cost
         Expected cost of a repair at each time [currency].
     failure_probability
@@ -96,6 +98,7 @@ class Plan:
     costs: Float[np.ndarray, " option"]
     ranking: Ranking
     worths: tuple[Worth, ...]
+    inspections: tuple[Worth, ...]
     repair_cost: Float[np.ndarray, " time"]
     failure_probability: Float[np.ndarray, " time"]
     futures: Ensemble
@@ -153,11 +156,13 @@ def make_plan(futures: Ensemble, costs: Costs, terms: Terms) -> Plan:
     means = np.array([float(each.quantities(futures.weights) @ prices) for each in options])
     order = np.argsort(means, kind="stable")
     options = [options[k] for k in order]
+    worths = _worths(futures, costs, terms, actions, least)
     return Plan(
         tuple(options),
         means[order],
         rank(options, futures.weights, costs, terms.seed),
-        _worths(futures, costs, terms, actions, least),
+        tuple(sorted((max(each, key=_net) for each in worths), key=_net, reverse=True)),
+        worths[0] if inspection is not None else (),
         expected,
         futures.failure_probability(),
         futures,
@@ -336,8 +341,8 @@ def _curve_after(
 
 def _worths(
     futures: Ensemble, costs: Costs, terms: Terms, actions: _Left, least: float
-) -> tuple[Worth, ...]:
-    """Give of each observation what it is worth at its best time, the best first."""
+) -> list[tuple[Worth, ...]]:
+    """Give of each observation what it is worth at each time, the inspection first."""
     asked = list(terms.observations)
     if terms.inspection is not None:
         priced = dataclasses.replace(terms.inspection, cost=costs.price(INSPECTION))
@@ -346,7 +351,7 @@ def _worths(
     later = _spread(len(futures.time), INSPECTIONS)[:-1].tolist()
     for one in asked:
         places = [index_of(one, futures.time)] if one.kind == "readings" else later
-        each = [
+        each = tuple(
             worth(
                 one,
                 index,
@@ -359,6 +364,10 @@ def _worths(
                 float(np.exp(-costs.discount_rate * futures.time[index])),
             )
             for index in places
-        ]
-        found.append(max(each, key=lambda one: one.net))
-    return tuple(sorted(found, key=lambda one: -one.net))
+        )
+        found.append(each)
+    return found
+
+
+def _net(one: Worth) -> float:
+    return one.net

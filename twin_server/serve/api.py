@@ -19,7 +19,17 @@ from twin_server.registration import Registration
 from twin_server.rendering import event_object, points, state_objects
 from twin_server.settings import ServeSettings
 
-from . import alarms, diagnoses, exports, forecasts, models, problems, recordings, simulations
+from . import (
+    alarms,
+    diagnoses,
+    exports,
+    forecasts,
+    models,
+    plans,
+    problems,
+    recordings,
+    simulations,
+)
 from .alarms import Alarming
 from .diagnoses import Ordering
 from .document import document
@@ -109,6 +119,7 @@ def create_app(
     changing = Few(2)
     app.include_router(_twins(knowledge, hub, settings, known, changing), prefix="/api/v1")
     app.include_router(forecasts.routes(knowledge, settings, known, lane), prefix="/api/v1")
+    app.include_router(plans.routes(knowledge, known, lane), prefix="/api/v1")
     app.include_router(simulations.routes(knowledge, known, lane), prefix="/api/v1")
     app.include_router(exports.routes(knowledge, known, settings.max_exports), prefix="/api/v1")
     if ordering is not None:
