@@ -92,7 +92,7 @@ class Lookahead:
     net_value
         Value of an inspection now minus its cost [currency]; -infinite where none is offered.
         It is the lesser of two: against all plans made without further knowledge, and against
-        repairing now or later where all is known later.
+        repairing now or later only.
     """
 
     repair: Bool[np.ndarray, " asset"]
@@ -144,7 +144,8 @@ def look_ahead(
         if np.isfinite(inspection_cost):
             of_all = np.full(len(close), inspection_sd)
             inspected[close] = _informed(some, of_all, 0, outcomes) + inspection_cost
-            resolved[close] = _resolved(some, of_all, outcomes) - inspection_cost
+            value = _resolved(some, later[close], of_all, outcomes)
+            resolved[close] = value - inspection_cost
     net = np.minimum(np.minimum(now, later) - inspected, resolved)
     inspect = net > 0.0
     repair = ~inspect & (now <= later)
@@ -157,16 +158,20 @@ def _resolved(
         Float[np.ndarray, "asset path"],
         Float[np.ndarray, "asset path"],
     ],
+    later: Float[np.ndarray, " asset"],
     sd: Float[np.ndarray, " asset"],
     outcomes: int,
 ) -> Float[np.ndarray, " asset"]:
-    """Value of an observation for what is done now, where all is known later on anyway.
+    """Give the value of an observation for what is done now.
 
     Repairs that are planned far ahead will be planned anew by the readings until then: an
-    inspection is not worth what it saves on them.
+    inspection is not worth what it saves on them. Waiting therefore costs in each state what
+    the best later repair does, all of them shifted so that their mean is `later`.
     """
     cost, weights, damage = some
-    now_or_later = np.stack([cost[..., 0], cost[..., 1:].min(axis=-1)], axis=-1)
+    waiting = cost[..., 1:].min(axis=-1)
+    waiting = waiting + (later - (weights * waiting).sum(axis=-1))[:, None]
+    now_or_later = np.stack([cost[..., 0], waiting], axis=-1)
     likelihood = of_a_number(damage, weights, sd, outcomes)
     return value_of_information(now_or_later, weights, likelihood).value
 

@@ -5,6 +5,7 @@ import { Elements } from "./elements.js";
 import { Events } from "./events.js";
 import { limitsPassed } from "./fleet.js";
 import { Outlook } from "./outlook.js";
+import { Plan } from "./plan.js";
 import { toTwin } from "./route.js";
 import { Timeline } from "./timeline.js";
 import { WhatIf } from "./whatif.js";
@@ -64,9 +65,10 @@ export class Panel {
     this.elements = null;
     [this.events, this.outlook] = [new Events(), new Outlook()];
     [this.timeline, this.whatIf, this.diagnosis] = [new Timeline(twin), new WhatIf(twin), new Diagnosis(twin)];
+    this.plan = new Plan(twin);
     this.state = make("div", undefined, "state");
     this.state.append(
-      about, this.sensor, this.reasons, this.timeline.root, this.charts, this.outlook.root, this.whatIf.root, this.events.root,
+      about, this.sensor, this.reasons, this.timeline.root, this.charts, this.outlook.root, this.plan.root, this.whatIf.root, this.events.root,
     );
     this.root.append(this.heading(), this.alarm, this.facts, this.state, this.diagnosis.root);
   }
@@ -175,6 +177,7 @@ export class Panel {
     this.span.textContent = twin.all ? "Latest readings" : "Whole history";
     this.timeline.tell();
     this.outlook.tell(scene);
+    this.plan.tell(scene);
     this.events.tell(scene);
     this.whatIf.tell(twin.latest);
     this.tick();
