@@ -108,6 +108,7 @@ VERBS = {
     "forecast": Verb(
         "foreseeing:forecast", "Tell where a twin is heading, and when a threshold is reached."
     ),
+    "plan": Verb("planning:plan", "Tell what to do with a twin: repair, inspect or wait."),
     "whatif": Verb("foreseeing:whatif", "Run today's twin under a load, with bands."),
     "reliability": Verb(
         "reliability:reliability", "Tell how probable failure is, by several methods."

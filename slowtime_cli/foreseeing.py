@@ -54,9 +54,9 @@ def forecast(
     more = {"threshold": threshold, "quantity": quantity, "toward": toward}
     if asked.server is not None:
         query = {"horizon": horizon, "points": points, **more}
-        body = _of_server(asked, "GET", "forecast", query=query)
+        body = of_server(asked, "GET", "forecast", query=query)
     else:
-        with _made(asked) as (knowledge, twin_id, registration), _said():
+        with made(asked) as (knowledge, twin_id, registration), said():
             body = foretell(
                 knowledge, twin_id, registration, horizon, points,
                 threshold=threshold, quantity=quantity, toward=toward,
@@ -89,11 +89,11 @@ def whatif(
     more = {"outputs": list(outputs)} if outputs else {}
     order = SimulationOrder.model_validate({"load": load, **_without_none(options), **more})
     if asked.server is not None:
-        body = _of_server(
+        body = of_server(
             asked, "POST", "simulate", body=order.model_dump(mode="json", exclude_none=True)
         )
     else:
-        with _made(asked) as (knowledge, twin_id, _), _said():
+        with made(asked) as (knowledge, twin_id, _), said():
             body = json.loads(knowledge.simulate(twin_id, order))
     if out is not None:
         write_json(out, body)
@@ -130,7 +130,7 @@ def _recorded(
 
 
 @contextlib.contextmanager
-def _made(asked: Asked) -> Iterator[tuple[TwinKnowledge, str, Registration]]:
+def made(asked: Asked) -> Iterator[tuple[TwinKnowledge, str, Registration]]:
     """Make a twin of a file, and let it be asked."""
     assert asked.source is not None
     twin_id, samples = samples_of(asked.source, asked.asset)
@@ -166,7 +166,7 @@ def _registration(asked: Asked, twin_id: str) -> Registration:
 
 
 @contextlib.contextmanager
-def _said() -> Iterator[None]:
+def said() -> Iterator[None]:
     """Say what a twin says of a question that cannot be answered."""
     try:
         yield
@@ -174,7 +174,7 @@ def _said() -> Iterator[None]:
         raise click.UsageError(error.detail) from error
 
 
-def _of_server(
+def of_server(
     asked: Asked,
     method: str,
     what: str,

@@ -11,7 +11,7 @@ from slowtime_cli.options import POSITIVE, Name, Number, OutFile
 from .flags import EXISTING, F, as_built, refuse_damping_alone
 
 
-def _twin(function: F) -> F:
+def of_a_twin(function: F) -> F:
     """Add the options that say which twin is asked."""
     for decorate in reversed(
         [
@@ -60,7 +60,7 @@ SOURCE is what `slowtime evolve` takes: the file of `slowtime identify --window-
 of features, or text with the columns slow_time, frequency_hz, frequency_sd.
 """,
 )
-@_twin
+@of_a_twin
 @click.option("--horizon", type=POSITIVE, help="How far ahead, in slow time.")
 @click.option(
     "--points",
@@ -91,7 +91,7 @@ def forecast(**given: Any) -> None:
     Mean and 95 % interval of each change at future slow times; of a threshold the times by
     which it is reached with 10, 50 and 90 %, or that they are not within the horizon.
     """
-    _refuse_half_a_twin(**given)
+    refuse_half_a_twin(**given)
 
 
 @click.command(
@@ -108,7 +108,7 @@ Examples:
 A load on the base is an acceleration [m/s^2], on a node of the model a force [N].
 """,
 )
-@_twin
+@of_a_twin
 @click.option(
     "--load",
     "kind",
@@ -160,15 +160,15 @@ def whatif(kind: str, record: Path | None, channel: str | None, **given: Any) ->
     Stiffness, mass and damping are drawn from what is believed of them now; the bands are of
     what is not known of the structure. The same seed gives the same answer.
     """
-    _refuse_half_a_twin(**given)
+    refuse_half_a_twin(**given)
     if kind == "recorded" and record is None:
         raise click.UsageError("A recorded load needs --record FILE.")
     if kind != "recorded" and (record is not None or channel is not None):
         raise click.UsageError("--record and --channel go with --load recorded.")
 
 
-def _refuse_half_a_twin(
-    source: Path | None,
+def refuse_half_a_twin(
+    source: object,
     server: str | None,
     asset: str | None,
     nominal_hz: float | None,
@@ -176,6 +176,7 @@ def _refuse_half_a_twin(
     events: Path | None,
     **_given: object,
 ) -> None:
+    """Refuse a question that names neither a file nor a server's twin, or both."""
     refuse_damping_alone(nominal_hz, nominal_damping)
     if source is None and server is None:
         raise click.UsageError("Give SOURCE, or --server URL with --asset SITE.ASSET.")

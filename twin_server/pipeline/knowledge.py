@@ -19,6 +19,7 @@ from .alarming import raised_of
 from .core import Pipeline
 from .fatigue import fatigue_of
 from .news import News
+from .planning import STALE, Planning
 from .prospects import Prospects
 from .routing import UnknownReceiverError
 from .simulating import Simulating
@@ -54,6 +55,7 @@ class TwinKnowledge:
         self._workers = workers or Here()
         self.prospects = Prospects(pipeline, store, refresh=refresh, run=self._workers.run)
         pipeline.listen(self.prospects)
+        self._planning = Planning(pipeline, store, self.prospects, self._workers)
         effects = pipeline.settings.diagnose.effects
         self._simulating = Simulating(store, self._workers, effects)
 
@@ -150,6 +152,10 @@ class TwinKnowledge:
         if known is None:
             return None
         return _outlook(foresee_from(known[0], ahead, count, thresholds), known[1])
+
+    def plan(self, twin_id: str, *, stale: bool = False) -> dict[str, Any]:
+        """Tell what to do with a twin; with `stale`, as planned some readings ago."""
+        return self._planning.plan(twin_id, stale=STALE if stale else 0)
 
     def check(self, twin_id: str, order: SimulationOrder) -> None:
         """Refuse a load that a twin cannot be run under, at no cost."""

@@ -21,12 +21,13 @@ from twin_server.settings import ServeSettings
 
 from . import (
     alarms,
-    asset_events,
     assessed,
+    asset_events,
     diagnoses,
     exports,
     forecasts,
     models,
+    plans,
     problems,
     recordings,
     simulations,
@@ -124,6 +125,7 @@ def create_app(
     changing = Few(2)
     app.include_router(_twins(knowledge, hub, settings, known, changing), prefix="/api/v1")
     app.include_router(forecasts.routes(knowledge, settings, known, lane), prefix="/api/v1")
+    app.include_router(plans.routes(knowledge, known, lane), prefix="/api/v1")
     app.include_router(simulations.routes(knowledge, known, lane), prefix="/api/v1")
     app.include_router(assessed.routes(knowledge, known), prefix="/api/v1")
     app.include_router(exports.routes(knowledge, known, settings.max_exports), prefix="/api/v1")

@@ -121,6 +121,10 @@ class Knowledge(Protocol):
         """Where a twin is heading, or was at a moment; None where too little was known."""
         ...
 
+    def plan(self, twin_id: str, *, stale: bool = False) -> dict[str, Any]:
+        """Tell what to do with a twin; with `stale`, as planned some readings ago."""
+        ...
+
     def heads(self, after: int | None, limit: int) -> list[dict[str, Any]]:
         """Signed heads of the ledger: those that follow a number, or the newest."""
         ...

@@ -162,6 +162,86 @@ class Forecast(Answer):
     reasons: tuple[str, ...]
 
 
+class PlanTime(Answer):
+    """A time of a plan: from the last reading, in slow time, and in the calendar if known."""
+
+    ahead: float
+    slow_time: float
+    t: str | None
+
+
+class PlanCost(Answer):
+    """Expected cost, and its 5 and 95 % quantiles over futures."""
+
+    value: float
+    lo: float
+    hi: float
+
+
+class PlanOption(Answer):
+    """Something that may be done."""
+
+    name: str
+    words: str
+    now: str
+    cost: PlanCost
+    failures: float
+    parameters: dict[str, float]
+    curve: tuple[float, ...]
+
+
+class PlanInformation(Answer):
+    """What an observation is worth before it is made."""
+
+    name: str
+    at: PlanTime
+    cost: float
+    value: float
+    net: float
+    changes: float
+    words: str
+
+
+class MaintenancePlan(Answer):
+    """What to do with a twin's structure, by when and why."""
+
+    id: str
+    since: float | None
+    currency: str | None
+    action: str | None
+    decided: bool
+    sentence: str
+    changes: tuple[str, ...]
+    options: tuple[PlanOption, ...]
+    times: tuple[PlanTime, ...]
+    repair_cost: tuple[float, ...]
+    failure_probability: tuple[float, ...]
+    information: tuple[PlanInformation, ...]
+    valid: bool
+    reasons: tuple[str, ...]
+
+
+class FleetAsset(Answer):
+    """One twin of a fleet's plan."""
+
+    id: str
+    action: str | None
+    sentence: str
+    net: float | None
+    cost: float | None
+    visit: bool
+
+
+class FleetPlan(Answer):
+    """Where inspection teams go within a window."""
+
+    window_d: float
+    visits: int
+    currency: str | None
+    sentence: str
+    assets: tuple[FleetAsset, ...]
+
+
 class Event(Answer):
     """Something a person may want to know of, once."""
 

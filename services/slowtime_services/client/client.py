@@ -17,8 +17,10 @@ from .answers import (
     Bands,
     Digest,
     Event,
+    FleetPlan,
     Forecast,
     History,
+    MaintenancePlan,
     State,
     Twin,
 )
@@ -203,6 +205,22 @@ class Client:
         """Tell where a twin is heading, and when thresholds are reached."""
         query = {"horizon": horizon, "points": points, "threshold": threshold}
         return Forecast.model_validate(self.json("GET", f"/twins/{twin_id}/forecast", query))
+
+    def plan(self, twin_id: str) -> MaintenancePlan:
+        """Tell what to do with a twin's structure, by when and why."""
+        return MaintenancePlan.model_validate(self.json("GET", f"/twins/{twin_id}/plan"))
+
+    def fleet_plan(
+        self,
+        *,
+        teams: int | None = None,
+        visits: int | None = None,
+        window_d: float | None = None,
+        budget: float | None = None,
+    ) -> FleetPlan:
+        """Tell where inspection teams go within a window [days]."""
+        query = {"teams": teams, "visits": visits, "window_d": window_d, "budget": budget}
+        return FleetPlan.model_validate(self.json("GET", "/fleet/plan", query))
 
     def simulate(self, twin_id: str, order: Mapping[str, Any]) -> dict[str, Any]:
         """Run today's twin under a load; as `docs/foresight.md` describes order and answer."""

@@ -43,7 +43,7 @@ _TWIN = f"{_V1}/twins/{{twin_id}}"
 _RECORDING = f"{_V1}/recordings/{{name}}"
 _SEE = [(f"{_TWIN}{more}", Scope.VIEWER) for more in (
     "", "/history", "/history/hash", "/history/export", "/dtdl", "/modes", "/forecast",
-    "/events", "/events/recorded", "/live", "/gap", "/fatigue", "/virtual", "/alarms",
+    "/plan", "/events", "/events/recorded", "/live", "/gap", "/fatigue", "/virtual", "/alarms",
     "/alarms/deliveries",
     "/diagnoses", "/diagnoses/{number}", "/diagnoses/{number}/{name}",
 )]  # fmt: skip
@@ -73,6 +73,7 @@ POLICY: tuple[Rule, ...] = (
     Rule("DELETE", f"{_V1}/session", Reach.OPEN),
     Rule("GET", f"{_V1}/twins", Reach.LISTED),
     Rule("GET", f"{_V1}/dtdl", Reach.LISTED),
+    Rule("GET", f"{_V1}/fleet/plan", Reach.LISTED),
     Rule("GET", f"{_V1}/ledger/heads", Reach.ANY),
     Rule("GET", f"{_V1}/recordings", Reach.LISTED),
     Rule("GET", _RECORDING, Reach.LISTED),

@@ -6,6 +6,7 @@ import { Events } from "./events.js";
 import { limitsPassed } from "./fleet.js";
 import { Outlook } from "./outlook.js";
 import { Recorded } from "./recorded.js";
+import { Plan } from "./plan.js";
 import { toTwin } from "./route.js";
 import { Timeline } from "./timeline.js";
 import { WhatIf } from "./whatif.js";
@@ -65,9 +66,11 @@ export class Panel {
     this.elements = null;
     [this.events, this.outlook, this.recorded] = [new Events(), new Outlook(), new Recorded()];
     [this.timeline, this.whatIf, this.diagnosis] = [new Timeline(twin), new WhatIf(twin), new Diagnosis(twin)];
+    this.plan = new Plan(twin);
     this.state = make("div", undefined, "state");
     this.state.append(
-      about, this.sensor, this.reasons, this.timeline.root, this.charts, this.outlook.root, this.whatIf.root, this.recorded.root, this.events.root,
+      about, this.sensor, this.reasons, this.timeline.root, this.charts, this.outlook.root, this.plan.root, this.whatIf.root, this.recorded.root,
+      this.events.root,
     );
     this.root.append(this.heading(), this.alarm, this.facts, this.state, this.diagnosis.root);
   }
@@ -177,6 +180,7 @@ export class Panel {
     this.timeline.tell();
     this.outlook.tell(scene);
     this.recorded.tell(scene);
+    this.plan.tell(scene);
     this.events.tell(scene);
     this.whatIf.tell(twin.latest);
     this.tick();
