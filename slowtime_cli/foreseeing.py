@@ -143,7 +143,7 @@ def made(asked: Asked) -> Iterator[tuple[TwinKnowledge, str, Registration]]:
             raise click.UsageError(f"{asked.source} holds no epoch. Give one with some.")
         if asked.events is not None:
             keeping = AssetEvents(pipeline, store)
-            with _said():
+            with said():
                 for order in orders_of(asked.events):
                     keeping.record(twin_id, registration, order, order.person or "offline")
         yield TwinKnowledge(pipeline, store), twin_id, registration
