@@ -114,7 +114,7 @@ def fit(
     scored = selection.Scored(*readings, 3.0 * float(base.sd), tuple(sorted(seen.tolist())))
     stepped = _with_jumps(scored, base)
     if stepped is None:
-        return _with_waves(readings, plain, process)[0]
+        return _told(*_with_waves(readings, plain, process))
     places, smooth = stepped
     odds = selection.penalty(len(time), len(places))
     there = _with_waves(readings, smooth, process)
@@ -126,7 +126,7 @@ def fit(
             without[0].wave_share > 0.5
             and selection.regularity(scored, places) > _MAYBE_REGULAR
         ):
-            return without[0]
+            return _told(*without)
     elif (regular := selection.regularity(scored, places)) > _MAYBE_REGULAR:
         surely = regular > _REGULAR and len(places) >= _FEWEST_REGULAR
         least = -np.inf if surely else there[1] - odds
@@ -134,10 +134,15 @@ def fit(
         edges = len(places) > 1
         without = _with_waves(readings, plain, process, least, edges=edges)
         if surely and without[0].wave_share > 0.5:
-            return without[0]
+            return _told(*without)
     if there[1] - odds <= without[1]:
-        return without[0]
-    return dataclasses.replace(there[0], further=_further(scored, places, smooth))
+        return _told(*without)
+    further = _further(scored, places, smooth)
+    return dataclasses.replace(there[0], further=further, log_evidence=there[1] - odds)
+
+
+def _told(outlook: Outlook, log_evidence: float) -> Outlook:
+    return dataclasses.replace(outlook, log_evidence=log_evidence)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

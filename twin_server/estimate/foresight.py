@@ -9,9 +9,11 @@ import numpy as np
 from jaxtyping import Float
 from pydantic_core import from_json
 
+from slowtime import degradation
+from slowtime.degradation import GaussianLaw, Mixture, RemainingLife
 from slowtime.evolution import continuation, forecast
 from slowtime.evolution.continuation import Continuation
-from slowtime.evolution.crossing import Crossing, Futures, draw
+from slowtime.evolution.crossing import Futures
 from twin_server.details import Bodies
 from twin_server.states import ASSUMES_MASS, ASSUMES_STIFFNESS, States
 from twin_server.thresholds import Limit
@@ -31,7 +33,25 @@ MOST_OF_ELEMENTS = 150
 
 _GAP = {"value": math.nan, "sd": math.nan}
 
-Outlooks: TypeAlias = dict[str, forecast.Outlook]
+
+
+class Learnt(NamedTuple):
+    """What was learnt of one quantity.
+
+    Parameters
+    ----------
+    outlook
+        Gaussian processes with their weights: bands follow them.
+    laws
+        Degradation laws with their weights, these processes among them: remaining life follows
+        from them.
+    """
+
+    outlook: forecast.Outlook
+    laws: Mixture
+
+
+Outlooks: TypeAlias = dict[str, Learnt]
 
 _PATHS, _POINTS = 2000, 120
 
@@ -53,16 +73,19 @@ class Foresight:
     reasons
         Why it should not be relied on; none where it can.
     crossings
-        When each threshold that was asked for is reached.
+        When each threshold that was asked for is reached, by all degradation laws together.
+    misfits
+        Of each quantity that no degradation law fits, a sentence that says so.
     """
 
     since: float
     slow_time: Float[np.ndarray, " later"]
     bands: dict[str, Float[np.ndarray, "later 4"]]
     until: float
-    outlooks: Outlooks
+    outlooks: dict[str, forecast.Outlook]
     reasons: tuple[str, ...]
-    crossings: tuple[tuple[Limit, Crossing], ...] = ()
+    crossings: tuple[tuple[Limit, RemainingLife], ...] = ()
+    misfits: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -71,14 +94,15 @@ class Prospect:
 
     Parameters
     ----------
-    begun, common
-        Of each quantity, its outlook with what is believed after the last reading, and
-        `Past.common` as it was when that was learnt.
+    begun, laws, common
+        Of each quantity, its outlook with what is believed after the last reading, likewise its
+        degradation laws, and `Past.common` as it was when that was learnt.
     first, since
         Slow times of the first reading that is used, and of the last.
     """
 
     begun: Mapping[str, Continuation]
+    laws: Mapping[str, Mixture]
     common: Mapping[str, float]
     first: float
     since: float
@@ -150,12 +174,14 @@ def learn(
     jumps = suspected or {}
     if not _is_enough(past):
         return {}
-    return {
-        name: forecast.fit(
-            one.slow_time, one.value, one.own_sd, process=process, suspected=jumps.get(name, ())
-        )
-        for name, one in past.items()
-    }
+    found: Outlooks = {}
+    for name, one in past.items():
+        readings = one.slow_time, one.value, one.own_sd
+        outlook = forecast.fit(*readings, process=process, suspected=jumps.get(name, ()))
+        # Who knows that it repeats itself knows that it follows no degradation law.
+        only = [GaussianLaw(outlook)] if process == "repeating" else None
+        found[name] = Learnt(outlook, degradation.learn(*readings, laws=only, outlook=outlook))
+    return found
 
 
 def prospect_of(past: Mapping[str, Past], outlooks: Outlooks) -> Prospect | None:
@@ -172,11 +198,18 @@ def prospect_of(past: Mapping[str, Past], outlooks: Outlooks) -> Prospect | None
         return None
     time = next(iter(past.values())).slow_time
     begun = {
-        name: continuation.begin(outlooks[name], one.slow_time, one.value, one.own_sd)
+        name: continuation.begin(outlooks[name].outlook, one.slow_time, one.value, one.own_sd)
         for name, one in past.items()
     }
+    laws = {name: _followed(outlooks[name].laws, one) for name, one in past.items()}
     common = {name: one.common for name, one in past.items()}
-    return Prospect(begun, common, float(time.min()), float(time.max()))
+    return Prospect(begun, laws, common, float(time.min()), float(time.max()))
+
+
+def _followed(laws: Mixture, past: Past) -> Mixture:
+    """Take in what of a past is behind the readings from which laws were learnt."""
+    later = past.slow_time > laws.now
+    return laws.follow(past.slow_time[later], past.value[later], past.own_sd[later])
 
 
 def follow(prospect: Prospect, past: Mapping[str, Past]) -> Prospect:
@@ -187,14 +220,15 @@ def follow(prospect: Prospect, past: Mapping[str, Past]) -> Prospect:
     ValueError
         Where one is earlier than the last: begin anew with `prospect_of`.
     """
-    begun, since = dict(prospect.begun), prospect.since
+    begun, laws, since = dict(prospect.begun), dict(prospect.laws), prospect.since
     for name, one in past.items():
         if name not in begun or not len(one.slow_time):
             continue
         known = one._replace(common=prospect.common[name])
         begun[name] = begun[name].follow(known.slow_time, known.value, known.own_sd)
+        laws[name] = laws[name].follow(known.slow_time, known.value, known.own_sd)
         since = max(since, float(known.slow_time.max()))
-    return dataclasses.replace(prospect, begun=begun, since=since)
+    return dataclasses.replace(prospect, begun=begun, laws=laws, since=since)
 
 
 def foresee(
@@ -243,8 +277,12 @@ def foresee_from(
         ahead = begun.predict(later, level=LEVEL)
         widened = np.hypot(ahead.sd, prospect.common[name] * np.abs(1.0 + ahead.mean))
         wider = widened / np.where(ahead.sd > 0, ahead.sd, 1.0)
-        lo, hi = (ahead.mean + (end - ahead.mean) * wider for end in (ahead.lo, ahead.hi))
-        bands[name] = np.column_stack((ahead.mean, widened, lo, hi))
+        # No change is below -1: bands end there, which keeps their probability.
+        mean, lo, hi = (
+            np.maximum(ahead.mean + (end - ahead.mean) * wider, degradation.BOUND)
+            for end in (ahead.mean, ahead.lo, ahead.hi)
+        )
+        bands[name] = np.column_stack((mean, widened, lo, hi))
         until = min(until, ahead.horizon)
     reasons: tuple[str, ...] = ()
     if later[-1] > until:
@@ -254,7 +292,10 @@ def foresee_from(
         )
     crossings = _crossings(prospect, thresholds, since + (horizon or span))
     used = {name: begun.outlook for name, begun in prospect.begun.items()}
-    return Foresight(since, later, bands, float(until), used, reasons, crossings)
+    misfits = tuple(
+        f"{name}: {laws.warning}" for name, laws in prospect.laws.items() if laws.warning
+    )
+    return Foresight(since, later, bands, float(until), used, reasons, crossings, misfits)
 
 
 def now_of(prospect: Prospect | None) -> dict[str, tuple[float, float]]:
@@ -271,16 +312,16 @@ def now_of(prospect: Prospect | None) -> dict[str, tuple[float, float]]:
 
 def _crossings(
     prospect: Prospect, thresholds: Sequence[Limit], horizon: float
-) -> tuple[tuple[Limit, Crossing], ...]:
+) -> tuple[tuple[Limit, RemainingLife], ...]:
     """Tell of each threshold when it is reached, all of a quantity by the same futures."""
     futures: dict[str, Futures] = {}
     found = []
     for limit in thresholds:
         name = limit.quantity
-        if name not in prospect.begun:
+        if name not in prospect.laws:
             continue
         if name not in futures:
-            futures[name] = draw(prospect.begun[name], horizon, points=_POINTS, paths=_PATHS)
+            futures[name] = prospect.laws[name].futures(horizon, points=_POINTS, paths=_PATHS)
         common = prospect.common[name] * abs(1.0 + limit.at)
         told = futures[name].crossing(limit.at, toward=limit.toward, common_sd=common)
         found.append((limit, told))

@@ -251,6 +251,7 @@ def _outlook(foresight: Foresight, unit: str | None) -> Outlook:
         {name: one.period for name, one in foresight.outlooks.items()},
         {name: [at for at, _ in one.jumps] for name, one in foresight.outlooks.items()},
         unit,
+        foresight.misfits,
     )
 
 
