@@ -67,8 +67,12 @@ def forecast(
         _show_forecast(body)
     for reason in body["reasons"]:
         note(reason)
+    for warning in body.get("warnings", ()):
+        note(warning)
     for crossing in body["crossings"] if out != STDOUT else ():
         note(crossing["sentence"])
+        if laws := _laws(crossing.get("laws", {})):
+            note(f"degradation laws by evidence: {laws}.")
 
 
 def whatif(
@@ -103,6 +107,10 @@ def whatif(
         note(reason)
     if body["assumed"]:
         note(f"taken for granted: {', '.join(body['assumed'])}.")
+
+
+def _laws(weights: dict[str, float]) -> str:
+    return ", ".join(f"{name} {100 * share:.0f} %" for name, share in weights.items())
 
 
 def _without_none(given: dict[str, Any]) -> dict[str, Any]:

@@ -124,7 +124,7 @@ def fit(
     scored = dataclasses.replace(scored, seeds=_seen(scored, suspected))
     stepped = _with_jumps(scored, base)
     if stepped is None:
-        return _without_known(_with_waves(readings, plain, process)[0], given)
+        return _without_known(_told(*_with_waves(readings, plain, process)), given)
     found = _weighed(scored, plain, stepped, process)
     return _without_known(found, given)
 
@@ -151,7 +151,7 @@ def _weighed(
             without[0].wave_share > 0.5
             and selection.regularity(scored, places) > _MAYBE_REGULAR
         ):
-            return without[0]
+            return _told(*without)
     elif (regular := selection.regularity(scored, places)) > _MAYBE_REGULAR:
         surely = regular > _REGULAR and len(places) >= _FEWEST_REGULAR
         least = -np.inf if surely else there[1] - odds
@@ -159,10 +159,15 @@ def _weighed(
         edges = len(places) > 1
         without = _with_waves(readings, plain, process, least, edges=edges)
         if surely and without[0].wave_share > 0.5:
-            return without[0]
+            return _told(*without)
     if there[1] - odds <= without[1]:
-        return without[0]
-    return dataclasses.replace(there[0], further=_further(scored, places, smooth))
+        return _told(*without)
+    further = _further(scored, places, smooth)
+    return dataclasses.replace(there[0], further=further, log_evidence=there[1] - odds)
+
+
+def _told(outlook: Outlook, log_evidence: float) -> Outlook:
+    return dataclasses.replace(outlook, log_evidence=log_evidence)
 
 
 def _given(time: Usable, known: Sequence[KnownEvent], jump_sd: float) -> tuple[Jump, ...]:

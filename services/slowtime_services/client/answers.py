@@ -139,14 +139,41 @@ class CrossingTime(Answer):
     ahead: float | None
 
 
+class Distribution(Answer):
+    """Distribution function, straight between its points."""
+
+    slow_time: tuple[float, ...] = ()
+    probability: tuple[float, ...] = ()
+
+
 class Crossing(Answer):
-    """When a threshold is first crossed."""
+    """When a threshold is first crossed: a distribution.
+
+    Parameters
+    ----------
+    times, quantiles
+        By when it has been crossed with a probability: at 10, 50 and 90 %, and at more.
+    median
+        Slow time; None where `within` is below one half.
+    cdf
+        Probability that it has been crossed by each slow time.
+    within, beyond, already
+        Probability that it is crossed within the horizon, that it is not, and that it has been
+        crossed by now.
+    laws
+        Degradation laws from which it follows, with their posterior probability.
+    """
 
     quantity: str
     threshold: float
     times: tuple[CrossingTime, ...]
+    quantiles: tuple[CrossingTime, ...] = ()
+    median: float | None = None
+    cdf: Distribution = Distribution()
     within: float
+    beyond: float | None = None
     already: float
+    laws: dict[str, float] = {}
     sentence: str
 
 
@@ -160,6 +187,7 @@ class Forecast(Answer):
     crossings: tuple[Crossing, ...]
     valid: bool
     reasons: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
 
 
 class PlanTime(Answer):
