@@ -46,6 +46,11 @@ TRY: dict[str, str] = {
     """{"failure": 9e5, "repair": 4e4, "inspection": 1500, "time_unit": "slow_time"}, """
     """"decision": {"failure": {"quantity": "stiffness_change", "below": -0.3}, """
     """"horizon": 600}}}' > twins.json && slowtime plan modes.json --registration twins.json""",
+    "risk": f"{_MODES} && echo "
+    """'{"lab.tower": {"nominal": {"frequency_hz": 5, "damping_ratio": 0.01}, """
+    """"limit_states": [{"kind": "threshold", "name": "30 % softer", "quantity": """
+    """"stiffness_change", "below": -0.3}]}}' > twins.json && """
+    "slowtime risk modes.json --registration twins.json",
     "whatif": f"{_MODES} && slowtime whatif modes.json --nominal-hz 5 --nominal-damping 0.01 "
     "--load step --amplitude 1",
     "reliability": """echo '{slowtime_reliability: 1, inputs: {"""

@@ -15,6 +15,8 @@ from slowtime_schemas.quantities import AS_STORED, Plain, PlainText
 from slowtime_services.models import description_of
 
 from .costs import COSTS_EXAMPLE, DECISION_EXAMPLE, CostTable, Deciding
+from .limit_states import EXAMPLE as LIMIT_STATES_EXAMPLE
+from .limit_states import LimitStateSpec, ThresholdState
 from .model import Model, model_of
 from .orders import Adopted, Frozen
 from .receivers import AlarmRoute
@@ -199,6 +201,10 @@ class Registration(Frozen):
                 },
                 MODEL_EXAMPLE,
                 {"costs": COSTS_EXAMPLE, "decision": DECISION_EXAMPLE},
+                {
+                    "nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02},
+                    "limit_states": LIMIT_STATES_EXAMPLE,
+                },
             ]
         },
     )
@@ -242,6 +248,8 @@ class Registration(Frozen):
     """What failing, repairing and inspecting cost."""
     decision: Deciding | None = None
     """What counts as a failure, and what can be done: what a plan is made of, with `costs`."""
+    limit_states: Annotated[tuple[LimitStateSpec, ...], Field(max_length=16)] = ()
+    """What counts as a failure, and how probable it may be."""
     alarms: Annotated[tuple[Alarm, ...], Field(max_length=16)] = ()
     alarm_routes: Annotated[tuple[AlarmRoute, ...], Field(max_length=8)] = ()
     """Who is told of events: receivers that the server's settings declare, by name."""
@@ -321,6 +329,18 @@ class Registration(Frozen):
             if self.decision.failure.quantity not in single:
                 raise ValueError(
                     f"A failure of {self.decision.failure.quantity!r:.60} was given. Allowed: "
+                    f"{', '.join(single)}."
+                )
+        names = [one.name for one in self.limit_states]
+        if len(set(names)) < len(names):
+            raise ValueError(
+                f"Two limit states have one name among {', '.join(names)}. Give each its own."
+            )
+        for one in self.limit_states:
+            single = tuple(name for name in changes if name != _EACH)
+            if isinstance(one, ThresholdState) and one.quantity not in single:
+                raise ValueError(
+                    f"A limit state of {one.quantity!r:.60} was given. Allowed: "
                     f"{', '.join(single)}."
                 )
         for threshold in self.forecast.thresholds:

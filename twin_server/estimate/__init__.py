@@ -21,6 +21,7 @@ from .lookout import Noticed, Series
 from .notices import Notice
 from .plan_answer import planned, refusal_of
 from .planning import NotPlannableError, PlanOrder
+from .risk import RiskOrder, assessed
 from .today import Today, UnknownTodayError, today_of
 from .whatif import OrderError, Simulated, check, simulate
 
@@ -36,11 +37,13 @@ __all__ = [
     "Past",
     "PlanOrder",
     "Prospect",
+    "RiskOrder",
     "Series",
     "Simulated",
     "Today",
     "Twin",
     "UnknownTodayError",
+    "assessed",
     "check",
     "estimate",
     "follow",

@@ -16,6 +16,7 @@ from twin_server.serve import Chapter, Hub, Moment, Outlook, ProblemError
 from twin_server.thresholds import Limit
 
 from .alarming import raised_of
+from .assessing import Assessing
 from .core import Pipeline
 from .fatigue import fatigue_of
 from .news import News
@@ -55,6 +56,7 @@ class TwinKnowledge:
         self._workers = workers or Here()
         self.prospects = Prospects(pipeline, store, refresh=refresh, run=self._workers.run)
         pipeline.listen(self.prospects)
+        self._assessing = Assessing(pipeline, store, self.prospects, self._workers)
         self._planning = Planning(pipeline, store, self.prospects, self._workers)
         effects = pipeline.settings.diagnose.effects
         self._simulating = Simulating(store, self._workers, effects)
@@ -152,6 +154,10 @@ class TwinKnowledge:
         if known is None:
             return None
         return _outlook(foresee_from(known[0], ahead, count, thresholds), known[1])
+
+    def risk(self, twin_id: str, horizon: float | None) -> dict[str, Any]:
+        """Tell how probable failure is by each limit state of a twin."""
+        return self._assessing.risk(twin_id, horizon)
 
     def plan(self, twin_id: str, *, stale: bool = False) -> dict[str, Any]:
         """Tell what to do with a twin; with `stale`, as planned some readings ago."""

@@ -30,6 +30,7 @@ from . import (
     plans,
     problems,
     recordings,
+    risks,
     simulations,
 )
 from .alarms import Alarming
@@ -126,6 +127,7 @@ def create_app(
     app.include_router(_twins(knowledge, hub, settings, known, changing), prefix="/api/v1")
     app.include_router(forecasts.routes(knowledge, settings, known, lane), prefix="/api/v1")
     app.include_router(plans.routes(knowledge, known, lane), prefix="/api/v1")
+    app.include_router(risks.routes(knowledge, known, lane), prefix="/api/v1")
     app.include_router(simulations.routes(knowledge, known, lane), prefix="/api/v1")
     app.include_router(assessed.routes(knowledge, known), prefix="/api/v1")
     app.include_router(exports.routes(knowledge, known, settings.max_exports), prefix="/api/v1")

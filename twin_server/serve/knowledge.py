@@ -124,6 +124,9 @@ class Knowledge(Protocol):
         """Where a twin is heading, or was at a moment; None where too little was known."""
         ...
 
+    def risk(self, twin_id: str, horizon: float | None) -> dict[str, Any]:
+        """Tell how probable failure is by each limit state of a twin."""
+
     def plan(self, twin_id: str, *, stale: bool = False) -> dict[str, Any]:
         """Tell what to do with a twin; with `stale`, as planned some readings ago."""
         ...

@@ -24,6 +24,7 @@ from .answers import (
     PlanInformation,
     PlanOption,
     Question,
+    Risk,
     State,
     Twin,
 )
@@ -50,6 +51,7 @@ __all__ = [
     "PlanInformation",
     "PlanOption",
     "Question",
+    "Risk",
     "State",
     "Twin",
     "UnreachableError",

@@ -249,6 +249,48 @@ class MaintenancePlan(Answer):
     reasons: tuple[str, ...]
 
 
+class Band(Answer):
+    """A probability with its 5 to 95 % band."""
+
+    value: float
+    lo: float
+    hi: float
+
+
+class RiskNow(Answer):
+    """A limit state at one slow time."""
+
+    probability: Band
+    beta: float
+    survival: Band
+    hazard: float
+
+
+class LimitStateRisk(Answer):
+    """How probable failure is by one limit state."""
+
+    name: str
+    kind: str
+    accepted: float
+    now: RiskNow | None
+    within: Band | None
+    until: float | None
+    sentence: str
+    valid: bool
+    reasons: tuple[str, ...]
+
+
+class Risk(Answer):
+    """How probable failure of a twin is."""
+
+    id: str
+    since: float | None
+    horizon: float | None
+    limit_states: tuple[LimitStateRisk, ...]
+    valid: bool
+    reasons: tuple[str, ...]
+
+
 class FleetAsset(Answer):
     """One twin of a fleet's plan."""
 

@@ -21,6 +21,7 @@ from .answers import (
     Forecast,
     History,
     MaintenancePlan,
+    Risk,
     State,
     Twin,
 )
@@ -209,6 +210,11 @@ class Client:
     def plan(self, twin_id: str) -> MaintenancePlan:
         """Tell what to do with a twin's structure, by when and why."""
         return MaintenancePlan.model_validate(self.json("GET", f"/twins/{twin_id}/plan"))
+
+    def risk(self, twin_id: str, *, horizon: float | None = None) -> Risk:
+        """Tell how probable failure is by each limit state of a twin."""
+        query = {"horizon": horizon}
+        return Risk.model_validate(self.json("GET", f"/twins/{twin_id}/risk", query))
 
     def fleet_plan(
         self,

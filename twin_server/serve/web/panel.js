@@ -7,6 +7,7 @@ import { limitsPassed } from "./fleet.js";
 import { Outlook } from "./outlook.js";
 import { Recorded } from "./recorded.js";
 import { Plan } from "./plan.js";
+import { Risk } from "./risk.js";
 import { toTwin } from "./route.js";
 import { Timeline } from "./timeline.js";
 import { WhatIf } from "./whatif.js";
@@ -66,10 +67,10 @@ export class Panel {
     this.elements = null;
     [this.events, this.outlook, this.recorded] = [new Events(), new Outlook(), new Recorded()];
     [this.timeline, this.whatIf, this.diagnosis] = [new Timeline(twin), new WhatIf(twin), new Diagnosis(twin)];
-    this.plan = new Plan(twin);
+    [this.risk, this.plan] = [new Risk(twin), new Plan(twin)];
     this.state = make("div", undefined, "state");
     this.state.append(
-      about, this.sensor, this.reasons, this.timeline.root, this.charts, this.outlook.root, this.plan.root, this.whatIf.root, this.recorded.root,
+      about, this.sensor, this.reasons, this.timeline.root, this.charts, this.outlook.root, this.risk.root, this.plan.root, this.whatIf.root, this.recorded.root,
       this.events.root,
     );
     this.root.append(this.heading(), this.alarm, this.facts, this.state, this.diagnosis.root);
@@ -180,6 +181,7 @@ export class Panel {
     this.timeline.tell();
     this.outlook.tell(scene);
     this.recorded.tell(scene);
+    this.risk.tell(scene);
     this.plan.tell(scene);
     this.events.tell(scene);
     this.whatIf.tell(twin.latest);
