@@ -34,6 +34,9 @@ LEVELS = (0.8, 0.95)
 SOON = 5
 """Epochs within which a repair that nobody told is asked about."""
 
+SIZES = (2, 3, 4, 5, 6, 8)
+"""Jumps, in standard deviations of a reading, about which it is asked or not."""
+
 FALSE_ALARMS = 10_000.0
 """Readings between false alarms of the watch: the default of a registration."""
 
@@ -169,6 +172,25 @@ def sudden_although_told(law: str, histories: int) -> int:
     return count
 
 
+def by_size(histories: int, say: Callable[[str], None]) -> None:
+    """Print how often a jump of so many standard deviations of a reading is asked about."""
+    cells = []
+    for size in SIZES:
+        asked = 0
+        for number in range(histories):
+            rng = np.random.default_rng([32, number])
+            time = np.arange(float(REPAIRED + SOON))
+            rate = rng.uniform(0.05, 0.5) * SD
+            truth = -rate * time + size * SD * (time >= REPAIRED)
+            found = watched(Life(time, truth, truth + SD * rng.standard_normal(len(time))))
+            asked += any(
+                restores("stiffness_change", noticed) and at >= REPAIRED
+                for at, noticed in found
+            )
+        cells.append(f"{size} sd: {asked} of {histories}")
+    say(f"  asked within {SOON} epochs, by the size of the jump: " + "; ".join(cells))
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the figures; 1 where fewer than 95 % of untold repairs are asked about."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -186,6 +208,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         f"  sudden changes noticed although the repair was told: {sudden} in "
         f"{2 * len(LAWS) * histories} histories"
     )
+    by_size(histories, print)
     asked, every = sum(one[0] for one in found), sum(one[2] for one in found)
     return 0 if asked >= 0.95 * every else 1
 

@@ -48,8 +48,7 @@ VERBS = {
         "Try whether alarms of a twin reach people and other programs.",
     ),
     "event": Verb(
-        "eventing:event",
-        "Record repairs, replacements, inspections, load tests and notes of an asset.",
+        "eventing:event", "Record repairs and inspections of an asset, and undo them."
     ),
     "status": Verb(
         "processes:status", "Tell whether the router answers and which edge agents live."

@@ -58,7 +58,7 @@ The forecast of a twin restarts from a repair: docs/events.md.
 """
 )
 def event() -> None:
-    """Record repairs, replacements, inspections, load tests and notes of an asset."""
+    """Record repairs and inspections of an asset, and undo them."""
 
 
 @event.command(cls=Deferred, work="eventing:add", extra="analysis")
