@@ -70,7 +70,7 @@ class ThresholdState(_Named):
 
 
 class ResonanceState(_Named):
-    """Failed while the natural frequency is near that of an excitation; of a twin of one mode."""
+    """Failed while the natural frequency of a twin of one mode is near an excitation's."""
 
     kind: Literal["resonance"]
     excitation_hz: RandomInput
@@ -132,7 +132,7 @@ class OwnState(_Named):
 LimitStateSpec = Annotated[
     ThresholdState | ResonanceState | ResponseState | OwnState, Field(discriminator="kind")
 ]
-EXAMPLE: list[dict[str, Any]] = [
+EXAMPLE: list[Any] = [
     {"kind": "threshold", "name": "30 % softer", "quantity": "stiffness_change", "below": -0.3},
     {
         "kind": "resonance",
@@ -191,8 +191,8 @@ def built(
     if isinstance(spec, ResonanceState):
         if frequency_hz is None:
             raise ValueError(
-                f"{spec.name}: a resonance is asked of a twin of one mode. Register one for the "
-                "mode that matters."
+                f"{spec.name}: a resonance is asked of a twin of one mode. Register one for "
+                "the mode that matters."
             )
         return Resonance(
             frequency_hz,

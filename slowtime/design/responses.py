@@ -189,7 +189,7 @@ class Responses:
     def stationary(
         self, d: Float[np.ndarray, "row variable"], factors: Float[np.ndarray, "row factor"]
     ) -> tuple[Float[np.ndarray, "row response"], Float[np.ndarray, "row response"]]:
-        """Standard deviations of the responses to noise, and of their rates.
+        """Compute standard deviations of the responses to noise, and of their rates.
 
         Raises
         ------
@@ -319,7 +319,7 @@ class Responses:
 def _deviations(
     load: NoiseLoad, a: np.ndarray, push: np.ndarray, heard: tuple[np.ndarray, np.ndarray]
 ) -> tuple[Float[np.ndarray, "row response"], Float[np.ndarray, "row response"]]:
-    """Standard deviations of responses, and of their rates of change."""
+    """Compute standard deviations of responses, and of their rates of change."""
     reads, direct = heard
     a, drive, reads = _shaped(load.shaping, a, push, reads, direct)
     noise = 0.5 * load.psd * drive[:, :, None] * drive[:, None, :]

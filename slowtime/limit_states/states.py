@@ -75,7 +75,7 @@ class Threshold:
     def given(self, changes: Changes) -> tuple[np.ndarray, Float[np.ndarray, " capacity"]]:
         """1 where the value is passed."""
         x = changes[self.quantity]
-        failed = x <= self.at if self.toward == "below" else x >= self.at
+        failed = np.asarray(x <= self.at if self.toward == "below" else x >= self.at)
         return failed[None].astype(float), np.ones(1)
 
 
@@ -177,7 +177,7 @@ class ResponseLimit:
         shape = changes[self.names[0]].shape
         factors = np.stack([1.0 + changes[name].ravel() for name in self.names], axis=1)
         # A stiffness of nothing has no stationary response: such a part has failed.
-        gone = (factors <= 1e-6).any(axis=1)
+        gone: np.ndarray = np.any(factors <= 1e-6, axis=1)
         size, crossings = self._sizes(np.where(gone[:, None], 1.0, factors))
         capacities, weights = _nodes(self.capacity)
         intensities, shares = _nodes(self.intensity if self.intensity is not None else 1.0)
@@ -189,7 +189,7 @@ class ResponseLimit:
         return found.reshape(len(capacities), *shape), weights
 
     def _sizes(self, factors: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """Standard deviation and crossings of an event; or the size alone, of a sure load."""
+        """Compute sd and crossings of an event; or the size alone, of a sure load."""
         rows = len(factors)
         d, one, none = np.zeros((rows, 0)), np.ones(rows), np.zeros((rows, 0))
         if not isinstance(self.load, NoiseLoad):

@@ -13,8 +13,7 @@ from slowtime.decisions import (
     from_paths,
     make_plan,
 )
-from slowtime.evolution.continuation import Continuation
-from slowtime.evolution.crossing import draw
+from slowtime.degradation import Mixture
 from twin_server.costs import SECONDS, CostTable, Deciding
 
 PATHS, POINTS = 2000, 120
@@ -38,8 +37,8 @@ class PlanOrder:
 
     Parameters
     ----------
-    begun
-        What is believed of the quantity that fails, after its last reading.
+    laws
+        Degradation laws of the quantity that fails, after its last reading.
     common
         Of the error that all readings share, over 1 + change [1].
     reading_sd
@@ -52,7 +51,7 @@ class PlanOrder:
 
     costs: CostTable
     decision: Deciding
-    begun: Continuation
+    laws: Mixture
     common: float
     reading_sd: float
     every: float
@@ -104,9 +103,9 @@ def plan_of(order: PlanOrder) -> Planned:
 
 def futures_of(order: PlanOrder, unit: float) -> Ensemble:
     """Draw futures of the damage: the change over its value at failure."""
-    at, begun = order.decision.failure.at, order.begun
-    horizon = begun.time + order.decision.horizon * unit
-    drawn = draw(begun, horizon, points=POINTS, paths=PATHS)
+    at, laws = order.decision.failure.at, order.laws
+    horizon = laws.now + order.decision.horizon * unit
+    drawn = laws.futures(horizon, points=POINTS, paths=PATHS)
     common_sd = order.common * abs(1.0 + at)
     damage = (drawn.paths + common_sd * drawn.common[:, None]) / at
     return from_paths(np.linspace(0.0, order.decision.horizon, POINTS + 1), damage)

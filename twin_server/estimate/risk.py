@@ -97,7 +97,8 @@ def _one(
     futures: Mapping[str, Float[np.ndarray, "path time"]],
 ) -> dict[str, Any]:
     empty = {"name": spec.name, "kind": spec.kind, "accepted": spec.accepted, "points": []}
-    none = {"now": None, "within": None, "until": None, "past": [], "sentence": ""}
+    none: dict[str, Any] = dict.fromkeys(("now", "within", "until"))
+    none |= {"past": [], "sentence": ""}
     try:
         state = _built(spec, order)
         found = assess(state, later, futures)
@@ -221,7 +222,7 @@ def _quantity(value: float, lo: float, hi: float) -> dict[str, float]:
 
 
 def _against(name: str, state: LimitState, found: Assessment) -> list[str]:
-    """What speaks against trusting a probability."""
+    """Say what speaks against trusting a probability."""
     failed = float(found.failure[-1])
     if state.events is None and 0.0 <= failed < LEAST_PATHS and isinstance(state, Threshold):
         return [

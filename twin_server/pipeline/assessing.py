@@ -16,8 +16,8 @@ MOST_KEPT = 500
 """Answers that are kept, those asked for last: some 60 kB each."""
 
 NO_STATES = (
-    "There is nothing to assess: the registration has no `limit_states`. Register the twin with "
-    "some; docs/risk.md describes them."
+    "There is nothing to assess: the registration has no `limit_states`. Register the twin "
+    "with some; docs/risk.md describes them."
 )
 TOO_FEW = (
     "There are too few valid readings to assess risk by. Wait for more of them, or look at the "

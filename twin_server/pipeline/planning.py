@@ -118,7 +118,7 @@ class Planning:
             return None
         quantity = decision.failure.quantity
         past = _past(twin, found).get(quantity)
-        if quantity not in prospect.begun or past is None or len(past.slow_time) < 2:
+        if quantity not in prospect.laws or past is None or len(past.slow_time) < 2:
             return None
         steps = np.diff(past.slow_time)
         steps = steps[steps > 0]
@@ -127,7 +127,7 @@ class Planning:
         return PlanOrder(
             costs,
             decision,
-            prospect.begun[quantity],
+            prospect.laws[quantity],
             prospect.common[quantity],
             float(np.median(past.own_sd)),
             float(np.median(steps)),

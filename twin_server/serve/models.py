@@ -517,7 +517,7 @@ class HashModel(BaseModel):
     features: int
 
 
-class BandModel(BaseModel):
+class DamageBand(BaseModel):
     """A value with standard deviation and 95 % interval."""
 
     value: float
@@ -542,7 +542,7 @@ class FatiguePointModel(BaseModel):
     name: str
     unit: str
     source: Literal["channel", "virtual"]
-    damage: BandModel
+    damage: DamageBand
     damage_per_year: float
     rate_variation: float
     counted_s: float

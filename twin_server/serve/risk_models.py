@@ -4,7 +4,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, Field
 
-PROBABILITY_EXAMPLE: dict[str, float] = {"value": 0.0021, "lo": 0.0004, "hi": 0.0063}
+PROBABILITY_EXAMPLE: dict[str, Any] = {"value": 0.0021, "lo": 0.0004, "hi": 0.0063}
 STATE_EXAMPLE: dict[str, Any] = {
     "name": "drift in a storm",
     "kind": "response",

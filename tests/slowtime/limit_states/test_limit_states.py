@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -102,13 +103,14 @@ def test_a_resonance_is_as_probable_as_by_counting():
     np.testing.assert_allclose(found[0, 0], counted, atol=0.003)
 
 
+FIRST, SECOND = (
+    Spring(id="s1", between=("base", "a"), stiffness_n_per_m=1.2e6, damping_n_s_per_m=2e3),
+    Spring(id="s2", between=("a", "b"), stiffness_n_per_m=9e5, damping_n_s_per_m=1e3),
+)
 FRAME = Description(
     name="frame",
     nodes=(Node(id="a", mass_kg=900.0), Node(id="b", mass_kg=800.0)),
-    elements=(
-        Spring(id="s1", between=("base", "a"), stiffness_n_per_m=1.2e6, damping_n_s_per_m=2e3),
-        Spring(id="s2", between=("a", "b"), stiffness_n_per_m=9e5, damping_n_s_per_m=1e3),
-    ),
+    elements=(FIRST, SECOND),
 )
 SHAPING = kanai_tajimi(2.5, 0.6)
 DRIFT = Response(
@@ -117,7 +119,7 @@ DRIFT = Response(
 
 
 def limit(**more):
-    settings = {
+    settings: dict[str, Any] = {
         "structure": AddedStructure(FRAME, (), ["s1.stiffness"]),
         "names": ("s1",),
         "load": NoiseLoad(psd=0.3, shaping=SHAPING),
@@ -129,8 +131,8 @@ def limit(**more):
 
 
 def test_an_event_of_noise_exceeds_as_its_crossings_say():
-    soft = dataclasses.replace(FRAME.elements[0], stiffness_n_per_m=0.8e6)
-    structure = assemble(dataclasses.replace(FRAME, elements=(soft, FRAME.elements[1])))
+    soft = dataclasses.replace(FIRST, stiffness_n_per_m=0.8e6)
+    structure = assemble(dataclasses.replace(FRAME, elements=(soft, SECOND)))
     mass = structure.mass.sum(axis=0)
     reference = response_covariance(structure, 0.3 * np.outer(mass, mass), shaping=SHAPING)
     sd, rate = math.sqrt(reference.displacement[0, 0]), math.sqrt(reference.velocity[0, 0])

@@ -43,8 +43,8 @@ _TWIN = f"{_V1}/twins/{{twin_id}}"
 _RECORDING = f"{_V1}/recordings/{{name}}"
 _SEE = [(f"{_TWIN}{more}", Scope.VIEWER) for more in (
     "", "/history", "/history/hash", "/history/export", "/dtdl", "/modes", "/forecast",
-    "/plan", "/risk", "/events", "/events/recorded", "/live", "/gap", "/fatigue", "/virtual", "/alarms",
-    "/alarms/deliveries",
+    "/plan", "/risk", "/events", "/events/recorded", "/live", "/gap", "/fatigue", "/virtual",
+    "/alarms", "/alarms/deliveries",
     "/diagnoses", "/diagnoses/{number}", "/diagnoses/{number}/{name}",
 )]  # fmt: skip
 _DO = [
