@@ -40,14 +40,14 @@ def answer_of(
     plan, costs = made.plan, order.costs
     seconds = _seconds(order)
     when = When(costs.time_unit, since_ns, seconds)
-    clock = _Clock(order.begun.time, made.slow_per_unit, since_ns, seconds)
+    clock = _Clock(order.laws.now, made.slow_per_unit, since_ns, seconds)
     rows = np.unique(np.round(np.linspace(0, len(plan.futures.time) - 1, CURVE)).astype(int))
     failure, ranking = order.decision.failure, plan.ranking
     best = option_words(plan.best, when)
     other = None if ranking.other is None else plan.options[ranking.other]
     return {
         "id": twin_id,
-        "since": order.begun.time,
+        "since": order.laws.now,
         "currency": costs.currency,
         "time_unit": costs.time_unit,
         "seconds": seconds,
