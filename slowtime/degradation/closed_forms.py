@@ -44,7 +44,9 @@ def wiener_first_passage(
     _check_positive("distance", z)
     _check_positive("sigma", np.asarray(sigma, dtype=float))
     pace = np.maximum(np.abs(mu), 1e-12 * z)
-    reached = inverse_gaussian_cdf(np.asarray(ahead, dtype=float), z / pace, z**2 / np.square(sigma))
+    reached = inverse_gaussian_cdf(
+        np.asarray(ahead, dtype=float), z / pace, z**2 / np.square(sigma)
+    )
     away = np.exp(np.where(mu < 0.0, 2.0 * mu * z / np.square(sigma), 0.0))
     return np.asarray(np.where(np.asarray(ahead) > 0.0, away * reached, 0.0))
 
@@ -114,7 +116,9 @@ def load_survival(
     return np.asarray(share @ np.exp(-hazard))
 
 
-def gamma_rate_survival(ahead: Values, *, shape: float, scale: float) -> Float[np.ndarray, "..."]:
+def gamma_rate_survival(
+    ahead: Values, *, shape: float, scale: float
+) -> Float[np.ndarray, "..."]:
     r"""Give survival under failures at a constant rate that is unknown: a gamma law.
 
     .. math:: S(t) = (1 + \theta t)^{-k}

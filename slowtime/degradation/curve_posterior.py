@@ -1,4 +1,4 @@
-"""Posterior of a curve: sampled shapes, each with a Kalman filter of its linear coefficients."""
+"""Posterior of a curve: sampled shapes, with a Kalman filter of linear coefficients each."""
 
 import dataclasses
 
@@ -8,7 +8,7 @@ from scipy.special import chdtrc, logsumexp
 
 from .curves import Curve, columns
 from .fleet import FleetPrior
-from .history import LEVEL_WIDTH, History, Series, history_of
+from .history import LEVEL_WIDTH, History, Series
 from .law import Drawn
 from .sampling import Sample, importance_sample, normal_log_density
 
@@ -193,6 +193,3 @@ def _batch_log_likelihood(
     square = np.sum(target**2, axis=1) - np.sum(score * solved, axis=1)
     constant = np.log(2.0 * np.pi * history.sd**2).sum()
     return np.asarray(-0.5 * (square + determinant + constant))
-
-
-__all__ = ["CurveLaw", "CurvePosterior", "coefficient_prior", "history_of"]

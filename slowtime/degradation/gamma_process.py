@@ -102,11 +102,17 @@ class GammaPosterior:
     @property
     def p_value(self) -> float:
         """See `law.Posterior`."""
-        weight = np.exp(np.concatenate([_log_weight(one) for one in self.parts]))
+        weight = self._weights()
         freedom = max(self.parts[0].count - 2, 1)
-        tail = chdtrc(freedom, np.concatenate([one.misfit for one in self.parts]))
-        total = float(weight.sum())
-        return float(weight @ tail / total) if total > 0 else float(tail.max())
+        return float(
+            weight @ chdtrc(freedom, np.concatenate([one.misfit for one in self.parts]))
+        )
+
+    def _weights(self) -> Float[np.ndarray, " point"]:
+        """Posterior probability of each point of all directions."""
+        log = np.concatenate([_log_weight(one) for one in self.parts])
+        weight = np.exp(log - log.max())
+        return np.asarray(weight / weight.sum())
 
     def follow(self, time: Series, value: Series, sd: Series) -> "GammaPosterior":
         """See `law.Posterior`."""
@@ -117,16 +123,16 @@ class GammaPosterior:
         self, later: Float[np.ndarray, " later"], count: int, rng: np.random.Generator
     ) -> Drawn:
         """See `law.Posterior`."""
-        log = [_log_weight(one) for one in self.parts]
-        weight = np.exp(np.concatenate(log) - max(one.max() for one in log))
-        owners = rng.choice(len(weight), size=count, p=weight / weight.sum())
+        owners = rng.choice(len(weight := self._weights()), size=count, p=weight)
         density = np.concatenate([one.density for one in self.parts])[owners]
         sizes = [len(one.sample.points) for one in self.parts]
         sign, low, cell = (
             np.repeat([getattr(one, name) for one in self.parts], sizes)[owners]
             for name in ("sign", "low", "cell")
         )
-        rate, theta = np.exp(np.concatenate([one.sample.points for one in self.parts])[owners]).T
+        rate, theta = np.exp(
+            np.concatenate([one.sample.points for one in self.parts])[owners]
+        ).T
         below = np.cumsum(density, axis=1)
         at = rng.random(count) * below[:, -1]
         place = np.minimum((below < at[:, None]).sum(axis=1), density.shape[1] - 1)
@@ -139,12 +145,12 @@ class GammaPosterior:
 
     def hyperparameters(self) -> FleetPrior | None:
         """Give the signed rate, and the logarithm of the size of a jump."""
-        log = [_log_weight(one) for one in self.parts]
-        weight = np.exp(np.concatenate(log) - max(one.max() for one in log))
-        weight /= weight.sum()
+        weight = self._weights()
         points = np.concatenate(
             [
-                np.column_stack((one.sign * np.exp(one.sample.points[:, 0]), one.sample.points[:, 1]))
+                np.column_stack(
+                    (one.sign * np.exp(one.sample.points[:, 0]), one.sample.points[:, 1])
+                )
                 for one in self.parts
             ]
         )
@@ -168,7 +174,9 @@ def _direction(
     low, high = level.min() - margin - 0.1 * reach, level.max() + margin + 0.5 * reach
     cell = (high - low) / CELLS
     wide = LEVEL_WIDTH * history.scatter / history.span
-    centre = np.log([max(sign * slope, 0.5 * error) / history.span, THETA_CENTRE * history.scatter])
+    centre = np.log(
+        [max(sign * slope, 0.5 * error) / history.span, THETA_CENTRE * history.scatter]
+    )
     width = np.array([min(0.5 + error / max(abs(slope), error), 1.0), THETA_WIDTH])
 
     def log_prior(points: np.ndarray) -> np.ndarray:
@@ -180,7 +188,9 @@ def _direction(
             square = np.einsum("pi,ij,pj->p", around, np.linalg.inv(covariance), around)
             shared = np.linalg.slogdet(2.0 * np.pi * covariance)[1]
             return np.asarray(-0.5 * (square + shared) + points[:, 0] + np.log(2.0))
-        of_rate = -0.5 * (rate / wide) ** 2 - np.log(0.5 * np.sqrt(2.0 * np.pi) * wide) + points[:, 0]
+        of_rate = (
+            -0.5 * (rate / wide) ** 2 - np.log(0.5 * np.sqrt(2.0 * np.pi) * wide) + points[:, 0]
+        )
         of_jump = -0.5 * jump**2 - np.log(np.sqrt(2.0 * np.pi) * THETA_WIDTH)
         return np.asarray(of_rate + of_jump)
 
@@ -251,7 +261,12 @@ def _followed(
     base = np.log1p(1j * theta[:, None] * omega)
     shape = (rate / theta)[:, None]
     density, low = one.density, one.low
-    total, misfit, now, count = one.log_likelihood.copy(), one.misfit.copy(), one.time, one.count
+    total, misfit, now, count = (
+        one.log_likelihood.copy(),
+        one.misfit.copy(),
+        one.time,
+        one.count,
+    )
     least = COARSEST * one.cell
     kernels: dict[float, np.ndarray] = {}
 
@@ -294,7 +309,13 @@ def _followed(
         total += np.log(own)
         count += 1
     return dataclasses.replace(
-        one, low=low, time=now, density=density, log_likelihood=total, misfit=misfit, count=count
+        one,
+        low=low,
+        time=now,
+        density=density,
+        log_likelihood=total,
+        misfit=misfit,
+        count=count,
     )
 
 
@@ -310,8 +331,9 @@ def _changed(
     """Move the level by an event: a share of the damage restored, and a shift of sd."""
     places = low + (np.arange(CELLS) + 0.5) * one.cell
     if restored > 0.0:
-        left, base = max(1.0 - restored, 2.0 * one.cell / (CELLS * one.cell)), one.sign * float(
-            history.value[0]
+        left, base = (
+            max(1.0 - restored, 2.0 * one.cell / (CELLS * one.cell)),
+            one.sign * float(history.value[0]),
         )
         source = base + (places - base) / left
         density = np.array([np.interp(source, places, row, 0.0, 0.0) for row in density]) / left

@@ -117,7 +117,7 @@ def history_of(
     Parameters
     ----------
     time, value, sd
-        Readings in any order; entries that are not finite, or whose sd is negative, are missing.
+        Readings in any order; entries that are not finite are missing.
     events
         Known jumps and repairs.
     origin

@@ -130,8 +130,8 @@ class Mixture:
         """
         if not horizon > self.now:
             raise ValueError(
-                f"The horizon {horizon:g} is not after the last reading at {self.now:g}. Give a "
-                "later slow time."
+                f"The horizon {horizon:g} is not after the last reading at {self.now:g}. Give "
+                "a later slow time."
             )
         later = np.linspace(self.now, horizon, points + 1)
         weights = {only: 1.0} if only is not None else self.weights

@@ -5,11 +5,11 @@ from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import ndtri, logsumexp
-from scipy.stats import qmc
+from scipy.special import gammaln, logsumexp, ndtri
+from scipy.stats import chi2, qmc
 
 FREEDOM = 5.0
-"""Degrees of freedom of the multivariate t proposals [1]: tails heavier than the posterior's."""
+"""Degrees of freedom of the t proposals [1]: tails heavier than the posterior's."""
 
 TEMPERED = 24
 """Points that must count before a proposal is fitted [1]; the posterior is tempered to it."""
@@ -88,13 +88,13 @@ def normal_log_density(points: np.ndarray) -> Float[np.ndarray, " point"]:
 
 def _even(points: int, dimensions: int) -> tuple[np.ndarray, np.ndarray]:
     uniform = qmc.Halton(dimensions + 1, scramble=False).random(points + 1)[1:]
-    from scipy.stats import chi2
-
     radial = np.sqrt(FREEDOM / chi2.ppf(uniform[:, -1], FREEDOM))
     return np.asarray(ndtri(uniform[:, :-1])), np.asarray(radial)
 
 
-def _mixed(densities: list[Callable[[np.ndarray], np.ndarray]], points: np.ndarray) -> np.ndarray:
+def _mixed(
+    densities: list[Callable[[np.ndarray], np.ndarray]], points: np.ndarray
+) -> np.ndarray:
     each = np.array([density(points) for density in densities])
     return np.asarray(logsumexp(each, axis=0) - np.log(len(densities)))
 
@@ -115,8 +115,6 @@ def _fitted(points: np.ndarray, log: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _t_density(mean: np.ndarray, factor: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    from scipy.special import gammaln
-
     size = len(mean)
     constant = (
         gammaln(0.5 * (FREEDOM + size))

@@ -62,7 +62,9 @@ def surviving_futures(
         gap = history.time[k + 1] - history.time[k]
         before = _backward(steps[k], owners, drift, after, variance * gap, gap, rng)
         a, b = side * (before - threshold), side * (after - threshold)
-        touched = np.exp(-2.0 * np.maximum(a, 0.0) * np.maximum(b, 0.0) / (variance * max(gap, 1e-300)))
+        touched = np.exp(
+            -2.0 * np.maximum(a, 0.0) * np.maximum(b, 0.0) / (variance * max(gap, 1e-300))
+        )
         with np.errstate(divide="ignore"):
             log = log + np.log1p(-np.where((a <= 0.0) | (b <= 0.0), 1.0, touched))
         after = before

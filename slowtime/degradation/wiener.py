@@ -156,9 +156,7 @@ class WienerPosterior:
         factor = np.linalg.cholesky(self.covariance[owners] + 1e-300 * np.eye(2))
         start = self.mean[owners] + np.einsum("pij,pj->pi", factor, shocks)
         ahead = later - later[0]
-        steps = rng.standard_normal((count, len(later))) * np.sqrt(
-            np.diff(ahead, prepend=0.0)
-        )
+        steps = rng.standard_normal((count, len(later))) * np.sqrt(np.diff(ahead, prepend=0.0))
         wander = self.sigma[owners, None] * np.cumsum(steps, axis=1)
         paths = start[:, :1] + start[:, 1:] * ahead + wander
         return Drawn(paths, self.sigma[owners] ** 2)

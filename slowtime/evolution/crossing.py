@@ -19,6 +19,7 @@ from .first_passage import first_passage
 from .outlook import JumpLaw, Outlook
 from .remaining_life import SHARES, RemainingLife, from_failure_times
 
+
 def first_crossing(
     outlook: Outlook,
     slow_time: Series,

@@ -7,6 +7,7 @@ the threshold, the path is a Brownian bridge: it touches the threshold with prob
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import log_ndtr, ndtr
 
 
 def first_passage(
@@ -111,8 +112,6 @@ def inverse_gaussian_cdf(
     ----------
     .. [1] R. S. Chhikara and J. L. Folks, "The Inverse Gaussian Distribution" (1989).
     """
-    from scipy.special import log_ndtr, ndtr
-
     at = np.maximum(np.asarray(t, dtype=float), 1e-300)
     root = np.sqrt(shape / at)
     second = np.exp(np.minimum(2.0 * shape / mean + log_ndtr(-root * (at / mean + 1.0)), 0.0))

@@ -72,8 +72,12 @@ class RemainingLife:
             Slow times; NaN is given beyond the horizon, where nothing is known.
         """
         at = np.asarray(t, dtype=float)
-        found = np.interp(at, self.time, self.probability, left=0.0) if len(self.time) else 0 * at
-        return np.asarray(np.where(at > self.horizon, np.nan, np.where(at < self.now, 0.0, found)))
+        found = (
+            np.interp(at, self.time, self.probability, left=0.0) if len(self.time) else 0 * at
+        )
+        return np.asarray(
+            np.where(at > self.horizon, np.nan, np.where(at < self.now, 0.0, found))
+        )
 
     def survival(self, t: float | Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         """Give the probability that the threshold has not been crossed by slow time t."""
@@ -110,8 +114,12 @@ class RemainingLife:
         inside = np.minimum(place, len(self.time) - 1)
         before = np.maximum(inside - 1, 0)
         rise = self.probability[inside] - self.probability[before]
-        part = np.where(rise > 0.0, (share - self.probability[before]) / np.where(rise > 0, rise, 1.0), 1.0)
-        at = self.time[before] + np.clip(part, 0.0, 1.0) * (self.time[inside] - self.time[before])
+        part = np.where(
+            rise > 0.0, (share - self.probability[before]) / np.where(rise > 0, rise, 1.0), 1.0
+        )
+        at = self.time[before] + np.clip(part, 0.0, 1.0) * (
+            self.time[inside] - self.time[before]
+        )
         at = np.where(share <= self.already, self.now, np.maximum(at, self.now))
         return np.asarray(np.where(share > self.within, np.inf, at))
 
@@ -163,4 +171,6 @@ def from_failure_times(
     probability = np.concatenate([[already], share[passed:]])
     if time[-1] < horizon:
         time, probability = np.append(time, horizon), np.append(probability, probability[-1])
-    return RemainingLife(threshold, now, horizon, time, probability, already, weights or {}, shares)
+    return RemainingLife(
+        threshold, now, horizon, time, probability, already, weights or {}, shares
+    )

@@ -34,7 +34,6 @@ MOST_OF_ELEMENTS = 150
 _GAP = {"value": math.nan, "sd": math.nan}
 
 
-
 class Learnt(NamedTuple):
     """What was learnt of one quantity.
 
@@ -82,7 +81,7 @@ class Foresight:
     slow_time: Float[np.ndarray, " later"]
     bands: dict[str, Float[np.ndarray, "later 4"]]
     until: float
-    outlooks: dict[str, forecast.Outlook]
+    outlooks: Outlooks
     reasons: tuple[str, ...]
     crossings: tuple[tuple[Limit, RemainingLife], ...] = ()
     misfits: tuple[str, ...] = ()
@@ -291,7 +290,10 @@ def foresee_from(
             "trend there. Ask for a shorter horizon, or wait for more readings.",
         )
     crossings = _crossings(prospect, thresholds, since + (horizon or span))
-    used = {name: begun.outlook for name, begun in prospect.begun.items()}
+    used = {
+        name: Learnt(begun.outlook, prospect.laws[name])
+        for name, begun in prospect.begun.items()
+    }
     misfits = tuple(
         f"{name}: {laws.warning}" for name, laws in prospect.laws.items() if laws.warning
     )

@@ -248,8 +248,8 @@ def _outlook(foresight: Foresight, unit: str | None) -> Outlook:
         foresight.until,
         foresight.reasons,
         foresight.crossings,
-        {name: one.period for name, one in foresight.outlooks.items()},
-        {name: [at for at, _ in one.jumps] for name, one in foresight.outlooks.items()},
+        {name: one.outlook.period for name, one in foresight.outlooks.items()},
+        {name: [at for at, _ in one.outlook.jumps] for name, one in foresight.outlooks.items()},
         unit,
         foresight.misfits,
     )

@@ -203,7 +203,14 @@ def _forecast(
     if outlook is None:
         none = dict.fromkeys(("since", "until", "slow_time_unit"))
         empty: dict[str, Any] = {"points": [], "crossings": [], "periods": {}, "jumps": {}}
-        return {"id": twin_id, **none, **empty, "valid": False, "reasons": [_TOO_FEW], "warnings": []}
+        return {
+            "id": twin_id,
+            **none,
+            **empty,
+            "valid": False,
+            "reasons": [_TOO_FEW],
+            "warnings": [],
+        }
     rows = [None] * len(outlook.slow_time)
     of_each = {name: estimate_objects(band.tolist()) for name, band in outlook.bands.items()}
     elements = [name for name in of_each if name not in _OF_THE_WHOLE]
@@ -248,7 +255,9 @@ def _crossing(source: str, limit: Limit, life: RemainingLife, since: float) -> d
         ],
         "quantiles": [
             {"share": share, **_when(at, since)}
-            for share, at in zip(QUANTILES, life.quantile(np.array(QUANTILES)).tolist(), strict=True)
+            for share, at in zip(
+                QUANTILES, life.quantile(np.array(QUANTILES)).tolist(), strict=True
+            )
         ],
         "median": _when(life.median, since)["slow_time"],
         "cdf": {"slow_time": grid.tolist(), "probability": life.cdf(grid).tolist()},

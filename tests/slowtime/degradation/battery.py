@@ -65,7 +65,7 @@ def pinball(times):
 
 
 def judge(case: Hidden) -> Score:
-    """Foretell the remaining life of one history, by all laws, by the true one, and as today."""
+    """Foretell one remaining life: by all laws, by the true law, and by Gaussian processes."""
     readings = case.time, case.value, case.sd
     outlook = forecast.fit(*readings)
     since = float(case.time[-1])
@@ -95,15 +95,25 @@ def cases(kind: str, count: int, seed: int):
 
 def line(name: str, scores: list[Score]) -> str:
     """Figures of a kind."""
-    held = [np.mean([holds(getattr(s, who)) for s in scores]) for who in ("ours", "today", "told")]
-    loss = [np.mean([pinball(getattr(s, who)) for s in scores]) for who in ("ours", "today", "told")]
-    wide = [np.median([width(getattr(s, who)) for s in scores]) for who in ("ours", "today", "told")]
+    held = [
+        np.mean([holds(getattr(s, who)) for s in scores]) for who in ("ours", "today", "told")
+    ]
+    loss = [
+        np.mean([pinball(getattr(s, who)) for s in scores]) for who in ("ours", "today", "told")
+    ]
+    wide = [
+        np.median([width(getattr(s, who)) for s in scores]) for who in ("ours", "today", "told")
+    ]
     low = np.mean([capped(s.ours[0]) > 1 for s in scores])
     high = np.mean([capped(s.ours[2]) < 1 for s in scores])
     sure = [s for s in scores if s.weight >= SURE]
-    ratio = np.median([width(s.ours) / max(width(s.told), 1e-9) for s in sure]) if sure else np.nan
+    ratio = (
+        np.median([width(s.ours) / max(width(s.told), 1e-9) for s in sure]) if sure else np.nan
+    )
     rest = [s for s in scores if s.weight < SURE]
-    other = np.median([width(s.ours) / max(width(s.told), 1e-9) for s in rest]) if rest else np.nan
+    other = (
+        np.median([width(s.ours) / max(width(s.told), 1e-9) for s in rest]) if rest else np.nan
+    )
     lacking = sum(s.within >= 0.5 and not np.isfinite(s.ours[1]) for s in scores)
     misfit = np.mean([s.p_value < 0.005 for s in scores])
     names = list(scores[0].weights)

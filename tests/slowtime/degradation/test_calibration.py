@@ -37,9 +37,7 @@ def wiener_asset(rng):
     path = LEVEL_WIDTH * rng.standard_normal() + np.concatenate(
         [[0.0], np.cumsum(drift * fine[1] + steps)]
     )
-    when = first_passage(
-        (LIMIT - path)[None], fine, np.array([sigma**2]), rng.random(1)
-    )[0]
+    when = first_passage((LIMIT - path)[None], fine, np.array([sigma**2]), rng.random(1))[0]
     return fine, path, when
 
 

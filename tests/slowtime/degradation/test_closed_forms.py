@@ -70,7 +70,9 @@ def test_survival_under_poisson_loads_is_that_of_sampled_events():
     constant = closed_forms.load_survival(ahead, rate, np.full((1, 51), 0.01))
     np.testing.assert_allclose(constant, np.exp(-rate * 0.01 * ahead), rtol=1e-12)
     # The average stands outside the exponential: survival is at least that of the mean.
-    assert (closed_forms.load_survival(ahead, rate, p) >= np.exp(-rate * p.mean() * ahead) - 1e-12).all()
+    assert (
+        closed_forms.load_survival(ahead, rate, p) >= np.exp(-rate * p.mean() * ahead) - 1e-12
+    ).all()
 
 
 def test_an_unknown_rate_gives_lomax_survival_and_survival_tells_of_the_rate():
@@ -78,7 +80,9 @@ def test_an_unknown_rate_gives_lomax_survival_and_survival_tells_of_the_rate():
     ahead = np.linspace(0.0, 5.0, 51)
     rates = rng.gamma(2.0, 0.3, PATHS)
     found = closed_forms.load_survival(ahead, rates, np.ones((PATHS, 51)))
-    assert within_sampling_error(found, closed_forms.gamma_rate_survival(ahead, shape=2.0, scale=0.3))
+    assert within_sampling_error(
+        found, closed_forms.gamma_rate_survival(ahead, shape=2.0, scale=0.3)
+    )
     later = closed_forms.gamma_rate_survival(ahead + 1.5, shape=2.0, scale=0.3)
     before = closed_forms.gamma_rate_survival(1.5, shape=2.0, scale=0.3)
     shape, scale = closed_forms.rate_given_survival(2.0, 0.3, 1.5)
@@ -88,7 +92,7 @@ def test_an_unknown_rate_gives_lomax_survival_and_survival_tells_of_the_rate():
 
 
 def test_what_is_no_probability_is_refused():
-    with pytest.raises(ValueError, match="outside 0 to 1. Give probabilities"):
+    with pytest.raises(ValueError, match=r"outside 0 to 1\. Give probabilities"):
         closed_forms.load_survival(np.array([0.0, 1.0]), 1.0, np.array([[0.0, 1.5]]))
     with pytest.raises(ValueError, match=r"distance=.*is not positive"):
         closed_forms.gamma_first_passage(1.0, distance=-1.0, shape_rate=1.0, rate=1.0)

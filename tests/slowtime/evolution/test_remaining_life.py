@@ -19,7 +19,9 @@ def test_distribution_quantiles_and_hazard_are_those_of_the_law_that_was_sampled
     np.testing.assert_allclose(life.cdf(at), law.cdf(at), atol=1e-3)
     np.testing.assert_allclose(life.survival(at), law.sf(at), atol=1e-3)
     np.testing.assert_allclose(life.hazard(at), law.pdf(at) / law.sf(at), rtol=0.05)
-    np.testing.assert_allclose(life.quantile(np.array([0.1, 0.5])), law.ppf([0.1, 0.5]), rtol=1e-3)
+    np.testing.assert_allclose(
+        life.quantile(np.array([0.1, 0.5])), law.ppf([0.1, 0.5]), rtol=1e-3
+    )
     assert life.within == pytest.approx(float(law.cdf(5.0)), abs=1e-3)
     assert life.within + life.beyond == 1.0
     assert np.isinf(life.quantile(0.99))
