@@ -28,7 +28,7 @@ PRIOR_WEIGHTS: dict[str, float] = {
 }
 """Prior weights that are not one, up to a common factor [1].
 
-Chosen by coverage and pinball loss over 150 hidden histories with seed 7, other than those of docs/remaining_life.md. Laws that imitate others, such as the power law, count
-less; laws that only accelerate late, such as a crack, count more than their early readings can
-show.
+Chosen by coverage and pinball loss over 150 hidden histories with seed 7, which are other than
+those of docs/remaining_life.md. Laws that imitate others, such as the power law, count less;
+laws that only accelerate late, such as a crack, count more than their early readings can show.
 """
