@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float
 from scipy import stats
 
 from slowtime.decisions import Cost, Costs, EstimateError, drift, fleet
+from slowtime.decisions.lookahead import Lookahead
 
 ASSETS, YEARS, STEP = 200, 20, 1.0 / 12.0
 MONTHS = 12 * YEARS
@@ -109,7 +110,8 @@ class World:
 
     def readings(self) -> Float[np.ndarray, "row asset"]:
         """Read each asset."""
-        return self.damage + self.truth.reading_sd * self.truth.errors[self.month - 1]
+        errors = self.truth.errors[self.month - 1]
+        return np.asarray(self.damage + self.truth.reading_sd * errors)
 
     def inspect(self, which: Bool[np.ndarray, "row asset"]) -> Float[np.ndarray, "row asset"]:
         """Measure some assets; NaN for the others."""
@@ -206,7 +208,7 @@ def _decide(
     left: int,
     *,
     inspection: bool = False,
-) -> fleet.Lookahead:
+) -> Lookahead:
     sd = INSPECTION_SD if inspection else None
     return fleet.decide(
         pooled,

@@ -119,7 +119,7 @@ def _wirsching_light(moments: Moments, curve: Curve) -> float:
     m = curve.slope
     width = math.sqrt(1 - moments.alpha2**2)
     a, b = 0.926 - 0.033 * m, 1.587 * m - 2.323
-    return (a + (1 - a) * (1 - width) ** b) * _narrow_band(moments, curve)
+    return float((a + (1 - a) * (1 - width) ** b) * _narrow_band(moments, curve))
 
 
 def _tovo_benasciutti(moments: Moments, curve: Curve) -> float:
@@ -164,13 +164,14 @@ def _rayleigh(sd: float, curve: Curve) -> float:
     """Mean damage of a cycle whose amplitude is Rayleigh with parameter `sd` [1]."""
     if curve.lower_slope is None and curve.cut_off == 0:
         m = curve.slope
-        return (2 * math.sqrt(2) * sd) ** m * math.gamma(1 + m / 2) / curve.constant
+        scale = (2 * math.sqrt(2) * sd) ** m
+        return float(scale * math.gamma(1 + m / 2) / curve.constant)
     amplitude = np.linspace(0.0, LARGEST, POINTS)
     density = amplitude * np.exp(-(amplitude**2) / 2)
     return float(np.trapezoid(curve.damage(2 * sd * amplitude) * density, amplitude))
 
 
-METHODS: dict[str, Callable[[Moments, Curve], float]] = {
+METHODS: dict[Method, Callable[[Moments, Curve], float]] = {
     "narrow_band": _narrow_band,
     "wirsching_light": _wirsching_light,
     "dirlik": _dirlik,

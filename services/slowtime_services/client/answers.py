@@ -249,7 +249,7 @@ class MaintenancePlan(Answer):
     reasons: tuple[str, ...]
 
 
-class Band(Answer):
+class Probability(Answer):
     """A probability with its 5 to 95 % band."""
 
     value: float
@@ -260,9 +260,9 @@ class Band(Answer):
 class RiskNow(Answer):
     """A limit state at one slow time."""
 
-    probability: Band
+    probability: Probability
     beta: float
-    survival: Band
+    survival: Probability
     hazard: float
 
 
@@ -273,7 +273,7 @@ class LimitStateRisk(Answer):
     kind: str
     accepted: float
     now: RiskNow | None
-    within: Band | None
+    within: Probability | None
     until: float | None
     sentence: str
     valid: bool

@@ -76,7 +76,8 @@ def drift(lower: str, upper: str, *, name: str = "") -> Output:
     """Displacement of `upper` minus that of `lower` [m]; either may be ``"base"``."""
 
     def row(description: Description) -> Row:
-        return _row(description, {lower: -1.0}) + _row(description, {upper: 1.0})
+        both = _row(description, {lower: -1.0}) + _row(description, {upper: 1.0})
+        return np.asarray(both)
 
     return Output(name=name or f"{lower}-{upper}.drift", unit="m", row=row)
 

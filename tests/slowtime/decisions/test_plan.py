@@ -142,6 +142,7 @@ def test_a_break_even_cost_makes_both_options_cost_the_same():
     weights = plan.futures.weights
     for one in ranking.break_even:
         changed = COSTS.with_price(ITEMS.index(one.item), one.at).prices()
+        assert ranking.other is not None
         best, other = (
             float(plan.options[k].quantities(weights) @ changed)
             for k in (ranking.best, ranking.other)

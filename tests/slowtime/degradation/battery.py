@@ -80,11 +80,13 @@ def judge(case: Hidden) -> Score:
         case.threshold, case.horizon, toward="below", only=TRUE_LAW[case.kind]
     )
     true = case.life - since
-    scaled = [
+    ours, now, law = (
         np.asarray([(one.quantile(p) - since) / true for p in SHARES], dtype=float)
         for one in (life, today, told)
-    ]
-    return Score(case.kind, *scaled, mixture.weights, life.within, mixture.p_value, seconds)
+    )
+    return Score(
+        case.kind, ours, now, law, mixture.weights, life.within, mixture.p_value, seconds
+    )
 
 
 def cases(kind: str, count: int, seed: int):

@@ -55,7 +55,7 @@ def gamma_asset(rng):
 def ranks(asset, foretell, runs):
     """Rank of the true failure time among those foretold, ties broken at random."""
     rng = np.random.default_rng(21)
-    found = []
+    found: list[int] = []
     while len(found) < runs:
         fine, path, when = asset(rng)
         if when <= 1.0:
