@@ -89,7 +89,7 @@ def test_the_gain_is_that_of_the_riccati_equation():
 
 def test_levels_of_variance_components_are_recovered():
     rng = np.random.default_rng(1)
-    groups = Groups.of(4000, 100.0, 1.0)
+    groups = Groups.of(4000, 100.0, 1.0, 40.0)
     count = len(groups.sizes)
     shapes = rng.standard_normal((2, count, 2)) + 1j * rng.standard_normal((2, count, 2))
     given = np.einsum("lfi,lfj->lfij", shapes, shapes.conj())
