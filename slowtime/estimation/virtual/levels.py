@@ -1,8 +1,8 @@
 r"""How large latent forces and noises are, from the spectra of the channels.
 
-With :math:`V_f = \sum_k a_k H_{kf} \Sigma H_{kf}^H + R` the spectral density that the model gives
-the channels, where :math:`\Sigma` is the covariance of the latent forces and :math:`a_k` the
-shares of the slow and of the fast ones, and :math:`\hat S_f` what a window shows, the Whittle
+With :math:`V_f = \sum_k a_k H_{kf} \Sigma H_{kf}^H + R` the spectral density that the model
+gives the channels, where :math:`\Sigma` is the covariance of the latent forces and :math:`a_k`
+the shares of the slow and of the fast ones, and :math:`\hat S_f` what a window shows, the Whittle
 likelihood :math:`-\sum_f n_f [\ln\det V_f + \operatorname{tr} V_f^{-1} \hat S_f]` does not fall
 with the step
 
@@ -30,10 +30,12 @@ RELATIVE_WIDTH = 0.01
 HIGHEST = 0.4
 """Upper edge of the frequencies that are fitted, as a share of the sampling rate [1]."""
 ABOVE_MODES = 1.5
-"""Upper edge of the frequencies that are fitted, over the highest mode that is kept [1]: what is
-above says nothing of displacements, and would outweigh what does."""
+"""Upper edge of the frequencies that are fitted, over the highest mode that is kept [1]: what
+is above says nothing of displacements, and would outweigh what does."""
 FLOOR = 1e-12
-"""Of a level of force, relative to the largest [1]."""
+"""Of a share, relative to the larger one [1]."""
+UNSEEN = 1e-9
+"""Information on a combination of forces that counts as none, relative to that on a force [1]."""
 QUIETEST = 1e-8
 """Variance of a channel's noise, relative to that of the samples [1]: a resolution of 13 bits.
 What is less makes the filters' equations singular."""
@@ -197,7 +199,17 @@ def _step(
     up: Float[np.ndarray, "force force"],
     down: Float[np.ndarray, "force force"],
 ) -> Float[np.ndarray, "force force"]:
-    """Take one step of the variances."""
-    ratio = np.maximum(np.diag(up), 0.0) / np.maximum(np.diag(down), 1e-300)
-    new = np.diag(old) * np.sqrt(ratio)
-    return np.diag(np.maximum(new, FLOOR * new.max()))
+    """Take one step of the covariance."""
+    # In units in which all forces are seen alike, so that small ones are not lost.
+    scale = np.sqrt(np.maximum(np.diag(down), 1e-300))
+    both = np.outer(scale, scale)
+    up, old = up / both, old * both
+    root = _root(down / both + UNSEEN * np.eye(len(down)))
+    back = np.linalg.inv(root)
+    new = back @ _root(root @ old @ up @ old @ root) @ back
+    return np.asarray((new + new.T) / 2 / both)
+
+
+def _root(matrix: Float[np.ndarray, "force force"]) -> Float[np.ndarray, "force force"]:
+    values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
