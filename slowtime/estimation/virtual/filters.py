@@ -69,15 +69,14 @@ class Filters:
 
 def make_filters(
     models: Sequence[Latent],
-    discrete: Sequence[tuple[np.ndarray, np.ndarray]],
     levels: Levels,
     rate_hz: float,
 ) -> Filters:
     """Solve for the gain of each model, and unroll its recursion over a block."""
     closed, gains, variances, priors = [], [], [], []
     noise = np.diag(levels.noise)
-    for model, (transition, noises) in zip(models, discrete, strict=True):
-        process = np.tensordot(levels.forces, noises, 1)
+    for model in models:
+        transition, process = model.discrete(rate_hz, levels.forces)
         gain, after = _steady(transition, process, model.sensing, noise)
         keeps = np.eye(len(transition)) - gain @ model.sensing
         closed.append(keeps @ transition)

@@ -1,11 +1,11 @@
 r"""A structure under forces that nobody measures, as a linear model driven by white noise.
 
 In modal coordinates :math:`\ddot q + \Phi^T C \Phi\, \dot q + \Omega^2 q = \sum_l b_l p_l`
-with latent forces :math:`\dot p_l = -c_l p_l + \sqrt{2 c_l s_l}\, w_l`: two of each mode, one
-with a corner at the lower edge of the band and one at a quarter of the sampling rate, whose
-variances :math:`s_l` are fitted. Motion of the base, and forces that a channel measures, are
-latent forces too. Outputs pass a high-pass of second order, whose states belong to the model,
-so that their error is that of the band that is told.
+with two latent forces of each mode: a slow one, :math:`\dot p = -c p + \sqrt{2 c}\, w` with its
+corner at the lower edge of the band, and a fast one, white noise after a Butterworth filter of
+third order with the corner at 0.3 of the sampling rate. Their covariances are fitted. Motion of
+the base, and forces that a channel measures, are latent forces too. Outputs pass a high-pass of second order,
+whose states belong to the model, so that their error is that of the band that is told.
 
 References
 ----------
@@ -32,8 +32,10 @@ from .settings import VirtualSettings
 
 USABLE = 0.9
 """Share of half the sampling rate up to which modes are kept [1]."""
-FAST = 0.25
-"""Corner of the fast latent force, as a share of the sampling rate [1]."""
+FAST = 0.3
+"""Corner of the fast latent force, as a share of the sampling rate [1]. It is of third order:
+what is above half the sampling rate would be folded onto low frequencies, where sensors with an
+anti-aliasing filter have nothing, and where displacements hang on little acceleration."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -44,7 +46,8 @@ class Latent:
     ----------
     drift
         A of the states: modal displacements times their angular frequency squared, modal
-        velocities times it, latent forces, and two of the high-pass of each output.
+        velocities times it, latent forces with the filters of the fast ones, and two of the
+        high-pass of each output.
     driving
         Column of unit noise of each latent force.
     sensing
@@ -58,7 +61,7 @@ class Latent:
     """
 
     drift: Float[np.ndarray, "state state"]
-    driving: Float[np.ndarray, "state force"]
+    driving: Float[np.ndarray, "state both"]
     sensing: Float[np.ndarray, "channel state"]
     telling: Float[np.ndarray, "output state"]
     frequency_hz: Float[np.ndarray, " mode"]
@@ -67,28 +70,42 @@ class Latent:
 
     def response(
         self, frequency_hz: Float[np.ndarray, " f"]
-    ) -> Complex[np.ndarray, "f channel force"]:
+    ) -> Complex[np.ndarray, "f channel both"]:
         """Transfer from the driving noise of each latent force to the channels."""
-        poles, vectors = np.linalg.eig(self.drift)
-        left = np.linalg.solve(vectors, self.driving.astype(complex))
-        gain = 1.0 / (2j * np.pi * frequency_hz[:, None] - poles)
-        return np.asarray((self.sensing @ vectors) * gain[:, None, :] @ left)
+        # Not by eigenvectors, which are ill-conditioned where poles come close together.
+        size = len(self.drift)
+        out = np.empty((len(frequency_hz), len(self.sensing), self.driving.shape[1]), complex)
+        for first in range(0, len(out), AT_ONCE):
+            part = slice(first, first + AT_ONCE)
+            angular = 2j * np.pi * frequency_hz[part, None, None]
+            out[part] = self.sensing @ np.linalg.solve(
+                angular * np.eye(size) - self.drift, self.driving.astype(complex)
+            )
+        return out
 
     def discrete(
-        self, rate_hz: float
-    ) -> tuple[Float[np.ndarray, "state state"], Float[np.ndarray, "force state state"]]:
-        """Transition over one sample, and the noise that each latent force adds (Van Loan)."""
+        self, rate_hz: float, covariances: Float[np.ndarray, "2 force force"]
+    ) -> tuple[Float[np.ndarray, "state state"], Float[np.ndarray, "state state"]]:
+        """Transition over one sample, and the noise that it adds (Van Loan).
+
+        Parameters
+        ----------
+        covariances
+            Of the slow and of the fast latent forces.
+        """
         size, step = len(self.drift), 1.0 / rate_hz
-        forces = self.driving.shape[1]
-        noise = np.einsum("sf,tf->fst", self.driving, self.driving)
-        both = np.zeros((forces, 2 * size, 2 * size))
-        both[:, :size, :size] = -self.drift * step
-        both[:, :size, size:] = noise * step
-        both[:, size:, size:] = self.drift.T * step
+        noise = sum(
+            self.driving[:, k::2] @ covariance @ self.driving[:, k::2].T
+            for k, covariance in enumerate(covariances)
+        )
+        both = np.zeros((2 * size, 2 * size))
+        both[:size, :size] = -self.drift * step
+        both[:size, size:] = noise * step
+        both[size:, size:] = self.drift.T * step
         whole = scipy.linalg.expm(both)
-        transition = whole[0, size:, size:].T
-        noises = transition @ whole[:, :size, size:]
-        return transition, (noises + noises.transpose(0, 2, 1)) / 2
+        transition = whole[size:, size:].T
+        added = transition @ whole[:size, size:]
+        return transition, (added + added.T) / 2
 
 
 def latent_model(
@@ -127,7 +144,6 @@ def latent_model(
     measured = [e for e in description.inputs if e.channel in channels]
     base = structure.base_force(np.ones(1))[0]
     patterns = [np.eye(modes)[j] for j in range(modes)]
-    corners = 2 * np.pi * np.array([lowest_hz, FAST * rate_hz])
     names = [f"mode {j + 1}" for j in range(modes)]
     base_rows: dict[str, list[int]] = {}
     if moving_base or any(entry.kind == "base_acceleration" for entry in measured):
@@ -138,18 +154,24 @@ def latent_model(
             patterns.append(shapes[structure.dof(str(entry.node))])
             names.append(entry.channel)
     base_rows = {name: [2 * i, 2 * i + 1] for i, name in enumerate(names)}
-    forces = 2 * len(patterns)
-    size = 2 * modes + forces + 2 * len(outputs)
-    drift, driving = np.zeros((size, size)), np.zeros((size, forces))
+    count = len(patterns)
+    size = 2 * modes + 4 * count + 2 * len(outputs)
+    drift, driving = np.zeros((size, size)), np.zeros((size, 2 * count))
     q, v = np.arange(modes), modes + np.arange(modes)
-    p = 2 * modes + np.arange(forces)
+    p = 2 * modes + np.arange(2 * count)
+    slow, fast = p[0::2], p[1::2]
+    rate, bend = (2 * modes + (2 + k) * count + np.arange(count) for k in range(2))
     drift[q, v] = omega
     drift[v, q] = -omega
     drift[np.ix_(v, v)] = -omega[:, None] * damping / omega
     push = np.repeat(np.array(patterns).T, 2, axis=1)
     drift[np.ix_(v, p)] = omega[:, None] * push
-    drift[p, p] = -np.tile(corners, len(patterns))
-    driving[p, np.arange(forces)] = np.sqrt(2 * np.tile(corners, len(patterns)))
+    low, high = 2 * np.pi * lowest_hz, 2 * np.pi * FAST * rate_hz
+    drift[slow, slow] = -low
+    drift[fast, rate], drift[rate, bend] = high, high
+    drift[bend, fast], drift[bend, rate], drift[bend, bend] = -high, -2 * high, -2 * high
+    driving[slow, np.arange(0, 2 * count, 2)] = np.sqrt(2 * low)
+    driving[bend, np.arange(1, 2 * count, 2)] = np.sqrt(3 * high)
     accelerations = np.zeros((modes, size))
     accelerations[:, q] = -np.eye(modes)
     accelerations[:, v] = -damping / omega
@@ -201,6 +223,8 @@ def latent_model(
     )
 
 
+AT_ONCE = 256
+"""Frequencies whose equations are solved together: some megabytes."""
 BLIND = 0.02
 """Share of the largest component of a shape that a sensor must have to see the mode [1]."""
 

@@ -1,18 +1,22 @@
 r"""How large latent forces and noises are, from the spectra of the channels.
 
-With :math:`V_f = \sum_l s_l G_{l,f}` the spectral density that the model gives the channels and
-:math:`\hat S_f` what a window shows, the Whittle likelihood :math:`-\sum_f n_f [\ln\det V_f +
-\operatorname{tr} V_f^{-1} \hat S_f]` grows with each step
+With :math:`V_f = \sum_k a_k H_{kf} \Sigma H_{kf}^H + R` the spectral density that the model
+gives the channels, where :math:`\Sigma` is the covariance of the latent forces and :math:`a_k`
+the shares of the slow and of the fast ones, and :math:`\hat S_f` what a window shows, the Whittle
+likelihood :math:`-\sum_f n_f [\ln\det V_f + \operatorname{tr} V_f^{-1} \hat S_f]` does not fall
+with the step
 
-.. math:: s_l \leftarrow s_l \sqrt{\frac{\sum_f n_f \operatorname{tr}(G_{l,f} V_f^{-1} \hat S_f
-          V_f^{-1})}{\sum_f n_f \operatorname{tr}(G_{l,f} V_f^{-1})}}
+.. math:: \Sigma \leftarrow A^{-1/2} (A^{1/2} \Sigma B \Sigma A^{1/2})^{1/2} A^{-1/2}, \quad
+          A = \sum_{kf} n_f a_k H^H V_f^{-1} H, \quad
+          B = \sum_{kf} n_f a_k H^H V_f^{-1} \hat S_f V_f^{-1} H
 
-which keeps every level positive.
+(real parts), which keeps the covariance positive; shares and variances of noise take the same
+step, as scalars.
 
 References
 ----------
 .. [1] H. Zhou, L. Hu, J. Zhou, K. Lange, "MM algorithms for variance components models",
-   J. Comput. Graph. Stat. 28 (2019) 350-361.
+   J. Comput. Graph. Stat. 28 (2019) 350-361, sections 3 and 5.
 """
 
 import dataclasses
@@ -23,10 +27,15 @@ from jaxtyping import Complex, Float
 RELATIVE_WIDTH = 0.01
 """Frequencies that are averaged, relative to their middle [1]: half the width of a resonance of
 1 % damping."""
-HIGHEST = 0.45
+HIGHEST = 0.4
 """Upper edge of the frequencies that are fitted, as a share of the sampling rate [1]."""
+ABOVE_MODES = 1.5
+"""Upper edge of the frequencies that are fitted, over the highest mode that is kept [1]: what
+is above says nothing of displacements, and would outweigh what does."""
 FLOOR = 1e-12
-"""Of a level of force, relative to the largest [1]."""
+"""Of a share, relative to the larger one [1]."""
+UNSEEN = 1e-9
+"""Information on a combination of forces that counts as none, relative to that on a force [1]."""
 QUIETEST = 1e-8
 """Variance of a channel's noise, relative to that of the samples [1]: a resolution of 13 bits.
 What is less makes the filters' equations singular."""
@@ -50,11 +59,13 @@ class Groups:
     frequency_hz: Float[np.ndarray, " bin"]
 
     @classmethod
-    def of(cls, count: int, rate_hz: float, lowest_hz: float) -> "Groups":
+    def of(
+        cls, count: int, rate_hz: float, lowest_hz: float, highest_mode_hz: float
+    ) -> "Groups":
         """Gather the frequencies of a window of `count` samples."""
         spacing = rate_hz / count
         first = max(2, int(np.ceil(lowest_hz / spacing)))
-        last = int(HIGHEST * count)
+        last = int(min(HIGHEST * rate_hz, ABOVE_MODES * highest_mode_hz) / spacing)
         edges = [first]
         while edges[-1] < last:
             edges.append(max(edges[-1] + 1, int(edges[-1] * (1 + RELATIVE_WIDTH))))
@@ -82,27 +93,17 @@ class Groups:
         return self.mean(np.einsum("fi,fj->fij", some, some.conj()))
 
 
-def shares(
-    response: Complex[np.ndarray, "bin channel force"], groups: Groups
-) -> Complex[np.ndarray, "force group channel channel"]:
-    """One-sided densities that each latent force of level 1 gives the channels."""
-    forces = response.shape[-1]
-    return np.stack(
-        [
-            groups.mean(2 * np.einsum("fi,fj->fij", h, h.conj()))
-            for h in (response[..., k] for k in range(forces))
-        ]
-    )
-
-
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Levels:
-    """Fitted variances.
+    """Fitted covariances.
 
     Parameters
     ----------
-    forces
-        Variance of each latent force.
+    shape
+        Covariance of the latent forces, up to `share`.
+    share
+        What the slow ones and the fast ones are multiplied by: one spectrum for all modes,
+        since each mode tells of it where it resonates.
     noise
         Variance of each channel's noise.
     misfit
@@ -110,14 +111,28 @@ class Levels:
         model can explain them.
     """
 
-    forces: Float[np.ndarray, " force"]
+    shape: Float[np.ndarray, "force force"]
+    share: Float[np.ndarray, " 2"]
     noise: Float[np.ndarray, " channel"]
     misfit: float
+
+    @property
+    def forces(self) -> Float[np.ndarray, "2 force force"]:
+        """Covariance of the slow latent forces, and of the fast ones."""
+        return np.asarray(self.share[:, None, None] * self.shape)
+
+
+def responses(
+    response: Complex[np.ndarray, "bin channel both"], groups: Groups
+) -> Complex[np.ndarray, "2 group channel force"]:
+    """Transfer of the slow and of the fast latent forces, in the middle of each group."""
+    middle = groups.mean(response) * np.sqrt(2)  # densities are one-sided
+    return np.stack([middle[..., 0::2], middle[..., 1::2]])
 
 
 def fit_levels(
     spectra: Complex[np.ndarray, "group channel channel"],
-    given: Complex[np.ndarray, "force group channel channel"],
+    given: Complex[np.ndarray, "2 group channel force"],
     sizes: Float[np.ndarray, " group"],
     noise_sd: Float[np.ndarray, " channel"],
     rate_hz: float,
@@ -125,46 +140,76 @@ def fit_levels(
     iterations: int,
     start: Levels | None = None,
 ) -> Levels:
-    """Fit levels of forces, and of noises that nobody knows.
+    """Fit covariances of forces, and variances of noises that nobody knows.
 
     Parameters
     ----------
+    given
+        As of `responses`.
     noise_sd
         Of each channel; NaN to fit it.
     start
         Levels of the window before.
     """
-    channels = spectra.shape[-1]
-    per_noise = np.zeros((channels, 1, channels, channels), complex)
-    per_noise[np.arange(channels), 0, np.arange(channels), np.arange(channels)] = 2 / rate_hz
+    channels, count = spectra.shape[-1], given.shape[-1]
     power = np.einsum("fii->fi", spectra).real
-    parts = np.concatenate([given, np.broadcast_to(per_noise, (channels, *given.shape[1:]))])
-    if start is None:
-        own = np.einsum("lfii->lfi", given).real
-        forces = float(power.mean()) / np.maximum(own.mean(axis=(1, 2)), 1e-300) / len(given)
-        quiet = np.quantile(power, 0.1, axis=0) * rate_hz / 2
-        levels = np.concatenate([forces, np.maximum(quiet, 1e-300)])
-    else:
-        levels = np.concatenate([start.forces, start.noise])
-    known = np.concatenate([np.zeros(len(given), bool), np.isfinite(noise_sd)])
-    levels[known] = noise_sd[np.isfinite(noise_sd)] ** 2
     variance = float((sizes @ power).max() / sizes.sum()) * rate_hz / 2
-    floors = np.full(len(levels), max(QUIETEST * variance, SILENT))
-    floors[: len(given)] = 0.0
-    levels = np.maximum(levels, floors)
-    flat = parts.reshape(len(parts), -1)
+    least = max(QUIETEST * variance, SILENT)
+    if start is None:
+        own = (np.abs(given[1]) ** 2).mean(axis=(0, 1))
+        shape = np.diag(float(power.mean()) / np.maximum(own, 1e-300) / count)
+        share = np.array([1.0, 1.0])
+        noise = np.quantile(power, 0.1, axis=0) * rate_hz / 2
+    else:
+        shape, share, noise = start.shape, start.share, start.noise
+    known = np.isfinite(noise_sd)
+    noise = np.maximum(np.where(known, np.nan_to_num(noise_sd) ** 2, noise), least)
+    adjoint = given.conj().transpose(0, 1, 3, 2)
     weights = sizes[:, None, None]
-    for _ in range(iterations):
-        density = (levels @ flat).reshape(spectra.shape)
+    for turn in range(iterations + 1):
+        each = given @ shape @ adjoint
+        density = np.tensordot(share, each, 1)
+        density = density + np.diag(noise * 2 / rate_hz)
         inverse = np.linalg.inv(density)
-        up = (weights * (inverse @ spectra @ inverse)).transpose(0, 2, 1).reshape(-1)
-        down = (weights * inverse).transpose(0, 2, 1).reshape(-1)
-        step = np.sqrt(np.maximum((flat @ up).real, 0) / np.maximum((flat @ down).real, 1e-300))
-        levels = np.where(known, levels, levels * step)
-        forces = levels[: len(given)]
-        levels[: len(given)] = np.maximum(forces, FLOOR * forces.max())
-        levels = np.maximum(levels, floors)
-    density = (levels @ flat).reshape(spectra.shape)
-    ratio = np.einsum("fij,fji->f", np.linalg.inv(density), spectra).real
-    misfit = float((sizes * ratio).sum() / (sizes.sum() * channels))
-    return Levels(levels[: len(given)], levels[len(given) :], misfit)
+        seen = inverse @ spectra
+        if turn == iterations:
+            break
+        up = weights * (seen @ inverse)
+        down = weights * inverse
+        # First the two shares of the shape, then, with new spectra, the shape itself.
+        if turn % 2:
+            more, less = (np.einsum("fij,kfji->k", w, each).real for w in (up, down))
+            share = share * np.sqrt(np.maximum(more, 0.0) / np.maximum(less, 1e-300))
+            share = np.maximum(share, FLOOR * share.max())
+        else:
+            more, less = (
+                np.tensordot(share, (adjoint @ w @ given).sum(axis=1).real, 1)
+                for w in (up, down)
+            )
+            shape = _step(shape, more, less)
+        ratio = np.einsum("fii->i", up).real / np.einsum("fii->i", down).real
+        fitted = noise * np.sqrt(np.maximum(ratio, 0.0))
+        noise = np.maximum(np.where(known, noise, fitted), least)
+    misfit = float(sizes @ np.einsum("fii->f", seen).real / (sizes.sum() * channels))
+    return Levels(shape, share, noise, misfit)
+
+
+def _step(
+    old: Float[np.ndarray, "force force"],
+    up: Float[np.ndarray, "force force"],
+    down: Float[np.ndarray, "force force"],
+) -> Float[np.ndarray, "force force"]:
+    """Take one step of the covariance."""
+    # In units in which all forces are seen alike, so that small ones are not lost.
+    scale = np.sqrt(np.maximum(np.diag(down), 1e-300))
+    both = np.outer(scale, scale)
+    up, old = up / both, old * both
+    root = _root(down / both + UNSEEN * np.eye(len(down)))
+    back = np.linalg.inv(root)
+    new = back @ _root(root @ old @ up @ old @ root) @ back
+    return np.asarray((new + new.T) / 2 / both)
+
+
+def _root(matrix: Float[np.ndarray, "force force"]) -> Float[np.ndarray, "force force"]:
+    values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)

@@ -15,7 +15,7 @@ from slowtime.dynamics.description import Description
 
 from .filters import BLOCK, Filters, make_filters
 from .latent import Latent, latent_model, modes_kept, noise_of
-from .levels import Groups, Levels, fit_levels, shares
+from .levels import Groups, Levels, fit_levels, responses
 from .outputs import Output
 from .settings import VirtualSettings
 from .tolerances import members_of
@@ -125,17 +125,18 @@ class VirtualSensor:
             del self._models[0]
         else:
             del self._models[1:]
-        self._discrete = [model.discrete(rate_hz) for model in self._models]
         seconds = settings.window_s or max(LEAST_WINDOW_S, PERIODS / self.frequency_hz[0])
         self.window = max(1, round(seconds * rate_hz / BLOCK)) * BLOCK
-        self._groups = Groups.of(self.window, rate_hz, self.lowest_hz)
+        self._groups = Groups.of(
+            self.window, rate_hz, self.lowest_hz, float(self.frequency_hz[-1])
+        )
         if len(self._groups.sizes) < 8:
             raise ValueError(
                 f"A window of {self.window / rate_hz:g} s holds too few frequencies above "
                 f"{self.lowest_hz:g} Hz. Give a longer window_s."
             )
         response = nominal.response(self._groups.frequency_hz)
-        self._shares = shares(response, self._groups)
+        self._responses = responses(response, self._groups)
         self._factor_sd = np.array([output.factor_sd for output in outputs])
         self.unseen = nominal.unseen
 
@@ -177,14 +178,14 @@ class VirtualSensor:
     def _take(self, state: VirtualState, samples: np.ndarray) -> tuple[VirtualState, Window]:
         levels = fit_levels(
             self._groups.spectra(samples, self.rate_hz),
-            self._shares,
+            self._responses,
             self._groups.sizes,
             self._noise,
             self.rate_hz,
             iterations=self._settings.iterations,
             start=state.levels,
         )
-        filters = make_filters(self._models, self._discrete, levels, self.rate_hz)
+        filters = make_filters(self._models, levels, self.rate_hz)
         return self._run(
             dataclasses.replace(state, levels=levels, filters=filters), samples, filters
         )
