@@ -109,7 +109,7 @@ VERBS = {
     ),
     "plan": Verb("planning:plan", "Tell what to do with a twin: repair, inspect or wait."),
     "whatif": Verb("foreseeing:whatif", "Run today's twin under a load, with bands."),
-    "risk": Verb("assessing:risk", "Tell how probable failure is, by each limit state."),
+    "risk": Verb("limit_states:risk", "Tell how probable failure is, by each limit state."),
     "reliability": Verb(
         "reliability:reliability", "Tell how probable failure is, by several methods."
     ),

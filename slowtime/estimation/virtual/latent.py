@@ -5,7 +5,7 @@ with two latent forces of each mode: a slow one, :math:`\dot p = -c p + \sqrt{2 
 corner at the lower edge of the band, and a fast one, white noise after a Butterworth filter of
 third order with the corner at 0.3 of the sampling rate. Their covariances are fitted. Motion of
 the base, and forces that a channel measures, are latent forces too. Outputs pass a high-pass of
-second order, whose states belong to the model, so that their error is that of the band that is told.
+second order, whose states belong to the model: their error is that of the band that is told.
 
 References
 ----------

@@ -3,8 +3,8 @@ r"""How large latent forces and noises are, from the spectra of the channels.
 With :math:`V_f = \sum_k a_k H_{kf} \Sigma H_{kf}^H + R` the spectral density that the model
 gives the channels, where :math:`\Sigma` is the covariance of the latent forces and :math:`a_k`
 the shares of the slow and of the fast ones, and :math:`\hat S_f` what a window shows, the
-Whittle likelihood :math:`-\sum_f n_f [\ln\det V_f + \operatorname{tr} V_f^{-1} \hat S_f]` does not fall
-with the step
+Whittle likelihood :math:`-\sum_f n_f [\ln\det V_f + \operatorname{tr} V_f^{-1} \hat S_f]`
+does not fall with the step
 
 .. math:: \Sigma \leftarrow A^{-1/2} (A^{1/2} \Sigma B \Sigma A^{1/2})^{1/2} A^{-1/2}, \quad
           A = \sum_{kf} n_f a_k H^H V_f^{-1} H, \quad

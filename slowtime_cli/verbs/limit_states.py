@@ -12,7 +12,7 @@ from .foreseeing import of_a_twin, refuse_half_a_twin
 
 @click.command(
     cls=Deferred,
-    work="assessing:risk",
+    work="limit_states:risk",
     extra="analysis",
     epilog="""\b
 Examples:
