@@ -98,6 +98,12 @@ VERBS = {
     "reliability": Verb(
         "reliability:reliability", "Tell how probable failure is, by several methods."
     ),
+    "fatigue": Verb(
+        "assessing:fatigue", "Count stress cycles and sum fatigue damage, with its scatter."
+    ),
+    "virtual": Verb(
+        "assessing:virtual", "Estimate drift, force or stress, which nobody measures."
+    ),
 }
 ROOMS = (
     "edge_agent", "slowtime", "slowtime_cli", "slowtime_schemas", "slowtime_services",

@@ -2,9 +2,9 @@ r"""How large latent forces and noises are, from the spectra of the channels.
 
 With :math:`V_f = \sum_k a_k H_{kf} \Sigma H_{kf}^H + R` the spectral density that the model
 gives the channels, where :math:`\Sigma` is the covariance of the latent forces and :math:`a_k`
-the shares of the slow and of the fast ones, and :math:`\hat S_f` what a window shows, the Whittle
-likelihood :math:`-\sum_f n_f [\ln\det V_f + \operatorname{tr} V_f^{-1} \hat S_f]` does not fall
-with the step
+the shares of the slow and of the fast ones, and :math:`\hat S_f` what a window shows, the
+Whittle likelihood :math:`-\sum_f n_f [\ln\det V_f + \operatorname{tr} V_f^{-1} \hat S_f]`
+does not fall with the step
 
 .. math:: \Sigma \leftarrow A^{-1/2} (A^{1/2} \Sigma B \Sigma A^{1/2})^{1/2} A^{-1/2}, \quad
           A = \sum_{kf} n_f a_k H^H V_f^{-1} H, \quad
@@ -35,7 +35,7 @@ is above says nothing of displacements, and would outweigh what does."""
 FLOOR = 1e-12
 """Of a share, relative to the larger one [1]."""
 UNSEEN = 1e-9
-"""Information on a combination of forces that counts as none, relative to that on a force [1]."""
+"""Information on a combination of forces that counts as none, relative to one force [1]."""
 QUIETEST = 1e-8
 """Variance of a channel's noise, relative to that of the samples [1]: a resolution of 13 bits.
 What is less makes the filters' equations singular."""
