@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from slowtime.estimation.virtual import VirtualSettings
 from slowtime.fatigue.counter import Count
-from slowtime.fatigue.miner import MinerSum, TimeToFailure, equivalent_range
+from slowtime.fatigue.miner import TimeToFailure, equivalent_range
 from slowtime.fatigue.spectral import METHODS, Moments, damage_rate
 from slowtime.signals.spectra import welch
 from slowtime_services.files import Record, bridged, find_column
@@ -108,8 +108,8 @@ def fatigue(
         _say(found)
         if not len(stress):
             raise click.ClickException(
-                f"The record of {record.duration_s:.0f} s ends before the filters have settled. "
-                "Give a longer one."
+                f"The record of {record.duration_s:.0f} s ends before the filters have "
+                "settled. Give a longer one."
             )
     else:
         stress, name, unit = _channel(record, channel)
@@ -165,7 +165,7 @@ def _result(
 def _show(result: dict[str, Any]) -> None:
     unit, damage, years = result["unit"], result["damage"], result["years_to_failure"]
     show(
-        f"Fatigue of {result['point']}: {result['cycles']:.0f} cycles in {result['seconds']:.0f} s",
+        f"{result['point']}: {result['cycles']:.0f} cycles in {result['seconds']:.0f} s",
         ("what", "value", "unit"),
         [
             ["largest range", f"{result['largest_range']:.4g}", unit],
@@ -207,10 +207,10 @@ def _asked(given: dict[str, Any]) -> Asked:
             "element",
             "end",
             "factor",
-            "unit",
             "factor_sd",
         )
     }
+    wanted["unit"] = given.pop("factor_unit")
     wanted["between"] = wanted["between"] or None
     where = wanted["node"] or wanted["element"] or "-".join(wanted["between"] or ())
     try:

@@ -50,7 +50,8 @@ TRY: dict[str, str] = {
     """sensors: [{channel: a, quantity: acceleration, node: m, unit: m/s^2, """
     """noise_sd: 0.01}], tolerance: {stiffness: 0.05}}' > one.yaml && """
     """slowtime simulate --model one.yaml --rate-hz 100 --duration 60 --seed 1 """
-    """--noise --force-psd 100 --out a.npz && slowtime virtual one.yaml a.npz --quantity force --element k""",
+    """--noise --force-psd 100 --out a.npz && """
+    "slowtime virtual one.yaml a.npz --quantity force --element k",
 }
 FIRST = f"{_RECORD} && slowtime identify tower.mcap"
 LASTING = ("twin", "router")

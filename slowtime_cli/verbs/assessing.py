@@ -40,9 +40,9 @@ MODEL: tuple[Callable[[F], F], ...] = (
         "--factor",
         type=Number(),
         help="Units for one of SI: stress in MPa for one newton is 1e-6 / area in m^2. With "
-        "--unit.",
+        "--factor-unit.",
     ),
-    click.option("--unit", help="Of the values after --factor.  [default: SI]"),
+    click.option("--factor-unit", help="Of the values after --factor.  [default: SI]"),
     click.option(
         "--factor-sd",
         type=Number(min=0),
@@ -75,7 +75,8 @@ def model_flags(function: F) -> F:
 Examples:
   slowtime virtual frame.yaml record.csv --rate-hz 200 --quantity drift --between base f1
   slowtime virtual frame.yaml record.csv --quantity displacement --node f5 --out top.csv
-  slowtime virtual frame.yaml record.csv --quantity force --element k1 --factor 2e-5 --unit MPa
+  slowtime virtual frame.yaml record.csv --quantity force --element k1 \\
+    --factor 2e-5 --factor-unit MPa
 
 The model's sensors are named as the record's channels, and say their noise; its tolerance says
 how wrong the model may be. Give both: the standard deviation rests on them. Accelerations do
@@ -89,7 +90,7 @@ not show motion slower than the band, such as the mean drift under steady wind.
     "--out", type=OutFile(), help="CSV of time, value and standard deviation; - for the pipe."
 )
 def virtual(**given: object) -> None:
-    """Estimate a quantity that nobody measures, with its standard deviation.
+    """Estimate drift, force or stress, which nobody measures.
 
     A Kalman filter runs on the accelerations of RECORD with the modes of MODEL; forces are
     unknown, and how large they are is estimated from the spectra. Models within the tolerance
@@ -109,7 +110,7 @@ Examples:
   slowtime fatigue stress.csv --channel s --sn 3 --sn-constant 1e12 --mean-stress goodman \\
     --strength 400
   slowtime fatigue record.csv --model frame.yaml --quantity force --element k1 \\
-    --factor 2e-5 --unit MPa --detail-category 71
+    --factor 2e-5 --factor-unit MPa --detail-category 71
 
 S-N curves speak of ranges, which are twice the amplitudes: N = constant / range^slope, at the
 median. A constant for amplitudes is multiplied by 2^slope.
@@ -150,8 +151,9 @@ median. A constant for amplitudes is multiplied by 2^slope.
 @click.option("--constant-mean", type=Number(), default=0.0, help="Stress at rest.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with the histogram.")
 def fatigue(model: Path | None, **given: object) -> None:
-    """Count stress cycles (rainflow, ASTM E1049) and sum their damage.
+    """Count stress cycles and sum fatigue damage, with its scatter.
 
+    Cycles are counted by rainflow (ASTM E1049).
     Miner's sum is given with its 95 % interval, from the scatter of lives; the time until it
     reaches the capacity (median 1, coefficient of variation 0.3) with 5, 50 and 95 % bounds;
     and beside it the damage that spectral methods estimate from the same record.

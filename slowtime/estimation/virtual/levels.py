@@ -199,7 +199,14 @@ def _step(
     up: Float[np.ndarray, "force force"],
     down: Float[np.ndarray, "force force"],
 ) -> Float[np.ndarray, "force force"]:
-    """Take one step of the covariance."""
+    """Take one step of the covariance; forces that nothing shows are as large as the others."""
+    shown = np.diag(down) > UNSEEN * np.diag(down).max()
+    if not shown.all() and shown.any():
+        some = np.ix_(shown, shown)
+        part = _step(old[some], up[some], down[some])
+        new = np.diag(np.where(shown, 0.0, np.diag(part).mean()))
+        new[some] = part
+        return new
     # In units in which all forces are seen alike, so that small ones are not lost.
     scale = np.sqrt(np.maximum(np.diag(down), 1e-300))
     both = np.outer(scale, scale)
