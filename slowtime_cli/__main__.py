@@ -119,6 +119,12 @@ VERBS = {
     "design": Verb(
         "design:design", "Choose a damper, mass or stiffness: cheap, robust and safe."
     ),
+    "fatigue": Verb(
+        "assessing:fatigue", "Count stress cycles and sum fatigue damage, with its scatter."
+    ),
+    "virtual": Verb(
+        "assessing:virtual", "Estimate drift, force or stress, which nobody measures."
+    ),
 }
 ROOMS = (
     "edge_agent", "slowtime", "slowtime_cli", "slowtime_schemas", "slowtime_services",

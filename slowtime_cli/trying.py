@@ -76,6 +76,15 @@ TRY: dict[str, str] = {
     "inputs: {load: {marginal: gumbel, mean: 5, sd: 1}}, objective: {formula: area}, "
     """limit_states: {yielding: {formula: 3 * area - load, probability: 0.001}}}' > rod.yaml """
     "&& slowtime design rod.yaml",
+    "fatigue": "seq 20000 | awk '{print 50 * sin($1 * 0.3) + 20 * sin($1 * 0.07)}' > s.csv && "
+    "slowtime fatigue s.csv --rate-hz 100 --detail-category 71",
+    "virtual": """echo '{slowtime_model: 1, nodes: [{id: m, mass_kg: 100}], elements: """
+    """[{id: k, between: [base, m], stiffness_n_per_m: 1e5, damping_n_s_per_m: 60}], """
+    """sensors: [{channel: a, quantity: acceleration, node: m, unit: m/s^2, """
+    """noise_sd: 0.01}], tolerance: {stiffness: 0.05}}' > one.yaml && """
+    """slowtime simulate --model one.yaml --rate-hz 100 --duration 60 --seed 1 """
+    """--noise --force-psd 100 --out a.npz && """
+    "slowtime virtual one.yaml a.npz --quantity force --element k",
 }
 FIRST = f"{_RECORD} && slowtime identify tower.mcap"
 LASTING = ("twin", "router")

@@ -128,8 +128,10 @@ def _steady(
     # A factor of G: I + G H itself is singular to rounding where noise is small.
     factor = sensing.T / np.sqrt(np.diag(noise))
     for _ in range(TURNS):
-        inner = np.linalg.cholesky(np.eye(factor.shape[1]) + factor.T @ h @ factor)
-        narrow = scipy.linalg.solve_triangular(inner, factor.T, lower=True)
+        seen = factor.T @ h @ factor
+        sizes, axes = np.linalg.eigh(np.eye(len(seen)) + (seen + seen.T) / 2)
+        # All are 1 or more, but for rounding where noise is small.
+        narrow = (factor @ axes / np.sqrt(np.maximum(sizes, 1.0))).T
         weighed = narrow @ h
         grown = a.T @ (h - weighed.T @ weighed) @ a
         reached = a @ narrow.T

@@ -3,9 +3,10 @@ r"""A structure under forces that nobody measures, as a linear model driven by w
 In modal coordinates :math:`\ddot q + \Phi^T C \Phi\, \dot q + \Omega^2 q = \sum_l b_l p_l`
 with two latent forces of each mode: a slow one, :math:`\dot p = -c p + \sqrt{2 c}\, w` with its
 corner at the lower edge of the band, and a fast one, white noise after a Butterworth filter of
-third order with the corner at 0.3 of the sampling rate. Their covariances are fitted. Motion of
-the base, and forces that a channel measures, are latent forces too. Outputs pass a high-pass of
-second order, whose states belong to the model: their error is that of the band that is told.
+third order with the corner at 0.3 of the sampling rate. Their covariances are fitted. Motion
+of the base, and forces that a channel measures, are latent forces too. Outputs pass a high-pass
+of second order, whose states belong to the model, so that their error is that of the band that
+is told.
 
 References
 ----------

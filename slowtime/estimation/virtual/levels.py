@@ -35,7 +35,7 @@ is above says nothing of displacements, and would outweigh what does."""
 FLOOR = 1e-12
 """Of a share, relative to the larger one [1]."""
 UNSEEN = 1e-9
-"""Information on a combination of forces that counts as none, relative to that on a force [1]."""
+"""Information on a combination of forces that counts as none, relative to one force [1]."""
 QUIETEST = 1e-8
 """Variance of a channel's noise, relative to that of the samples [1]: a resolution of 13 bits.
 What is less makes the filters' equations singular."""
@@ -199,7 +199,14 @@ def _step(
     up: Float[np.ndarray, "force force"],
     down: Float[np.ndarray, "force force"],
 ) -> Float[np.ndarray, "force force"]:
-    """Take one step of the covariance."""
+    """Take one step of the covariance; forces that nothing shows are as large as the others."""
+    shown = np.diag(down) > UNSEEN * np.diag(down).max()
+    if not shown.all() and shown.any():
+        some = np.ix_(shown, shown)
+        part = _step(old[some], up[some], down[some])
+        new = np.diag(np.where(shown, 0.0, np.diag(part).mean()))
+        new[some] = part
+        return new
     # In units in which all forces are seen alike, so that small ones are not lost.
     scale = np.sqrt(np.maximum(np.diag(down), 1e-300))
     both = np.outer(scale, scale)
