@@ -257,7 +257,7 @@ def _counts(paths: int, weights: Float[np.ndarray, " law"]) -> np.ndarray:
     counts = np.floor(exact).astype(int)
     rest = np.argsort(-(exact - counts), kind="stable")[: paths - counts.sum()]
     counts[rest] += 1
-    return counts
+    return np.asarray(counts)
 
 
 __all__ = ["BOUND", "GAUSSIAN", "Mixture", "learn"]

@@ -166,4 +166,4 @@ class WienerPosterior:
         mean, variance = self.mean[:, 1], self.covariance[:, 1, 1]
         centre = self.weights @ mean
         spread = self.weights @ (variance + (mean - centre) ** 2)
-        return FleetPrior(self.name, np.array([centre]), np.array([[spread]]))
+        return FleetPrior("Wiener", np.array([centre]), np.array([[spread]]))

@@ -55,7 +55,7 @@ def gamma_asset(rng):
 def ranks(asset, foretell, runs):
     """Rank of the true failure time among those foretold, ties broken at random."""
     rng = np.random.default_rng(21)
-    found = []
+    found: list[int] = []
     while len(found) < runs:
         fine, path, when = asset(rng)
         if when <= 1.0:
@@ -70,7 +70,9 @@ def ranks(asset, foretell, runs):
 
 
 def wiener_times(history, seed):
-    futures = surviving_futures(history, LIMIT, 3.0, points=80, paths=DRAWS, seed=seed)
+    futures = surviving_futures(
+        history, LIMIT, 3.0, toward="above", points=80, paths=DRAWS, seed=seed
+    )
     return futures.failure_time(LIMIT, toward="above")
 
 
