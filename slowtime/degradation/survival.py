@@ -5,6 +5,8 @@ sampled backwards through the filter (Carter and Kohn, 1994), each is weighed by
 probability that its bridges between readings do not touch the threshold, and drawn again.
 """
 
+from typing import Literal
+
 import numpy as np
 from jaxtyping import Float
 
@@ -19,6 +21,7 @@ def surviving_futures(
     threshold: float,
     horizon: float,
     *,
+    toward: Literal["below", "above"] | None = None,
     points: int = 120,
     paths: int = 2000,
     seed: int = 0,
@@ -30,9 +33,11 @@ def surviving_futures(
     history
         Readings, from the first of which on survival is known; without events.
     threshold
-        In the unit of the quantity; crossed from the side of the first reading.
+        In the unit of the quantity.
     horizon
         Slow time up to which futures are drawn.
+    toward
+        The side of failure; None for the one where the first reading is not.
     points, paths, seed
         As for `mixture.Mixture.futures`.
 
@@ -53,7 +58,8 @@ def surviving_futures(
     state = last.mean[owners] + np.einsum(
         "pij,pj->pi", factor, rng.standard_normal((len(owners), 2))
     )
-    side = 1.0 if history.value[0] > threshold else -1.0
+    falls = history.value[0] > threshold if toward is None else toward == "below"
+    side = 1.0 if falls else -1.0
     drift, variance = state[:, 1], last.sigma[owners] ** 2
     level = state[:, 0]
     log = np.where(side * (level - threshold) > 0.0, 0.0, -np.inf)

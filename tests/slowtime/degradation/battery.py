@@ -80,13 +80,12 @@ def judge(case: Hidden) -> Score:
         case.threshold, case.horizon, toward="below", only=TRUE_LAW[case.kind]
     )
     true = case.life - since
-    ours, now, law = (
-        np.asarray([(one.quantile(p) - since) / true for p in SHARES], dtype=float)
+    ours, now, alone = (
+        np.asarray((one.quantile(np.array(SHARES)) - since) / true, dtype=float)
         for one in (life, today, told)
     )
-    return Score(
-        case.kind, ours, now, law, mixture.weights, life.within, mixture.p_value, seconds
-    )
+    weights, p_value = mixture.weights, mixture.p_value
+    return Score(case.kind, ours, now, alone, weights, life.within, p_value, seconds)
 
 
 def cases(kind: str, count: int, seed: int):

@@ -70,7 +70,9 @@ def ranks(asset, foretell, runs):
 
 
 def wiener_times(history, seed):
-    futures = surviving_futures(history, LIMIT, 3.0, points=80, paths=DRAWS, seed=seed)
+    futures = surviving_futures(
+        history, LIMIT, 3.0, toward="above", points=80, paths=DRAWS, seed=seed
+    )
     return futures.failure_time(LIMIT, toward="above")
 
 
