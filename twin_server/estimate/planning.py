@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+from jaxtyping import Float
 
 from slowtime.decisions import (
     Ensemble,
@@ -22,6 +23,10 @@ PATHS, POINTS = 2000, 120
 MEMORY = 5.0
 """Readings over which the error of an estimate is forgotten: about as many as a forecast's
 filter averages."""
+
+LEAST_DAMAGE = 0.02
+"""Damage, over that at failure, below which the past tells no rate of ageing [1]: futures after
+a repair then go on as those before it."""
 
 MORE = (1, 3, 10, 30)
 """Counts of further readings of the sensor that is there, whose worth is told."""
@@ -47,6 +52,8 @@ class PlanOrder:
         Slow time between readings.
     pace
         Seconds of the calendar in one slow time; None where that is not known.
+    age
+        Slow time from the first reading that is used to the last.
     """
 
     costs: CostTable
@@ -56,6 +63,7 @@ class PlanOrder:
     reading_sd: float
     every: float
     pace: float | None
+    age: float
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -106,9 +114,35 @@ def futures_of(order: PlanOrder, unit: float) -> Ensemble:
     at, laws = order.decision.failure.at, order.laws
     horizon = laws.now + order.decision.horizon * unit
     drawn = laws.futures(horizon, points=POINTS, paths=PATHS)
+    grid = np.linspace(0.0, order.decision.horizon, POINTS + 1)
     common_sd = order.common * abs(1.0 + at)
     damage = (drawn.paths + common_sd * drawn.common[:, None]) / at
-    return from_paths(np.linspace(0.0, order.decision.horizon, POINTS + 1), damage)
+    age = order.age / unit
+    if not (age > 0.0 and float(damage[:, 0].mean()) > LEAST_DAMAGE):
+        return from_paths(grid, damage)
+    return from_paths(grid, damage, renewed=lambda start: _renewed(grid, damage, age, start))
+
+
+def _renewed(
+    grid: Float[np.ndarray, " time"],
+    damage: Float[np.ndarray, "path time"],
+    age: float,
+    start: float,
+) -> Ensemble:
+    """Give futures of an asset that ages as this one has: its past, then its futures.
+
+    Damage that grows faster with age begins slowly again after a repair. The past is a
+    straight line from no damage to today's.
+    """
+    now = damage[:, :1]
+    since = grid + age * min(start / float(now.mean()), 1.0)
+    later = np.clip(since - age, 0.0, grid[-1])
+    step = grid[1] - grid[0]
+    place = np.minimum((later / step).astype(int), len(grid) - 2)
+    part = later / step - place
+    ahead = damage[:, place] * (1.0 - part) + damage[:, place + 1] * part
+    whole = np.where(since < age, now * since / age, ahead)
+    return from_paths(grid, whole - whole[:, :1] + start)
 
 
 def _inspection(decision: Deciding, limit: float) -> Observation | None:

@@ -132,6 +132,7 @@ class Planning:
             float(np.median(past.own_sd)),
             float(np.median(steps)),
             pace_of(found),
+            prospect.since - prospect.first,
         )
 
 
