@@ -1,6 +1,6 @@
 """What an owner pays and can do: costs, what counts as failed, repairs and inspections."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -205,7 +205,7 @@ class Deciding(Frozen):
     sensors: Annotated[tuple[MoreReadings, ...], Field(max_length=8)] = ()
 
 
-COSTS_EXAMPLE = {
+COSTS_EXAMPLE: dict[str, Any] = {
     "currency": "EUR",
     "time_unit": "year",
     "failure": {"mean": 900000.0, "sd": 200000.0},
@@ -213,7 +213,7 @@ COSTS_EXAMPLE = {
     "inspection": 1500.0,
     "discount_rate": 0.03,
 }
-DECISION_EXAMPLE = {
+DECISION_EXAMPLE: dict[str, Any] = {
     "failure": {"quantity": "stiffness_change", "below": -0.3},
     "horizon": 10.0,
     "inspection": {"name": "ultrasound", "sd": 0.01},

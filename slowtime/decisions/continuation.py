@@ -52,7 +52,8 @@ class Follow:
     ) -> Float[np.ndarray, "path item"]:
         """V after a repair from each damage [1], with so many steps remaining."""
         share = np.clip(damage, 0.0, 1.0)[:, None]
-        return (1.0 - share) * self.new[remaining] + share * self.worn[remaining]
+        mixed = (1.0 - share) * self.new[remaining] + share * self.worn[remaining]
+        return np.asarray(mixed)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -133,7 +134,8 @@ class Costs:
         """Change the mean of one item, its relative standard deviation kept."""
         old = self._each()[item]
         sd = old.sd * mean / old.mean if old.mean > 0 and mean > 0 else 0.0
-        return dataclasses.replace(self, **{ITEMS[item]: Cost(mean, sd)})
+        changed: dict[str, Any] = {ITEMS[item]: Cost(mean, sd)}
+        return dataclasses.replace(self, **changed)
 
 
 def discount(time: Float[np.ndarray, " time"], rate: float) -> Float[np.ndarray, " time"]:

@@ -174,7 +174,7 @@ def of_readings(
     spread = float(centred @ centred)
     slope = of_a_number(damage @ centred / spread, weights, sd / np.sqrt(spread), outcomes)
     both = level[:, :, None] * slope[:, None, :]
-    return both.reshape(len(both), -1)
+    return np.asarray(both.reshape(len(both), -1))
 
 
 def linear_loss(mean: float, sd: float) -> float:

@@ -123,7 +123,7 @@ def index_of(observation: Observation, time: Float[np.ndarray, " time"]) -> int:
     if observation.kind != "readings":
         return 0
     asked = observation.count * observation.every
-    return int(min(np.searchsorted(time, asked * (1 - 1e-9)), len(time) - 1))
+    return min(int(np.searchsorted(time, asked * (1 - 1e-9))), len(time) - 1)
 
 
 def worth(

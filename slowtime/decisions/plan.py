@@ -21,7 +21,7 @@ from .observations import (
     most_worth,
     worth,
 )
-from .option import Option
+from .option import Now, Option
 from .rules import EstimateError, at_age, at_estimate
 from .standing import Starts, standing_policies
 
@@ -245,6 +245,10 @@ def _repairs(
 ) -> list[Option]:
     """Repair now, and at the best later time."""
     best = 1 + int(expected[1:].argmin())
+    chosen: tuple[tuple[str, Now, int, dict[str, float]], ...] = (
+        ("repair_now", "repair", 0, {}),
+        ("repair_at", "wait", best, {"at": float(futures.time[best])}),
+    )
     return [
         Option(
             name,
@@ -254,10 +258,7 @@ def _repairs(
             given,
             np.where(futures.failure_time > futures.time[index], futures.time[index], np.inf),
         )
-        for name, now, index, given in (
-            ("repair_now", "repair", 0, {}),
-            ("repair_at", "wait", best, {"at": float(futures.time[best])}),
-        )
+        for name, now, index, given in chosen
     ]
 
 
@@ -317,7 +318,8 @@ def _of_inspection(
 ) -> Float[np.ndarray, "path item"]:
     at = futures.time[index : index + 1]
     alive = (futures.failure_time > at[0]) | (index == 0)
-    return alive[:, None] * discount(at, costs.discount_rate) * costs.event(INSPECTION)
+    own = discount(at, costs.discount_rate) * costs.event(INSPECTION)
+    return np.asarray(alive[:, None] * own)
 
 
 def _curve_after(

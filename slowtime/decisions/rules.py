@@ -111,7 +111,7 @@ def threshold_of_probability(
 
 
 def _reached(where: Bool[np.ndarray, "path time"]) -> Int[np.ndarray, " path"]:
-    return np.where(where.any(axis=1), where.argmax(axis=1), where.shape[1])
+    return np.asarray(np.where(where.any(axis=1), where.argmax(axis=1), where.shape[1]))
 
 
 def _first(futures: Ensemble, repair: Int[np.ndarray, " path"]) -> Cycle:

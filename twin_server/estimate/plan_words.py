@@ -2,7 +2,7 @@
 
 import dataclasses
 import datetime
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -89,7 +89,7 @@ def option_words(option: Option, when: When) -> str:
     """Name an option with its parameters."""
     given: Mapping[str, float] = option.parameters
     share = f"{100 * given.get('damage', 0.0):.3g} %"
-    return {
+    words: dict[str, Callable[[], str]] = {
         "nothing": lambda: "run to failure",
         "age": lambda: f"repair at an age of {when.span(given['age'])} from now on",
         "fixed_interval": lambda: f"repair every {when.span(given['every'])}",
@@ -108,7 +108,8 @@ def option_words(option: Option, when: When) -> str:
             f"inspect in {when.moment(given['at'])} and decide by what is found"
         ),
         "close": lambda: "close",
-    }[option.name]()
+    }
+    return words[option.name]()
 
 
 def sentence_of(plan: Plan, currency: str, when: When) -> str:
