@@ -11,6 +11,7 @@ from . import (
     foresight,
     identification,
     ledger,
+    maintenance,
     modal_truth,
     plant,
     repairs,
@@ -49,6 +50,8 @@ def main() -> int:
     sys.stdout.flush()
     reliability = ["-m", "benchmarks.reliability", "--methods", "importance", "--seeds", "3"]
     status |= subprocess.run([python, *reliability], check=False).returncode
+    print("\n# Maintenance of simulated fleets\n")
+    status |= maintenance.main(["--fleets", "3"])
     print("\n# Forecasts\n")
     status |= foresight.main([])
     print("\n# Forecasts across repairs\n")

@@ -17,8 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import stats
 
-from slowtime.decisions import Cost, Costs, EstimateError, drift, fleet
-from slowtime.decisions.lookahead import Lookahead
+from slowtime.decisions import Cost, Costs, EstimateError, Lookahead, drift, fleet
 
 ASSETS, YEARS, STEP = 200, 20, 1.0 / 12.0
 MONTHS = 12 * YEARS
@@ -110,8 +109,9 @@ class World:
 
     def readings(self) -> Float[np.ndarray, "row asset"]:
         """Read each asset."""
-        errors = self.truth.errors[self.month - 1]
-        return np.asarray(self.damage + self.truth.reading_sd * errors)
+        return np.asarray(
+            self.damage + self.truth.reading_sd * self.truth.errors[self.month - 1]
+        )
 
     def inspect(self, which: Bool[np.ndarray, "row asset"]) -> Float[np.ndarray, "row asset"]:
         """Measure some assets; NaN for the others."""
@@ -292,9 +292,10 @@ def main(arguments: list[str] | None = None) -> int:
     """Print the table; 1 where the plan saves less than it is held to."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--fleets", type=int, default=20)
+    parser.add_argument("--first", type=int, default=0, help="Seed of the first fleet.")
     given = parser.parse_args(arguments)
     began = time.perf_counter()
-    found = [simulate(seed) for seed in range(given.fleets)]
+    found = [simulate(seed) for seed in range(given.first, given.first + given.fleets)]
     plan = np.array([one.plan.cost[0] for one in found])
     rivals = {
         "fixed interval, best of each fleet": [

@@ -32,8 +32,9 @@ PRIOR_SD = 1.5
 SPREADS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.55, 0.7)
 """Values of s / M among which the marginal likelihood chooses."""
 
-DIFFUSE = 100.0
-"""Standard deviation of a rate [in units of the first guess] before any reading."""
+DIFFUSE = 5.0
+"""Standard deviation of a rate [in units of the first guess] before any reading: vague, and yet
+so small that the drift of a first epoch stays where D(u) is nearly linear."""
 
 LEAST_SLOPE = 0.05
 """Smallest dD/du used where an estimate of the damage is below 0 by the error of readings."""

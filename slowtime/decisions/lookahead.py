@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from .costs import FAILURE, INSPECTION, REPAIR, Costs, discount
+from .costs import FAILURE, REPAIR, Costs, discount
 from .information import OUTCOMES, of_a_number, value_of_information
 
 
@@ -54,7 +54,8 @@ def never_items(
     """Give expected discounted items of planning no repair within the times."""
     weight = discount(time, costs.discount_rate)[:, None]
     failing = np.diff(failure_cdf, axis=-1, prepend=0.0)[..., None]
-    return np.asarray((failing * weight * (costs.event(FAILURE) + after_failure)).sum(axis=-2))
+    paid = failing * weight * (costs.event(FAILURE) + after_failure)
+    return np.asarray(paid.sum(axis=-2))
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -191,8 +192,3 @@ def _informed(
     likelihood = of_a_number(damage, weights, sd, outcomes)
     told = value_of_information(cost[..., action:], weights, likelihood)
     return np.asarray(told.prior - told.value)
-
-
-def inspection_price(costs: Costs) -> float:
-    """Give what one inspection costs, its downtime included [currency]."""
-    return costs.price(INSPECTION)

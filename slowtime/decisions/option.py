@@ -54,7 +54,6 @@ def band(
     """Weighted 5 and 95 % quantiles of a cost over futures."""
     order = np.argsort(cost)
     total = np.cumsum(weights[order])
-    low, high = (
-        cost[order][min(int(np.searchsorted(total, at)), len(cost) - 1)] for at in BAND
-    )
-    return float(low), float(high)
+    places = [min(int(np.searchsorted(total, at)), len(cost) - 1) for at in BAND]
+    low, high = (float(cost[order[place]]) for place in places)
+    return low, high

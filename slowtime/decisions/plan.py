@@ -245,10 +245,10 @@ def _repairs(
 ) -> list[Option]:
     """Repair now, and at the best later time."""
     best = 1 + int(expected[1:].argmin())
-    asked: list[tuple[str, Now, int, dict[str, float]]] = [
+    chosen: tuple[tuple[str, Now, int, dict[str, float]], ...] = (
         ("repair_now", "repair", 0, {}),
         ("repair_at", "wait", best, {"at": float(futures.time[best])}),
-    ]
+    )
     return [
         Option(
             name,
@@ -258,7 +258,7 @@ def _repairs(
             given,
             np.where(futures.failure_time > futures.time[index], futures.time[index], np.inf),
         )
-        for name, now, index, given in asked
+        for name, now, index, given in chosen
     ]
 
 
@@ -318,8 +318,8 @@ def _of_inspection(
 ) -> Float[np.ndarray, "path item"]:
     at = futures.time[index : index + 1]
     alive = (futures.failure_time > at[0]) | (index == 0)
-    weight = discount(at, costs.discount_rate)
-    return np.asarray(alive[:, None] * weight * costs.event(INSPECTION))
+    own = discount(at, costs.discount_rate) * costs.event(INSPECTION)
+    return np.asarray(alive[:, None] * own)
 
 
 def _curve_after(

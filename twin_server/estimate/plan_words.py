@@ -89,7 +89,7 @@ def option_words(option: Option, when: When) -> str:
     """Name an option with its parameters."""
     given: Mapping[str, float] = option.parameters
     share = f"{100 * given.get('damage', 0.0):.3g} %"
-    told: dict[str, Callable[[], str]] = {
+    words: dict[str, Callable[[], str]] = {
         "nothing": lambda: "run to failure",
         "age": lambda: f"repair at an age of {when.span(given['age'])} from now on",
         "fixed_interval": lambda: f"repair every {when.span(given['every'])}",
@@ -109,7 +109,7 @@ def option_words(option: Option, when: When) -> str:
         ),
         "close": lambda: "close",
     }
-    return told[option.name]()
+    return words[option.name]()
 
 
 def sentence_of(plan: Plan, currency: str, when: When) -> str:

@@ -139,6 +139,7 @@ def test_a_break_even_cost_makes_both_options_cost_the_same():
     plan = make_plan(futures(0.85), COSTS, TERMS)
     ranking = plan.ranking
     assert ranking.break_even
+    assert ranking.other is not None
     weights = plan.futures.weights
     for one in ranking.break_even:
         changed = COSTS.with_price(ITEMS.index(one.item), one.at).prices()
