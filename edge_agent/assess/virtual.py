@@ -58,7 +58,8 @@ class VirtualStage:
         samples = block.samples[:, running.columns] * running.factors
         state, windows = running.sensor.step(running.state, samples)
         running = dataclasses.replace(running, state=state, latest=block)
-        estimated, messages = [], []
+        estimated: list[Estimated] = []
+        messages: list[Virtual] = []
         for window in windows:
             estimated.append(
                 Estimated(

@@ -138,7 +138,7 @@ def _steady(
         a = a @ a - reached @ (weighed @ a)
         factor = np.concatenate([factor, reached], axis=1)
         if factor.shape[1] > size:
-            factor = np.linalg.qr(factor.T, mode="r").T
+            factor = np.asarray(np.linalg.qr(factor.T, mode="r")).T
         h = h + (grown + grown.T) / 2
         if np.abs(grown).max() <= TOLERANCE * np.abs(h).max():
             break

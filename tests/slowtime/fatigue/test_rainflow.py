@@ -36,7 +36,7 @@ def three_point_rule(series):
 
 
 def tally(pairs):
-    sums = {}
+    sums: dict[float, float] = {}
     for size, count in pairs:
         sums[round(size, 9)] = sums.get(round(size, 9), 0.0) + count
     return sums

@@ -104,7 +104,7 @@ def test_covariances_of_forces_are_recovered():
 def test_a_design_spreads_a_linear_result_by_its_variance():
     description = frame((0.01, 0.0, 0.0))
     members = members_of(description, 32)
-    rows = [sum(1 / e.stiffness_n_per_m for e in m.elements[:5]) for m in members]
+    rows = [sum(1 / e.stiffness()[0, 0] for e in m.elements[:5]) for m in members]
     relative = np.std(rows, ddof=0) / np.mean(rows)
     # Common and own parts of five equal springs in series.
     assert relative == pytest.approx(0.01 * np.sqrt(0.5 + 0.5 / 5), rel=0.1)
