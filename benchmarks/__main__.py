@@ -48,6 +48,9 @@ def main() -> int:
     sys.stdout.flush()
     reliability = ["-m", "benchmarks.reliability", "--methods", "importance", "--seeds", "3"]
     status |= subprocess.run([python, *reliability], check=False).returncode
+    print("\n# Fatigue, beside rainflow and fatpack, and at the edge\n")
+    sys.stdout.flush()
+    status |= subprocess.run([python, "-m", "benchmarks.fatigue"], check=False).returncode
     print("\n# Forecasts\n")
     status |= foresight.main([])
     print("\n# Models with effects\n")

@@ -84,7 +84,8 @@ def settings_of(model, **other):
 
 def told(settings, blocks):
     assess = Assess(settings, ORIGIN)
-    state, messages = assess.start(), []
+    state = assess.start()
+    messages: list[Fatigue | Virtual] = []
     for one in blocks:
         state, some = assess.step(state, one)
         messages += some
@@ -200,7 +201,7 @@ def test_an_agent_tells_and_keeps_the_newest_of_each_boot(model, tmp_path):
         )  # fmt: skip
         assert run(settings, bus=bus, stop=threading.Event()) == 0
     fatigue = [decode(FATIGUE, payload) for payload in bus.sent["fatigue"]]
-    newest = {message.boot: message for message in fatigue}
+    newest = {one.boot: one for one in fatigue if isinstance(one, Fatigue)}
     assert [p.damage for p in newest["b1"].points] == [p.damage for p in newest["b2"].points]
     assert all(isinstance(decode(VIRTUAL, p), Virtual) for p in bus.sent["virtual"])
     kept = list(Cumulative(tmp_path / "spool" / "demo.tower", "b3").all())
