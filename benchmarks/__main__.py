@@ -52,6 +52,9 @@ def main() -> int:
     status |= subprocess.run([python, *reliability], check=False).returncode
     print("\n# Maintenance of simulated fleets\n")
     status |= maintenance.main(["--fleets", "3"])
+    print("\n# Fatigue, beside rainflow and fatpack, and at the edge\n")
+    sys.stdout.flush()
+    status |= subprocess.run([python, "-m", "benchmarks.fatigue"], check=False).returncode
     print("\n# Forecasts\n")
     status |= foresight.main([])
     print("\n# Forecasts across repairs\n")

@@ -11,7 +11,7 @@ import itertools
 import logging
 import threading
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from slowtime.signals.block import Block
 from slowtime_schemas.codec import encode
@@ -27,6 +27,8 @@ from .settings import AdmissionSettings, Origin, Processing
 
 if TYPE_CHECKING:
     from .assess import Assess
+else:
+    Assess = Any  # imported where it is made: most edges assess nothing
 
 logger = logging.getLogger(__name__)
 
@@ -139,7 +141,7 @@ class Listening:
         admission: Admission,
         publisher: Publisher,
         clock: Clock,
-        assess: "Assess | None" = None,
+        assess: Assess | None = None,
     ) -> None:
         self._edge, self._admission = edge, admission
         self._assess = assess
@@ -233,7 +235,7 @@ def listen(
     publisher: Publisher,
     clock: Clock,
     stop: threading.Event,
-    assess: "Assess | None" = None,
+    assess: Assess | None = None,
 ) -> Iterator[Block | None] | None:
     """Work all `blocks`, until they end or `stop` is set.
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from slowtime.estimation.virtual import VirtualSettings
     from slowtime_services.simulate import Simulated
 else:
-    Simulated = Any
+    Simulated = VirtualSettings = Any
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]

@@ -1,7 +1,6 @@
 """A virtual sensor over blocks: begun anew after a gap, told at a bounded rate."""
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -59,8 +58,8 @@ class VirtualStage:
         samples = block.samples[:, running.columns] * running.factors
         state, windows = running.sensor.step(running.state, samples)
         running = dataclasses.replace(running, state=state, latest=block)
-        estimated: list[Any] = []
-        messages: list[Any] = []
+        estimated: list[Estimated] = []
+        messages: list[Virtual] = []
         for window in windows:
             estimated.append(
                 Estimated(

@@ -19,14 +19,12 @@ References
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from .curves import Curve
 
-Method = Literal["narrow_band", "wirsching_light", "dirlik", "tovo_benasciutti"]
 Densities = Float[np.ndarray, " point"]
 
 POINTS = 20_000
@@ -85,7 +83,7 @@ class Moments:
         return min(1.0, self.m2 / math.sqrt(self.m0 * self.m4))
 
 
-def damage_rate(moments: Moments, curve: Curve, method: Method = "dirlik") -> float:
+def damage_rate(moments: Moments, curve: Curve, method: str = "dirlik") -> float:
     """Estimate the damage a second of Gaussian stress of zero mean [1/s].
 
     Parameters
@@ -119,7 +117,8 @@ def _wirsching_light(moments: Moments, curve: Curve) -> float:
     m = curve.slope
     width = math.sqrt(1 - moments.alpha2**2)
     a, b = 0.926 - 0.033 * m, 1.587 * m - 2.323
-    return float((a + (1 - a) * (1 - width) ** b) * _narrow_band(moments, curve))
+    share = a + (1 - a) * math.pow(1 - width, b)
+    return share * _narrow_band(moments, curve)
 
 
 def _tovo_benasciutti(moments: Moments, curve: Curve) -> float:
@@ -164,14 +163,13 @@ def _rayleigh(sd: float, curve: Curve) -> float:
     """Mean damage of a cycle whose amplitude is Rayleigh with parameter `sd` [1]."""
     if curve.lower_slope is None and curve.cut_off == 0:
         m = curve.slope
-        scale = (2 * math.sqrt(2) * sd) ** m
-        return float(scale * math.gamma(1 + m / 2) / curve.constant)
+        return math.pow(2 * math.sqrt(2) * sd, m) * math.gamma(1 + m / 2) / curve.constant
     amplitude = np.linspace(0.0, LARGEST, POINTS)
     density = amplitude * np.exp(-(amplitude**2) / 2)
     return float(np.trapezoid(curve.damage(2 * sd * amplitude) * density, amplitude))
 
 
-METHODS: dict[Method, Callable[[Moments, Curve], float]] = {
+METHODS: dict[str, Callable[[Moments, Curve], float]] = {
     "narrow_band": _narrow_band,
     "wirsching_light": _wirsching_light,
     "dirlik": _dirlik,

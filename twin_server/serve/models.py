@@ -517,15 +517,6 @@ class HashModel(BaseModel):
     features: int
 
 
-class DamageBand(BaseModel):
-    """A value with standard deviation and 95 % interval."""
-
-    value: float
-    sd: float
-    lo: float
-    hi: float
-
-
 class DamageMoment(BaseModel):
     """Miner's sum at one time, with its 95 % interval, and seconds counted by then."""
 
@@ -542,7 +533,7 @@ class FatiguePointModel(BaseModel):
     name: str
     unit: str
     source: Literal["channel", "virtual"]
-    damage: DamageBand
+    damage: Estimate
     damage_per_year: float
     rate_variation: float
     counted_s: float

@@ -76,8 +76,7 @@ def drift(lower: str, upper: str, *, name: str = "") -> Output:
     """Displacement of `upper` minus that of `lower` [m]; either may be ``"base"``."""
 
     def row(description: Description) -> Row:
-        both = _row(description, {lower: -1.0}) + _row(description, {upper: 1.0})
-        return np.asarray(both)
+        return np.asarray(_row(description, {upper: 1.0}) - _row(description, {lower: 1.0}))
 
     return Output(name=name or f"{lower}-{upper}.drift", unit="m", row=row)
 
@@ -87,7 +86,7 @@ def element_force(element: str, *, name: str = "") -> Output:
 
     def row(description: Description) -> Row:
         part = _element(description, element)
-        own = part.stiffness()[2 if isinstance(part, Beam) else 1]
+        own = np.asarray(part.stiffness()[2 if isinstance(part, Beam) else 1])
         return _sum(description, part.dofs, own)
 
     return Output(name=name or f"{element}.force", unit="N", row=row)
