@@ -170,7 +170,8 @@ def _dependence(epochs: list[Any]) -> list[float]:
 
 def _of_epoch(number: int, epoch: dict[str, Any], factor: float) -> Features:
     first = _widened(epoch["modes"][0], factor) if epoch["modes"] else None
-    return _features(number, 0.5 * (epoch["start_s"] + epoch["end_s"]), first)
+    middle_s = 0.5 * (epoch["start_s"] + epoch["end_s"])
+    return _features(number, middle_s, first, after_s=middle_s)
 
 
 def _widened(mode: dict[str, Any], factor: float) -> dict[str, Any]:
@@ -249,8 +250,13 @@ def _of_row(number: int, row: dict[str, str | None]) -> Features:
     return _features(number, _number(row, "slow_time"), mode)
 
 
-def _features(number: int, slow_time: float, mode: dict[str, Any] | None) -> Features:
-    """Put an epoch as the edge would have told it; its sensor time only keeps the order."""
+def _features(
+    number: int, slow_time: float, mode: dict[str, Any] | None, *, after_s: float | None = None
+) -> Features:
+    """Put an epoch as the edge would have told it.
+
+    Its sensor time is that many seconds after the beginning; without them it keeps the order.
+    """
     modes = (
         ()
         if mode is None
@@ -263,7 +269,7 @@ def _features(number: int, slow_time: float, mode: dict[str, Any] | None) -> Fea
             ),
         )
     )
-    t_ns = 946_684_800_000_000_000 + number * 10**9
+    t_ns = 946_684_800_000_000_000 + round((number if after_s is None else after_s) * 1e9)
     return Features(
         site=SITE,
         asset=ASSET,

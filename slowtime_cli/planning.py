@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from slowtime_services.client import AnswerError, Client, UnreachableError
+from twin_server.registration import Registration
 
 from .foreseeing import Asked, made, of_server, said
 from .options import STDOUT
@@ -34,11 +35,23 @@ def plan(
     if asked.server is not None:
         body = of_server(asked, "GET", "plan")
     else:
-        with made(asked) as (knowledge, twin_id, _), said():
+        with made(asked) as (knowledge, twin_id, registration), said():
+            _refuse_calendar(asked.source, registration)
             body = knowledge.plan(twin_id)
     _tell(body, out, _show_plan)
     for change in body["changes"]:
         note(change)
+
+
+def _refuse_calendar(source: Path | None, registration: Registration) -> None:
+    """Refuse calendar units of a text file, whose slow time has no unit."""
+    costs = registration.costs
+    text = source is not None and source.suffix.lower() not in (".json", ".mcap")
+    if text and costs is not None and costs.time_unit != "slow_time":
+        raise click.UsageError(
+            f"costs.time_unit is {costs.time_unit!r}, and {source} does not tell in which unit "
+            "its slow_time is. Give costs.time_unit='slow_time', with rates and times in it."
+        )
 
 
 def _of_fleet(server: str | None, query: dict[str, Any]) -> dict[str, Any]:

@@ -162,6 +162,6 @@ def test_methods_are_ordered_and_a_wrong_one_is_refused():
     for method in METHODS:
         assert damage_rate(moments, ONE, method) <= narrow * (1 + 1e-12)
     with pytest.raises(ValueError, match=r"Allowed: narrow_band.*dirlik"):
-        damage_rate(moments, ONE, "rain")  # type: ignore[arg-type]
+        damage_rate(moments, ONE, "rain")
     with pytest.raises(ValueError, match="negative, not finite"):
         Moments.of(np.array([1.0, 2.0]), np.array([1.0, -1.0]))
