@@ -11,8 +11,10 @@ from . import (
     foresight,
     identification,
     ledger,
+    maintenance,
     modal_truth,
     plant,
+    repairs,
     startup,
     streaming,
     transport,
@@ -48,8 +50,15 @@ def main() -> int:
     sys.stdout.flush()
     reliability = ["-m", "benchmarks.reliability", "--methods", "importance", "--seeds", "3"]
     status |= subprocess.run([python, *reliability], check=False).returncode
+    print("\n# Maintenance of simulated fleets\n")
+    status |= maintenance.main(["--fleets", "3"])
+    print("\n# Fatigue, beside rainflow and fatpack, and at the edge\n")
+    sys.stdout.flush()
+    status |= subprocess.run([python, "-m", "benchmarks.fatigue"], check=False).returncode
     print("\n# Forecasts\n")
     status |= foresight.main([])
+    print("\n# Forecasts across repairs\n")
+    status |= repairs.main(["--histories", "20"])
     print("\n# Models with effects\n")
     status = plant.main() or status
     print("\n# Transport and recordings\n")

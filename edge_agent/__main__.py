@@ -166,9 +166,14 @@ def _run_boot(
         publisher.open()
         stack.callback(publisher.close)
         logger.info("Edge %s.%s, boot %s.", origin.site, origin.asset, origin.boot)
+        assess = None
+        if settings.virtual is not None or settings.fatigue.points:
+            from .assess import Assess  # an edge that assesses nothing imports no mechanics
+
+            assess = Assess(settings, origin)
         with _heartbeat(publisher, settings):
             edge = Edge.of(settings.processing, origin)
-            rest = listen(blocks, edge, settings.admission, publisher, clock, stop)
+            rest = listen(blocks, edge, settings.admission, publisher, clock, stop, assess)
             publisher.health()
             if rest is None and not stop.is_set():
                 publisher.wait_acknowledged(settings.publish.linger_s, stop)

@@ -11,6 +11,7 @@ import itertools
 import logging
 import threading
 from collections.abc import Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 from slowtime.signals.block import Block
 from slowtime_schemas.codec import encode
@@ -24,6 +25,11 @@ from .extract import Extract, ExtractState
 from .publish import Publisher
 from .settings import AdmissionSettings, Origin, Processing
 
+if TYPE_CHECKING:
+    from .assess import Assess
+else:
+    Assess = Any  # imported where it is made: most edges assess nothing
+
 logger = logging.getLogger(__name__)
 
 
@@ -33,6 +39,8 @@ class EdgeState:
 
     condition: Segment | None
     extract: ExtractState
+    ready: tuple[Marked, ...] = ()
+    """What the last step has conditioned, for stages beside extraction."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -55,14 +63,14 @@ class Edge:
         """Take one block; give the features of the windows that it completes."""
         conditioned, ready = self.condition.step(state.condition, block)
         extracting, features = self._extract(state.extract, ready)
-        return EdgeState(conditioned, extracting), features
+        return EdgeState(conditioned, extracting, ready), features
 
     def finish(self, state: EdgeState) -> tuple[EdgeState, tuple[Features, ...]]:
         """Close the window that was begun: its epoch is complete, or the stream has ended."""
         conditioned, ready = self.condition.finish(state.condition)
         extracting, features = self._extract(state.extract, ready)
         extracting, last = self.extract.finish(extracting)
-        return EdgeState(conditioned, extracting), features + last
+        return EdgeState(conditioned, extracting, ready), features + last
 
     def restart(self, state: EdgeState) -> EdgeState:
         """Forget the samples at hand, which could not be worked; keep count and smoother."""
@@ -128,9 +136,16 @@ class Listening:
     """One pass over a source: admits, works, publishes, counts; what is bad is left out."""
 
     def __init__(
-        self, edge: Edge, admission: Admission, publisher: Publisher, clock: Clock
+        self,
+        edge: Edge,
+        admission: Admission,
+        publisher: Publisher,
+        clock: Clock,
+        assess: Assess | None = None,
     ) -> None:
         self._edge, self._admission = edge, admission
+        self._assess = assess
+        self._assessed = None if assess is None else assess.start()
         self._publisher, self._clock = publisher, clock
         self._state, self._admitted = edge.start(), admission.start()
         self._effort = Effort(publisher, clock)
@@ -143,6 +158,7 @@ class Listening:
             features = self._work(block)
             for message in features:
                 self._tell(message)
+            self._assess_ready(last=block is None)
         self._effort.told(features)
 
     def _work(self, block: Block | None) -> tuple[Features, ...]:
@@ -158,6 +174,23 @@ class Listening:
             logger.exception("A block could not be worked; the stream goes on after it.")
             self._state = self._edge.restart(self._state)
         return features
+
+    def _assess_ready(self, *, last: bool) -> None:
+        """Make virtual quantities and fatigue of what has just been conditioned."""
+        ready, self._state = self._state.ready, dataclasses.replace(self._state, ready=())
+        if self._assess is None or self._assessed is None:
+            return
+        try:
+            for block, _ in ready:
+                self._assessed, told = self._assess.step(self._assessed, block)
+                self._publisher.assessed(told)
+            if last:
+                self._assessed, told = self._assess.finish(self._assessed)
+                self._publisher.assessed(told)
+        except Exception:
+            self._publisher.count("failed_assessments")
+            logger.exception("Fatigue of a block could not be assessed; the stream goes on.")
+            self._assessed = dataclasses.replace(self._assessed, running=None)
 
     def _admit(self, block: Block) -> bool:
         self._publisher.count("blocks")
@@ -202,6 +235,7 @@ def listen(
     publisher: Publisher,
     clock: Clock,
     stop: threading.Event,
+    assess: Assess | None = None,
 ) -> Iterator[Block | None] | None:
     """Work all `blocks`, until they end or `stop` is set.
 
@@ -213,7 +247,7 @@ def listen(
     increases, so that they belong to another.
     """
     admit = Admission(admission, edge.extract.origin.time_base)
-    listening = Listening(edge, admit, publisher, clock)
+    listening = Listening(edge, admit, publisher, clock, assess)
     try:
         for block in blocks:
             listening.take(block)

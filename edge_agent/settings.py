@@ -20,13 +20,15 @@ from pydantic_settings import SettingsConfigDict
 from slowtime_schemas.messages import About, TimeBase
 from slowtime_schemas.quantities import AS_STORED, BootId, Name, Plain, PlainText
 from slowtime_services.configuration import ProcessSettings
+from slowtime_services.points import Asked, PointCurve
 
 from .inputs import BoardsInput, LiveInput
 
 if TYPE_CHECKING:
+    from slowtime.estimation.virtual import VirtualSettings
     from slowtime_services.simulate import Simulated
 else:
-    Simulated = Any
+    Simulated = VirtualSettings = Any
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -294,6 +296,60 @@ class PublishSettings(Frozen):
     """How long to wait, once the input has ended, for the twin to acknowledge everything."""
 
 
+class VirtualStageSettings(Frozen):
+    """Quantities that nobody measures, from a model and the accelerations."""
+
+    model: Path
+    """Model file; its sensors are named as the channels are, and give their noise. Its
+    tolerance is what the model may be wrong by."""
+    outputs: Annotated[tuple[Asked, ...], Field(min_length=1, max_length=64)]
+    """What is asked for: displacement, drift, force or moment, with a factor for stress."""
+    tell_hz: NotNegative = 10.0
+    """Values a second of each quantity on the bus; 0 for none, as for fatigue alone."""
+    lowest_hz: Positive | None = None
+    """Lower edge of the band [Hz]; None for a quarter of the lowest natural frequency."""
+    window_s: Positive | None = None
+    """Seconds that are worked together; None for 40 periods of the lowest mode."""
+    moving_base: bool = False
+    """Whether the base moves without being measured."""
+
+    @model_validator(mode="after")
+    def _names_differ(self) -> "VirtualStageSettings":
+        names = [one.name for one in self.outputs]
+        if len(set(names)) < len(names):
+            raise ValueError(f"Outputs {names} are not told apart. Give each its own name.")
+        return self
+
+    @property
+    def estimation(self) -> "VirtualSettings":
+        """Settings of the virtual sensor."""
+        from slowtime.estimation.virtual import VirtualSettings
+
+        return VirtualSettings(lowest_hz=self.lowest_hz, window_s=self.window_s)
+
+
+class PointSettings(PointCurve):
+    """A point at which stress is counted, and its S-N curve."""
+
+    at: PlainText
+    """A virtual output, or a channel that measures stress."""
+
+
+class FatigueSettings(Frozen):
+    """Where fatigue is counted, and how often it is told."""
+
+    points: Annotated[tuple[PointSettings, ...], Field(max_length=256)] = ()
+    every_s: Positive = 60.0
+    """From one message to the next; a process that is killed loses at most so much."""
+
+    @model_validator(mode="after")
+    def _places_differ(self) -> "FatigueSettings":
+        places = [point.at for point in self.points]
+        if len(set(places)) < len(places):
+            raise ValueError(f"Points {places} name a place twice. Give each place one curve.")
+        return self
+
+
 class EdgeSettings(ProcessSettings):
     """All settings of an edge agent.
 
@@ -322,6 +378,8 @@ class EdgeSettings(ProcessSettings):
     admission: AdmissionSettings = AdmissionSettings()
     condition: ConditionSettings = ConditionSettings()
     extract: ExtractSettings = ExtractSettings()
+    virtual: VirtualStageSettings | None = None
+    fatigue: FatigueSettings = FatigueSettings()
     spool: SpoolSettings = SpoolSettings()
     publish: PublishSettings = PublishSettings()
 

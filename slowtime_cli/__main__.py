@@ -47,6 +47,9 @@ VERBS = {
         "alarming:alarms",
         "Try whether alarms of a twin reach people and other programs.",
     ),
+    "event": Verb(
+        "eventing:event", "Record repairs and inspections of an asset, and undo them."
+    ),
     "status": Verb(
         "processes:status", "Tell whether the router answers and which edge agents live."
     ),
@@ -91,18 +94,39 @@ VERBS = {
         "diagnosing:diagnose",
         "Find what a model lacks, where and how much, from its records.",
     ),
+    "merge": Verb(
+        "merging:merge",
+        "Merge the modes of several set-ups of sensors.",
+    ),
+    "track": Verb(
+        "tracking:track", "Track the constants of a nonlinear structure over slow time."
+    ),
+    "separate": Verb(
+        "separating:separate", "Take a history apart into what drifts and what comes and goes."
+    ),
     "evolve": Verb(
         "evolving:evolve", "Tell how stiffness and mass have changed, from frequencies."
     ),
     "forecast": Verb(
         "foreseeing:forecast", "Tell where a twin is heading, and when a threshold is reached."
     ),
+    "plan": Verb("planning:plan", "Tell what to do with a twin: repair, inspect or wait."),
     "whatif": Verb("foreseeing:whatif", "Run today's twin under a load, with bands."),
+    "risk": Verb("limit_states:risk", "Tell how probable failure is, by each limit state."),
     "reliability": Verb(
         "reliability:reliability", "Tell how probable failure is, by several methods."
     ),
+    "surrogate": Verb(
+        "surrogating:surrogate", "Learn a quick function from runs of a slow model."
+    ),
     "design": Verb(
-        "design:design", "Choose a damper, mass or stiffness that is cheap, robust and safe."
+        "design:design", "Choose a damper, mass or stiffness: cheap, robust and safe."
+    ),
+    "fatigue": Verb(
+        "assessing:fatigue", "Count stress cycles and sum fatigue damage, with its scatter."
+    ),
+    "virtual": Verb(
+        "assessing:virtual", "Estimate drift, force or stress, which nobody measures."
     ),
 }
 ROOMS = (

@@ -17,7 +17,7 @@ from slowtime.identification.windows import dependence
 from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Features, Mode, Quality
 from slowtime_schemas.quantities import Quantity
-from slowtime_schemas.streams import FEATURES
+from slowtime_schemas.streams import ASSET_EVENT, FEATURES
 from slowtime_services.bus import Sample
 from slowtime_services.replay import contents, read_recording
 from twin_server.registration import Nominal, Registration
@@ -89,7 +89,7 @@ def evolve(
 
 
 def samples_of(source: Path, asset: str | None) -> tuple[str, Iterator[Sample]]:
-    """Features of a file, as the bus would have brought them, and the twin they are of."""
+    """Features and told events of a file as the bus would have brought them, and their twin."""
     if source.suffix.lower() == ".mcap":
         return _of_recording(source, asset)
     if asset is not None:
@@ -116,11 +116,12 @@ def _of_recording(source: Path, asset: str | None) -> tuple[str, Iterator[Sample
             f"{source} has no {asset}, but: {', '.join(assets)}. Name one of them with --asset."
         )
     twin_id = asset or assets[0]
-    key = FEATURES.key(*twin_id.split(".", 1))
+    site, _, name = twin_id.partition(".")
+    keys = {stream.key(site, name) for stream in (FEATURES, ASSET_EVENT)}
     return twin_id, (
         Sample(message.key, message.payload, message.publish_ns, replayed=True)
-        for message in read_recording(source, streams=[FEATURES])
-        if message.key == key
+        for message in read_recording(source, streams=[FEATURES, ASSET_EVENT])
+        if message.key in keys
     )
 
 
@@ -169,7 +170,8 @@ def _dependence(epochs: list[Any]) -> list[float]:
 
 def _of_epoch(number: int, epoch: dict[str, Any], factor: float) -> Features:
     first = _widened(epoch["modes"][0], factor) if epoch["modes"] else None
-    return _features(number, 0.5 * (epoch["start_s"] + epoch["end_s"]), first)
+    middle_s = 0.5 * (epoch["start_s"] + epoch["end_s"])
+    return _features(number, middle_s, first, after_s=middle_s)
 
 
 def _widened(mode: dict[str, Any], factor: float) -> dict[str, Any]:
@@ -248,8 +250,13 @@ def _of_row(number: int, row: dict[str, str | None]) -> Features:
     return _features(number, _number(row, "slow_time"), mode)
 
 
-def _features(number: int, slow_time: float, mode: dict[str, Any] | None) -> Features:
-    """Put an epoch as the edge would have told it; its sensor time only keeps the order."""
+def _features(
+    number: int, slow_time: float, mode: dict[str, Any] | None, *, after_s: float | None = None
+) -> Features:
+    """Put an epoch as the edge would have told it.
+
+    Its sensor time is that many seconds after the beginning; without them it keeps the order.
+    """
     modes = (
         ()
         if mode is None
@@ -262,7 +269,7 @@ def _features(number: int, slow_time: float, mode: dict[str, Any] | None) -> Fea
             ),
         )
     )
-    t_ns = 946_684_800_000_000_000 + number * 10**9
+    t_ns = 946_684_800_000_000_000 + round((number if after_s is None else after_s) * 1e9)
     return Features(
         site=SITE,
         asset=ASSET,

@@ -12,10 +12,11 @@ import click
 from slowtime_services.client import AnswerError, Client, UnreachableError
 from slowtime_services.files import ALL
 from twin_server.orders import SimulationOrder
-from twin_server.pipeline import TwinKnowledge
+from twin_server.pipeline import AssetEvents, TwinKnowledge
 from twin_server.registration import Registration, registrations
 from twin_server.serve import ProblemError, foretell
 
+from .eventing import orders_of
 from .evolving import Changes, registration_of, samples_of
 from .offline import offline_twin
 from .options import STDOUT
@@ -32,6 +33,7 @@ class Asked(NamedTuple):
     server: str | None
     asset: str | None
     registration: Path | None
+    events: Path | None
     changes: Changes
     nominal_hz: float | None
     nominal_damping: float | None
@@ -52,9 +54,9 @@ def forecast(
     more = {"threshold": threshold, "quantity": quantity, "toward": toward}
     if asked.server is not None:
         query = {"horizon": horizon, "points": points, **more}
-        body = _of_server(asked, "GET", "forecast", query=query)
+        body = of_server(asked, "GET", "forecast", query=query)
     else:
-        with _made(asked) as (knowledge, twin_id, registration), _said():
+        with made(asked) as (knowledge, twin_id, registration), said():
             body = foretell(
                 knowledge, twin_id, registration, horizon, points,
                 threshold=threshold, quantity=quantity, toward=toward,
@@ -65,8 +67,12 @@ def forecast(
         _show_forecast(body)
     for reason in body["reasons"]:
         note(reason)
+    for warning in body.get("warnings", ()):
+        note(warning)
     for crossing in body["crossings"] if out != STDOUT else ():
         note(crossing["sentence"])
+        if laws := _laws(crossing.get("laws", {})):
+            note(f"degradation laws by evidence: {laws}.")
 
 
 def whatif(
@@ -87,11 +93,11 @@ def whatif(
     more = {"outputs": list(outputs)} if outputs else {}
     order = SimulationOrder.model_validate({"load": load, **_without_none(options), **more})
     if asked.server is not None:
-        body = _of_server(
+        body = of_server(
             asked, "POST", "simulate", body=order.model_dump(mode="json", exclude_none=True)
         )
     else:
-        with _made(asked) as (knowledge, twin_id, _), _said():
+        with made(asked) as (knowledge, twin_id, _), said():
             body = json.loads(knowledge.simulate(twin_id, order))
     if out is not None:
         write_json(out, body)
@@ -101,6 +107,10 @@ def whatif(
         note(reason)
     if body["assumed"]:
         note(f"taken for granted: {', '.join(body['assumed'])}.")
+
+
+def _laws(weights: dict[str, float]) -> str:
+    return ", ".join(f"{name} {100 * share:.0f} %" for name, share in weights.items())
 
 
 def _without_none(given: dict[str, Any]) -> dict[str, Any]:
@@ -128,7 +138,7 @@ def _recorded(
 
 
 @contextlib.contextmanager
-def _made(asked: Asked) -> Iterator[tuple[TwinKnowledge, str, Registration]]:
+def made(asked: Asked) -> Iterator[tuple[TwinKnowledge, str, Registration]]:
     """Make a twin of a file, and let it be asked."""
     assert asked.source is not None
     twin_id, samples = samples_of(asked.source, asked.asset)
@@ -139,6 +149,11 @@ def _made(asked: Asked) -> Iterator[tuple[TwinKnowledge, str, Registration]]:
         pipeline.give_up()
         if not len(store.history(twin_id, limit=1).states):
             raise click.UsageError(f"{asked.source} holds no epoch. Give one with some.")
+        if asked.events is not None:
+            keeping = AssetEvents(pipeline, store)
+            with said():
+                for order in orders_of(asked.events):
+                    keeping.record(twin_id, registration, order, order.person or "offline")
         yield TwinKnowledge(pipeline, store), twin_id, registration
 
 
@@ -159,7 +174,7 @@ def _registration(asked: Asked, twin_id: str) -> Registration:
 
 
 @contextlib.contextmanager
-def _said() -> Iterator[None]:
+def said() -> Iterator[None]:
     """Say what a twin says of a question that cannot be answered."""
     try:
         yield
@@ -167,7 +182,7 @@ def _said() -> Iterator[None]:
         raise click.UsageError(error.detail) from error
 
 
-def _of_server(
+def of_server(
     asked: Asked,
     method: str,
     what: str,

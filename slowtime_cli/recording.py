@@ -14,6 +14,7 @@ from slowtime_schemas.codec import decode, encode
 from slowtime_schemas.messages import About, Features
 from slowtime_schemas.streams import (
     ABOUT,
+    ASSET_EVENT,
     BY_NAME,
     FEATURES,
     RAW,
@@ -204,11 +205,11 @@ def _features_of_samples(recording: Path) -> Iterator[Sample]:
 
 
 def _how_many(recording: Path) -> int:
-    return contents(recording, streams=[REGISTRATION, FEATURES]).messages
+    return contents(recording, streams=[REGISTRATION, FEATURES, ASSET_EVENT]).messages
 
 
 def _samples(recording: Path, tell: Callable[[float], None]) -> Iterator[Sample]:
-    messages = read_recording(recording, streams=[REGISTRATION, FEATURES])
+    messages = read_recording(recording, streams=[REGISTRATION, FEATURES, ASSET_EVENT])
     for number, message in enumerate(messages):
         if number % 1000 == 0:
             tell(number)

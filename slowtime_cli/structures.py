@@ -158,7 +158,55 @@ def registration(name: str) -> dict[str, Any]:
     }
     if name == "wing":
         body["damping_coefficient_sd"] = 0.0
+    if name == "tower":
+        body |= _owned()
     return body
+
+
+def _owned() -> dict[str, Any]:
+    """Tell what the demo tower's owner fears, what it costs, and what can be done."""
+    return {
+        "limit_states": [
+            {
+                "kind": "threshold",
+                "name": "35 % softer",
+                "quantity": "stiffness_change",
+                "below": -0.35,
+                "accepted": 0.01,
+            },
+            {
+                "kind": "response",
+                "name": "sway in a storm",
+                "load": {
+                    "kind": "noise",
+                    "psd": 0.02,
+                    "low_pass_hz": 5.0,
+                    "intensity": {"marginal": "gumbel", "mean": 1.0, "sd": 0.3},
+                },
+                "response": {
+                    "quantity": "displacement",
+                    "node": "mass",
+                    "statistic": "peak",
+                    "duration_s": 600.0,
+                },
+                "capacity": {"marginal": "lognormal", "mean": 0.05, "sd": 0.008},
+                "events": 0.02,
+                "accepted": 0.05,
+            },
+        ],
+        "costs": {
+            "currency": "EUR",
+            "time_unit": "slow_time",
+            "failure": {"mean": 900_000.0, "sd": 200_000.0},
+            "repair": 40_000.0,
+            "inspection": 1_500.0,
+        },
+        "decision": {
+            "failure": {"quantity": "stiffness_change", "below": -0.35},
+            "horizon": 300.0,
+            "inspection": {"name": "survey", "sd": 0.01},
+        },
+    }
 
 
 def _model(fields: dict[str, Any]) -> dict[str, Any]:

@@ -13,6 +13,9 @@ TRY: dict[str, str] = {
     "tokens": "slowtime tokens add ann --scope viewer --site lab && slowtime tokens list",
     "alarms": "slowtime demo --duration 60 & sleep 25; "
     "slowtime alarms deliveries demo.tower; kill %1",
+    "event": "slowtime demo --duration 60 & sleep 25; "
+    "slowtime event add demo.tower --kind note --text Inspected; "
+    "slowtime event list demo.tower; kill %1",
     "status": "slowtime router & sleep 5; slowtime status; kill %1",
     "plugins": "slowtime plugins",
     "check": f"{_HOUSE} && slowtime check house/twin.sqlite",
@@ -41,15 +44,50 @@ TRY: dict[str, str] = {
     "slowtime diagnose --history bridge.csv --out found",
     "evolve": f"{_MODES} && slowtime evolve modes.json --nominal-hz 5",
     "forecast": f"{_MODES} && slowtime forecast modes.json --nominal-hz 5 --threshold -0.1",
+    "plan": f"{_MODES} && echo "
+    """'{"lab.tower": {"nominal": {"frequency_hz": 5, "damping_ratio": 0.01}, "costs": """
+    """{"failure": 9e5, "repair": 4e4, "inspection": 1500, "time_unit": "slow_time"}, """
+    """"decision": {"failure": {"quantity": "stiffness_change", "below": -0.3}, """
+    """"horizon": 600}}}' > twins.json && slowtime plan modes.json --registration twins.json""",
+    "risk": f"{_MODES} && echo "
+    """'{"lab.tower": {"nominal": {"frequency_hz": 5, "damping_ratio": 0.01}, """
+    """"limit_states": [{"kind": "threshold", "name": "30 % softer", "quantity": """
+    """"stiffness_change", "below": -0.3}]}}' > twins.json && """
+    "slowtime risk modes.json --registration twins.json",
     "whatif": f"{_MODES} && slowtime whatif modes.json --nominal-hz 5 --nominal-damping 0.01 "
     "--load step --amplitude 1",
     "reliability": """echo '{slowtime_reliability: 1, inputs: {"""
     "r: {marginal: lognormal, mean: 10, sd: 1}, s: {marginal: gumbel, mean: 5, sd: 1}}, "
     """limit_state: r - s}' > beam.yaml && slowtime reliability beam.yaml""",
+    "merge": "slowtime simulate --structure frame --epochs 1 --seed 1 --out frame.mcap && "
+    "slowtime identify frame.mcap --method modes --out a.json && cp a.json b.json && "
+    "slowtime merge a.json b.json",
+    "track": """echo '{slowtime_model: 1, name: rig, nodes: [{id: m, mass_kg: 2}], """
+    "elements: [{id: k, between: [base, m], stiffness_n_per_m: 900, damping_n_s_per_m: 1}], "
+    "inputs: [{channel: f, kind: force, node: m, unit: N}], sensors: [{channel: a, quantity: "
+    """acceleration, node: m, unit: m/s^2}]}' > rig.yaml && awk 'BEGIN {print "t_s,f,a"; """
+    "for (i = 0; i < 20000; i++) {f = sin(i * i / 4e6); a = (f - 800 * x - v) / 2; "
+    """if (i % 10 == 0) print i / 1000 "," f "," a; v += a / 1000; x += v / 1000}}' > a.csv """
+    "&& slowtime track rig.yaml a.csv",
+    "separate": 'seq 0 99 | awk \'BEGIN {print "slow_time,value,sd"} '
+    '{print $1 "," 4 - 0.002 * $1 + 0.05 * sin($1) ",0.01"}\' > history.csv && '
+    "slowtime separate history.csv",
+    "surrogate": 'seq 60 | awk \'BEGIN {print "mass,stiffness,peak"} {m = 1 + rand(); '
+    'k = 2 + rand(); print m "," k "," sqrt(k / m)}\' > runs.csv && '
+    "slowtime surrogate runs.csv --output peak",
     "design": """echo '{slowtime_design: 1, variables: {area: {lower: 1, upper: 9}}, """
     "inputs: {load: {marginal: gumbel, mean: 5, sd: 1}}, objective: {formula: area}, "
     """limit_states: {yielding: {formula: 3 * area - load, probability: 0.001}}}' > rod.yaml """
     "&& slowtime design rod.yaml",
+    "fatigue": "seq 20000 | awk '{print 50 * sin($1 * 0.3) + 20 * sin($1 * 0.07)}' > s.csv && "
+    "slowtime fatigue s.csv --rate-hz 100 --detail-category 71",
+    "virtual": """echo '{slowtime_model: 1, nodes: [{id: m, mass_kg: 100}], elements: """
+    """[{id: k, between: [base, m], stiffness_n_per_m: 1e5, damping_n_s_per_m: 60}], """
+    """sensors: [{channel: a, quantity: acceleration, node: m, unit: m/s^2, """
+    """noise_sd: 0.01}], tolerance: {stiffness: 0.05}}' > one.yaml && """
+    """slowtime simulate --model one.yaml --rate-hz 100 --duration 60 --seed 1 """
+    """--noise --force-psd 100 --out a.npz && """
+    "slowtime virtual one.yaml a.npz --quantity force --element k",
 }
 FIRST = f"{_RECORD} && slowtime identify tower.mcap"
 LASTING = ("twin", "router")

@@ -22,6 +22,7 @@ from twin_server.notify import Notifier, WrongReceiverError, senders_of
 from twin_server.persist import Store, WrongStoreError, open_store
 from twin_server.pipeline import (
     Alarms,
+    AssetEvents,
     Bell,
     Compositions,
     Herald,
@@ -190,6 +191,7 @@ def _serve(
         knowledge, hub, settings.serve, orders, recordings,
         largest_recording=settings.recordings.max_bytes, lane=lane, alarming=alarms,
         compositing=compositions,
+        events=AssetEvents(pipeline, store, clock),
     )  # fmt: skip
     door_of = guard.around(app)
     connections = Connections(_limits(settings))

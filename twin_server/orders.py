@@ -56,7 +56,7 @@ class FromRecordings(Frozen):
     @property
     def span_ns(self) -> tuple[int | None, int | None]:
         """First moment, and that after the last [ns]."""
-        return _ns(self.start), _ns(self.end)
+        return moment_ns(self.start), moment_ns(self.end)
 
 
 class FromEdge(Frozen):
@@ -117,7 +117,8 @@ class DiagnosisOrder(Frozen):
         return self
 
 
-def _ns(moment: Moment | None) -> int | None:
+def moment_ns(moment: Moment | None) -> int | None:
+    """Nanoseconds since 1970-01-01 UTC of a moment, which may have been given as a date."""
     if isinstance(moment, datetime.datetime):
         return (moment - _EPOCH) // _MICROSECOND * 1_000
     return moment

@@ -14,6 +14,9 @@ from slowtime_schemas.model_file import ModelFile
 from slowtime_schemas.quantities import AS_STORED, Plain, PlainText
 from slowtime_services.models import description_of
 
+from .costs import COSTS_EXAMPLE, DECISION_EXAMPLE, CostTable, Deciding
+from .limit_states import EXAMPLE as LIMIT_STATES_EXAMPLE
+from .limit_states import LimitStateSpec, ThresholdState
 from .model import Model, model_of
 from .orders import Adopted, Frozen
 from .receivers import AlarmRoute
@@ -197,6 +200,11 @@ class Registration(Frozen):
                     "covariates": {"names": ["temperature_c"], "train_span": 365.0},
                 },
                 MODEL_EXAMPLE,
+                {"costs": COSTS_EXAMPLE, "decision": DECISION_EXAMPLE},
+                {
+                    "nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02},
+                    "limit_states": LIMIT_STATES_EXAMPLE,
+                },
             ]
         },
     )
@@ -236,6 +244,12 @@ class Registration(Frozen):
     """What diagnoses have added to `model`, or to `covariates`, the latest last."""
     forecast: Forecasting = Forecasting()
     """Thresholds whose time is asked for, and how the future is looked at."""
+    costs: CostTable | None = None
+    """What failing, repairing and inspecting cost."""
+    decision: Deciding | None = None
+    """What counts as a failure, and what can be done: what a plan is made of, with `costs`."""
+    limit_states: Annotated[tuple[LimitStateSpec, ...], Field(max_length=16)] = ()
+    """What counts as a failure, and how probable it may be."""
     alarms: Annotated[tuple[Alarm, ...], Field(max_length=16)] = ()
     alarm_routes: Annotated[tuple[AlarmRoute, ...], Field(max_length=8)] = ()
     """Who is told of events: receivers that the server's settings declare, by name."""
@@ -299,8 +313,36 @@ class Registration(Frozen):
         model = self.structure()
         return self._with_alarms_on((*_OF_ONE_MODE[:2], _EACH, *model.free))
 
+    @model_validator(mode="after")
+    def _decides_with_costs(self) -> Self:
+        if self.decision is not None and self.costs is None:
+            raise ValueError(
+                "A decision was given without costs. Give `costs` with failure and repair at "
+                "least, or leave `decision` out."
+            )
+        return self
+
     def _with_alarms_on(self, allowed: tuple[str, ...]) -> Self:
         changes = tuple(name for name in allowed if name not in _OF_ONE_MODE[:2])
+        if self.decision is not None:
+            single = tuple(name for name in changes if name != _EACH)
+            if self.decision.failure.quantity not in single:
+                raise ValueError(
+                    f"A failure of {self.decision.failure.quantity!r:.60} was given. Allowed: "
+                    f"{', '.join(single)}."
+                )
+        names = [one.name for one in self.limit_states]
+        if len(set(names)) < len(names):
+            raise ValueError(
+                f"Two limit states have one name among {', '.join(names)}. Give each its own."
+            )
+        for one in self.limit_states:
+            single = tuple(name for name in changes if name != _EACH)
+            if isinstance(one, ThresholdState) and one.quantity not in single:
+                raise ValueError(
+                    f"A limit state of {one.quantity!r:.60} was given. Allowed: "
+                    f"{', '.join(single)}."
+                )
         for threshold in self.forecast.thresholds:
             if threshold.quantity not in changes:
                 raise ValueError(

@@ -8,7 +8,7 @@ import json
 import logging
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,17 +21,21 @@ from slowtime_schemas.messages import (
     FOREIGN_ACKS,
     About,
     Acknowledgement,
+    Fatigue,
     Features,
     Health,
     Message,
+    Virtual,
 )
 from slowtime_schemas.raw import ITEM_BYTES, ClockCorrection, RawHeader, encode_raw
 from slowtime_schemas.streams import (
     ABOUT,
     ACK,
+    FATIGUE,
     FEATURES,
     HEALTH,
     RAW,
+    VIRTUAL,
     Stream,
     alive_key,
     request_key,
@@ -42,6 +46,7 @@ from slowtime_services.digests import digest_of, written
 from slowtime_services.tracing import Made, Traces
 
 from .agreement import Agreement
+from .cumulative import Cumulative
 from .ring import Ring
 from .spool import Spool, SpoolError
 
@@ -92,6 +97,7 @@ class Publisher:
         self._last_features = -1
         self._acknowledged = -1
         self._agreement = Agreement()
+        self._cumulative = Cumulative(spool.folder, origin.boot)
         self._began_ns = clock.now_ns()
         self._handles: list[Handle] = []
         self._changed = threading.Condition()
@@ -104,6 +110,7 @@ class Publisher:
             bus.answer(self._request("features"), self._answer_features),
             bus.answer(self._request("raw"), self._answer_raw),
             bus.answer(self._request("about"), self._answer_about),
+            bus.answer(self._request("fatigue"), self._answer_fatigue),
             bus.subscribe(ACK.key(self.origin.site, self.origin.asset), self._hear),
             bus.announce(alive_key(self.origin.site, self.origin.asset)),
         ]
@@ -179,6 +186,21 @@ class Publisher:
     def about(self) -> None:
         """Say what this agent is and with which settings it runs."""
         self._send_message(ABOUT, self._about_message())
+        kept = self._cumulative.turn()
+        if kept is not None:
+            self._send(FATIGUE, kept)
+
+    def assessed(self, messages: Sequence[Fatigue | Virtual]) -> None:
+        """Send virtual quantities; keep and send fatigue."""
+        for message in messages:
+            payload = encode(message)
+            if isinstance(message, Virtual):
+                self.count("virtual")
+                self._send(VIRTUAL, payload)
+            else:
+                self.count("fatigue")
+                self._cumulative.put(payload)
+                self._send(FATIGUE, payload)
 
     def wait_acknowledged(self, seconds: float, stop: threading.Event) -> bool:
         """Wait until the twin has everything of this boot; False if `seconds` pass first."""
@@ -266,6 +288,11 @@ class Publisher:
 
     def _answer_about(self, query: Query) -> Iterator[tuple[str, bytes]]:
         yield ABOUT.key(self.origin.site, self.origin.asset), encode(self._about_message())
+
+    def _answer_fatigue(self, query: Query) -> Iterator[tuple[str, bytes]]:
+        key = FATIGUE.key(self.origin.site, self.origin.asset)
+        for payload in self._cumulative.all():
+            yield key, payload
 
     def _about_message(self) -> About:
         return About(**self._envelope(ABOUT), software=self._software, settings=self._about)

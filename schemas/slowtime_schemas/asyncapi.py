@@ -17,6 +17,7 @@ from .messages import Message
 from .raw_header import RawHeader
 from .streams import (
     ABOUT,
+    FATIGUE,
     FEATURES,
     RAW,
     REGISTRATION,
@@ -38,6 +39,7 @@ ANSWERED_BY: dict[str, tuple[str, Stream | None]] = {
     "features": ("edge", FEATURES),
     "raw": ("edge", RAW),
     "about": ("edge", ABOUT),
+    "fatigue": ("edge", FATIGUE),
     "registration": ("twin", REGISTRATION),
 }
 """Who answers each of `REQUESTS`, and the stream whose message the answer is."""

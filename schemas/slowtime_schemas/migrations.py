@@ -153,6 +153,12 @@ def _raw_1(payload: Payload) -> Payload:
     return {"clock": None} | payload
 
 
+@MIGRATIONS.step("ledger", from_version=1)
+def _ledger_1(payload: Payload) -> Payload:
+    """Come from a server that was told of no events of assets."""
+    return payload
+
+
 def migrate(message_name: str, payload_dict: Mapping[str, Any]) -> Payload:
     """`payload_dict` at the current version of `message_name`; see `Migrations.migrate`."""
     return MIGRATIONS.migrate(message_name, payload_dict)

@@ -6,10 +6,12 @@ Nothing else in the house spells a key.
 import dataclasses
 from typing import Literal
 
+from .asset_events import AssetEvent
 from .messages import (
     About,
     Acknowledgement,
     Event,
+    Fatigue,
     Features,
     Health,
     LedgerUpdate,
@@ -17,6 +19,7 @@ from .messages import (
     Registered,
     SensorSamples,
     TwinState,
+    Virtual,
 )
 from .raw_header import RawHeader
 
@@ -160,6 +163,35 @@ LEDGER = Stream(
     says="twin to all: what it has accepted, chained and signed",
 )
 
+ASSET_EVENT = Stream(
+    name="asset_event",
+    message=AssetEvent,
+    nominal_rate_hz=None,
+    recorded=True,
+    sender="twin",
+    encoding=JSON,
+    says="twin to all: what people have told of the asset, such as a repair",
+)
+FATIGUE = Stream(
+    name="fatigue",
+    message=Fatigue,
+    nominal_rate_hz=None,
+    recorded=True,
+    sender="edge",
+    encoding=JSON,
+    says="edge to twin: stress cycles and damage since the boot began",
+)
+VIRTUAL = Stream(
+    name="virtual",
+    message=Virtual,
+    nominal_rate_hz=None,
+    recorded=True,
+    sender="edge",
+    encoding=JSON,
+    max_bytes=4 * 2**20,
+    says="edge to all: quantities that nobody measures, with standard deviations",
+)
+
 STREAMS: tuple[Stream, ...] = (
     SAMPLES,
     FEATURES,
@@ -171,6 +203,9 @@ STREAMS: tuple[Stream, ...] = (
     EVENT,
     REGISTRATION,
     LEDGER,
+    ASSET_EVENT,
+    FATIGUE,
+    VIRTUAL,
 )
 
 
@@ -205,6 +240,7 @@ REQUESTS = {
     "features": "features messages again; parameters boot, first, last",
     "raw": "the last samples from the ring buffer; parameter seconds",
     "about": "the about message",
+    "fatigue": "the newest fatigue message of each boot that the agent remembers",
     "registration": "registrations; the twin server answers, for all its twins that match",
 }
 

@@ -15,6 +15,7 @@ GROUPS: Mapping[str, str] = {
     "slowtime.readers": "read(path, max_bytes) → Found; the name is the ending of its files",
     "slowtime.effects": "a Kind, or several",
     "slowtime.identifiers": "identify(samples, rate_hz, channels) → modes",
+    "slowtime.limit_states": "a LimitState, made with the settings of a registration",
     "slowtime.alarms": "send(event, options) → None, or a text; the name is a kind of receiver",
 }
 """Group of entry points → what each of its parts is."""

@@ -186,6 +186,24 @@ class Responses:
                 unit = np.where([one.statistic == "rms" for one in self.wanted], rms, peak)
         return np.asarray(intensity[:, None] * unit)
 
+    def stationary(
+        self, d: Float[np.ndarray, "row variable"], factors: Float[np.ndarray, "row factor"]
+    ) -> tuple[Float[np.ndarray, "row response"], Float[np.ndarray, "row response"]]:
+        """Compute standard deviations of the responses to noise, and of their rates.
+
+        Raises
+        ------
+        ValueError
+            Under another load, or where a motion does not die away.
+        """
+        if not isinstance(self.load, NoiseLoad):
+            raise ValueError("Only noise has a stationary response. Give a noise load.")
+        parts = self.structure.matrices(d, factors)
+        a = state_matrices(parts["mass"], parts["damping"], parts["stiffness"])
+        push = self._push(parts["mass"])
+        reads = np.stack([self._row(one, a, factors) for one in self.wanted], axis=1)
+        return _deviations(self.load, a, push, (reads, self._direct(push)))
+
     def _check(self, one: Response) -> None:
         names = [node.id for node in self.structure.description.nodes]
         for node in one.between:
@@ -281,12 +299,7 @@ class Responses:
         heard: tuple[np.ndarray, np.ndarray],
         chances: np.ndarray,
     ) -> np.ndarray:
-        reads, direct = heard
-        a, drive, reads = _shaped(load.shaping, a, push, reads, direct)
-        noise = 0.5 * load.psd * drive[:, :, None] * drive[:, None, :]
-        covariance = stationary_covariance(a, noise)
-        found = _sd(reads, covariance)
-        rates = _sd(reads @ a, covariance)
+        found, rates = _deviations(load, a, push, heard)
         peaks = list(self.random_peaks)
         for place, one in enumerate(self.wanted):
             if one.statistic == "rms":
@@ -301,6 +314,17 @@ class Responses:
                 log = np.log(crossings) - np.log(-np.log(u))
                 found[:, place] *= np.sqrt(2.0 * np.maximum(log, 0.0))
         return found
+
+
+def _deviations(
+    load: NoiseLoad, a: np.ndarray, push: np.ndarray, heard: tuple[np.ndarray, np.ndarray]
+) -> tuple[Float[np.ndarray, "row response"], Float[np.ndarray, "row response"]]:
+    """Compute standard deviations of responses, and of their rates of change."""
+    reads, direct = heard
+    a, drive, reads = _shaped(load.shaping, a, push, reads, direct)
+    noise = 0.5 * load.psd * drive[:, :, None] * drive[:, None, :]
+    covariance = stationary_covariance(a, noise)
+    return _sd(reads, covariance), _sd(reads @ a, covariance)
 
 
 def _shaped(

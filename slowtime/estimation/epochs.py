@@ -147,14 +147,15 @@ class Watched:
         mass = base[self.springs.where([("mass", name) for name in self.springs.nodes])]
 
         def move(points: np.ndarray, known: Any) -> np.ndarray:
-            force = np.broadcast_to(known, (*points.shape[:-2], nodes)).reshape(-1, nodes)
+            ends = np.broadcast_to(known, (*points.shape[:-2], known.shape[-1]))
+            first, last = ends[..., :nodes], ends[..., -nodes:]
             rows = points.reshape(-1, points.shape[-1])
             values = np.repeat(base[None], len(rows), axis=0)
             values[:, free] *= np.exp(rows[:, moving + sensors :])
             moved = self.springs.move(
                 rows[:, :moving],
-                force,
-                force,
+                first.reshape(-1, nodes),
+                last.reshape(-1, nodes),
                 h,
                 values,
                 substeps=self.substeps,
@@ -240,8 +241,10 @@ def identify_epoch(
     readings
         Mean accelerations over each interval [m/s^2]; NaN where missing.
     forces
-        Measured forces as means over the same intervals [N]; see
-        `dynamics.stochastic.means`.
+        Measured forces over the same intervals [N]: their means (`dynamics.stochastic.means`),
+        a column a node; or the ends of a straight line through each interval, the columns of
+        its beginning before those of its end. A mean alone displaces the structure by
+        :math:`(\omega h)^2 / 12` of what the force would hold it at.
     log_ratio
         Where the constants are taken to be before, over the nominal values.
     passes

@@ -5,7 +5,7 @@ neither a further reading nor a forecast costs more after many readings than aft
 """
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -13,11 +13,12 @@ from jaxtyping import Float
 from scipy.special import ndtr
 
 from slowtime.estimation import streaming, sweeps
-from slowtime.estimation.matern import Belief, SlowProcess
+from slowtime.estimation.matern import Belief, Jump, SlowProcess
 from slowtime.estimation.processes import Sum
 
 from . import mixture
 from .change import Series, check_level
+from .known_events import KnownEvent, met
 from .outlook import JumpLaw, Outlook, history
 
 Kind: TypeAlias = tuple[SlowProcess | Sum, Belief, np.ndarray]
@@ -55,11 +56,14 @@ class Continuation:
         What `forecast.fit` has learnt.
     smooth, wave
         What is believed of its processes without and with a wave; None where it has none.
+    known
+        Events that were told and that no reading has followed yet, in order of their time.
     """
 
     outlook: Outlook
     smooth: Belief
     wave: Belief | None = None
+    known: tuple[KnownEvent, ...] = ()
 
     @property
     def time(self) -> float:
@@ -85,11 +89,22 @@ class Continuation:
                 "Begin anew from all readings in order."
             )
         readings = time, values, _floored(self.outlook, sds)
-        smooth, _ = sweeps.carried(self.outlook.family, self.smooth, *readings)
+        smooth = _followed(self.outlook.family, self.smooth, readings, known=self.known)
         wave = None
         if self.outlook.wave is not None and self.wave is not None:
-            wave, _ = sweeps.carried(self.outlook.wave, self.wave, *readings)
-        return dataclasses.replace(self, smooth=smooth, wave=wave)
+            wave = _followed(self.outlook.wave, self.wave, readings, known=self.known)
+        left = tuple(event for event in self.known if event.time >= time[-1])
+        return dataclasses.replace(self, smooth=smooth, wave=wave, known=left)
+
+    def now(self) -> "Continuation":
+        """Give what is believed once the events after the last reading are taken in."""
+        due = [event for event in self.known if event.time <= self.time]
+        smooth, wave = self.smooth, self.wave
+        for event in due:
+            smooth = met(self.outlook.family, smooth, event)
+            if self.outlook.wave is not None and wave is not None:
+                wave = met(self.outlook.wave, wave, event)
+        return dataclasses.replace(self, smooth=smooth, wave=wave, known=self.known[len(due) :])
 
     def predict(
         self, horizon_times: Float[np.ndarray, " later"], *, level: float = 0.95
@@ -133,10 +148,10 @@ class Continuation:
 
     def kinds(self) -> Iterator[Kind]:
         """Tell what is believed of each kind of process, and how probable its members are."""
-        outlook = self.outlook
-        yield outlook.family, self.smooth, (1.0 - outlook.wave_share) * outlook.weights
-        if outlook.wave is not None and outlook.wave_weights is not None and self.wave:
-            yield outlook.wave, self.wave, outlook.wave_share * outlook.wave_weights
+        outlook, now = self.outlook, self.now()
+        yield outlook.family, now.smooth, (1.0 - outlook.wave_share) * outlook.weights
+        if outlook.wave is not None and outlook.wave_weights is not None and now.wave:
+            yield outlook.wave, now.wave, outlook.wave_share * outlook.wave_weights
 
     def _memory(self) -> float:
         """Length scale, times the share of the Matérn process that the readings determine.
@@ -144,7 +159,7 @@ class Continuation:
         A wave is remembered longer: as long as it keeps its form, by the same rule.
         """
         outlook, family = self.outlook, self.outlook.family
-        share = 1.0 - self.smooth.covariance[..., 2, 2] / np.square(family.sd)
+        share = 1.0 - self.now().smooth.covariance[..., 2, 2] / np.square(family.sd)
         weights = (1.0 - outlook.wave_share) * outlook.weights
         reach = float(weights @ (np.clip(share, 0.0, 1.0) * family.length))
         if outlook.wave is not None and outlook.wave_weights is not None:
@@ -172,16 +187,56 @@ def _with_jumps(
     )
 
 
-def begin(outlook: Outlook, slow_time: Series, value: Series, sd: Series) -> Continuation:
-    """Take in a history, in any order, from before its first reading on."""
+def begin(
+    outlook: Outlook,
+    slow_time: Series,
+    value: Series,
+    sd: Series,
+    *,
+    known: Sequence[KnownEvent] = (),
+) -> Continuation:
+    """Take in a history, in any order, from before its first reading on.
+
+    Parameters
+    ----------
+    known
+        Events that were told, in any order; those before the first reading say nothing.
+    """
     time, values, sds = history(slow_time, value, sd)
     readings = time, values, _floored(outlook, sds)
     told = [jump for jump in outlook.jumps if jump[0] < time[-1]]
-    smooth, _ = sweeps.filtered(outlook.family, *readings, jumps=told)
+    events = sorted((e for e in known if e.time >= time[0]), key=lambda event: event.time)
+    begun = outlook.family.start(float(time[0]))
+    smooth = _followed(outlook.family, begun, readings, told, events)
     wave = None
     if outlook.wave is not None:
-        wave, _ = sweeps.filtered(outlook.wave, *readings, jumps=told)
-    return Continuation(outlook, smooth, wave)
+        begun = outlook.wave.start(float(time[0]))
+        wave = _followed(outlook.wave, begun, readings, told, events)
+    left = tuple(event for event in events if event.time >= time[-1])
+    return Continuation(outlook, smooth, wave, left)
+
+
+def _followed(
+    process: SlowProcess | Sum,
+    belief: Belief,
+    readings: tuple[np.ndarray, np.ndarray, np.ndarray],
+    jumps: Sequence[Jump] = (),
+    known: Sequence[KnownEvent] = (),
+) -> Belief:
+    """Carry a belief through readings, and through the events that some of these follow."""
+    time = readings[0]
+    first = 0
+    for event in (*known, None):
+        end = len(time) if event is None else int(np.searchsorted(time, event.time, "right"))
+        if end > first:
+            part = tuple(each[first:end] for each in readings)
+            places = np.searchsorted(time, [at for at, _ in jumps], "right")
+            own = [j for j, k in zip(jumps, places.tolist(), strict=True) if first <= k < end]
+            belief, _ = sweeps.carried(process, belief, *part, jumps=own)
+        if event is None or end == len(time):
+            break
+        belief, first = met(process, belief, event), end
+    return belief
 
 
 def _floored(outlook: Outlook, sds: np.ndarray) -> np.ndarray:

@@ -2,65 +2,22 @@
 
 import dataclasses
 import functools
+from collections.abc import Mapping
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from slowtime.estimation import sweeps
+from slowtime.estimation.matern import SlowProcess
+from slowtime.estimation.processes import Sum
 
 from . import continuation
 from .change import Series
 from .continuation import Continuation
+from .first_passage import first_passage
 from .outlook import JumpLaw, Outlook
-
-SHARES = (0.1, 0.5, 0.9)
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class Crossing:
-    """When a threshold is first crossed.
-
-    Parameters
-    ----------
-    threshold
-        In the unit of the quantity.
-    shares, slow_time
-        Probabilities, and the slow time by which the threshold has been crossed with each;
-        infinite where that is not within the horizon.
-    probability
-        That it is crossed within the horizon [1].
-    horizon
-        Slow time up to which was looked.
-    already
-        Probability that it has been crossed by now [1].
-    """
-
-    threshold: float
-    shares: tuple[float, ...]
-    slow_time: Float[np.ndarray, " share"]
-    probability: float
-    horizon: float
-    already: float = 0.0
-
-    def words(self) -> str:
-        """Say it in a sentence.
-
-        Examples
-        --------
-        >>> Crossing(-0.2, (0.5,), np.array([np.inf]), 0.03, 900.0).words()
-        '50 %: not within the horizon of 900. Crossed within it with probability 3 %.'
-        """
-        each = ", ".join(
-            f"{100 * share:g} %: "
-            + (
-                f"by {at:.6g}"
-                if np.isfinite(at)
-                else f"not within the horizon of {self.horizon:g}"
-            )
-            for share, at in zip(self.shares, self.slow_time, strict=True)
-        )
-        return f"{each}. Crossed within it with probability {100 * self.probability:.3g} %."
+from .remaining_life import SHARES, RemainingLife, from_failure_times
 
 
 def first_crossing(
@@ -77,7 +34,7 @@ def first_crossing(
     points: int = 200,
     paths: int = 4000,
     seed: int = 0,
-) -> Crossing:
+) -> RemainingLife:
     """Draw futures, and see when each first crosses the threshold.
 
     Parameters
@@ -121,11 +78,43 @@ class Futures:
         The quantity at each of them.
     common
         Of each future, the error that all readings share, over its standard deviation.
+    roughness
+        Of each future, the variance that its diffusion gains over one unit of slow time; 0 for
+        one that is smooth between instants or jumps. Rough ones are bridged (`first_passage`).
+    chance
+        Of each future, the uniform random number by which bridges decide.
+    weights
+        Posterior probability of each degradation law that took part [1].
     """
 
     later: Float[np.ndarray, " later"]
     paths: Float[np.ndarray, "path later"]
     common: Float[np.ndarray, " path"]
+    roughness: Float[np.ndarray, " path"]
+    chance: Float[np.ndarray, " path"]
+    weights: Mapping[str, float] = dataclasses.field(default_factory=dict)
+
+    def failure_time(
+        self,
+        threshold: float,
+        *,
+        toward: Literal["below", "above"] | None = None,
+        common_sd: float = 0.0,
+    ) -> Float[np.ndarray, " path"]:
+        """Give the slow time at which each future first crosses a threshold.
+
+        Returns
+        -------
+        The first instant where a future is across already; infinite where it is not across by
+        the horizon.
+        """
+        drawn = self.paths + common_sd * self.common[:, None]
+        if toward is None:
+            side = np.sign(np.median(drawn[:, 0]) - threshold) or 1.0
+        else:
+            side = 1.0 if toward == "below" else -1.0
+        above = side * (drawn - threshold)
+        return first_passage(above, self.later, self.roughness, self.chance)
 
     def crossing(
         self,
@@ -134,14 +123,21 @@ class Futures:
         shares: tuple[float, ...] = SHARES,
         toward: Literal["below", "above"] | None = None,
         common_sd: float = 0.0,
-    ) -> Crossing:
-        """See when each future first crosses a threshold, as for `first_crossing`."""
-        drawn = self.paths + common_sd * self.common[:, None]
-        if toward is None:
-            side = np.sign(np.median(drawn[:, 0]) - threshold) or 1.0
-        else:
-            side = 1.0 if toward == "below" else -1.0
-        return _first(side * (drawn - threshold), self.later, threshold, shares)
+        survived: bool = False,
+    ) -> RemainingLife:
+        """See when each future first crosses a threshold, as for `first_crossing`.
+
+        With `survived`, futures that are across already are left out: it is known that the
+        threshold has not been crossed.
+        """
+        when = self.failure_time(threshold, toward=toward, common_sd=common_sd)
+        now = float(self.later[0])
+        if survived and bool((when > now).any()):
+            when = when[when > now]
+        return from_failure_times(
+            when, threshold=threshold, now=now, horizon=float(self.later[-1]), shares=shares,
+            weights=self.weights,
+        )  # fmt: skip
 
 
 def draw(
@@ -154,21 +150,40 @@ def draw(
             "later slow time."
         )
     later = np.linspace(begun.time, horizon, points + 1)
+    return draw_at(begun, later, paths=paths, seed=seed)
+
+
+def draw_at(
+    begun: Continuation, later: Float[np.ndarray, " later"], *, paths: int, seed: int = 0
+) -> Futures:
+    """Draw futures at ascending instants, the first of which is that of the last reading."""
+    points = len(later) - 1
     kinds = list(begun.kinds())
     weights = np.concatenate([weights for _, _, weights in kinds])
     counts = np.random.default_rng(seed).multinomial(paths, weights / weights.sum())
-    drawn, first = [], 0
+    drawn, rough, first = [], [], 0
     for process, belief, own in kinds:
         mine, counts = counts[: len(own)], counts[len(own) :]
         owners = np.repeat(np.arange(len(own)), mine)
         shocks = _shocks(seed, paths, points + 2, belief.mean.shape[-1])
         rows = slice(first, first + len(owners))
         drawn.append(sweeps.sample(process, belief, later, owners, shocks[rows]))
+        rough.append(_roughness(process)[owners])
         first += len(owners)
     together = np.concatenate(drawn)
     if begun.outlook.further is not None:
         together += _jumps(begun.outlook.further, later, paths, seed)
-    return Futures(later, together, _shocks(seed, paths, 1, 1)[:, 0, 0])
+    chance = np.random.default_rng([seed, paths]).random(paths)
+    common = _shocks(seed, paths, 1, 1)[:, 0, 0]
+    return Futures(later, together, common, np.concatenate(rough), chance)
+
+
+def _roughness(process: SlowProcess | Sum) -> Float[np.ndarray, " member"]:
+    """Variance over one unit of time that each member gains by diffusion: Matern 1/2 only."""
+    if not isinstance(process, SlowProcess):
+        return np.zeros(len(process.logs))
+    length, sd = np.broadcast_arrays(np.asarray(process.length), np.asarray(process.sd))
+    return np.asarray(2.0 * sd**2 / length if process.smoothness == 0.5 else 0.0 * length)
 
 
 def _jumps(
@@ -194,28 +209,3 @@ def _shocks(
     shocks: Float[np.ndarray, "path step state"] = rng.standard_normal((paths, steps, size))
     shocks.flags.writeable = False
     return shocks
-
-
-def _first(
-    above: Float[np.ndarray, "path later"],
-    later: Float[np.ndarray, " later"],
-    threshold: float,
-    shares: tuple[float, ...],
-) -> Crossing:
-    below = above <= 0.0
-    crossed = below.any(axis=1)
-    k = np.where(crossed, below.argmax(axis=1), 0)
-    row, before = np.arange(len(above)), np.maximum(k - 1, 0)
-    high, low = above[row, before], above[row, k]
-    part = np.where(k > 0, high / np.where(high > low, high - low, 1.0), 0.0)
-    at = later[before] + part * (later[k] - later[before])
-    when = np.sort(np.where(crossed, at, np.inf))
-    places = np.minimum((np.array(shares) * len(when)).astype(int), len(when) - 1)
-    return Crossing(
-        threshold,
-        shares,
-        when[places],
-        float(crossed.mean()),
-        float(later[-1]),
-        float(below[:, 0].mean()),
-    )

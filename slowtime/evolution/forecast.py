@@ -20,6 +20,7 @@ from slowtime.estimation.matern import Jump, SlowProcess
 from . import continuation, repeating, selection
 from .change import Series
 from .continuation import Forecast
+from .known_events import KnownEvent, is_jump
 from .learning import NET, Learnt, learn
 from .outlook import JumpLaw, Outlook, history, member
 
@@ -82,6 +83,7 @@ def fit(
     *,
     process: Choice = "evidence",
     suspected: Sequence[float] = (),
+    known: Sequence[KnownEvent] = (),
 ) -> Outlook:
     """Learn from a history which processes could have made it.
 
@@ -96,6 +98,9 @@ def fit(
     suspected
         Slow times after which somebody has seen a jump (`jumps.Watch`): tried first, however
         few readings there are since.
+    known
+        Events that were told. At those that move the level it may go anywhere here; how far it
+        should have gone is for `continuation.begin`, which is given them too.
 
     Notes
     -----
@@ -107,18 +112,38 @@ def fit(
     """
     time, values, sds = history(slow_time, value, sd)
     prior, base = prior_of(time, values)
+    jump_sd = 3.0 * float(base.sd)
+    given = _given(time, known, jump_sd)
+    if given:
+        prior, inner = prior_of(time, _levelled(time, values, [at for at, _ in given]))
+        base = _vague(inner, base)
     sds = np.maximum(sds, 1e-6 * base.sd)
     readings = time, values, sds
-    plain = _smooth(readings, prior, base, ())
-    seen = np.searchsorted(time, [at for at in suspected if time[0] <= at < time[-1]], "right")
-    scored = selection.Scored(*readings, 3.0 * float(base.sd), tuple(sorted(seen.tolist())))
+    plain = _smooth(readings, prior, base, given)
+    scored = selection.Scored(*readings, jump_sd, known=given)
+    scored = dataclasses.replace(scored, seeds=_seen(scored, suspected))
     stepped = _with_jumps(scored, base)
     if stepped is None:
-        return _with_waves(readings, plain, process)[0]
+        return _without_known(_told(*_with_waves(readings, plain, process)), given)
+    found = _weighed(scored, plain, stepped, process)
+    return _without_known(found, given)
+
+
+def _weighed(
+    scored: selection.Scored,
+    plain: "_Smooth",
+    stepped: tuple[selection.Places, "_Smooth"],
+    process: Choice,
+) -> Outlook:
+    """Take the processes with jumps, or those without, as their evidence says."""
+    time, readings = scored.time, (scored.time, scored.value, scored.sd)
     places, smooth = stepped
     odds = selection.penalty(len(time), len(places))
     there = _with_waves(readings, smooth, process)
-    without = Outlook(plain.family, plain.learnt.weights), plain.learnt.log_evidence
+    without = (
+        Outlook(plain.family, plain.learnt.weights, jumps=plain.told),
+        plain.learnt.log_evidence,
+    )
     if process == "repeating":
         without = _with_waves(readings, plain, process)
         # What is known to repeat itself has teeth where its jumps are regular.
@@ -126,7 +151,7 @@ def fit(
             without[0].wave_share > 0.5
             and selection.regularity(scored, places) > _MAYBE_REGULAR
         ):
-            return without[0]
+            return _told(*without)
     elif (regular := selection.regularity(scored, places)) > _MAYBE_REGULAR:
         surely = regular > _REGULAR and len(places) >= _FEWEST_REGULAR
         least = -np.inf if surely else there[1] - odds
@@ -134,10 +159,39 @@ def fit(
         edges = len(places) > 1
         without = _with_waves(readings, plain, process, least, edges=edges)
         if surely and without[0].wave_share > 0.5:
-            return without[0]
+            return _told(*without)
     if there[1] - odds <= without[1]:
-        return without[0]
-    return dataclasses.replace(there[0], further=_further(scored, places, smooth))
+        return _told(*without)
+    further = _further(scored, places, smooth)
+    return dataclasses.replace(there[0], further=further, log_evidence=there[1] - odds)
+
+
+def _told(outlook: Outlook, log_evidence: float) -> Outlook:
+    return dataclasses.replace(outlook, log_evidence=log_evidence)
+
+
+def _given(time: Usable, known: Sequence[KnownEvent], jump_sd: float) -> tuple[Jump, ...]:
+    """Jumps at the known events that have readings on either side, one between two readings."""
+    at = [e.time for e in known if is_jump(e) and time[0] <= e.time < time[-1]]
+    places = np.unique(np.searchsorted(time, at, "right"))
+    return tuple((float(time[place - 1]), jump_sd) for place in places.tolist())
+
+
+def _seen(scored: selection.Scored, suspected: Sequence[float]) -> selection.Places:
+    """Find the readings before which a jump was seen that nobody has told of."""
+    time = scored.time
+    seen = np.searchsorted(time, [at for at in suspected if time[0] <= at < time[-1]], "right")
+    told = scored.known_places
+    return tuple(
+        sorted(s for s in seen.tolist() if all(abs(s - k) >= selection.APART for k in told))
+    )
+
+
+def _without_known(outlook: Outlook, given: tuple[Jump, ...]) -> Outlook:
+    """Leave known jumps out of an outlook: `continuation.begin` takes the events instead."""
+    return dataclasses.replace(
+        outlook, jumps=tuple(jump for jump in outlook.jumps if jump not in given)
+    )
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -218,7 +272,7 @@ def _further(
     """
     if len(places) < _FEWEST_TO_COME:
         return None
-    sds = np.array([sd for _, sd in smooth.told])
+    sds = np.array([jump[1] for jump in smooth.told if jump not in scored.known])
     likeliest = member(smooth.family, int(smooth.learnt.weights.argmax()))
     found = sweeps.interventions(
         likeliest, scored.time, scored.value, scored.sd, jumps=smooth.told

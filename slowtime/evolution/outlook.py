@@ -67,6 +67,9 @@ class Outlook:
         have gone.
     further
         How further jumps come, as far as those so far tell; None where there were too few.
+    log_evidence
+        Logarithm of the probability density of the readings under all of these processes,
+        less the penalty for the jumps that were selected.
     """
 
     family: SlowProcess
@@ -76,6 +79,7 @@ class Outlook:
     wave_share: float = 0.0
     jumps: tuple[Jump, ...] = ()
     further: "JumpLaw | None" = None
+    log_evidence: float = -np.inf
 
     @property
     def likeliest(self) -> SlowProcess:

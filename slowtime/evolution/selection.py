@@ -24,7 +24,7 @@ JUMP_ODDS = 100.0
 """How much likelier a history must be with jumps than without: what a single jump had to show
 before several were sought, kept for the same rate of false ones."""
 
-_APART = 3
+APART = 3
 """Readings between two jumps, and between a jump and either end: of one or two readings that
 stand apart it cannot be told whether they are outliers."""
 
@@ -54,6 +54,8 @@ class Scored:
         Standard deviation of the size of a jump.
     seeds
         Readings before which somebody has seen a jump: there it may be near an end.
+    known
+        Jumps that were told of: these are taken for given, and none is sought beside them.
     """
 
     time: Usable
@@ -61,6 +63,7 @@ class Scored:
     sd: Usable
     jump_sd: float
     seeds: Places = ()
+    known: tuple[Jump, ...] = ()
 
     def least_gain(self, jumps: int) -> float:
         """Gain in log-likelihood that each of so many jumps must bring, the others given.
@@ -70,8 +73,21 @@ class Scored:
         return float(np.log(JUMP_ODDS * len(self.time) / max(jumps, 1)))
 
     def jumps(self, places: Sequence[int]) -> tuple[Jump, ...]:
-        """Jumps between the readings before these places and those at them."""
-        return tuple((float(self.time[place - 1]), self.jump_sd) for place in places)
+        """Jumps between the readings before these places and those at them; with the known."""
+        own = [(float(self.time[place - 1]), self.jump_sd) for place in places]
+        return tuple(sorted((*own, *self.known)))
+
+    @property
+    def known_places(self) -> Places:
+        """Readings before which the known jumps are."""
+        found = np.searchsorted(self.time, [at for at, _ in self.known], "right")
+        return tuple(found.tolist())
+
+    def sizes(self, places: Places) -> Float[np.ndarray, " jump"]:
+        """Size of a jump at each of these places by least squares, beside the known ones."""
+        every = tuple(sorted({*places, *self.known_places}))
+        sizes = step_sizes(self.time, self.value, every)
+        return np.asarray(sizes[[every.index(place) for place in places]])
 
     @property
     def scatter(self) -> float:
@@ -83,7 +99,7 @@ class Scored:
         """Expect jumps of the size of those at these places, which must not be too small."""
         if not places:
             return self
-        sizes = step_sizes(self.time, self.value, places)
+        sizes = self.sizes(places)
         usual = max(2.0 * float(np.sqrt(np.mean(sizes**2))), 3.0 * self.scatter)
         return dataclasses.replace(self, jump_sd=min(usual, self.jump_sd))
 
@@ -91,10 +107,10 @@ class Scored:
         """Where a further jump may be."""
         count = len(self.time)
         free = np.zeros(count, dtype=bool)
-        free[_APART : max(count - _APART + 1, _APART)] = True
+        free[APART : max(count - APART + 1, APART)] = True
         free[[place for place in self.seeds if 0 < place < count]] = True
-        for place in places:
-            free[max(place - _APART + 1, 0) : place + _APART] = False
+        for place in (*places, *self.known_places):
+            free[max(place - APART + 1, 0) : place + APART] = False
         # Between readings of the same time nothing can be told apart.
         free[1:] &= np.diff(self.time) > 0.0
         free[0] = False
@@ -218,7 +234,7 @@ def _eliminated(
 def _apart(places: Sequence[int]) -> Places:
     kept: list[int] = []
     for place in places:
-        if not kept or place - kept[-1] >= _APART:
+        if not kept or place - kept[-1] >= APART:
             kept.append(place)
     return tuple(kept)
 
@@ -235,7 +251,7 @@ def regularity(scored: Scored, places: Places) -> float:
         return 1.0
     span = float(scored.time[-1] - scored.time[0])
     at = scored.time[list(places)] - scored.time[0]
-    sizes = step_sizes(scored.time, scored.value, places)
+    sizes = scored.sizes(places)
     rounds = np.arange(1.5, 4.0 * len(places), 0.125)
     turned = np.exp(2j * np.pi * rounds[:, None] * at / span) @ sizes
     return float(np.abs(turned).max() / max(float(np.abs(sizes).sum()), 1e-300))
@@ -250,6 +266,10 @@ def step_sizes(time: Usable, values: Usable, places: Places) -> Float[np.ndarray
             np.arange(len(time))[:, None] >= np.array(places, dtype=int),
         ]
     )
+    square = design.T @ design
+    if APART * len(places) > len(time):
+        # Events that were told may be as many as readings, which selected jumps never are.
+        square[2:, 2:] += 1e-9 * np.eye(len(places))
     # A small system, well conditioned, that is solved at once and by one thread.
-    found = np.linalg.solve(design.T @ design, design.T @ (values - values[0]))
+    found = np.linalg.solve(square, design.T @ (values - values[0]))
     return np.asarray(found[2:])

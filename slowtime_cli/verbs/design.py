@@ -53,7 +53,7 @@ docs/design.md lists what it may hold.
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 def design(alphas: tuple[float, ...], out_model: Path | None, **_given: object) -> None:
-    """Choose a damper, mass or stiffness that is cheap, robust and safe enough.
+    """Choose a damper, mass or stiffness: cheap, robust and safe.
 
     Minimises alpha * mean / mean* + (1 - alpha) * sd / sd* of the objective (eq. 4.18 of the
     book), where every limit state fails with at most the accepted probability. Prints the

@@ -11,7 +11,7 @@ from slowtime_cli.options import POSITIVE, Name, Number, OutFile
 from .flags import EXISTING, F, as_built, refuse_damping_alone
 
 
-def _twin(function: F) -> F:
+def of_a_twin(function: F) -> F:
     """Add the options that say which twin is asked."""
     for decorate in reversed(
         [
@@ -33,6 +33,11 @@ def _twin(function: F) -> F:
                 help="TOML or JSON file, twin id → registration, with model, thresholds and "
                 "all else; instead of what follows.",
             ),
+            click.option(
+                "--events",
+                type=EXISTING,
+                help="JSON file of repairs and inspections, as `slowtime event` records them.",
+            ),
             as_built,
         ]
     ):
@@ -48,13 +53,14 @@ def _twin(function: F) -> F:
 Examples:
   slowtime forecast modes.json --nominal-hz 4 --threshold -0.2
   slowtime forecast house.mcap --asset demo.tower --nominal-hz 5 --horizon 200
+  slowtime forecast house.mcap --asset demo.tower --nominal-hz 5 --events events.json
   slowtime forecast --server http://127.0.0.1:8000 --asset demo.tower --threshold -0.3
 
 SOURCE is what `slowtime evolve` takes: the file of `slowtime identify --window-s`, a recording
 of features, or text with the columns slow_time, frequency_hz, frequency_sd.
 """,
 )
-@_twin
+@of_a_twin
 @click.option("--horizon", type=POSITIVE, help="How far ahead, in slow time.")
 @click.option(
     "--points",
@@ -85,7 +91,7 @@ def forecast(**given: Any) -> None:
     Mean and 95 % interval of each change at future slow times; of a threshold the times by
     which it is reached with 10, 50 and 90 %, or that they are not within the horizon.
     """
-    _refuse_half_a_twin(**given)
+    refuse_half_a_twin(**given)
 
 
 @click.command(
@@ -102,7 +108,7 @@ Examples:
 A load on the base is an acceleration [m/s^2], on a node of the model a force [N].
 """,
 )
-@_twin
+@of_a_twin
 @click.option(
     "--load",
     "kind",
@@ -154,25 +160,32 @@ def whatif(kind: str, record: Path | None, channel: str | None, **given: Any) ->
     Stiffness, mass and damping are drawn from what is believed of them now; the bands are of
     what is not known of the structure. The same seed gives the same answer.
     """
-    _refuse_half_a_twin(**given)
+    refuse_half_a_twin(**given)
     if kind == "recorded" and record is None:
         raise click.UsageError("A recorded load needs --record FILE.")
     if kind != "recorded" and (record is not None or channel is not None):
         raise click.UsageError("--record and --channel go with --load recorded.")
 
 
-def _refuse_half_a_twin(
-    source: Path | None,
+def refuse_half_a_twin(
+    source: object,
     server: str | None,
     asset: str | None,
     nominal_hz: float | None,
     nominal_damping: float | None,
+    events: Path | None,
     **_given: object,
 ) -> None:
+    """Refuse a question that names neither a file nor a server's twin, or both."""
     refuse_damping_alone(nominal_hz, nominal_damping)
     if source is None and server is None:
         raise click.UsageError("Give SOURCE, or --server URL with --asset SITE.ASSET.")
     if source is not None and server is not None:
         raise click.UsageError("SOURCE and --server exclude each other. Give one of them.")
+    if server is not None and events is not None:
+        raise click.UsageError(
+            "--events goes with SOURCE. Record events of a server's twin with `slowtime event "
+            "add --file`."
+        )
     if server is not None and asset is None:
         raise click.UsageError("--server needs --asset SITE.ASSET.")

@@ -95,10 +95,30 @@ def structure(folder, said):
 def alarms(folder, said):
     assert re.search(r"^[\d.]+ alarm Stiffness change below −3 % with", said, re.M)
     assert re.search(r"^[\d.]+ alarm Stiffness change below −2 % with", said, re.M)
-    assert re.search(r"^stiffness_change at -0\.1: 10 %: by ", said, re.M)
+    assert re.search(r"^Stiffness change at −10 %: 10 %: by ", said, re.M)
     assert re.search(r"^ops is told: A test alarm, sent by .* to ops\.", said, re.M)
     assert re.search(r"^Seen by Ann$", said, re.M)
     assert "a forgery" not in said
+
+
+def maintenance_plan(folder, said):
+    forecast, repaired = (
+        json.loads((folder / name).read_text()) for name in ("forecast.json", "repaired.json")
+    )
+    before, after = (
+        next(one for one in body["crossings"] if one["source"] == "request")["within"]
+        for body in (forecast, repaired)
+    )
+    assert before > 0.5
+    assert after < before
+    softer, sway = json.loads((folder / "risk.json").read_text())["limit_states"]
+    assert softer["valid"] == sway["valid"] is True
+    assert 0.0 < sway["now"]["probability"]["value"] < sway["within"]["value"] < 1.0
+    assert softer["within"]["value"] == pytest.approx(before, abs=0.05)
+    plan = json.loads((folder / "plan.json").read_text())
+    assert plan["valid"] is True
+    assert len(plan["options"]) > 4
+    assert plan["sentence"] in said
 
 
 def misfit(folder, said):
@@ -164,7 +184,7 @@ ENDS = {
     end.__name__: end
     for end in (
         first_hour, sensor_file, structure, alarms, misfit, site_tls, court, own_effect,
-        own_parts,
+        own_parts, maintenance_plan,
     )
 }  # fmt: skip
 

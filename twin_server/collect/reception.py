@@ -6,9 +6,19 @@ from typing import NamedTuple
 
 from pydantic import ValidationError
 
+from slowtime_schemas.asset_events import AssetEvent
 from slowtime_schemas.codec import Refused, decode
-from slowtime_schemas.messages import Features, Health, Message, Registered
-from slowtime_schemas.streams import FEATURES, HEALTH, REGISTRATION, Stream, parse_key
+from slowtime_schemas.messages import Fatigue, Features, Health, Message, Registered, Virtual
+from slowtime_schemas.streams import (
+    ASSET_EVENT,
+    FATIGUE,
+    FEATURES,
+    HEALTH,
+    REGISTRATION,
+    VIRTUAL,
+    Stream,
+    parse_key,
+)
 from slowtime_services.bus import Sample
 from twin_server.registration import Registration
 from twin_server.settings import AdmissionSettings
@@ -27,11 +37,15 @@ class Received(NamedTuple):
     """By twin id; replayed ones only, since those of the moment are our own."""
     disbelieved: list[tuple[Features, str]]
     """Features whose sensor time is not believed, and the reason."""
+    asset_events: list[AssetEvent]
+    """Replayed ones only, likewise."""
+    assessed: list[Fatigue | Virtual]
+    """Fatigue and virtual quantities."""
     misdated: int = 0
     """How many were refused because their sender's clock is off: they may be sound later."""
 
 
-_TAKEN = (FEATURES, HEALTH, REGISTRATION)
+_TAKEN = (FEATURES, HEALTH, REGISTRATION, ASSET_EVENT, FATIGUE, VIRTUAL)
 
 
 class Reception:
@@ -61,7 +75,7 @@ class Reception:
 
     def read(self, samples: Iterable[Sample], now_ns: int) -> Received:
         """Take what is believed out of `samples`, in their order."""
-        received = Received([], [], [], [])
+        received = Received([], [], [], [], [], [])
         arrivals, misdated = received.arrivals, 0
         for sample in samples:
             if not self.admits(sample):
@@ -76,10 +90,15 @@ class Reception:
                     self._check_sensor(message, now_ns, received)
                     age_s = 0.0 if sample.replayed else self._age_s(message, now_ns)
                     arrivals.append(Arrival(message, sample.payload, sample.replayed, age_s))
+                elif isinstance(message, Fatigue | Virtual):
+                    self._check_sensor_time(message, now_ns)
+                    received.assessed.append(message)
                 elif type(message) is Health:
                     received.healths.append((message, sample.replayed))
                 elif type(message) is Registered and sample.replayed:
                     received.registrations.append((message.twin_id, _registration(message)))
+                elif type(message) is AssetEvent and sample.replayed:
+                    received.asset_events.append(message)
             except Refused as refused:
                 self._refusals.refuse(refused.reason, f"{sample.key:.200}: {refused}")
         return received._replace(misdated=misdated)
@@ -123,7 +142,7 @@ class Reception:
             received.disbelieved.append((features, refused.reason))
             raise
 
-    def _check_sensor_time(self, features: Features, now_ns: int) -> None:
+    def _check_sensor_time(self, features: Features | Fatigue | Virtual, now_ns: int) -> None:
         limits = self._limits
         if features.t_ns < limits.not_before_ns or features.start_ns < limits.not_before_ns:
             raise Refused(

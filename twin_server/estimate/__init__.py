@@ -19,6 +19,9 @@ from .foresight import (
 )
 from .lookout import Noticed, Series
 from .notices import Notice
+from .plan_answer import planned, refusal_of
+from .planning import NotPlannableError, PlanOrder
+from .risk import RiskOrder, assessed
 from .today import Today, UnknownTodayError, today_of
 from .whatif import OrderError, Simulated, check, simulate
 
@@ -26,17 +29,21 @@ __all__ = [
     "Checkpoint",
     "Estimated",
     "Foresight",
+    "NotPlannableError",
     "Notice",
     "Noticed",
     "OrderError",
     "Outlooks",
     "Past",
+    "PlanOrder",
     "Prospect",
+    "RiskOrder",
     "Series",
     "Simulated",
     "Today",
     "Twin",
     "UnknownTodayError",
+    "assessed",
     "check",
     "estimate",
     "follow",
@@ -47,7 +54,9 @@ __all__ = [
     "now_of",
     "past_of",
     "past_of_elements",
+    "planned",
     "prospect_of",
+    "refusal_of",
     "simulate",
     "today_of",
 ]

@@ -9,15 +9,21 @@ import numpy as np
 from jaxtyping import Float
 from pydantic_core import from_json
 
+from slowtime import degradation
+from slowtime.degradation import STANDARD, GaussianLaw, Mixture, RemainingLife
+from slowtime.degradation.gaussian import NAME as GAUSSIAN
+from slowtime.degradation.gaussian import GaussianPosterior
 from slowtime.evolution import continuation, forecast
 from slowtime.evolution.continuation import Continuation
-from slowtime.evolution.crossing import Crossing, Futures, draw
+from slowtime.evolution.crossing import Futures
+from slowtime.evolution.known_events import KnownEvent, Repair, Replacement, is_jump
 from twin_server.details import Bodies
 from twin_server.states import ASSUMES_MASS, ASSUMES_STIFFNESS, States
 from twin_server.thresholds import Limit
 
 from .checkpoint import Known
 from .estimator import LEVEL
+from .known import KnownEvents
 from .memory import Memory
 
 FEWEST = 10
@@ -31,7 +37,24 @@ MOST_OF_ELEMENTS = 150
 
 _GAP = {"value": math.nan, "sd": math.nan}
 
-Outlooks: TypeAlias = dict[str, forecast.Outlook]
+
+class Learnt(NamedTuple):
+    """What was learnt of one quantity.
+
+    Parameters
+    ----------
+    outlook
+        Gaussian processes with their weights: bands follow them.
+    laws
+        Degradation laws with their weights, these processes among them: remaining life follows
+        from them.
+    """
+
+    outlook: forecast.Outlook
+    laws: Mixture
+
+
+Outlooks: TypeAlias = dict[str, Learnt]
 
 _PATHS, _POINTS = 2000, 120
 
@@ -53,7 +76,9 @@ class Foresight:
     reasons
         Why it should not be relied on; none where it can.
     crossings
-        When each threshold that was asked for is reached.
+        When each threshold that was asked for is reached, by all degradation laws together.
+    misfits
+        Of each quantity that no degradation law fits, a sentence that says so.
     """
 
     since: float
@@ -62,7 +87,8 @@ class Foresight:
     until: float
     outlooks: Outlooks
     reasons: tuple[str, ...]
-    crossings: tuple[tuple[Limit, Crossing], ...] = ()
+    crossings: tuple[tuple[Limit, RemainingLife], ...] = ()
+    misfits: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -71,14 +97,15 @@ class Prospect:
 
     Parameters
     ----------
-    begun, common
-        Of each quantity, its outlook with what is believed after the last reading, and
-        `Past.common` as it was when that was learnt.
+    begun, laws, common
+        Of each quantity, its outlook with what is believed after the last reading, likewise its
+        degradation laws, and `Past.common` as it was when that was learnt.
     first, since
         Slow times of the first reading that is used, and of the last.
     """
 
     begun: Mapping[str, Continuation]
+    laws: Mapping[str, Mixture]
     common: Mapping[str, float]
     first: float
     since: float
@@ -142,23 +169,61 @@ def learn(
     past: Mapping[str, Past],
     process: forecast.Choice = "evidence",
     suspected: Mapping[str, Sequence[float]] | None = None,
+    known: KnownEvents | None = None,
 ) -> Outlooks:
     """Learn from the past of each quantity what it may do; empty where that is too little.
 
-    `suspected` are slow times of each after which it was seen to jump.
+    Parameters
+    ----------
+    suspected
+        Slow times of each quantity after which it was seen to jump.
+    known
+        Repairs and inspections of each that were told.
     """
-    jumps = suspected or {}
+    jumps, told = suspected or {}, known or {}
     if not _is_enough(past):
         return {}
-    return {
-        name: forecast.fit(
-            one.slow_time, one.value, one.own_sd, process=process, suspected=jumps.get(name, ())
+    found: Outlooks = {}
+    for name, one in past.items():
+        readings, events = (one.slow_time, one.value, one.own_sd), tuple(told.get(name, ()))
+        outlook = forecast.fit(
+            *readings, process=process, suspected=jumps.get(name, ()), known=events
         )
-        for name, one in past.items()
-    }
+        gaussian = GaussianLaw(outlook, known=events)
+        # Who knows that it repeats itself knows that it follows no degradation law; and a law
+        # needs some readings after a repair.
+        alone = process == "repeating" or not _is_past(events, one.slow_time)
+        laws = [gaussian] if alone else [*STANDARD, gaussian]
+        found[name] = Learnt(
+            outlook, degradation.learn(*readings, laws=laws, events=_events_of(events, one))
+        )
+    return found
 
 
-def prospect_of(past: Mapping[str, Past], outlooks: Outlooks) -> Prospect | None:
+def _is_past(events: Sequence[KnownEvent], time: Float[np.ndarray, " time"]) -> bool:
+    """Whether enough readings have followed the last repair or replacement."""
+    last = max((event.time for event in events if is_jump(event)), default=-np.inf)
+    return int(np.count_nonzero(time > last)) >= FEWEST
+
+
+def _events_of(events: Sequence[KnownEvent], past: Past) -> list[degradation.Event]:
+    """Repairs and replacements as degradation laws take them."""
+    found = []
+    for event in events:
+        before = past.value[past.slow_time <= event.time]
+        size = abs(float(before[-1])) if len(before) else 0.0
+        if isinstance(event, Repair):
+            sd = math.hypot(event.level_sd, event.share_sd * size)
+            found.append(degradation.Event(event.time, min(max(event.share, 0.0), 1.0), sd))
+        elif isinstance(event, Replacement):
+            sd = event.level_sd if event.level is not None else max(size, event.level_sd)
+            found.append(degradation.Event(event.time, 1.0, sd))
+    return found
+
+
+def prospect_of(
+    past: Mapping[str, Past], outlooks: Outlooks, known: KnownEvents | None = None
+) -> Prospect | None:
     """Take in the past of each quantity; None where there is too little to go by.
 
     Parameters
@@ -167,16 +232,43 @@ def prospect_of(past: Mapping[str, Past], outlooks: Outlooks) -> Prospect | None
         Of each, its history, oldest first; all at the same slow times.
     outlooks
         What `learn` has learnt, from this past or from an earlier one.
+    known
+        Repairs and inspections of each that were told; those after its last reading too.
     """
+    told = known or {}
     if not _is_enough(past) or not set(past) <= set(outlooks):
         return None
     time = next(iter(past.values())).slow_time
     begun = {
-        name: continuation.begin(outlooks[name], one.slow_time, one.value, one.own_sd)
+        name: continuation.begin(
+            outlooks[name].outlook,
+            one.slow_time,
+            one.value,
+            one.own_sd,
+            known=told.get(name, ()),
+        )
+        for name, one in past.items()
+    }
+    laws = {
+        name: _followed(outlooks[name].laws, one, begun[name], told.get(name, ()))
         for name, one in past.items()
     }
     common = {name: one.common for name, one in past.items()}
-    return Prospect(begun, common, float(time.min()), float(time.max()))
+    return Prospect(begun, laws, common, float(time.min()), float(time.max()))
+
+
+def _followed(
+    laws: Mixture, past: Past, begun: Continuation, events: Sequence[KnownEvent]
+) -> Mixture:
+    """Take in what of a past is behind the readings from which laws were learnt.
+
+    After a repair that the laws have not learnt, the processes go on alone.
+    """
+    if any(event.time >= laws.now for event in events if is_jump(event)):
+        alone = GaussianPosterior(begun, 0.0, 1.0)
+        return Mixture({GAUSSIAN: alone}, {GAUSSIAN: 1.0}, begun.time, laws.bound)
+    later = past.slow_time > laws.now
+    return laws.follow(past.slow_time[later], past.value[later], past.own_sd[later])
 
 
 def follow(prospect: Prospect, past: Mapping[str, Past]) -> Prospect:
@@ -187,14 +279,15 @@ def follow(prospect: Prospect, past: Mapping[str, Past]) -> Prospect:
     ValueError
         Where one is earlier than the last: begin anew with `prospect_of`.
     """
-    begun, since = dict(prospect.begun), prospect.since
+    begun, laws, since = dict(prospect.begun), dict(prospect.laws), prospect.since
     for name, one in past.items():
         if name not in begun or not len(one.slow_time):
             continue
         known = one._replace(common=prospect.common[name])
         begun[name] = begun[name].follow(known.slow_time, known.value, known.own_sd)
+        laws[name] = laws[name].follow(known.slow_time, known.value, known.own_sd)
         since = max(since, float(known.slow_time.max()))
-    return dataclasses.replace(prospect, begun=begun, since=since)
+    return dataclasses.replace(prospect, begun=begun, laws=laws, since=since)
 
 
 def foresee(
@@ -243,8 +336,12 @@ def foresee_from(
         ahead = begun.predict(later, level=LEVEL)
         widened = np.hypot(ahead.sd, prospect.common[name] * np.abs(1.0 + ahead.mean))
         wider = widened / np.where(ahead.sd > 0, ahead.sd, 1.0)
-        lo, hi = (ahead.mean + (end - ahead.mean) * wider for end in (ahead.lo, ahead.hi))
-        bands[name] = np.column_stack((ahead.mean, widened, lo, hi))
+        # No change is below -1: bands end there, which keeps their probability.
+        mean, lo, hi = (
+            np.maximum(ahead.mean + (end - ahead.mean) * wider, degradation.BOUND)
+            for end in (ahead.mean, ahead.lo, ahead.hi)
+        )
+        bands[name] = np.column_stack((mean, widened, lo, hi))
         until = min(until, ahead.horizon)
     reasons: tuple[str, ...] = ()
     if later[-1] > until:
@@ -253,8 +350,14 @@ def foresee_from(
             "trend there. Ask for a shorter horizon, or wait for more readings.",
         )
     crossings = _crossings(prospect, thresholds, since + (horizon or span))
-    used = {name: begun.outlook for name, begun in prospect.begun.items()}
-    return Foresight(since, later, bands, float(until), used, reasons, crossings)
+    used = {
+        name: Learnt(begun.outlook, prospect.laws[name])
+        for name, begun in prospect.begun.items()
+    }
+    misfits = tuple(
+        f"{name}: {laws.warning}" for name, laws in prospect.laws.items() if laws.warning
+    )
+    return Foresight(since, later, bands, float(until), used, reasons, crossings, misfits)
 
 
 def now_of(prospect: Prospect | None) -> dict[str, tuple[float, float]]:
@@ -271,16 +374,16 @@ def now_of(prospect: Prospect | None) -> dict[str, tuple[float, float]]:
 
 def _crossings(
     prospect: Prospect, thresholds: Sequence[Limit], horizon: float
-) -> tuple[tuple[Limit, Crossing], ...]:
+) -> tuple[tuple[Limit, RemainingLife], ...]:
     """Tell of each threshold when it is reached, all of a quantity by the same futures."""
     futures: dict[str, Futures] = {}
     found = []
     for limit in thresholds:
         name = limit.quantity
-        if name not in prospect.begun:
+        if name not in prospect.laws:
             continue
         if name not in futures:
-            futures[name] = draw(prospect.begun[name], horizon, points=_POINTS, paths=_PATHS)
+            futures[name] = prospect.laws[name].futures(horizon, points=_POINTS, paths=_PATHS)
         common = prospect.common[name] * abs(1.0 + limit.at)
         told = futures[name].crossing(limit.at, toward=limit.toward, common_sd=common)
         found.append((limit, told))

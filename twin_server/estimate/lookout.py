@@ -12,6 +12,7 @@ import numpy as np
 from slowtime.estimation import sweeps
 from slowtime.evolution import forecast, jumps
 from slowtime.evolution.jumps import RECENT
+from slowtime.evolution.known_events import Repair, met
 
 LEARN = 20
 """Readings that a process is first learnt from."""
@@ -27,6 +28,12 @@ _GROWN = 1.5
 
 _NO_NOISE = 1e-9
 
+ANYWHERE = 1.0
+"""How far a relative change may go by an event that was told [1]: all that there is."""
+
+_LEVEL = 5
+"""Readings before a jump of which the level before it is the mean."""
+
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Noticed:
@@ -40,12 +47,18 @@ class Noticed:
         How far the level went [1].
     odds
         How much likelier the readings are with it than without [1].
+    before
+        Mean of the last readings before it [1].
+    earliest
+        Slow time of the first of these.
     """
 
     since: float
     size: float
     sd: float
     odds: float
+    before: float = float("nan")
+    earliest: float = float("nan")
 
 
 @dataclasses.dataclass(slots=True)
@@ -57,9 +70,12 @@ class Series:
     odds
         Likelihood ratio from which a change is told: the mean number of readings between false
         alarms is no less.
+    told
+        Slow times after which somebody has told that the level may have gone elsewhere.
     """
 
     odds: float
+    told: tuple[float, ...] = ()
     past: list[tuple[float, float, float]] = dataclasses.field(default_factory=list)
     learnt_at: int = 0
     watch: jumps.Watch | None = None
@@ -78,11 +94,26 @@ class Series:
     def _step(self, reading: tuple[float, float, float]) -> Noticed | None:
         if self.watch is None or self.state is None:
             return None
+        self._meet_told(reading[0])
         self.state, change = self.watch.step(self.state, *reading)
         if not change.noticed:
             return None
+        last = [one for one in self.past if one[0] <= change.since][-_LEVEL:]
         self._go_on_after(change.since)
-        return Noticed(change.since, change.size, change.sd, change.odds)
+        before = float(np.mean([value for _, value, _ in last])) if last else float("nan")
+        earliest = last[0][0] if last else change.since
+        return Noticed(change.since, change.size, change.sd, change.odds, before, earliest)
+
+    def _meet_told(self, until: float) -> None:
+        """Let the level go anywhere at what was told since the last reading."""
+        assert self.watch is not None
+        assert self.state is not None
+        since = self.state.process.time
+        for at in self.told:
+            if since <= at < until:
+                anywhere = Repair(time=at, share=0.0, level_sd=ANYWHERE)
+                belief = met(self.watch.process, self.state.process, anywhere)
+                self.state = self.watch.start(belief, self.state.log_weights)
 
     def _go_on_after(self, since: float) -> None:
         """Let the rival that was right take over."""
@@ -97,9 +128,13 @@ class Series:
         self.past = self.past[-MOST - RECENT :]
         time, value, sd = np.array(self.past[:-RECENT]).T.copy()
         self.learnt_at = len(time)
-        outlook = forecast.fit(time, value, sd, process="smooth")
+        told = [Repair(time=at) for at in self.told]
+        outlook = forecast.fit(time, value, sd, process="smooth", known=told)
         self.watch = jumps.Watch(process=outlook.family, jump_sd=JUMP_SD, odds=self.odds)
-        belief, _ = sweeps.filtered(outlook.family, time, value, sd, jumps=outlook.jumps)
+        lifts = [(at, ANYWHERE) for at in self.told if time[0] <= at < time[-1]]
+        belief, _ = sweeps.filtered(
+            outlook.family, time, value, sd, jumps=(*outlook.jumps, *lifts)
+        )
         self.state = self.watch.start(belief, np.log(outlook.weights))
         found = None
         for reading in self.past[-RECENT:]:

@@ -5,6 +5,7 @@ from .compositing import CompositeRow
 from .copying import backup, restore
 from .diagnosing import DiagnosisRow
 from .errors import DamagedStoreError, StoreError, WrongStoreError
+from .fatigue_rows import HOUR_NS, FatigueRow
 from .ledgering import HeadRow
 from .opening import is_url, open_store
 from .postgres import PostgresStore
@@ -22,6 +23,7 @@ from .store import (
 )
 
 __all__ = [
+    "HOUR_NS",
     "Audit",
     "CompositeRow",
     "Cut",
@@ -29,6 +31,7 @@ __all__ = [
     "DetailRow",
     "DiagnosisRow",
     "EventRow",
+    "FatigueRow",
     "FeatureRow",
     "HeadRow",
     "History",

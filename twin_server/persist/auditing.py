@@ -25,9 +25,10 @@ from slowtime_services.ledger import (
 from slowtime_services.ledger import chain as kinds
 from slowtime_services.ledger.chain import WIDTH
 
+from . import eventing
 from .hashing import Rolling, Row
 from .ledgering import heads as heads_after
-from .ledgering import of_acknowledgement, of_registration
+from .ledgering import of_acknowledgement, of_asset_event, of_registration
 from .sealing import ACKNOWLEDGEMENTS, LEDGER, TWINS, opened
 from .searching import SHIFT, Span, whole
 
@@ -242,13 +243,14 @@ class _Chain:
         return deleted
 
     def _rows(self, deleted: int, registration: str | None, found: Audit) -> int:
-        """Hold registration, acknowledgements and features against their entries."""
+        """Hold registration, acknowledgements, told events and features to their entries."""
         spans = whole(self._reader, self._twin_id)
         cursors: dict[int, Iterator[bytes]] = {
             span.number: self._features(span) for span in spans
         }
         registered: Entry | None = None
         taken_note: dict[int, Entry] = {}
+        told: dict[int, Entry] = {}
         matched = 0
         for count, block, _ in self._blocks():
             if count <= deleted:
@@ -279,6 +281,8 @@ class _Chain:
                     registered = entry
                 elif entry.kind == kinds.ACKNOWLEDGEMENT:
                     taken_note.setdefault(entry.key, entry)
+                elif entry.kind == kinds.ASSET_EVENT:
+                    told.setdefault(entry.key, entry)
         for cursor in cursors.values():
             more = next(cursor, None)
             if more is not None:
@@ -286,6 +290,12 @@ class _Chain:
         now = None if registration is None else of_registration(registration)
         self._wrong(now != registered, found, "its registration is not the one accepted")
         self._acknowledgements(taken_note, found)
+        rows = map(of_asset_event, eventing.read(self._reader, self._twin_id))
+        self._wrong(
+            {entry.key: entry for entry in rows} != told,
+            found,
+            "the events that were told of it are not those that were accepted",
+        )
         return matched
 
     def _features(self, span: Span) -> Iterator[bytes]:

@@ -18,11 +18,13 @@ from .ledgering import build_ledger
 from .levels import build
 from .sealing import (
     ACKNOWLEDGEMENTS,
+    ASSET_EVENTS,
     COMPOSITES,
     DELIVERIES,
     DIAGNOSES,
     DIGESTS,
     EVENTS,
+    FATIGUE,
     FEATURES,
     HEADS,
     LEDGER,
@@ -36,20 +38,24 @@ from .sql import insert_all
 logger = logging.getLogger(__name__)
 
 APPLICATION = 0x536C6F77
-VERSION = 256 * LAYOUT + 8
+VERSION = 256 * LAYOUT + 10
 """Layout of the states, and of the tables around them."""
 
-WITHOUT_COMPOSITES = 256 * LAYOUT + 7
+WITHOUT_COMPOSITES = 256 * LAYOUT + 9
+WITHOUT_FATIGUE = 256 * LAYOUT + 8
+WITHOUT_ASSET_EVENTS = 256 * LAYOUT + 7
 WITHOUT_LEDGER = 256 * LAYOUT + 6
 WITHOUT_DELIVERIES = 256 * LAYOUT + 5
 WITHOUT_LEVELS = 256 * LAYOUT + 4
 """Versions before, which lack some tables and nothing else."""
 
 _OLDER = tuple(range(256 * LAYOUT + 1, VERSION))
-_LATER = (LEDGER, HEADS, COMPOSITES)
+_LATER = (LEDGER, HEADS, ASSET_EVENTS, FATIGUE, COMPOSITES)
 _OF_ALARMS = (DELIVERIES, ACKNOWLEDGEMENTS, *_LATER)
 LACKING: dict[int, tuple[Table, ...]] = {
     WITHOUT_COMPOSITES: (COMPOSITES,),
+    WITHOUT_FATIGUE: (FATIGUE, COMPOSITES),
+    WITHOUT_ASSET_EVENTS: (ASSET_EVENTS, FATIGUE, COMPOSITES),
     WITHOUT_LEDGER: _LATER,
     WITHOUT_DELIVERIES: _OF_ALARMS,
     WITHOUT_LEVELS: (LEVELS, DIGESTS, *_OF_ALARMS),

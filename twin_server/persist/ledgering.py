@@ -21,6 +21,7 @@ from slowtime_services.ledger import (
 )
 from slowtime_services.ledger import chain as kinds
 from slowtime_services.ledger.chain import words_digest
+from twin_server.asset_events import AssetEventRow
 from twin_server.deliveries import Acknowledgement
 
 from .sealing import ACKNOWLEDGEMENTS, FEATURES, HEADS, LEDGER, TWINS, opened
@@ -86,6 +87,13 @@ def of_acknowledgement(row: Sequence[object]) -> Entry:
     event = hashlib.sha256(str(row[0]).encode()).digest()
     digest = words_digest("a", *map(str, row))
     return Entry(kinds.ACKNOWLEDGEMENT, int.from_bytes(event[:7], "big"), digest)
+
+
+def of_asset_event(row: AssetEventRow) -> Entry:
+    """Give the entry of an event of an asset as it is kept."""
+    event = hashlib.sha256(row.event.encode()).digest()
+    digest = words_digest("v", *map(str, row))
+    return Entry(kinds.ASSET_EVENT, int.from_bytes(event[:7], "big"), digest)
 
 
 def of_act(kind: str) -> Entry:

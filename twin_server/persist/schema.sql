@@ -1,4 +1,4 @@
--- Version 8. A feature's id is number << 40 | sequence: boots are numbered in the order in which
+-- Version 10. A feature's id is number << 40 | sequence: boots are numbered in the order in which
 -- they were let in, so that ascending ids are a twin's history in order. Each row has checksums
 -- of what it says (see sealing.py).
 create table twins (
@@ -138,6 +138,19 @@ create table composites (
   crc integer not null
 );
 create index composites_of_id on composites (composite, number);
+-- What people have told of an asset, such as a repair (see asset_events.py): `body` is the
+-- message, `number` counts the events of a twin.
+create table asset_events (
+  twin text not null,
+  event text not null,
+  number integer not null,
+  t_ns integer not null,
+  principal text not null,
+  body text not null,
+  crc integer not null,
+  primary key (twin, event)
+);
+create index asset_events_of_twin on asset_events (twin, number);
 -- What was accepted, hashed row by row with what was before it (see ledgering.py): blocks of
 -- entries of one twin, `count` of them up to the end of this one, whose hash is `link`.
 create table ledger (
@@ -154,6 +167,17 @@ create table heads (
   t_ns integer not null,
   body text not null,
   crc integer not null
+);
+-- Newest fatigue message of each boot and hour of sensor time; a message holds sums of its boot.
+create table fatigue (
+  twin text not null,
+  boot text not null,
+  hour integer not null,
+  sequence integer not null,
+  t_ns integer not null,
+  message blob not null,
+  crc integer not null,
+  primary key (twin, boot, hour)
 );
 -- The last number given to a boot, an event, a diagnosis.
 create table numbers (what text primary key, value integer not null, crc integer not null);

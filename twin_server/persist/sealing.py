@@ -77,13 +77,18 @@ DELIVERIES = _table(
     "id",
 )
 ACKNOWLEDGEMENTS = _table("acknowledgements", "event twin t_ns by_whom principal note", "event")
+ASSET_EVENTS = _table(
+    "asset_events", "twin event number t_ns principal body", "twin, number, event"
+)
 COMPOSITES = _table("composites", "number composite t_ns principal body", "number")
 LEDGER = _table("ledger", "twin count entries link", "twin, count")
 HEADS = _table("heads", "number t_ns body", "number")
+FATIGUE = _table("fatigue", "twin boot hour sequence t_ns message", "twin, boot, hour")
 NUMBERS = _table("numbers", "what value", "what")
 TABLES = (
     TWINS, RUNS, FEATURES, DETAILS, LEVELS, DIGESTS, HELD, EVENTS, DIAGNOSES, DELIVERIES,
-    ACKNOWLEDGEMENTS, COMPOSITES, LEDGER, HEADS, NUMBERS,
+    ACKNOWLEDGEMENTS, ASSET_EVENTS, LEDGER, HEADS, FATIGUE, COMPOSITES,
+    NUMBERS,
 )  # fmt: skip
 
 

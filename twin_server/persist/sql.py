@@ -9,11 +9,12 @@ from typing import Any, NamedTuple, Protocol
 
 from slowtime_services.ledger import Entry, Link
 from slowtime_services.ledger import chain as kinds
+from twin_server.asset_events import AssetEventRow
 from twin_server.buckets import Buckets, thin
 from twin_server.deliveries import Acknowledgement, Delivery, State, Tally
 from twin_server.states import from_bytes
 
-from . import compositing, delivering, diagnosing, ledgering
+from . import compositing, delivering, diagnosing, eventing, fatigue_rows, ledgering
 from .compositing import CompositeRow
 from .detailing import changes, column, delete_details, has_details, insert_details
 from .diagnosing import DiagnosisRow
@@ -117,6 +118,7 @@ class SqlStore(abc.ABC):
         delivering.insert(writer, cut.deliveries)
         delivering.settle(writer, cut.settled)
         delivering.acknowledge(writer, cut.acknowledgements)
+        eventing.insert(writer, cut.asset_events)
         self._chain(writer, cut, registered, written)
         return _insert_events(writer, cut.events)
 
@@ -139,6 +141,8 @@ class SqlStore(abc.ABC):
             entries.setdefault(twin_id, []).extend(found)
         for twin_id, theirs in ledgering.of_acknowledgements(cut.acknowledgements):
             entries.setdefault(twin_id, []).extend(theirs)
+        for row in cut.asset_events:
+            entries.setdefault(row.twin, []).append(ledgering.of_asset_event(row))
         for twin_id, theirs in entries.items():
             self._ends.append(writer, twin_id, theirs)
 
@@ -237,7 +241,10 @@ class SqlStore(abc.ABC):
                     "delete from features where id between ? and ?", (span.first, span.last)
                 )
                 writer.execute("delete from held where number = ?", (span.number,))
-            for table in ("runs", "events", "diagnoses", "deliveries", "acknowledgements"):
+            for table in (
+                "runs", "events", "diagnoses", "deliveries", "acknowledgements", "asset_events",
+                "fatigue",
+            ):  # fmt: skip
                 writer.execute(f"delete from {table} where twin = ?", (twin_id,))
             _note_number(writer, "run", following)
             existed = writer.execute("delete from twins where id = ?", (twin_id,)).rowcount
@@ -447,6 +454,11 @@ class SqlStore(abc.ABC):
             if rows:
                 _note_number(writer, "composite", following + len(rows) - 1)
 
+    def asset_events(self, twin_id: str) -> list[AssetEventRow]:
+        """Read what people have told of an asset, in the order in which it was accepted."""
+        with self._reading() as reader:
+            return eventing.read(reader, twin_id)
+
     def ends(self) -> dict[str, Link]:
         """End of the chain of each twin, of deleted ones as well."""
         with self._writing() as writer:
@@ -468,6 +480,16 @@ class SqlStore(abc.ABC):
         """Read signed heads, in order."""
         with self._reading() as reader:
             return ledgering.heads(reader, after, limit, newest)
+
+    def add_fatigue(self, rows: Sequence[fatigue_rows.FatigueRow]) -> None:
+        """Keep fatigue messages; of a boot and hour the newest stays."""
+        with self._writing() as writer:
+            fatigue_rows.insert(writer, rows)
+
+    def fatigue(self, twin_id: str) -> list[fatigue_rows.FatigueRow]:
+        """Read the fatigue messages of a twin in the order of time."""
+        with self._reading() as reader:
+            return fatigue_rows.select(reader, twin_id)
 
     def check(self) -> None:
         """Raise where nothing can be written or read any more."""

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple, Protocol
 
 from slowtime_services.ledger import Entry, Link
+from twin_server.asset_events import AssetEventRow
 from twin_server.buckets import Buckets
 from twin_server.deliveries import Acknowledgement, Delivery, State, Tally
 from twin_server.details import Bodies, Detail
@@ -16,6 +17,7 @@ from twin_server.states import States
 
 from .compositing import CompositeRow
 from .diagnosing import DiagnosisRow
+from .fatigue_rows import FatigueRow
 from .ledgering import HeadRow
 
 
@@ -99,6 +101,8 @@ class Cut:
     settled: list[Delivery] = dataclasses.field(default_factory=list)
     """What has become of some that were begun."""
     acknowledgements: list[Acknowledgement] = dataclasses.field(default_factory=list)
+    asset_events: list[AssetEventRow] = dataclasses.field(default_factory=list)
+    """Of an id that a twin has already, the first stays."""
 
 
 class History(NamedTuple):
@@ -291,6 +295,10 @@ class Store(Protocol):
         """Keep what was registered, all at once, under the next numbers."""
         ...
 
+    def asset_events(self, twin_id: str) -> list[AssetEventRow]:
+        """Read what people have told of an asset, in the order in which it was accepted."""
+        ...
+
     def ends(self) -> dict[str, Link]:
         """End of the chain of each twin, of deleted ones as well."""
         ...
@@ -307,6 +315,14 @@ class Store(Protocol):
         self, *, after: int = 0, limit: int = 1000, newest: bool = False
     ) -> list[HeadRow]:
         """Signed heads in order: those after a number, of which the first or the last ones."""
+        ...
+
+    def add_fatigue(self, rows: Sequence[FatigueRow]) -> None:
+        """Keep fatigue messages; of a boot and hour the newest stays."""
+        ...
+
+    def fatigue(self, twin_id: str) -> list[FatigueRow]:
+        """Fatigue messages of a twin in the order of time."""
         ...
 
     def check(self) -> None:

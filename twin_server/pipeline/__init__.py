@@ -1,6 +1,7 @@
 """The order of the stages, and the one thread that keeps it: samples in, history out."""
 
 from .alarming import Alarms, Bell
+from .asset_events import AssetEvents, orders_in
 from .compositing import Compositions
 from .core import Pipeline
 from .knowledge import Herald, TwinKnowledge
@@ -13,6 +14,7 @@ from .workers import Here, Processes, Workers
 
 __all__ = [
     "Alarms",
+    "AssetEvents",
     "Bell",
     "Compositions",
     "Herald",
@@ -27,4 +29,5 @@ __all__ = [
     "Tracing",
     "TwinKnowledge",
     "Workers",
+    "orders_in",
 ]

@@ -15,11 +15,23 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Literal, TypeVar
 
-from slowtime_schemas.messages import Features, Health
-from slowtime_schemas.streams import FEATURES, HEALTH, REGISTRATION, alive_key, request_key
+from slowtime_schemas.asset_events import AssetEvent
+from slowtime_schemas.codec import encode
+from slowtime_schemas.messages import Fatigue, Features, Health, Virtual
+from slowtime_schemas.streams import (
+    ASSET_EVENT,
+    FATIGUE,
+    FEATURES,
+    HEALTH,
+    REGISTRATION,
+    VIRTUAL,
+    alive_key,
+    request_key,
+)
 from slowtime_services.bus import Bus, Handle, Inbox, Query, Sample, matches
 from slowtime_services.clock import Clock, SystemClock
 from slowtime_services.credentials import Signer
+from twin_server.asset_events import MOST_KEPT, AssetEventRow
 from twin_server.collect import (
     Account,
     Arrival,
@@ -35,7 +47,7 @@ from twin_server.collect import (
 )
 from twin_server.deliveries import Acknowledgement, Delivery
 from twin_server.estimate import Checkpoint, Twin
-from twin_server.persist import Cut, EventRow, Store, StoreError
+from twin_server.persist import HOUR_NS, Cut, EventRow, FatigueRow, Store, StoreError
 from twin_server.registration import Registration
 from twin_server.settings import TwinSettings
 
@@ -45,6 +57,7 @@ from .news import Listener
 from .precedence import Precedence
 from .records import (
     address,
+    asset_event_row,
     decoded,
     lost_event,
     old_event,
@@ -53,6 +66,7 @@ from .records import (
     rows_of_released,
     run_of,
     run_row,
+    told_event,
     twin_row,
 )
 from .routing import Routing
@@ -65,6 +79,9 @@ MOST_INCLUDED = 10_000
 
 MOST_RECALLED = 10_000
 """Events of before that are looked through for what was told of a sensor."""
+
+VIRTUAL_KEPT = 12
+"""Windows of virtual quantities that are remembered of a twin; recordings hold all."""
 
 T = TypeVar("T")
 Answered = tuple[Want, Sequence[Holding] | None, bool]
@@ -118,6 +135,7 @@ class Pipeline:
         self._account = self._new_account()
         self._stale = True
         self._heard: dict[tuple[str, str], int] = {}
+        self._virtual: dict[tuple[str, str], collections.deque[Virtual]] = {}
         self._sensors = SensorWatch(self._told_of_sensor)
         self.ledger_signer: LedgerSigner | None = None
         if settings.ledger.key is not None:
@@ -141,7 +159,10 @@ class Pipeline:
         self._handles = [
             self._bus.subscribe(FEATURES.everywhere, self._receive),
             self._bus.subscribe(HEALTH.everywhere, self._receive),
+            self._bus.subscribe(FATIGUE.everywhere, self._receive),
+            self._bus.subscribe(VIRTUAL.everywhere, self._receive),
             self._bus.subscribe(REGISTRATION.everywhere, self._receive),
+            self._bus.subscribe(ASSET_EVENT.everywhere, self._receive),
             self._bus.watch(alive_key("*", "*"), self._see),
             self._bus.answer(request_key("*", "*", "registration"), self._answer_registrations),
         ]
@@ -220,9 +241,16 @@ class Pipeline:
         deliveries: Sequence[Delivery] = (),
         settled: Sequence[Delivery] = (),
         acknowledgements: Sequence[Acknowledgement] = (),
+        asset_events: Sequence[AssetEventRow] = (),
     ) -> None:
         """Make an event durable with what belongs to it, and tell it."""
-        self.call(lambda: self._keep(event, deliveries, settled, acknowledgements))
+        self.call(
+            lambda: self._keep(event, deliveries, settled, acknowledgements, asset_events)
+        )
+
+    def record(self, told: AssetEvent) -> AssetEventRow:
+        """Make what somebody has told of an asset durable, and tell it to all who listen."""
+        return self.call(lambda: self._record(told))
 
     def delete(self, twin_id: str) -> bool:
         """Forget a twin, its history and its account; False where there is none."""
@@ -407,10 +435,38 @@ class Pipeline:
         self._heard.update(((a.features.site, a.features.asset), now_ns) for a in arrivals)
         self._take_arrivals(arrivals)
         self._account.disbelieve(received.disbelieved)
+        self._take_assessed(received.assessed)
         if healths:
             self._durably(lambda c: self._account.hear(healths, time.monotonic(), c))
             self._hear_of_sensors([health for health, replayed in healths if not replayed])
+        for told in received.asset_events:
+            self._take_told(told)
         return received.misdated
+
+    def _take_assessed(self, messages: Sequence[Fatigue | Virtual]) -> None:
+        """Keep fatigue, and remember the latest virtual quantities; of twins only."""
+        rows = []
+        for message in messages:
+            key = message.site, message.asset
+            if key not in self._twins:
+                continue  # sums come again, once there is a twin
+            if isinstance(message, Virtual):
+                windows = self._virtual.setdefault(key, collections.deque(maxlen=VIRTUAL_KEPT))
+                windows.append(message)
+                continue
+            rows.append(
+                FatigueRow(
+                    message.twin_id, message.boot, message.t_ns // HOUR_NS, message.sequence,
+                    message.t_ns, encode(message),
+                )
+            )  # fmt: skip
+        if rows:
+            self.store.add_fatigue(rows)
+            self.counts["fatigue"] += len(rows)
+
+    def virtual(self, twin_id: str) -> list[Virtual]:
+        """Latest windows of virtual quantities, since this server began."""
+        return list(self._virtual.get(address(twin_id), ()))
 
     def _hear_of_sensors(self, healths: Sequence[Health]) -> None:
         """Make events of what live sensors do; of twins only, since events are theirs."""
@@ -614,6 +670,7 @@ class Pipeline:
         deliveries: Sequence[Delivery] = (),
         settled: Sequence[Delivery] = (),
         acknowledgements: Sequence[Acknowledgement] = (),
+        asset_events: Sequence[AssetEventRow] = (),
     ) -> None:
         """Make an event durable with what belongs to it, and tell it."""
         cut = Cut(
@@ -621,10 +678,33 @@ class Pipeline:
             deliveries=list(deliveries),
             settled=list(settled),
             acknowledgements=list(acknowledgements),
+            asset_events=list(asset_events),
         )
         numbers = self.store.write(cut)
         self.counts[f"event_{json.loads(event.body)['kind']}"] += 1
         self._voice.tell((), NOTHING, self._units, [event], numbers)
+        for row in asset_events:
+            key = ASSET_EVENT.key(*address(row.twin))
+            self._voice.say(key, row.body.encode(), ASSET_EVENT.encoding)
+
+    def _record(self, told: AssetEvent) -> AssetEventRow:
+        row, event = asset_event_row(told), told_event(told)
+        deliveries = self.routing.deliveries([event], self._twins, row.t_ns)
+        self._keep(event, deliveries, asset_events=[row])
+        return row
+
+    def _take_told(self, told: AssetEvent) -> None:
+        """Keep an event of a recording that is played; one that is known is passed over."""
+        if address(told.twin_id) not in self._twins:
+            self.refusals.refuse(
+                "not_registered",
+                f"An event of {told.twin_id} was played. Allowed: those of registered twins.",
+            )
+            return
+        rows = self.store.asset_events(told.twin_id)
+        if len(rows) < MOST_KEPT and all(row.event != told.event for row in rows):
+            number = 1 + max((row.number for row in rows), default=0)
+            self._record(told.model_copy(update={"sequence": number}))
 
     def _register(
         self,
@@ -667,6 +747,7 @@ class Pipeline:
         existed = self.store.delete(twin_id)
         self._twins.pop(key, None)
         self._heard.pop(key, None)
+        self._virtual.pop(key, None)
         self._sensors.forget(*key)
         self._account.forget(*key)
         self._voice.reset(twin_id)

@@ -4,6 +4,9 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from slowtime_schemas.codec import decode
+from slowtime_schemas.messages import Fatigue
+from slowtime_schemas.streams import FATIGUE
 from slowtime_services.bus import Bus
 from twin_server.estimate import Foresight, foresee_from, normal_of, now_of
 from twin_server.orders import SimulationOrder
@@ -13,8 +16,11 @@ from twin_server.serve import Chapter, Hub, Moment, Outlook, ProblemError
 from twin_server.thresholds import Limit
 
 from .alarming import raised_of
+from .assessing import Assessing
 from .core import Pipeline
+from .fatigue import fatigue_of
 from .news import News
+from .planning import STALE, Planning
 from .prospects import Prospects
 from .routing import UnknownReceiverError
 from .simulating import Simulating
@@ -50,6 +56,8 @@ class TwinKnowledge:
         self._workers = workers or Here()
         self.prospects = Prospects(pipeline, store, refresh=refresh, run=self._workers.run)
         pipeline.listen(self.prospects)
+        self._assessing = Assessing(pipeline, store, self.prospects, self._workers)
+        self._planning = Planning(pipeline, store, self.prospects, self._workers)
         effects = pipeline.settings.diagnose.effects
         self._simulating = Simulating(store, self._workers, effects)
 
@@ -147,6 +155,14 @@ class TwinKnowledge:
             return None
         return _outlook(foresee_from(known[0], ahead, count, thresholds), known[1])
 
+    def risk(self, twin_id: str, horizon: float | None) -> dict[str, Any]:
+        """Tell how probable failure is by each limit state of a twin."""
+        return self._assessing.risk(twin_id, horizon)
+
+    def plan(self, twin_id: str, *, stale: bool = False) -> dict[str, Any]:
+        """Tell what to do with a twin; with `stale`, as planned some readings ago."""
+        return self._planning.plan(twin_id, stale=STALE if stale else 0)
+
     def check(self, twin_id: str, order: SimulationOrder) -> None:
         """Refuse a load that a twin cannot be run under, at no cost."""
         twin = self._pipeline.twin(twin_id)
@@ -177,6 +193,20 @@ class TwinKnowledge:
         """Signed heads of the ledger: those that follow a number, or the newest."""
         rows = self._store.heads(after=after or 0, limit=limit, newest=after is None)
         return [json.loads(row.body)["head"] for row in rows]
+
+    def fatigue(self, twin_id: str) -> list[dict[str, Any]]:
+        """Damage of each point of a twin, its course and the time that is left."""
+        messages = (decode(FATIGUE, row.message) for row in self._store.fatigue(twin_id))
+        return fatigue_of([one for one in messages if isinstance(one, Fatigue)])
+
+    def virtual(self, twin_id: str) -> list[dict[str, Any]]:
+        """Latest windows of virtual quantities, since this server began."""
+        kept = ("boot", "start_ns", "t_ns", "rate_hz", "lowest_hz", "valid", "reasons")
+        return [
+            {name: getattr(window, name) for name in kept}
+            | {"quantities": [quantity.model_dump() for quantity in window.quantities]}
+            for window in self._pipeline.virtual(twin_id)
+        ]
 
     def digest(self, twin_id: str) -> tuple[str, int]:
         """SHA-256 of a twin's whole history, and how many features it has."""
@@ -248,9 +278,10 @@ def _outlook(foresight: Foresight, unit: str | None) -> Outlook:
         foresight.until,
         foresight.reasons,
         foresight.crossings,
-        {name: one.period for name, one in foresight.outlooks.items()},
-        {name: [at for at, _ in one.jumps] for name, one in foresight.outlooks.items()},
+        {name: one.outlook.period for name, one in foresight.outlooks.items()},
+        {name: [at for at, _ in one.outlook.jumps] for name, one in foresight.outlooks.items()},
         unit,
+        foresight.misfits,
     )
 
 

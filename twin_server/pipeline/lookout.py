@@ -11,7 +11,10 @@ import threading
 import time
 from collections.abc import Iterable, Mapping, Sequence
 
+from slowtime_schemas.asset_events import AssetEvent, is_mass
+from twin_server.asset_events import QUESTION, TOLD, effective
 from twin_server.estimate import Noticed, Past, Series, past_of, past_of_elements
+from twin_server.estimate.known import come_after, jump_times, known_of
 from twin_server.estimate.lookout import MOST
 from twin_server.estimate.renewals import RENEWED
 from twin_server.persist import Store
@@ -71,6 +74,7 @@ class Lookout:
         self._changed = threading.Condition()
         self._minds: dict[str, dict[str, Series]] = {}
         self._seen: dict[str, float] = {}
+        self._events: dict[str, list[AssetEvent]] = {}
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="lookout", daemon=True)
 
@@ -88,7 +92,7 @@ class Lookout:
 
     def tell(self, news: News) -> None:
         """Hear what is new of one twin."""
-        if not len(news.states):
+        if not len(news.states) and not any(TOLD in body for _, body in news.events):
             return
         with self._changed:
             self._news.setdefault(news.twin_id, []).append(news)
@@ -124,6 +128,7 @@ class Lookout:
         if gone:
             self._minds.pop(twin_id, None)
             self._seen.pop(twin_id, None)
+            self._events.pop(twin_id, None)
         return twin_id, news, missed and not gone
 
     def _run(self) -> None:
@@ -152,6 +157,11 @@ class Lookout:
             self._minds.pop(twin_id, None)
             return
         known = self._minds.pop(twin_id, None)
+        if any(TOLD in body for news in every for _, body in news.events) or not all(
+            come_after(news.states, self._events.get(twin_id, ())) for news in every
+        ):
+            # An event was told, or stands elsewhere among the readings now: all is read again.
+            missed = True
         # Behind all others: those first that have not been looked at for longest.
         self._minds[twin_id] = {} if known is None else known
         while len(self._minds) > MINDS:
@@ -167,8 +177,8 @@ class Lookout:
                 else past_of_elements(news.states, news.bodies, elements)
             )
             renewed = _renewals(body for _, body in news.events)
-            for name, found, _, _ in self._taken(twin_id, past, odds, renewed):
-                self._say(twin_id, name, found)
+            for name, found, at, _ in self._taken(twin_id, past, odds, renewed):
+                self._say(twin_id, name, found, at)
 
     def _look_back(self, twin_id: str, odds: float) -> None:
         """Read the newest part of the history; tell what nobody was told yet.
@@ -186,11 +196,18 @@ class Lookout:
             else past_of_elements(found.states, found.bodies, elements)
         )
         rows = self._store.events(twin_id, limit=10_000, newest=True)
+        events = effective(row.message for row in self._store.asset_events(twin_id))
+        self._events[twin_id] = events
+        states = found.states
+        known = known_of(events, states["t_ns"], states["slow_time"], past)
+        self._minds[twin_id] = {
+            name: Series(odds, tuple(times)) for name, times in jump_times(known).items()
+        }
         every = self._taken(twin_id, past, odds, _renewals(row.body for row in rows))
         told = self._told(twin_id) if every else set()
         for name, noticed, at, left in every:
             if (left < LATE or at > seen) and not was_told(told, name, noticed, at):
-                self._say(twin_id, name, noticed)
+                self._say(twin_id, name, noticed, at)
 
     def _taken(
         self,
@@ -214,7 +231,7 @@ class Lookout:
                     continue
                 self._seen[twin_id] = at
                 if series.past and any(series.past[-1][0] < one <= at for one in renewed):
-                    series = mind[name] = Series(odds)
+                    series = mind[name] = Series(odds, series.told)
                 if (noticed := series.take(at, value, sd)) is not None:
                     found.append((name, noticed, at, len(one.value) - 1 - number))
         return found
@@ -228,7 +245,7 @@ class Lookout:
             if body["kind"] == CHANGED
         }
 
-    def _say(self, twin_id: str, name: str, found: Noticed) -> None:
+    def _say(self, twin_id: str, name: str, found: Noticed, at: float) -> None:
         moved = "rose" if found.size > 0 else "fell"
         said = f"{100 * abs(found.size):.3g} % ± {100 * found.sd:.2g} %"
         self._pipeline.note(
@@ -245,3 +262,36 @@ class Lookout:
                 "odds": found.odds,
             },
         )
+        if restores(name, found):
+            self._ask(twin_id, name, found, at)
+
+    def _ask(self, twin_id: str, name: str, found: Noticed, at: float) -> None:
+        """Ask whether a change toward the nominal model was a repair that nobody has told."""
+        self._pipeline.note(
+            twin_id,
+            QUESTION,
+            "warning",
+            f"Was something repaired? {name} went from {100 * found.before:+.3g} % to "
+            f"{100 * (found.before + found.size):+.3g} % after slow time {found.since:.6g}, "
+            "and no repair was recorded. Record the repair, or say that it is a real change.",
+            {
+                "quantity": name,
+                "since": found.since,
+                "earliest": found.earliest,
+                "noticed": at,
+                "before": found.before,
+                "size": found.size,
+                "sd": found.sd,
+            },
+        )
+
+
+def restores(name: str, found: Noticed) -> bool:
+    """Whether a change brings a quantity back, as a repair does.
+
+    A stiffness that rises was repaired or strengthened; of a mass, only what brings it nearer
+    to the nominal model.
+    """
+    if not is_mass(name):
+        return found.size > 0.0
+    return abs(found.before + found.size) < abs(found.before)

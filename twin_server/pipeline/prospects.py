@@ -18,6 +18,9 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from slowtime.evolution.known_events import KnownEvent
+from slowtime_schemas.asset_events import AssetEvent
+from twin_server.asset_events import TOLD, effective
 from twin_server.estimate import (
     Foresight,
     Outlooks,
@@ -32,6 +35,7 @@ from twin_server.estimate import (
     prospect_of,
 )
 from twin_server.estimate.foresight import FEWEST
+from twin_server.estimate.known import KnownEvents, come_after, jump_times, known_of
 from twin_server.estimate.renewals import RENEWED
 from twin_server.persist import History, Store
 from twin_server.registration import Registration
@@ -79,6 +83,7 @@ class Lesson(NamedTuple):
     registration: Registration
     mark: Key
     suspected: Suspected
+    known: tuple[tuple[str, tuple[KnownEvent, ...]], ...] = ()
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -118,9 +123,17 @@ class _Kept:
     waiting: list[News] = dataclasses.field(default_factory=list)
     count: int = 0
     changes: dict[str, list[float]] = dataclasses.field(default_factory=dict)
+    told: "_Told" = dataclasses.field(default_factory=lambda: _Told((), {}))
     answers: dict[Any, Foresight] = dataclasses.field(default_factory=dict)
     sound: bool = False
     asked: bool = False
+
+
+class _Told(NamedTuple):
+    """Events that people have told of a twin, and what they do to each of its quantities."""
+
+    events: Sequence[AssetEvent]
+    known: KnownEvents
 
 
 class Told(NamedTuple):
@@ -242,16 +255,17 @@ class Prospects:
         if twin is None or not len(found.states):
             return None
         found, changes = self._since_renewal(twin_id, found)
+        told = self._told_of(twin, twin_id, found, until=(t_ns, slow_time))
         rows = _Rows.of(found.number, found.states)
-        last = _mark(rows, changes, self._refresh)
-        lesson = _lesson(twin, rows, last, changes)
+        last = _mark(rows, changes, told.known, self._refresh)
+        lesson = _lesson(twin, rows, last, changes, told.known)
         known = self._of_the_past.get(twin_id)
         if known is None or known[0] != lesson:
             known = lesson, self._learn(twin, found, last, lesson)
             if len(self._of_the_past) >= MOST_KEPT:
                 self._of_the_past.clear()
             self._of_the_past[twin_id] = known
-        prospect = _prospect(twin, found, last, known[1])
+        prospect = _prospect(twin, found, last, known[1], told.known)
         return None if prospect is None else (prospect, found.boots[found.number[-1]][1])
 
     def _up_to_date(self, twin_id: str) -> _Kept | None:
@@ -292,6 +306,11 @@ class Prospects:
             if _renewals_in(body for _, body in news.events):
                 # Of another structure from here on: only what follows is read again.
                 kept.sound = False
+            if any(TOLD in body for _, body in news.events):
+                kept.sound = False
+            if not come_after(news.states, kept.told.events):
+                # An event is placed after the last reading before it, which is another now.
+                kept.sound = False
             if not len(news.states) or not kept.sound or kept.rows is None:
                 continue
             numbers = [number for number, _, _ in news.runs]
@@ -315,8 +334,8 @@ class Prospects:
         rows = kept.rows
         if rows is None:
             return None
-        last = _mark(rows, kept.changes, self._refresh)
-        return _lesson(twin, rows, last, kept.changes)
+        last = _mark(rows, kept.changes, kept.told.known, self._refresh)
+        return _lesson(twin, rows, last, kept.changes, kept.told.known)
 
     def _renew(self, twin_id: str, kept: _Kept) -> None:
         """Read the newest part of the history, and learn where it calls for it.
@@ -338,16 +357,17 @@ class Prospects:
             if not len(found.states):
                 return
             found, changes = self._since_renewal(twin_id, found)
+            told = self._told_of(twin, twin_id, found)
             rows = _Rows.of(found.number, found.states)
-            last = _mark(rows, changes, self._refresh)
-            lesson = _lesson(twin, rows, last, changes)
+            last = _mark(rows, changes, told.known, self._refresh)
+            lesson = _lesson(twin, rows, last, changes, told.known)
             outlooks = kept.outlooks
             if lesson != kept.lesson:
                 outlooks = self._learn(twin, found, last, lesson)
-            prospect = _prospect(twin, found, last, outlooks)
+            prospect = _prospect(twin, found, last, outlooks, told.known)
             with kept.lock:
                 kept.lesson, kept.outlooks, kept.prospect = lesson, outlooks, prospect
-                kept.rows, kept.changes = rows, changes
+                kept.rows, kept.changes, kept.told = rows, changes, told
                 kept.last = int(rows.keys[-1])
                 kept.unit = found.boots[found.number[-1]][1]
                 kept.sound, kept.asked = True, False
@@ -359,8 +379,33 @@ class Prospects:
     def _learn(self, twin: Twin, found: History, last: int, lesson: Lesson) -> Outlooks:
         known = _past_until(twin, found, last + 1)
         process = twin.registration.forecast.process
-        learnt: Outlooks = self._run(learn, known, process, dict(lesson.suspected))
+        learnt: Outlooks = self._run(
+            learn, known, process, dict(lesson.suspected), dict(lesson.known)
+        )
         return learnt
+
+    def _told_of(
+        self,
+        twin: Twin,
+        twin_id: str,
+        found: History,
+        until: tuple[int | None, float | None] = (None, None),
+    ) -> _Told:
+        """Place the events that were told, those up to a moment, in a history."""
+        states = found.states
+        rows = self._store.asset_events(twin_id)
+        events = effective(row.message for row in rows)
+        if rows and until != (None, None):
+            last_ns = int(states["t_ns"].max()) if until[0] is None else until[0]
+            last = float(states["slow_time"].max()) if until[1] is None else until[1]
+            events = [e for e in events if _is_by(e, last_ns, last)]
+        if not events:
+            return _Told((), {})
+        names = _past(twin, states[-1:], found.bodies[-1:])
+        if not names:
+            names = _past(twin, states, found.bodies)
+        known = known_of(events, states["t_ns"], states["slow_time"], names)
+        return _Told(events, known)
 
     def _since_renewal(
         self, twin_id: str, found: History
@@ -433,7 +478,16 @@ def behind(news: News, last: Key) -> News:
     )
 
 
-def _mark(rows: _Rows, changes: Mapping[str, list[float]], refresh: int) -> int:
+def _is_by(event: AssetEvent, t_ns: int, slow_time: float) -> bool:
+    """Whether an event happened by a moment."""
+    if event.slow_time is not None:
+        return event.slow_time <= slow_time
+    return (event.happened_ns or 0) <= t_ns
+
+
+def _mark(
+    rows: _Rows, changes: Mapping[str, list[float]], known: KnownEvents, refresh: int
+) -> int:
     """Find the reading up to which it is learnt: the last whose number `refresh` divides.
 
     After a change of the model it is learnt anew as soon as some readings have followed; while
@@ -443,16 +497,24 @@ def _mark(rows: _Rows, changes: Mapping[str, list[float]], refresh: int) -> int:
     marks = np.flatnonzero((rows.keys & _SEQUENCE) % refresh == 0)
     last = int(marks[-1]) if len(marks) else -1
     begun = rows.times.min()
-    since = [at for each in changes.values() for at in each if at >= begun]
+    every = (*changes.values(), *jump_times(known).values())
+    since = [at for each in every for at in each if at >= begun]
     followed = np.searchsorted(rows.times, since, side="right")[:, None] - 1 + np.array(_AFTER)
     last = int(np.max(followed[followed < count], initial=last))
     return last if np.count_nonzero(rows.valid[: last + 1]) >= FEWEST else count - 1
 
 
-def _lesson(twin: Twin, rows: _Rows, last: int, changes: Mapping[str, list[float]]) -> Lesson:
+def _lesson(
+    twin: Twin, rows: _Rows, last: int, changes: Mapping[str, list[float]], known: KnownEvents
+) -> Lesson:
     within = float(rows.times.min()), float(rows.times[last])
     suspected = _suspected(changes, *within)
-    return Lesson(twin.registration, int(rows.keys[last]), suspected)
+    told = {
+        name: tuple(e for e in each if within[0] <= e.time < within[1])
+        for name, each in known.items()
+    }
+    learnt_with = tuple((name, each) for name, each in sorted(told.items()) if each)
+    return Lesson(twin.registration, int(rows.keys[last]), suspected, learnt_with)
 
 
 def _suspected(changes: Mapping[str, list[float]], first: float, until: float) -> Suspected:
@@ -496,9 +558,11 @@ def _cut(found: History, renewals: list[float]) -> History:
     )
 
 
-def _prospect(twin: Twin, found: History, last: int, outlooks: Outlooks) -> Prospect | None:
+def _prospect(
+    twin: Twin, found: History, last: int, outlooks: Outlooks, known: KnownEvents
+) -> Prospect | None:
     """Take in the readings up to the mark, then those behind it one after the other."""
-    prospect = prospect_of(_past_until(twin, found, last + 1), outlooks)
+    prospect = prospect_of(_past_until(twin, found, last + 1), outlooks, known)
     if prospect is None:
         return None
     later = slice(last + 1, None)
@@ -507,7 +571,7 @@ def _prospect(twin: Twin, found: History, last: int, outlooks: Outlooks) -> Pros
         return follow(prospect, _past(twin, found.states[later], bodies))
     except ValueError:
         # Some of them are of an earlier time: all of them in order.
-        return prospect_of(_past_until(twin, found, len(found.states)), outlooks)
+        return prospect_of(_past_until(twin, found, len(found.states)), outlooks, known)
 
 
 def _past_until(twin: Twin, found: History, count: int) -> dict[str, Past]:

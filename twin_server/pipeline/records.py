@@ -3,9 +3,11 @@
 import json
 from typing import Any
 
-from slowtime_schemas.codec import Refused, decode
+from slowtime_schemas.asset_events import AssetEvent
+from slowtime_schemas.codec import Refused, decode, encode
 from slowtime_schemas.messages import Event, Features
 from slowtime_schemas.streams import FEATURES
+from twin_server.asset_events import TOLD, AssetEventRow, sentence
 from twin_server.collect import DAMAGED, Aged, Change, Lost, Rivals, Run
 from twin_server.details import Detail
 from twin_server.estimate import Notice, Twin
@@ -186,3 +188,33 @@ def rivals_event(rivals: Rivals) -> EventRow:
         ),
         derived=False,
     )  # fmt: skip
+
+
+def asset_event_row(event: AssetEvent) -> AssetEventRow:
+    """Make the row of what somebody has told of an asset."""
+    return AssetEventRow(
+        event.twin_id, event.event, event.sequence, event.t_ns, event.principal,
+        encode(event).decode(),
+    )  # fmt: skip
+
+
+def told_event(told: AssetEvent) -> EventRow:
+    """Make the event that says what somebody has told of an asset."""
+    content = told.model_dump(mode="json", exclude_defaults=True)
+    header = ("version", "site", "asset", "boot", "sequence", "t_ns")
+    details = {name: value for name, value in content.items() if name not in header}
+    details |= {"event": told.event, "kind": told.kind, "by": told.person}
+    return event_row(
+        Event(
+            site=told.site,
+            asset=told.asset,
+            boot=told.boot,
+            sequence=0,
+            t_ns=told.t_ns,
+            kind=TOLD,
+            severity="info",
+            message=sentence(told),
+            details=details | {"token": told.principal},
+        ),
+        derived=False,
+    )

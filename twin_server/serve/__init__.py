@@ -7,6 +7,7 @@ from .knowledge import Chapter, Knowledge, Outlook
 from .lanes import Lane
 from .live import Hub
 from .moments import Moment
+from .plans import fleet_answer
 from .problems import ProblemError
 
 __all__ = [
@@ -19,5 +20,6 @@ __all__ = [
     "Outlook",
     "ProblemError",
     "create_app",
+    "fleet_answer",
     "foretell",
 ]

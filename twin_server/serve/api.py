@@ -21,16 +21,21 @@ from twin_server.settings import ServeSettings
 
 from . import (
     alarms,
+    assessed,
+    asset_events,
     composites,
     diagnoses,
     exports,
     forecasts,
     models,
+    plans,
     problems,
     recordings,
+    risks,
     simulations,
 )
 from .alarms import Alarming
+from .asset_events import EventKeeping
 from .composites import Compositing
 from .diagnoses import Ordering
 from .document import document
@@ -90,6 +95,7 @@ def create_app(
     largest_recording: int = 0,
     lane: Lane | None = None,
     alarming: Alarming | None = None,
+    events: EventKeeping | None = None,
     compositing: Compositing | None = None,
 ) -> FastAPI:
     """Make the ASGI application; without `ordering`, one that diagnoses nothing.
@@ -102,6 +108,8 @@ def create_app(
         Where it is waited for what takes long; by default one as the settings say.
     alarming
         Of alarms and their deliveries; without it, alarms are events only.
+    events
+        Of repairs and inspections; without it, none can be recorded.
     compositing
         Of composites; without it, there are none.
     """
@@ -125,16 +133,21 @@ def create_app(
         _twins(knowledge, hub, settings, known, changing, compositing), prefix="/api/v1"
     )
     app.include_router(forecasts.routes(knowledge, settings, known, lane), prefix="/api/v1")
+    app.include_router(plans.routes(knowledge, known, lane), prefix="/api/v1")
+    app.include_router(risks.routes(knowledge, known, lane), prefix="/api/v1")
     app.include_router(simulations.routes(knowledge, known, lane), prefix="/api/v1")
     all_composites = dict if compositing is None else compositing.all
     app.include_router(
         exports.routes(knowledge, known, settings.max_exports, all_composites),
         prefix="/api/v1",
     )
+    app.include_router(assessed.routes(knowledge, known), prefix="/api/v1")
     if ordering is not None:
         app.include_router(diagnoses.routes(ordering, known, changing), prefix="/api/v1")
     if alarming is not None:
         app.include_router(alarms.routes(alarming, known), prefix="/api/v1")
+    if events is not None:
+        app.include_router(asset_events.routes(events, known), prefix="/api/v1")
     if compositing is not None:
         app.include_router(
             composites.routes(knowledge, compositing, known, lane), prefix="/api/v1"

@@ -1,6 +1,6 @@
 """Where a twin is heading, at the door: bands, and when thresholds are reached."""
 
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -8,7 +8,7 @@ from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic import Field
 from pydantic_core import to_json
 
-from slowtime.evolution.crossing import Crossing
+from slowtime.degradation import RemainingLife
 from twin_server.registration import Registration
 from twin_server.rendering import estimate_objects
 from twin_server.settings import ServeSettings
@@ -33,6 +33,15 @@ _TOO_FEW = (
     "There are too few valid readings to forecast from. Wait for more of them, or look at the "
     "reasons of the latest states."
 )
+
+CDF_POINTS = 61
+"""Points of the distribution function of a remaining life, from now to the horizon [1]."""
+
+QUANTILES = (0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95)
+"""Probabilities whose times are told of a remaining life [1]."""
+
+TOLD = 0.005
+"""Posterior probability from which a degradation law is told [1]."""
 
 Finite = Annotated[float, Field(gt=0, le=1e300, allow_inf_nan=False)]
 Change = Annotated[float, Field(ge=-1.0, le=1e6, allow_inf_nan=False)]
@@ -95,8 +104,9 @@ def routes(
 
         With `at`, as it would have been foretold at that moment, from what came until then.
 
-        And of each threshold the time by which it is reached with 10, 50 and 90 %, or that it
-        is not within the horizon.
+        And of each threshold the distribution of the time at which it is first reached:
+        distribution function, quantiles, what lies beyond the horizon, and the degradation
+        laws that it follows from, with their weights.
         """
         moment = moment_of("at", at)
         asked = _asked(registration, threshold, quantity, toward)
@@ -193,7 +203,14 @@ def _forecast(
     if outlook is None:
         none = dict.fromkeys(("since", "until", "slow_time_unit"))
         empty: dict[str, Any] = {"points": [], "crossings": [], "periods": {}, "jumps": {}}
-        return {"id": twin_id, **none, **empty, "valid": False, "reasons": [_TOO_FEW]}
+        return {
+            "id": twin_id,
+            **none,
+            **empty,
+            "valid": False,
+            "reasons": [_TOO_FEW],
+            "warnings": [],
+        }
     rows = [None] * len(outlook.slow_time)
     of_each = {name: estimate_objects(band.tolist()) for name, band in outlook.bands.items()}
     elements = [name for name in of_each if name not in _OF_THE_WHOLE]
@@ -212,34 +229,51 @@ def _forecast(
             for row, time in enumerate(outlook.slow_time.tolist())
         ],
         "crossings": [
-            _crossing(sources[limit], limit, crossing, outlook.since)
-            for limit, crossing in outlook.crossings
+            _crossing(sources[limit], limit, life, outlook.since)
+            for limit, life in outlook.crossings
         ],
         "periods": outlook.periods,
         "jumps": outlook.jumps,
         "valid": not outlook.reasons,
         "reasons": list(outlook.reasons),
+        "warnings": list(outlook.misfits),
     }
 
 
-def _crossing(source: str, limit: Limit, crossing: Crossing, since: float) -> dict[str, Any]:
+def _crossing(source: str, limit: Limit, life: RemainingLife, since: float) -> dict[str, Any]:
     side = "at" if limit.toward is None else limit.toward
     words, unit, times = shown(limit.quantity)
+    grid = np.linspace(life.now, life.horizon, CDF_POINTS)
     return {
         "quantity": limit.quantity,
         "threshold": limit.at,
         "toward": limit.toward,
         "source": source,
         "times": [
-            {
-                "share": share,
-                "slow_time": at if np.isfinite(at) else None,
-                "ahead": at - since if np.isfinite(at) else None,
-            }
-            for share, at in zip(crossing.shares, crossing.slow_time.tolist(), strict=True)
+            {"share": share, **_when(at, since)}
+            for share, at in zip(life.shares, life.slow_time.tolist(), strict=True)
         ],
-        "within": crossing.probability,
-        "already": crossing.already,
-        "horizon": crossing.horizon,
-        "sentence": f"{words} {side} {signed(times * limit.at)} {unit}: {crossing.words()}",
+        "quantiles": [
+            {"share": share, **_when(at, since)}
+            for share, at in zip(
+                QUANTILES, life.quantile(np.array(QUANTILES)).tolist(), strict=True
+            )
+        ],
+        "median": _when(life.median, since)["slow_time"],
+        "cdf": {"slow_time": grid.tolist(), "probability": life.cdf(grid).tolist()},
+        "within": life.within,
+        "beyond": life.beyond,
+        "already": life.already,
+        "horizon": life.horizon,
+        "laws": {name: share for name, share in _sorted(life.weights) if share >= TOLD},
+        "sentence": f"{words} {side} {signed(times * limit.at)} {unit}: {life.words()}",
     }
+
+
+def _when(at: float, since: float) -> dict[str, float | None]:
+    finite = bool(np.isfinite(at))
+    return {"slow_time": at if finite else None, "ahead": at - since if finite else None}
+
+
+def _sorted(weights: Mapping[str, float]) -> list[tuple[str, float]]:
+    return sorted(weights.items(), key=lambda item: -item[1])

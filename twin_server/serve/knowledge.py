@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.evolution.crossing import Crossing
+from slowtime.degradation import RemainingLife
 from twin_server.buckets import Buckets
 from twin_server.details import Bodies
 from twin_server.orders import SimulationOrder
@@ -39,6 +39,8 @@ class Outlook:
     ----------
     crossings
         When each threshold is reached.
+    misfits
+        Of each quantity that no degradation law fits, a sentence that says so.
     periods, jumps
         Of each quantity, after how long it repeats itself, if it does; and slow times after
         which its past went elsewhere.
@@ -51,10 +53,11 @@ class Outlook:
     bands: Mapping[str, Float[np.ndarray, "later 4"]]
     until: float
     reasons: Sequence[str]
-    crossings: Sequence[tuple[Limit, Crossing]] = ()
+    crossings: Sequence[tuple[Limit, RemainingLife]] = ()
     periods: Mapping[str, float | None] = dataclasses.field(default_factory=dict)
     jumps: Mapping[str, Sequence[float]] = dataclasses.field(default_factory=dict)
     unit: str | None = None
+    misfits: Sequence[str] = ()
 
 
 class Knowledge(Protocol):
@@ -121,8 +124,23 @@ class Knowledge(Protocol):
         """Where a twin is heading, or was at a moment; None where too little was known."""
         ...
 
+    def risk(self, twin_id: str, horizon: float | None) -> dict[str, Any]:
+        """Tell how probable failure is by each limit state of a twin."""
+
+    def plan(self, twin_id: str, *, stale: bool = False) -> dict[str, Any]:
+        """Tell what to do with a twin; with `stale`, as planned some readings ago."""
+        ...
+
     def heads(self, after: int | None, limit: int) -> list[dict[str, Any]]:
         """Signed heads of the ledger: those that follow a number, or the newest."""
+        ...
+
+    def fatigue(self, twin_id: str) -> list[dict[str, Any]]:
+        """Damage of each point of a twin, its course and the time that is left."""
+        ...
+
+    def virtual(self, twin_id: str) -> list[dict[str, Any]]:
+        """Latest windows of virtual quantities, since this server began."""
         ...
 
     def check(self, twin_id: str, order: SimulationOrder) -> None:

@@ -368,8 +368,17 @@ CROSSING_EXAMPLE: dict[str, Any] = {
         {"share": 0.5, "slow_time": 1240.9, "ahead": 428.4},
         {"share": 0.9, "slow_time": None, "ahead": None},
     ],
+    "quantiles": [
+        {"share": 0.05, "slow_time": 1010.4, "ahead": 197.9},
+        {"share": 0.5, "slow_time": 1240.9, "ahead": 428.4},
+        {"share": 0.95, "slow_time": None, "ahead": None},
+    ],
+    "median": 1240.9,
+    "cdf": {"slow_time": [812.5, 1218.75, 1625.0], "probability": [0.0, 0.47, 0.83]},
     "within": 0.83,
+    "beyond": 0.17,
     "already": 0.0,
+    "laws": {"linear drift": 0.62, "Gaussian process": 0.24, "Wiener": 0.14},
     "horizon": 1625.0,
     "sentence": (
         "Stiffness change below -10 %: 10 %: by 1061.2, 50 %: by 1240.9, 90 %: not within the "
@@ -394,6 +403,7 @@ FORECAST_EXAMPLE: dict[str, Any] = {
     "jumps": {"stiffness_change": []},
     "valid": True,
     "reasons": [],
+    "warnings": [],
 }
 
 
@@ -403,6 +413,13 @@ class CrossingTime(BaseModel):
     share: float = Field(description="The probability.")
     slow_time: float | None = Field(description="null: not within the horizon.")
     ahead: float | None = Field(description="The same, from the last reading on.")
+
+
+class DistributionModel(BaseModel):
+    """Distribution function, straight between its points."""
+
+    slow_time: list[float]
+    probability: list[float]
 
 
 class CrossingModel(BaseModel):
@@ -417,8 +434,25 @@ class CrossingModel(BaseModel):
     )
     source: Literal["request", "alarm", "registration"]
     times: list[CrossingTime]
+    quantiles: list[CrossingTime] = Field(
+        default=[], description="The same at 5, 10, 25, 50, 75, 90 and 95 %."
+    )
+    median: float | None = Field(
+        default=None, description="Slow time; null where `within` is below one half."
+    )
+    cdf: DistributionModel = Field(
+        default=DistributionModel(slow_time=[], probability=[]),
+        description="Probability that it has been crossed by each slow time.",
+    )
     within: float = Field(description="Probability that it is crossed within the horizon.")
+    beyond: float = Field(
+        default=1.0, description="Probability that it is not crossed within the horizon."
+    )
     already: float = Field(description="Probability that it has been crossed by now.")
+    laws: dict[str, float] = Field(
+        default={},
+        description="Degradation laws from which it follows, with their posterior probability.",
+    )
     horizon: float = Field(description="Slow time up to which was looked.")
     sentence: str
 
@@ -445,6 +479,9 @@ class ForecastModel(BaseModel):
     )
     valid: bool
     reasons: list[str]
+    warnings: list[str] = Field(
+        default=[], description="Of each quantity that no degradation law fits."
+    )
 
 
 class EventModel(BaseModel):
@@ -478,6 +515,74 @@ class HashModel(BaseModel):
     id: str
     sha256: str = Field(examples=["195264a38bfd2376ce89e4fb5925eb18c37de77b76d2bba43073b098"])
     features: int
+
+
+class DamageMoment(BaseModel):
+    """Miner's sum at one time, with its 95 % interval, and seconds counted by then."""
+
+    t_ns: int
+    damage: float
+    lo: float
+    hi: float
+    seconds: float
+
+
+class FatiguePointModel(BaseModel):
+    """Fatigue of one point over all boots."""
+
+    name: str
+    unit: str
+    source: Literal["channel", "virtual"]
+    damage: Estimate
+    damage_per_year: float
+    rate_variation: float
+    counted_s: float
+    uncounted_s: float
+    boots: int
+    time_to_failure_s: dict[str, float | None]
+    failed_probability: float
+    capacity: dict[str, float]
+    curve: dict[str, float | None]
+    reasons: list[str]
+    course: list[DamageMoment]
+    ranges: list[float]
+    cycles: list[float]
+
+
+class FatigueModel(BaseModel):
+    """Fatigue of a twin; no points where its edge counts none."""
+
+    id: str
+    points: list[FatiguePointModel]
+
+
+class VirtualQuantityModel(BaseModel):
+    """A quantity that nobody measures."""
+
+    name: str
+    unit: str
+    values: list[float]
+    sd: list[float]
+
+
+class VirtualWindowModel(BaseModel):
+    """Virtual quantities over one window."""
+
+    boot: str
+    start_ns: int
+    t_ns: int
+    rate_hz: float
+    lowest_hz: float
+    valid: bool
+    reasons: list[str]
+    quantities: list[VirtualQuantityModel]
+
+
+class VirtualModel(BaseModel):
+    """Latest windows of a twin's virtual quantities; none where its edge makes none."""
+
+    id: str
+    windows: list[VirtualWindowModel]
 
 
 class HeadModel(BaseModel):

@@ -139,14 +139,41 @@ class CrossingTime(Answer):
     ahead: float | None
 
 
+class Distribution(Answer):
+    """Distribution function, straight between its points."""
+
+    slow_time: tuple[float, ...] = ()
+    probability: tuple[float, ...] = ()
+
+
 class Crossing(Answer):
-    """When a threshold is first crossed."""
+    """When a threshold is first crossed: a distribution.
+
+    Parameters
+    ----------
+    times, quantiles
+        By when it has been crossed with a probability: at 10, 50 and 90 %, and at more.
+    median
+        Slow time; None where `within` is below one half.
+    cdf
+        Probability that it has been crossed by each slow time.
+    within, beyond, already
+        Probability that it is crossed within the horizon, that it is not, and that it has been
+        crossed by now.
+    laws
+        Degradation laws from which it follows, with their posterior probability.
+    """
 
     quantity: str
     threshold: float
     times: tuple[CrossingTime, ...]
+    quantiles: tuple[CrossingTime, ...] = ()
+    median: float | None = None
+    cdf: Distribution = Distribution()
     within: float
+    beyond: float | None = None
     already: float
+    laws: dict[str, float] = {}
     sentence: str
 
 
@@ -160,6 +187,129 @@ class Forecast(Answer):
     crossings: tuple[Crossing, ...]
     valid: bool
     reasons: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
+
+
+class PlanTime(Answer):
+    """A time of a plan: from the last reading, in slow time, and in the calendar if known."""
+
+    ahead: float
+    slow_time: float
+    t: str | None
+
+
+class PlanCost(Answer):
+    """Expected cost, and its 5 and 95 % quantiles over futures."""
+
+    value: float
+    lo: float
+    hi: float
+
+
+class PlanOption(Answer):
+    """Something that may be done."""
+
+    name: str
+    words: str
+    now: str
+    cost: PlanCost
+    failures: float
+    parameters: dict[str, float]
+    curve: tuple[float, ...]
+
+
+class PlanInformation(Answer):
+    """What an observation is worth before it is made."""
+
+    name: str
+    at: PlanTime
+    cost: float
+    value: float
+    net: float
+    changes: float
+    words: str
+
+
+class MaintenancePlan(Answer):
+    """What to do with a twin's structure, by when and why."""
+
+    id: str
+    since: float | None
+    currency: str | None
+    action: str | None
+    decided: bool
+    sentence: str
+    changes: tuple[str, ...]
+    options: tuple[PlanOption, ...]
+    times: tuple[PlanTime, ...]
+    repair_cost: tuple[float, ...]
+    failure_probability: tuple[float, ...]
+    information: tuple[PlanInformation, ...]
+    valid: bool
+    reasons: tuple[str, ...]
+
+
+class Probability(Answer):
+    """A probability with its 5 to 95 % band."""
+
+    value: float
+    lo: float
+    hi: float
+
+
+class RiskNow(Answer):
+    """A limit state at one slow time."""
+
+    probability: Probability
+    beta: float
+    survival: Probability
+    hazard: float
+
+
+class LimitStateRisk(Answer):
+    """How probable failure is by one limit state."""
+
+    name: str
+    kind: str
+    accepted: float
+    now: RiskNow | None
+    within: Probability | None
+    until: float | None
+    sentence: str
+    valid: bool
+    reasons: tuple[str, ...]
+
+
+class Risk(Answer):
+    """How probable failure of a twin is."""
+
+    id: str
+    since: float | None
+    horizon: float | None
+    limit_states: tuple[LimitStateRisk, ...]
+    valid: bool
+    reasons: tuple[str, ...]
+
+
+class FleetAsset(Answer):
+    """One twin of a fleet's plan."""
+
+    id: str
+    action: str | None
+    sentence: str
+    net: float | None
+    cost: float | None
+    visit: bool
+
+
+class FleetPlan(Answer):
+    """Where inspection teams go within a window."""
+
+    window_d: float
+    visits: int
+    currency: str | None
+    sentence: str
+    assets: tuple[FleetAsset, ...]
 
 
 class Event(Answer):
@@ -175,6 +325,53 @@ class Event(Answer):
     severity: Literal["info", "warning", "alarm"]
     message: str
     details: dict[str, Any]
+
+
+class AssetEvent(Answer):
+    """A repair, replacement, inspection, load test or note of an asset, as it was told."""
+
+    event: str
+    """Id that was given; one id is one event."""
+    number: int
+    kind: Literal["repair", "replacement", "inspection", "load_test", "note"]
+    sentence: str
+    quantity: str | None = None
+    t_ns: int | None = None
+    slow_time: float | None = None
+    person: str
+    principal: str
+    accepted_ns: int
+    text: str = ""
+    repair: dict[str, Any] | None = None
+    replacement: dict[str, Any] | None = None
+    measured: dict[str, float] | None = None
+    detection: dict[str, Any] | None = None
+    conditions: dict[str, float] = {}
+    reverses: str | None = None
+    reversed_by: str | None = None
+    answers: str | None = None
+
+
+class Question(Answer):
+    """A change that looks like a repair of which nobody has told."""
+
+    event_id: str
+    number: int
+    t_ns: int
+    message: str
+    quantity: str
+    since: float
+    size: float
+    sd: float
+    answered_by: str | None = None
+
+
+class AssetEvents(Answer):
+    """What people have recorded of an asset, and what the twin asks; the newest first."""
+
+    id: str
+    events: tuple[AssetEvent, ...]
+    questions: tuple[Question, ...]
 
 
 class Digest(Answer):

@@ -1,5 +1,6 @@
 """The client: one method a question."""
 
+import hashlib
 import os
 import time
 from collections.abc import Generator, Iterator, Mapping
@@ -10,7 +11,20 @@ from typing import Any, Literal, NamedTuple, Self
 from pydantic import TypeAdapter
 from pydantic_core import from_json
 
-from .answers import Bands, Digest, Event, Forecast, History, State, Twin
+from .answers import (
+    AssetEvent,
+    AssetEvents,
+    Bands,
+    Digest,
+    Event,
+    FleetPlan,
+    Forecast,
+    History,
+    MaintenancePlan,
+    Risk,
+    State,
+    Twin,
+)
 from .asking import AnswerError, Door, UnreachableError
 from .composite_answers import Composite, CompositeBrief
 
@@ -19,6 +33,8 @@ TOKEN = "SLOWTIME_TOKEN"
 
 _V1 = "/api/v1"
 _PIECE = 2**16
+_LONGEST_NAME = 64
+"""Characters of the id of an event."""
 _SILENT_S = 30.0
 """The server says that it is there every ten seconds."""
 
@@ -192,6 +208,27 @@ class Client:
         query = {"horizon": horizon, "points": points, "threshold": threshold}
         return Forecast.model_validate(self.json("GET", f"/twins/{twin_id}/forecast", query))
 
+    def plan(self, twin_id: str) -> MaintenancePlan:
+        """Tell what to do with a twin's structure, by when and why."""
+        return MaintenancePlan.model_validate(self.json("GET", f"/twins/{twin_id}/plan"))
+
+    def risk(self, twin_id: str, *, horizon: float | None = None) -> Risk:
+        """Tell how probable failure is by each limit state of a twin."""
+        query = {"horizon": horizon}
+        return Risk.model_validate(self.json("GET", f"/twins/{twin_id}/risk", query))
+
+    def fleet_plan(
+        self,
+        *,
+        teams: int | None = None,
+        visits: int | None = None,
+        window_d: float | None = None,
+        budget: float | None = None,
+    ) -> FleetPlan:
+        """Tell where inspection teams go within a window [days]."""
+        query = {"teams": teams, "visits": visits, "window_d": window_d, "budget": budget}
+        return FleetPlan.model_validate(self.json("GET", "/fleet/plan", query))
+
     def simulate(self, twin_id: str, order: Mapping[str, Any]) -> dict[str, Any]:
         """Run today's twin under a load; as `docs/foresight.md` describes order and answer."""
         return self.json("POST", f"/twins/{twin_id}/simulate", body=dict(order))
@@ -204,6 +241,40 @@ class Client:
         return _EVENTS.validate_python(
             self.json("GET", f"/twins/{twin_id}/events", query)["events"]
         )
+
+    def record_event(self, twin_id: str, event: Mapping[str, Any]) -> AssetEvent:
+        """Record a repair, replacement, inspection, load test or note of an asset.
+
+        `docs/events.md` describes what `event` holds; the same one twice is one event.
+        """
+        told = self.json("POST", f"/twins/{twin_id}/events", body=dict(event))
+        return AssetEvent.model_validate(told)
+
+    def undo_event(
+        self,
+        twin_id: str,
+        event: str,
+        *,
+        name: str | None = None,
+        person: str | None = None,
+        text: str = "",
+    ) -> AssetEvent:
+        """Take an event back: the forecast is as if nobody had told of it.
+
+        Parameters
+        ----------
+        name
+            Id of the note that takes it back; by default made of that of the event.
+        """
+        own = f"undo-{event}"
+        if len(own) > _LONGEST_NAME:
+            own = f"undo-{hashlib.sha256(event.encode()).hexdigest()[:32]}"
+        undone = {"event": name or own, "kind": "note", "reverses": event}
+        return self.record_event(twin_id, undone | {"person": person, "text": text})
+
+    def recorded_events(self, twin_id: str) -> AssetEvents:
+        """Find what people have recorded, and which changes the twin asks about."""
+        return AssetEvents.model_validate(self.json("GET", f"/twins/{twin_id}/events/recorded"))
 
     def alarms(self, twin_id: str, *, limit: int | None = None) -> list[dict[str, Any]]:
         """Find the newest alarms: whether each holds still, and who has acknowledged it."""

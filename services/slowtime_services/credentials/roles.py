@@ -14,6 +14,7 @@ from slowtime_schemas.streams import (
     ABOUT,
     ACK,
     EVENT,
+    FATIGUE,
     FEATURES,
     HEALTH,
     RAW,
@@ -22,15 +23,16 @@ from slowtime_schemas.streams import (
     SAMPLES,
     STATE,
     STREAMS,
+    VIRTUAL,
     alive_key,
     any_key,
     request_key,
     server_key,
 )
 
-OF_EDGES = (FEATURES, HEALTH, ABOUT, RAW)
+OF_EDGES = (FEATURES, HEALTH, ABOUT, RAW, FATIGUE, VIRTUAL)
 OF_TWINS = (ACK, STATE, EVENT, REGISTRATION)
-ASKED_OF_EDGES = ("account", "features", "raw", "about")
+ASKED_OF_EDGES = ("account", "features", "raw", "about", "fatigue")
 ASKED_OF_TWINS = ("registration",)
 LONGEST_NAME = 44
 """So that a common name keeps within the 64 characters of X.509."""

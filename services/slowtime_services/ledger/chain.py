@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 _BEGIN = b"slowtime ledger 1\n"
 
-FEATURES, REGISTRATION, ACKNOWLEDGEMENT = "f", "r", "a"
+FEATURES, REGISTRATION, ACKNOWLEDGEMENT, ASSET_EVENT = "f", "r", "a", "v"
 ANEW = "e"
 """All states were estimated anew: a hash of the history from before is none of it now."""
 DELETED = "d"

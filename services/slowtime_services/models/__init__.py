@@ -1,6 +1,8 @@
 """Model files in, descriptions out, and back again; and models set in motion."""
 
-from .reading import MAX_BYTES, ModelFileError, description_of, read_description, read_model
+from slowtime_services.descriptions import description_of
+
+from .reading import MAX_BYTES, ModelFileError, read_description, read_model
 from .running import ambient_model, run_model
 from .writing import model_file_of, model_text, write_model
 

@@ -9,11 +9,11 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from slowtime.dynamics import description as described
 from slowtime.dynamics.description import Description, DescriptionError
 from slowtime.dynamics.effects import Kind, read_effects
 from slowtime_schemas import model_file as schema
 from slowtime_schemas.model_file import ModelFile
+from slowtime_services.descriptions import description_of
 
 from .lines import Path, YamlError, read_with_lines
 
@@ -102,37 +102,6 @@ def parse_model(
         line = lines[_known(error.where, lines)]
         raise ModelFileError(f"{name}, line {line}: {error}") from None
     return model
-
-
-def description_of(model: ModelFile) -> Description:
-    """Turn a model file into the description it is.
-
-    Raises
-    ------
-    DescriptionError
-        Where it contradicts itself.
-    """
-    return Description(
-        name=model.name,
-        nodes=tuple(described.Node(**node.model_dump()) for node in model.nodes),
-        elements=tuple(_element(element) for element in model.elements),
-        effects=tuple(effect.model_dump() for effect in model.effects),
-        inputs=tuple(described.Input(**entry.model_dump()) for entry in model.inputs),
-        sensors=tuple(described.Sensor(**sensor.model_dump()) for sensor in model.sensors),
-        tolerance=(
-            None
-            if model.tolerance is None
-            else described.Tolerance(**model.tolerance.model_dump())
-        ),
-        unit_of_coordinate=model.unit_of_coordinate,
-    )
-
-
-def _element(element: schema.SpringElement | schema.BeamElement) -> described.Element:
-    settings = element.model_dump(exclude={"kind"})
-    if isinstance(element, schema.BeamElement):
-        return described.Beam(**settings)
-    return described.Spring(**settings)
 
 
 def _fault(

@@ -8,6 +8,7 @@ from slowtime_schemas.streams import (
     ABOUT,
     ACK,
     EVENT,
+    FATIGUE,
     FEATURES,
     HEALTH,
     RAW,
@@ -15,6 +16,7 @@ from slowtime_schemas.streams import (
     SAMPLES,
     STATE,
     STREAMS,
+    VIRTUAL,
     alive_key,
     any_key,
     request_key,
@@ -44,7 +46,7 @@ def told(bus, got, key, eventually):
 def test_an_edge_writes_its_own_keys_and_no_other(join, eventually):
     server, edge = join("server"), join("edge-beam", "peer")
     got: list[Sample] = []
-    for stream in (FEATURES, HEALTH, ABOUT, RAW, REGISTRATION):
+    for stream in (FEATURES, HEALTH, ABOUT, RAW, REGISTRATION, FATIGUE, VIRTUAL):
         server.subscribe(stream.everywhere, got.append)
     observer = join("observer")
     seen: list[Sample] = []
@@ -55,10 +57,11 @@ def test_an_edge_writes_its_own_keys_and_no_other(join, eventually):
             say(edge, stream.key(site, asset), b"x")
     say(edge, "slowtime/v1/lab/beam/features/more", b"x")
     say(edge, "elsewhere", b"x")
-    own = {(s.key("lab", "beam"), b"x") for s in (FEATURES, HEALTH, ABOUT, RAW, SAMPLES)}
+    may = (FEATURES, HEALTH, ABOUT, RAW, SAMPLES, FATIGUE, VIRTUAL)
+    own = {(s.key("lab", "beam"), b"x") for s in may}
     # What was said before the subscriptions were known may be missing; no forged key may come.
     assert told(edge, got, FEATURES.key("lab", "beam"), eventually) <= own
-    for stream in (FEATURES, HEALTH, ABOUT, RAW, SAMPLES):
+    for stream in may:
         say(edge, stream.key("lab", "beam"), b"x")
     # Samples are for the edge itself, not for the server.
     heard = own - {(SAMPLES.key("lab", "beam"), b"x")}

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from slowtime_services.descriptions import description_of
 from slowtime_services.models import run_model
-from slowtime_services.models.reading import description_of
 from slowtime_services.simulate import SimulatedModel, simulated_structure
 
 MODEL = {

@@ -63,4 +63,4 @@ def test_all_thresholds_are_told_by_the_same_futures(learnt):
         alone = crossing.first_crossing(outlook, time, value, sd, threshold, horizon, paths=500)
         together = futures.crossing(threshold)
         np.testing.assert_array_equal(together.slow_time, alone.slow_time)
-        assert together.probability == alone.probability
+        assert together.within == alone.within

@@ -282,12 +282,12 @@ def test_a_straight_line_crosses_when_it_must_and_the_answer_can_be_never():
     history = np.arange(40.0), -0.01 * np.arange(40.0), sd
     told = crossing.first_crossing(line, *history, -0.6, 100.0)
     np.testing.assert_allclose(told.slow_time, 60.0, atol=0.5)
-    assert told.probability == 1.0
+    assert told.within == 1.0
     never = crossing.first_crossing(line, *history, -2.0, 100.0)
     assert np.isinf(never.slow_time).all()
     assert "not within the horizon of 100" in never.words()
     risen = crossing.first_crossing(line, *history, 0.1, 100.0)
-    assert risen.probability == 0.0
+    assert risen.within == 0.0
     with pytest.raises(ValueError, match="Give a later slow time"):
         crossing.first_crossing(line, *history, -0.6, 39.0)
 
@@ -302,7 +302,7 @@ def test_a_brownian_motion_crosses_as_the_reflection_principle_says():
         walk, np.array([0.0]), np.array([0.0]), np.array([1e-6]), 5.0, 25.0,
         points=2000, paths=3000,
     )  # fmt: skip
-    assert told.probability == pytest.approx(2 * 0.15866, abs=0.035)
+    assert told.within == pytest.approx(2 * 0.15866, abs=0.035)
 
 
 def test_the_score_of_a_gaussian_is_the_integral_that_defines_it():

@@ -253,6 +253,7 @@ def test_the_keyboard_reaches_everything(house, visit):
         "State", "Diagnosis", "Larger charts", "History as JSON", "Instant shown",
         "Simulate a load",
     ]  # fmt: skip
+    assert tab(1) == ["Repairs and inspections: none recorded"]
     assert tab(1)[0].startswith("1 event")
 
 

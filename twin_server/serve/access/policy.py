@@ -44,13 +44,15 @@ _COMPOSITE = f"{_V1}/composites/{{composite_id}}"
 _RECORDING = f"{_V1}/recordings/{{name}}"
 _SEE = [(f"{_TWIN}{more}", Scope.VIEWER) for more in (
     "", "/history", "/history/hash", "/history/export", "/dtdl", "/modes", "/forecast",
-    "/events", "/live", "/gap", "/alarms", "/alarms/deliveries",
+    "/plan", "/risk", "/events", "/events/recorded", "/live", "/gap", "/fatigue", "/virtual",
+    "/alarms", "/alarms/deliveries",
     "/memberships", "/diagnoses", "/diagnoses/{number}", "/diagnoses/{number}/{name}",
 )]  # fmt: skip
 _DO = [
     ("PUT", _TWIN, Scope.OPERATOR),
     ("DELETE", _TWIN, Scope.ADMIN),
     ("POST", f"{_TWIN}/simulate", Scope.VIEWER),
+    ("POST", f"{_TWIN}/events", Scope.OPERATOR),
     ("POST", f"{_TWIN}/alarms/test", Scope.OPERATOR),
     ("POST", f"{_TWIN}/alarms/{{event_id}}/acknowledge", Scope.OPERATOR),
     ("POST", f"{_TWIN}/diagnoses", Scope.OPERATOR),
@@ -72,6 +74,7 @@ POLICY: tuple[Rule, ...] = (
     Rule("DELETE", f"{_V1}/session", Reach.OPEN),
     Rule("GET", f"{_V1}/twins", Reach.LISTED),
     Rule("GET", f"{_V1}/dtdl", Reach.LISTED),
+    Rule("GET", f"{_V1}/fleet/plan", Reach.LISTED),
     Rule("GET", f"{_V1}/ledger/heads", Reach.ANY),
     Rule("GET", f"{_V1}/recordings", Reach.LISTED),
     Rule("GET", _RECORDING, Reach.LISTED),

@@ -5,9 +5,11 @@ take its place.
 """
 
 import math
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 from scipy import stats
+from scipy.special import ndtri
 
 from twin_server.composites import Failing
 from twin_server.registration import Registration
@@ -57,9 +59,10 @@ def failure_probability(
     horizon: float | None,
     failing: Failing | None = None,
 ) -> Failure:
-    """Probability that a twin passes a failure threshold within a horizon, or has already.
+    """Probability that a twin fails within a horizon, or has already.
 
-    Thresholds are `failing`, else those under `forecast` in the registration, else the limits
+    It fails by `failing`, else by the limit states of its registration (docs/risk.md). Without
+    either it fails at thresholds: those under `forecast` in the registration, else the limits
     of its alarms. Of several on one side of a quantity the one that is reached first counts.
     Different quantities are taken for independent in the value; the band holds for any
     dependence of them. It covers the sampling of the forecast's futures; what the forecast
@@ -73,30 +76,58 @@ def failure_probability(
     registration = knowledge.registration(twin_id)
     if registration is None:
         return unknown(f"{twin_id} is not registered any more.")
+    if failing is None and registration.limit_states:
+        return _of_limit_states(knowledge.risk(twin_id, horizon), twin_id)
     limits = _limits(registration, failing)
     if not limits:
         return unknown(
             f"{twin_id} has no failure threshold. Give `failing` in the composite, or "
-            "forecast.thresholds in its registration."
+            "limit_states in its registration."
         )
     outlook = knowledge.outlook(twin_id, horizon, 2, limits)
     if outlook is None:
         return unknown(f"{twin_id} has too few valid readings to forecast from.")
     found: dict[tuple[str, str | None], float] = {}
     ahead = math.nan
-    for limit, crossing in outlook.crossings:
+    for limit, life in outlook.crossings:
         side = limit.quantity, limit.toward
-        found[side] = max(found.get(side, 0.0), crossing.probability, crossing.already)
-        ahead = crossing.horizon - outlook.since
+        found[side] = max(found.get(side, 0.0), life.within, life.already)
+        ahead = life.horizon - outlook.since
     if not found:
         names = ", ".join(sorted({limit.quantity for limit in limits}))
         return unknown(f"{twin_id} does not estimate {names}.", unit=outlook.unit)
-    bands = [interval(p) for p in found.values()]
-    value = 1.0 - math.prod(1.0 - p for p in found.values())
-    lo = max(lo for lo, _ in bands)
-    hi = min(1.0, sum(hi for _, hi in bands))
+    value, lo, hi = _any_of([(p, *interval(p)) for p in found.values()])
     reasons = tuple(f"{twin_id}: {reason}" for reason in outlook.reasons)
-    return Failure(value, min(lo, value), max(hi, value), reasons, ahead, outlook.unit)
+    return Failure(value, lo, hi, reasons, ahead, outlook.unit)
+
+
+def _of_limit_states(risk: Mapping[str, Any], twin_id: str) -> Failure:
+    """Probability of failure by any limit state up to the horizon, as a risk tells it."""
+    told = [
+        *risk["reasons"],
+        *(text for one in risk["limit_states"] for text in one["reasons"]),
+    ]
+    reasons = tuple(f"{twin_id}: {reason}" for reason in dict.fromkeys(told))
+    within = [one["within"] for one in risk["limit_states"]]
+    if risk["since"] is None or not within or None in within:
+        return unknown(*(reasons or (f"{twin_id} has no failure probability yet.",)))
+    value, lo, hi = _any_of([_widened(**one) for one in within])
+    ahead = risk["horizon"] - risk["since"]
+    return Failure(value, lo, hi, reasons, ahead, risk["slow_time_unit"])
+
+
+def _widened(value: float, lo: float, hi: float) -> tuple[float, float, float]:
+    """Turn a 90 % band into one of 95 %, as if its halves were normal."""
+    wider = ndtri(0.5 + LEVEL / 2.0) / ndtri(0.95)
+    low, high = value - wider * (value - lo), value + wider * (hi - value)
+    return value, max(0.0, min(low, value)), min(1.0, max(high, value))
+
+
+def _any_of(parts: Sequence[tuple[float, float, float]]) -> tuple[float, float, float]:
+    """Value of independent parts of which one suffices; a band for any dependence of them."""
+    value = 1.0 - math.prod(1.0 - p for p, _, _ in parts)
+    lo, hi = max(lo for _, lo, _ in parts), min(1.0, sum(hi for _, _, hi in parts))
+    return value, min(lo, value), max(hi, value)
 
 
 def interval(share: float, count: int = PATHS) -> tuple[float, float]:

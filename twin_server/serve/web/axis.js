@@ -53,6 +53,7 @@ export function timeAxis(twin, shown, width) {
 
 export const MARKS = {
   renewed: { tint: "good", dash: "solid", text: "renewed" },
+  told: { tint: "ink", dash: "longdash", text: "recorded" },
   sudden: { tint: "inseparable", dash: "dashdot", text: "sudden change" },
 };
 
@@ -65,8 +66,8 @@ export function marksOf({ points, marks = [] }) {
     type: "line", name: kind, yref: "paper", y0: 0, y1: 1, x0: place(slow_time), x1: place(slow_time), layer: "below",
     line: { color: colour(MARKS[kind].tint), width: 1.6, dash: MARKS[kind].dash },
   }));
-  const notes = shown.length > MOST_NOTES ? [] : shown.map(({ kind, slow_time }) => ({
-    text: MARKS[kind].text, x: place(slow_time), xanchor: "left", xshift: 2, yref: "paper", y: 1, yanchor: "top", showarrow: false,
+  const notes = shown.length > MOST_NOTES ? [] : shown.map(({ kind, slow_time, text }) => ({
+    text: text ?? MARKS[kind].text, x: place(slow_time), xanchor: "left", xshift: 2, yref: "paper", y: 1, yanchor: "top", showarrow: false,
     font: { color: colour(MARKS[kind].tint), size: 10.5 }, bgcolor: `${colour("card")}cc`,
   }));
   return { shapes, notes, found: Object.fromEntries(Object.keys(MARKS).map((kind) => [kind, shown.some((mark) => mark.kind === kind)])) };

@@ -1,12 +1,13 @@
 // All twins at a glance: what each is, whether it is to be relied on, when it was last heard of, what is wrong.
 import { served } from "./buckets.js";
 import { Composites } from "./composites.js";
+import { ask } from "./link.js";
 import { toTwin } from "./route.js";
 import { sparkline } from "./sparkline.js";
 import { historyOf } from "./window.js";
 import { ago, button, make, say, spoken, standing, titleOf } from "./words.js";
 
-const LATEST = 1000, SPARK_POINTS = 200, MOST_CARDS = 100, FINDABLE = 9, RELOAD_MS = 60000;
+const LATEST = 1000, SPARK_POINTS = 200, MOST_CARDS = 100, FINDABLE = 9, RELOAD_MS = 60000, PLAN_MS = 300000;
 const WORD = {
   valid: ["good", "\u2713 valid"], learning: ["waiting", "\u2026 learning"],
   inseparable: ["waiting", "\u25c7 mass and stiffness look alike"], invalid: ["bad", "\u2715 not valid"],
@@ -141,9 +142,11 @@ export class Fleet {
     this.list = make("ul", undefined, "cards");
     this.more = button("Show more", () => { this.most += MOST_CARDS; this.arrange(); });
     const head = make("div", undefined, "heading");
+    this.visits = make("p", "", "facts visits");
+    this.visits.hidden = true;
     head.append(this.title, this.summary, this.find);
     this.composites = new Composites();
-    this.root.append(head, this.list, this.more, this.composites.root);
+    this.root.append(head, this.visits, this.list, this.more, this.composites.root);
     this.watcher = new IntersectionObserver((entries) => {
       for (const { target, isIntersecting } of entries) this.see(this.cards.get(target.dataset.twin), isIntersecting);
     }, { rootMargin: "200px" });
@@ -159,6 +162,18 @@ export class Fleet {
     this.states = states;
     this.arrange();
     this.composites.refresh();
+    this.dispatch();
+  }
+
+  /** Where the inspection team goes this month, where something is to be decided; asked for every five minutes. */
+  async dispatch() {
+    const deciding = this.states.filter(({ registration, slow_time: slow }) => registration.decision && slow !== null).length;
+    if (!deciding || (this.plannedFor === deciding && Date.now() - this.plannedAt < PLAN_MS)) return;
+    [this.plannedAt, this.plannedFor] = [Date.now(), deciding];
+    const told = await ask("/api/v1/fleet/plan?window_d=30", PLAN_MS).catch(() => null);
+    if (!told) return;
+    this.visits.hidden = false;
+    this.visits.textContent = `Inspection team this month: ${told.sentence}`;
   }
 
   /** What is urgent comes first; among equals the order of registration stays, so that nothing jumps about. */

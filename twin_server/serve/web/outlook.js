@@ -2,7 +2,7 @@
 import { isNear, stepOf } from "./buckets.js";
 import { atTime, make, number, slowTime, titleOf } from "./words.js";
 
-const NARROW = "\u202f", JUMPS_SAID = 2;
+const NARROW = "\u202f", JUMPS_SAID = 2, LAWS_SAID = 3;
 const percent = (x, places = 0) => `${number(100 * x, places)}${NARROW}%`;
 const few = (x) => `${+(100 * x).toPrecision(3)}`.replace("-", "\u2212");
 
@@ -10,6 +10,34 @@ const few = (x) => `${+(100 * x).toPrecision(3)}`.replace("-", "\u2212");
 function asked({ quantity, threshold, toward }) {
   return `${titleOf(quantity)} ${toward ?? "reaches"} ${few(threshold)}${NARROW}%`;
 }
+
+const SVG = "http://www.w3.org/2000/svg", WIDE = 120, HIGH = 28;
+
+/** Distribution function over the time up to the horizon: a small plot, 0 below and 1 above. */
+function curve({ cdf, median, horizon, sentence }) {
+  const svg = document.createElementNS(SVG, "svg");
+  svg.setAttribute("viewBox", `0 0 ${WIDE} ${HIGH}`);
+  svg.setAttribute("class", "cdf");
+  svg.setAttribute("role", "img");
+  svg.setAttribute("aria-label", sentence);
+  if (!cdf?.slow_time.length) return svg;
+  const from = cdf.slow_time[0], span = horizon - from || 1;
+  const x = (time) => (WIDE * (time - from)) / span, y = (share) => 1 + (HIGH - 2) * (1 - share);
+  const line = (points, name) => {
+    const path = document.createElementNS(SVG, "polyline");
+    path.setAttribute("points", points.map(([a, b]) => `${a.toFixed(1)},${b.toFixed(1)}`).join(" "));
+    path.setAttribute("class", name);
+    svg.append(path);
+  };
+  line([[0, y(0.5)], [WIDE, y(0.5)]], "half");
+  if (median !== null) line([[x(median), y(0)], [x(median), y(1)]], "median");
+  line(cdf.slow_time.map((time, i) => [x(time), y(cdf.probability[i])]), "probability");
+  return svg;
+}
+
+/** "linear drift 62 %, Wiener 14 %" */
+const lawsOf = (laws) => Object.entries(laws ?? {}).slice(0, LAWS_SAID).filter(([, share]) => share >= 0.05)
+  .map(([name, share]) => `${name} ${percent(share)}`).join(", ");
 
 function row(crossing, since, at) {
   const row = make("tr"), title = make("th", asked(crossing));
@@ -22,7 +50,9 @@ function row(crossing, since, at) {
     const said = slow_time === null ? "not within the horizon" : passed && slow_time <= since ? "passed" : at(slow_time);
     return make("td", said);
   });
-  row.append(title, ...cells, make("td", `${percent(crossing.within)} by ${at(crossing.horizon)}`));
+  const plot = make("td"), laws = make("td", lawsOf(crossing.laws), "laws");
+  plot.append(curve(crossing));
+  row.append(title, ...cells, make("td", `${percent(crossing.within)} by ${at(crossing.horizon)}`), plot, laws);
   row.setAttribute("aria-label", crossing.sentence);
   return row;
 }
@@ -39,7 +69,7 @@ export class Outlook {
     this.table = make("table", undefined, "crossings");
     this.note = make("p", "", "facts");
     const head = make("thead"), row = make("tr");
-    for (const title of ["time to a threshold", `10${NARROW}%`, `50${NARROW}%`, `90${NARROW}%`, "within the horizon"]) {
+    for (const title of ["time to a threshold", `10${NARROW}%`, `50${NARROW}%`, `90${NARROW}%`, "within the horizon", "probability over time", "degradation laws"]) {
       const cell = make("th", title);
       cell.scope = "col";
       row.append(cell);
@@ -68,8 +98,9 @@ export class Outlook {
     const own = (times) => times.filter((time) => !isNear(time, renewed, stepOf(points)));
     const jumps = Object.entries(forecast.jumps).map(([name, times]) => [name, own(times)]).filter(([, times]) => times.length)
       .map(([name, times]) => `${titleOf(name)}: ${saidOf(times, at)}`);
+    const warnings = forecast.warnings ?? [];
     const until = `Beyond ${at(forecast.until)} the forecast only extrapolates its trend.`;
-    this.note.textContent = [`Forecast from ${at(forecast.since)}`, ...period, ...jumps, until].join(" \u00b7 ");
+    this.note.textContent = [`Forecast from ${at(forecast.since)}`, ...period, ...jumps, until, ...warnings].join(" \u00b7 ");
     this.root.dataset.since = forecast.since;
   }
 }

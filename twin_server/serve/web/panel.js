@@ -1,10 +1,14 @@
 // The view of one twin, its state or its diagnosis; made once, then kept up to date in place.
+import { Assessed } from "./assessed.js";
 import { draw, plotly } from "./charts.js";
 import { Diagnosis } from "./diagnosis.js";
 import { Elements } from "./elements.js";
 import { Events } from "./events.js";
 import { limitsPassed } from "./fleet.js";
 import { Outlook } from "./outlook.js";
+import { Recorded } from "./recorded.js";
+import { Plan } from "./plan.js";
+import { Risk } from "./risk.js";
 import { toTwin } from "./route.js";
 import { Timeline } from "./timeline.js";
 import { WhatIf } from "./whatif.js";
@@ -62,11 +66,13 @@ export class Panel {
     this.figures = Object.fromEntries(CHARTS.map((quantity) => [quantity, this.figure(quantity)]));
     this.quantities = CHARTS;
     this.elements = null;
-    [this.events, this.outlook] = [new Events(), new Outlook()];
+    [this.events, this.outlook, this.recorded, this.assessed] = [new Events(), new Outlook(), new Recorded(), new Assessed()];
     [this.timeline, this.whatIf, this.diagnosis] = [new Timeline(twin), new WhatIf(twin), new Diagnosis(twin)];
+    [this.risk, this.plan] = [new Risk(twin), new Plan(twin)];
     this.state = make("div", undefined, "state");
     this.state.append(
-      about, this.sensor, this.reasons, this.timeline.root, this.charts, this.outlook.root, this.whatIf.root, this.events.root,
+      about, this.sensor, this.reasons, this.timeline.root, this.charts, this.outlook.root, this.risk.root, this.plan.root, this.assessed.root,
+      this.whatIf.root, this.recorded.root, this.events.root,
     );
     this.root.append(this.heading(), this.alarm, this.facts, this.state, this.diagnosis.root);
   }
@@ -175,6 +181,10 @@ export class Panel {
     this.span.textContent = twin.all ? "Latest readings" : "Whole history";
     this.timeline.tell();
     this.outlook.tell(scene);
+    this.recorded.tell(scene);
+    this.risk.tell(scene);
+    this.plan.tell(scene);
+    this.assessed.tell(twin);
     this.events.tell(scene);
     this.whatIf.tell(twin.latest);
     this.tick();

@@ -2,7 +2,7 @@
 import { isNear, stepOf } from "./buckets.js";
 import { ask } from "./link.js";
 import { historyOf } from "./window.js";
-import { sensorOf } from "./words.js";
+import { QUANTITIES, sensorOf } from "./words.js";
 
 const MAX_POINTS = 1000, FORECAST_MS = 3000, PATIENCE_MS = 30000, EVENTS = 100;
 
@@ -10,6 +10,9 @@ const MAX_POINTS = 1000, FORECAST_MS = 3000, PATIENCE_MS = 30000, EVENTS = 100;
 const told = ({ boot, sequence, alive, valid, normal, raised, registration, sensor }) => (
   JSON.stringify([boot, sequence, alive, valid, normal, raised, registration, sensorOf({ sensor })])
 );
+
+/** Events that change what is recorded of the asset, and so its forecast. */
+const RECORDED = ["asset_event", "repair_suspected"];
 
 const COMPUTING = "The forecast is being computed.";
 const RENEWED_SINCE = "The structure was renewed after the last forecast. The next one is on its way.";
@@ -26,12 +29,17 @@ function raisedBy(events) {
   return [...raised.values()];
 }
 
-/** Renewals and sudden changes of the structure; a jump that a renewal explains is no change of its own. */
-function marksOf(events, points) {
+/** What people have told of, such as a repair, and what holds still. */
+const holding = ({ events }) => events.filter(({ reverses, reversed_by: by, slow_time: time }) => reverses === null && by === null && time !== null);
+
+/** Renewals, repairs and sudden changes of the structure; a jump that one of the former explains is no change of its own. */
+function marksOf(events, points, recorded) {
   const renewed = events.filter(({ kind, slow_time }) => kind === "renewed" && slow_time !== null).map(({ slow_time }) => slow_time);
   const sudden = events.filter(({ kind }) => kind === "model_changed").map(({ details }) => details.since);
-  const own = sudden.filter((since) => !isNear(since, renewed, stepOf(points)));
+  const told = holding(recorded), jumps = told.filter(({ kind }) => kind === "repair" || kind === "replacement");
+  const own = sudden.filter((since) => !isNear(since, [...renewed, ...jumps.map(({ slow_time }) => slow_time)], stepOf(points)));
   return [
+    ...told.map(({ kind, quantity, slow_time }) => ({ kind: "told", text: `${kind.replace("_", " ")}${quantity && !QUANTITIES[quantity] ? ` of ${quantity}` : ""}`, slow_time })),
     ...renewed.map((slow_time) => ({ kind: "renewed", slow_time })),
     ...[...new Set(own)].map((slow_time) => ({ kind: "sudden", slow_time })),
   ];
@@ -43,7 +51,8 @@ export class Twin {
     Object.assign(this, { id, changed, latest: null, points: [], events: [], forecast: null });
     Object.assign(this, { stream: null, loading: null, arrived: null, stale: false, problem: null, dirty: true });
     Object.assign(this, { known: false, forecastAt: 0, at: null, foretold: null, recalled: null, unforeseen: null });
-    Object.assign(this, { all: false, longer: false, thinned: false, bands: null });
+    Object.assign(this, { all: false, longer: false, thinned: false, bands: null, recorded: { events: [], questions: [] } });
+    this.reload = () => this.load();
     this.touch = this.touch.bind(this);
   }
 
@@ -51,9 +60,9 @@ export class Twin {
 
   /** What is to be seen: all until now, or until the instant that is looked at, and apart what came after it. */
   get scene() {
-    const { id, base, latest, events, forecast, at, bands, unforeseen, touch } = this, points = this.shown;
-    const marks = marksOf(events, points), renewed = new Set(marks.filter(({ kind }) => kind === "renewed").map(({ slow_time }) => slow_time));
-    const common = { id, base, at, bands, marks, renewed, whole: !this.thinned, unforeseen, touch };
+    const { id, base, latest, events, forecast, at, bands, unforeseen, touch, recorded, reload } = this, points = this.shown;
+    const marks = marksOf(events, points, recorded), renewed = new Set(marks.filter(({ kind }) => kind === "renewed").map(({ slow_time }) => slow_time));
+    const common = { id, base, at, bands, marks, renewed, recorded, reload, whole: !this.thinned, unforeseen, touch };
     // What was foretold of the structure as it was says nothing of the renewed one.
     const old = forecast && [...renewed].some((time) => time > forecast.since);
     const now = old ? { forecast: null, unforeseen: unforeseen ?? RENEWED_SINCE } : { forecast };
@@ -122,6 +131,10 @@ export class Twin {
   happen(event) {
     if (this.events.some((other) => other.number === event.number)) return;
     this.events = [...this.events, event].slice(-EVENTS);
+    if (RECORDED.includes(event.kind)) {
+      this.forecastAt = 0;
+      this.load();
+    }
     this.touch();
   }
 
@@ -139,14 +152,15 @@ export class Twin {
   async fetchAll() {
     this.arrived = [];
     this.stale = false;
-    const [history, events] = await Promise.all([
+    const [history, events, recorded] = await Promise.all([
       historyOf(this.base, { all: this.all, most: MAX_POINTS }),
       ask(`${this.base}/events?limit=${EVENTS}`, PATIENCE_MS),
+      ask(`${this.base}/events/recorded`, PATIENCE_MS),
     ]);
     const known = new Set(history.points.map((point) => `${point.boot} ${point.sequence}`));
     this.points = [...history.points, ...this.arrived.filter((point) => !known.has(`${point.boot} ${point.sequence}`))];
     [this.bands, this.longer, this.thinned] = [history.bands, history.longer, history.thinned];
-    this.events = events.events;
+    [this.events, this.recorded] = [events.events, recorded];
     [this.known, this.problem] = [true, null];
     // Who looks at the past goes on to see it when the latest readings have left it behind.
     if (this.at && this.longer && this.points[0]?.slow_time > this.at.slow_time) this.showAll(true);

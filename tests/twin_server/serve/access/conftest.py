@@ -10,7 +10,7 @@ import httpx
 import pytest
 
 from slowtime_cli.offline import offline_twin
-from twin_server.pipeline import Alarms, Compositions, TwinKnowledge
+from twin_server.pipeline import Alarms, AssetEvents, Compositions, TwinKnowledge
 from twin_server.registration import Registration
 from twin_server.serve import Hub, create_app
 from twin_server.serve.access import TokenFile, guarded
@@ -87,6 +87,7 @@ def door(tmp_path_factory):
         hub = Passing(9, 99, 9)
         app = create_app(
             TwinKnowledge(pipeline, store), hub, settings.serve, Nothing(), Nothing(),
-            alarming=Alarms(pipeline, store), compositing=Compositions(pipeline, store),
+            alarming=Alarms(pipeline, store), events=AssetEvents(pipeline, store),
+            compositing=Compositions(pipeline, store),
         )  # fmt: skip
         yield Door(app, guarded(settings).around(app), tokens, words, pipeline)

@@ -100,3 +100,19 @@ def test_a_member_without_a_forecast_leaves_bounds_and_says_so(told):
     assert 0 <= failed["any_dependence"]["lo"] <= failed["lo"] < failed["hi"] <= 1
     assert any(f"{IDS[11]} has too few valid readings" in one for one in failed["reasons"])
     assert told["health"]["twins"] == 12
+
+
+def test_a_member_with_limit_states_fails_by_them(yard):
+    state = {"kind": "threshold", "name": "soft", "quantity": "stiffness_change", "below": -0.2}
+    nominal = {"frequency_hz": 3.0, "damping_ratio": 0.02}
+    body = {"nominal": nominal, "limit_states": [state]}
+    assert yard.client.put(f"/api/v1/twins/{IDS[4]}", json=body).status_code == 200
+    wanted = {"members": [IDS[4]], "horizon": 30.0}
+    assert yard.client.put("/api/v1/composites/lab.one", json=wanted).status_code == 201
+    found = yard.get("/api/v1/composites/lab.one").json()["failure"]
+    risk = yard.get(f"/api/v1/twins/{IDS[4]}/risk", horizon=30.0).json()
+    within = risk["limit_states"][0]["within"]
+    assert found["value"] == pytest.approx(within["value"], abs=1e-9)
+    assert found["horizon"] == 30.0
+    assert found["lo"] <= within["lo"] <= within["hi"] <= found["hi"]
+    assert yard.client.delete("/api/v1/composites/lab.one").status_code == 204

@@ -1,0 +1,136 @@
+"""The stage: blocks to virtual quantities, stresses to damage, and a message now and then."""
+
+import dataclasses
+from collections.abc import Mapping
+
+from edge_agent.settings import EdgeSettings, Origin
+from slowtime.signals.block import Block
+from slowtime_schemas.messages import Fatigue, Virtual
+
+from .damage import Counted, Point
+from .virtual import Running, VirtualStage
+
+Told = Fatigue | Virtual
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class AssessState:
+    """What the stage remembers: running sensors, counts, and how many messages it has made."""
+
+    running: Running | None = None
+    counted: Mapping[str, Counted] = dataclasses.field(default_factory=dict)
+    first_ns: int | None = None
+    latest_ns: int = 0
+    told_ns: int | None = None
+    fatigue_sequence: int = 0
+    virtual_sequence: int = 0
+
+
+class Assess:
+    """Makes virtual quantities and counts fatigue.
+
+    Raises
+    ------
+    ValueError
+        Where the model file cannot be used, or an output is none of the model's.
+    """
+
+    def __init__(self, settings: EdgeSettings, origin: Origin) -> None:
+        self._settings, self._origin = settings, origin
+        self._virtual = (
+            None if settings.virtual is None else VirtualStage(settings.virtual, origin)
+        )
+        self._points = [Point(point) for point in settings.fatigue.points]
+        self._outputs = (
+            {} if settings.virtual is None
+            else {one.name: i for i, one in enumerate(settings.virtual.outputs)}
+        )  # fmt: skip
+
+    def start(self) -> AssessState:
+        """Begin with nothing seen."""
+        return AssessState()
+
+    def step(self, state: AssessState, block: Block) -> tuple[AssessState, tuple[Told, ...]]:
+        """Take one conditioned block; give the messages that are due."""
+        counted = dict(state.counted)
+        messages: list[Told] = []
+        running, sequence = state.running, state.virtual_sequence
+        if self._virtual is not None:
+            running, windows, told = self._virtual.step(running, block, sequence)
+            messages += told
+            sequence += len(told)
+            for point in self._points:
+                output = self._outputs.get(point.settings.at)
+                if output is None:
+                    continue
+                for window in windows:
+                    counted[point.settings.at] = point.step(
+                        counted.get(point.settings.at, Counted()),
+                        window.values[window.settled, output],
+                        block.true_rate_hz,
+                        self._virtual.units[point.settings.at],
+                        missing=float(window.missing_variance[output]),
+                        wrong=float(window.model_variance[output]),
+                        reasons=window.reasons,
+                    )
+        for point in self._points:
+            at = point.settings.at
+            if at in self._outputs:
+                continue
+            if at not in block.channels:
+                raise ValueError(
+                    f"Fatigue is asked at {at!r}, which is no channel and no virtual output. "
+                    f"Allowed: {', '.join([*block.channels, *self._outputs])}."
+                )
+            column = block.channels.index(at)
+            counted[at] = point.step(
+                counted.get(at, Counted()),
+                block.samples[:, column].astype(float),
+                block.true_rate_hz,
+                block.units[column],
+            )
+        state = dataclasses.replace(
+            state,
+            running=running,
+            counted=counted,
+            first_ns=block.start_ns if state.first_ns is None else state.first_ns,
+            latest_ns=block.end_ns,
+            told_ns=block.start_ns if state.told_ns is None else state.told_ns,
+            virtual_sequence=sequence,
+        )
+        assert state.told_ns is not None
+        if block.end_ns - state.told_ns >= self._settings.fatigue.every_s * 1e9:
+            state, due = self._tell(state)
+            messages += due
+        return state, tuple(messages)
+
+    def finish(self, state: AssessState) -> tuple[AssessState, tuple[Told, ...]]:
+        """Tell fatigue as it is at the end of the stream."""
+        if state.told_ns is None or state.latest_ns == state.told_ns:
+            return state, ()
+        return self._tell(state)
+
+    def _tell(self, state: AssessState) -> tuple[AssessState, tuple[Told, ...]]:
+        points = tuple(
+            point.told(
+                state.counted[point.settings.at], virtual=point.settings.at in self._outputs
+            )
+            for point in self._points
+            if point.settings.at in state.counted
+        )
+        state = dataclasses.replace(state, told_ns=state.latest_ns)
+        if not points or state.first_ns is None:
+            return state, ()
+        message = Fatigue(
+            site=self._origin.site,
+            asset=self._origin.asset,
+            boot=self._origin.boot,
+            time_base=self._origin.time_base,
+            sequence=state.fatigue_sequence,
+            start_ns=state.first_ns,
+            t_ns=state.latest_ns,
+            points=points,
+        )
+        return dataclasses.replace(state, fatigue_sequence=state.fatigue_sequence + 1), (
+            message,
+        )

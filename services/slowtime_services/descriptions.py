@@ -1,0 +1,37 @@
+"""Model files → descriptions, without what only reading YAML or running a model needs."""
+
+from slowtime.dynamics import description as described
+from slowtime.dynamics.description import Description
+from slowtime_schemas import model_file as schema
+from slowtime_schemas.model_file import ModelFile
+
+
+def description_of(model: ModelFile) -> Description:
+    """Turn a model file into the description it is.
+
+    Raises
+    ------
+    DescriptionError
+        Where it contradicts itself.
+    """
+    return Description(
+        name=model.name,
+        nodes=tuple(described.Node(**node.model_dump()) for node in model.nodes),
+        elements=tuple(_element(element) for element in model.elements),
+        effects=tuple(effect.model_dump() for effect in model.effects),
+        inputs=tuple(described.Input(**entry.model_dump()) for entry in model.inputs),
+        sensors=tuple(described.Sensor(**sensor.model_dump()) for sensor in model.sensors),
+        tolerance=(
+            None
+            if model.tolerance is None
+            else described.Tolerance(**model.tolerance.model_dump())
+        ),
+        unit_of_coordinate=model.unit_of_coordinate,
+    )
+
+
+def _element(element: schema.SpringElement | schema.BeamElement) -> described.Element:
+    settings = element.model_dump(exclude={"kind"})
+    if isinstance(element, schema.BeamElement):
+        return described.Beam(**settings)
+    return described.Spring(**settings)

@@ -1,0 +1,375 @@
+"""Futures and costs in; options side by side, their ranking, and the worth of more data out."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .comparison import Ranking, rank
+from .continuation import Follow, payments, per_path
+from .costs import CLOSED, CLOSING, INSPECTION, ITEMS, Costs, discount
+from .ensemble import Ensemble
+from .information import value_of_information
+from .lookahead import never_items, repair_items
+from .observations import (
+    Actions,
+    Observation,
+    Worth,
+    index_of,
+    likelihood_of,
+    most_worth,
+    worth,
+)
+from .option import Now, Option
+from .rules import EstimateError, at_age, at_estimate
+from .standing import Starts, standing_policies
+
+LATER = 16
+"""Later times of a repair among which is chosen after an observation."""
+
+LEVELS_AFTER = (0.6, 0.7, 0.8, 0.85, 0.9)
+"""Thresholds on the estimate [1] that may be followed after an observation."""
+
+INSPECTIONS = 8
+"""Later times of an inspection that are tried."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Terms:
+    """What decisions take for granted, besides futures and costs.
+
+    Parameters
+    ----------
+    restored, restored_sd
+        Share of the damage that a repair takes away, and its standard deviation [1].
+    error
+        Of the estimate by which thresholds act.
+    window
+        Time within which a failure counts for the threshold on P_f [time].
+    inspection
+        How an inspection that may be ordered measures; None where none can be.
+    observations
+        Others that may be ordered: sensors, more readings.
+    seed
+        Of draws of costs.
+    """
+
+    restored: float = 1.0
+    error: EstimateError = dataclasses.field(default_factory=EstimateError)
+    window: float = 0.0
+    inspection: Observation | None = None
+    observations: tuple[Observation, ...] = ()
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.restored <= 1.0:
+            raise ValueError(
+                f"A repair that restores {self.restored:g} was given. Allowed: above 0, up "
+                "to 1."
+            )
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Plan:
+    """What to do with one asset.
+
+    Parameters
+    ----------
+    options
+        All that may be done, the cheapest first.
+    costs
+        Expected cost of each [currency].
+    ranking
+        Best option, the best that does something else now, and whether that is known.
+    worths
+        Of each observation, the most that it is worth; the best first.
+    inspections
+        What an inspection is worth at each time that was tried.
+    repair_cost
+        Expected cost of a repair at each time [currency].
+    failure_probability
+        By each time [1].
+    futures
+        What it was made of.
+    """
+
+    options: tuple[Option, ...]
+    costs: Float[np.ndarray, " option"]
+    ranking: Ranking
+    worths: tuple[Worth, ...]
+    inspections: tuple[Worth, ...]
+    repair_cost: Float[np.ndarray, " time"]
+    failure_probability: Float[np.ndarray, " time"]
+    futures: Ensemble
+
+    @property
+    def best(self) -> Option:
+        """Cheapest option."""
+        return self.options[self.ranking.best]
+
+    @property
+    def advice(self) -> Worth | None:
+        """Observation of largest net value, where one is worth its cost."""
+        return most_worth(self.worths)
+
+
+def make_plan(futures: Ensemble, costs: Costs, terms: Terms) -> Plan:
+    """Compare all options of an asset over its futures, with common random numbers.
+
+    Parameters
+    ----------
+    futures
+        From now to the horizon.
+    costs
+        Times in the unit of the futures.
+
+    Returns
+    -------
+    Options with expected costs until the horizon; each includes what follows the first renewal:
+    for repairs and inspections now or at a time, the best standing policy.
+    """
+    starts = Starts.of(futures, terms.restored)
+    window = _window(futures, terms.window)
+    inspection = terms.inspection
+    standing = standing_policies(
+        starts,
+        costs,
+        terms.error,
+        window=window,
+        inspection_sd=None
+        if inspection is None or inspection.kind != "inspection"
+        else inspection.sd,
+    )
+    prices = costs.prices()
+    follow = min(standing, key=lambda one: float(one.follow.new[-1] @ prices)).follow
+    items, never = _planned(futures, costs, follow)
+    expected = futures.weights @ (items @ prices)
+    actions = _Left(futures, costs, terms.error, _actions(futures, items, never, follow))
+    options = [one.option for one in standing]
+    options += _repairs(futures, items, expected, costs, follow)
+    if costs.closing is not None:
+        options.append(_closing(futures, costs))
+    least = _least(options, futures, prices)
+    if inspection is not None:
+        options += _inspections(futures, costs, inspection, actions)
+    means = np.array([float(each.quantities(futures.weights) @ prices) for each in options])
+    order = np.argsort(means, kind="stable")
+    options = [options[k] for k in order]
+    worths = _worths(futures, costs, terms, actions, least)
+    return Plan(
+        tuple(options),
+        means[order],
+        rank(options, futures.weights, costs, terms.seed),
+        tuple(sorted((max(each, key=_net) for each in worths), key=_net, reverse=True)),
+        worths[0] if inspection is not None else (),
+        expected,
+        futures.failure_probability(),
+        futures,
+    )
+
+
+def _window(futures: Ensemble, given: float) -> int:
+    """Give the steps of the window of P_f; by default a twelfth of the horizon."""
+    last = len(futures.time) - 1
+    step = futures.time[1]
+    return int(np.clip(round(given / step) if given > 0 else round(last / 12), 1, last))
+
+
+def _planned(
+    futures: Ensemble, costs: Costs, follow: Follow
+) -> tuple[Float[np.ndarray, "path time item"], Float[np.ndarray, "path item"]]:
+    """Items of a repair at each time, and of none."""
+    cdf = np.minimum(futures.failure_cdf(), 1.0)
+    share = np.clip(futures.damage, 0.0, 1.0)[..., None]
+    after_repair = (1.0 - share) * follow.new[::-1] + share * follow.worn[::-1]
+    new = np.broadcast_to(follow.new[::-1], (1, *follow.new.shape))
+    items = repair_items(futures.time, cdf, costs, after_repair, new)
+    return items, never_items(futures.time, cdf, costs, new)
+
+
+def _actions(
+    futures: Ensemble,
+    items: Float[np.ndarray, "path time item"],
+    never: Float[np.ndarray, "path item"],
+    follow: Follow,
+) -> Actions:
+    index = _spread(len(futures.time), LATER)
+    every = np.concatenate([items[:, index], never[:, None]], axis=1)
+    cycles = tuple(at_age(futures, k) for k in (*index.tolist(), len(futures.time)))
+    return Actions(cycles, every, follow, (*index.tolist(), len(futures.time)))
+
+
+class _Left:
+    """What may be done after an observation at a time: repairs planned, or rules followed."""
+
+    def __init__(
+        self, futures: Ensemble, costs: Costs, error: EstimateError, planned: Actions
+    ) -> None:
+        self._futures, self._costs, self._planned = futures, costs, planned
+        self._estimates = error.of(futures)
+        self._kept: dict[int, Actions] = {}
+
+    def since(self, index: int) -> Actions:
+        """Planned repairs from an index on, and thresholds on the estimate from it on."""
+        if index not in self._kept:
+            left = self._planned.since(index)
+            seen = self._estimates.copy()
+            seen[:, :index] = -np.inf
+            cycles = [at_estimate(self._futures, level, seen) for level in LEVELS_AFTER]
+            more = [per_path(c, self._futures, self._costs, left.follow) for c in cycles]
+            items = np.concatenate([left.items, np.stack(more, axis=1)], axis=1)
+            self._kept[index] = Actions((*left.cycles, *cycles), items, left.follow)
+        return self._kept[index]
+
+
+def _least(
+    options: Sequence[Option], futures: Ensemble, prices: Float[np.ndarray, " item"]
+) -> float:
+    return min(float(each.quantities(futures.weights) @ prices) for each in options)
+
+
+def _spread(count: int, parts: int) -> Int[np.ndarray, " index"]:
+    """Give indices from 0 to the last, denser at first, where decisions are near."""
+    return np.unique(
+        np.round((count - 1) * np.linspace(0.0, 1.0, parts + 1) ** 1.5).astype(int)
+    )
+
+
+def _repairs(
+    futures: Ensemble,
+    items: Float[np.ndarray, "path time item"],
+    expected: Float[np.ndarray, " time"],
+    costs: Costs,
+    follow: Follow,
+) -> list[Option]:
+    """Repair now, and at the best later time."""
+    best = 1 + int(expected[1:].argmin())
+    chosen: tuple[tuple[str, Now, int, dict[str, float]], ...] = (
+        ("repair_now", "repair", 0, {}),
+        ("repair_at", "wait", best, {"at": float(futures.time[best])}),
+    )
+    return [
+        Option(
+            name,
+            now,
+            items[:, index],
+            payments(at_age(futures, index), futures, costs).until(follow),
+            given,
+            np.where(futures.failure_time > futures.time[index], futures.time[index], np.inf),
+        )
+        for name, now, index, given in chosen
+    ]
+
+
+def _closing(futures: Ensemble, costs: Costs) -> Option:
+    weight = discount(futures.time, costs.discount_rate)
+    closed = np.concatenate(
+        [[0.0], np.cumsum((weight[1:] + weight[:-1]) / 2 * np.diff(futures.time))]
+    )
+    curve = np.zeros((len(futures.time), len(ITEMS)))
+    curve[:, CLOSING], curve[:, CLOSED] = 1.0, closed
+    return Option("close", "close", np.repeat(curve[-1:], len(futures.weights), 0), curve)
+
+
+def _inspections(
+    futures: Ensemble, costs: Costs, inspection: Observation, actions: _Left
+) -> list[Option]:
+    """Inspect now, and at the best later time; then do what is best by what is found."""
+    later = _spread(len(futures.time), INSPECTIONS)[1:-1].tolist()
+    prices = costs.prices()
+    found = [_inspected(futures, costs, inspection, actions, index) for index in (0, *later)]
+    expected = [float(futures.weights @ (items @ prices)) for items, _, _ in found]
+    best = 1 + int(np.argmin(expected[1:])) if later else 0
+    options = []
+    for place in sorted({0, best}):
+        index = (0, *later)[place]
+        items, taken, changes = found[place]
+        given = {"at": float(futures.time[index]), "changes": changes}
+        options.append(
+            Option(
+                "inspect_at" if place else "inspect_now",
+                "wait" if place else "inspect",
+                items,
+                _curve_after(futures, costs, actions.since(index), taken, index),
+                given,
+            )
+        )
+    return options
+
+
+def _inspected(
+    futures: Ensemble, costs: Costs, inspection: Observation, actions: _Left, index: int
+) -> tuple[Float[np.ndarray, "path item"], Float[np.ndarray, "path action"], float]:
+    """Items of each future, the probability of each action, and that another one is taken."""
+    left, weights = actions.since(index), futures.weights
+    likelihood = likelihood_of(inspection, index, futures.time, futures.damage, weights)
+    found = value_of_information(left.items @ costs.prices(), weights, likelihood)
+    taken = np.zeros((len(weights), len(left.cycles)))
+    for outcome, action in enumerate(found.actions.tolist()):
+        taken[:, action] += likelihood[:, outcome]
+    own = _of_inspection(futures, costs, index)
+    items = np.einsum("pa,pai->pi", taken, left.items) + own
+    return items, taken, float(found.changes)
+
+
+def _of_inspection(
+    futures: Ensemble, costs: Costs, index: int
+) -> Float[np.ndarray, "path item"]:
+    at = futures.time[index : index + 1]
+    alive = (futures.failure_time > at[0]) | (index == 0)
+    own = discount(at, costs.discount_rate) * costs.event(INSPECTION)
+    return np.asarray(alive[:, None] * own)
+
+
+def _curve_after(
+    futures: Ensemble,
+    costs: Costs,
+    left: Actions,
+    taken: Float[np.ndarray, "path action"],
+    index: int,
+) -> Float[np.ndarray, "time item"]:
+    """Give expected items until each time: those of each action where it is taken."""
+    found = np.zeros((len(futures.time), len(ITEMS)))
+    for column, cycle in enumerate(left.cycles):
+        shares = futures.weights * taken[:, column]
+        total = float(shares.sum())
+        if total > 0.0:
+            some = dataclasses.replace(futures, weights=shares / total)
+            found += total * payments(cycle, some, costs).until(left.follow)
+    found[index:] += futures.weights @ _of_inspection(futures, costs, index)
+    return found
+
+
+def _worths(
+    futures: Ensemble, costs: Costs, terms: Terms, actions: _Left, least: float
+) -> list[tuple[Worth, ...]]:
+    """Give of each observation what it is worth at each time, the inspection first."""
+    asked = list(terms.observations)
+    if terms.inspection is not None:
+        priced = dataclasses.replace(terms.inspection, cost=costs.price(INSPECTION))
+        asked.insert(0, priced)
+    prices, found = costs.prices(), []
+    later = _spread(len(futures.time), INSPECTIONS)[:-1].tolist()
+    for one in asked:
+        places = [index_of(one, futures.time)] if one.kind == "readings" else later
+        each = tuple(
+            worth(
+                one,
+                index,
+                futures.time,
+                futures.damage,
+                futures.weights,
+                actions.since(index),
+                prices,
+                least,
+                float(np.exp(-costs.discount_rate * futures.time[index])),
+            )
+            for index in places
+        )
+        found.append(each)
+    return found
+
+
+def _net(one: Worth) -> float:
+    return one.net

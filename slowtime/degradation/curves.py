@@ -1,0 +1,121 @@
+r"""Degradation laws that are curves: their shapes over the age.
+
+Each curve is :math:`x(t) = f(s) + \sum_j \beta_j h_j(s; u)` with s the scaled age, linear
+coefficients :math:`\beta` (level, amplitude) and at most a few shape parameters u with a
+standard normal prior. The linear coefficients are integrated analytically.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Float
+
+Points: TypeAlias = Float[np.ndarray, "point shape"]
+Ages: TypeAlias = Float[np.ndarray, " age"] | Float[np.ndarray, "point age"]
+Shape: TypeAlias = Callable[[Points, np.ndarray], np.ndarray]
+
+_LARGEST = 1e6
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Curve:
+    """A law that is a curve over the age.
+
+    Parameters
+    ----------
+    name
+        By which weights are told.
+    shape
+        Points [point, shape] and scaled ages [age] to values [point, age]: how the curve
+        grows, before it is scaled to change by one over the history.
+    names
+        Of the shape parameters; their prior is standard normal.
+    fades
+        Whether the curve fades to total loss: then its level is the only linear coefficient,
+        and `shape` is the remaining share.
+    """
+
+    name: str
+    shape: Shape
+    names: tuple[str, ...] = ()
+    fades: bool = False
+
+
+def linear(points: Points, age: np.ndarray) -> np.ndarray:
+    """Give the age itself: a drift at a constant rate."""
+    return np.broadcast_to(age, (len(points), age.shape[-1]))
+
+
+def fade(points: Points, age: np.ndarray) -> np.ndarray:
+    r"""Give the share that remains, :math:`e^{-a s}` with a rate that may have either sign."""
+    rate = 2.0 * points[:, :1]
+    return np.asarray(np.exp(np.clip(-rate * age, -60.0, 60.0)))
+
+
+def power(points: Points, age: np.ndarray) -> np.ndarray:
+    r"""Give :math:`s^b` with :math:`\ln b \sim N(0, 0.6^2)`."""
+    exponent = np.exp(0.6 * points[:, :1])
+    return np.asarray(np.maximum(age, 0.0) ** exponent)
+
+
+def logistic(points: Points, age: np.ndarray) -> np.ndarray:
+    r"""Give :math:`1 / (1 + e^{-r (s - s_0)})`: slow, fast, and slow again.
+
+    A priori the rate r is about 3 over the history, within a factor of two, and the middle
+    :math:`s_0` is somewhat after the last reading.
+    """
+    rate = 3.0 * np.exp(0.7 * points[:, :1])
+    middle = 1.5 * np.exp(0.6 * points[:, 1:2])
+    return np.asarray(1.0 / (1.0 + np.exp(np.clip(-rate * (age - middle), -60.0, 60.0))))
+
+
+def crack(points: Points, age: np.ndarray) -> np.ndarray:
+    r"""Give the compliance of an edge crack that grows by Paris' law.
+
+    .. math:: \frac{da}{dN} = C (\Delta K)^m, \quad \Delta K \propto \sqrt{a}
+              \;\Rightarrow\; \alpha(s) = \alpha_0 (1 - s / s_f)^{-2 / (m - 2)}
+
+    with :math:`\alpha` the crack over the depth. The cracked member gives in as
+    :math:`1 - 1 / (1 + \kappa V(\alpha))` with V the flexibility of a single edge crack in
+    bending. Beyond :math:`\alpha = 0.95` the member has broken.
+
+    References
+    ----------
+    .. [1] P. Paris and F. Erdogan, "A critical analysis of crack propagation laws" (1963).
+    .. [2] H. Tada, P. C. Paris and G. R. Irwin, "The Stress Analysis of Cracks Handbook",
+       single edge notch in pure bending.
+    """
+    exponent = 2.2 + 1.0 * np.exp(0.5 * points[:, :1])
+    end = 1.0 + 2.0 * np.exp(0.8 * points[:, 1:2])
+    first = 0.08 * np.exp(0.7 * points[:, 2:3])
+    compliance = 0.5 * np.exp(1.0 * points[:, 3:4])
+    left = np.maximum(1.0 - age / end, 1e-9)
+    depth = np.minimum(np.minimum(first, 0.5) * left ** (-2.0 / (exponent - 2.0)), 0.95)
+    flexible = compliance * edge_flexibility(depth)
+    return np.asarray(flexible / (1.0 + flexible))
+
+
+def edge_flexibility(depth: np.ndarray) -> np.ndarray:
+    """Give the flexibility of a single edge crack in bending, of a crack over the depth [1]."""
+    factor = 5.93 + depth * (-19.69 + depth * (37.14 + depth * (-35.84 + 13.12 * depth)))
+    return np.asarray((depth / (1.0 - depth)) ** 2 * factor)
+
+
+LINEAR = Curve("linear drift", linear)
+FADE = Curve("exponential fade", fade, ("rate",), fades=True)
+POWER = Curve("power law", power, ("exponent",))
+LOGISTIC = Curve("logistic", logistic, ("rate", "middle"))
+CRACK = Curve("Paris crack", crack, ("exponent", "end", "depth", "compliance"))
+
+
+def columns(curve: Curve, points: Points, age: np.ndarray) -> np.ndarray:
+    """Give the linear coefficients' columns [point, age, column]: level and scaled growth."""
+    grown = curve.shape(points, age)
+    if curve.fades:
+        return grown[..., None]
+    ends = curve.shape(points, np.array([0.0, 1.0]))
+    over = ends[:, 1:] - ends[:, :1]
+    scaled = (grown - ends[:, :1]) / np.where(np.abs(over) > 1e-12, over, 1e-12)
+    return np.stack([np.ones_like(scaled), np.clip(scaled, -_LARGEST, _LARGEST)], axis=-1)

@@ -1,0 +1,1 @@
+"""Stress in, fatigue damage out: rainflow counts, S-N curves, Miner's sum, spectral rates."""

@@ -1,0 +1,217 @@
+"""Fatigue and virtual quantities at the edge: cut anywhere, told once, kept over restarts."""
+
+import dataclasses
+import itertools
+import json
+import threading
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from edge_agent.__main__ import run
+from edge_agent.assess import Assess
+from edge_agent.publish.cumulative import Cumulative
+from edge_agent.settings import EdgeSettings, Origin
+from slowtime.fatigue.counter import Count, Counter
+from slowtime.fatigue.curves import Curve
+from slowtime.signals.block import Block
+from slowtime_schemas.codec import decode
+from slowtime_schemas.messages import Fatigue, Virtual
+from slowtime_schemas.streams import FATIGUE, VIRTUAL, request_key
+from slowtime_services.bus import MemoryBus
+
+RATE = 50.0
+ORIGIN = Origin(site="lab", asset="beam", boot="b1", time_base="recorded")
+MODEL = """\
+slowtime_model: 1
+nodes: [{id: m, mass_kg: 100}]
+elements: [{id: k, between: [base, m], stiffness_n_per_m: 1e5, damping_n_s_per_m: 60}]
+sensors: [{channel: a, quantity: acceleration, node: m, unit: m/s^2, noise_sd: 0.01}]
+tolerance: {stiffness: 0.05}
+"""
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    path = tmp_path_factory.mktemp("model") / "one.yaml"
+    path.write_text(MODEL)
+    return path
+
+
+def block(count=6000, seed=1, first=0, **other):
+    rng = np.random.default_rng(seed)
+    ringing = np.exp(-0.3 * np.arange(1000) / RATE) * np.sin(31.6 * np.arange(1000) / RATE)
+    sway = np.convolve(rng.standard_normal(count), ringing)[:count]
+    given = {
+        "samples": np.stack([sway, 40 * sway], axis=1),
+        "rate_hz": RATE,
+        "first_index": first,
+        "start_ns": 10**18 + round(first / RATE * 1e9),
+        "channels": ("a", "s"),
+        "units": ("m/s^2", "MPa"),
+    }
+    return Block(**{**given, **other})
+
+
+def cut(whole, where):
+    edges = [0, *sorted(where), len(whole.samples)]
+    return [
+        dataclasses.replace(
+            whole,
+            samples=whole.samples[a:b],
+            first_index=whole.first_index + a,
+            start_ns=whole.start_ns + round(a / RATE * 1e9),
+        )
+        for a, b in itertools.pairwise(edges)
+    ]
+
+
+def settings_of(model, **other):
+    stress = {"name": "k.stress", "quantity": "force", "element": "k", "factor": 1e-2}
+    given = {
+        "virtual": {"model": model, "outputs": [stress | {"unit": "MPa"}], "tell_hz": 5.0},
+        "fatigue": {
+            "points": [
+                {"at": "k.stress", "constant": 1e12, "slope": 3.0},
+                {"at": "s", "detail_category": 71.0},
+            ],
+            "every_s": 60.0,
+        },
+    }
+    return EdgeSettings(**(given | other))
+
+
+def told(settings, blocks):
+    assess = Assess(settings, ORIGIN)
+    state = assess.start()
+    messages: list[Fatigue | Virtual] = []
+    for one in blocks:
+        state, some = assess.step(state, one)
+        messages += some
+    return messages + list(assess.finish(state)[1])
+
+
+def test_where_blocks_are_cut_changes_no_final_sum_and_no_virtual_value(model):
+    whole = block()
+    one = told(settings_of(model), [whole])
+    other = told(settings_of(model), cut(whole, [1, 77, 1200, 1201, 3333, 5990]))
+    ends = [[m for m in messages if isinstance(m, Fatigue)][-1] for messages in (one, other)]
+    for mine, theirs in zip(*(end.points for end in ends), strict=True):
+        assert (mine.bins, mine.half_cycles) == (theirs.bins, theirs.half_cycles)
+        assert mine.damage == pytest.approx(theirs.damage, rel=1e-9)
+    virtual = [[m for m in messages if isinstance(m, Virtual)] for messages in (one, other)]
+    assert virtual[0] == virtual[1] != []
+
+
+def test_a_channel_of_stress_is_counted_as_the_library_counts_it(model):
+    whole = block()
+    point = next(p for p in told(settings_of(model), [whole])[-1].points if p.name == "s")
+    counter = Counter(curve=Curve.of_detail_category(71.0))
+    total = counter.miner(counter.step(Count(), whole.samples[:, 1]))
+    assert (point.source, point.unit, point.seconds) == ("channel", "MPa", 120.0)
+    assert point.damage == pytest.approx(total.median)
+    assert point.ln_sd == pytest.approx(total.ln_sd)
+
+
+def test_sums_only_grow_and_sequences_count(model):
+    blocks = cut(block(15_000), range(500, 15_000, 500))
+    messages = [m for m in told(settings_of(model), blocks) if isinstance(m, Fatigue)]
+    assert [m.sequence for m in messages] == list(range(len(messages)))
+    for at in ("k.stress", "s"):
+        sums = [p.closed_damage for m in messages for p in m.points if p.name == at]
+        assert sums == sorted(sums)
+        assert sums[-1] > 0
+
+
+def test_a_gap_begins_the_virtual_sensor_anew_and_goes_on_counting(model):
+    first = block(3000)
+    second = block(3000, seed=2, first=4000)
+    messages = told(settings_of(model), [first, second])
+    virtual = [m for m in messages if isinstance(m, Virtual)]
+    assert virtual[-1].start_ns >= second.start_ns
+    assert [m.sequence for m in virtual] == list(range(len(virtual)))
+    s = next(p for p in messages[-1].points if p.name == "s")
+    assert s.seconds == pytest.approx(6000 / RATE)
+
+
+def test_values_are_told_at_the_rate_that_was_asked_for(model):
+    virtual = [m for m in told(settings_of(model), [block()]) if isinstance(m, Virtual)]
+    assert {m.rate_hz for m in virtual} == {5.0}
+    whole = sum(len(m.quantities[0].values) for m in virtual)
+    assert whole <= 6000 / RATE * 5 + len(virtual)
+    assert virtual[0].reasons == ("settling",)
+    assert virtual[-1].valid
+
+
+def test_a_point_that_is_nowhere_says_where_it_could_be(model):
+    settings = settings_of(model, fatigue={"points": [{"at": "x", "detail_category": 71.0}]})
+    with pytest.raises(ValueError, match=r"'x', which is no channel.*a, s, k.stress"):
+        told(settings, [block()])
+
+
+@pytest.mark.parametrize(
+    ("point", "says"),
+    [
+        ({"at": "s"}, "either a detail category, or constant and slope"),
+        ({"at": "s", "slope": 3.0}, "either a detail category"),
+        ({"at": "s", "detail_category": 71.0, "mean_stress": "goodman"}, "tensile strength"),
+    ],
+)
+def test_half_a_curve_is_refused(point, says):
+    with pytest.raises(ValidationError, match=says):
+        EdgeSettings(fatigue={"points": [point]})
+
+
+@pytest.mark.parametrize(
+    ("output", "says"),
+    [
+        ({"name": "d", "quantity": "drift"}, "needs `between`"),
+        ({"name": "f", "quantity": "force", "element": "k", "factor": 2.0}, "belong together"),
+    ],
+)
+def test_half_a_quantity_is_refused(model, output, says):
+    with pytest.raises(ValidationError, match=says):
+        EdgeSettings(virtual={"model": model, "outputs": [output]})
+
+
+class Told(MemoryBus):
+    def __init__(self):
+        super().__init__()
+        self.sent = {}
+
+    def publish(self, key, payload, **named):
+        self.sent.setdefault(key.rsplit("/", 1)[-1], []).append(payload)
+        return super().publish(key, payload, **named)
+
+
+def test_an_agent_tells_and_keeps_the_newest_of_each_boot(model, tmp_path):
+    np.save(tmp_path / "a.npy", block().samples)
+    bus = Told()
+    for boot in ("b1", "b2"):
+        settings = settings_of(
+            model,
+            boot=boot,
+            input={
+                "kind": "file", "path": tmp_path / "a.npy", "rate_hz": RATE,
+                "start_ns": 10**18, "columns": ("a", "s"), "units": ("a=m/s^2", "s=MPa"),
+            },
+            spool={"folder": tmp_path / "spool"},
+            publish={"linger_s": 0.0},
+        )  # fmt: skip
+        assert run(settings, bus=bus, stop=threading.Event()) == 0
+    fatigue = [decode(FATIGUE, payload) for payload in bus.sent["fatigue"]]
+    newest = {one.boot: one for one in fatigue if isinstance(one, Fatigue)}
+    assert [p.damage for p in newest["b1"].points] == [p.damage for p in newest["b2"].points]
+    assert all(isinstance(decode(VIRTUAL, p), Virtual) for p in bus.sent["virtual"])
+    kept = list(Cumulative(tmp_path / "spool" / "demo.tower", "b3").all())
+    assert {json.loads(payload)["boot"] for payload in kept} == {"b1", "b2"}
+    assert request_key("demo", "tower", "fatigue").endswith("request/fatigue")
+
+
+def test_each_boot_is_told_again_in_its_turn(tmp_path):
+    for boot in ("b1", "b2", "b3"):
+        Cumulative(tmp_path, boot).put(boot.encode())
+    kept = Cumulative(tmp_path, "b4")
+    assert {kept.turn() for _ in range(3)} == {b"b1", b"b2", b"b3"}
+    assert Cumulative(tmp_path / "nothing", "b").turn() is None

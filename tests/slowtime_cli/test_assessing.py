@@ -1,0 +1,102 @@
+"""The verbs `fatigue` and `virtual`: files in, damage and estimates out."""
+
+import json
+
+import numpy as np
+import pytest
+
+READ = ("--rate-hz", "50", "--columns", "a", "--unit", "m/s^2")
+MODEL = """\
+slowtime_model: 1
+nodes: [{id: m, mass_kg: 100}]
+elements: [{id: k, between: [base, m], stiffness_n_per_m: 1e5, damping_n_s_per_m: 60}]
+sensors: [{channel: a, quantity: acceleration, node: m, unit: m/s^2, noise_sd: 0.01}]
+tolerance: {stiffness: 0.05}
+"""
+
+
+@pytest.fixture
+def stress(tmp_path):
+    wave = 50 * np.sin(2 * np.pi * np.arange(0, 100, 0.01) + 0.1)
+    path = tmp_path / "s.csv"
+    path.write_text("s [MPa]\n" + "\n".join(f"{x:.6f}" for x in wave))
+    return path
+
+
+@pytest.fixture
+def one(tmp_path):
+    rng = np.random.default_rng(1)
+    ringing = np.exp(-0.3 * np.arange(1000) / 50) * np.sin(31.6 * np.arange(1000) / 50)
+    sway = np.convolve(rng.standard_normal(3000), ringing)[:3000]
+    (tmp_path / "a.csv").write_text("\n".join(f"{x:.6f}" for x in sway))
+    (tmp_path / "one.yaml").write_text(MODEL)
+    return tmp_path / "one.yaml", tmp_path / "a.csv", sway
+
+
+def test_constant_amplitude_gives_cycles_over_life(run, stress):
+    said = run(
+        "fatigue", stress, "--rate-hz", "100", "--sn", "3", "--sn-constant", "1e12", "--json"
+    )
+    assert said.status == 0, said.err
+    found = json.loads(said.out)
+    assert found["damage"]["median"] == pytest.approx(100 / (1e12 / 100**3), rel=0.01)
+    assert found["damage"]["lo"] < found["damage"]["median"] < found["damage"]["hi"]
+    assert found["largest_range"] == pytest.approx(100, rel=0.03)
+
+
+def test_a_person_sees_a_table_and_what_it_assumes(run, stress):
+    said = run("fatigue", stress, "--rate-hz", "100", "--detail-category", "71")
+    assert said.status == 0
+    assert "repeated for ever" in said.err
+
+
+def test_the_force_in_a_spring_is_stiffness_times_displacement(run, one, tmp_path):
+    model, record, sway = one
+    out = tmp_path / "v.csv"
+    given = ("virtual", model, record, *READ, "--quantity", "force")
+    said = run(*given, "--element", "k", "--out", out)
+    assert said.status == 0, said.err
+    table = np.genfromtxt(out, delimiter=",", skip_header=1)
+    # Near its resonance a mass on a spring: force = stiffness * displacement = -mass * a.
+    settled = table[:, 3] == 1
+    expected = -100 * sway[: len(table)]
+    assert np.corrcoef(table[settled, 1], expected[settled])[0, 1] > 0.9
+    assert (table[:, 2] > 0).all()
+    assert "above 1.26 Hz" in said.err
+
+
+@pytest.mark.parametrize(
+    ("flags", "says"),
+    [
+        (("--sn", "3"), "either a detail category, or constant and slope"),
+        (("--detail-category", "71", "--quantity", "force"), "belong together"),
+        (("--detail-category", "71", "--channel", "x"), "x"),
+    ],
+)
+def test_fatigue_that_cannot_be_says_why(run, stress, flags, says):
+    said = run("fatigue", stress, "--rate-hz", "100", *flags)
+    assert said.status != 0
+    assert says in said.err
+
+
+@pytest.mark.parametrize(
+    ("flags", "says"),
+    [
+        ((), "Give --quantity: displacement, drift"),
+        (("--quantity", "drift"), "needs `between`"),
+        (("--quantity", "force", "--element", "z"), "no element 'z'. Allowed: k"),
+        (("--quantity", "moment", "--element", "k"), "carries no moment"),
+    ],
+)
+def test_a_quantity_that_cannot_be_says_why(run, one, flags, says):
+    said = run("virtual", one[0], one[1], *READ, *flags)
+    assert said.status != 0
+    assert says in said.err
+
+
+def test_a_record_shorter_than_a_window_is_refused(run, one, tmp_path):
+    short = tmp_path / "short.csv"
+    short.write_text("\n".join(f"{x:.6f}" for x in one[2][:300]))
+    said = run("virtual", one[0], short, *READ, "--quantity", "displacement", "--node", "m")
+    assert said.status != 0
+    assert "shorter than one window" in said.err

@@ -1,0 +1,78 @@
+"""The verb `merge`: set-ups of moved sensors as modes of one structure."""
+
+import json
+
+import numpy as np
+import pytest
+
+from slowtime_schemas.modes_file import ModesFile
+
+
+def modes_file(path, channels, modes):
+    body = {
+        "slowtime_modes": 1,
+        "record": path.name,
+        "rate_hz": 100.0,
+        "channels": channels,
+        "duration_s": 60.0,
+        "modes": [
+            {
+                "frequency_hz": {"value": hz, "sd": 0.01},
+                "damping_ratio": {"value": 0.01, "sd": 0.002},
+                "correlation": 0.0,
+                "shape": {
+                    "re": (np.array(shape) / np.linalg.norm(shape)).tolist(),
+                    "im": [0.0] * len(shape),
+                    "sd": [0.005] * len(shape),
+                },
+                "kind": "structural",
+                "quality": 1.0,
+                "snr_db": None,
+                "method": "ssi",
+                "span_s": [0.0, 60.0],
+                "flags": [],
+            }
+            for hz, shape in modes
+        ],
+    }
+    path.write_text(json.dumps(body))
+    return path
+
+
+@pytest.fixture
+def setups(tmp_path):
+    low = [(2.0, [1.0, 0.5, 0.2]), (6.0, [1.0, -0.8, 0.4])]
+    high = [(2.01, [-1.0, -0.5, -0.8]), (6.01, [1.0, -0.8, 0.1])]
+    return (
+        modes_file(tmp_path / "low.json", ["top", "mid", "first"], low),
+        modes_file(tmp_path / "high.json", ["top", "mid", "second"], high),
+    )
+
+
+def test_shapes_are_put_together_over_the_references(run, setups, tmp_path):
+    out = tmp_path / "whole.json"
+    done = run("merge", *map(str, setups), "--out", str(out))
+    assert done.status == 0, done.err
+    whole = ModesFile.model_validate_json(out.read_text())
+    assert whole.channels == ("top", "mid", "first", "second")
+    assert whole.modes is not None
+    for mode, truth in zip(whole.modes, ([1, 0.5, 0.2, 0.8], [1, -0.8, 0.4, 0.1]), strict=True):
+        assert mode.shape is not None
+        shape = np.array(mode.shape.re) / mode.shape.re[0]
+        np.testing.assert_allclose(shape, truth, atol=0.02)
+    assert whole.modes[0].frequency_hz.value == pytest.approx(2.005, abs=1e-6)
+    assert whole.modes[0].frequency_hz.sd == pytest.approx(0.01 / 2**0.5, rel=0.3)
+
+
+def test_a_universal_file_holds_the_merged_modes(run, setups, tmp_path):
+    out = tmp_path / "whole.unv"
+    assert run("merge", *map(str, setups), "--out", str(out)).status == 0
+    assert out.read_text().startswith("    -1")
+
+
+def test_what_cannot_be_merged_says_why(run, setups, tmp_path):
+    lonely = modes_file(tmp_path / "lonely.json", ["elsewhere"], [(2.0, [1.0])])
+    assert "Give two files" in run("merge", str(setups[0])).err
+    assert run("merge", str(setups[0]), str(lonely)).status != 0
+    (tmp_path / "no.json").write_text("{}")
+    assert "no modes file" in run("merge", str(setups[0]), str(tmp_path / "no.json")).err

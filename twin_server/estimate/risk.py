@@ -1,0 +1,248 @@
+"""A twin's forecast and its limit states in; failure probability, survival and hazard out."""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from slowtime.degradation import Mixture
+from slowtime.dynamics.description import Description
+from slowtime.evolution.remaining_life import RemainingLife
+from slowtime.limit_states import Assessment, LimitState, Threshold, assess, history
+from slowtime_services.models import description_of
+from slowtime_services.plugins import PluginError, find, said
+from twin_server.limit_states import MASS, SPRING, OwnState, built, one_mass
+from twin_server.registration import Registration
+from twin_server.thresholds import shown, signed
+
+from .checkpoint import Checkpoint
+from .foresight import Past
+
+PATHS, POINTS = 1000, 60
+"""Futures, and instants up to the horizon: 1,000 tell a probability of 0.01 to 30 %."""
+
+LEAST_PATHS = 1.0 / PATHS
+"""Probability below which futures do not resolve a limit state without a load."""
+
+MOST_PAST = 200
+"""Past readings whose probability is told: the newest."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class RiskOrder:
+    """All that the risk of one twin is made of.
+
+    Parameters
+    ----------
+    laws
+        Of each quantity, its degradation laws after the last reading.
+    common
+        Of the error that all readings share, over 1 + change [1].
+    past
+        Readings of each quantity.
+    since, horizon
+        Slow time of the last reading, and the latest that is looked at.
+    unit
+        Of slow time.
+    """
+
+    registration: Registration
+    checkpoint: Checkpoint
+    laws: Mapping[str, Mixture]
+    common: Mapping[str, float]
+    past: Mapping[str, Past]
+    since: float
+    horizon: float
+    unit: str
+
+
+def assessed(twin_id: str, order: RiskOrder) -> dict[str, Any]:
+    """Assess every limit state of a registration, as REST answers.
+
+    A limit state that this twin cannot answer is told with its reason, and keeps none of the
+    others from being assessed.
+    """
+    later, futures = _futures(order)
+    found = [_one(spec, order, later, futures) for spec in order.registration.limit_states]
+    return {
+        "id": twin_id,
+        "since": order.since,
+        "horizon": order.horizon,
+        "slow_time_unit": order.unit,
+        "limit_states": found,
+        "valid": all(one["valid"] for one in found),
+        "reasons": [reason for one in found for reason in one["reasons"]],
+    }
+
+
+def _futures(
+    order: RiskOrder,
+) -> tuple[Float[np.ndarray, " time"], dict[str, Float[np.ndarray, "path time"]]]:
+    later = np.linspace(order.since, order.horizon, POINTS + 1)
+    futures = {}
+    for name, laws in order.laws.items():
+        drawn = laws.futures(order.horizon, points=POINTS, paths=PATHS)
+        shared = order.common[name] * drawn.common[:, None] * np.abs(1.0 + drawn.paths)
+        futures[name] = np.maximum(drawn.paths + shared, -1.0)
+    return later, futures
+
+
+def _one(
+    spec: Any,
+    order: RiskOrder,
+    later: Float[np.ndarray, " time"],
+    futures: Mapping[str, Float[np.ndarray, "path time"]],
+) -> dict[str, Any]:
+    empty = {"name": spec.name, "kind": spec.kind, "accepted": spec.accepted, "points": []}
+    none: dict[str, Any] = dict.fromkeys(("now", "within", "until"))
+    none |= {"past": [], "sentence": ""}
+    try:
+        state = _built(spec, order)
+        found = assess(state, later, futures)
+        told = _past(state, order)
+    except ValueError as error:
+        return {**empty, **none, "valid": False, "reasons": [str(error)]}
+    life = None
+    if isinstance(state, Threshold):
+        life = _life(state, order)
+        found = _with_survival(found, life)
+    until = found.when(spec.accepted)
+    reasons = _against(spec.name, state, found)
+    return {
+        **empty,
+        "now": _at(found, 0),
+        "within": _quantity(found.failure[-1], 1 - found.survival_hi[-1],
+                            1 - found.survival_lo[-1]),
+        "until": until if math.isfinite(until) else None,
+        "points": [
+            {"slow_time": float(time), **_at(found, k)} for k, time in enumerate(later)
+        ],
+        "past": told,
+        "sentence": _sentence(spec, found, until, order),
+        "valid": not reasons,
+        "reasons": reasons,
+    }  # fmt: skip
+
+
+def _built(spec: Any, order: RiskOrder) -> LimitState:
+    if isinstance(spec, OwnState):
+        return _own(spec)
+    registration, known = order.registration, order.checkpoint.known
+    if registration.changes == "elements":
+        assert registration.model is not None
+        description: Description | None = description_of(registration.model)
+        parts = {name: _part(name) for name in order.laws}
+        return built(spec, description=description, parts=parts, frequency_hz=None)
+    stands = {"stiffness_change": f"{SPRING}.stiffness", "mass_change": f"{MASS}.mass"}
+    parts = {name: stands[name] for name in order.laws}
+    if known is None:
+        return built(spec, description=None, parts=parts, frequency_hz=None)
+    nominal = registration.nominal
+    mass = None if nominal is None else nominal.mass_kg
+    damping = known.damping_ratio
+    if spec.kind == "response" and not damping > 0.0:
+        raise ValueError(
+            f"{spec.name}: no damping ratio of this twin is known. Give nominal.damping_ratio "
+            "in its registration."
+        )
+    if spec.kind == "response" and mass is None and spec.load.on != "base":
+        raise ValueError(
+            f"{spec.name}: a force moves a mass that is not known. Give nominal.mass_kg, or a "
+            "load on the base."
+        )
+    description = one_mass(known.frequency_hz, damping, mass) if damping > 0.0 else None
+    return built(spec, description=description, parts=parts, frequency_hz=known.frequency_hz)
+
+
+def _own(spec: OwnState) -> LimitState:
+    """Make the limit state that an installed part of the owner's holds."""
+    part = find("slowtime.limit_states", spec.part)
+    try:
+        state = part.load()(**spec.settings)
+    except PluginError:
+        raise
+    except Exception as error:  # a part of somebody's raises whatever it likes
+        raise PluginError(f"{part} cannot be made: {said(error)}.") from error
+    if not isinstance(state, LimitState):
+        raise PluginError(
+            f"{part} made a {type(state).__name__}, which is no limit state. Give one with "
+            "quantities, events and given."
+        )
+    return state
+
+
+def _part(name: str) -> str:
+    return name if name.endswith(".mass") else f"{name}.stiffness"
+
+
+def _life(state: Threshold, order: RiskOrder) -> RemainingLife:
+    """When a threshold is first passed, looked at between the instants too."""
+    drawn = order.laws[state.quantity].futures(order.horizon)
+    common = order.common[state.quantity] * abs(1.0 + state.at)
+    return drawn.crossing(state.at, toward=state.toward, common_sd=common)
+
+
+def _with_survival(found: Assessment, life: RemainingLife) -> Assessment:
+    survival = np.nan_to_num(life.survival(found.slow_time), nan=0.0)
+    survival = np.minimum.accumulate(survival)
+    return dataclasses.replace(
+        found, survival=survival, survival_lo=survival, survival_hi=survival
+    )
+
+
+def _past(state: LimitState, order: RiskOrder) -> list[dict[str, Any]]:
+    """Probability at past readings, each by its own standard deviation."""
+    one = order.past[state.quantities[0]]
+    rows = slice(-MOST_PAST, None)
+    value = {name: order.past[name].value[rows] for name in state.quantities}
+    sd = {name: order.past[name].sd[rows] for name in state.quantities}
+    mean, lo, hi = history(state, value, sd)
+    return [
+        {"slow_time": t, "probability": _quantity(m, low, high)}
+        for t, m, low, high in zip(
+            one.slow_time[rows].tolist(), mean.tolist(), lo.tolist(), hi.tolist(), strict=True
+        )
+    ]
+
+
+def _at(found: Assessment, k: int) -> dict[str, Any]:
+    return {
+        "probability": _quantity(found.probability[k], found.lo[k], found.hi[k]),
+        "beta": float(found.beta[k]),
+        "survival": _quantity(found.survival[k], found.survival_lo[k], found.survival_hi[k]),
+        "hazard": float(found.hazard[k]),
+    }
+
+
+def _quantity(value: float, lo: float, hi: float) -> dict[str, float]:
+    return {"value": float(value), "lo": float(lo), "hi": float(hi)}
+
+
+def _against(name: str, state: LimitState, found: Assessment) -> list[str]:
+    """Say what speaks against trusting a probability."""
+    failed = float(found.failure[-1])
+    if state.events is None and 0.0 <= failed < LEAST_PATHS and isinstance(state, Threshold):
+        return [
+            f"{name}: fewer than one of {PATHS} futures fails up to the horizon, so that the "
+            f"probability is only known to be below {LEAST_PATHS:g}."
+        ]
+    return []
+
+
+def _sentence(spec: Any, found: Assessment, until: float, order: RiskOrder) -> str:
+    failed = float(found.failure[-1])
+    what = spec.name
+    if spec.kind == "threshold":
+        words, unit, times = shown(spec.quantity)
+        side, at = ("below", spec.below) if spec.below is not None else ("above", spec.above)
+        what = f"{spec.name} ({words} {side} {signed(times * at)} {unit})"
+    said = (
+        f"{what}: fails with probability {failed:.2g} up to slow time {order.horizon:.6g}; "
+        f"now {float(found.probability[0]):.2g}"
+    )
+    if math.isfinite(until):
+        return f"{said}. The accepted {spec.accepted:g} is reached at {until:.6g}."
+    return f"{said}. The accepted {spec.accepted:g} is not reached by then."

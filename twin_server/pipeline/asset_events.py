@@ -1,0 +1,280 @@
+"""Orders to record events of assets in; what was recorded, and what is asked, out."""
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+from pydantic import ValidationError
+
+from slowtime_schemas.asset_events import AssetEvent
+from slowtime_services.clock import Clock, SystemClock
+from twin_server.asset_events import (
+    MOST_KEPT,
+    QUESTION,
+    AssetEventOrder,
+    AssetEventRow,
+    accepted,
+    effective,
+    is_same,
+    sentence,
+)
+from twin_server.deliveries import identity
+from twin_server.persist import Store
+from twin_server.registration import Registration
+from twin_server.serve import ProblemError
+
+from .core import Pipeline
+
+MOST_EVENTS = 10_000
+"""Newest events of a twin among which questions are looked for."""
+
+AHEAD_S = 60.0
+"""How far ahead of server and readings the time of an event may be: clocks differ [s]."""
+
+
+class AssetEvents:
+    """Store and pipeline as the door asks them about repairs, inspections and notes.
+
+    Parameters
+    ----------
+    clock
+        Dates what is accepted.
+    """
+
+    def __init__(self, pipeline: Pipeline, store: Store, clock: Clock | None = None) -> None:
+        self._pipeline, self._store = pipeline, store
+        self._clock = clock or SystemClock()
+
+    def record(
+        self, twin_id: str, registration: Registration, order: AssetEventOrder, principal: str
+    ) -> tuple[dict[str, Any], bool]:
+        """Record an event; what is kept of it, and whether that is new.
+
+        Raises
+        ------
+        ProblemError
+            Where another event has its id, or it does not fit the twin or its time.
+        """
+        return self._pipeline.call(
+            lambda: self._record(twin_id, registration, order, principal)
+        )
+
+    def listed(self, twin_id: str) -> dict[str, Any]:
+        """Give all events of an asset, the newest first, and the questions about it."""
+        rows = self._store.asset_events(twin_id)
+        events = [row.message for row in rows]
+        taken_back = {e.reverses: e.event for e in events if e.reverses is not None}
+        told = [
+            self._told(twin_id, row, event, taken_back.get(event.event))
+            for row, event in zip(rows, events, strict=True)
+        ]
+        return {
+            "id": twin_id,
+            "events": told[::-1],
+            "questions": self._questions(twin_id, told, effective(events)),
+        }
+
+    def _record(
+        self, twin_id: str, registration: Registration, order: AssetEventOrder, principal: str
+    ) -> tuple[dict[str, Any], bool]:
+        rows = self._store.asset_events(twin_id)
+        before = next((row for row in rows if row.event == order.event), None)
+        if before is not None:
+            if not is_same(order, before.message):
+                raise ProblemError(
+                    409,
+                    "another-event",
+                    f"An event with the id {order.event} is recorded already, and says "
+                    f"otherwise: {sentence(before.message)} Give another id; to correct what "
+                    "is recorded, take it back (reverses) and record the event anew.",
+                )
+            told = self._told(twin_id, before, before.message, _undone(rows, order.event))
+            return told, False
+        self._check(twin_id, registration, order, rows)
+        latest = self._store.history(twin_id, limit=1, newest=True).states
+        now_ns = self._clock.now_ns()
+        number = 1 + max((row.number for row in rows), default=0)
+        last_ns = int(latest["t_ns"][0]) if len(latest) else None
+        event = accepted(order, twin_id, number, now_ns, principal, last_ns)
+        row = self._pipeline.record(event)
+        return self._told(twin_id, row, event, None), True
+
+    def _check(
+        self,
+        twin_id: str,
+        registration: Registration,
+        order: AssetEventOrder,
+        rows: Sequence[AssetEventRow],
+    ) -> None:
+        """Refuse what does not fit the twin, its history, or the events before."""
+        if len(rows) >= MOST_KEPT:
+            raise ProblemError(
+                409,
+                "too-many-events",
+                f"{twin_id} has {len(rows):,} recorded events. Allowed: {MOST_KEPT:,}. "
+                "Register a new twin for what follows.",
+            )
+        names = quantities_of(registration)
+        if order.quantity is not None and order.quantity not in names:
+            raise ProblemError(
+                422,
+                "not-valid",
+                f"At body.quantity, {order.quantity:.80} was given. Allowed for {twin_id}: "
+                f"{', '.join(names)}; or leave it out for all of the asset.",
+            )
+        if order.measured is not None and order.quantity is None and len(names) > 1:
+            raise ProblemError(
+                422,
+                "not-valid",
+                "At body.quantity, nothing was given with a measured value. Say of what it is: "
+                f"{', '.join(names)}.",
+            )
+        self._check_time(twin_id, order)
+        if order.reverses is not None:
+            _check_reverses(order.reverses, rows)
+
+    def _check_time(self, twin_id: str, order: AssetEventOrder) -> None:
+        states = self._store.history(twin_id, limit=1, newest=True).states
+        if order.at_ns is not None:
+            last_ns = int(states["t_ns"][0]) if len(states) else 0
+            most_ns = max(last_ns, self._clock.now_ns()) + round(AHEAD_S * 1e9)
+            if order.at_ns > most_ns:
+                raise ProblemError(
+                    422,
+                    "not-yet",
+                    f"At body.at, {order.at} was given, which is in the future. Record an "
+                    "event once it has happened.",
+                )
+        if order.slow_time is not None and len(states):
+            last = float(states["slow_time"][0])
+            if order.slow_time > last:
+                raise ProblemError(
+                    422,
+                    "not-yet",
+                    f"At body.slow_time, {order.slow_time:.9g} was given. Allowed: up to "
+                    f"{last:.9g}, that of the latest reading. Give `at` for what came after, "
+                    "or leave both out.",
+                )
+
+    def _told(
+        self, twin_id: str, row: AssetEventRow, event: AssetEvent, undone_by: str | None
+    ) -> dict[str, Any]:
+        """Give an event as REST does, with both times where the history has them."""
+        content = event.model_dump(mode="json")
+        for name in ("version", "site", "asset", "boot", "sequence", "t_ns", "happened_ns"):
+            content.pop(name)
+        if event.slow_time is None:
+            found = self._store.history(
+                twin_id, t_ns=(None, event.happened_ns), limit=1, newest=True
+            ).states
+            content["t_ns"] = event.happened_ns
+            content["slow_time"] = float(found["slow_time"][0]) if len(found) else None
+        else:
+            found = self._store.history(
+                twin_id, slow_time=(None, event.slow_time), limit=1, newest=True
+            ).states
+            content["t_ns"] = int(found["t_ns"][0]) if len(found) else None
+        return {
+            "number": row.number,
+            "accepted_ns": row.t_ns,
+            "sentence": sentence(event),
+            "reversed_by": undone_by,
+            **content,
+        }
+
+    def _questions(
+        self, twin_id: str, told: Sequence[dict[str, Any]], holding: Sequence[AssetEvent]
+    ) -> list[dict[str, Any]]:
+        """Give what was asked, the newest first, and which event answers it."""
+        holds = {event.event for event in holding}
+        answers = [one for one in told if one["event"] in holds]
+        found = []
+        rows = self._store.events(twin_id, limit=MOST_EVENTS, newest=True)
+        for row in reversed(rows):
+            if QUESTION not in row.body:
+                continue
+            body = json.loads(row.body)
+            if body["kind"] != QUESTION:
+                continue
+            event_id, details = identity(body), body["details"]
+            answer = next((o for o in answers if answers_to(o, event_id, details)), None)
+            found.append(
+                {
+                    "event_id": event_id,
+                    "number": row.number,
+                    "t_ns": row.t_ns,
+                    "message": body["message"],
+                    "quantity": details["quantity"],
+                    "since": details["since"],
+                    "size": details["size"],
+                    "sd": details["sd"],
+                    "answered_by": None if answer is None else answer["event"],
+                }
+            )
+        return found
+
+
+def answers_to(one: dict[str, Any], event_id: str, details: dict[str, Any]) -> bool:
+    """Whether an event answers a question: it says so, or it is a repair at that time."""
+    if one["answers"] == event_id:
+        return True
+    if one["kind"] not in ("repair", "replacement") or one["slow_time"] is None:
+        return False
+    concerned = one["quantity"] in (None, details["quantity"])
+    return bool(concerned and details["earliest"] <= one["slow_time"] <= details["noticed"])
+
+
+def quantities_of(registration: Registration) -> tuple[str, ...]:
+    """Name what of a twin is estimated, and may be repaired."""
+    if registration.changes == "elements":
+        return tuple(registration.structure().free)
+    if registration.changes == "both":
+        return ("stiffness_change", "mass_change")
+    return (f"{registration.changes}_change",)
+
+
+def orders_in(content: object) -> list[AssetEventOrder]:
+    """Read orders from JSON content: a list of them, or one.
+
+    Raises
+    ------
+    ValueError
+        Naming the first that cannot be read.
+    """
+    given = content if isinstance(content, list) else [content]
+    found = []
+    for place, one in enumerate(given):
+        try:
+            found.append(AssetEventOrder.model_validate(one))
+        except ValidationError as error:
+            fault = error.errors(include_url=False)[0]
+            where = ".".join(map(str, fault["loc"])) or "event"
+            raise ValueError(
+                f"Event {place + 1}, at {where}: {fault['msg']}. Give what POST "
+                "/api/v1/twins/{id}/events takes, such as "
+                '[{"event": "r1", "kind": "repair", "slow_time": 120.0, "person": "Ann"}].'
+            ) from error
+    return found
+
+
+def _undone(rows: Sequence[AssetEventRow], name: str) -> str | None:
+    every = (row.message for row in rows)
+    return next((event.event for event in every if event.reverses == name), None)
+
+
+def _check_reverses(name: str, rows: Sequence[AssetEventRow]) -> None:
+    found = next((row.message for row in rows if row.event == name), None)
+    if found is None or found.reverses is not None:
+        there = ", ".join(event.event for event in effective(row.message for row in rows))
+        raise ProblemError(
+            409,
+            "no-such-event",
+            f"At body.reverses, {name} was given. Recorded, and not taken back: "
+            f"{there[:500] or 'none'}. A note that takes an event back cannot be taken back: "
+            "record the event anew, under another id.",
+        )
+    by = _undone(rows, name)
+    if by is not None:
+        raise ProblemError(
+            409, "reversed-already", f"{name} was taken back by {by} already. That stays."
+        )

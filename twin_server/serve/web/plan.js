@@ -1,0 +1,108 @@
+// What to do with the structure: the sentence, the cost of each option over time, and a table of them.
+import { plotly } from "./charts.js";
+import { ask } from "./link.js";
+import { colour } from "./traces.js";
+import { make } from "./words.js";
+
+const HEIGHT_PX = 260, DRAWN = 6, PLAN_MS = 30000, PATIENCE_MS = 60000;
+const NOW = { repair: "Repair", inspect: "Inspect", close: "Close", wait: "Wait", undecided: "Undecided" };
+const DASHES = ["solid", "dash", "dot", "dashdot", "longdash", "longdashdot"];
+
+/** An amount with three digits. */
+const amount = (x) => (+x.toPrecision(3)).toLocaleString(undefined, { maximumSignificantDigits: 3 }).replace("-", "\u2212");
+
+function rowOf(option) {
+  const row = make("tr"), title = make("th", option.words), { value, lo, hi } = option.cost;
+  title.scope = "row";
+  row.dataset.option = option.name;
+  row.append(title, make("td", NOW[option.now]), make("td", amount(value)), make("td", `${amount(lo)} to ${amount(hi)}`));
+  row.append(make("td", option.failures < 0.0005 ? "0" : `${+option.failures.toPrecision(2)}`));
+  return row;
+}
+
+function headOf(titles) {
+  const head = make("thead"), row = make("tr");
+  for (const title of titles) {
+    const cell = make("th", title);
+    cell.scope = "col";
+    row.append(cell);
+  }
+  head.append(row);
+  return head;
+}
+
+/** Options whose curves can be told apart on one scale: those that cost less than five times the best. */
+function drawnOf({ options }) {
+  const least = Math.max(options[0].cost.value, 1e-9);
+  return options.filter(({ cost }, i) => i < 2 || cost.value < 5 * least).slice(0, DRAWN);
+}
+
+export class Plan {
+  constructor(twin) {
+    Object.assign(this, { twin, plan: null, askedAt: 0, asking: false });
+    this.root = make("section", undefined, "plan");
+    this.root.setAttribute("aria-label", "Maintenance plan");
+    this.title = make("h3", "What to do");
+    [this.sentence, this.changes] = [make("p", "", "sentence"), make("ul", undefined, "reasons")];
+    this.sentence.setAttribute("role", "status");
+    this.plot = make("div", undefined, "plot");
+    this.plot.setAttribute("role", "img");
+    this.table = make("table", undefined, "options");
+    this.body = make("tbody");
+    this.table.append(make("caption", "Options, the cheapest first"), headOf(["option", "now", "expected cost", "5\u202f% to 95\u202f%", "failures"]), this.body);
+    this.worth = make("p", "", "facts worth");
+    this.root.append(this.title, this.sentence, this.changes, this.plot, this.table, this.worth);
+    this.root.hidden = true;
+  }
+
+  /** Ask anew when a reading has come, at most every half minute; only where something is to be decided. */
+  async tell({ latest, at }) {
+    this.root.hidden = !latest?.registration?.decision || Boolean(at) || latest.slow_time === null;
+    if (this.root.hidden || this.asking) return;
+    const of = `${latest.boot} ${latest.sequence} ${JSON.stringify(latest.registration.decision)} ${JSON.stringify(latest.registration.costs)}`;
+    if (of === this.of || (this.plan && Date.now() - this.askedAt < PLAN_MS)) return;
+    this.asking = true;
+    if (!this.plan) this.sentence.textContent = "The plan is being computed.";
+    const { plan, trouble } = await ask(`${this.twin.base}/plan`, PATIENCE_MS).then((told) => ({ plan: told }), ({ message }) => ({ trouble: message }));
+    [this.asking, this.askedAt] = [false, Date.now()];
+    if (plan) [this.plan, this.of] = [plan, of];
+    if (trouble) this.sentence.textContent = `No newer plan has come: ${trouble}`;
+    else this.show();
+  }
+
+  show() {
+    const { plan } = this, none = !plan.options.length;
+    this.sentence.textContent = plan.sentence;
+    this.root.dataset.action = plan.action ?? "none";
+    this.changes.replaceChildren(...plan.changes.map((text) => make("li", text)));
+    this.plot.hidden = this.table.hidden = none;
+    if (none) return;
+    this.root.dataset.since = plan.since;
+    this.body.replaceChildren(...plan.options.map(rowOf));
+    this.table.querySelectorAll("thead th")[2].textContent = `expected cost [${plan.currency}]`;
+    const [best] = plan.information;
+    this.worth.textContent = best ? `Most worthwhile observation: ${best.words}.` : "No inspection and no further readings can be ordered.";
+    this.draw();
+  }
+
+  async draw() {
+    const Plotly = await plotly, { plan } = this, grid = colour("line");
+    const dated = plan.times.every(({ t }) => t) && plan.seconds > 3600, x = plan.times.map(({ t, ahead }) => (dated ? t : ahead));
+    const shown = drawnOf(plan), tints = ["estimate", "ahead", "bad", "good", "inseparable", "ink"].map(colour);
+    const traces = shown.map((option, i) => ({
+      name: option.words, x, y: option.curve, mode: "lines", line: { color: tints[i], width: i ? 1.4 : 2.4, dash: DASHES[i] },
+      hovertemplate: `%{y:.3s} ${plan.currency}<extra>${option.words}</extra>`,
+    }));
+    const axis = { gridcolor: grid, linecolor: grid, showline: true, zeroline: false, ticks: "outside", ticklen: 4 };
+    const unit = plan.time_unit === "slow_time" ? "slow time from now" : `time from now [${plan.time_unit}]`;
+    await Plotly.react(this.plot, traces, {
+      width: this.plot.clientWidth || 640, height: HEIGHT_PX, margin: { l: 64, r: 10, t: 8, b: 44 }, hovermode: "x",
+      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: colour("ink"), size: 11.5, family: "system-ui, sans-serif" },
+      xaxis: { ...axis, title: { text: dated ? "date" : unit, standoff: 6 } },
+      yaxis: { ...axis, rangemode: "tozero", title: { text: `expected cost so far [${plan.currency}]`, standoff: 4 } },
+      legend: { orientation: "h", y: 1.02, yanchor: "bottom" }, showlegend: true,
+    }, { displayModeBar: false });
+    this.plot.dataset.drawn = traces.length;
+    this.plot.setAttribute("aria-label", `Expected cost of ${traces.length} options over time; the best is “${shown[0].words}”`);
+  }
+}

@@ -1,0 +1,105 @@
+// How probable failure is: each limit state with its probability now, up to the horizon, and over time.
+import { plotly } from "./charts.js";
+import { ask } from "./link.js";
+import { colour } from "./traces.js";
+import { atTime, make, slowTime } from "./words.js";
+
+const HEIGHT_PX = 240, RISK_MS = 30000, PATIENCE_MS = 60000, LEAST = 1e-9;
+const HEADS = ["limit state", "probability now", "5\u202f% to 95\u202f%", "index \u03b2", "until the horizon", "accepted probability reached"];
+
+const probability = (p) => (p === 0 ? "0" : p < 1e-3 ? p.toExponential(1).replace("-", "\u2212") : `${+p.toPrecision(2)}`);
+
+function rowOf(state, at) {
+  const row = make("tr"), title = make("th", state.name);
+  title.scope = "row";
+  row.dataset.state = state.name;
+  row.append(title);
+  if (!state.now) {
+    const cell = make("td", state.reasons[0]);
+    cell.colSpan = HEADS.length - 1;
+    row.append(cell);
+    return row;
+  }
+  const { probability: now, beta } = state.now;
+  const reached = state.until === null ? "not within the horizon" : at(state.until);
+  const cells = [probability(now.value), `${probability(now.lo)} to ${probability(now.hi)}`, beta.toFixed(2).replace("-", "\u2212"), probability(state.within.value), reached];
+  row.append(...cells.map((text) => make("td", text)));
+  row.setAttribute("aria-label", state.sentence);
+  return row;
+}
+
+export class Risk {
+  constructor(twin) {
+    Object.assign(this, { twin, risk: null, askedAt: 0, asking: false });
+    this.root = make("section", undefined, "risk");
+    this.root.setAttribute("aria-label", "Failure probability");
+    this.table = make("table", undefined, "options");
+    const head = make("thead"), row = make("tr");
+    for (const title of HEADS) {
+      const cell = make("th", title);
+      cell.scope = "col";
+      row.append(cell);
+    }
+    head.append(row);
+    this.body = make("tbody");
+    this.table.append(make("caption", "Failure probability by limit state"), head, this.body);
+    this.plot = make("div", undefined, "plot");
+    this.plot.setAttribute("role", "img");
+    this.trouble = make("p", "", "trouble");
+    this.trouble.setAttribute("role", "status");
+    this.root.append(make("h3", "Is it safe?"), this.table, this.plot, this.trouble);
+    this.root.hidden = true;
+  }
+
+  /** Ask anew when a reading has come, at most every half minute; only where limit states are registered. */
+  async tell({ latest, at }) {
+    this.root.hidden = !latest?.registration?.limit_states?.length || Boolean(at) || latest.slow_time === null;
+    if (this.root.hidden || this.asking) return;
+    const of = `${latest.boot} ${latest.sequence} ${JSON.stringify(latest.registration.limit_states)}`;
+    if (of === this.of || (this.risk && Date.now() - this.askedAt < RISK_MS)) return;
+    this.asking = true;
+    const { risk, trouble } = await ask(`${this.twin.base}/risk`, PATIENCE_MS).then((told) => ({ risk: told }), ({ message }) => ({ trouble: message }));
+    [this.asking, this.askedAt] = [false, Date.now()];
+    if (risk) [this.risk, this.of] = [risk, of];
+    this.trouble.textContent = trouble ? `No newer assessment has come: ${trouble}` : "";
+    if (this.risk) this.show(latest);
+  }
+
+  show(latest) {
+    const { risk } = this, at = (time) => slowTime(atTime(latest, time));
+    this.body.replaceChildren(...risk.limit_states.map((state) => rowOf(state, at)));
+    this.table.hidden = !risk.limit_states.length;
+    this.plot.hidden = !risk.limit_states.some(({ now }) => now);
+    if (!risk.limit_states.length) this.trouble.textContent = risk.reasons.join(" ");
+    else if (!this.plot.hidden) this.draw();
+  }
+
+  async draw() {
+    const Plotly = await plotly, grid = colour("line");
+    const tints = ["estimate", "bad", "good", "inseparable", "ahead"].map(colour);
+    const states = this.risk.limit_states.filter(({ now }) => now);
+    const traces = states.flatMap((state, i) => {
+      const tint = tints[i % tints.length];
+      const all = [...state.past, ...state.points];
+      const x = all.map(({ slow_time }) => slow_time), part = (name) => all.map(({ probability: p }) => Math.max(p[name], LEAST));
+      const edge = { x, mode: "lines", line: { width: 0 }, hoverinfo: "skip", showlegend: false };
+      return [
+        { ...edge, y: part("lo") },
+        { ...edge, y: part("hi"), fill: "tonexty", fillcolor: `${tint}22` },
+        { name: state.name, x, y: part("value"), mode: "lines", line: { color: tint, width: 2 }, hovertemplate: `%{y:.2e}<extra>${state.name}</extra>` },
+      ];
+    });
+    const axis = { gridcolor: grid, linecolor: grid, showline: true, zeroline: false, ticks: "outside", ticklen: 4 };
+    const since = this.risk.since;
+    await Plotly.react(this.plot, traces, {
+      width: this.plot.clientWidth || 640, height: HEIGHT_PX, margin: { l: 64, r: 10, t: 8, b: 44 }, hovermode: "x",
+      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: colour("ink"), size: 11.5, family: "system-ui, sans-serif" },
+      xaxis: { ...axis, title: { text: `time [${this.risk.slow_time_unit}]`, standoff: 6 } },
+      yaxis: { ...axis, type: "log", exponentformat: "power", title: { text: "failure probability", standoff: 4 } },
+      shapes: [{ type: "line", x0: since, x1: since, yref: "paper", y0: 0, y1: 1, line: { color: grid, dash: "dot" } }],
+      legend: { orientation: "h", y: 1.02, yanchor: "bottom" }, showlegend: true,
+    }, { displayModeBar: false });
+    this.plot.dataset.drawn = states.length;
+    this.plot.setAttribute("aria-label", `Failure probability over time of ${states.map(({ name }) => name).join(", ")}`);
+  }
+}
