@@ -13,7 +13,12 @@ def fleet(rng, members, spread, sds):
     return truth, truth + sds * rng.standard_normal(members)
 
 
-@pytest.mark.parametrize("members", [4, 12, pytest.param(30, marks=pytest.mark.long)])
+LONG = pytest.mark.long
+
+
+@pytest.mark.parametrize(
+    "members", [pytest.param(4, marks=LONG), 12, pytest.param(30, marks=LONG)]
+)
 @pytest.mark.parametrize("spread", [0.0, 0.3, 1.0, 3.0])
 def test_intervals_hold_over_simulated_fleets(members, spread):
     rng = np.random.default_rng(members)
