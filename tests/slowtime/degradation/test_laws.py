@@ -96,7 +96,7 @@ def test_portions_of_any_size_lead_to_the_same_numbers():
         one_by_one = one_by_one.follow(time[k : k + 1], value[k : k + 1], sd[k : k + 1])
     assert at_once.weights == one_by_one.weights
     paths = [one.futures(200.0, paths=200).paths for one in (at_once, one_by_one)]
-    np.testing.assert_array_equal(*paths)
+    np.testing.assert_array_equal(paths[0], paths[1])
 
 
 def test_laws_that_follow_agree_with_laws_that_learn_all_at_once():
@@ -228,11 +228,10 @@ def test_bad_input_says_what_to_do():
 @pytest.mark.long
 def test_hidden_histories_are_held_and_scored_better_than_by_gaussian_processes():
     from tests.slowtime.degradation import battery
+    from tests.slowtime.degradation.histories import KINDS
 
     scores = [
-        score
-        for kind in battery.KINDS
-        for score in map(battery.judge, battery.cases(kind, 10, 3))
+        score for kind in KINDS for score in map(battery.judge, battery.cases(kind, 10, 3))
     ]
     held = np.mean([battery.holds(one.ours) for one in scores])
     print(battery.line("pooled", scores))
