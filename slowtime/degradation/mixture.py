@@ -64,19 +64,19 @@ class Mixture:
     @property
     def p_value(self) -> float:
         """Posterior predictive probability of a misfit as large, over all laws [1]."""
-        return float(
-            sum(share * self.posteriors[name].p_value for name, share in self.weights.items())
-        )
+        used = {name: share for name, share in self.weights.items() if share >= NEGLIGIBLE}
+        return float(sum(share * self.posteriors[name].p_value for name, share in used.items()))
 
     @property
     def warning(self) -> str | None:
         """Say that no law fits, and what to do; None where one does."""
-        if self.p_value >= MISFIT:
+        p_value = self.p_value
+        if p_value >= MISFIT:
             return None
         likeliest = max(self.weights.items(), key=lambda item: item[1])[0]
         return (
             f"No degradation law fits the readings: a misfit as large as theirs has a "
-            f"probability of {self.p_value:.1g} under the likeliest, {likeliest}. Check the "
+            f"probability of {p_value:.1g} under the likeliest, {likeliest}. Check the "
             "standard deviations of the readings, or give a law of your own."
         )
 

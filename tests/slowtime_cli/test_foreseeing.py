@@ -62,6 +62,16 @@ def test_a_forecast_says_where_it_is_heading_and_when_a_threshold_is_reached(run
     assert head.split("\t") == ["slow_time", "quantity", "value", "sd", "lo", "hi"]
     assert len(rows) == 20
     assert "note: Stiffness change at −24 %: 10 %: by" in done.err
+    told = body["crossings"][0]
+    assert told["median"] == median
+    assert told["within"] + told["beyond"] == pytest.approx(1.0)
+    cdf = told["cdf"]
+    assert np.interp(median, cdf["slow_time"], cdf["probability"]) == pytest.approx(
+        0.5, abs=0.03
+    )
+    assert cdf["probability"][-1] == told["within"]
+    likeliest, share = next(iter(told["laws"].items()))
+    assert f"note: degradation laws by evidence: {likeliest} {100 * share:.0f} %" in done.err
     never = run("forecast", softening, *NOMINAL, "--threshold", -0.9, "--out", "-")
     assert never.json["crossings"][0]["times"][0]["slow_time"] is None
 

@@ -56,7 +56,7 @@ class Learnt(NamedTuple):
 
 Outlooks: TypeAlias = dict[str, Learnt]
 
-_PATHS, _POINTS = 2000, 120
+_PATHS, _POINTS = 2000, 80
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -354,9 +354,8 @@ def foresee_from(
         name: Learnt(begun.outlook, prospect.laws[name])
         for name, begun in prospect.begun.items()
     }
-    misfits = tuple(
-        f"{name}: {laws.warning}" for name, laws in prospect.laws.items() if laws.warning
-    )
+    warnings = {name: laws.warning for name, laws in prospect.laws.items()}
+    misfits = tuple(f"{name}: {text}" for name, text in warnings.items() if text)
     return Foresight(since, later, bands, float(until), used, reasons, crossings, misfits)
 
 

@@ -34,8 +34,9 @@ _TOO_FEW = (
     "reasons of the latest states."
 )
 
-CDF_POINTS = 61
-"""Points of the distribution function of a remaining life, from now to the horizon [1]."""
+CDF_POINTS, CDF_SHARES = 21, np.linspace(0.025, 0.975, 39)
+"""Points of the distribution function of a remaining life: times evenly up to the horizon, and
+the times of these probabilities, so that a steep one is told as well [1]."""
 
 QUANTILES = (0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95)
 """Probabilities whose times are told of a remaining life [1]."""
@@ -243,7 +244,9 @@ def _forecast(
 def _crossing(source: str, limit: Limit, life: RemainingLife, since: float) -> dict[str, Any]:
     side = "at" if limit.toward is None else limit.toward
     words, unit, times = shown(limit.quantity)
+    steep = life.quantile(CDF_SHARES)
     grid = np.linspace(life.now, life.horizon, CDF_POINTS)
+    grid = np.unique(np.concatenate([grid, steep[np.isfinite(steep)]]))
     return {
         "quantity": limit.quantity,
         "threshold": limit.at,

@@ -83,8 +83,11 @@ def gamma_times(history, seed):
     up = tuple(one for one in posterior.parts if one.sign > 0)
     if not up:
         return np.full(DRAWS, np.inf)
-    paths = type(posterior)(history, up).draw(later, 40 * DRAWS, rng).paths
-    paths = paths[paths[:, 0] < LIMIT][:DRAWS]
+    paths = np.zeros((0, len(later)))
+    while len(paths) < DRAWS:
+        more = type(posterior)(history, up).draw(later, 2 * DRAWS, rng).paths
+        paths = np.concatenate([paths, more[more[:, 0] < LIMIT]])
+    paths = paths[:DRAWS]
     across = paths >= LIMIT
     return np.where(across.any(axis=1), later[across.argmax(axis=1)], np.inf)
 

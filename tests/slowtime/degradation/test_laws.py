@@ -95,8 +95,8 @@ def test_portions_of_any_size_lead_to_the_same_numbers():
     for k in range(30, 50):
         one_by_one = one_by_one.follow(time[k : k + 1], value[k : k + 1], sd[k : k + 1])
     assert at_once.weights == one_by_one.weights
-    together, apart = (one.futures(200.0, paths=200).paths for one in (at_once, one_by_one))
-    np.testing.assert_array_equal(together, apart)
+    paths = [one.futures(200.0, paths=200).paths for one in (at_once, one_by_one)]
+    np.testing.assert_array_equal(paths[0], paths[1])
 
 
 def test_laws_that_follow_agree_with_laws_that_learn_all_at_once():

@@ -65,6 +65,10 @@ def test_forecast_events_digest_and_graph_come_typed(client, server):
     assert len(forecast.points) == 3
     assert forecast.crossings[0].threshold == -0.3
     assert forecast.crossings[0].times[1].share == 0.5
+    assert sum(forecast.crossings[0].laws.values()) == pytest.approx(1.0, abs=0.05)
+    assert len(forecast.crossings[0].cdf.slow_time) == len(
+        forecast.crossings[0].cdf.probability
+    )
     assert client.digest(TWIN).features == 300
     assert (
         client.digest(TWIN).sha256

@@ -47,6 +47,8 @@ def test_time_to_threshold_and_bands_move_as_readings_arrive(
     assert 50 < median < 75
     expect(limit.locator("td").nth(1)).to_have_text(f"{median:.6g} s")
     expect(limit).to_have_attribute("aria-label", told["crossings"][0]["sentence"])
+    expect(limit.locator("svg.cdf polyline.probability")).to_have_count(1)
+    expect(limit.locator("td.laws")).to_contain_text("%")
     expect(part(page, ".outlook .facts")).to_contain_text(
         "the forecast only extrapolates its trend"
     )
