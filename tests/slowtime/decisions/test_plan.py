@@ -41,7 +41,7 @@ TERMS = Terms(
 )
 
 
-def futures(start=0.5, spread=0.08, paths=800, seed=1):
+def futures(start=0.5, spread=0.08, paths=400, seed=1):
     rng = np.random.default_rng(seed)
     rate = 0.12 * np.exp(0.3 * rng.standard_normal((paths, 1)))
     steps = rng.gamma(rate * TIME[1] / 0.02, 0.02, (paths, len(TIME) - 1))
