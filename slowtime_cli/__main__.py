@@ -94,7 +94,10 @@ VERBS = {
     "forecast": Verb(
         "foreseeing:forecast", "Tell where a twin is heading, and when a threshold is reached."
     ),
-    "plan": Verb("planning:plan", "Tell what to do with a twin: repair, inspect or wait."),
+    "plan": Verb(
+        "planning:plan",
+        "Tell what to do with a twin: repair, inspect, wait or close.",
+    ),
     "whatif": Verb("foreseeing:whatif", "Run today's twin under a load, with bands."),
     "reliability": Verb(
         "reliability:reliability", "Tell how probable failure is, by several methods."

@@ -292,6 +292,7 @@ def test_every_route_is_described_with_an_example(server):
         "/api/v1/recordings/{name}/replay", "/api/v1/twins/{twin_id}/alarms",
         "/api/v1/twins/{twin_id}/alarms/deliveries", "/api/v1/twins/{twin_id}/alarms/test",
         "/api/v1/twins/{twin_id}/alarms/{event_id}/acknowledge", "/api/v1/ledger/heads",
+            "/api/v1/twins/{twin_id}/plan", "/api/v1/fleet/plan",
     }  # fmt: skip
     for path, methods in document["paths"].items():
         for method, operation in methods.items():
