@@ -110,7 +110,10 @@ VERBS = {
     "forecast": Verb(
         "foreseeing:forecast", "Tell where a twin is heading, and when a threshold is reached."
     ),
-    "plan": Verb("planning:plan", "Tell what to do with a twin: repair, inspect or wait."),
+    "plan": Verb(
+        "planning:plan",
+        "Tell what to do with a twin: repair, inspect, wait or close.",
+    ),
     "whatif": Verb("foreseeing:whatif", "Run today's twin under a load, with bands."),
     "risk": Verb("limit_states:risk", "Tell how probable failure is, by each limit state."),
     "reliability": Verb(

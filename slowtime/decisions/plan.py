@@ -351,6 +351,10 @@ def _worths(
         asked.insert(0, priced)
     prices, found = costs.prices(), []
     later = _spread(len(futures.time), INSPECTIONS)[:-1].tolist()
+    used = {*later, *(index_of(one, futures.time) for one in asked if one.kind == "readings")}
+    # What could be done later without any observation is not to its credit.
+    priors = [float((futures.weights @ (actions.since(k).items @ prices)).min()) for k in used]
+    least = min(least, *priors)
     for one in asked:
         places = [index_of(one, futures.time)] if one.kind == "readings" else later
         each = tuple(

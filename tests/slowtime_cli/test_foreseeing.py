@@ -8,7 +8,7 @@ import pytest
 
 from slowtime_services.bus import MemoryBus
 from twin_server.__main__ import run as run_server
-from twin_server.serve import models, simulations
+from twin_server.serve import models, plan_models, simulations
 from twin_server.settings import TwinSettings
 
 NOMINAL = ("--nominal-hz", 5, "--nominal-damping", 0.01)
@@ -141,3 +141,51 @@ def test_a_running_server_is_asked_and_its_refusal_is_told(run, server, tmp_path
 )
 def test_what_cannot_be_asked_is_refused_with_what_to_do(refused, softening, arguments, says):
     assert says in refused(*arguments)
+
+
+REGISTERED = {
+    "nominal": {"frequency_hz": 5.0, "damping_ratio": 0.01},
+    "costs": {"failure": 900.0, "repair": 40.0, "inspection": 1.0, "time_unit": "slow_time"},
+    "decision": {
+        "failure": {"quantity": "stiffness_change", "below": -0.3},
+        "horizon": 60.0,
+        "inspection": {"sd": 0.01},
+    },
+}
+
+
+def test_a_plan_says_what_to_do(run, softening, tmp_path):
+    (tmp_path / "twins.json").write_text(json.dumps({"lab.tower": REGISTERED}))
+    done = run("plan", softening, "--registration", "twins.json", "--out", "plan.json")
+    assert done.status == 0, done.err
+    body = json.loads((tmp_path / "plan.json").read_text())
+    plan_models.PlanModel.model_validate(body)
+    assert body["valid"]
+    # It reaches the limit at about reading 100, well within the horizon: not for nothing.
+    assert body["failure"]["within"] > 0.9
+    assert body["options"][0]["name"] != "nothing"
+    assert f"note: {body['sentence']}" in done.err
+    head, *rows = done.out.splitlines()
+    assert head.split("\t") == ["option", "now", "value", "lo", "hi", "failures"]
+    assert len(rows) == len(body["options"])
+
+
+def test_a_plan_of_a_fleet_is_that_of_the_server(run, server):
+    done = run("plan", "--server", server, "--fleet", "--out", "-")
+    assert done.status == 0, done.err
+    assert done.json["assets"] == []
+    assert "nothing can be ranked" in done.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (("frequencies.csv",), "Give --registration"),
+        (("--fleet",), "--fleet needs --server"),
+        ((), "Give SOURCE"),
+    ],
+)
+def test_a_plan_of_nothing_is_refused(run, softening, arguments, text):
+    done = run("plan", *arguments)
+    assert done.status == 2
+    assert text in done.err

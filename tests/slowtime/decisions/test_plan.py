@@ -41,7 +41,7 @@ TERMS = Terms(
 )
 
 
-def futures(start=0.5, spread=0.08, paths=800, seed=1):
+def futures(start=0.5, spread=0.08, paths=400, seed=1):
     rng = np.random.default_rng(seed)
     rate = 0.12 * np.exp(0.3 * rng.standard_normal((paths, 1)))
     steps = rng.gamma(rate * TIME[1] / 0.02, 0.02, (paths, len(TIME) - 1))
@@ -95,7 +95,7 @@ def test_an_age_policy_costs_its_renewal_reward_in_the_long_run():
 def test_continuation_is_what_simulated_cycles_cost():
     """The renewal equation against cycles drawn one after the other."""
     one, costs = futures(start=0.0, spread=0.0), dataclasses.replace(COSTS, closing=None)
-    rule = at_age(one, 40)
+    rule = at_age(one, 75)  # some fail before
     value = float(follow_of(payments(rule, one, costs), None).new[-1] @ costs.prices())
     rng, totals = np.random.default_rng(2), []
     failure, repair = costs.price(0), costs.price(1)
