@@ -135,7 +135,7 @@ def test_health_is_taken_with_whether_it_was_replayed(reception):
         uptime_s=2.0,
     )
     sample = Sample(HEALTH.key("lab", "beam"), encode(health), NOW_NS, True)
-    assert reception.read([sample], NOW_NS) == ([], [(health, True)], [], [], 0)
+    assert reception.read([sample], NOW_NS) == ([], [(health, True)], [], [], [], 0)
 
 
 def test_the_log_does_not_repeat_itself(caplog):

@@ -292,6 +292,7 @@ def test_every_route_is_described_with_an_example(server):
         "/api/v1/recordings/{name}/replay", "/api/v1/twins/{twin_id}/alarms",
         "/api/v1/twins/{twin_id}/alarms/deliveries", "/api/v1/twins/{twin_id}/alarms/test",
         "/api/v1/twins/{twin_id}/alarms/{event_id}/acknowledge", "/api/v1/ledger/heads",
+        "/api/v1/twins/{twin_id}/fatigue", "/api/v1/twins/{twin_id}/virtual",
     }  # fmt: skip
     for path, methods in document["paths"].items():
         for method, operation in methods.items():
@@ -299,7 +300,7 @@ def test_every_route_is_described_with_an_example(server):
     for name in (
         "State", "TwinModel", "Registration", "ModesModel", "DiagnosisOrder", "DiagnosisModel",
         "GapModel", "ForecastModel", "CrossingModel", "SimulationOrder", "SimulationModel",
-        "HeadList",
+        "HeadList", "FatigueModel", "VirtualModel",
     ):  # fmt: skip
         assert document["components"]["schemas"][name]["examples"]
 
