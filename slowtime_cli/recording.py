@@ -15,6 +15,7 @@ from slowtime_schemas.messages import About, Features
 from slowtime_schemas.streams import (
     ABOUT,
     BY_NAME,
+    FATIGUE,
     FEATURES,
     RAW,
     REGISTRATION,
@@ -40,6 +41,9 @@ from .terminal import (
     removed_unless_finished,
     until_signalled,
 )
+
+INGESTED = (REGISTRATION, FEATURES, FATIGUE)
+"""Streams that a fresh database is made of."""
 
 
 def record(
@@ -204,11 +208,11 @@ def _features_of_samples(recording: Path) -> Iterator[Sample]:
 
 
 def _how_many(recording: Path) -> int:
-    return contents(recording, streams=[REGISTRATION, FEATURES]).messages
+    return contents(recording, streams=INGESTED).messages
 
 
 def _samples(recording: Path, tell: Callable[[float], None]) -> Iterator[Sample]:
-    messages = read_recording(recording, streams=[REGISTRATION, FEATURES])
+    messages = read_recording(recording, streams=INGESTED)
     for number, message in enumerate(messages):
         if number % 1000 == 0:
             tell(number)

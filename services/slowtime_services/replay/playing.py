@@ -22,9 +22,11 @@ from slowtime_schemas.codec import Refused, decode_sample, encode
 from slowtime_schemas.streams import (
     ABOUT,
     ACK,
+    FATIGUE,
     FEATURES,
     HEALTH,
     REGISTRATION,
+    VIRTUAL,
     Stream,
     alive_key,
     parse_key,
@@ -37,7 +39,7 @@ from slowtime_services.runs import Run, run_and_sequence
 from .account import Holding, features_again, take_stock, words_of
 from .reading import Contents, Recorded, contents, read_recording
 
-PLAYED = (REGISTRATION, ABOUT, FEATURES, HEALTH)
+PLAYED = (REGISTRATION, ABOUT, FEATURES, HEALTH, FATIGUE, VIRTUAL)
 _REMIND_S = 0.5
 """How long without any acknowledgement until the twin is told again how far each run is."""
 

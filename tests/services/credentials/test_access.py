@@ -48,7 +48,7 @@ def told(bus, got, key, eventually):
 def test_an_edge_writes_its_own_keys_and_no_other(join, eventually):
     server, edge = join("server"), join("edge-beam", "peer")
     got: list[Sample] = []
-    for stream in (FEATURES, HEALTH, ABOUT, RAW, REGISTRATION):
+    for stream in (*WRITTEN, REGISTRATION):
         server.subscribe(stream.everywhere, got.append)
     observer = join("observer")
     seen: list[Sample] = []
