@@ -16,6 +16,7 @@ from slowtime_schemas.streams import (
     ABOUT,
     ASSET_EVENT,
     BY_NAME,
+    FATIGUE,
     FEATURES,
     RAW,
     REGISTRATION,
@@ -41,6 +42,9 @@ from .terminal import (
     removed_unless_finished,
     until_signalled,
 )
+
+INGESTED = (REGISTRATION, FEATURES, ASSET_EVENT, FATIGUE)
+"""Streams that a fresh database is made of."""
 
 
 def record(
@@ -205,11 +209,11 @@ def _features_of_samples(recording: Path) -> Iterator[Sample]:
 
 
 def _how_many(recording: Path) -> int:
-    return contents(recording, streams=[REGISTRATION, FEATURES, ASSET_EVENT]).messages
+    return contents(recording, streams=INGESTED).messages
 
 
 def _samples(recording: Path, tell: Callable[[float], None]) -> Iterator[Sample]:
-    messages = read_recording(recording, streams=[REGISTRATION, FEATURES, ASSET_EVENT])
+    messages = read_recording(recording, streams=INGESTED)
     for number, message in enumerate(messages):
         if number % 1000 == 0:
             tell(number)

@@ -59,7 +59,7 @@ class Counter:
     >>> whole = counter.step(Count(), wave)
     >>> cut = counter.step(counter.step(Count(), wave[:1234]), wave[1234:])
     >>> cut.histogram == whole.histogram, counter.total(whole).half_cycles
-    (True, {69: 222})
+    (True, {30: 1, 53: 1, 69: 222})
     """
 
     curve: Curve

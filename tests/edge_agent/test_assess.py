@@ -115,7 +115,7 @@ def test_a_channel_of_stress_is_counted_as_the_library_counts_it(model):
 
 
 def test_sums_only_grow_and_sequences_count(model):
-    blocks = cut(block(15_000), range(500, 15_000, 500))
+    blocks = cut(block(9_000), range(500, 9_000, 500))
     messages = [m for m in told(settings_of(model), blocks) if isinstance(m, Fatigue)]
     assert [m.sequence for m in messages] == list(range(len(messages)))
     for at in ("k.stress", "s"):
@@ -186,7 +186,7 @@ class Told(MemoryBus):
 
 
 def test_an_agent_tells_and_keeps_the_newest_of_each_boot(model, tmp_path):
-    np.save(tmp_path / "a.npy", block().samples)
+    np.save(tmp_path / "a.npy", block(2500).samples)
     bus = Told()
     for boot in ("b1", "b2"):
         settings = settings_of(
@@ -197,6 +197,7 @@ def test_an_agent_tells_and_keeps_the_newest_of_each_boot(model, tmp_path):
                 "start_ns": 10**18, "columns": ("a", "s"), "units": ("a=m/s^2", "s=MPa"),
             },
             spool={"folder": tmp_path / "spool"},
+            extract={"method": "peak", "window_s": 25.0},
             publish={"linger_s": 0.0},
         )  # fmt: skip
         assert run(settings, bus=bus, stop=threading.Event()) == 0

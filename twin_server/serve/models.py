@@ -33,6 +33,60 @@ STATE_EXAMPLE: dict[str, Any] = {
 
 
 _LOST = {"value": -0.08, "sd": 0.01, "lo": -0.0994, "hi": -0.0603}
+FATIGUE_EXAMPLE: dict[str, Any] = {
+    "id": "demo.tower",
+    "points": [
+        {
+            "name": "storey1.stress",
+            "unit": "MPa",
+            "source": "virtual",
+            "damage": {"value": 0.012, "sd": 0.0065, "lo": 0.0049, "hi": 0.0296},
+            "damage_per_year": 0.024,
+            "rate_variation": 0.08,
+            "counted_s": 15768000.0,
+            "uncounted_s": 3600.0,
+            "boots": 2,
+            "time_to_failure_s": {"5 %": 5.3e8, "50 %": 1.31e9, "95 %": 3.2e9},
+            "failed_probability": 1.2e-15,
+            "capacity": {"median": 1.0, "variation": 0.3},
+            "curve": {
+                "constant": 1e12, "slope": 3.0, "knee": 0.0, "lower_slope": None,
+                "cut_off": 0.0, "log10_sd": 0.2,
+            },
+            "reasons": ["quasi_static_part_unseen"],
+            "course": [
+                {
+                    "t_ns": 1795233600123456789, "damage": 0.012, "lo": 0.0049, "hi": 0.0296,
+                    "seconds": 15768000.0,
+                }
+            ],
+            "ranges": [10.2, 20.3],
+            "cycles": [51200.0, 804.5],
+        }
+    ],
+}  # fmt: skip
+VIRTUAL_EXAMPLE: dict[str, Any] = {
+    "id": "demo.tower",
+    "windows": [
+        {
+            "boot": "20261121T035959Z-7f3a",
+            "start_ns": 1795233600123456789,
+            "t_ns": 1795233600323456789,
+            "rate_hz": 10.0,
+            "lowest_hz": 0.5,
+            "valid": True,
+            "reasons": [],
+            "quantities": [
+                {
+                    "name": "base-f1.drift",
+                    "unit": "m",
+                    "values": [0.0011, -0.0008, 0.0004],
+                    "sd": [0.0001, 0.0001, 0.0001],
+                }
+            ],
+        }
+    ],
+}
 SHAPE_EXAMPLE = {"re": [0.36, 0.6, 0.714], "im": [0.0, 0.0, 0.0], "sd": [0.01, 0.01, 0.01]}
 MODE_EXAMPLE: dict[str, Any] = {
     "identity": 1,
@@ -555,6 +609,8 @@ class FatigueModel(BaseModel):
     id: str
     points: list[FatiguePointModel]
 
+    model_config = {"json_schema_extra": {"examples": [FATIGUE_EXAMPLE]}}
+
 
 class VirtualQuantityModel(BaseModel):
     """A quantity that nobody measures."""
@@ -583,6 +639,8 @@ class VirtualModel(BaseModel):
 
     id: str
     windows: list[VirtualWindowModel]
+
+    model_config = {"json_schema_extra": {"examples": [VIRTUAL_EXAMPLE]}}
 
 
 class HeadModel(BaseModel):

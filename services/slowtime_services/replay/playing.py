@@ -23,9 +23,11 @@ from slowtime_schemas.streams import (
     ABOUT,
     ACK,
     ASSET_EVENT,
+    FATIGUE,
     FEATURES,
     HEALTH,
     REGISTRATION,
+    VIRTUAL,
     Stream,
     alive_key,
     parse_key,
@@ -38,7 +40,7 @@ from slowtime_services.runs import Run, run_and_sequence
 from .account import Holding, features_again, take_stock, words_of
 from .reading import Contents, Recorded, contents, read_recording
 
-PLAYED = (REGISTRATION, ABOUT, FEATURES, HEALTH, ASSET_EVENT)
+PLAYED = (REGISTRATION, ABOUT, FEATURES, HEALTH, ASSET_EVENT, FATIGUE, VIRTUAL)
 _REMIND_S = 0.5
 """How long without any acknowledgement until the twin is told again how far each run is."""
 

@@ -28,7 +28,7 @@ from tests.slowtime.estimation.virtual.simulated import (
 )
 
 
-@pytest.mark.parametrize("load", ["white", "wind"])
+@pytest.mark.parametrize("load", ["white", pytest.param("wind", marks=pytest.mark.long)])
 def test_intervals_hold_and_are_worth_having(load):
     found = np.array([held(load, seed, seconds=60) for seed in range(1)])
     coverage, error, _ = found.mean(axis=0)
