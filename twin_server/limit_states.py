@@ -8,10 +8,9 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field, model_validator
 
-from slowtime.design import AddedStructure, HarmonicLoad, NoiseLoad, Response
+from slowtime.design import AddedStructure
 from slowtime.dynamics.description import Description, Node, Spring
 from slowtime.dynamics.parts import BASE
-from slowtime.dynamics.random_vibration import kanai_tajimi, low_pass
 from slowtime.limit_states import (
     LimitState,
     Resonance,
@@ -19,10 +18,11 @@ from slowtime.limit_states import (
     Threshold,
     gumbel_of_maxima,
 )
-from slowtime.reliability import Marginal, marginal
 from slowtime_schemas.design_file import DesignLoad, DesignResponse
 from slowtime_schemas.quantities import Plain, PlainText
 from slowtime_schemas.reliability_file import RandomInput
+from slowtime_services.design import load_of, response_of
+from slowtime_services.reliability import law_of
 
 from .orders import Frozen
 from .thresholds import Positive, Quantity
@@ -31,17 +31,6 @@ Name = Annotated[PlainText, Field(min_length=1, max_length=60)]
 Probability = Annotated[float, Field(gt=0, lt=1)]
 MASS, SPRING = "mass", "spring"
 """Node and element that stand for a twin of one mode without a model."""
-
-
-def law_of(given: RandomInput) -> Marginal:
-    """Distribution that a registration names.
-
-    Raises
-    ------
-    ValueError
-        For an unknown name or parameters that do not fit.
-    """
-    return marginal(given.marginal, **(given.__pydantic_extra__ or {}))
 
 
 class _Named(Frozen):
@@ -209,30 +198,7 @@ def built(
 def _response_limit(
     spec: ResponseState, description: Description, parts: Mapping[str, str]
 ) -> ResponseLimit:
-    load, node = spec.load, None if spec.load.on == BASE else spec.load.on
-    made: NoiseLoad | HarmonicLoad
-    if load.kind == "noise":
-        assert load.psd is not None
-        shaping = None
-        if load.kanai_tajimi is not None:
-            shaping = kanai_tajimi(
-                load.kanai_tajimi.frequency_hz, load.kanai_tajimi.damping_ratio
-            )
-        elif load.low_pass_hz is not None:
-            shaping = low_pass(load.low_pass_hz)
-        made = NoiseLoad(psd=load.psd, node=node, shaping=shaping)
-    else:
-        assert load.amplitude is not None
-        assert load.frequency_hz is not None
-        made = HarmonicLoad(amplitude=load.amplitude, frequency_hz=load.frequency_hz, node=node)
-    asked = spec.response
-    response = Response(
-        quantity=asked.quantity,
-        between=asked.between or (BASE, asked.node or BASE),
-        element=asked.element,
-        statistic=asked.statistic,
-        duration_s=asked.duration_s,
-    )
+    load = spec.load
     intensity = None if load.intensity is None else law_of(load.intensity)
     if spec.maxima:
         intensity = gumbel_of_maxima(_array(spec.maxima))
@@ -240,8 +206,8 @@ def _response_limit(
     return ResponseLimit(
         structure=AddedStructure(description, (), tuple(parts.values())),
         names=tuple(parts),
-        load=made,
-        response=response,
+        load=load_of(load),
+        response=response_of(spec.response),
         capacity=law_of(capacity) if isinstance(capacity, RandomInput) else capacity,
         rate=spec.events,
         intensity=intensity,

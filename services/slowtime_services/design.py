@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from slowtime.design import (
     AddedStructure,
@@ -25,14 +24,13 @@ from slowtime.dynamics.parts import BASE
 from slowtime.dynamics.random_vibration import kanai_tajimi, low_pass
 from slowtime.reliability import Marginal, Problem, marginal
 from slowtime_schemas.design_file import DesignFile, DesignLoad, DesignResponse, DesignVariable
-from slowtime_schemas.reliability_file import RandomInput
 
+from .checked_files import line_of, parse_checked, read_text
 from .expressions import Expression
-from .models.lines import Path, YamlError, read_with_lines
+from .models.lines import Path
 from .models.reading import ModelFileError, read_description
-from .reliability import copula_of, correlations_of, fault_of, line_of
+from .reliability import copula_of, correlations_of, law_of
 
-MAX_BYTES = 1 << 20
 INTENSITY = "load.intensity"
 NO_INPUT = "nothing.scatters"
 """Stands in where a file has no random input."""
@@ -123,27 +121,8 @@ def read_design(path: str | pathlib.Path, read_samples: ReadSamples) -> DesignTa
         (a ValueError) naming line and cure. OSError where a file cannot be opened.
     """
     path = pathlib.Path(path)
-    if path.stat().st_size > MAX_BYTES:
-        raise DesignFileError(f"{path.name} is larger than 1 MiB. Is it a record?")
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise DesignFileError(f"{path.name} is not UTF-8 text: {error}.") from None
-    try:
-        values, lines = read_with_lines(text, ("marginal", "between", "of", "name"))
-    except YamlError as error:
-        raise DesignFileError(f"{path.name}, line {error.line}: {error}") from None
-    if not isinstance(values, dict):
-        raise DesignFileError(
-            f"{path.name} is no design file. Begin it with `slowtime_design: 1`."
-        )
-    try:
-        file = DesignFile.model_validate(values)
-    except ValidationError as error:
-        told = sorted({fault_of(item, lines) for item in error.errors(include_url=False)})
-        raise DesignFileError(
-            "\n".join(f"{path.name}, line {line}: {sentence}" for line, sentence in told[:8])
-        ) from None
+    text = read_text(path, DesignFileError)
+    file, lines = parse_checked(text, path.name, DesignFile, "design", DesignFileError)
     return _Reading(file, lines, path, read_samples).task()
 
 
@@ -179,7 +158,7 @@ class _Reading:
         description = self._description()
         scatter = {} if description is None else self._scatter(description)
         structure = self._structure(description, tuple(scatter))
-        wanted = [_response(one) for one in file.responses.values()]
+        wanted = [response_of(one) for one in file.responses.values()]
         responses = None
         if structure is not None:
             assert file.load is not None
@@ -243,7 +222,9 @@ class _Reading:
     def _scatter(self, description: Description) -> dict[str, Marginal]:
         given = self.file.scatter
         if given is not None:
-            return {name: self.at(("scatter", name), _law, one) for name, one in given.items()}
+            return {
+                name: self.at(("scatter", name), law_of, one) for name, one in given.items()
+            }
         tolerance = description.tolerance
         if tolerance is None:
             return {}
@@ -273,31 +254,17 @@ class _Reading:
         return added
 
     def _load(self, load: DesignLoad) -> NoiseLoad | HarmonicLoad | RecordedLoad:
-        node = None if load.on == BASE else load.on
-        if load.kind == "noise":
-            assert load.psd is not None
-            shaping = None
-            if load.kanai_tajimi is not None:
-                ground = load.kanai_tajimi
-                shaping = kanai_tajimi(ground.frequency_hz, ground.damping_ratio)
-            elif load.low_pass_hz is not None:
-                shaping = low_pass(load.low_pass_hz)
-            return NoiseLoad(psd=load.psd, node=node, shaping=shaping)
-        if load.kind == "harmonic":
-            assert load.amplitude is not None
-            assert load.frequency_hz is not None
-            return HarmonicLoad(
-                amplitude=load.amplitude, frequency_hz=load.frequency_hz, node=node
-            )
+        if load.kind != "record":
+            return load_of(load)
         assert load.file is not None
         where = self.path.parent / load.file
         samples, rate_hz = self.read_samples(where, load.channel, load.rate_hz)
-        return RecordedLoad(samples=samples, rate_hz=rate_hz, node=node)
+        return RecordedLoad(samples=samples, rate_hz=rate_hz, node=_node(load))
 
     def _inputs(self, scatter: Mapping[str, Marginal], responses: Responses | None) -> Problem:
         file = self.file
         laws: dict[str, Any] = {
-            name: self.at(("inputs", name), _law, one) for name, one in file.inputs.items()
+            name: self.at(("inputs", name), law_of, one) for name, one in file.inputs.items()
         }
         dependence = {}
         for number, group in enumerate(file.copulas):
@@ -308,14 +275,17 @@ class _Reading:
             )
         laws |= scatter
         if file.load is not None and file.load.intensity is not None:
-            laws[INTENSITY] = self.at(("load", "intensity"), _law, file.load.intensity)
+            laws[INTENSITY] = self.at(("load", "intensity"), law_of, file.load.intensity)
         if responses is not None:
             names = list(file.responses)
             for place in responses.random_peaks:
                 laws[f"peak.{names[place]}"] = marginal("uniform", lo=0.0, hi=1.0)
         if not laws:
             laws[NO_INPUT] = marginal("normal", mean=0.0, sd=1.0)
-        return self.at(("copulas",), Problem, laws, lambda x: np.ones(len(x)), dependence)  # type: ignore[no-any-return]
+        made: Problem = self.at(
+            ("copulas",), Problem, laws, lambda x: np.ones(len(x)), dependence
+        )
+        return made
 
 
 def _rows(responses: Responses, inputs: Problem, scatter: Mapping[str, Marginal]) -> Rows:
@@ -336,10 +306,6 @@ def _variable(one: DesignVariable) -> Variable:
     return Variable(lower=one.lower, upper=one.upper, start=one.start)
 
 
-def _law(one: RandomInput) -> Marginal:
-    return marginal(one.marginal, **(one.__pydantic_extra__ or {}))
-
-
 def _between(one: DesignVariable, description: Description) -> tuple[str, ...]:
     if one.node is not None:
         return (one.node,)
@@ -354,7 +320,38 @@ def _between(one: DesignVariable, description: Description) -> tuple[str, ...]:
     )
 
 
-def _response(one: DesignResponse) -> Response:
+def _node(load: DesignLoad) -> str | None:
+    """Node on which a force acts; None for base acceleration."""
+    return None if load.on == BASE else load.on
+
+
+def load_of(load: DesignLoad) -> NoiseLoad | HarmonicLoad:
+    """Make noise or a harmonic load of what a file says; a record has samples beside.
+
+    Raises
+    ------
+    ValueError
+        For a recorded load.
+    """
+    if load.kind == "harmonic":
+        assert load.amplitude is not None
+        assert load.frequency_hz is not None
+        return HarmonicLoad(
+            amplitude=load.amplitude, frequency_hz=load.frequency_hz, node=_node(load)
+        )
+    if load.kind == "record" or load.psd is None:
+        raise ValueError("A recorded load was given. Give noise or a harmonic load.")
+    shaping = None
+    if load.kanai_tajimi is not None:
+        ground = load.kanai_tajimi
+        shaping = kanai_tajimi(ground.frequency_hz, ground.damping_ratio)
+    elif load.low_pass_hz is not None:
+        shaping = low_pass(load.low_pass_hz)
+    return NoiseLoad(psd=load.psd, node=_node(load), shaping=shaping)
+
+
+def response_of(one: DesignResponse) -> Response:
+    """Make the response that a file asks for."""
     between = one.between or (BASE, one.node or BASE)
     return Response(
         quantity=one.quantity,

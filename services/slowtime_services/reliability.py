@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from slowtime.reliability import (
     ClaytonCopula,
@@ -29,10 +28,9 @@ from slowtime_schemas.reliability_file import (
     ReliabilityFile,
 )
 
+from .checked_files import line_of, parse_checked, read_text
 from .expressions import Expression
-from .models.lines import Path, YamlError, read_with_lines
-
-MAX_BYTES = 1 << 20
+from .models.lines import Path
 
 
 class ReliabilityFileError(ValueError):
@@ -67,33 +65,16 @@ def read_problem(
                 f"`problem` of {path.name} is no slowtime.reliability.Problem."
             )
         return problem
-    if path.stat().st_size > MAX_BYTES:
-        raise ReliabilityFileError(f"{path.name} is larger than 1 MiB. Is it a record?")
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ReliabilityFileError(f"{path.name} is not UTF-8 text: {error}.") from None
+    text = read_text(path, ReliabilityFileError)
     own = None if limit_state is None else _executed(pathlib.Path(limit_state), "g")
     return parse_problem(text, path.name, own)
 
 
 def parse_problem(text: str, name: str, own: Callable[..., Any] | None = None) -> Problem:
     """Check the text of a reliability file; `name` is what errors call it."""
-    try:
-        values, lines = read_with_lines(text, ("marginal", "between", "of", "name"))
-    except YamlError as error:
-        raise ReliabilityFileError(f"{name}, line {error.line}: {error}") from None
-    if not isinstance(values, dict):
-        raise ReliabilityFileError(
-            f"{name} is no reliability file. Begin it with `slowtime_reliability: 1`."
-        )
-    try:
-        file = ReliabilityFile.model_validate(values)
-    except ValidationError as error:
-        told = sorted({fault_of(item, lines) for item in error.errors(include_url=False)})
-        raise ReliabilityFileError(
-            "\n".join(f"{name}, line {line}: {sentence}" for line, sentence in told[:8])
-        ) from None
+    file, lines = parse_checked(
+        text, name, ReliabilityFile, "reliability", ReliabilityFileError
+    )
     return _problem(file, lines, name, own)
 
 
@@ -111,10 +92,7 @@ def _problem(
                 f"{name}, line {line_of(where, lines)}: {error}"
             ) from None
 
-    def law(given: RandomInput) -> Marginal:
-        return marginal(given.marginal, **(given.__pydantic_extra__ or {}))
-
-    inputs = {key: at(("inputs", key), law, one) for key, one in file.inputs.items()}
+    inputs = {key: at(("inputs", key), law_of, one) for key, one in file.inputs.items()}
     dependence: dict[tuple[str, ...], Copula] = {}
     for number, group in enumerate(file.copulas):
         dependence[group.of] = at(("copulas", number), copula_of, group)
@@ -142,6 +120,17 @@ def _problem(
         )
     problem: Problem = at(("copulas",), Problem, inputs, limit_state, dependence, file.invalid)
     return problem
+
+
+def law_of(given: RandomInput) -> Marginal:
+    """Marginal distribution that a file names.
+
+    Raises
+    ------
+    ValueError
+        For an unknown name, or parameters that do not fit it.
+    """
+    return marginal(given.marginal, **(given.__pydantic_extra__ or {}))
 
 
 def correlations_of(
@@ -202,22 +191,3 @@ def _executed(path: pathlib.Path, wanted: str) -> Any:
     if not hasattr(module, wanted):
         raise ReliabilityFileError(f"{path.name} has no `{wanted}`. Define it there.")
     return getattr(module, wanted)
-
-
-def fault_of(item: Any, lines: Mapping[Path, int]) -> tuple[int, str]:
-    """Line of a fault that pydantic has found in a file, and a sentence."""
-    where = tuple(item["loc"])
-    last = where[-1] if where else "file"
-    if item["type"] == "extra_forbidden":
-        return line_of(where, lines), f"unknown key `{last}`."
-    if item["type"] == "missing":
-        return line_of(where, lines), f"`{last}` is missing. Add it."
-    said = item["msg"].removeprefix("Value error, ")
-    return line_of(where, lines), f"`{last}`: {said}."
-
-
-def line_of(where: Path, lines: Mapping[Path, int]) -> int:
-    """Line of the place, or of the nearest one around it that the file has."""
-    while where and where not in lines:
-        where = where[:-1]
-    return lines.get(where, 1)

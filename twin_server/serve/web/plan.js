@@ -43,7 +43,7 @@ export class Plan {
     this.root = make("section", undefined, "plan");
     this.root.setAttribute("aria-label", "Maintenance plan");
     this.title = make("h3", "What to do");
-    [this.sentence, this.changes] = [make("p", "", "sentence"), make("ul", undefined, "reasons")];
+    [this.sentence, this.changes] = [make("p", "", "sentence"), make("ul", undefined, "changes")];
     this.sentence.setAttribute("role", "status");
     this.plot = make("div", undefined, "plot");
     this.plot.setAttribute("role", "img");
