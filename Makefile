@@ -43,7 +43,7 @@ peers-torch: .venv-peers/ready  ## GPyTorch beside them, for `make bench`: 5 GB
 	.venv-peers/bin/python -m pip --disable-pip-version-check --quiet install -c constraints.txt -e '.[peers-torch]'
 
 blind-slow: .venv/dev  ## hidden histories by the hundred: what is named, what is made up; SEED=1 CASES=100
-	$(BIN)/python -m tests.slowtime.discrepancy.slow.battery --seed $(or $(SEED),1) --cases $(or $(CASES),100)
+	$(BIN)/python -m tests.slowtime.history_diagnosis.battery --seed $(or $(SEED),1) --cases $(or $(CASES),100)
 
 fuzz: .venv/dev  ## messages, files and requests that nobody should send; WIRE=1000000 FILES=100000 FORMATS=10000 REST=20000 SEED=1
 	$(BIN)/python -m tests.fuzz wire --cases $(or $(WIRE),1000000) --seed $(or $(SEED),1)

@@ -23,8 +23,6 @@ from slowtime.dynamics.effects import (
 )
 
 from .effects import EffectFileError, kinds_in
-from .plugin_process import PluginProcess
-from .plugins import find, said
 
 GROUP = "slowtime.effects"
 PATIENCE_S = 120.0
@@ -55,21 +53,6 @@ def trial(name: str, part: object) -> list[str]:
     for kind in kinds:
         try_kind(kind)
     return [kind.name for kind in kinds]
-
-
-def installed_kinds(name: str, patience_s: float = PATIENCE_S) -> tuple[str, ...]:
-    """Try an installed part in a process of its own; the names of its kinds.
-
-    Raises
-    ------
-    PluginError
-        (a ValueError) where it is not installed, raised, did not come back, or gave nonsense.
-    """
-    process = PluginProcess(find(GROUP, name), starting_s=patience_s)
-    try:
-        return tuple(map(str, process.ask(timeout_s=patience_s)))
-    finally:
-        process.close()
 
 
 def try_kind(kind: Kind) -> None:
@@ -128,17 +111,3 @@ def _motion() -> Motion:
         a=-(_SHARES * omega**2) @ np.sin(phases),
         times=_TIMES,
     )
-
-
-def sound_parts(names: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Try installed parts; names of those that passed, and a sentence for each other."""
-    passed, faults = [], []
-    for name in names:
-        try:
-            installed_kinds(name)
-        except ValueError as error:
-            fault = str(error) if str(error) else said(error)
-            faults.append(f"{fault.rstrip('.')}. It was left out.")
-        else:
-            passed.append(name)
-    return tuple(passed), tuple(faults)

@@ -4,41 +4,43 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 
+from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
+from slowtime.discrepancy.quoting import requote_all
+from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Hidden, InputChange, Kind, SensorChange, catalogue
 from slowtime.dynamics.plant import Plant
 
-from .adding import carrying, effects_of
-from .answer import BY_ONE, report
-from .between import (
+from .ambient.diagnosis import diagnose_undriven
+from .calibration import Fit, refit
+from .calibration.augmentation import carry_effect, effects_of
+from .calibration.tolerances import refit_within_tolerances
+from .data.screening import screen_records
+from .diagnosis import Diagnosis
+from .estimation.candidate_fit import FittedCandidate, evidence, rescored
+from .estimation.input_hold import (
     Hold,
+    describe_holds,
     found_holds,
-    held_as,
     held_better,
     held_otherwise,
     with_holds,
 )
-from .bottom import at_bottom, where_it_sticks
-from .diagnosis import Diagnosis
-from .doubts import doubt
-from .floating import offsets, with_offsets
-from .found import Found
-from .further import left_by
-from .gap import UNWHITE, whiteness
-from .misled import unmisled
-from .naming import Named, evidence, rescored
-from .patchwork import MANY
-from .pruning import all_told_again, pruned
+from .estimation.shooting_fit import unexplained_by
+from .progress import Monitor, Progress, Stop
+from .proposers.missing_link import best_link, link_instead_of
 from .records import Campaign, Trial
-from .refit import Fit, refit
-from .refuted import refuted
-from .screen import screen_all
+from .refinement.campaign_span import span_campaign
+from .refinement.convergence import converge, converge_stick_slip
+from .refinement.elimination import eliminate
+from .refinement.harmful_effects import drop_harmful_effects
+from .refinement.input_offsets import offsets, with_offsets
+from .report.assembly import BY_ONE, report
 from .search import Search, reheld, search
-from .spans import over_the_campaign
-from .unbent import unbent
-from .undriven import diagnose_undriven
-from .unlinked import best_link, instead_of
-from .verdict import EXPLAINED, LEAST_GAIN, doubts_about
-from .watch import Progress, Stop, Watch
+from .selection.doubts import doubt
+from .selection.many_laws import MANY
+from .selection.probabilities import doubts_about
+from .state import Found
+from .validation.free_force_test import refuted_by_free_force
 
 QUICK = (
     "It was to be quick: few laws were tried, of one effect. Without --quick more are, before "
@@ -69,16 +71,16 @@ def diagnose(
     progress
         Told the stage in words and the share done.
     stop
-        Once set, `slowtime.discrepancy.watch.Cancelled` is raised.
+        Once set, `slowtime.discrepancy.progress.Cancelled` is raised.
     late
         Once true, no more laws are tried than those that come near the best along the force.
     over
         Once true, none are: what was found by then is the answer. With `late`, where not given.
     """
-    tell = Watch(progress, stop, late, over)
+    tell = Monitor(progress, stop, late, over)
     known = catalogue() if kinds is None else kinds
     tell("screening channels", 0.0)
-    screened = screen_all(campaign.trials, campaign.channels)
+    screened = screen_records(campaign.trials, campaign.channels)
     trials = tuple(one.trial.trimmed() for one in screened)
     findings = tuple(finding for one in screened for finding in one.findings)
     if campaign.ambient:
@@ -88,15 +90,15 @@ def diagnose(
     stated = tuple(entry.hold for entry in campaign.description.inputs)
     campaign, found = _searched(campaign, trials, known, tell, quick=quick)
     start = with_offsets(campaign.description, known)
-    unmisled(found, campaign)
+    drop_harmful_effects(found, campaign)
     _prune(found, found.trials, known)
     _link(found, len(start.effects), known, tell)
     _refute(found, len(start.effects), known)
     if not tell.hurries:
         campaign = _held_at_last(campaign, found, stated, known)
-        at_bottom(found, len(start.effects), known)
-        where_it_sticks(found, len(start.effects), known, tell)
-    over_the_campaign(found, len(start.effects), campaign, known)
+        converge(found, len(start.effects), known)
+        converge_stick_slip(found, len(start.effects), known, tell)
+    span_campaign(found, len(start.effects), campaign, known)
     if len(start.effects) > len(campaign.description.effects):
         told = offsets(found.fits[-1], campaign.description, known)
         # What the model lacks without its offsets, too, is the gap that is shown.
@@ -114,7 +116,7 @@ def _searched(
     campaign: Campaign,
     trials: tuple[Trial, ...],
     kinds: Mapping[str, Kind],
-    tell: Watch,
+    tell: Monitor,
     *,
     quick: bool,
 ) -> tuple[Campaign, Found]:
@@ -129,7 +131,9 @@ def _searched(
         return refit(Plant.of(start, kinds=kinds), trials)
 
     def held(holds: Sequence[Hold]) -> Campaign:
-        return dataclasses.replace(campaign, description=held_as(campaign.description, holds))
+        return dataclasses.replace(
+            campaign, description=describe_holds(campaign.description, holds)
+        )
 
     first = fitted()
     tell("looking at what inputs do between samples", 0.08)
@@ -178,8 +182,10 @@ def _held_at_last(
     if holds is None:
         return campaign
     found.fits = [with_holds(fit, holds, found.trials, kinds) for fit in found.fits]
-    found.answers = all_told_again(found.answers, found.fits[-1], kinds)
-    return dataclasses.replace(campaign, description=held_as(campaign.description, holds))
+    found.answers = requote_all(found.answers, found.fits[-1], kinds)
+    return dataclasses.replace(
+        campaign, description=describe_holds(campaign.description, holds)
+    )
 
 
 def _leaves_less(found: Found, other: Found) -> bool:
@@ -187,11 +193,11 @@ def _leaves_less(found: Found, other: Found) -> bool:
 
     One that is judged by pieces of them explains these; whole records would not tell.
     """
-    if found.fits[-1].chi2_in_band < EXPLAINED:
+    if found.fits[-1].chi2_in_band < LIMITS.explained_chi2:
         return True
     if len(found.trials) != len(other.trials):
         return len(found.trials) > len(other.trials)
-    return left_by(found.fits[-1]) < left_by(other.fits[-1])
+    return unexplained_by(found.fits[-1]) < unexplained_by(other.fits[-1])
 
 
 def _prune(found: Found, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]) -> None:
@@ -202,17 +208,20 @@ def _prune(found: Found, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]) -
         # A wandering is in the model as a word only, which explains nothing, and stays; unless
         # another fault of its sensor was named, which a drift may make needless.
         drift, last = found.answers[-1], effects_of(found.fits[-1].plant.description)[-1]
-        fits, answers = pruned(found.fits[:-1], found.answers[:-1], trials, kinds)
-        found.fits, found.answers = [*fits, carrying(fits[-1], last, kinds)], [*answers, drift]
+        fits, answers = eliminate(found.fits[:-1], found.answers[:-1], trials, kinds)
+        found.fits, found.answers = (
+            [*fits, carry_effect(fits[-1], last, kinds)],
+            [*answers, drift],
+        )
     else:
-        found.fits, found.answers = pruned(found.fits, found.answers, trials, kinds)
+        found.fits, found.answers = eliminate(found.fits, found.answers, trials, kinds)
     gone = told - {(a.effect.kind, a.effect.place) for a in found.answers}
     if any((rival.effect, rival.place) in gone for rival in found.undecided[:1]):
         left = (doubts_about(answer) for answer in found.answers)
         found.undecided, found.pair = next((rivals for rivals in left if rivals), ()), None
 
 
-def _link(found: Found, first: int, kinds: Mapping[str, Kind], tell: Watch) -> None:
+def _link(found: Found, first: int, kinds: Mapping[str, Kind], tell: Monitor) -> None:
     """Take back a hidden oscillator, or that no law is known, where a spring explains it."""
     last = found.fits[-1]
     if found.ended or len(last.states) != len(found.trials):
@@ -220,14 +229,17 @@ def _link(found: Found, first: int, kinds: Mapping[str, Kind], tell: Watch) -> N
     for number in range(len(found.answers)):
         latest = number == len(found.answers) - 1 and len(found.fits) == number + 2
         before = found.fits[-2] if latest else None
-        link = instead_of(last, first + number, before, found.trials, kinds)
+        link = link_instead_of(last, first + number, before, found.trials, kinds)
         lead = -math.inf if link is None else link.named.score - evidence(last, kinds)
-        if lead > LEAST_GAIN:
+        if lead > LIMITS.least_log_evidence:
             found.link, found.undecided, found.pair = link, (), None
             return
-        if lead > -LEAST_GAIN and not found.undecided:
+        if lead > -LIMITS.least_log_evidence and not found.undecided:
             doubt(found, number)
-    explained = last.chi2_in_band < EXPLAINED and whiteness(last) > UNWHITE
+    explained = (
+        last.chi2_in_band < LIMITS.explained_chi2
+        and chi2_p_value(last) > LIMITS.coloured_p_value
+    )
     # What acts in proportion, two of them or one on a node, may do what one spring does.
     straight = all(
         isinstance(kinds[answer.effect.kind].action, Hidden | SensorChange | InputChange)
@@ -237,21 +249,23 @@ def _link(found: Found, first: int, kinds: Mapping[str, Kind], tell: Watch) -> N
     explained = explained and not (straight and (on_node or len(found.answers) > 1))
     if explained or tell.hurries or found.undecided:
         return
-    link = best_link(unbent(found.fits[0], found.trials), None, found.trials, kinds, tell)
+    link = best_link(
+        refit_within_tolerances(found.fits[0], found.trials), None, found.trials, kinds, tell
+    )
     if link is not None and _in_stead(link.named, found, kinds):
         found.link = link
 
 
-def _in_stead(link: Named, found: Found, kinds: Mapping[str, Kind]) -> bool:
+def _in_stead(link: FittedCandidate, found: Found, kinds: Mapping[str, Kind]) -> bool:
     """Whether a spring leaves little of what was missing, and is likelier than the rest."""
     first, last = found.fits[0], found.fits[-1]
     if link.fit.chi2_in_band - 1 > BY_ONE * (first.chi2_in_band - 1):
         return False
-    least = min((link.fit, last), key=left_by)
+    least = min((link.fit, last), key=unexplained_by)
     ahead, behind = (rescored(one, least, found.trials, kinds).score for one in (
-        link, Named(link.effect, last.plant.description, last, 0.0)
+        link, FittedCandidate(link.effect, last.plant.description, last, 0.0)
     ))  # fmt: skip
-    return ahead - behind > LEAST_GAIN
+    return ahead - behind > LIMITS.least_log_evidence
 
 
 def _refute(found: Found, first: int, kinds: Mapping[str, Kind]) -> None:
@@ -263,10 +277,10 @@ def _refute(found: Found, first: int, kinds: Mapping[str, Kind]) -> None:
     last = found.fits[-1]
     if not found.answers or found.undecided or found.ended:
         return
-    patchwork = len(found.answers) >= MANY and last.chi2_in_band < EXPLAINED
-    if whiteness(last) <= UNWHITE and not patchwork:
+    patchwork = len(found.answers) >= MANY and last.chi2_in_band < LIMITS.explained_chi2
+    if chi2_p_value(last) <= LIMITS.coloured_p_value and not patchwork:
         return
-    against = refuted(last, first, found.trials, kinds)
+    against = refuted_by_free_force(last, first, found.trials, kinds)
     if against is None:
         return
     if not against.idle:

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from slowtime.dynamics.description import Description, Input, Sensor
 from slowtime.dynamics.effects import Effect, Place
 
-from .screen import Finding
+from .data.screening import Finding
 
 Verdict = Literal[
     "missing_effect",
@@ -64,7 +64,7 @@ class Rival:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Named:
+class NamedEffect:
     """One effect that was found.
 
     Parameters
@@ -268,7 +268,7 @@ class Diagnosis:
 
     verdict: Verdict
     sentence: str
-    effects: tuple[Named, ...]
+    effects: tuple[NamedEffect, ...]
     undecided: tuple[Rival, ...]
     experiment: Experiment | None
     nothing_probability: float

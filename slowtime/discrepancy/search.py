@@ -10,42 +10,46 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
+from slowtime.discrepancy.quoting import moved_of
+from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Effect, Kind, Place
 
-from .accepting import accept, bends_twice, ended
-from .anew import beginnings
-from .between import Hold, held_otherwise, with_holds
-from .bottom import at_bottom
-from .candidates import SEVERAL, Candidate, candidates, label_of
-from .choosing import LATER, begins, begun_with, labels_of
-from .delayed import clocks_alone
-from .diagnosis import Named as Answer
-from .downward import Downward
-from .found import Found
-from .further import FAR_OFF, foremost, joined, shot_too
-from .gap import UNWHITE, whiteness
-from .likelier import done, likelier
-from .locate import Located, locate
-from .loosened import loosened
-from .misplaced import relocated
-from .naming import Named, chosen, refit_all
-from .onward import onward
-from .outrun import within
-from .piecewise import Piecewise
+from .calibration import Fit, GivenUp, refit
+from .calibration.tolerances import refit_within_tolerances
+from .candidates.library_fit import Candidate, label_of, library_candidates
+from .data.clock_overrun import within_record
+from .diagnosis import NamedEffect
+from .estimation.candidate_fit import FittedCandidate, best_of_each_place, fit_candidates
+from .estimation.input_hold import Hold, held_otherwise, with_holds
+from .estimation.shooting_fit import first_of_each, merge_fits, shooting_fits
+from .localization import Located, locate
+from .progress import Monitor
+from .proposers.alternative_starts import alternative_starts
+from .proposers.base_motion import base_motion, by_a_law, placed
+from .proposers.delayed_input import clocks_alone
+from .proposers.joint_pairs import JointPairs
+from .proposers.later_segments import later_segment_candidates
+from .proposers.lower_ranked import LowerRanked
+from .proposers.segments import SegmentCandidates
+from .proposers.sensor_bias import biased_accelerometer, sensor_bias_candidate
+from .proposers.sensor_drift import drifting, sensor_drift, with_sensor_again, without_sensor
 from .records import Trial
-from .refit import Fit, GivenUp, refit
-from .regrowing import regrow, regrow_friction
-from .relearnt import relearn
-from .restarting import restart
-from .revising import revised
-from .shaken import base_answer, by_a_law, placed
-from .standing import put_right, standing
-from .together import Together
-from .turns import Turn, is_enough, near_first, simple_first
-from .unbent import unbent
-from .verdict import EXPLAINED, FALSE_ALARM, moved_of
-from .wandering import drifting, loud_again, unheard, wandering
-from .watch import Watch
+from .refinement.constant_release import release_constants
+from .refinement.convergence import converge
+from .refinement.force_relearning import relearn_force
+from .refinement.horizon_continuation import (
+    refit_friction_with_growing_horizon,
+    refit_with_growing_horizon,
+)
+from .refinement.initial_states import restart_initial_states
+from .refinement.relocation import relocate
+from .refinement.substitution import substitute
+from .selection.acceptance import accept, end_with, is_second_curve
+from .selection.comparison import better, explains_all
+from .selection.shortlist import LATER, begins, begun_with, labels_of
+from .selection.trial_order import TrialOrder, is_enough, near_first, simple_first
+from .state import Found
 
 SILENT = 0.01
 """Chance of so large a chi squared above which nothing more is looked for after the first."""
@@ -71,7 +75,7 @@ class Search:
     """
 
     kinds: Mapping[str, Kind]
-    tell: Watch
+    tell: Monitor
     quick: bool = False
     stated: tuple[Hold, ...] | None = None
     asked: tuple[tuple[Hold, ...] | None, ...] = ()
@@ -88,7 +92,7 @@ def search(first: Fit, trials: tuple[Trial, ...], how: Search) -> Found:
     if how.quick:
         _go_on(found, how, 0)
         return found
-    held = unbent(first, trials)
+    held = refit_within_tolerances(first, trials)
     one = _next(found, how, 0, held)
     if found.both is not None:
         found = found.both
@@ -105,10 +109,10 @@ def _begun_otherwise(found: Found, held: Fit, trials: tuple[Trial, ...], how: Se
     first = found.fits[0]
     cut = len(found.trials) != len(trials)
     again = found.holds is not None or found.otherwise is not None
-    if not found.named or again or cut or done(found):
+    if not found.named or again or cut or explains_all(found):
         return found
-    for other in beginnings(found, held, how.kinds, how.tell):
-        if found.otherwise is not None or done(found):
+    for other in alternative_starts(found, held, how.kinds, how.tell):
+        if found.otherwise is not None or explains_all(found):
             break
         if how.tell.hurries:
             found.hurried = True
@@ -117,15 +121,15 @@ def _begun_otherwise(found: Found, held: Fit, trials: tuple[Trial, ...], how: Se
         bent = bool(moved_of(first))
         if accept(branch, held, [other], trials, how.kinds, how.stated, pulled=bent):
             _go_on(branch, how, 1)
-            found = likelier(found, branch, how.kinds)
+            found = better(found, branch, how.kinds)
     return found
 
 
 def _revised(found: Found, how: Search) -> Found:
     """Look for each of several effects again, and for what is missing then."""
-    better = revised(found, how.kinds, how.stated, how.tell)
+    better = substitute(found, how.kinds, how.stated, how.tell)
     count = len(better.answers)
-    if better is not found and count < how.most and not done(better):
+    if better is not found and count < how.most and not explains_all(better):
         _go_on(better, how, count)
     return better
 
@@ -150,13 +154,16 @@ def _explained_otherwise(found: Found, how: Search) -> bool:
     last = found.fits[-1]
     cut = any(len(fit.states) != len(found.trials) for fit in found.fits)
     over = found.ended or found.holds is not None or how.tell.hurries or cut
-    if how.stated is None or over or not found.answers or done(found):
+    if how.stated is None or over or not found.answers or explains_all(found):
         return False
     holds = held_otherwise(last, found.trials, how.kinds, how.stated)
     if holds is None or holds in how.asked:
         return False
     held = with_holds(last, holds, found.trials, how.kinds)
-    if held.chi2_in_band < EXPLAINED or whiteness(held) > UNWHITE:
+    if (
+        held.chi2_in_band < LIMITS.explained_chi2
+        or chi2_p_value(held) > LIMITS.coloured_p_value
+    ):
         found.otherwise = holds
     return found.otherwise is not None
 
@@ -170,7 +177,9 @@ def reheld(found: Found, holds: tuple[Hold, ...], kinds: Mapping[str, Kind]) -> 
 
 def _much(found: Found, how: Search) -> bool:
     """Whether nothing was found yet, and much is missing."""
-    return not (found.answers or how.quick) and found.fits[-1].chi2_in_band > FAR_OFF
+    return (
+        not (found.answers or how.quick) and found.fits[-1].chi2_in_band > LIMITS.far_off_chi2
+    )
 
 
 def _put_right(
@@ -181,7 +190,7 @@ def _put_right(
     how: Search,
 ) -> bool:
     """Name what an accelerometer is steadily off by, before all else."""
-    named = put_right(before, place, located, found.trials, how.kinds)
+    named = sensor_bias_candidate(before, place, located, found.trials, how.kinds)
     if named is None:
         return _wanders(found, before, drifting(before, found.trials, place, how.kinds), how, 0)
     found.named = (named,)
@@ -190,30 +199,32 @@ def _put_right(
     )
 
 
-def _wanders(found: Found, before: Fit, drift: Answer, how: Search, number: int) -> bool:
+def _wanders(found: Found, before: Fit, drift: NamedEffect, how: Search, number: int) -> bool:
     """Name a drift that is on no law's course: a free run is better off without."""
     still = dict.fromkeys(drift.effect.parameters, 0.0)
     silent = dataclasses.replace(drift.effect, parameters=still)
     before = _by_the_others(found, before, drift, how, number)
     if found.answers and all(_mean(answer, drift) for answer in found.answers):
         found.answers, found.fits = [], found.fits[:1]
-        before = unbent(found.fits[0], found.trials)
-    return ended(found, before, drift, how.kinds, silent)
+        before = refit_within_tolerances(found.fits[0], found.trials)
+    return end_with(found, before, drift, how.kinds, silent)
 
 
-def _mean(answer: Answer, drift: Answer) -> bool:
+def _mean(answer: NamedEffect, drift: NamedEffect) -> bool:
     """Whether a sensor was said to be off by the mean of its wandering."""
     own = answer.effect.place == drift.effect.place
     return own and answer.effect.kind == "sensor_bias"
 
 
-def _by_the_others(found: Found, before: Fit, drift: Answer, how: Search, number: int) -> Fit:
+def _by_the_others(
+    found: Found, before: Fit, drift: NamedEffect, how: Search, number: int
+) -> Fit:
     """Look for what is missing beside a sensor that wanders, by all that the others say.
 
     Gives the last fit: the one before, where there are no others, or nothing else is missing.
     """
     place = drift.effect.place
-    trials = unheard(before, found.trials, place.id)
+    trials = without_sensor(before, found.trials, place.id)
     # What the sensor was said to be off by was the mean of its wandering.
     kept = [answer for answer in found.answers if answer.effect.place != place]
     own = len(found.answers) - len(kept)
@@ -242,7 +253,7 @@ def _by_the_others(found: Found, before: Fit, drift: Answer, how: Search, number
     found.located = found.located if kept else rest.located
     found.answers = [*kept, *fresh]
     found.fits = found.fits[: len(found.fits) - own]
-    found.fits += [loud_again(fit, before, place.id) for fit in rest.fits[1:]]
+    found.fits += [with_sensor_again(fit, before, place.id) for fit in rest.fits[1:]]
     if not found.undecided:
         found.undecided, found.pair, found.retuned = rest.undecided, rest.pair, rest.retuned
     return found.fits[-1]
@@ -251,7 +262,7 @@ def _by_the_others(found: Found, before: Fit, drift: Answer, how: Search, number
 def _ends(found: Found, how: Search, number: int) -> bool:
     """Whether what was found is to be enough; then, what it leaves."""
     found.hurried = how.tell.hurries
-    enough = found.hurried and (how.tell.ends or done(found))
+    enough = found.hurried and (how.tell.ends or explains_all(found))
     if not enough and number < how.most - 1:
         return False
     # What the last effect leaves, not what there was before it.
@@ -270,21 +281,21 @@ def _next(found: Found, how: Search, number: int, held: Fit | None = None) -> bo
     """
     before = found.fits[-1]
     pulled = bool(moved_of(before))
-    if found.answers and whiteness(before) > SILENT:
+    if found.answers and chi2_p_value(before) > SILENT:
         if pulled:
             # Of numbers that are told only together, one may have stopped far from its claim.
-            at_bottom(found, len(found.fits[0].plant.effects), how.kinds)
+            converge(found, len(found.fits[0].plant.effects), how.kinds)
             before = found.fits[-1]
             pulled = bool(moved_of(before))
         if not pulled:
             return False
-    held = held or unbent(before, found.trials)
+    held = held or refit_within_tolerances(before, found.trials)
     located = locate(held, found.trials) if found.answers else None
-    if located is not None and relearn(found, held, located, how.kinds, how.tell):
+    if located is not None and relearn_force(found, held, located, how.kinds, how.tell):
         return _next(found, how, number)
     lost = number > 0 and held.chi2_in_band > LOST and not how.quick
     begun = _onward(found, held, how) if lost else []
-    if begun and begun[0].fit.chi2_in_band < FAR_OFF:
+    if begun and begun[0].fit.chi2_in_band < LIMITS.far_off_chi2:
         found.left = located or locate(held, found.trials)
         found.located = found.located or found.left
         return _accepted(found, held, begun, how, pulled=pulled)
@@ -304,7 +315,7 @@ def _after(
     number: int,
     *,
     pulled: bool,
-    begun: Sequence[Named] = (),
+    begun: Sequence[FittedCandidate] = (),
     located: Located | None = None,
 ) -> bool:
     """Look for one more effect than a fit has.
@@ -321,36 +332,36 @@ def _after(
     tell("locating what is left", share)
     located = located or locate(before, found.trials)
     found.located, found.left = found.located or located, located
-    if located.p_value > FALSE_ALARM and not pulled:
+    if located.p_value > LIMITS.false_alarm_p_value and not pulled:
         return False
-    stands = standing(found.fits[-1], found.trials) if _much(found, how) else None
+    stands = biased_accelerometer(found.fits[-1], found.trials) if _much(found, how) else None
     if stands is not None:
         return _put_right(found, before, located, stands, how)
     tell("trying effects", share + 0.05)
-    tried = candidates(before, located, kinds)
+    tried = library_candidates(before, located, kinds)
     based = located.base_first()
-    shaken = base_answer(based, tried, kinds, first=number == 0)
+    shaken = base_motion(based, tried, kinds, first=number == 0)
     if shaken is not None and placed(based, tried):
-        return ended(found, before, shaken, kinds)
-    tried = [one for one in tried if not bends_twice(one.effect, found.answers, kinds)]
+        return end_with(found, before, shaken, kinds)
+    tried = [one for one in tried if not is_second_curve(one.effect, found.answers, kinds)]
     labels = labels_of(found, before, located, tried, how.kinds, number=number, quick=how.quick)
     channels = tuple(s.channel for s in before.plant.description.sensors)
-    trials = within(found.trials, channels, (one.effect for one in labels), kinds)
+    trials = within_record(found.trials, channels, (one.effect for one in labels), kinds)
     bent = found.fits[-1]
     first = not (number or how.quick)
-    down = Downward(
+    down = LowerRanked(
         bent, before, tried, labels, trials, kinds,
         best=located.groups[0].places, near=located.near,
-        several=located.groups[0].left > SEVERAL, shaken=shaken is not None,
+        several=located.groups[0].left > LIMITS.several_forces_chi2, shaken=shaken is not None,
         late=_late(tell, "fitting laws to how the records begin", share + 0.2),
     )  # fmt: skip
-    pieces = Piecewise(
+    pieces = SegmentCandidates(
         before, tried, labels, located, trials, kinds,
         _late(tell, "fitting laws to pieces of the records", share + 0.06),
     )  # fmt: skip
-    together = Together(before, trials, kinds, how.stated, how.asked, tell)
+    together = JointPairs(before, trials, kinds, how.stated, how.asked, tell)
 
-    def more(so_far: Sequence[Named]) -> list[Candidate]:
+    def more(so_far: Sequence[FittedCandidate]) -> list[Candidate]:
         if not first or found.both is not None or found.otherwise is not None:
             return []
         found.named, found.tried = tuple(sorted(so_far, key=lambda n: -n.score)), tuple(tried)
@@ -368,44 +379,48 @@ def _after(
         clocks = clocks_alone(before, located, tried, trials, kinds)
         labels = clocks or pieces.at_once() or labels
     in_turn, far = near_first(labels, kinds) if number else (simple_first(labels, kinds), set())
-    turn = Turn(tell, number, len(in_turn), share, far)
-    alike: list[Named] = []
-    named = refit_all(
+    turn = TrialOrder(tell, number, len(in_turn), share, far)
+    alike: list[FittedCandidate] = []
+    named = fit_candidates(
         before, in_turn, trials, kinds, turn, more=more, alike=alike, over=lambda: tell.ends
     )
     turn.must &= not named
     if found.both is not None or found.otherwise is not None:
         return found.both is not None
-    loose = loosened(bent, named, found.trials) if number == 0 and not found.loosened else None
+    loose = (
+        release_constants(bent, named, found.trials)
+        if number == 0 and not found.loosened
+        else None
+    )
     if loose is not None:
         found.fits[-1], found.located, found.loosened = loose, None, True
-        held = unbent(loose, found.trials)
+        held = refit_within_tolerances(loose, found.trials)
         return _after(found, held, how, number, pulled=bool(moved_of(loose)))
     if turn.cut and not (named and (number == 0 or is_enough(named[0], turn.cut[0], kinds))):
         found.hurried = True
         return False  # which of them it is was not seen
-    if not named or whiteness(named[0].fit) < UNWHITE:
-        drift = wandering(before, located, kinds)
+    if not named or chi2_p_value(named[0].fit) < LIMITS.coloured_p_value:
+        drift = sensor_drift(before, located, kinds)
         if drift is not None:
             return _wanders(found, before, drift, how, number)
         # What is as slow as that is a sensor's, though the base would do the same.
         if shaken is not None and not by_a_law(named, labels, before, trials, based):
-            return ended(found, before, shaken, kinds)
+            return end_with(found, before, shaken, kinds)
     if number and not (how.quick or tell.hurries):
-        if not begun and named and named[0].fit.chi2_in_band > FAR_OFF:
+        if not begun and named and named[0].fit.chi2_in_band > LIMITS.far_off_chi2:
             begun = _onward(found, before, how)
-        named = joined(named, begun, found.trials, kinds)
+        named = merge_fits(named, begun, found.trials, kinds)
     if not (how.quick or (number and tell.hurries)):
         alone = [one for one in down.opened if label_of(one.effect) == down.begins]
-        likely = alone or foremost(down.opened, labels)
+        likely = alone or first_of_each(down.opened, labels)
         if pieces.told:
             # A law that is right, and loses its way in a whole record, is fitted to all pieces.
             lost = bool(named) and named[0].fit.chi2_in_band > LOST
             likely = pieces.whole if lost else []
-        named = shot_too(before, likely, named, trials, kinds, turn)
+        named = shooting_fits(before, likely, named, trials, kinds, turn)
     if number == 0:
         found.named, found.tried, found.alike = tuple(named), tuple(tried), tuple(alike)
-        if named and named[0].fit.chi2_in_band > FAR_OFF:
+        if named and named[0].fit.chi2_in_band > LIMITS.far_off_chi2:
             # What explains how records begin is one of two, though more may be left by it.
             named = (
                 [one for one in named if label_of(one.effect) == pieces.begins]
@@ -415,7 +430,7 @@ def _after(
     return _accepted(found, before, named, how, trials, pulled=pulled)
 
 
-def _late(tell: Watch, stage: str, share: float) -> Callable[[], bool]:
+def _late(tell: Monitor, stage: str, share: float) -> Callable[[], bool]:
     def late() -> bool:
         tell(stage, share)
         return tell.hurries
@@ -426,7 +441,7 @@ def _late(tell: Watch, stage: str, share: float) -> Callable[[], bool]:
 def _accepted(
     found: Found,
     before: Fit,
-    named: Sequence[Named],
+    named: Sequence[FittedCandidate],
     how: Search,
     trials: tuple[Trial, ...] | None = None,
     *,
@@ -440,22 +455,24 @@ def _accepted(
     )  # fmt: skip
     if not fine or how.tell.ends or found.ended:
         return fine
-    restart(found, how.kinds)
+    restart_initial_states(found, how.kinds)
     several = len(found.answers) > 1
     if not how.tell.hurries:
-        (regrow if several else regrow_friction)(found, how.kinds)
+        (refit_with_growing_horizon if several else refit_friction_with_growing_horizon)(
+            found, how.kinds
+        )
     if several:
-        relocated(found, how.kinds, how.tell)
+        relocate(found, how.kinds, how.tell)
     return True
 
 
-def _sits_on(effect: Effect, answers: Sequence[Answer]) -> bool:
+def _sits_on(effect: Effect, answers: Sequence[NamedEffect]) -> bool:
     """Whether a law is at a place that has one already."""
     there = any(answer.effect.place == effect.place for answer in answers)
     return there and effect.place.kind != "sensor"
 
 
-def _onward(found: Found, before: Fit, how: Search) -> list[Named]:
+def _onward(found: Found, before: Fit, how: Search) -> list[FittedCandidate]:
     """Refit what may be missing as records go on, where the whole of them tells nothing."""
 
     def tick(effect: Effect, _: int) -> bool:
@@ -463,11 +480,15 @@ def _onward(found: Found, before: Fit, how: Search) -> list[Named]:
         return how.tell.hurries
 
     how.tell("looking at how records go on", 0.5)
-    part, tried = onward(before, found.trials, how.kinds, lambda: how.tell.hurries)
-    tried = [one for one in tried if not bends_twice(one.effect, found.answers, how.kinds)]
+    part, tried = later_segment_candidates(
+        before, found.trials, how.kinds, lambda: how.tell.hurries
+    )
+    tried = [one for one in tried if not is_second_curve(one.effect, found.answers, how.kinds)]
     more = before.data / max(part.data, 1)
     labels = [
         dataclasses.replace(one, cost=more * one.cost, bare=more * one.bare)
-        for one in chosen(tried, LATER)
+        for one in best_of_each_place(tried, LATER)
     ]
-    return refit_all(part, labels, found.trials, how.kinds, tick, over=lambda: how.tell.ends)
+    return fit_candidates(
+        part, labels, found.trials, how.kinds, tick, over=lambda: how.tell.ends
+    )

@@ -3,7 +3,8 @@
 import pytest
 
 from slowtime.dynamics.effects import catalogue
-from slowtime_services.effect_trial import installed_kinds, sound_parts, try_kind
+from slowtime_services.effect_trial import try_kind
+from slowtime_services.installed_effects import installed_kinds, sound_parts
 from slowtime_services.plugins import PluginError
 from tests.services.own_effects import EFFECTS
 from tests.services.test_plugins import installed as installed

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from slowtime.discrepancy.watch import Cancelled
+from slowtime.discrepancy.progress import Cancelled
 from slowtime_services.plugins import said
 
 from .fast import diagnose_samples

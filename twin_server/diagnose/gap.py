@@ -22,10 +22,10 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import chi2, norm
 
-from slowtime.discrepancy.gap import errors
+from slowtime.discrepancy.calibration import refit
+from slowtime.discrepancy.calibration.model_values import with_values
 from slowtime.discrepancy.records import FEWEST, Trial
-from slowtime.discrepancy.refit import refit
-from slowtime.discrepancy.values import with_values
+from slowtime.discrepancy.validation.free_run import errors
 from slowtime.dynamics.plant import Plant
 from slowtime_schemas.model_file import ModelFile
 from slowtime_services.diagnose import Source, campaign_of

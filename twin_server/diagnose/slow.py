@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from slowtime.discrepancy.watch import Cancelled
+from slowtime.discrepancy.progress import Cancelled
 from slowtime_services.diagnose.histories import History, Quantity, covariate
 from slowtime_services.diagnose.slow import diagnose_slowly, write_slow_results
 

@@ -9,7 +9,7 @@ from slowtime.discrepancy.diagnosis import (
     Diagnosis,
     Experiment,
     Gap,
-    Named,
+    NamedEffect,
     Number,
     Rival,
     When,
@@ -78,7 +78,7 @@ def document_of(
     )  # fmt: skip
 
 
-def _effect(named: Named) -> file.FoundEffect:
+def _effect(named: NamedEffect) -> file.FoundEffect:
     return file.FoundEffect(
         effect=named.effect.kind,
         family=named.family,

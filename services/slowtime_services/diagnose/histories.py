@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.discrepancy.slow import Covariate
+from slowtime.history_diagnosis import Covariate
 from slowtime_services.files import RecordError
 
 Series = Float[np.ndarray, " epoch"]

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.diagnosis import Diagnosis
-from slowtime.discrepancy.watch import Progress, Stop
+from slowtime.discrepancy.progress import Progress, Stop
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Kind
 from slowtime_schemas.diagnosis_file import DiagnosisFile
@@ -53,7 +53,7 @@ def diagnose_records(
     progress
         Told the stage in words and the share done.
     stop
-        Once set, `slowtime.discrepancy.watch.Cancelled` is raised.
+        Once set, `slowtime.discrepancy.progress.Cancelled` is raised.
     patience_s
         Of the processor, but for compiling, which the first run on a machine does; once it is
         used up, what is being fitted is given up, and what was found by then is the answer. In

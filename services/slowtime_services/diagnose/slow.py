@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.discrepancy import slow
-from slowtime.discrepancy.slow import SlowEffect, SlowReport
+from slowtime import history_diagnosis as slow
+from slowtime.history_diagnosis import SlowEffect, SlowReport
 from slowtime_schemas.slow_diagnosis_file import SlowDiagnosisFile
 from slowtime_services.reports import Chart, Section, Table, write_page
 

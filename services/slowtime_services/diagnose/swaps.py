@@ -12,8 +12,8 @@ import itertools
 import numpy as np
 from jaxtyping import Float
 
+from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.records import Campaign, Trial
-from slowtime.discrepancy.refit import refit
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.plant import Plant
 from slowtime.signals.spectra import detrended, periodogram

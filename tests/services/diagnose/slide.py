@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from slowtime.discrepancy.data.screening import Finding
 from slowtime.discrepancy.diagnosis import (
     Diagnosis,
     Gap,
-    Named,
+    NamedEffect,
     Number,
     Rival,
     Spectra,
@@ -18,7 +19,6 @@ from slowtime.discrepancy.diagnosis import (
     Traces,
     When,
 )
-from slowtime.discrepancy.screen import Finding
 from slowtime.dynamics.description import Description, Input, Node, Sensor, Spring, Tolerance
 from slowtime.dynamics.effects import Effect, Place
 from slowtime_services.diagnose import Source
@@ -93,7 +93,7 @@ def told() -> Diagnosis:
         verdict="missing_effect",
         sentence="Cubic hardening at element j: k3_n_per_m3 = 1.99e+05 ± 300 N/m^3.",
         effects=(
-            Named(
+            NamedEffect(
                 effect=effect,
                 family="hardening",
                 numbers=named,

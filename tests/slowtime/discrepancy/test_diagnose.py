@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy.diagnose import diagnose
+from slowtime.discrepancy.progress import Cancelled
 from slowtime.discrepancy.records import Campaign
-from slowtime.discrepancy.watch import Cancelled
 from slowtime.dynamics.effects import Place
 from slowtime.signals.interpolation import at_instants
 

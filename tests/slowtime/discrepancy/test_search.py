@@ -6,24 +6,29 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from slowtime.discrepancy import accepting, naming
 from slowtime.discrepancy import search as searching
-from slowtime.discrepancy.adding import carrying
-from slowtime.discrepancy.candidates import Candidate, candidates, label_of
+from slowtime.discrepancy.calibration import GivenUp, pieces, refit
+from slowtime.discrepancy.calibration.augmentation import carry_effect
+from slowtime.discrepancy.calibration.tolerances import WITHIN, refit_within_tolerances
+from slowtime.discrepancy.candidates.law_pairs import law_pairs
+from slowtime.discrepancy.candidates.library_fit import (
+    Candidate,
+    label_of,
+    library_candidates,
+)
 from slowtime.discrepancy.diagnose import _prune
-from slowtime.discrepancy.diagnosis import Named as Answer
-from slowtime.discrepancy.diagnosis import Rival
-from slowtime.discrepancy.found import Found
-from slowtime.discrepancy.likelier import likelier
-from slowtime.discrepancy.locate import locate
-from slowtime.discrepancy.naming import refit_all
-from slowtime.discrepancy.paired import pairs
+from slowtime.discrepancy.diagnosis import NamedEffect, Rival
+from slowtime.discrepancy.estimation import candidate_fit as naming
+from slowtime.discrepancy.estimation.candidate_fit import fit_candidates
+from slowtime.discrepancy.localization import locate
+from slowtime.discrepancy.progress import Monitor
+from slowtime.discrepancy.quoting import moved_of
 from slowtime.discrepancy.records import Trial
-from slowtime.discrepancy.refit import GivenUp, pieces, refit
 from slowtime.discrepancy.search import Search, search
-from slowtime.discrepancy.unbent import WITHIN, unbent
-from slowtime.discrepancy.verdict import answer_of, moved_of
-from slowtime.discrepancy.watch import Watch
+from slowtime.discrepancy.selection import acceptance as accepting
+from slowtime.discrepancy.selection.comparison import better
+from slowtime.discrepancy.selection.probabilities import answer_of
+from slowtime.discrepancy.state import Found
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Input, Sensor, Tolerance
 from slowtime.dynamics.effects import Effect, Place, catalogue
@@ -77,7 +82,7 @@ def seen(effects, *, of=TWO, count=2, samples=500, seed=3, noise=0.005):
 
 def named(trials, late=None, over=None, progress=None):
     first = refit(Plant.of(TWO, kinds=KINDS), trials)
-    return search(first, trials, Search(KINDS, Watch(progress, late=late, over=over)))
+    return search(first, trials, Search(KINDS, Monitor(progress, late=late, over=over)))
 
 
 @pytest.mark.long
@@ -104,7 +109,7 @@ def test_beside_a_sensor_that_wanders_the_others_are_heard(effects):
         wrong[:, 3] += 6.0 * wrong[:, 3].std() * course
         trials.append(dataclasses.replace(trial, outputs=wrong))
     first = refit(Plant.of(TWO, kinds=kinds), tuple(trials))
-    found = search(first, tuple(trials), Search(kinds, Watch()))
+    found = search(first, tuple(trials), Search(kinds, Monitor()))
     told = [(answer.effect.kind, answer.effect.place.id) for answer in found.answers]
     assert told == [*((e.kind, e.place.id) for e in effects), ("sensor_drift", "v_m2")]
     assert found.ended
@@ -125,7 +130,7 @@ def with_the_law():
 def test_a_wandering_that_stands_behind_a_law_is_not_forgotten():
     kinds, trials, first, law = with_the_law()
     found = Found([first, law], trials, answers=[answer_about(CUBIC, kinds)])
-    accepting.ended(found, law, answer_about(STILL, kinds), kinds, STILL)
+    accepting.end_with(found, law, answer_about(STILL, kinds), kinds, STILL)
     _prune(found, trials, kinds)
     assert [a.effect.kind for a in found.answers] == ["cubic_hardening", "sensor_drift"]
     assert [len(fit.plant.effects) for fit in found.fits] == [0, 1, 2]
@@ -167,7 +172,7 @@ def beside(monkeypatch):
         found = found or Found([first], trials)
         before = found.fits[-1]
         monkeypatch.setattr(searching, "_go_on", going_on)
-        how = Search(kinds, Watch())
+        how = Search(kinds, Monitor())
         last = searching._by_the_others(found, before, answer_about(STILL, kinds), how, number)
         return found, last is not before
 
@@ -213,7 +218,7 @@ def test_what_a_wandering_sensor_was_said_to_be_off_by_gives_way(beside):
     kinds, trials, first, _ = with_the_law()
     kinds |= {"sensor_bias": catalogue()["sensor_bias"]}
     found = Found([first], trials, answers=[answer_about(OFF, kinds)])
-    found.fits.append(carrying(first, OFF, kinds))
+    found.fits.append(carry_effect(first, OFF, kinds))
     told_by, other = locate(first, trials), []
     found.located = locate(first, trials)
 
@@ -246,16 +251,16 @@ def test_nor_is_there_an_offset_beside_a_wandering(monkeypatch, named, stays):
     kinds, trials, first, _ = with_the_law()
     kinds |= {name: catalogue()[name] for name in ("sensor_bias", "sensor_gain")}
     first = dataclasses.replace(first, values=1.3 * first.values, chi2_in_band=50.0)
-    fit = carrying(first, named, kinds)
+    fit = carry_effect(first, named, kinds)
     found = Found([first, fit], trials, answers=[answer_about(named, kinds)])
     monkeypatch.setattr(searching, "_go_on", lambda *_: None)
     drift = answer_about(STILL, kinds)
-    assert not searching._wanders(found, fit, drift, Search(kinds, Watch()), 1)
+    assert not searching._wanders(found, fit, drift, Search(kinds, Monitor()), 1)
     told = [answer.effect.kind for answer in found.answers]
     assert told == [named.kind] * stays + ["sensor_drift"]
     assert [len(one.plant.effects) for one in found.fits] == list(range(len(told) + 1))
     # Without the offset, constants make up for it: they are held to what was claimed.
-    begun = fit if stays else unbent(first, trials)
+    begun = fit if stays else refit_within_tolerances(first, trials)
     assert begun is not first
     count = len(begun.values)
     np.testing.assert_array_equal(found.fits[-1].values[:count], begun.values)
@@ -266,7 +271,7 @@ def test_an_offset_beside_a_law_stays(beside):
     kinds |= {"sensor_bias": catalogue()["sensor_bias"]}
     answers = [answer_about(CUBIC, kinds), answer_about(OFF, kinds)]
     found = Found([first, law], trials, answers=answers)
-    found.fits.append(carrying(law, OFF, kinds))
+    found.fits.append(carry_effect(law, OFF, kinds))
     assert not beside(lambda _: pytest.fail("it was looked for"), found=found, number=1)[1]
     assert found.answers == answers
 
@@ -287,14 +292,14 @@ def test_where_the_others_cannot_be_fitted_the_wandering_stands_alone(
 
 def answer_about(effect, kinds):
     family = kinds[effect.kind].family
-    return Answer(effect, family, numbers={}, probability=0.95, rivals=(), sentence="so")
+    return NamedEffect(effect, family, numbers={}, probability=0.95, rivals=(), sentence="so")
 
 
 def test_constants_that_make_up_for_what_is_missing_are_held_to_their_tolerances():
     strong = dataclasses.replace(CUBIC, parameters={"k3_n_per_m3": 4e5})
     trials = seen((strong,))
     bent = refit(Plant.of(TWO, kinds=KINDS), trials)
-    held = unbent(bent, trials)
+    held = refit_within_tolerances(bent, trials)
     assert max(map(abs, bent.pulls.values())) > 5.0
     assert max(map(abs, held.pulls.values())) <= WITHIN
     assert held.prior.names == bent.prior.names
@@ -303,13 +308,13 @@ def test_constants_that_make_up_for_what_is_missing_are_held_to_their_tolerances
 def test_constants_within_their_tolerances_are_left_as_they_are():
     trials = seen(())
     fit = refit(Plant.of(TWO, kinds=KINDS), trials)
-    assert unbent(fit, trials) is fit
+    assert refit_within_tolerances(fit, trials) is fit
 
 
 def test_one_sensor_cannot_tell_its_own_factor_from_that_of_the_input():
     one = dataclasses.replace(TWO, sensors=TWO.sensors[:1])
     trials = seen((Effect("sensor_gain", ONLY, {"gain": 1.3}),), of=one)
-    found = search(refit(Plant.of(one, kinds=KINDS), trials), trials, Search(KINDS, Watch()))
+    found = search(refit(Plant.of(one, kinds=KINDS), trials), trials, Search(KINDS, Monitor()))
     assert {rival.effect for rival in found.undecided} == {"sensor_gain", "input_gain"}
 
 
@@ -327,7 +332,7 @@ def test_nor_can_it_where_the_factor_is_far_from_one(gain):
         tolerance=TWO.tolerance,
     )
     trials = seen((Effect("sensor_gain", ONLY, {"gain": gain}),), of=one, samples=900)
-    found = search(refit(Plant.of(one, kinds=KINDS), trials), trials, Search(KINDS, Watch()))
+    found = search(refit(Plant.of(one, kinds=KINDS), trials), trials, Search(KINDS, Monitor()))
     assert {rival.effect for rival in found.undecided} == {"sensor_gain", "input_gain"}
     for number in found.answers[0].numbers.values():
         assert number.value == pytest.approx(gain, rel=0.02)
@@ -344,7 +349,7 @@ def test_a_mass_and_the_factors_that_do_the_same_are_told_apart_by_no_one_alone(
     )
     heavier = Effect("added_mass", Place("node", "m1"), {"dm_kg": 0.2})
     trials = seen((heavier,), of=one, samples=1500)
-    found = search(refit(Plant.of(one, kinds=kinds), trials), trials, Search(kinds, Watch()))
+    found = search(refit(Plant.of(one, kinds=kinds), trials), trials, Search(kinds, Monitor()))
     told = {rival.effect for rival in found.undecided} or {found.answers[0].effect.kind}
     assert "added_mass" in told
 
@@ -370,21 +375,21 @@ def test_more_effects_have_to_explain_more_than_a_fleck_of_what_was_missing(shar
     found = Found([fits[0], one], trials, answers=answers[:1])
     branch = Found([fits[0], one, two], trials, answers=answers)
     assert (one.cost - two.cost) / 2 > 0
-    assert len(likelier(found, branch, KINDS, -1e9).answers) == count
+    assert len(better(found, branch, KINDS, -1e9).answers) == count
 
 
 @pytest.fixture(scope="module")
 def shared():
     """Two laws at one place; how they were sought, and the model before."""
     trials = seen((BOUND, SOFT))
-    first = unbent(refit(Plant.of(TWO, kinds=KINDS), trials), trials)
+    first = refit_within_tolerances(refit(Plant.of(TWO, kinds=KINDS), trials), trials)
     located = locate(first, trials)
-    return trials, first, located, candidates(first, located, KINDS)
+    return trials, first, located, library_candidates(first, located, KINDS)
 
 
 def test_two_laws_at_one_place_are_found_together(shared):
     _, first, located, tried = shared
-    (one, other), *_ = pairs(first, located, tried, {}, KINDS)
+    (one, other), *_ = law_pairs(first, located, tried, {}, KINDS)
     assert {one.effect.kind, other.effect.kind} == {"coulomb", "cubic_hardening"}
     assert {one.effect.place, other.effect.place} == {SECOND}
     sizes = {e.effect.kind: next(iter(e.effect.parameters.values())) for e in (one, other)}
@@ -398,13 +403,13 @@ def test_a_base_that_explains_no_more_than_a_force_does_not_hide_two_laws(shared
     best = located.groups[0]
     base = dataclasses.replace(best, places=(Place("base", "base"),), score=best.score + 30.0)
     told = dataclasses.replace(located, groups=(base, *located.groups))
-    assert [c.effect for c in pairs(first, told, tried, {}, KINDS)[0]] == [
-        c.effect for c in pairs(first, located, tried, {}, KINDS)[0]
+    assert [c.effect for c in law_pairs(first, told, tried, {}, KINDS)[0]] == [
+        c.effect for c in law_pairs(first, located, tried, {}, KINDS)[0]
     ]
     # Where it explains far more, no law at an element does what is left.
     louder = dataclasses.replace(best, left=3 * best.left)
     told = dataclasses.replace(located, groups=(base, louder, *located.groups[1:]))
-    assert not pairs(first, told, tried, {}, KINDS)
+    assert not law_pairs(first, told, tried, {}, KINDS)
 
 
 def test_what_leaves_less_than_noise_is_no_reason_to_pass_over_what_leaves_little_more(shared):
@@ -418,7 +423,7 @@ def test_what_leaves_less_than_noise_is_no_reason_to_pass_over_what_leaves_littl
             dataclasses.replace(here, left=left),
         )
         told = dataclasses.replace(located, groups=groups)
-        return {one.effect.place for one in candidates(first, told, KINDS)}
+        return {one.effect.place for one in library_candidates(first, told, KINDS)}
 
     assert here.places[0] in tried(0.7, 1.6)
     assert here.places[0] not in tried(0.7, 1.8)
@@ -444,9 +449,11 @@ def test_a_tone_beside_a_law_is_found_with_it_whatever_its_phase():
         Effect("coulomb", place, {"friction_n": 2.0}),
     )
     trials = seen(effects, of=one, samples=1000)
-    first = unbent(refit(Plant.of(one, kinds=kinds), trials), trials)
+    first = refit_within_tolerances(refit(Plant.of(one, kinds=kinds), trials), trials)
     located = locate(first, trials)
-    (tone, law), *_ = pairs(first, located, candidates(first, located, kinds), {}, kinds)
+    (tone, law), *_ = law_pairs(
+        first, located, library_candidates(first, located, kinds), {}, kinds
+    )
     assert [c.effect.kind for c in (tone, law)] == ["harmonic_force", "coulomb"]
     assert law.effect.parameters["friction_n"] == pytest.approx(2.0, rel=0.1)
     assert tone.effect.parameters == pytest.approx(hum, rel=0.05)
@@ -456,17 +463,17 @@ def test_what_promised_more_than_it_holds_is_no_bar_to_a_pair(shared):
     _, first, located, tried = shared
     boast = dataclasses.replace(tried[0], cost=1.0)
     tried = [boast, *tried[1:]]
-    assert not pairs(first, located, tried, {}, KINDS)
-    assert pairs(first, located, tried, {label_of(boast.effect): 1e9}, KINDS)
+    assert not law_pairs(first, located, tried, {}, KINDS)
+    assert law_pairs(first, located, tried, {label_of(boast.effect): 1e9}, KINDS)
 
 
 @pytest.mark.long
 def test_once_one_explains_half_those_that_would_leave_more_are_given_up():
     trials = seen((dataclasses.replace(CUBIC, parameters={"k3_n_per_m3": 8e4}), DRAG))
-    first = unbent(refit(Plant.of(TWO, kinds=KINDS), trials), trials)
-    labels = candidates(first, locate(first, trials), KINDS)
+    first = refit_within_tolerances(refit(Plant.of(TWO, kinds=KINDS), trials), trials)
+    labels = library_candidates(first, locate(first, trials), KINDS)
     asked: list[Effect] = []
-    found = refit_all(first, labels, trials, KINDS, lambda effect, _: asked.append(effect))
+    found = fit_candidates(first, labels, trials, KINDS, lambda effect, _: asked.append(effect))
     left = min(naming.misfit(one.fit, first.noise, trials) for one in found)
     assert 3 * first.data < left < naming.MAIN * labels[0].bare
     far = {label_of(c.effect) for c in labels if c.cost > 2 * max(left, labels[0].cost)}
@@ -477,9 +484,9 @@ def test_once_one_explains_half_those_that_would_leave_more_are_given_up():
 @pytest.mark.long
 def test_one_law_that_explains_all_is_not_made_two():
     trials = seen((CUBIC,))
-    first = unbent(refit(Plant.of(TWO, kinds=KINDS), trials), trials)
+    first = refit_within_tolerances(refit(Plant.of(TWO, kinds=KINDS), trials), trials)
     located = locate(first, trials)
-    assert not pairs(first, located, candidates(first, located, KINDS), {}, KINDS)
+    assert not law_pairs(first, located, library_candidates(first, located, KINDS), {}, KINDS)
 
 
 @pytest.mark.long
@@ -503,30 +510,34 @@ def test_where_held_constants_show_no_more_effects_those_that_bent_are_looked_at
         return False
 
     monkeypatch.setattr(searching, "_after", after)
-    monkeypatch.setattr(searching, "onward", lambda before, *_: (before, []))
-    searching._go_on(Found([bent], trials), Search(KINDS, Watch()), 1)
+    monkeypatch.setattr(searching, "later_segment_candidates", lambda before, *_: (before, []))
+    searching._go_on(Found([bent], trials), Search(KINDS, Monitor()), 1)
     assert looked == [pytest.approx(WITHIN, rel=0.01), max(map(abs, bent.pulls.values()))]
 
 
 def test_an_account_with_an_effect_is_weighed_against_one_without(shared):
     trials, first, *_ = shared
-    cubic = refit_all(first, [Candidate(SOFT, 0.0, 0.0, 0.0)], trials, KINDS, lambda *_: False)
+    cubic = fit_candidates(
+        first, [Candidate(SOFT, 0.0, 0.0, 0.0)], trials, KINDS, lambda *_: False
+    )
     branch = Found([first, cubic[0].fit], trials)
     branch.answers.append(answer_of(cubic, [1.0], KINDS))
     found = Found([first], trials)
-    assert likelier(found, branch, KINDS).answers[0].effect.kind == "cubic_hardening"
-    assert likelier(found, Found([first], trials), KINDS) is found
+    assert better(found, branch, KINDS).answers[0].effect.kind == "cubic_hardening"
+    assert better(found, Found([first], trials), KINDS) is found
     # An account that leaves a sensor out leaves less, and is none the likelier.
     branch.unheard = True
-    assert likelier(found, branch, KINDS) is found
+    assert better(found, branch, KINDS) is found
     branch.otherwise = ("zero",)
-    assert likelier(found, branch, KINDS) is branch
+    assert better(found, branch, KINDS) is branch
 
 
 @pytest.mark.long
 def test_an_account_under_another_hold_ends_the_comparison(shared, monkeypatch):
     trials, first, *_ = shared
-    named = refit_all(first, [Candidate(SOFT, 0.0, 0.0, 0.0)], trials, KINDS, lambda *_: False)
+    named = fit_candidates(
+        first, [Candidate(SOFT, 0.0, 0.0, 0.0)], trials, KINDS, lambda *_: False
+    )
     compared = []
 
     def one_effect(found, *_):
@@ -538,10 +549,10 @@ def test_an_account_under_another_hold_ends_the_comparison(shared, monkeypatch):
         branch.otherwise = ("zero",)
 
     monkeypatch.setattr(searching, "_next", one_effect)
-    monkeypatch.setattr(searching, "beginnings", lambda *_: iter(named * 3))
+    monkeypatch.setattr(searching, "alternative_starts", lambda *_: iter(named * 3))
     monkeypatch.setattr(searching, "accept", lambda *_, **__: True)
     monkeypatch.setattr(searching, "_go_on", explained_otherwise)
-    found = search(first, trials, Search(KINDS, Watch()))
+    found = search(first, trials, Search(KINDS, Monitor()))
     assert compared == [found]
 
 
@@ -558,13 +569,15 @@ def test_a_refit_is_given_up_once_it_is_late(shared):
     assert len(asked) == 2
     label = [Candidate(SOFT, 0.0, 0.0, 0.0)]
     ticks = iter([False, True])  # in time when it begins
-    assert refit_all(first, label, trials, KINDS, lambda *_: next(ticks)) == []
+    assert fit_candidates(first, label, trials, KINDS, lambda *_: next(ticks)) == []
 
 
 @pytest.mark.long
 def test_a_law_that_the_last_look_at_the_noise_leaves_unseen_is_not_named(shared):
     trials, first, *_ = shared
-    cubic = refit_all(first, [Candidate(SOFT, 0.0, 0.0, 0.0)], trials, KINDS, lambda *_: False)
+    cubic = fit_candidates(
+        first, [Candidate(SOFT, 0.0, 0.0, 0.0)], trials, KINDS, lambda *_: False
+    )
     far = dataclasses.replace(cubic[0], fit=dataclasses.replace(cubic[0].fit, chi2_in_band=9.0))
     name = far.effect.kind
     unseen = KINDS | {name: dataclasses.replace(KINDS[name], shown=lambda *_: False)}
@@ -587,7 +600,7 @@ def test_who_is_late_does_not_fit_the_best_from_the_beginning_again(
         return loud
 
     monkeypatch.setattr(naming, "refit", again)
-    named = naming.Named(SOFT, first.plant.description, loud, 0.0)
+    named = naming.FittedCandidate(SOFT, first.plant.description, loud, 0.0)
     naming._heard_again(before, [named], trials, KINDS, anew=anew)
     assert len(asked) == times
 
@@ -605,7 +618,7 @@ def test_once_it_is_over_the_best_is_left_in_its_minimum(shared, monkeypatch, ov
         return loud if late is None else better
 
     monkeypatch.setattr(naming, "refit", again)
-    named = naming.Named(SOFT, first.plant.description, loud, 0.0)
+    named = naming.FittedCandidate(SOFT, first.plant.description, loud, 0.0)
     (told,) = naming._heard_again(before, [named], trials, KINDS, anew=True, over=lambda: over)
     assert told.fit is (loud if over else better)
 
@@ -620,9 +633,9 @@ def test_who_refits_laws_is_told_when_it_is_over(shared, monkeypatch, over):
         asked.append(how["over"]())
         return []
 
-    monkeypatch.setattr(searching, "refit_all", none)
-    monkeypatch.setattr(searching, "onward", lambda *_: (first, []))
-    how = Search(KINDS, Watch(over=lambda: over))
+    monkeypatch.setattr(searching, "fit_candidates", none)
+    monkeypatch.setattr(searching, "later_segment_candidates", lambda *_: (first, []))
+    how = Search(KINDS, Monitor(over=lambda: over))
     found = Found([first], trials)
     searching._after(found, first, how, 0, pulled=False, located=located)
     assert searching._onward(found, first, how) == []
@@ -644,10 +657,10 @@ def test_lateness_reaches_the_last_look_at_a_law_and_at_its_instant(shared, monk
     def over():
         return True
 
-    monkeypatch.setattr(naming, "switched", switched)
+    monkeypatch.setattr(naming, "refine_switching_instant", switched)
     monkeypatch.setattr(naming, "_heard_again", heard)
     label = [Candidate(SOFT, 0.0, 0.0, 0.0)]
-    refit_all(first, label, trials, KINDS, lambda *_: False, over=over)
+    fit_candidates(first, label, trials, KINDS, lambda *_: False, over=over)
     late, last = told
     assert late() is False
     assert last is over
@@ -676,18 +689,20 @@ def test_a_constant_is_off_only_if_it_is_at_the_bottom(shared, monkeypatch, sett
         assert own == 0
         found.fits[-1] = still if settles else off
 
-    monkeypatch.setattr(searching, "at_bottom", settled)
-    monkeypatch.setattr(searching, "unbent", lambda fit, _: fit)
-    monkeypatch.setattr(searching, "relearn", lambda *_: False)
+    monkeypatch.setattr(searching, "converge", settled)
+    monkeypatch.setattr(searching, "refit_within_tolerances", lambda fit, _: fit)
+    monkeypatch.setattr(searching, "relearn_force", lambda *_: False)
     monkeypatch.setattr(searching, "_after", after)
-    assert searching._next(found, Search(KINDS, Watch()), 1) is not settles
+    assert searching._next(found, Search(KINDS, Monitor()), 1) is not settles
     assert bool(looked) is not settles
 
 
 @pytest.mark.long
 def test_what_inputs_do_between_samples_is_not_asked_of_pieces(shared, monkeypatch):
     trials, first, *_ = shared
-    late = refit_all(first, [Candidate(SOFT, 0.0, 0.0, 0.0)], trials, KINDS, lambda *_: False)
+    late = fit_candidates(
+        first, [Candidate(SOFT, 0.0, 0.0, 0.0)], trials, KINDS, lambda *_: False
+    )
     cut, _ = pieces(first.plant, trials)
     monkeypatch.setattr(accepting, "held_instead", lambda *_: pytest.fail("it was asked"))
     found = Found([first], cut)
@@ -702,7 +717,7 @@ def test_a_law_that_is_near_the_end_of_its_range_is_named_where_nothing_simpler_
     kinds = {"van_der_pol": catalogue()["van_der_pol"]}
     sings = Effect("van_der_pol", SECOND, {"cn_n_s_per_m": 0.05, "e0_m": 0.004})
     trials = seen((sings,))
-    found = search(refit(Plant.of(TWO, kinds=kinds), trials), trials, Search(kinds, Watch()))
+    found = search(refit(Plant.of(TWO, kinds=kinds), trials), trials, Search(kinds, Monitor()))
     assert [(a.effect.kind, a.effect.place) for a in found.answers] == [("van_der_pol", SECOND)]
 
 
@@ -714,7 +729,7 @@ def test_what_explains_next_to_nothing_beyond_its_limit_is_taken_for_it(shared, 
     missing = 1e5
     costs = {"stribeck": 1e3, "cubic_hardening": 1.2e3, "coulomb": 1e3 + gained * missing}
     named = [
-        naming.Named(
+        naming.FittedCandidate(
             Effect(kind, SECOND, {}), first.plant.description,
             dataclasses.replace(first, cost=cost), -cost,
         )
@@ -733,7 +748,9 @@ def test_a_later_effect_that_explains_a_fleck_is_a_flaw_of_the_first(
     shared, beside, taken, monkeypatch
 ):
     trials, first, *_ = shared
-    named = refit_all(first, [Candidate(SOFT, 0.0, 0.0, 0.0)], trials, KINDS, lambda *_: False)
+    named = fit_candidates(
+        first, [Candidate(SOFT, 0.0, 0.0, 0.0)], trials, KINDS, lambda *_: False
+    )
     found = Found([first], trials)
     assert accepting.accept(found, first, named, trials, KINDS, None, pulled=False)
     gained = first.cost - named[0].fit.cost
@@ -748,12 +765,14 @@ def test_what_shows_first_in_how_records_go_on_is_located_too(monkeypatch):
     """As where a sensor that wanders was left out, and nothing was named before."""
     trials = seen((CUBIC,))
     first = refit(Plant.of(TWO, kinds=KINDS), trials)
-    held = dataclasses.replace(unbent(first, trials), chi2_in_band=2 * searching.LOST)
+    held = dataclasses.replace(
+        refit_within_tolerances(first, trials), chi2_in_band=2 * searching.LOST
+    )
     label = Candidate(CUBIC, 0.0, 0.0, 0.0)
-    begun = refit_all(held, [label], trials, KINDS, lambda *_: False)
+    begun = fit_candidates(held, [label], trials, KINDS, lambda *_: False)
     monkeypatch.setattr(searching, "_onward", lambda *_: begun)
     found = Found([first], trials)
-    assert searching._next(found, Search(KINDS, Watch()), 1, held)
+    assert searching._next(found, Search(KINDS, Monitor()), 1, held)
     assert [label_of(answer.effect) for answer in found.answers] == [label_of(CUBIC)]
     assert found.located is not None
     assert found.located.best == SECOND
@@ -771,12 +790,13 @@ def test_what_shows_first_in_how_records_go_on_is_located_too(monkeypatch):
 def test_once_there_are_two_each_is_tried_elsewhere(monkeypatch, answers, late, over, asked):
     trials = seen((CUBIC,))
     fit = refit(Plant.of(TWO, kinds=KINDS), trials)
-    told = [Answer(CUBIC, "hardening", {}, 1.0, (), "")] * answers
+    told = [NamedEffect(CUBIC, "hardening", {}, 1.0, (), "")] * answers
     found = Found([fit], trials, answers=told)
     done = []
     monkeypatch.setattr(searching, "accept", lambda *_, **__: True)
-    monkeypatch.setattr(searching, "regrow", lambda *_: done.append("regrow"))
-    monkeypatch.setattr(searching, "relocated", lambda *_: done.append("relocated"))
-    how = Search(KINDS, Watch(late=lambda: late, over=lambda: over))
+    grown = "refit_with_growing_horizon"
+    monkeypatch.setattr(searching, grown, lambda *_: done.append("regrow"))
+    monkeypatch.setattr(searching, "relocate", lambda *_: done.append("relocated"))
+    how = Search(KINDS, Monitor(late=lambda: late, over=lambda: over))
     assert searching._accepted(found, fit, [], how, pulled=False)
     assert done == asked

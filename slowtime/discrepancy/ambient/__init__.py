@@ -1,0 +1,1 @@
+"""Diagnosis of records whose input nobody measured, from spectra."""

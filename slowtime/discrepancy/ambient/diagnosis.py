@@ -1,0 +1,113 @@
+"""A campaign without any input in, what its spectra let one say of the model, out."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from slowtime.discrepancy.calibration.model_values import with_values
+from slowtime.discrepancy.data.screening import Finding, screen
+from slowtime.discrepancy.diagnosis import Diagnosis, Experiment, Gap, Number, Verdict, When
+from slowtime.discrepancy.noise.colour import white_noise
+from slowtime.discrepancy.records import Campaign, Trial
+from slowtime.discrepancy.selection.probabilities import fault_of, verdict_of
+from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.discrepancy.validation.free_run import (
+    errors,
+    floor_of,
+    judged,
+    spectra_of,
+    traces_of,
+)
+from slowtime.dynamics.effects import Kind
+from slowtime.dynamics.plant import Plant
+
+from .spectra import Ambient, compare_ambient
+
+MEASURE = Experiment(
+    "Measure what drives the structure, a force or the motion of its base, and put it among "
+    "the model's inputs: without it nothing can be run, and no effect can be named."
+)
+
+
+def diagnose_undriven(
+    campaign: Campaign,
+    trials: tuple[Trial, ...],
+    findings: tuple[Finding, ...],
+    kinds: Mapping[str, Kind],
+) -> Diagnosis:
+    """Say whether the spectra of ambient records are those of the model; name no effect.
+
+    Where nobody measured what shakes a structure, a free run is not to be had: errors are
+    those of silence. Constants that moved, and bands in which the model is missed, are.
+    """
+    plant = Plant.of(campaign.description, kinds=kinds)
+    seen = compare_ambient(plant, trials)
+    tests = judged(trials, tuple(screen(trial).trial for trial in campaign.holdout))
+    silence = [np.zeros_like(trial.outputs) for trial in tests]
+    noise = white_noise([seen.noise_density.tolist()] * len(tests))
+    error, worst = errors(tests, silence), float(errors(tests, silence).max())
+    whole = float(error.mean())
+    values = {name: float(one) for name, one in zip(seen.prior.names, seen.values, strict=True)}
+    refitted = with_values(campaign.description, values)
+    moved = _moved(seen, plant)
+    given = campaign.description
+    answers = [a for f in findings if (a := fault_of(f, given, kinds)) is not None]
+    missed = seen.p_value < LIMITS.false_alarm_p_value
+    verdict, sentence = _word(seen, moved, missed)
+    if answers and not missed:
+        verdict, sentence = verdict_of(answers, kinds), " ".join(a.sentence for a in answers)
+    return Diagnosis(
+        verdict=verdict,
+        sentence=sentence + " " + MEASURE.sentence,
+        effects=tuple(answers),
+        undecided=(),
+        experiment=MEASURE,
+        nothing_probability=0.0 if missed else float(min(1.0, 0.5 + seen.p_value)),
+        moved=moved,
+        where=(),
+        when=When((), seen.missed(), "") if missed else When((), (), ""),
+        findings=findings,
+        gap=Gap(
+            nominal=whole,
+            refitted_nominal=whole,
+            steps=(),
+            augmented=whole,
+            noise_floor=floor_of(tests, noise),
+            on="holdout" if campaign.holdout else "tail",
+            worst=worst,
+        ),
+        chi2_per_datum=1.0,
+        residual_white=not missed,
+        white_p_value=seen.p_value,
+        nominal=campaign.description,
+        refitted=refitted,
+        augmented=refitted,
+        traces=traces_of(tests, silence, silence, silence),
+        spectra=spectra_of(tests, silence, silence, noise),
+        surface=None,
+        notes=("No input was measured: only spectra were compared, under white forces.",),
+    )
+
+
+def _moved(seen: Ambient, plant: Plant) -> dict[str, Number]:
+    """Constants that left their tolerance."""
+    return {
+        f"{name[0]} {name[1]}": Number(float(value), float(sd), plant.entries[name].unit)
+        for (name, pull), value, sd in zip(
+            seen.pulls.items(), seen.values, seen.sd, strict=True
+        )
+        if abs(pull) > LIMITS.moved_tolerances
+    }
+
+
+def _word(seen: Ambient, moved: dict[str, Number], missed: bool) -> tuple[Verdict, str]:
+    if missed:
+        bands = ", ".join(f"{low:.3g} to {high:.3g} Hz" for low, high in seen.missed())
+        return (
+            "unknown_effect",
+            f"The spectra are not those of the model{' at ' + bands if bands else ''}.",
+        )
+    if moved:
+        told = ", ".join(f"{name} = {n.text}" for name, n in moved.items())
+        return "parameters_only", f"Constants left their tolerance: {told}."
+    return "nothing_missing", "The spectra are those of the model, within its tolerances."

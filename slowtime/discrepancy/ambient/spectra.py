@@ -1,0 +1,294 @@
+r"""Spectra of an ambient record and of the model, where nobody measured what shakes it.
+
+Nothing can be run, for the force is not known: only its strength can be, if it is white and
+pushes every mass by itself. The spectral matrix of the sensors is then
+
+.. math:: \Sigma(\omega) = \sum_j S_j \, g_j(\omega) g_j(\omega)^H + \mathrm{diag}(N) ,
+
+and the lines of the records are complex normal with it. Constants, strengths and noise are
+found by scoring; where lines scatter otherwise than so, the model lacks something in that
+band. What and where it is, such records do not tell.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.linalg
+import scipy.special
+import scipy.stats
+from jaxtyping import Complex, Float
+
+from slowtime.discrepancy.calibration import Prior, prior_of
+from slowtime.discrepancy.calibration.model_values import with_values
+from slowtime.discrepancy.localization import Linear
+from slowtime.discrepancy.noise import silent_above
+from slowtime.discrepancy.records import Trial
+from slowtime.dynamics.plant import Name, Plant
+from slowtime.signals.spectra import detrended, transform
+
+STEPS = 30
+ENOUGH = 0.05
+"""Gain of log likelihood below which a step is not worth its while."""
+
+STRIDE = 0.5
+"""Largest change of a logarithm in one step."""
+
+REACH = 1.5
+"""Lines are looked at up to so many times the frequency above which there is silence."""
+
+SLOPE = 1e-4
+"""Relative step of differences."""
+
+Lines = Complex[np.ndarray, "frequency sensor"]
+Matrices = Complex[np.ndarray, "frequency sensor sensor"]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Band:
+    """A band of frequency, and the chance that a model which lacks nothing misses it so."""
+
+    low_hz: float
+    high_hz: float
+    p_value: float
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Ambient:
+    """How the spectra of ambient records compare with those of the model.
+
+    Parameters
+    ----------
+    values, covariance
+        Of the constants that were free, in the order of `prior`.
+    force_density
+        Of the force on each free translation, one-sided [N²/Hz].
+    noise_density
+        Of each sensor [unit²/Hz].
+    bands
+        Over which the scatter of the lines was tested.
+    p_value
+        Chance of a worse fit over all bands, were nothing missing.
+    """
+
+    prior: Prior
+    values: Float[np.ndarray, " free"]
+    covariance: Float[np.ndarray, "free free"]
+    force_density: Float[np.ndarray, " dof"]
+    noise_density: Float[np.ndarray, " sensor"]
+    bands: tuple[Band, ...]
+    p_value: float
+
+    @property
+    def sd(self) -> Float[np.ndarray, " free"]:
+        """Standard deviations of the constants."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def pulls(self) -> dict[Name, float]:
+        """How far each constant moved, in units of its tolerance."""
+        moved = (self.values - self.prior.mean) / self.prior.sd
+        return dict(zip(self.prior.names, moved.tolist(), strict=True))
+
+    def missed(self, chance: float = 1e-3) -> tuple[tuple[float, float], ...]:
+        """Bands [Hz] that are missed by more than chance, the number of them allowed for."""
+        level = chance / len(self.bands)
+        return tuple((b.low_hz, b.high_hz) for b in self.bands if b.p_value < level)
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class _Problem:
+    plant: Plant
+    prior: Prior
+    frequency_hz: Float[np.ndarray, " frequency"]
+    lines: Lines
+
+    @property
+    def forces(self) -> list[int]:
+        """Coordinates that are pushed: translations."""
+        influence = Linear.of(self.plant.description).structure.influence
+        return (
+            list(range(self.lines.shape[1]))
+            if influence is None
+            else np.flatnonzero(influence).tolist()
+        )
+
+
+def compare_ambient(plant: Plant, trials: Sequence[Trial]) -> Ambient:
+    """Fit constants, strengths of forces and noise to the spectra of ambient records.
+
+    Parameters
+    ----------
+    plant
+        Without inputs and effects; its tolerances are the prior.
+    trials
+        Gaps in them are taken for silence: cut records at long ones.
+
+    Examples
+    --------
+    See `tests/slowtime/discrepancy/ambient/spectra/test_spectra.py`.
+    """
+    problem = _problem(plant, tuple(trials))
+    at = _start(problem)
+    cost, score, sharp = _linearised(problem, at)
+    damping = 1e-3
+    for _ in range(STEPS):
+        step = scipy.linalg.solve(
+            sharp + damping * np.diag(np.diag(sharp)), score, assume_a="pos"
+        )
+        tried = at + np.clip(step, -STRIDE, STRIDE)
+        lower = _cost(problem, tried)
+        if not lower < cost:
+            damping *= 10
+            if damping > 1e6:
+                break
+            continue
+        gain, at, damping = cost - lower, tried, damping / 10
+        cost, score, sharp = _linearised(problem, at)
+        if gain < ENOUGH:
+            break
+    return _account(problem, at, scipy.linalg.inv(sharp))
+
+
+def _problem(plant: Plant, trials: tuple[Trial, ...]) -> _Problem:
+    description = plant.description
+    if description.inputs or plant.effects:
+        raise ValueError(
+            "This model has inputs or effects, which spectra alone cannot be compared with. "
+            "Use refit and locate where the input was measured."
+        )
+    top = REACH * silent_above(description, trials)
+    frequencies, lines = [], []
+    for trial in trials:
+        # Every second line: those of a tapered record hang together with their neighbours.
+        frequency, spectrum = transform(detrended(trial.measured), trial.rate_hz, taper="hann")
+        kept = slice(2, int(np.searchsorted(frequency[:-1], top, side="right")), 2)
+        frequencies.append(frequency[kept])
+        lines.append(spectrum[kept])
+    order = np.argsort(np.concatenate(frequencies), kind="stable")
+    return _Problem(
+        plant,
+        prior_of(plant),
+        np.concatenate(frequencies)[order],
+        np.concatenate(lines)[order],
+    )
+
+
+def _start(problem: _Problem) -> Float[np.ndarray, " unknown"]:
+    """Begin with nominal constants, forces of the measured power, and noise well below."""
+    free, forces = len(problem.prior.names), len(problem.forces)
+    power = np.abs(problem.lines) ** 2
+    at = np.zeros(free + forces + problem.lines.shape[1])
+    unit = np.einsum("fss->fs", _matrices(problem, at)).real - 1.0
+    at[free : free + forces] = np.log(np.median(power.mean(axis=0) / unit.mean(axis=0)))
+    at[free + forces :] = np.log(np.percentile(power, 20, axis=0) / 2)
+    return at
+
+
+def _matrices(problem: _Problem, at: Float[np.ndarray, " unknown"]) -> Matrices:
+    """Spectral matrices at relative changes of constants and logarithms of densities."""
+    free, forces = len(problem.prior.names), problem.forces
+    values = problem.prior.mean * (1 + at[:free])
+    changed = with_values(
+        problem.plant.description, dict(zip(problem.prior.names, values.tolist(), strict=True))
+    )
+    linear = Linear.of(changed)
+    compliance = linear.compliance(problem.frequency_hz)
+    seen = linear.sensed(problem.frequency_hz, compliance)[:, :, forces]
+    scaled = seen * np.exp(at[free : free + len(forces)] / 2)
+    sensors = problem.lines.shape[1]
+    noise = np.exp(at[free + len(forces) :]) * np.eye(sensors)
+    return np.asarray(scaled @ scaled.conj().swapaxes(1, 2) + noise)
+
+
+def _cost(problem: _Problem, at: Float[np.ndarray, " unknown"]) -> float:
+    """Minus the log likelihood, and half the squared pulls of the constants."""
+    sigma = _matrices(problem, at)
+    factor = np.linalg.cholesky(sigma)
+    white = np.linalg.solve(factor, problem.lines[:, :, None])[:, :, 0]
+    logdet = 2 * np.sum(np.log(np.einsum("fss->fs", factor).real))
+    cost = float(logdet + np.sum(np.abs(white) ** 2))
+    return cost + float(np.sum(_pull(problem, at) ** 2)) / 2
+
+
+def _pull(problem: _Problem, at: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " free"]:
+    free = len(problem.prior.names)
+    return np.asarray(at[:free] * problem.prior.mean / problem.prior.sd)
+
+
+def _linearised(
+    problem: _Problem, at: Float[np.ndarray, " unknown"]
+) -> tuple[float, Float[np.ndarray, " unknown"], Float[np.ndarray, "unknown unknown"]]:
+    """Cost, its downward slope, and Fisher's information."""
+    inverse = np.linalg.inv(_matrices(problem, at))
+    weighted = inverse @ problem.lines[:, :, None]
+    turned, score = [], np.zeros(len(at))
+    for i in range(len(at)):
+        step = SLOPE * np.eye(len(at))[i]
+        slope = (_matrices(problem, at + step) - _matrices(problem, at - step)) / (2 * SLOPE)
+        turned.append(inverse @ slope)
+        fit = (weighted.conj().swapaxes(1, 2) @ slope @ weighted)[:, 0, 0].real
+        score[i] = float(fit.sum() - np.einsum("fss->", turned[-1]).real)
+    flat = np.array([t.ravel() for t in turned])
+    back = np.array([t.swapaxes(1, 2).ravel() for t in turned])
+    sharp = (flat @ back.T).real
+    free = len(problem.prior.names)
+    known = np.arange(free)
+    relative = problem.prior.mean / problem.prior.sd
+    sharp[known, known] += relative**2
+    score[:free] -= _pull(problem, at) * relative
+    return _cost(problem, at), score, np.asarray(sharp)
+
+
+def _account(
+    problem: _Problem,
+    at: Float[np.ndarray, " unknown"],
+    covariance: Float[np.ndarray, "unknown unknown"],
+) -> Ambient:
+    free, forces = len(problem.prior.names), len(problem.forces)
+    mean = problem.prior.mean
+    bands, deviance, degrees = _bands(problem, at)
+    density = np.zeros(len(Linear.of(problem.plant.description).structure.names))
+    density[problem.forces] = np.exp(at[free : free + forces])
+    return Ambient(
+        prior=problem.prior,
+        values=mean * (1 + at[:free]),
+        covariance=covariance[:free, :free] * np.outer(mean, mean),
+        force_density=density,
+        noise_density=np.exp(at[free + forces :]),
+        bands=bands,
+        p_value=float(scipy.stats.chi2.sf(deviance, degrees)),
+    )
+
+
+def _bands(
+    problem: _Problem, at: Float[np.ndarray, " unknown"]
+) -> tuple[tuple[Band, ...], float, int]:
+    r"""Test in bands whether whitened lines have the unit matrix for their covariance.
+
+    For the mean :math:`A` of :math:`n` products :math:`z z^H` of :math:`s` components,
+    :math:`2 n (\mathrm{tr} A - \log \det A - s)` is close to chi squared with :math:`s^2`
+    degrees; the factor that makes its mean right is known in closed form.
+    """
+    factor = np.linalg.cholesky(_matrices(problem, at))
+    white = np.linalg.solve(factor, problem.lines[:, :, None])[:, :, 0]
+    sensors = white.shape[1]
+    count = max(len(white) // max(6 * sensors, 24), 1)
+    bands, total = [], 0.0
+    for part in np.array_split(np.arange(len(white)), count):
+        own = white[part]
+        mean = own.T @ own.conj() / len(own)
+        trace = float(np.trace(mean).real)
+        lines = len(own) * np.ones(sensors) - np.arange(sensors)
+        expected = -float(np.sum(scipy.special.digamma(lines) - np.log(len(own))))
+        distance = trace - float(np.linalg.slogdet(mean)[1]) - sensors
+        deviance = distance * sensors**2 / expected
+        total += deviance
+        bands.append(
+            Band(
+                low_hz=float(problem.frequency_hz[part[0]]),
+                high_hz=float(problem.frequency_hz[part[-1]]),
+                p_value=float(scipy.stats.chi2.sf(deviance, sensors**2)),
+            )
+        )
+    return tuple(bands), total, count * sensors**2

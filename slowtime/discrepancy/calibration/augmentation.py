@@ -1,0 +1,172 @@
+"""A fit and an effect in; the model that has both, and where its own fit begins, out."""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from slowtime.discrepancy.noise import Noise
+from slowtime.discrepancy.records import Trial
+from slowtime.dynamics.description import Description
+from slowtime.dynamics.effects import Effect, Kind, Place
+from slowtime.dynamics.plant import Name, Plant
+
+from .fit import Fit, refit
+from .model_values import with_values
+from .spectral_weights import weights_of
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """Constants, and initial state of each trial by its names, that go best with a law.
+
+    Parameters
+    ----------
+    nearby
+        Whether that was told by parts of the records only: longer runs may lose their way.
+    """
+
+    constants: Mapping[tuple[str, str], float]
+    states: Sequence[Mapping[tuple[str, str], float]]
+    nearby: bool = False
+
+
+def with_effect(description: Description, effect: Effect) -> Description:
+    """Write one more effect into a description."""
+    return dataclasses.replace(description, effects=(*description.effects, effect.entry()))
+
+
+def begun_with(
+    before: Fit, effect: Effect, kinds: Mapping[str, Kind], start: Start | None = None
+) -> tuple[Plant, Float[np.ndarray, " parameter"], list[Float[np.ndarray, " state"]]]:
+    """Give a model with one more effect, and the values and states to begin its fit with.
+
+    Those that the fit has or, where given, those of another `start`.
+    """
+    # Priors stay those of the nominal constants; what was found so far is where to start.
+    plant = Plant.of(with_effect(before.plant.description, effect), kinds=kinds)
+    known: dict[Name, float] = dict(
+        zip(before.plant.parameters, before.values.tolist(), strict=True)
+    )
+    if start is None:
+        states = states_in(before, plant)
+    else:
+        known.update(start.constants.items())
+        names = plant.state_names
+        states = [np.array([one.get(n, 0.0) for n in names]) for one in start.states]
+    values = np.array([known.get(name, entry.value) for name, entry in plant.entries.items()])
+    return plant, values, states
+
+
+def carry_effect(before: Fit, effect: Effect, kinds: Mapping[str, Kind]) -> Fit:
+    """Write an effect into the model of a fit, and fit nothing: where other effects begin."""
+    plant = Plant.of(with_effect(before.plant.description, effect), kinds=kinds)
+    values = np.concatenate([before.values, plant.values[len(before.values) :]])
+    states = tuple(states_in(before, plant))
+    return dataclasses.replace(before, plant=plant, values=values, states=states)
+
+
+def free_run(
+    before: Fit,
+    effect: Effect,
+    start: Start | None,
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+) -> float:
+    """Chi squared of a free run of a model with one more effect, as it would begin its fit."""
+    plant, values, states = begun_with(before, effect, kinds, start)
+    return run_by(plant, values, states, before.noise, trials)
+
+
+def run_by(
+    plant: Plant,
+    values: Float[np.ndarray, " parameter"],
+    states: Sequence[Float[np.ndarray, " state"]],
+    noise: Noise,
+    trials: Sequence[Trial],
+    numbers: Sequence[int] | None = None,
+) -> float:
+    """Chi squared of free runs in all trials, or in some; infinite where one runs away."""
+    total = 0.0
+    for number in range(len(trials)) if numbers is None else numbers:
+        trial = trials[number]
+        outputs = plant.simulate(
+            values,
+            trial.inputs,
+            trial.rate_hz,
+            state0=states[number],
+            start_s=trial.start_s,
+        )
+        total += weights_of(trial, noise, number).chi2(trial.measured - outputs)
+    return total if math.isfinite(total) else math.inf
+
+
+def states_in(before: Fit, plant: Plant) -> list[np.ndarray]:
+    """Give the initial states of a fit to another plant; coordinates that are new rest."""
+    names = before.plant.state_names
+    return [
+        np.array(
+            [
+                dict(zip(names, state.tolist(), strict=True)).get(n, 0.0)
+                for n in plant.state_names
+            ]
+        )
+        if state.size
+        else state
+        for state in before.states
+    ]
+
+
+def effects_in(fit: Fit) -> list[Effect]:
+    """Effects of the model of a fit, in order, with the numbers that they have in it."""
+    values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
+    return effects_of(with_values(fit.plant.description, values))
+
+
+def effects_of(description: Description) -> list[Effect]:
+    """Effects of a description, in order."""
+    found = []
+    for entry in description.effects:
+        rest = {key: value for key, value in entry.items() if key != "effect"}
+        kind = next((k for k in ("element", "node", "input", "sensor") if k in rest), "base")
+        place = Place(kind, str(rest.pop(kind, "base")))  # type: ignore[arg-type]
+        found.append(Effect(str(entry["effect"]), place, rest))
+    return found
+
+
+def without(
+    fit: Fit, number: int, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]
+) -> Fit | None:
+    """Refit a model without one of its effects; None where that cannot be done."""
+    description = fit.plant.description
+    effects = tuple(e for i, e in enumerate(description.effects) if i != number)
+    plant = Plant.of(dataclasses.replace(description, effects=effects), kinds=kinds)
+    known = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
+
+    def before(name: Name) -> Name:
+        if len(name) == 3 and name[1] >= number:
+            return name[0], name[1] + 1, name[2]
+        return name
+
+    values = np.array(
+        [known.get(before(name), entry.value) for name, entry in plant.entries.items()]
+    )
+    states = _states_without(fit, number) if len(fit.states) == len(trials) else None
+    try:
+        found = refit(
+            plant, trials, noise=fit.noise, values=values, states=states, horizons=(1.0,),
+            beat=fit.cost,
+        )  # fmt: skip
+    except (np.linalg.LinAlgError, FloatingPointError):
+        return None
+    return found if math.isfinite(found.cost) else None
+
+
+def _states_without(fit: Fit, number: int) -> list[Float[np.ndarray, " state"]]:
+    """Give initial states of a model to what is left of it: without those of what went."""
+    names = fit.plant.state_names
+    gone = f"{fit.plant.effects[number].kind} {number}."
+    kept = [i for i, (_, name) in enumerate(names) if not name.startswith(gone)]
+    return [state[kept] if state.size else state for state in fit.states]

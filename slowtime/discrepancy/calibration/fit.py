@@ -1,0 +1,292 @@
+"""The whole refit: horizons that grow, noise that is looked at again, and its account."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from jaxtyping import Float
+from scipy.fft import prev_fast_len
+
+from slowtime.discrepancy.calibration.model_values import with_values
+from slowtime.discrepancy.noise import (
+    Noise,
+    drift_of,
+    drifting,
+    noise_of_residual,
+    silent_above,
+)
+from slowtime.discrepancy.records import Trial
+from slowtime.dynamics.plant import Name, Plant
+
+from .led_run import Led, leads
+from .levenberg_marquardt import GivenUp, Normal, Point, Problem, costed, descend, outputs_at
+from .prior import Prior, prior_of
+from .spectral_weights import weights_of
+
+HORIZONS = (0.15, 0.4, 1.0)
+"""Shares of each record that are fitted one after the other: the whole has more minima."""
+
+FEWEST = 64
+FORLORN = 10.0
+"""Times its share of the cost to beat that a model may leave of the first part of the records.
+"""
+SHORT = 0.1
+"""Share of the records from which on it is compared: less takes no time."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Fit:
+    r"""What a refit found.
+
+    Parameters
+    ----------
+    values
+        Of all constants of the plant, in its order.
+    prior
+        Of those that were free, with their names.
+    covariance
+        Of those that were free, were the model right and the noise as given.
+    states
+        Initial state of each trial.
+    outputs, residual
+        Of each trial; the residual is zero where a sample is not used.
+    cost
+        :math:`\chi^2` of residuals and priors together.
+    data
+        How many samples count.
+    chi2_per_datum, chi2_sd
+        Mean square of the whitened residual, over the degrees of freedom; what it would
+        scatter by were nothing missing: 1 ± `chi2_sd` is as good as can be.
+    chi2_in_band, in_band_sd
+        The same of the lines below `silent_above_hz` only, where the structure answers.
+    """
+
+    plant: Plant
+    values: Float[np.ndarray, " parameter"]
+    prior: Prior
+    covariance: Float[np.ndarray, "free free"]
+    states: tuple[Float[np.ndarray, " state"], ...]
+    outputs: tuple[Float[np.ndarray, "_ sensor"], ...]
+    residual: tuple[Float[np.ndarray, "_ sensor"], ...]
+    noise: Noise
+    cost: float
+    data: int
+    chi2_per_datum: float
+    chi2_sd: float
+    chi2_in_band: float
+    in_band_sd: float
+    silent_above_hz: float
+
+    @property
+    def free(self) -> Float[np.ndarray, " free"]:
+        """Values of those that were free."""
+        return self.values[list(self.prior.index)]
+
+    @property
+    def sd(self) -> Float[np.ndarray, " free"]:
+        """Standard deviations of those that were free."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def widened_sd(self) -> Float[np.ndarray, " free"]:
+        """The same, where the model leaves more than noise: the records tell so much less.
+
+        What is claimed of constants beforehand is as good as it was.
+        """
+        sd, wide = self.sd, max(self.chi2_in_band, 1.0)
+        if not (np.isfinite(sd).all() and (sd > 0).all()):
+            return np.asarray(np.sqrt(wide) * sd)
+        claimed = np.diag((sd / self.prior.sd) ** 2)
+        both = np.linalg.pinv(self.covariance / np.outer(sd, sd), hermitian=True)
+        told = np.linalg.pinv((both - claimed) / wide + claimed, hermitian=True)
+        return np.asarray(sd * np.sqrt(np.clip(np.diag(told), 1.0, wide)))
+
+    @property
+    def pulls(self) -> dict[Name, float]:
+        """How far each moved from what the model claims, in units of its tolerance."""
+        moved = (self.free - self.prior.mean) / self.prior.sd
+        return dict(zip(self.prior.names, moved.tolist(), strict=True))
+
+    @property
+    def bent(self) -> dict[Name, float]:
+        """The same of the structure's own constants: numbers of effects have no tolerance."""
+        return {name: pull for name, pull in self.pulls.items() if name[0] != "effect"}
+
+
+def refit(
+    plant: Plant,
+    trials: Sequence[Trial],
+    *,
+    free: Sequence[Name] | None = None,
+    noise: Noise | None = None,
+    values: Float[np.ndarray, " parameter"] | None = None,
+    states: Sequence[Float[np.ndarray, " state"]] | None = None,
+    horizons: Sequence[float] = HORIZONS,
+    beat: float | None = None,
+    within: float = np.inf,
+    late: Callable[[], bool] | None = None,
+    fine: bool = False,
+) -> Fit:
+    """Fit constants and initial states to the error of the free run.
+
+    Parameters
+    ----------
+    plant
+        Linear or not; its own values and tolerances are the prior.
+    free
+        Names of constants that may move; see `prior_of`.
+    noise
+        Of the sensors. Where not given, it is estimated from what the start leaves, and again
+        from what the fit leaves, in doubt where the structure answers.
+    values, states
+        To start from: the plant's own, at rest, where not given.
+    horizons
+        Growing shares of each record, the last of them 1.
+    beat
+        Cost of another model: what will not come near it is given up; by `GivenUp`, where the
+        first part of the records tells so.
+    within
+        Tolerances by which constants of the structure may move at most.
+    late
+        Once true, `GivenUp` is raised.
+    fine
+        To the very bottom, which takes longer and changes no verdict, only numbers.
+
+    Returns
+    -------
+    The best point found; by chi squared and priors over the whole records, never worse than
+    the start.
+    """
+    records = tuple(trials)
+    prior = prior_of(plant, free, within)
+    silent = silent_above(plant.description, records)
+    rest = tuple(np.zeros(0) for _ in records)
+    point = Point(
+        values=(plant.values if values is None else values).copy(),
+        states=rest if states is None else tuple(states),
+    )
+
+    def problem_of(counts: tuple[int, ...], noise: Noise) -> Problem:
+        weights = tuple(
+            weights_of(trial, noise, i, samples=count)
+            for i, (trial, count) in enumerate(zip(records, counts, strict=True))
+        )
+        return Problem(
+            plant=plant, prior=prior, trials=records, weights=weights, samples=counts
+        )
+
+    start = point
+    whole = tuple(len(trial.outputs) for trial in records)
+    heard = noise or _heard(plant, records, point, silent)
+    for horizon in horizons[:-1]:
+        counts = tuple(prev_fast_len(max(int(horizon * n), min(FEWEST, n))) for n in whole)
+        goal = None
+        if beat is not None and horizon >= SHORT:
+            goal = beat * sum(counts) / sum(whole)
+        point = descend(problem_of(counts, heard), point, goal, late)[0]
+        if goal is not None and point.cost > FORLORN * goal:
+            raise GivenUp
+    if noise is None:
+        point = descend(problem_of(whole, heard), point, late=late)[0]
+        heard = _heard(plant, records, point, silent)
+    problem = problem_of(whole, heard)
+    best, normal, spread = descend(problem, point, beat, late, fine=fine)
+    # Growing horizons may have led astray; from the start itself there is only down.
+    moved = point is not start
+    if moved and costed(problem, _full(start, normal), spread).cost < best.cost:
+        best, normal, spread = descend(problem, start, beat, late, fine=fine)
+    if leads(plant, heard):
+        problem = dataclasses.replace(problem, led=_led(problem, heard))
+        best, normal, _ = descend(problem, best, beat, late, fine=fine)
+    return _account(problem, records, best, normal, heard, silent)
+
+
+def _led(problem: Problem, noise: Noise) -> tuple[Led, ...]:
+    return tuple(
+        Led(plant=problem.plant, trial=trial, noise=noise, number=i)
+        for i, trial in enumerate(problem.trials)
+    )
+
+
+def _full(point: Point, normal: Normal) -> Point:
+    states = tuple(s if s.size else np.zeros(normal.states) for s in point.states)
+    return dataclasses.replace(point, states=states)
+
+
+def _heard(plant: Plant, trials: tuple[Trial, ...], point: Point, silent: float) -> Noise:
+    """Estimate the noise from what a point leaves; from the outputs where it leaves nothing."""
+    residuals = []
+    for trial, state in zip(trials, point.states, strict=True):
+        outputs = plant.simulate(
+            point.values,
+            trial.inputs,
+            trial.rate_hz,
+            state0=state if state.size else None,
+            start_s=trial.start_s,
+        )
+        left = np.where(trial.used, trial.measured - outputs, 0.0)
+        residuals.append(left if np.isfinite(left).all() else trial.measured)
+    noise = noise_of_residual(trials, tuple(residuals), silent_above_hz=silent)
+    values = dict(zip(plant.parameters, point.values.tolist(), strict=True))
+    now = with_values(plant.description, values)
+    drift = drift_of(now, trials)
+    return noise if drift is None else drifting(noise, drift, trials[0].rate_hz)
+
+
+def _account(
+    problem: Problem,
+    records: tuple[Trial, ...],
+    best: Point,
+    normal: Normal,
+    noise: Noise,
+    silent: float,
+) -> Fit:
+    outputs = tuple(outputs_at(problem, i, best) for i in range(len(records)))
+    residual = tuple(
+        np.where(trial.used, trial.measured - told, 0.0)
+        for trial, told in zip(records, outputs, strict=True)
+    )
+    lines = [w.by_line(r) for w, r in zip(problem.weights, residual, strict=True)]
+    inside = [w.frequency_hz <= silent for w in problem.weights]
+    shares = [np.mean(w.use**2, axis=0) for w in problem.weights]
+    free = len(problem.prior.names)
+    data = sum(weights.data for weights in problem.weights)
+    fitted = _fitted(problem, normal)
+    whole = float(sum(line.sum() for line in lines))
+    band = float(sum(line[i].sum() for line, i in zip(lines, inside, strict=True)))
+    members = sum(float(2 * i.sum() * s.sum()) for i, s in zip(inside, shares, strict=True))
+    floor = _floor_sd(problem, noise)
+    return Fit(
+        plant=problem.plant,
+        values=best.values,
+        prior=problem.prior,
+        covariance=normal.covariance[:free, :free],
+        states=best.states,
+        outputs=outputs,
+        residual=residual,
+        noise=noise,
+        cost=best.cost,
+        data=data,
+        chi2_per_datum=whole / max(data - fitted, 1.0),
+        chi2_sd=float(np.hypot(np.sqrt(2 / data), floor)),
+        chi2_in_band=band / max(members - fitted, 1.0),
+        in_band_sd=float(np.hypot(np.sqrt(2 / max(members, 1.0)), floor)),
+        silent_above_hz=silent,
+    )
+
+
+def _fitted(problem: Problem, normal: Normal) -> float:
+    """Effective number of unknowns that the data, not the priors, have settled."""
+    total = len(normal.gradient)
+    free = len(problem.prior.names)
+    with np.errstate(invalid="ignore"):
+        held = np.diag(normal.covariance)[:free] / problem.prior.sd**2
+    # What neither the data nor a prior tell is infinite over infinite, and not settled.
+    return float(total - np.clip(np.nan_to_num(held, nan=1.0), 0, 1).sum())
+
+
+def _floor_sd(problem: Problem, noise: Noise) -> float:
+    """Share in the scatter of chi squared that is due to the floor being an estimate."""
+    counts = np.array([weights.use.sum(axis=0) for weights in problem.weights])
+    weighted = counts / counts.sum() * np.array(noise.relative_sd)
+    return float(np.sqrt(np.sum(weighted**2)))

@@ -1,0 +1,351 @@
+"""Least squares on the error of the free run, by Levenberg's and Marquardt's method."""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+import scipy.linalg
+import scipy.optimize
+from jaxtyping import Float
+
+from slowtime.discrepancy.records import FEWEST, Trial
+from slowtime.dynamics.effects import Friction, Law
+from slowtime.dynamics.plant import Plant
+
+from .led_run import Led
+from .prior import Prior
+from .spectral_weights import Weights
+
+MOST_STEPS = 20
+FINE = 0.02
+"""Expected gain in chi squared below which a step is not worth taking."""
+COARSE = 2e-5
+"""The same, relative to chi squared."""
+WRONG = 3.0
+"""Mean square over the noise from which a model is wrong and not a little off."""
+CREEPING = 1e-3
+"""Expected gain below which a step is not worth taking, as a share of what is beyond noise."""
+SLOW, TWICE = 1e-2, 2
+"""Share of what is beyond a wrong model's least by which a step is slow; so many slow ones in
+turn are the end: a wrong model creeps along its valleys to nowhere, and a right one gains much
+with every step."""
+PATIENCE, LEAPS = 3, 10.0
+"""Steps before a fit may be called hopeless; how many more like the last it may hope for."""
+RAISED, LEAST_DAMPING = 4.0, 1e-5
+"""Times the damping after a step in vain, twice as much after each further; and its least."""
+LITTLE_DAMPING = 1e-6
+"""Damping at the start."""
+STRIDES = 6
+"""Whole steps that are taken, up or down, before one looks whether they led down."""
+CHAOTIC, FIRST_PARTS = 1e3, 2.0 ** np.arange(-5, 1)
+"""Times that what a state makes outgrows the record in chaos, from some first part of it on."""
+BROAD = 3.0
+"""Initial states may, a priori, explain so many times what was measured."""
+
+State = Float[np.ndarray, " state"]
+Moves = Float[np.ndarray, " free"]
+
+
+class GivenUp(Exception):
+    """It was too late to go on, or there was nothing to hope for."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Problem:
+    """Records, their weights and the plant that is to explain them.
+
+    Parameters
+    ----------
+    samples
+        How many of each trial count.
+    led
+        What stands for the plant in each trial, where friction follows what was measured.
+    """
+
+    plant: Plant
+    prior: Prior
+    trials: tuple[Trial, ...]
+    weights: tuple[Weights, ...]
+    samples: tuple[int, ...]
+    led: tuple[Led, ...] = ()
+
+    def plant_in(self, number: int) -> Plant | Led:
+        """Give what runs one trial."""
+        return self.led[number] if self.led else self.plant
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Point:
+    """Values of the plant, initial state of each trial (empty for rest), and their cost."""
+
+    values: Float[np.ndarray, " parameter"]
+    states: tuple[State, ...]
+    cost: float = np.inf
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Normal:
+    """Normal equations at a point: free constants first, then the states of each trial.
+
+    Parameters
+    ----------
+    cost
+        Of the point: chi squared of the residuals and of the priors.
+    """
+
+    cost: float
+    matrix: Float[np.ndarray, "unknown unknown"]
+    gradient: Float[np.ndarray, " unknown"]
+    states: int
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "unknown unknown"]:
+        """Of all unknowns."""
+        scale = 1 / np.sqrt(np.maximum(np.diag(self.matrix), np.finfo(float).tiny))
+        inner = self.matrix * np.outer(scale, scale)
+        with np.errstate(over="ignore"):  # of what nothing tells
+            return np.asarray(scipy.linalg.pinvh(inner) * np.outer(scale, scale))
+
+
+def outputs_at(problem: Problem, number: int, point: Point) -> Float[np.ndarray, "time sensor"]:
+    """Run one trial."""
+    trial, count = problem.trials[number], problem.samples[number]
+    return problem.plant_in(number).simulate(
+        point.values,
+        trial.inputs[:count],
+        trial.rate_hz,
+        state0=point.states[number] if point.states[number].size else None,
+        start_s=trial.start_s,
+    )
+
+
+def costed(problem: Problem, point: Point, spread: tuple[State, ...]) -> Point:
+    """Give a point its cost: chi squared of the residuals and of the priors."""
+    free = point.values[list(problem.prior.index)]
+    cost = problem.prior.cost(free)
+    with np.errstate(all="ignore"):
+        for number, (trial, weights) in enumerate(
+            zip(problem.trials, problem.weights, strict=True)
+        ):
+            outputs = outputs_at(problem, number, point)
+            residual = trial.measured[: len(outputs)] - outputs
+            cost += weights.chi2(residual)
+            if point.states[number].size:
+                cost += float(np.sum((point.states[number] / spread[number]) ** 2))
+    return dataclasses.replace(point, cost=cost if np.isfinite(cost) else np.inf)
+
+
+@np.errstate(all="ignore")  # it is raised in the end
+def normal_at(
+    problem: Problem, point: Point, spread: tuple[State, ...] = ()
+) -> tuple[Normal, tuple[State, ...]]:
+    """Linearise at a point; `spread` of the initial states is made where not given."""
+    prior, made = problem.prior, []
+    cost = prior.cost(point.values[list(prior.index)])
+    products: list[Float[np.ndarray, "column column"]] = []
+    free = len(prior.names)
+    acts = [problem.plant.kinds[effect.kind].action for effect in problem.plant.effects]
+    bends = any(isinstance(action, Law | Friction) for action in acts)
+    for number, (trial, weights) in enumerate(
+        zip(problem.trials, problem.weights, strict=True)
+    ):
+        outputs, slopes = problem.plant_in(number).sensitivities(
+            point.values,
+            trial.inputs[: problem.samples[number]],
+            trial.rate_hz,
+            prior.names,
+            state0=point.states[number] if point.states[number].size else None,
+            start_s=trial.start_s,
+        )
+        products.append(weights.products(trial.measured[: len(outputs)] - outputs, slopes))
+        sizes = np.diag(products[-1])[free:-1]
+        made.append(spread[number] if spread else _spread(sizes, weights, trial))
+        if bends and not spread:
+            outrun = _grown(slopes[:, :, free:], trial.measured[: len(outputs)])
+            made[-1] = np.where(outrun > CHAOTIC, outrun * made[-1], made[-1])
+        cost += float(products[-1][-1, -1])
+        if point.states[number].size:
+            cost += float(np.sum((point.states[number] / made[-1]) ** 2))
+    states = len(products[0]) - 1 - free
+    size = free + states * len(products)
+    matrix, gradient = np.zeros((size, size)), np.zeros(size)
+    for number, inner in enumerate(products):
+        first = free + number * states
+        where = np.r_[0:free, first : first + states]
+        matrix[np.ix_(where, where)] += inner[:-1, :-1]
+        gradient[where] += inner[:-1, -1]
+        own = np.arange(first, first + states)
+        matrix[own, own] += 1 / made[number] ** 2
+        if point.states[number].size:
+            gradient[own] -= point.states[number] / made[number] ** 2
+    known = np.arange(free)
+    matrix[known, known] += 1 / prior.sd**2
+    gradient[known] += (prior.mean - point.values[list(prior.index)]) / prior.sd**2
+    if not (np.isfinite(matrix).all() and np.isfinite(gradient).all()):
+        raise FloatingPointError("The free run, or a slope of it, grew beyond bounds.")
+    return Normal(cost=cost, matrix=matrix, gradient=gradient, states=states), tuple(made)
+
+
+def descend(
+    problem: Problem,
+    start: Point,
+    beat: float | None = None,
+    late: Callable[[], bool] | None = None,
+    *,
+    fine: bool = False,
+) -> tuple[Point, Normal, tuple[State, ...]]:
+    """Go down from a start until nothing is gained; never end above it.
+
+    Parameters
+    ----------
+    beat
+        Cost that is to be reached: where steps have become so small that it will not, that
+        is the end.
+    late
+        Once true, `GivenUp` is raised.
+    fine
+        To where a step gains nothing at all: along what the records hardly tell, a little of
+        chi squared is a standard deviation.
+    """
+    normal, spread = normal_at(problem, start)
+    full = tuple(state if state.size else np.zeros(normal.states) for state in start.states)
+    point = dataclasses.replace(start, states=full, cost=normal.cost)
+    if fine:
+        point, normal = _leapt(problem, point, normal, spread)
+    damping, raised, slow = LITTLE_DAMPING, RAISED, 0
+    data = sum(weights.data for weights in problem.weights)
+    for number in range(MOST_STEPS):
+        if late is not None and late():
+            raise GivenUp
+        beyond = point.cost - WRONG * data
+        enough = FINE
+        if not fine:
+            enough += COARSE * point.cost + CREEPING * max(point.cost - data, 0.0)
+        room = _room(problem, point)
+        while True:
+            step, gain = _step(normal, damping, *room)
+            tried = costed(problem, _moved(problem, point, step, normal.states), spread)
+            if tried.cost <= point.cost or gain < enough or damping > 1e8:
+                break
+            damping, raised = max(damping, LEAST_DAMPING) * raised, 2 * raised
+        if not tried.cost < point.cost:
+            break
+        before, won, point = point, point.cost - tried.cost, tried
+        slow = slow + 1 if won < SLOW * beyond else 0
+        hopeless = beat is not None and number >= PATIENCE and point.cost - LEAPS * won > beat
+        # Where no more was to be had, slopes are what they were.
+        if max(won, gain) < enough or hopeless or slow == TWICE:
+            break
+        try:
+            normal, _ = normal_at(problem, point, spread)
+        except FloatingPointError:
+            return before, normal, spread
+        if won < enough:
+            break
+        # By how well it was foretold (Nielsen 1999): no more is lost on every other step.
+        damping *= max(1 / 9, 1 - (2 * min(won / gain, 1.0) - 1) ** 3)
+        raised = RAISED
+    return point, normal, spread
+
+
+def _leapt(
+    problem: Problem, start: Point, normal: Normal, spread: tuple[State, ...]
+) -> tuple[Point, Normal]:
+    """Follow a narrow valley that bends, where each step by itself leads up its side.
+
+    Of two numbers that the records tell only together, such as a factor and a length whose
+    square divides it, the next step puts right by how much they part; after Grippo, Lampariello
+    and Lucidi (1986), what counts is where a few of them end.
+    """
+    point, last = start, normal
+    for _ in range(STRIDES):
+        step, gain = _step(last, 0.0, *_room(problem, point))
+        if gain < FINE:
+            break
+        point = costed(problem, _moved(problem, point, step, last.states), spread)
+        if not np.isfinite(point.cost):
+            return start, normal
+        try:
+            last, _ = normal_at(problem, point, spread)
+        except FloatingPointError:
+            return start, normal
+    return (point, last) if point.cost < start.cost else (start, normal)
+
+
+def _room(problem: Problem, point: Point) -> tuple[Moves, Moves]:
+    """Farthest moves of the constants: half way to a bound, and half of a scale or of what is.
+
+    What began much too small, as a force that was guessed from a wrong motion, grows by halves.
+    """
+    prior = problem.prior
+    here = point.values[list(prior.index)]
+    far = np.maximum(prior.scale, np.abs(here)) / 2
+    return np.maximum((prior.low - here) / 2, -far), np.minimum((prior.high - here) / 2, far)
+
+
+def _step(
+    normal: Normal, damping: float, low: Moves, high: Moves
+) -> tuple[Float[np.ndarray, " unknown"], float]:
+    """Give the best step within the room of the constants, and the gain that it foretells.
+
+    Those that would go too far stop where they have to, and the others where it is best then.
+    """
+    diagonal = np.maximum(np.diag(normal.matrix), np.finfo(float).tiny)
+    scale = 1 / np.sqrt(diagonal)
+    inner = normal.matrix * np.outer(scale, scale)
+    inner[np.diag_indices_from(inner)] += damping + 1e-12
+    down = scale * normal.gradient
+    least, most = (np.full(len(scale), far) for far in (-np.inf, np.inf))
+    least[: len(low)], most[: len(high)] = low / scale[: len(low)], high / scale[: len(high)]
+    factor = scipy.linalg.cholesky(inner, lower=True)
+    right = scipy.linalg.solve_triangular(factor, down, lower=True)
+    step = scipy.linalg.solve_triangular(factor.T, right)
+    if ((step < least) | (step > most)).any():
+        step = scipy.optimize.lsq_linear(factor.T, right, (least, most), method="bvls").x
+    return np.asarray(scale * step), float(step @ (2 * down - inner @ step))
+
+
+def _moved(
+    problem: Problem, point: Point, step: Float[np.ndarray, " unknown"], states: int
+) -> Point:
+    prior, free = problem.prior, len(problem.prior.names)
+    values = point.values.copy()
+    values[list(prior.index)] += step[:free]
+    parts = step[free:].reshape(-1, states) if states else [np.zeros(0)] * len(point.states)
+    moved = tuple(old + new for old, new in zip(point.states, parts, strict=True))
+    return Point(values=values, states=moved)
+
+
+def _spread(squares: State, weights: Weights, trial: Trial) -> State:
+    """Let each initial state, by one standard deviation, explain the record several times.
+
+    Parameters
+    ----------
+    squares
+        Of what a unit of each makes, whitened.
+    """
+    size = np.sqrt(squares)
+    whole = BROAD * np.sqrt(weights.chi2(trial.measured[: len(weights.use)]))
+    if whole == 0.0:
+        return np.ones_like(size)  # nothing was heard: they may as well be at rest
+    return np.asarray(whole / np.maximum(size, 1e-12 * size.max(initial=0.0) + 1e-300))
+
+
+def _grown(
+    slopes: Float[np.ndarray, "time sensor state"], measured: Float[np.ndarray, "time sensor"]
+) -> State:
+    """Give by how much what a state makes outgrows the record, from some part of it on.
+
+    Where motion is chaotic, that grows without end, and would hold the state where it is: it is
+    to explain a first part several times. A linear model that is not stable grows as well, and
+    is to be held.
+    """
+    parts = np.maximum((len(measured) * FIRST_PARTS).astype(int), FEWEST)
+    ends = np.unique(np.minimum(parts, len(measured))) - 1
+    scale = np.std(measured, axis=0)
+    scale[scale == 0.0] = 1.0
+    heard = np.cumsum(np.sum((measured / scale) ** 2, axis=1))[ends]
+    with np.errstate(all="ignore"):
+        made = np.cumsum(np.sum((slopes / scale[:, None]) ** 2, axis=1), axis=0)[ends]
+        beside = np.sqrt(heard[:, None] / np.maximum(made, np.finfo(float).tiny))
+        return np.asarray(np.max(beside, axis=0) / beside[-1])

@@ -1,0 +1,246 @@
+"""Records cut into pieces, each with a first state of its own: shooting several times.
+
+The error of a long free run has a minimum for every beat by which it may be out of step, and
+where motion is chaotic it has countless. Over a few periods there is one. So a law that is not
+yet well known is fitted to pieces (Bock's multiple shooting, the pieces left apart), and from
+there to the whole.
+"""
+
+import itertools
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from slowtime.discrepancy.noise import Noise
+from slowtime.discrepancy.records import FEWEST, Trial
+from slowtime.dynamics.description import assemble
+from slowtime.dynamics.modes import undamped_modes
+from slowtime.dynamics.plant import Plant
+
+from .fit import Fit, refit
+from .initial_states import nearest, state_from_many, state_heard
+from .levenberg_marquardt import GivenUp
+
+PERIODS = 3.0
+"""Longest periods that a piece lasts."""
+SWINGS = 5.0
+"""Periods of the slowest mode that records are taken to begin with."""
+STRAYS, ASTRAY, ROUNDS = 0.05, 30.0, 3
+"""Share of the pieces whose first states are looked for far and wide; times what is left of
+most, that is left of such as were led astray, by a wrong start or a constant that is off; and
+how often others are asked for the constants."""
+RIGID = 1e-6
+"""Share of the highest natural frequency below which a motion is no vibration."""
+
+State = Float[np.ndarray, " state"]
+
+
+def shooting_fit(
+    plant: Plant,
+    trials: Sequence[Trial],
+    noise: Noise,
+    values: Float[np.ndarray, " parameter"],
+    late: Callable[[], bool] | None = None,
+    beat: float | None = None,
+) -> tuple[Fit, list[State]]:
+    """Fit pieces of records; give that fit, and the first state of each record.
+
+    Parameters
+    ----------
+    noise
+        Of the records.
+    values
+        To start from.
+    late
+        Once true, `GivenUp` is raised.
+    beat
+        A cost to come near; where it will not, that is the end.
+    """
+    cut, origin = pieces(plant, trials)
+    own = noise.of(origin)
+    starts, left = _followed(plant, cut, origin, own, values, late)
+    strays = _strays(left)
+    for _ in range(ROUNDS):
+        if not strays:
+            break
+        # Others say what the constants are; with these, fewer stray.
+        values = _without(strays, plant, cut, own, values, starts, late).values
+        starts, left = _followed(plant, cut, origin, own, values, late)
+        before, strays = strays, _strays(left)
+        if not len(strays) < len(before):
+            break
+    if len(strays) <= max(STRAYS * len(cut), 1):
+        size = np.max(np.abs(starts), axis=0)
+        for i in strays:
+            alone = own.of([i])
+            starts[i] = state_from_many(plant, cut[i], alone, values, starts[i], size)
+    found = refit(
+        plant, cut, noise=own, values=values, states=starts, horizons=(1.0,), beat=beat,
+        late=late,
+    )  # fmt: skip
+    return found, [found.states[origin.index(i)] for i in range(len(trials))]
+
+
+def _strays(left: Sequence[float]) -> list[int]:
+    """Give pieces that are explained much worse than most: those were led astray.
+
+    Parameters
+    ----------
+    left
+        Chi squared of each, over its samples. Of a wrong law most are explained badly.
+    """
+    bar = ASTRAY * max(float(np.median(left)), 1.0)
+    return [i for i, one in enumerate(left) if one > bar]
+
+
+def _without(
+    strays: Sequence[int],
+    plant: Plant,
+    cut: Sequence[Trial],
+    noise: Noise,
+    values: Float[np.ndarray, " parameter"],
+    states: Sequence[State],
+    late: Callable[[], bool] | None,
+) -> Fit:
+    """Fit all pieces but some."""
+    rest = [i for i in range(len(cut)) if i not in strays]
+    return refit(
+        plant, [cut[i] for i in rest], noise=noise.of(rest), values=values,
+        states=[states[i] for i in rest], horizons=(1.0,), late=late,
+    )  # fmt: skip
+
+
+def pieces(plant: Plant, trials: Sequence[Trial]) -> tuple[tuple[Trial, ...], tuple[int, ...]]:
+    """Cut records into parts of a few periods, and tell which record each is of."""
+    lowest = slowest_hz(plant)
+    cut, origin = [], []
+    for number, trial in enumerate(trials):
+        samples = len(trial.outputs)
+        least = _lasting(PERIODS, lowest, trial)
+        edges = np.linspace(0, samples, max(samples // least, 1) + 1).astype(int).tolist()
+        for first, last in itertools.pairwise(edges):
+            cut.append(trial.part(first, last))
+            origin.append(number)
+    return tuple(cut), tuple(origin)
+
+
+def first_swings(plant: Plant, trials: Sequence[Trial]) -> tuple[Trial, ...]:
+    """Cut the first few swings out of each record; all of it, where nothing swings."""
+    lowest = slowest_hz(plant)
+    return tuple(trial.part(0, _lasting(SWINGS, lowest, trial)) for trial in trials)
+
+
+def loudest(
+    plant: Plant, trials: Sequence[Trial], count: int, share: float = 1.0
+) -> tuple[Trial, ...]:
+    """Cut the part out of each record in which most moves, as long as so many pieces.
+
+    Parameters
+    ----------
+    share
+        Of the power of that part, for one that moves so much less.
+    """
+    lowest = slowest_hz(plant)
+    found = []
+    for trial in trials:
+        length = _lasting(count * PERIODS, lowest, trial)
+        size = np.maximum(np.std(trial.measured, axis=0), np.finfo(float).tiny)
+        moved = np.sum((trial.measured / size) ** 2, axis=1)
+        so_far = np.concatenate([[0.0], np.cumsum(moved)])
+        power = so_far[length:] - so_far[: len(so_far) - length]
+        first = int(np.argmin(np.abs(power - share * power.max())))
+        found.append(trial.part(first, first + length))
+    return tuple(found)
+
+
+def _lasting(periods: float, lowest_hz: float, trial: Trial) -> int:
+    """Give the samples that so many periods take; all there are, where it is shorter."""
+    whole = len(trial.outputs)
+    length = int(periods / lowest_hz * trial.rate_hz) if lowest_hz else whole
+    return min(max(length, FEWEST), whole)
+
+
+def begun_by(
+    plant: Plant,
+    trials: Sequence[Trial],
+    noise: Noise,
+    values: Float[np.ndarray, " parameter"],
+) -> list[State]:
+    """Give the first state of each record, as its first few periods tell it."""
+    cut, origin = pieces(plant, trials)
+    firsts = [origin.index(number) for number in range(len(trials))]
+    rest = np.zeros(len(plant.state_names))
+    return [
+        _told(
+            plant, cut[i], noise.of([number]), values, state_heard(plant, cut[i], rest)
+        ).states[0]
+        for number, i in enumerate(firsts)
+    ]
+
+
+def slowest_hz(plant: Plant) -> float:
+    """Lowest frequency of a vibration; 0 of a structure that floats and has none."""
+    frequency = undamped_modes(assemble(plant.description)).frequency_hz
+    own = frequency[frequency > RIGID * frequency[-1]]
+    return float(own[0]) if len(own) else 0.0
+
+
+def _followed(
+    plant: Plant,
+    cut: Sequence[Trial],
+    origin: Sequence[int],
+    noise: Noise,
+    values: Float[np.ndarray, " parameter"],
+    late: Callable[[], bool] | None,
+) -> tuple[list[State], list[float]]:
+    """Go through each record piece by piece: each starts where the last, corrected, has led.
+
+    Gives the first states of all, and the chi squared of each over its samples.
+    """
+    found: list[State] = []
+    left: list[float] = []
+    rest = np.zeros(len(plant.state_names))
+    for number, piece in enumerate(cut):
+        if late is not None and late():
+            raise GivenUp
+        new = number == 0 or origin[number] != origin[number - 1]
+        state = np.zeros(0) if new else found[-1]
+        if not new:
+            before = cut[number - 1]
+            state = plant.run(
+                values,
+                np.concatenate([before.inputs, piece.inputs[:1]]),
+                before.rate_hz,
+                state0=state,
+                start_s=before.start_s,
+            ).states[-1]
+        own = noise.of([number])
+        led = state if np.isfinite(state).all() and state.size else rest
+        begin = nearest(plant, piece, own, values, [led, state_heard(plant, piece, led)])
+        told = _told(plant, piece, own, values, begin)
+        found.append(told.states[0])
+        left.append(told.cost / max(told.data, 1))
+    return found, left
+
+
+def _told(
+    plant: Plant,
+    piece: Trial,
+    noise: Noise,
+    values: Float[np.ndarray, " parameter"],
+    begin: State,
+) -> Fit:
+    """Fit a piece by its first state, all constants held; from rest, where it runs away."""
+
+    def fitted(state: State) -> Fit:
+        return refit(
+            plant, (piece,), free=[], noise=noise, values=values, states=(state,),
+            horizons=(1.0,),
+        )  # fmt: skip
+
+    try:
+        return fitted(begin)
+    except FloatingPointError:
+        # Led a little astray, it runs over the edge of a well that it stays in.
+        return fitted(0 * begin)

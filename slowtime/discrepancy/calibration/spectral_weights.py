@@ -1,0 +1,150 @@
+"""Residuals weighed by their noise, line by line of the spectrum: colour is no matter."""
+
+import dataclasses
+
+import numpy as np
+import scipy.fft
+import scipy.ndimage
+from jaxtyping import Float
+
+from slowtime.discrepancy.noise import Noise
+from slowtime.discrepancy.records import Trial
+from slowtime.signals.spectra import transform
+
+EASED = 0.05
+"""Share of a record over which drift is eased in and out."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Weights:
+    r"""Factors that turn the spectrum of a residual into numbers of unit variance.
+
+    With :math:`z_k = Y_k \sqrt{2 / N_k}`, whose real and imaginary parts have unit variance
+    each, :math:`\chi^2 = \sum_k |z_k|^2` over the lines from 0 to half the sampling rate.
+
+    Parameters
+    ----------
+    use
+        1 for samples to be believed; 0 otherwise; between where what drifts is eased in and
+        out, lest its ends leak over all lines.
+    factors
+        By line and sensor.
+    white
+        Standard deviation of each sensor's noise where all of it is white: then samples do as
+        well as lines.
+    """
+
+    rate_hz: float
+    frequency_hz: Float[np.ndarray, " frequency"]
+    use: Float[np.ndarray, "time sensor"]
+    factors: Float[np.ndarray, "frequency sensor"]
+    white: Float[np.ndarray, " sensor"] | None = None
+
+    @property
+    def data(self) -> int:
+        """How many samples count."""
+        return int((self.use**2).sum())
+
+    def products(
+        self,
+        left: Float[np.ndarray, "time sensor"],
+        slopes: Float[np.ndarray, "time sensor slope"],
+    ) -> Float[np.ndarray, "column column"]:
+        """Products with each other of what slopes and, last, a residual are once whitened.
+
+        Sensor by sensor, lest all of it be in memory at once.
+        """
+        count, _, columns = slopes.shape
+        inner = np.zeros((columns + 1, columns + 1))
+        series = np.empty((columns + 1, count))
+        for sensor in range(slopes.shape[1]):
+            use = self.use[:, sensor]
+            np.multiply(slopes[:, sensor].T, use, out=series[:-1])
+            np.multiply(left[:, sensor], use, out=series[-1])
+            if self.white is not None:
+                inner += series @ series.T / self.white[sensor] ** 2
+                continue
+            lines = scipy.fft.rfft(series, axis=1)
+            lines *= self._per_line(sensor)
+            numbers = lines.view(float)
+            inner += numbers @ numbers.T
+        return inner
+
+    def chi2(self, residual: Float[np.ndarray, "time sensor"]) -> float:
+        """Sum of squares of a residual once whitened; infinite for one out of all bounds."""
+        if self.white is not None:
+            with np.errstate(over="ignore"):
+                return float(np.sum((residual * self.use / self.white) ** 2))
+        return float(np.sum(self.by_line(residual)))
+
+    def _per_line(self, sensor: int) -> Float[np.ndarray, " frequency"]:
+        """Give what makes a plain transform of a sensor's samples of unit variance."""
+        count = len(self.use)
+        scale = np.sqrt(2.0 / (self.rate_hz * count)) * self.factors[:, sensor]
+        scale[0] /= np.sqrt(2.0)
+        if count % 2 == 0:
+            scale[-1] /= np.sqrt(2.0)
+        return np.asarray(scale)
+
+    def by_line(
+        self, residual: Float[np.ndarray, "time sensor"]
+    ) -> Float[np.ndarray, "frequency sensor"]:
+        """Contribution of each line to chi squared."""
+        spectrum = transform(residual * self.use, self.rate_hz)[1]
+        return np.asarray(np.abs(spectrum * self.factors) ** 2)
+
+
+def weights_of(trial: Trial, noise: Noise, number: int, *, samples: int = 0) -> Weights:
+    """Weights of a trial's residual.
+
+    Parameters
+    ----------
+    number
+        Of the trial, for its noise.
+    samples
+        How many of the first samples count; all for 0.
+    """
+    count = samples or len(trial.outputs)
+    use = trial.used[:count].astype(float)
+    frequency = np.asarray(np.fft.rfftfreq(count, 1 / trial.rate_hz), dtype=float)
+    density = noise.weighing(number, frequency)
+    white = noise.drift is None and all(colour.low == 0 for colour in noise.colours[number])
+    if noise.drift is not None:
+        use = use * np.stack([_eased(column) for column in use.T], axis=1)
+    elif not white:
+        holes = [_leaked(one, column) for one, column in zip(density.T, use.T, strict=True)]
+        density = np.stack(holes, axis=1)
+    return Weights(
+        rate_hz=trial.rate_hz,
+        frequency_hz=frequency,
+        use=use,
+        factors=np.sqrt(2.0 / (density * np.maximum(np.mean(use**2, axis=0), 1 / count))),
+        white=np.sqrt(density[0] * trial.rate_hz / 2) if white else None,
+    )
+
+
+def _leaked(
+    density: Float[np.ndarray, " frequency"], use: Float[np.ndarray, " time"]
+) -> Float[np.ndarray, " frequency"]:
+    """Density of noise in which holes are cut: steep noise leaks through them to all lines.
+
+    What is expected of the squared spectrum of samples :math:`m_t n_t`: the autocovariance of
+    the noise, times that of the mask.
+    """
+    if use.all() or not use.any():
+        return density
+    count = len(use)
+    alike = scipy.fft.irfft(np.abs(scipy.fft.rfft(use)) ** 2, count)
+    cut = scipy.fft.rfft(scipy.fft.irfft(density, count) * alike).real
+    return np.asarray(np.maximum(cut / alike[0], np.finfo(float).tiny))
+
+
+def _eased(use: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
+    """Fall towards every end of what is used, and rise from holes, as a sine squared.
+
+    Not from the start: initial states are free, and drift begins there from nothing.
+    """
+    before = np.full(len(use), use[0] > 0)
+    inside = scipy.ndimage.distance_transform_edt(np.concatenate([before, use > 0, [False]]))
+    inside = inside[len(use) : -1]
+    return np.asarray(np.sin(np.pi / 2 * np.minimum(inside / (EASED * len(use)), 1.0)) ** 2)

@@ -1,0 +1,38 @@
+"""A fit that a wrong model has bent, in; the same model within what is claimed of it, out."""
+
+import numpy as np
+
+from slowtime.discrepancy.records import Trial
+
+from .fit import Fit, refit
+from .levenberg_marquardt import WRONG
+
+BENT, WITHIN = 5.0, 3.0
+"""Tolerances by which no constant is off that was claimed in good faith; those it is left."""
+
+
+def refit_within_tolerances(fit: Fit, trials: tuple[Trial, ...]) -> Fit:
+    """Hold constants to their tolerances where they make up for what is missing.
+
+    Chi squared of a wrong model outweighs every prior, and leads constants to where nothing can
+    be linearised about them: what is missing is looked for from where they are claimed to be.
+    """
+    most = max(map(abs, fit.bent.values()), default=0.0)
+    if fit.chi2_in_band < WRONG or most <= BENT:
+        return fit
+    values = fit.values.copy()
+    for name, index, mean in zip(fit.prior.names, fit.prior.index, fit.prior.mean, strict=True):
+        if name[0] != "effect":
+            values[index] = mean
+    try:
+        return refit(
+            fit.plant,
+            trials,
+            noise=fit.noise,
+            values=values,
+            states=tuple(np.zeros_like(state) for state in fit.states),
+            horizons=(1.0,),
+            within=WITHIN,
+        )
+    except FloatingPointError:
+        return fit

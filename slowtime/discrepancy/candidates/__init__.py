@@ -1,0 +1,1 @@
+"""Effects of the library fitted along a motion and a force that were recovered at a place."""

@@ -1,0 +1,184 @@
+r"""Constants that a fit has bent, in; laws at those elements that would have bent them, out.
+
+Where sensors are few, the motion at an element is guessed, and laws fare badly along it. The
+constants that a fit bends to make up for a law tell of it too: what they add at an element,
+:math:`\Delta k \, e + \Delta c \, v`, is what is linear of the law's force along the motion of
+that fit. Each law so has its strength, and a free run says which comes nearest.
+"""
+
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from slowtime.discrepancy.calibration import Fit
+from slowtime.discrepancy.calibration.augmentation import Start, free_run
+from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.dynamics.effects import (
+    Effect,
+    Friction,
+    Hidden,
+    Kind,
+    Law,
+    Motion,
+    Place,
+    force_along,
+)
+from slowtime.dynamics.plant import Name
+
+from .library_fit import Candidate, is_applicable, label_of
+from .parameter_scan import joined, possible, sized
+
+ALIKE = 0.9
+"""Squared cosine between what constants add and what is linear of a law, from which it may be
+what bent them."""
+SHAPES, ELEMENTS = 12, 2
+"""Shapes of each law of which a free run is made; elements, those first that bent most."""
+INSTEAD = 4
+"""Laws that are given where constants leave nothing, those that come nearest."""
+ASIDE = 4
+"""Changes of other constants that are given beside them, those first that moved most."""
+CONSTANTS = {"stiffness_loss": ("stiffness", -1.0), "viscous_damping": ("damping", 1.0)}
+"""Kinds that change a constant of an element, which, and in which direction."""
+
+
+def equivalents(
+    bent: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind]
+) -> list[Candidate]:
+    """Give laws at elements with bent constants, those first whose free run comes nearest."""
+    pulls = sorted(bent.pulls.items(), key=lambda pair: -abs(pair[1]))
+    elements = list(dict.fromkeys(name[1] for name, pull in pulls if _bends(name, pull)))
+    if not elements:
+        return []
+    data = bent.data
+    runs = [
+        bent.plant.states(
+            bent.values, trial.inputs, trial.rate_hz, state0=state, start_s=trial.start_s
+        )
+        for trial, state in zip(trials, bent.states, strict=True)
+    ]
+    found: list[Candidate] = []
+    for element in elements[:ELEMENTS]:
+        place = Place("element", str(element))
+        motions = [run[place] for run in runs]
+        start = _start(bent, place)
+        for kind in kinds.values():
+            if not is_applicable(kind, bent.plant.description):
+                continue
+            nearest = min(
+                (
+                    (free_run(bent, effect, start, trials, kinds), i, effect)
+                    for i, effect in enumerate(_laws(bent, kind, place, motions))
+                ),
+                default=None,
+            )
+            if nearest is None or not math.isfinite(nearest[0]):
+                continue
+            numbers = sum(p.fitted for p in kind.parameters)
+            score = -nearest[0] / 2 - numbers / 2 * math.log(data)
+            found.append(Candidate(nearest[2], nearest[0], score, math.inf, start))
+    return sorted(found, key=lambda one: -one.score)
+
+
+def instead_of_constants(
+    bent: Fit, labels: Sequence[Candidate], trials: Sequence[Trial], kinds: Mapping[str, Kind]
+) -> list[Candidate]:
+    """Give laws, not among the labels, that may be what bent constants stand for.
+
+    For a fit whose constants leave nothing: along what it leaves, no law shows. They count for
+    as good as the best label, until they are refitted.
+    """
+    done = {label_of(one.effect) for one in labels}
+    every = equivalents(bent, trials, kinds)
+    others = [one for one in every if label_of(one.effect) not in done][:INSTEAD]
+    done |= {label_of(one.effect) for one in others}
+    named = {one.effect.kind for one in [*labels, *others]}
+    beside = [one for one in _aside(bent, kinds) if one.effect.kind in named]
+    others += [one for one in beside if label_of(one.effect) not in done][:ASIDE]
+    if not labels:
+        return others
+    best = labels[0]
+    return [dataclasses.replace(one, cost=best.cost, bare=best.bare) for one in others]
+
+
+def _aside(bent: Fit, kinds: Mapping[str, Kind]) -> Iterator[Candidate]:
+    """Give a change of each constant: few sensors do not tell which of them changed."""
+    for name, _ in sorted(bent.pulls.items(), key=lambda pair: -abs(pair[1])):
+        for kind, (what, sign) in CONSTANTS.items():
+            if name[0] == what and kind in kinds:
+                place = Place("element", str(name[1]))
+                effect = Effect(kind, place, {kinds[kind].names[0]: sign * _moved(bent, name)})
+                start = _start(bent, place)
+                yield Candidate(effect, bent.cost, -math.inf, bent.cost, start)
+
+
+def _bends(name: tuple[object, ...], pull: float) -> bool:
+    return name[0] in ("stiffness", "damping") and abs(pull) > LIMITS.moved_tolerances
+
+
+def alone_off(fit: Fit, effect: Effect) -> bool:
+    """Whether one constant alone is far off, and an effect is that it is so.
+
+    That it was claimed too well is then no other answer.
+    """
+    off = [name for name, pull in fit.bent.items() if abs(pull) > LIMITS.moved_tolerances]
+    if (
+        len(off) != 1
+        or abs(fit.bent[off[0]]) < LIMITS.alone_tolerances
+        or effect.kind not in CONSTANTS
+    ):
+        return False
+    return off[0] == (CONSTANTS[effect.kind][0], effect.place.id)
+
+
+def _start(bent: Fit, place: Place) -> Start:
+    """Give all else as the fit has it, and the element's constants as they were claimed."""
+    constants = {
+        name: float(bent.prior.mean[at] if name[1] == place.id else bent.free[at])
+        for at, name in enumerate(bent.prior.names)
+        if name[0] != "effect"
+    }
+    names = bent.plant.state_names
+    states = [dict(zip(names, state.tolist(), strict=False)) for state in bent.states]
+    return Start(constants, states)  # type: ignore[arg-type]
+
+
+def _laws(bent: Fit, kind: Kind, place: Place, motions: list[Motion]) -> Iterator[Effect]:
+    """Give a law in the shapes whose linear part is what the bent constants add."""
+    action = kind.action
+    if kind.where != "element" or kind.strength is None or kind.quadrature is not None:
+        return
+    if not isinstance(action, Law | Friction | Hidden):
+        return
+    motions = sorted(motions, key=lambda motion: float(motion.times[0]))
+    whole = joined(motions)
+    linear = np.stack([whole.e, whole.v], axis=1)
+    added = linear @ np.array([_added(bent, what, place) for what in ("stiffness", "damping")])
+    fits: list[tuple[float, dict[str, float]]] = []
+    for shape in kind.shapes(whole):
+        unit = dict(shape) | {kind.strength: 1.0}
+        force = np.concatenate([force_along(kind, unit, m) for m in motions])
+        if not np.all(np.isfinite(force)):
+            continue
+        part = linear @ np.linalg.lstsq(linear, force, rcond=None)[0]
+        along, size = float(part @ added), float(part @ part)
+        if size > 0 and along**2 > ALIKE * size * float(added @ added):
+            fits.append((along**2 / size, sized(kind, unit, along / size)))
+    for _, parameters in sorted(fits, key=lambda one: -one[0])[:SHAPES]:
+        if possible(kind, parameters, bent.plant.description, place):
+            yield Effect(kind.name, place, parameters)
+
+
+def _added(bent: Fit, what: str, place: Place) -> float:
+    """Give what a constant adds; one that stays within its tolerance needs no law for it."""
+    name = (what, place.id)
+    if name not in bent.prior.names or not _bends(name, bent.pulls[name]):
+        return 0.0
+    return _moved(bent, name)
+
+
+def _moved(bent: Fit, name: Name) -> float:
+    at = bent.prior.names.index(name)
+    return float(bent.free[at] - bent.prior.mean[at])

@@ -1,0 +1,208 @@
+r"""Where a force was found, in; which laws would make it, by how much they explain, out.
+
+Each kind is tried at each place that it can sit on, along the motion recovered there, and is
+compared where the noise is known: at the sensors. With whitened lines of the residual
+:math:`r`, of the constants' and initial states' columns :math:`B`, and of the force's own
+:math:`c`,
+
+.. math:: \min_{\theta, \beta} \; |r - c \, \theta - B \beta|^2
+          + |(\beta - \beta_0) / \sigma|^2 .
+"""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from slowtime.discrepancy.calibration import Fit
+from slowtime.discrepancy.calibration.augmentation import Start
+from slowtime.discrepancy.localization import Group, Located
+from slowtime.discrepancy.noise import floats
+from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.dynamics.description import Description
+from slowtime.dynamics.effects import Effect, Kind, Place
+
+from .force_space import Forces, Space
+from .parameter_scan import best_of, gained, made_by, retuned
+
+MORE, LITTLE = 1.5, 0.2
+"""Times what a free force at the best place leaves, and over the noise, from which a place is
+passed over."""
+STARTED, FARTHEST = 40, 20.0
+"""Of how many labels one asks where to start; by what factor a constant may be off then."""
+OFFSET, GAIN = "input_bias", "input_gain"
+"""Kinds that are no rivals of others where a structure floats: see `floating`."""
+WEAK = 0.1
+"""Share of what a force at the best place explains, below which a place is passed over then;
+where none explains more than it costs, places go by what they leave."""
+ALIKE = 2.0
+"""How many times that, for a place where another force would do the same to the sensors."""
+ONE_LINE, BESIDE = 0.8, 4
+"""Share of what is left from which it is one line, and how many lines beside belong to that."""
+HOPELESS = 5.0
+"""Times the chi squared of the best law that a place must leave, to be passed over."""
+
+
+Label = tuple[str, Place]
+"""Kind and place of an effect, whatever its numbers."""
+
+
+def label_of(effect: Effect) -> Label:
+    """Give an effect without its numbers."""
+    return effect.kind, effect.place
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """A law at a place, with the parameters that explain most.
+
+    Parameters
+    ----------
+    cost
+        Chi squared that it leaves, with what the constants' tolerance takes.
+    score
+        Half of that, and half a log of the data for each parameter, below zero.
+    bare
+        Chi squared without it.
+    start
+        Where the free run may start from.
+    """
+
+    effect: Effect
+    cost: float
+    score: float
+    bare: float
+    start: Start | None = None
+
+
+def library_candidates(
+    fit: Fit, located: Located, kinds: Mapping[str, Kind]
+) -> list[Candidate]:
+    """Try every kind at every place, each with its own best shape; the best first."""
+    data = sum(2 * t.residual.size for t in located.lines)
+    found: list[Candidate] = []
+    spaces: dict[Place, Space] = {}
+    least = math.inf
+    described = located.linear.description
+    fits = [kind for kind in kinds.values() if is_applicable(kind, described)]
+    leaving = min(group.left for group in located.groups)
+    most = max(group.score for group in located.groups)
+    tones = [kind for kind in fits if kind.quadrature is not None and kind.where == "node"]
+    one_line = bool(tones) and is_tonal(located)
+    for group in located.groups:
+        if leaving < LIMITS.several_forces_chi2 or most <= 0:
+            # To one sensor all places are alike, but for how smooth their forces have to be.
+            alike = set(group.places) & set(located.groups[0].twins)
+            worse = group.left > no_worse(leaving) * (ALIKE if alike else 1.0)
+        else:
+            worse = group.score < WEAK * most
+        worse = worse or best_outside(located, group) > HOPELESS * least
+        if worse and not one_line:
+            continue
+        for place in group.places:
+            own = [k for k in (tones if worse else fits) if k.where == place.kind]
+            if not own:
+                continue
+            space = spaces[place] = Space(fit, located, place)
+            for kind in own:
+                both = (best_of(kind, space), retuned(kind, space))
+                if both == (None, None):
+                    continue
+                effect, gain = max((one for one in both if one is not None), key=gained)
+                least = min(least, space.bare - gain)
+                cost = space.bare - gain
+                numbers = sum(p.fitted for p in kind.parameters)
+                score = -cost / 2 - numbers / 2 * math.log(data)
+                found.append(Candidate(effect, cost, score, space.bare))
+    found.sort(key=lambda c: -c.score)
+    foremost = [
+        dataclasses.replace(c, start=_start(fit, c.effect, kinds, spaces[c.effect.place]))
+        for c in found[:STARTED]
+    ]
+    return [*foremost, *found[STARTED:]]
+
+
+def is_tonal(located: Located) -> bool:
+    """Whether nearly all that is left is one line: a tone has a say wherever it may act.
+
+    A force that may have any spectrum is no measure for one that has a single line.
+    """
+    loud = [
+        np.maximum(np.sum(np.abs(one.residual) ** 2 / one.noise - 1, axis=1), 0.0)
+        for one in located.lines
+    ]
+    best = int(np.argmax([excess.max() for excess in loud]))
+    pitch = located.lines[best].frequency_hz[int(np.argmax(loud[best]))]
+    inside = 0.0
+    for one, excess in zip(located.lines, loud, strict=True):
+        at = int(np.argmin(np.abs(one.frequency_hz - pitch)))
+        inside += float(excess[max(at - BESIDE, 0) : at + BESIDE + 1].sum())
+    return inside > ONE_LINE * sum(float(excess.sum()) for excess in loud)
+
+
+def no_worse(least: float) -> float:
+    """Give what a place may leave, over the noise, beside one that leaves the least.
+
+    What leaves less than noise explains noise, too, and is no measure.
+    """
+    return MORE * max(least, 1.0) + LITTLE
+
+
+def _start(fit: Fit, effect: Effect, kinds: Mapping[str, Kind], space: Space) -> Start:
+    """Solve for what else moves, once a law is as it was found."""
+    return start_with(fit, space.lines_of(made_by(kinds[effect.kind], effect, space)), space)
+
+
+def start_with(fit: Fit, forces: list[Forces], space: Space) -> Start:
+    """Solve for what else moves, once a force is known."""
+    constants = space.settled(forces)
+    means = dict(zip(fit.prior.names, fit.prior.mean.tolist(), strict=True))
+    for name, value in constants.items():
+        if not 1 / FARTHEST < value / means[name] < FARTHEST:
+            constants[name] = means[name]
+    return Start(constants, space.states)
+
+
+def mirrored(
+    labels: Sequence[Candidate], tried: Sequence[Candidate], kinds: Mapping[str, Kind]
+) -> list[Candidate]:
+    """Give what one sensor alone cannot tell from a label: the input's factor or its own."""
+    known = next((one for one in labels if kinds[one.effect.kind].is_factor), None)
+    if known is None:
+        return []
+    factors = [one.effect for one in tried if kinds[one.effect.kind].is_factor]
+    every = {one.place.kind: one for one in reversed(factors)}
+    (by,) = known.effect.parameters.values()
+    others = [one for where, one in every.items() if where != known.effect.place.kind]
+    return [
+        dataclasses.replace(
+            known,
+            effect=dataclasses.replace(
+                one, parameters=dict.fromkeys(kinds[one.kind].names, by)
+            ),
+        )
+        for one in others
+    ]
+
+
+def best_outside(located: Located, group: Group) -> float:
+    """Chi squared that no force at a place can take away, whatever its course."""
+    total = 0.0
+    for lines, force in zip(located.lines, group.explained.forces, strict=True):
+        left = float(np.sum(np.abs(force.left) ** 2 / lines.noise))
+        along = np.sum(force.transfer.conj() * force.left / lines.noise, axis=1)
+        heard = force.signal > 0
+        taken = np.abs(along[heard]) ** 2 / force.signal[heard]
+        total += 2 * (left - float(taken.sum()))
+    return total
+
+
+def is_applicable(kind: Kind, description: Description) -> bool:
+    """Whether a kind can be at all: what is per radian acts on angles."""
+    if kind.name == OFFSET:
+        return False  # one with a bias of sensors, where a structure stands; else fitted anyway
+    if kind.name == GAIN and len(description.inputs) == 1 and floats(description):
+        return False  # one with all masses and dampers being so much smaller
+    angular = any("/rad" in parameter.unit for parameter in kind.parameters)
+    return not angular or description.unit_of_coordinate == "rad"

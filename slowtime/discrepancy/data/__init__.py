@@ -1,0 +1,1 @@
+"""Checks of records before anything is fitted: faulty channels, clocks past the end."""

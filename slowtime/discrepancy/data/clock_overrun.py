@@ -1,0 +1,62 @@
+"""Fast clocks of sensors in; records without what those told of times after the end, out.
+
+A run ends with its inputs. What a fast clock has told by then is of later still, and nobody can
+say what that should have been.
+"""
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from slowtime.discrepancy.records import Trial
+from slowtime.dynamics.effects import Effect, Kind, SensorChange
+
+SPARE = 1.1
+"""Times what a first guess outruns the record by that is left out."""
+REACH = 8
+"""Samples on either side that a value between samples is made of."""
+
+
+def within_record(
+    trials: tuple[Trial, ...],
+    channels: tuple[str, ...],
+    effects: Iterable[Effect],
+    kinds: Mapping[str, Kind],
+) -> tuple[Trial, ...]:
+    """Leave out samples that one of several effects would take from beyond the record."""
+    found = list(trials)
+    for effect in effects:
+        kind = kinds[effect.kind]
+        if not isinstance(kind.action, SensorChange):
+            continue
+        values = kind.values(effect.parameters)
+        column = channels.index(effect.place.id)
+        for i, trial in enumerate(found):
+            late = beyond(kind.action, trial, values)
+            if late.any():
+                use = trial.used.copy()
+                use[late, column] = False
+                found[i] = dataclasses.replace(trial, use=use)
+    return tuple(found)
+
+
+def beyond(
+    action: SensorChange, trial: Trial, values: Float[np.ndarray, " parameter"]
+) -> Bool[np.ndarray, " time"]:
+    """Tell which samples a change of the clock takes from after the record's last.
+
+    It is one of the clock if it leaves a constant as it is, and a ramp not.
+    """
+    times = trial.times_s
+    ramp = times - times[0]
+    late = np.zeros(len(times), dtype=bool)
+    told = action.act(np.ones(len(times)), times, values)
+    if not np.allclose(told, 1.0, rtol=0, atol=1e-3):
+        return late
+    late = action.act(ramp, times, values) > ramp[-1] * (1 + 1e-12)
+    if late.any():
+        count = int(SPARE * late.sum()) + REACH
+        late[-count:] = True
+    return np.asarray(late)

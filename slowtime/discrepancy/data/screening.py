@@ -1,0 +1,271 @@
+"""A record in; the record with what cannot be believed masked, and the reasons, out.
+
+Nothing here knows any physics: a value that repeats more often than chance allows, or is no
+number, is a fault of the channel whatever the structure does.
+"""
+
+import dataclasses
+import math
+import types
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Literal
+
+import numpy as np
+import scipy.ndimage
+from jaxtyping import Bool, Float, Int
+
+from slowtime.discrepancy.records import Trial
+
+Fault = Literal["missing", "constant", "stuck", "zero", "clipped"]
+
+RARE = 1e-6
+"""Chance, over a whole channel, of repeats that are called a fault."""
+
+SHORTEST = 6
+"""Equal values in a row that are not yet remarkable in any record."""
+
+PILE = 4
+"""Clipping puts at least so many samples on the extreme, and so many times its neighbour's."""
+
+NEAR, MOST, NORMAL = 4.0, 0.1, 0.6745
+"""Standard deviations of a channel's noise within which noise decides whether a sample is cut
+off, and the most of the channel's range that this may be; median of what is normal, by its
+standard deviation."""
+
+SAME = 1e-4
+"""Relative difference of two levels of one channel that are one, as files keep them."""
+DIGIT = float(np.finfo(np.float32).eps)
+"""Relative resolution of a level: recorders keep no more."""
+
+SENTENCES = {
+    "missing": "has no numbers in",
+    "constant": "never changes in",
+    "stuck": "is stuck in",
+    "zero": "is exactly zero in",
+    "clipped": "is cut off at its extremes in",
+}
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """A fault of one channel.
+
+    Parameters
+    ----------
+    spans_s
+        Campaign times between which it lasts, each with its end [s].
+    share
+        Of the samples of the channel.
+    level, level_sd
+        Size of the samples concerned, in the channel's unit, and how well that is known; 0
+        where they have none.
+    instant_sd
+        How well an end of a span is known: it lies between two samples [s].
+    """
+
+    fault: Fault
+    channel: str
+    spans_s: tuple[tuple[float, float], ...]
+    share: float
+    level: float = 0.0
+    level_sd: float = 0.0
+    instant_sd: float = 0.0
+
+    @property
+    def sentence(self) -> str:
+        """The finding in words."""
+        spans = f"{len(self.spans_s)} span" + "s" * (len(self.spans_s) != 1)
+        return (
+            f"Channel {self.channel!r} {SENTENCES[self.fault]} {spans}, {self.share:.1%} of it."
+        )
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Screened:
+    """A record whose `use` leaves out what the findings name."""
+
+    trial: Trial
+    findings: tuple[Finding, ...]
+
+
+def screen_records(trials: Sequence[Trial], channels: Sequence[str]) -> list[Screened]:
+    """Screen the records of a campaign: where one shows a channel's stop, all have it."""
+    found = [screen(trial, channels) for trial in trials]
+    stops: dict[str, set[float]] = {}
+    for one in found:
+        for finding in one.findings:
+            if finding.fault == "clipped":
+                stops.setdefault(finding.channel, set()).add(finding.level)
+    return [
+        screen(trial, channels, stops)
+        if any(f.fault == "stuck" and f.channel in stops for f in one.findings)
+        else one
+        for trial, one in zip(trials, found, strict=True)
+    ]
+
+
+def screen(
+    trial: Trial,
+    channels: Sequence[str] = (),
+    stops: Mapping[str, Collection[float]] = types.MappingProxyType({}),
+) -> Screened:
+    """Mask what is missing, stuck or clipped.
+
+    Parameters
+    ----------
+    channels
+        Names of the sensors for the findings; numbers from 1 where none are given.
+    stops
+        Sizes at which channels are known to be cut off.
+
+    Examples
+    --------
+    >>> wave = np.sin(0.3 * np.arange(400.0))[:, None]
+    >>> wave[100:150] = 0.25
+    >>> trial = Trial(inputs=np.zeros((400, 0)), outputs=wave, rate_hz=10.0)
+    >>> screened = screen(trial, ["x"])
+    >>> screened.findings[0].sentence
+    "Channel 'x' is stuck in 1 span, 12.5% of it."
+    >>> int(screened.trial.used.sum())
+    350
+    """
+    names = channels or [str(i + 1) for i in range(trial.outputs.shape[1])]
+    use = trial.used.copy()
+    findings: list[Finding] = []
+    still = _still(trial)
+    for i, (name, samples) in enumerate(zip(names, trial.outputs.T, strict=True)):
+        if not use[:, i].any() and np.isfinite(samples).all():
+            continue  # not measured in this record: no fault of the channel
+        for fault, bad in _faults(samples, still, stops.get(name, ())):
+            findings.append(_finding(trial, fault, name, bad, samples))
+            use[:, i] &= ~(_beside(bad, samples) if fault == "clipped" else bad)
+    return Screened(trial=dataclasses.replace(trial, use=use), findings=tuple(findings))
+
+
+def _faults(
+    samples: Float[np.ndarray, " time"],
+    still: Bool[np.ndarray, " time"],
+    stops: Collection[float],
+) -> Iterable[tuple[Fault, Bool[np.ndarray, " time"]]]:
+    missing = ~np.isfinite(samples)
+    if missing.any():
+        yield "missing", missing
+    there = samples[~missing]
+    if there.size and np.ptp(there) == 0:
+        yield "constant", ~missing
+        return
+    clipped = _clipped(samples, there, stops)
+    stuck = _stuck(samples) & ~still & ~clipped
+    for fault, which in (("zero", samples == 0), ("stuck", samples != 0)):
+        if (stuck & which).any():
+            yield "zero" if fault == "zero" else "stuck", stuck & which
+    if clipped.any():
+        yield "clipped", clipped
+
+
+def _still(trial: Trial) -> Bool[np.ndarray, " time"]:
+    """Leading samples during which no input has moved yet: rest, not a fault."""
+    moved = (trial.inputs != trial.inputs[0]).any(axis=1)
+    if trial.inputs.shape[1] == 0:
+        return np.zeros(len(moved), dtype=bool)
+    first = int(np.argmax(moved)) if moved.any() else 0
+    return np.arange(len(moved)) < first + 1
+
+
+def _stuck(samples: Float[np.ndarray, " time"]) -> Bool[np.ndarray, " time"]:
+    """Rows of equal values longer than the record's own habit of repeating itself allows."""
+    starts, lengths = _runs(samples)
+    ordinary = lengths[lengths < SHORTEST]
+    pairs, repeats = ordinary.sum(), (ordinary - 1).sum()
+    habit = min(max((repeats + 1) / (pairs + 2), 1e-3), 0.99)
+    longest = max(SHORTEST, math.ceil(math.log(RARE / len(samples)) / math.log(habit)))
+    found = np.zeros(len(samples), dtype=bool)
+    for start, length in zip(starts, lengths, strict=True):
+        if length >= longest:
+            found[start : start + length] = True
+    return found
+
+
+def _runs(
+    samples: Float[np.ndarray, " time"],
+) -> tuple[Int[np.ndarray, " run"], Int[np.ndarray, " run"]]:
+    """Where rows of equal values begin, and how long they are."""
+    changes = np.flatnonzero(samples[1:] != samples[:-1]) + 1
+    starts = np.concatenate([[0], changes])
+    return starts, np.diff(np.concatenate([starts, [len(samples)]]))
+
+
+def _clipped(
+    samples: Float[np.ndarray, " time"],
+    there: Float[np.ndarray, " finite"],
+    stops: Collection[float],
+) -> Bool[np.ndarray, " time"]:
+    """Find samples on an extreme value that occurs far more often than the value next to it.
+
+    And not in one row: a channel that is held at its highest once is stuck there, but where it
+    is cut off at its other extreme, or there in other records.
+    """
+    levels, counts = np.unique(there, return_counts=True)
+    piles: list[Bool[np.ndarray, " time"]] = []
+    several = False
+    if len(levels) >= 2 * PILE:
+        for extreme, neighbours in ((0, counts[1:PILE]), (-1, counts[-PILE:-1])):
+            if counts[extreme] >= PILE * max(neighbours):
+                at = samples == levels[extreme]
+                size = abs(float(levels[extreme]))
+                rows = int(at[0]) + int(np.count_nonzero(at[1:] & ~at[:-1]))
+                several = (
+                    several or rows > 1 or any(abs(size - stop) < SAME * stop for stop in stops)
+                )
+                piles.append(at)
+    return np.any(piles, axis=0) if several else np.zeros(len(samples), dtype=bool)
+
+
+def _beside(
+    clipped: Bool[np.ndarray, " time"], samples: Float[np.ndarray, " time"]
+) -> Bool[np.ndarray, " time"]:
+    """Find samples that were cut off, and those beside them as near as noise may bring.
+
+    Of these only the ones are there that noise made smaller: what is left would seem to have
+    been pulled down at every peak.
+    """
+    bend = np.diff(samples, 3)
+    bend = np.abs(bend[np.isfinite(bend)])
+    noise = np.median(bend) / (NORMAL * math.sqrt(20.0)) if len(bend) else 0.0
+    # Where a signal turns within a few samples, it bends more than its noise does.
+    reach = min(NEAR * noise, MOST * np.ptp(samples[np.isfinite(samples)]))
+    found = np.zeros(len(samples), dtype=bool)
+    for level in np.unique(samples[clipped]):
+        near = np.abs(samples - level) <= reach
+        at = clipped & (samples == level)
+        found |= scipy.ndimage.binary_propagation(at, mask=at | near)
+    return np.asarray(scipy.ndimage.binary_dilation(found))
+
+
+def _finding(
+    trial: Trial,
+    fault: Fault,
+    channel: str,
+    bad: Bool[np.ndarray, " time"],
+    samples: Float[np.ndarray, " time"],
+) -> Finding:
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], bad, [False]]).astype(int)))
+    spans = tuple(
+        (
+            float(trial.start_s + first / trial.rate_hz),
+            float(trial.start_s + last / trial.rate_hz),
+        )
+        for first, last in edges.reshape(-1, 2)
+    )
+    column = np.abs(samples[bad])
+    told = bool(np.isfinite(column).all())
+    level = float(np.median(column)) if told else 0.0
+    return Finding(
+        fault=fault,
+        channel=channel,
+        spans_s=spans,
+        share=float(bad.mean()),
+        level=level,
+        level_sd=float(np.hypot(column.std(), DIGIT * level)) if told else 0.0,
+        instant_sd=1 / (trial.rate_hz * math.sqrt(3)),
+    )

@@ -1,0 +1,1 @@
+"""Candidates fitted to the free run with all constants of the model."""

@@ -1,0 +1,469 @@
+"""Laws that were proposed, in; each refitted with all constants to the free run, out."""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+import numpy as np
+
+from slowtime.discrepancy.calibration import (
+    WRONG,
+    Fit,
+    GivenUp,
+    refit,
+    shooting_fit,
+    weights_of,
+)
+from slowtime.discrepancy.calibration.augmentation import (
+    Start,
+    begun_with,
+    carry_effect,
+    effects_in,
+)
+from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
+from slowtime.discrepancy.candidates.library_fit import Candidate, Label, label_of
+from slowtime.discrepancy.candidates.parameter_scan import like_constant
+from slowtime.discrepancy.noise import Noise
+from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.dynamics.description import Description
+from slowtime.dynamics.effects import (
+    Effect,
+    Friction,
+    Hidden,
+    InputChange,
+    Kind,
+    Law,
+    SensorChange,
+    Unmeasured,
+    always,
+)
+from slowtime.dynamics.effects.kind import no_shapes
+from slowtime.dynamics.plant import Name
+
+from .switching_instant import refine_switching_instant
+
+KEPT = 6
+"""How many labels are refitted."""
+A_PLACE, A_KIND, FEW = 4, 2, 4
+"""How many of them sit at one place, where there are more places than few; and are of one
+kind."""
+
+BEHIND, LITTLE = 5.0, 0.01
+"""Times its chi squared along the force, and share of that without any, from which others are
+then given up."""
+MAIN, LESS = 0.5, 1.5
+"""Share of chi squared that one leaves which explains half of what is missing; times that from
+which others are given up that leave more along the force: the rest is another effect's."""
+NEARLY = 0.1
+"""Share of what was missing below which the best, as wrong as it is, may be right and in a
+minimum of its own: it is fitted anew, to ever longer parts."""
+LOUDER = 4.0
+"""Standard deviations of chi squared about 1 from which the noise is listened to again."""
+
+
+SWIFTLY, GRADUALLY = (0.4, 1.0), (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)
+"""Growing shares of the records to which a label is fitted: from where its force has put all
+else, and from where the model stood without it."""
+SLOWLY = (0.02, 0.04, 0.06, 0.1, 0.15, 0.2, 0.3, 0.45, 0.65, 1.0)
+"""Those over which friction is followed from stick to stick."""
+
+FAR, HALF_WAY = 40.0, 0.3
+"""Log evidence behind the best, also relative to the worst, from which a label is given up."""
+
+Tick = Callable[[Effect, int], bool | None]
+"""Told what is tried next, and the how many-eth it is; says whether it is too late for it."""
+
+More = Callable[[Sequence["FittedCandidate"]], Sequence[Candidate]]
+"""Told what was refitted so far; gives what else to try."""
+
+REARED = {"extra_dof": 6.0}
+"""Log odds against kinds that explain almost anything weakly."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class FittedCandidate:
+    """A model with one more effect, refitted.
+
+    Parameters
+    ----------
+    score
+        Log evidence, but for what all share: half of chi squared and priors, half a log of
+        the data for each parameter of its effects.
+    shot
+        The same fitted to short pieces of the records, where that was tried.
+    """
+
+    effect: Effect
+    description: Description
+    fit: Fit
+    score: float
+    shot: Fit | None = None
+
+
+def best_of_each_place(found: Sequence[Candidate], most: int = KEPT) -> list[Candidate]:
+    """Take the best, of several kinds at several places."""
+    if not found:
+        return []
+    kept: list[Candidate] = []
+    best = found[0]
+    at_one = A_PLACE if len({one.effect.place for one in found}) > FEW else most
+    enough = best.score - max(FAR, HALF_WAY * (best.score - found[-1].score), 2 * best.cost)
+    for one in found:
+        if one.score < enough:
+            break
+        place = sum(k.effect.place == one.effect.place for k in kept)
+        kind = sum(k.effect.kind == one.effect.kind for k in kept)
+        if place < at_one and kind < A_KIND:
+            kept.append(one)
+        if len(kept) == most:
+            break
+    return kept
+
+
+def evidence(fit: Fit, kinds: Mapping[str, Kind], noise_scale: float = 1.0) -> float:
+    """Log evidence of a fit by Schwarz's criterion; constants carry their own priors.
+
+    What the records have not narrowed down has cost nothing: an instant that lies between them.
+    """
+    numbers = sum(name[0] == "effect" for name in fit.prior.names) - len(
+        undetermined_parameters(fit)
+    )
+    against = sum(REARED.get(effect.kind, 0.0) for effect in fit.plant.effects)
+    against += numbers / 2 * math.log(fit.data)
+    for number, effect in enumerate(fit.plant.effects):
+        if like_constant(kinds[effect.kind]):
+            against -= _spared(fit, ("effect", number, kinds[effect.kind].names[0]))
+    return -fit.cost / (2 * noise_scale) - against
+
+
+def _spared(fit: Fit, name: Name) -> float:
+    """Log evidence that Schwarz takes from a number which no record can narrow down further.
+
+    A constant and an effect like it share one sum; the effect is known as well as the constant
+    is claimed, from anything up to its own size, and that narrowing is all it has cost.
+    """
+    if name not in fit.prior.names:
+        return 0.0
+    at = fit.prior.names.index(name)
+    narrowed = math.log(max(abs(float(fit.free[at])) / float(fit.sd[at]), 1.0))
+    return max(math.log(fit.data) / 2 - narrowed, 0.0)
+
+
+def undetermined_parameters(fit: Fit) -> tuple[Name, ...]:
+    """Instants of switches that no record tells of: they fall between two."""
+    found: list[Name] = []
+    for name, value, sd in zip(fit.prior.names, fit.free, fit.sd, strict=True):
+        if len(name) != 3:
+            continue
+        action = fit.plant.kinds[fit.plant.effects[name[1]].kind].action
+        if isinstance(action, Law) and name[2] in action.switches and not sd < abs(value):
+            found.append(name)
+    return tuple(found)
+
+
+def fit_candidate(
+    before: Fit,
+    effect: Effect,
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+    noise: Noise | None,
+    beat: float | None = None,
+    *,
+    start: Start | None = None,
+    shooting: bool = False,
+    horizons: Sequence[float] = SWIFTLY,
+    late: Callable[[], bool] | None = None,
+) -> FittedCandidate | None:
+    """Add one effect to the model of a fit, and fit all of it to the free run again.
+
+    From what the fit has or, where given, from another `start`, to growing shares of the
+    records. Not to the end where that will not come near a cost to `beat`; by `shooting`, to
+    pieces of the records first.
+    """
+    plant, values, states = begun_with(before, effect, kinds, start)
+    description = plant.description
+    short: Fit | None = None
+    try:
+        if shooting:
+            # Constants that were bent to do without the effect are no place to start from.
+            if start is None:
+                entries = zip(values, plant.entries.items(), strict=True)
+                values = np.array([
+                    v if name[0] == "effect" else entry.value for v, (name, entry) in entries
+                ])  # fmt: skip
+            short, states = shooting_fit(plant, trials, before.noise, values, late)
+            values = short.values
+        fit = refit(
+            plant,
+            trials,
+            noise=noise,
+            values=values,
+            states=states,
+            horizons=horizons,
+            beat=beat,
+            late=late,
+        )
+        fit = refine_switching_instant(
+            fit, trials, kinds, beat, MAIN * before.chi2_in_band, late=late
+        )
+    except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
+        if short is None or short.chi2_in_band > WRONG:
+            return None
+        # It explains every piece, and runs away from, or loses its way in, a whole record.
+        fit = carry_effect(before, effect, kinds)
+    if not math.isfinite(fit.cost):
+        return None
+    return FittedCandidate(effect, description, fit, evidence(fit, kinds), short)
+
+
+def _growing(label: Candidate, kind: Kind, *, shooting: bool) -> tuple[float, ...]:
+    """Give the shares of the records to which a law is fitted one after the other."""
+    if shooting or (label.start is not None and not label.start.nearby):
+        return SWIFTLY
+    sticks = label.start is not None and isinstance(kind.action, Friction)
+    return SLOWLY if sticks else GRADUALLY
+
+
+def fit_candidates(
+    before: Fit,
+    labels: Sequence[Candidate],
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+    tick: Tick,
+    *,
+    shooting: bool = False,
+    more: More | None = None,
+    alike: list[FittedCandidate] | None = None,
+    over: Callable[[], bool] = bool,
+) -> list[FittedCandidate]:
+    """Refit each label until it is late; all are judged by the noise that the best leaves.
+
+    Where these are done, `more` may give others, for what there is so far.
+
+    Once one leaves nothing, others are given up that were far behind it along the force; once
+    one leaves little, others that would leave more.
+    By `shooting`, each is fitted to pieces first: that leads to the right minimum where an
+    effect is strong, and costs more.
+    Laws of several numbers that do what a simpler one does are not given, but put into `alike`.
+    Once it is `over`, the best is left in the minimum in which it is.
+    """
+    noise: Noise | None = None
+    found: list[FittedCandidate] = []
+    idle: list[FittedCandidate] = []
+    alike = [] if alike is None else alike
+    enough = reached = math.inf
+    stopped = False
+    for number, label in enumerate(_and_more(labels, found, more)):
+        kind = kinds[label.effect.kind]
+        if isinstance(kind.action, Unmeasured) or label.cost > enough:
+            continue
+        if _straight(kind) and label.cost > BEHIND * reached + FAR:
+            continue
+        if tick(label.effect, number):
+            stopped = True
+            break
+        beat = min((n.fit.cost for n in found), default=None)
+        late = functools.partial(_late, tick, label.effect, number)
+        named = fit_candidate(
+            before, label.effect, trials, kinds, noise, beat,
+            start=label.start, shooting=shooting, late=late,
+            horizons=_growing(label, kind, shooting=shooting),
+        )  # fmt: skip
+        if named is None:
+            continue
+        if noise is None:
+            noise = named.fit.noise
+        shown = _shown(named, trials, kinds)
+        if not shown or _idle(named, kinds):
+            several = [named] if len(kind.names) > 1 else []
+            idle += several if shown else []
+            alike += several
+            continue
+        found.append(named)
+        if any(
+            chi2_p_value(fit) > LIMITS.white_p_value
+            for fit in (named.fit, named.shot)
+            if fit is not None
+        ):
+            enough = min(enough, max(BEHIND * label.cost, LITTLE * label.bare) + FAR)
+            cost = min(fit.cost for fit in (named.fit, named.shot) if fit)
+            if not _straight(kind) or label.cost <= BEHIND * cost + FAR:
+                reached = min(reached, cost)  # else what is far off is not told by one step
+        elif (left := misfit(named.fit, before.noise, trials)) < MAIN * label.bare:
+            enough = min(enough, LESS * max(left, label.cost) + FAR)
+    if not any(chi2_p_value(one.fit) > LIMITS.white_p_value for one in found):
+        # No simpler law does the same.
+        found += [one for one in idle if chi2_p_value(one.fit) > LIMITS.white_p_value]
+    best: dict[Label, FittedCandidate] = {}
+    for one in sorted(found, key=lambda n: -n.score):
+        best.setdefault(label_of(one.effect), one)
+    anew = not stopped
+    return _heard_again(before, list(best.values()), trials, kinds, anew=anew, over=over)
+
+
+def _late(tick: Tick, effect: Effect, number: int) -> bool:
+    return bool(tick(effect, number))
+
+
+def _and_more(
+    labels: Sequence[Candidate], found: Sequence[FittedCandidate], more: More | None
+) -> Iterator[Candidate]:
+    yield from labels
+    while more is not None and (others := more(found)):
+        yield from others
+
+
+def _straight(kind: Kind) -> bool:
+    """Whether what a kind explains along the force is all that its refit will."""
+    linear = isinstance(kind.action, Hidden | InputChange | SensorChange)
+    return linear and sum(p.fitted for p in kind.parameters) == 1 and kind.shapes is no_shapes
+
+
+def _idle(named: FittedCandidate, kinds: Mapping[str, Kind]) -> bool:
+    """Whether a law does nothing, to within its error: its other numbers fit.
+
+    Where it has but one number, what it gained has to show in that. Where it has several, it is
+    near the end of its range where a simpler law does the same.
+    """
+    kind = kinds[named.effect.kind]
+    least = LIMITS.clear_sds if len(kind.parameters) == 1 else LIMITS.seen_sds
+    which = kind.strength or _only(kind)
+    name = ("effect", len(named.description.effects) - 1, which)
+    return sds_of(named.fit, name, nothing_of(kind)) < least
+
+
+def sds_of_strength(fit: Fit, number: int, kind: Kind) -> float:
+    """How many standard deviations an effect is from nothing; endless where none is known.
+
+    Of its strength, or of what goes with that, the least.
+    """
+    which = [kind.strength or _only(kind), *kind.scales]
+    return min(sds_of(fit, ("effect", number, one), nothing_of(kind)) for one in which)
+
+
+def sds_of(fit: Fit, name: Name, nothing: float) -> float:
+    """How many standard deviations a number is from another; endless where it is not free."""
+    if name not in fit.prior.names:
+        return math.inf
+    at = fit.prior.names.index(name)
+    return abs(float(fit.free[at]) - nothing) / float(fit.widened_sd[at])
+
+
+def _only(kind: Kind) -> str:
+    """Name of the only number; none is called nothing."""
+    return kind.names[0] if len(kind.names) == 1 else ""
+
+
+def nothing_of(kind: Kind) -> float:
+    """Value at which a kind of one number does nothing: 1 for factors, 0 for all else."""
+    return 1.0 if kind.is_factor else 0.0
+
+
+def _shown(named: FittedCandidate, trials: Sequence[Trial], kinds: Mapping[str, Kind]) -> bool:
+    """Whether the motion of the fit shows what sets the law apart from simpler ones."""
+    kind, fit = kinds[named.effect.kind], named.fit
+    if kind.shown is always:
+        return True
+    which = len(fit.plant.effects) - 1
+    values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
+    numbers = {name: values["effect", which, name] for name in kind.names}
+    return any(
+        kind.shown(
+            numbers,
+            fit.plant.states(
+                fit.values, trial.inputs, trial.rate_hz, state0=state, start_s=trial.start_s
+            )[named.effect.place],
+        )
+        for trial, state in zip(trials, fit.states, strict=True)
+    )
+
+
+def _heard_again(
+    before: Fit,
+    found: list[FittedCandidate],
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+    *,
+    anew: bool,
+    over: Callable[[], bool] = bool,
+) -> list[FittedCandidate]:
+    """Judge all by the noise that the best leaves, where they were fitted to another.
+
+    Where that is far from noise, the best is fitted `anew`, from where its model stands. All
+    that until it is `over`.
+    """
+    if not found or abs(found[0].fit.chi2_in_band - 1) < LOUDER * found[0].fit.in_band_sd:
+        return found
+    best = found[0]
+    plant, values, states = best.fit.plant, best.fit.values, best.fit.states
+    try:
+        fit = refit(plant, trials, values=values, states=states, horizons=(1.0,), late=over)
+        if anew and WRONG < fit.chi2_in_band < NEARLY * before.chi2_in_band:
+            # One period off over a long record, the misfit has a minimum too.
+            fit = _or_anew(fit, trials, over)
+    except (FloatingPointError, GivenUp):
+        return found
+    heard = dataclasses.replace(best, fit=fit, score=evidence(fit, kinds))
+    if not _shown(heard, trials, kinds):
+        return _heard_again(before, found[1:], trials, kinds, anew=anew, over=over)
+    again = [heard, *(rescored(one, fit, trials, kinds) for one in found[1:])]
+    return sorted(again, key=lambda n: -n.score)
+
+
+def _or_anew(fit: Fit, trials: Sequence[Trial], over: Callable[[], bool]) -> Fit:
+    """Fit a model to ever longer parts from where it stands; the better of both."""
+    try:
+        other = refit(fit.plant, trials, values=fit.values, late=over)
+    except GivenUp:
+        return fit
+    better = misfit(other, fit.noise, trials) < misfit(fit, fit.noise, trials)
+    return other if better else fit
+
+
+def misfit(fit: Fit, noise: Noise, trials: Sequence[Trial]) -> float:
+    """Chi squared of what a fit leaves, under another noise."""
+    return sum(
+        weights_of(trial, noise, i).chi2(left)
+        for i, (trial, left) in enumerate(zip(trials, fit.residual, strict=True))
+    )
+
+
+def rescored(
+    named: FittedCandidate, best: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind]
+) -> FittedCandidate:
+    """Give the same law its score under the noise of another."""
+    again = with_noise(named.fit, best.noise, trials)
+    return dataclasses.replace(named, fit=again, score=evidence(again, kinds))
+
+
+def with_noise(fit: Fit, noise: Noise, trials: Sequence[Trial]) -> Fit:
+    """Give the same fit its cost under another noise."""
+    before, after = misfit(fit, fit.noise, trials), misfit(fit, noise, trials)
+    share = after / max(before, 1e-300)
+    return dataclasses.replace(
+        fit,
+        noise=noise,
+        cost=fit.cost - before + after,
+        chi2_per_datum=fit.chi2_per_datum * share,
+        chi2_in_band=fit.chi2_in_band * share,
+    )
+
+
+def is_significant(
+    named: FittedCandidate, trials: Sequence[Trial], kinds: Mapping[str, Kind]
+) -> bool:
+    """Whether what happened at an instant happened while somebody looked, or between."""
+    which = len(named.fit.plant.effects) - 1
+    action = kinds[named.effect.kind].action
+    values = dict(zip(named.fit.plant.parameters, named.fit.values.tolist(), strict=True))
+    switches = action.switches if isinstance(action, Law) else ()
+    first = min(trial.start_s for trial in trials)
+    last = max(trial.start_s + trial.duration_s for trial in trials)
+    return all(first < values["effect", which, name] < last for name in switches)
+
+
+def fitted_effect(named: FittedCandidate) -> Effect:
+    """Give the effect as it was fitted last."""
+    return effects_in(named.fit)[-1]

@@ -1,0 +1,87 @@
+r"""A refitted label in; log evidence that Schwarz and tolerances took too much, out.
+
+Half a log of the data for each number supposes that every sample tells of it. Of a number that
+is known to one part in three they told little, and to have that number has cost little: with a
+prior as wide as the numbers :math:`\theta` themselves, Laplace's approximation gives
+
+.. math:: \tfrac12 \log \det (I + D \Sigma^{-1} D), \quad D = \mathrm{diag} |\theta|
+
+in place of :math:`\tfrac k2 \log n`. And a damping is guessed more often than it is measured:
+what only its tolerance tells apart is not told apart for certain. Whether something was found
+is judged by Schwarz, who is strict with it; how likely it is one thing rather than another, by
+what its numbers have cost.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from slowtime.discrepancy.calibration import Fit
+from slowtime.discrepancy.candidates.parameter_scan import like_constant
+from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.dynamics.effects import Kind
+
+from .candidate_fit import FittedCandidate, nothing_of, undetermined_parameters
+
+WIDE = 5.0
+"""Times that a tolerance may have been stated too small."""
+DOUBT = 0.2
+"""How probable that is of each damping, where a label would have it so."""
+
+
+def leniency(
+    named: FittedCandidate, kinds: Mapping[str, Kind], bare: Fit | None = None
+) -> float:
+    """Log evidence to give back to a label, before it is weighed against its rivals.
+
+    Parameters
+    ----------
+    bare
+        The fit without it. What it pulls as far does not speak for the label.
+    """
+    before = {} if bare is None else bare.pulls
+    pulls = [
+        pull
+        for name, pull in named.fit.pulls.items()
+        if name[0] == "damping" and abs(pull) > abs(before.get(name, 0.0)) + 1
+    ]
+    return _narrowed(named, kinds) + doubted(pulls)
+
+
+def doubted(pulls: Sequence[float]) -> float:
+    """Log evidence of constants that are off by so many tolerances, over what these say.
+
+    Each tolerance is true, or too small by the factor `WIDE`.
+    """
+    either = np.logaddexp(np.log(1 - DOUBT), np.log(DOUBT) + relief(pulls))
+    return float(either.sum())
+
+
+def relief(pulls: Sequence[float]) -> Float[np.ndarray, " pull"]:
+    """Log evidence of each, over what its tolerance says, were that too small by `WIDE`."""
+    excess = np.square(np.asarray(pulls, dtype=float)) / 2
+    return np.asarray(excess * (1 - WIDE**-2) - np.log(WIDE))
+
+
+def _narrowed(named: FittedCandidate, kinds: Mapping[str, Kind]) -> float:
+    """Give what Schwarz took too much from numbers of the last effect.
+
+    Nothing where one of them is not known: then it is the limit of a simpler law.
+    """
+    kind, fit = kinds[named.effect.kind], named.fit
+    which, hidden = len(named.description.effects) - 1, undetermined_parameters(fit)
+    own = [
+        at
+        for at, name in enumerate(fit.prior.names)
+        if name[:2] == ("effect", which) and name not in hidden
+    ]
+    if like_constant(kind) or not own:
+        return 0.0
+    size, sd = np.abs(fit.free[own] - nothing_of(kind)), fit.widened_sd[own]
+    if not (size >= LIMITS.seen_sds * sd).all():
+        return 0.0
+    scale = sd / fit.sd[own] / size
+    inner = fit.covariance[np.ix_(own, own)] * np.outer(scale, scale)
+    cost = np.sum(np.log1p(1 / np.maximum(np.linalg.eigvalsh(inner), 1e-300))) / 2
+    return float(max(len(own) / 2 * np.log(fit.data) - cost, 0.0))

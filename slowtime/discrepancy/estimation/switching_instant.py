@@ -1,0 +1,105 @@
+"""A fit with a law that switches once, in; the same from a better instant of that, out."""
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from slowtime.discrepancy.calibration import Fit, GivenUp, refit
+from slowtime.discrepancy.calibration.augmentation import run_by
+from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
+from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.dynamics.effects import Kind, Law
+
+WIDE_S, ASTRAY, EVERY_S = 2.4, 1.5, 1.2
+"""How far about an instant that was found a better one is looked for; mean square over the
+noise, in band, from which it is looked for in all records first, and how closely."""
+BEHIND = 4.0
+"""By how much a law may cost more than another, for its instant to be looked for everywhere."""
+MOVES = 4
+"""How often a better one is looked for: a law that was fitted to the wrong instant hides it."""
+
+
+def refine_switching_instant(
+    fit: Fit,
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+    beat: float | None,
+    most: float,
+    which: int | None = None,
+    late: Callable[[], bool] | None = None,
+) -> Fit:
+    """Look for a better instant of a switch about one that leaves something, and about that.
+
+    The misfit has a minimum for every period by which the instant may be wrong. Where the fit
+    leaves less than `most`, the instant may be anywhere else in the records.
+
+    Parameters
+    ----------
+    which
+        Number of the effect that switches; the last where not given.
+    late
+        Once true, the fit is given as it is.
+    """
+    which = len(fit.plant.effects) - 1 if which is None else which
+    action = kinds[fit.plant.effects[which].kind].action
+    if not isinstance(action, Law) or len(action.switches) != 1:
+        return fit
+    at = fit.plant.parameters.index(("effect", which, action.switches[0]))
+    for _ in range(MOVES):
+        if chi2_p_value(fit) > LIMITS.white_p_value or (late is not None and late()):
+            break
+        better = _moved(fit, trials, at, beat, most, late)
+        if better is fit:
+            break
+        fit = better
+    return fit
+
+
+def _moved(
+    fit: Fit,
+    trials: Sequence[Trial],
+    at: int,
+    beat: float | None,
+    most: float,
+    late: Callable[[], bool] | None,
+) -> Fit:
+    """Refit from the best instant there is; the fit itself, where it is at that, or no worse.
+
+    Parameters
+    ----------
+    at
+        Number of the instant among the plant's parameters.
+    """
+    ends = [(t.start_s, t.start_s + t.duration_s) for t in trials]
+
+    @functools.cache
+    def left(number: int, instant: float) -> float:
+        values = fit.values.copy()
+        values[at] = instant
+        return run_by(fit.plant, values, fit.states, fit.noise, trials, [number])
+
+    def misfit(instant: float) -> float:
+        # Before or after a record it is the same whenever that was.
+        return sum(left(i, min(max(instant, a), b)) for i, (a, b) in enumerate(ends))
+
+    about = [float(fit.values[at])]
+    hopeless = beat is not None and fit.cost > BEHIND * beat
+    if ASTRAY < fit.chi2_in_band < most and not hopeless:
+        # Of each record the best, for about the right one the misfit falls in no time.
+        about += [float(min(np.arange(a, b, EVERY_S), key=misfit)) for a, b in ends]
+    tried = [near for one in about for near in one + np.linspace(-WIDE_S, WIDE_S, 61)]
+    best = float(min(tried, key=misfit))
+    if abs(best - fit.values[at]) < WIDE_S / 60:
+        return fit
+    values = fit.values.copy()
+    values[at] = best
+    try:
+        again = refit(
+            fit.plant, trials, noise=fit.noise, values=values, states=fit.states,
+            horizons=(1.0,), beat=beat, late=late,
+        )  # fmt: skip
+    except GivenUp:
+        return fit
+    return again if again.cost < fit.cost else fit

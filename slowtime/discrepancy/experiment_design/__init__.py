@@ -1,0 +1,1 @@
+"""The experiment that tells hypotheses apart which the records cannot."""

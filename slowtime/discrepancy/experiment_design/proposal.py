@@ -1,0 +1,209 @@
+r"""Models that the records cannot tell apart, in; the measurement that would, out.
+
+All are run under each of a menu of experiments. What one could still mimic by moving its
+constants and parameters within what the records allow does not count:
+
+.. math:: \Delta = \tfrac12 \min_\delta \; |(y_1 - y_2 - S \delta) / \sigma|^2
+          + \delta^T \Sigma^{-1} \delta ,
+
+with the slopes :math:`S` and the covariance :math:`\Sigma` of the second's refit. Either may be
+true: the lesser of both ways round counts, and of several rivals the two hardest to tell. Where
+nothing parts them all, the least likely are left out, one by one.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+import scipy.linalg
+from jaxtyping import Float
+
+from slowtime.discrepancy.calibration.model_values import with_values
+from slowtime.discrepancy.diagnosis import Experiment
+from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate
+from slowtime.discrepancy.records import Trial
+from slowtime.dynamics.effects import Kind
+from slowtime.dynamics.plant import Plant
+
+from .options import acted, menu
+
+PLENTY = 60.0
+"""Expected log evidence that decides even where the models are only nearly right."""
+DECIDES = 12.0
+"""The least that decides; more effort is not worth more than that."""
+HOPELESS = 1.0
+"""Below this nothing is proposed."""
+MOST = 1e6
+"""Separation beyond which models have parted for good."""
+SPARE = 1.4
+"""Times its level that a louder experiment must leave every rival whole."""
+RIVALS = 6
+"""How many are looked at."""
+
+Series = Float[np.ndarray, "time sensor"]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Foretold:
+    """What one rival says of an experiment.
+
+    Parameters
+    ----------
+    outputs, slopes
+        By what is free of it, and by the state it begins in, of which nothing is known.
+    noise
+        Of each sensor.
+    known
+        Inverse covariance of those.
+    """
+
+    outputs: Series
+    slopes: Float[np.ndarray, "time sensor free"]
+    noise: Float[np.ndarray, " sensor"]
+    known: Float[np.ndarray, "free free"]
+
+
+def propose(
+    rivals: Sequence[FittedCandidate], trials: Sequence[Trial], kinds: Mapping[str, Kind]
+) -> Experiment | None:
+    """Choose the easiest experiment that parts rivals; None where nothing on the menu would.
+
+    Parameters
+    ----------
+    rivals
+        Refitted to the same trials, the likeliest first.
+    """
+    rivals = rivals[:RIVALS]
+    if len(rivals) < 2:
+        return None
+    efforts = menu(rivals[0].description, trials)
+    apart = functools.cache(lambda option: partings(rivals, option, trials, kinds))
+    # Better to part the likeliest than none, where one rival goes with another everywhere.
+    for number in reversed(range(len(rivals) - 1)):
+        found = _easiest(efforts, apart, number)
+        if found is not None:
+            return found
+    return None
+
+
+def _easiest(
+    efforts: Sequence[Sequence[Experiment]],
+    apart: Callable[[Experiment], Sequence[float]],
+    number: int,
+) -> Experiment | None:
+    """Choose the easiest of a menu, by that one of its partings."""
+    best: Experiment | None = None
+    for effort in efforts:
+        for option in effort:
+            told = dataclasses.replace(option, separation=apart(option)[number])
+            if best is None or told.separation > best.separation:
+                best = told
+            if told.separation > PLENTY:
+                return told
+        if best is not None and best.separation > DECIDES:
+            return best
+    return best if best is not None and best.separation > HOPELESS else None
+
+
+def partings(
+    rivals: Sequence[FittedCandidate],
+    option: Experiment,
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+) -> list[float]:
+    """Give the least separation of any two of the first two rivals, three, and so on.
+
+    Whichever of them is true.
+    """
+    trial = max(trials, key=lambda t: float(np.sum(t.inputs.var(axis=0))))
+    later = max(t.start_s + t.duration_s for t in trials)
+    start = later if option.start_s is None else option.start_s
+    acts = acted(option, trial, rivals[0].description)
+    # What nearly gives way may do so, and no record would come of it.
+    repeated = option.excitation is None and not option.add_inputs
+    loud = SPARE * (option.level * trial.inputs if repeated else acts.inputs)
+    told: list[Foretold] = []
+    least: list[float] = []
+    for rival in rivals:
+        one = foretold(rival, option, acts, start, kinds)
+        if one is None or (option.level > 1 and not _whole(rival, option, loud, acts, kinds)):
+            break
+        pairs = ((one, other) for other in told)
+        apart = [min(separation(*pair), separation(*pair[::-1])) for pair in pairs]
+        least += [min([*least[-1:], *apart])] if apart else []
+        told.append(one)
+    return [*least, *[0.0] * (len(rivals) - 1 - len(least))]
+
+
+def foretold(
+    named: FittedCandidate,
+    option: Experiment,
+    trial: Trial,
+    start_s: float,
+    kinds: Mapping[str, Kind],
+) -> Foretold | None:
+    """Run one rival through an experiment; None where it grows beyond bounds.
+
+    Parameters
+    ----------
+    trial
+        Whose inputs act; its outputs are not looked at.
+    start_s
+        Campaign time of the experiment [s].
+    """
+    plant, fit = _set_up(named, option, kinds), named.fit
+    with np.errstate(all="ignore"):
+        outputs, slopes = plant.sensitivities(
+            plant.values, trial.inputs, trial.rate_hz, fit.prior.names, start_s=start_s
+        )
+    if not (np.isfinite(outputs).all() and np.isfinite(slopes).all()):
+        return None
+    noise = fit.noise.sd(0, trial.rate_hz)
+    there = len(noise)
+    # A sensor that is not there yet is taken to be as good as the worst of its neighbours.
+    relative = float(np.max(noise / np.maximum(outputs[:, :there].std(axis=0), 1e-300)))
+    more = min(relative, 0.1) * outputs[:, there:].std(axis=0)
+    free = len(fit.prior.names)
+    known = np.zeros((slopes.shape[2], slopes.shape[2]))
+    known[:free, :free] = scipy.linalg.pinvh(fit.covariance)
+    return Foretold(
+        outputs=outputs, slopes=slopes, noise=np.concatenate([noise, more]), known=known
+    )
+
+
+def _whole(
+    named: FittedCandidate,
+    option: Experiment,
+    inputs: Series,
+    trial: Trial,
+    kinds: Mapping[str, Kind],
+) -> bool:
+    """Whether a rival survives inputs: it must not run away."""
+    plant = _set_up(named, option, kinds)
+    with np.errstate(all="ignore"):
+        outputs = plant.simulate(plant.values, inputs, trial.rate_hz)
+    return bool(np.isfinite(outputs).all())
+
+
+def separation(true: Foretold, other: Foretold) -> float:
+    """Give the expected gain of log evidence of one over the other, were the one true."""
+    apart = ((true.outputs - other.outputs) / other.noise).ravel()
+    turned = (other.slopes / other.noise[:, None]).reshape(len(apart), -1)
+    matrix, right = turned.T @ turned + other.known, turned.T @ apart
+    size = 1 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
+    inner = matrix * np.outer(size, size) + 1e-10 * np.eye(len(matrix))
+    mimic = float(right @ (size * scipy.linalg.solve(inner, size * right, assume_a="pos")))
+    return float(np.clip((apart @ apart - mimic) / 2, 0.0, MOST))
+
+
+def _set_up(named: FittedCandidate, option: Experiment, kinds: Mapping[str, Kind]) -> Plant:
+    """Model of a rival on the rig as the experiment changes it."""
+    values = dict(zip(named.fit.plant.parameters, named.fit.values.tolist(), strict=True))
+    description = with_values(named.description, values)
+    description = dataclasses.replace(
+        description,
+        sensors=(*description.sensors, *option.add_sensors),
+        inputs=(*description.inputs, *option.add_inputs),
+    )
+    return Plant.of(description, kinds=kinds)

@@ -1,0 +1,403 @@
+"""What a force found at a place is like: when, in which band, at what motion, in what way."""
+
+import dataclasses
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.stats
+from jaxtyping import Bool, Float
+
+from slowtime.dynamics.effects import Place
+
+from .located import Latent, Located
+from .spectral_lines import TrialLines
+
+LOUD = 4.0
+"""Power of the force over that of its noise from which a window counts."""
+
+FAINT = 0.03
+"""Share of the greatest power that a window must have besides."""
+
+THROUGHOUT = 0.9
+"""Share of windows from which the force acts all the time."""
+
+LINEAR = 0.015
+"""Share of a force's power that a linear relation may leave, its noise apart."""
+
+LINES = 6
+"""Lines of a band at least, over all trials, of which two go into its relation."""
+
+QUIET = 0.03
+"""Share of the greatest power up to which there is hardly any force."""
+
+BENT = 0.3
+"""Difference of the exponent from 1 that contradicts a linear relation."""
+
+STEADY = 1e-4
+"""Chance at which a steady force is called changing."""
+
+LIKE = 0.03
+"""Relative standard deviation of a height from the surface's own errors."""
+
+Series = Float[np.ndarray, " time"]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Range:
+    """Root mean square and largest size of a motion while the force acts."""
+
+    rms: float
+    peak: float
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Character:
+    """Of the force at one place.
+
+    Parameters
+    ----------
+    times_s
+        Campaign times between which it acts; empty where it does so throughout.
+    bands_hz
+        Where it stands above its noise.
+    elongation, rate
+        Motion along the place while it acts [m], [m/s]; of sensors and inputs, the reading.
+    onset
+        Size of elongation below which there is hardly any force; 0 where there is none such,
+        or the force is in proportion.
+    linear_share
+        Of the force's power, what one filter of the motion gives, the same in all trials.
+    linear
+        Whether that is all of it.
+    static_share
+        Of the force's power, what one surface over elongation and rate gives.
+    odd, even
+        Parts of the surface that change, and do not change, sign with the motion; together 1.
+    offset
+        Part of the force that is the same whatever the motion; none of what follows has it in.
+    exponent, exponent_sd
+        Of force against motion, from window to window: 1 linear, 3 cubic, 0 friction.
+    steady
+        Whether the surface has the same height at all times; None where there is no surface.
+    heights
+        Of the surface, relative to its mean, in stretches of the campaign.
+    heights_s
+        Middle of each stretch.
+    """
+
+    times_s: tuple[tuple[float, float], ...]
+    bands_hz: tuple[tuple[float, float], ...]
+    elongation: Range
+    rate: Range
+    onset: float
+    linear_share: float
+    linear: bool
+    static_share: float
+    odd: float
+    even: float
+    offset: float
+    exponent: float
+    exponent_sd: float
+    steady: bool | None
+    heights: tuple[float, ...]
+    heights_s: tuple[float, ...]
+
+    @property
+    def amplitude(self) -> str:
+        """The motion in words; empty where nothing moves while the force acts."""
+        words = []
+        if self.elongation.peak > 0:
+            words.append(f"{self.elongation.rms:.3g} rms to {self.elongation.peak:.3g} at most")
+        if self.rate.peak > 0:
+            words.append(f"rate {self.rate.rms:.3g} to {self.rate.peak:.3g}")
+        if not words:
+            return ""
+        below = f"; hardly any below {self.onset:.3g}" if self.onset > 0 else ""
+        return ", ".join(words) + below
+
+
+def character(located: Located, place: Place) -> Character:
+    """Describe the force at a place."""
+    latents = [located.latent(place, i) for i in range(len(located.trials))]
+    lowest = _lowest(located)
+    windows = [
+        _windows(latent, trial.rate_hz, lowest)
+        for latent, trial in zip(latents, located.trials, strict=True)
+    ]
+    acting = _acting(latents, windows)
+    share, linear = _linear(located, place, latents)
+    surface = _Surface.of(latents)
+    centred = [dataclasses.replace(m, force=m.force - surface.offset) for m in latents]
+    exponent = _exponent(centred, windows)
+    models = [located.seen(place, i, surface.at(m)) for i, m in enumerate(latents)]
+    steady, heights, heights_s = _steadiness(centred, models, surface.share, lowest)
+    return Character(
+        times_s=_times(latents, acting, located),
+        bands_hz=_bands(located, place),
+        elongation=_range([m.motion.e[a] for m, a in zip(latents, acting, strict=True)]),
+        rate=_range([m.motion.v[a] for m, a in zip(latents, acting, strict=True)]),
+        onset=_onset(centred) if exponent[0] > 1 + BENT else 0.0,
+        linear_share=share,
+        linear=linear and not abs(exponent[0] - 1) > max(3 * exponent[1], BENT),
+        static_share=surface.share,
+        odd=surface.odd,
+        even=1.0 - surface.odd,
+        offset=surface.offset,
+        exponent=exponent[0],
+        exponent_sd=exponent[1],
+        steady=steady,
+        heights=heights,
+        heights_s=heights_s,
+    )
+
+
+def _lowest(located: Located) -> float:
+    """Lowest natural frequency [Hz], or that of the shortest record for what floats."""
+    s = np.linalg.eigvals(
+        np.linalg.solve(located.linear.structure.mass, located.linear.structure.stiffness)
+    )
+    least = min(4.0 / trial.duration_s for trial in located.trials)
+    return max(float(np.sqrt(np.abs(s).min()) / (2 * np.pi)), 2 * least)
+
+
+def _windows(latent: Latent, rate_hz: float, lowest_hz: float) -> list[slice]:
+    """Stretches of two periods of the lowest mode."""
+    length = max(round(2 * rate_hz / lowest_hz), 16)
+    count = max(len(latent.force) // length, 1)
+    return [slice(i * length, (i + 1) * length) for i in range(count)]
+
+
+def _acting(
+    latents: Sequence[Latent], windows: Sequence[list[slice]]
+) -> list[Bool[np.ndarray, " time"]]:
+    """Find samples at which the force stands out, window by window."""
+    powers = [
+        np.array([np.mean(latent.force[w] ** 2) for w in ws])
+        for latent, ws in zip(latents, windows, strict=True)
+    ]
+    greatest = max(float(power.max()) for power in powers)
+    found = []
+    for latent, ws, power in zip(latents, windows, powers, strict=True):
+        loud = power > max(LOUD * latent.noise_sd**2, FAINT * greatest)
+        at = np.zeros(len(latent.force), dtype=bool)
+        for window, is_loud in zip(ws, loud, strict=True):
+            at[window] = is_loud
+        at[ws[-1].stop :] = loud[-1]
+        found.append(at)
+    return found
+
+
+def _times(
+    latents: Sequence[Latent], acting: Sequence[Bool[np.ndarray, " time"]], located: Located
+) -> tuple[tuple[float, float], ...]:
+    whole = np.concatenate(list(acting))
+    if whole.mean() > THROUGHOUT:
+        return ()
+    spans = []
+    for trial, at in zip(located.trials, acting, strict=True):
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], at, [False]]).astype(int)))
+        for first, last in edges.reshape(-1, 2) / trial.rate_hz:
+            spans.append((float(trial.start_s + first), float(trial.start_s + last)))
+    return tuple(sorted(spans))
+
+
+def _bands(located: Located, place: Place) -> tuple[tuple[float, float], ...]:
+    """Bands in which the force is stronger than the noise of its estimate, joined."""
+    explained = located.group(place).explained
+    found: list[tuple[float, float]] = []
+    for lines, force in zip(located.lines, explained.forces, strict=True):
+        heard = force.variance * force.signal
+        for band in range(1, lines.bands):
+            own = lines.band == band
+            if heard[own].mean() > 1:
+                spread = lines.frequency_hz[own]
+                found.append((float(spread[0]), float(spread[-1])))
+    return _joined(found, 1.5 * max(float(lines.frequency_hz[1]) for lines in located.lines))
+
+
+def _joined(spans: list[tuple[float, float]], gap: float) -> tuple[tuple[float, float], ...]:
+    joined: list[tuple[float, float]] = []
+    for low, high in sorted(spans):
+        if joined and low <= joined[-1][1] + gap:
+            joined[-1] = (joined[-1][0], max(joined[-1][1], high))
+        else:
+            joined.append((low, high))
+    return tuple(joined)
+
+
+def _range(parts: list[np.ndarray]) -> Range:
+    whole = np.concatenate(parts)
+    if not whole.size:
+        return Range(rms=0.0, peak=0.0)
+    return Range(rms=float(np.sqrt(np.mean(whole**2))), peak=float(np.abs(whole).max()))
+
+
+def _onset(latents: Sequence[Latent]) -> float:
+    """Size of elongation below which the force is its noise, and above which it grows."""
+    size = np.concatenate([np.abs(m.motion.e) for m in latents])
+    force = np.concatenate([m.force**2 for m in latents])
+    noise = np.mean([m.noise_sd**2 for m in latents])
+    edges = np.unique(np.quantile(size, np.linspace(0, 1, 25)))
+    if len(edges) < 6:
+        return 0.0
+    bins = np.clip(np.searchsorted(edges, size, side="right") - 1, 0, len(edges) - 2)
+    count = np.bincount(bins, minlength=len(edges) - 1)
+    power = np.bincount(bins, force, minlength=len(edges) - 1) / np.maximum(count, 1)
+    # Estimates are blurred in time, so that the quiet part keeps a little of the loud one.
+    so_far = np.cumsum(power * count) / np.maximum(np.cumsum(count), 1)
+    quiet = np.flatnonzero(so_far < max(2 * noise, QUIET * power.max()))
+    below = int(quiet[-1]) + 1 if 0 < len(quiet) < len(so_far) else 0
+    return float(edges[below]) if below >= 3 else 0.0
+
+
+def _linear(located: Located, place: Place, latents: Sequence[Latent]) -> tuple[float, bool]:
+    """Share of the force that one gain a band on the motion gives, over all trials."""
+    explained = located.group(place).explained
+    grid = np.concatenate([lines.frequency_hz for lines in located.lines])
+    forces, motions, noises = [], [], []
+    for lines, found, latent in zip(located.lines, explained.forces, latents, strict=True):
+        forces.append(_tapered(latent.force, lines))
+        series = latent.motion.a if place.kind == "base" else latent.motion.e
+        motions.append(_tapered(series, lines))
+        noises.append(found.spread**2 * found.signal)
+    force, motion = np.concatenate(forces), np.concatenate(motions)
+    scale = latents[0].noise_sd / max(
+        float(np.sqrt(noises[0].sum() * located.lines[0].frequency_hz[1])), 1e-300
+    )
+    noise = float(np.concatenate(noises).sum()) * scale**2
+    edges = _edges(grid)
+    left = used = 0.0
+    for low, high in itertools.pairwise(edges):
+        own = (grid >= low) & (grid < high)
+        if own.sum() < 3:
+            left += float(np.sum(np.abs(force[own]) ** 2))
+            continue
+        ramp = (grid[own] - low) / (high - low) - 0.5
+        basis, _ = np.linalg.qr(np.stack([motion[own], ramp * motion[own]], axis=1))
+        rest = force[own] - basis @ (basis.conj().T @ force[own])
+        left += float(np.sum(np.abs(rest) ** 2)) * own.sum() / max(own.sum() - 2, 1)
+        used += 1
+    total = float(np.sum(np.abs(force) ** 2))
+    true = max(total - noise, 1e-12 * total, 1e-300)
+    excess = max(left - noise, 0.0)
+    share = float(np.clip(1 - excess / true, 0, 1))
+    return share, bool(excess < max(LINEAR * true, 0.1 * noise))
+
+
+def _edges(grid: Float[np.ndarray, " line"]) -> list[float]:
+    """Bands of constant relative width, but for those that would have too few lines."""
+    lines = np.sort(grid[grid > 0])
+    first, *others, last = np.geomspace(lines[0], lines[-1] * 1.001, 60).tolist()
+    edges = [first]
+    for edge in others:
+        below = np.searchsorted(lines, [edges[-1], edge])
+        if min(below[1] - below[0], len(lines) - below[1]) >= LINES:
+            edges.append(edge)
+    return [*edges, last]
+
+
+def _tapered(series: Series, lines: TrialLines) -> np.ndarray:
+    """Spectrum of a tapered series, in the scale of the lines."""
+    taper = np.hanning(len(series)) * np.sqrt(8 / 3)
+    scale = np.sqrt(2.0 / (lines.rate_hz * len(series)))
+    return np.asarray(scale * np.fft.rfft(series * taper)[: len(lines.frequency_hz)])
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Surface:
+    """Force as a sum of simple functions of elongation and rate."""
+
+    scales: tuple[float, float]
+    weights: Float[np.ndarray, " function"]
+    share: float
+    odd: float
+    offset: float
+
+    @classmethod
+    def of(cls, latents: Sequence[Latent]) -> "_Surface":
+        e = np.concatenate([m.motion.e for m in latents])
+        v = np.concatenate([m.motion.v for m in latents])
+        force = np.concatenate([m.force for m in latents])
+        scales = (_size(e), _size(v))
+        basis = _functions(e / scales[0], v / scales[1])
+        weights = np.linalg.lstsq(basis, force, rcond=1e-8)[0]
+        odd, even = basis[:, :ODD] @ weights[:ODD], basis[:, ODD:] @ weights[ODD:]
+        total = float(np.sum(force**2))
+        left = float(np.sum((force - odd - even) ** 2))
+        even = even - weights[ODD]
+        parts = float(np.sum(odd**2)), float(np.sum(even**2))
+        return cls(
+            scales=scales,
+            weights=weights,
+            share=max(0.0, 1 - left / total) if total > 0 else 0.0,
+            odd=parts[0] / sum(parts) if sum(parts) > 0 else 1.0,
+            offset=float(weights[ODD]),
+        )
+
+    def at(self, latent: Latent) -> Series:
+        e, v = latent.motion.e / self.scales[0], latent.motion.v / self.scales[1]
+        return np.asarray(_functions(e, v) @ self.weights - self.offset)
+
+
+ODD = 10
+
+
+def _functions(e: Series, v: Series) -> Float[np.ndarray, "time function"]:
+    """Ten odd functions of the motion, then seven even ones."""
+    sign = np.tanh(10 * v)
+    odd = [e, v, e**3, v**3, e**2 * v, e * v**2, sign, v * np.abs(v), e * np.abs(e), e**5]
+    even = [np.ones_like(e), e**2, v**2, e * v, np.abs(e), np.abs(v), e**4]
+    return np.stack(odd + even, axis=1)
+
+
+def _size(series: Series) -> float:
+    return float(np.sqrt(np.mean(series**2))) or 1.0
+
+
+def _exponent(latents: Sequence[Latent], windows: Sequence[list[slice]]) -> tuple[float, float]:
+    """Slope of log force against log motion from window to window, and its sd."""
+    force, motion = [], []
+    for latent, ws in zip(latents, windows, strict=True):
+        for w in ws:
+            power = np.mean(latent.force[w] ** 2) - latent.noise_sd**2
+            size = np.mean(latent.motion.e[w] ** 2)
+            if power > LOUD * latent.noise_sd**2 and size > 0:
+                force.append(np.log(power) / 2)
+                motion.append(np.log(size) / 2)
+    if len(force) < 4 or np.ptp(motion) < 0.2:
+        return 0.0, np.inf
+    found = scipy.stats.linregress(motion, force)
+    return float(found.slope), float(found.stderr)
+
+
+def _steadiness(
+    latents: Sequence[Latent], models: Sequence[Series], share: float, lowest_hz: float
+) -> tuple[bool | None, tuple[float, ...], tuple[float, ...]]:
+    """Height of the surface in stretches of the campaign, and whether they differ."""
+    if share < 0.3:
+        return None, (), ()
+    heights, errors, middles = [], [], []
+    for latent, model in zip(latents, models, strict=True):
+        times = latent.motion.times
+        # Neighbouring samples go together over about a period of the lowest mode.
+        together = max(1.0 / (lowest_hz * (times[1] - times[0])) / 2, 1.0)
+        for part in np.array_split(np.arange(len(model)), 4):
+            m, f = model[part], latent.force[part]
+            power = float(m @ m)
+            if power <= len(part) * latent.noise_sd**2:
+                continue
+            height = float(m @ f) / power
+            left = float(np.mean((f - height * m) ** 2))
+            heights.append(height)
+            errors.append(np.sqrt(left * together / power))
+            middles.append(float(times[part].mean()))
+    if len(heights) < 2:
+        return None, (), ()
+    # A height is no better than the surface it is the height of.
+    values = np.array(heights)
+    sds = np.maximum(np.array(errors), LIKE)
+    mean = float(np.sum(values / sds**2) / np.sum(1 / sds**2))
+    spread = float(np.sum(((values - mean) / sds) ** 2))
+    steady = bool(scipy.stats.chi2.sf(spread, max(len(values) - 1, 1)) > STEADY)
+    return steady, tuple((values / mean).tolist()), tuple(middles)

@@ -1,0 +1,444 @@
+r"""One unknown stationary force at one place: how likely it makes residuals, and what it is.
+
+.. math:: R_k = g_k w_k + X_k \theta + T_k \delta + n_k , \qquad
+          w_k \sim \mathcal{N}_c(0, s_{b(k)}), \; n_k \sim \mathcal{N}_c(0, N_k) ,
+
+with the constants :math:`\theta` (relative, under the model's tolerance) acting along the
+motion that there was with the force in it, so that a model that is far off is no obstacle; with
+:math:`\delta` for initial states and for the transform's being circular. The variance
+:math:`s_b` of the force in each band of each trial is found by scoring, constants by Gauss's
+and Newton's steps, after each of which responses and residuals are made anew; of the force
+itself, no more is believed than :data:`BELIEVED` says.
+"""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import scipy.linalg
+from jaxtyping import Complex, Float
+
+from .linear_response import Linear, Source
+from .spectral_lines import Lines, TrialLines
+from .tuned_reference import Columns, Constants, Known, Moved, Tuned
+
+ROUNDS, SCORINGS = 6, 6
+ENOUGH = 0.5
+"""Gain of log likelihood below which another round is not worth its while."""
+STRIDE = 0.3
+"""Largest change of a constant in one round."""
+RIDGE = 1e-9
+BELIEVED = 10.0
+"""Times the variance of a force where it is heard best that is believed elsewhere: where the
+sensors hardly hear it, as accelerometers do at low frequency, noise would be taken for more."""
+UNSOUND = 1e100
+"""Sum of squares over the noise, of a motion that nothing can be learnt from."""
+ROUNDED = 1e-12
+"""Share of a sum of squares that its difference from another as large cannot tell from none."""
+
+OfLine = Float[np.ndarray, " frequency"]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Whitened:
+    """Columns in units of the noise, and the products of them that no force changes.
+
+    Parameters
+    ----------
+    columns
+        Constants first, then free decays, the residual last.
+    inner
+        Real part of their products with each other.
+    """
+
+    columns: Columns
+    inner: Float[np.ndarray, "column column"]
+
+    @classmethod
+    def of(
+        cls,
+        tuned: Tuned,
+        known: Known,
+        motion: Moved,
+        base: Complex[np.ndarray, " frequency"],
+        residual: Lines,
+    ) -> "Whitened":
+        """Weigh what constants do along a motion, decays and residual."""
+        constants = len(known.sd)
+        both = np.empty((*residual.shape, constants + tuned.decays.shape[2] + 1), complex)
+        both[:, :, :constants] = tuned.columns(known, motion, base)
+        both[:, :, constants:-1] = tuned.decays
+        both[:, :, -1] = residual
+        both /= np.sqrt(tuned.trial.noise)[:, :, None]
+        return cls(both, products(both.reshape(-1, both.shape[2])))
+
+
+def products(
+    columns: Complex[np.ndarray, "row column"],
+) -> Float[np.ndarray, "column column"]:
+    """Real part of the products of columns with each other, by half the work of all of it."""
+    parts = np.ascontiguousarray(columns).view(float)
+    both = parts.T @ parts
+    return np.asarray(both[0::2, 0::2] + both[1::2, 1::2])
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class TrialForce:
+    """The force in one trial.
+
+    Parameters
+    ----------
+    variance
+        :math:`s` at each line.
+    mean, spread
+        Posterior mean and variance of the force at each line.
+    linear
+        What changed constants explain, but for initial states.
+    left
+        What neither constants nor initial states explain.
+    signal
+        :math:`g^H N^{-1} g`: the force's signal-to-noise ratio per unit of variance.
+    state
+        Initial state added to the reference's.
+    """
+
+    variance: OfLine
+    mean: Complex[np.ndarray, " frequency"]
+    spread: OfLine
+    linear: Lines
+    left: Lines
+    transfer: Lines
+    signal: OfLine
+    state: Float[np.ndarray, " state"]
+
+    @property
+    def unexplained(self) -> Lines:
+        """What is left when the force is taken away too."""
+        return np.asarray(self.left - self.transfer * self.mean[:, None])
+
+    def noise_power(self) -> Float[np.ndarray, "frequency sensor"]:
+        """Give the expected squared modulus of the noise, given the residuals."""
+        doubt = np.abs(self.transfer) ** 2 * self.spread[:, None]
+        return np.asarray(np.abs(self.unexplained) ** 2 + doubt)
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Explained:
+    """How a place explains the residuals.
+
+    Parameters
+    ----------
+    likelihood
+        Log, with constants and initial states at their best.
+    constants
+        Relative change of each against the reference.
+    linear
+        The reference with its constants changed almost so: that of the free decays.
+    shifts
+        Displacement, velocity and acceleration of all coordinates that force and constants add
+        to the reference's run, but for initial states; by trial.
+    """
+
+    source: Source | None
+    likelihood: float
+    constants: Constants
+    linear: Linear
+    forces: tuple[TrialForce, ...]
+    shifts: tuple[Moved, ...]
+
+
+class Solver:
+    """Spectra and noise of all trials; asked for one place at a time."""
+
+    def __init__(self, linear: Linear, known: Known, trials: tuple[TrialLines, ...]) -> None:
+        self.linear, self.known, self.trials = linear, known, trials
+        still = np.zeros(len(known.sd))
+        self.tuned = [Tuned.of(linear, trial, known, still) for trial in trials]
+        self.white = [
+            Whitened.of(tuned, known, trial.motion, trial.base, tuned.residual)
+            for tuned, trial in zip(self.tuned, trials, strict=True)
+        ]
+
+    def explain(self, source: Source | None, *, rounds: int = ROUNDS) -> Explained:
+        """Find force, constants and initial states for one place; None for no force at all."""
+        return self.follow(source, rounds=rounds).explained
+
+    def follow(self, source: Source | None, *, rounds: int) -> "Followed":
+        """Say how likely one place is, before any account of what it explains.
+
+        Of all rounds, the likeliest is given; none follows a motion grown beyond bounds.
+        """
+        place = _Place(self, source)
+        best = place.step()
+        found = best
+        for _ in range(rounds - 1):
+            place.go_to(found.explained)
+            if not place.sound:
+                break
+            found = place.step()
+            gain = found.likelihood - best.likelihood
+            if gain > 0:
+                best = found
+            if abs(gain) < ENOUGH:
+                break
+        return best
+
+    def solve(
+        self,
+        whites: list[Whitened],
+        alongs: list[Complex[np.ndarray, "frequency column"]],
+        signals: list[OfLine],
+        variances: list[OfLine],
+        change: Constants,
+    ) -> tuple[Constants, list[Float[np.ndarray, " state"]], float]:
+        """Further change and initial states by least squares, given the force's variance.
+
+        Parameters
+        ----------
+        alongs
+            Products of the columns with a unit force, line by line.
+        signals
+            Signal-to-noise ratio of a unit force.
+        """
+        constants = len(self.known.sd)
+        states = whites[0].columns.shape[2] - 1 - constants
+        size = constants + states * len(self.trials)
+        matrix, right, total = np.zeros((size, size)), np.zeros(size), 0.0
+        whole = np.zeros(size)
+        for i, trial in enumerate(self.trials):
+            rise = 1 + variances[i] * signals[i]
+            # Woodbury: what lies along the force counts less, by one product a line.
+            along = alongs[i] * np.sqrt(variances[i] / rise)[:, None]
+            inner = whites[i].inner - products(along)
+            where = np.r_[0:constants, constants + i * states : constants + (i + 1) * states]
+            matrix[np.ix_(where, where)] += 2 * inner[:-1, :-1]
+            right[where] += 2 * inner[:-1, -1]
+            whole[where] += 2 * np.diag(whites[i].inner)[:-1]
+            total -= inner[-1, -1] + float(trial.weight @ np.log(rise))
+        known = np.arange(constants)
+        off = (self.known.ahead + change) / self.known.sd
+        matrix[known, known] += 1 / self.known.sd**2
+        right[known] -= off / self.known.sd
+        total -= float(np.sum(off**2)) / 2
+        # Where the force takes all of a column, rounding may leave less than nothing of it.
+        matrix[np.diag_indices(size)] += np.maximum(ROUNDED * whole - np.diag(matrix), 0.0)
+        scale = 1 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
+        inner = matrix * np.outer(scale, scale) + RIDGE * np.eye(size)
+        found = scale * scipy.linalg.solve(inner, scale * right, assume_a="pos")
+        total += float(right @ found) / 2
+        return found[:constants], list(found[constants:].reshape(-1, states)), total
+
+
+class Followed:
+    """One place at one round: how likely it is, and, once asked for, what it explains."""
+
+    def __init__(self, likelihood: float, account: Callable[[], Explained]) -> None:
+        self.likelihood = likelihood
+        self._account = account
+
+    @functools.cached_property
+    def explained(self) -> Explained:
+        """Force, constants, initial states, and all that hangs on them."""
+        return self._account()
+
+
+class _Place:
+    """One place on its way to the likeliest force: each step starts where the last ended."""
+
+    def __init__(self, solver: Solver, source: Source | None) -> None:
+        self.solver, self.source = solver, source
+        self.change = np.zeros(len(solver.known.sd))
+        self.tuned, self.white = solver.tuned, solver.white
+        self.motions = [trial.motion for trial in solver.trials]
+        self.bases = [trial.base for trial in solver.trials]
+        self.states = [np.zeros(t.decays.shape[2]) for t in self.tuned]
+        self.residuals = [tuned.residual for tuned in self.tuned]
+
+    @property
+    def sound(self) -> bool:
+        """Whether the motion reached can be worked with."""
+        return all((np.abs(white.inner) < UNSOUND).all() for white in self.white)
+
+    def step(self) -> Followed:
+        """Variance of the force, then constants and states."""
+        trials, constants = self.solver.trials, len(self.change)
+        roots = [np.sqrt(trial.noise) for trial in trials]
+        transfers = [tuned.transfer(self.source) for tuned in self.tuned]
+        units = [transfer / root for transfer, root in zip(transfers, roots, strict=True)]
+        signals = [np.sum(np.abs(unit) ** 2, axis=1) for unit in units]
+        alongs = [
+            (unit.conj()[:, None, :] @ white.columns)[:, 0]
+            for unit, white in zip(units, self.white, strict=True)
+        ]
+        further = np.zeros_like(self.change)
+        likelihood = 0.0
+        for _ in range(1 if self.source is None else 2):
+            found = [np.concatenate([further, state]) for state in self.states]
+            variances = [
+                _variance(trial, along[:, -1] - along[:, :-1] @ taken, signal)
+                for trial, along, taken, signal in zip(
+                    trials, alongs, found, signals, strict=True
+                )
+            ]
+            further, self.states, likelihood = self.solver.solve(
+                self.white, alongs, signals, variances, self.change
+            )
+        states, residuals = self.states, self.residuals
+        tuneds, whites, change = self.tuned, self.white, self.change
+
+        def account() -> Explained:
+            numbers = range(len(trials))
+            bent = [roots[i] * (whites[i].columns[:, :, :constants] @ further) for i in numbers]
+            left = [residuals[i] - bent[i] - tuneds[i].decays @ states[i] for i in numbers]
+            seen = [
+                np.einsum("fs,fs->f", transfer.conj() / trial.noise, one)
+                for transfer, trial, one in zip(transfers, trials, left, strict=True)
+            ]
+            believed = _believed(trials, seen, signals, variances)
+            forces = tuple(
+                _force(
+                    trials[i].residual - tuneds[i].residual + bent[i],
+                    left[i],
+                    seen[i],
+                    transfers[i],
+                    signals[i],
+                    believed[i],
+                    states[i],
+                )
+                for i in numbers
+            )
+            return Explained(
+                source=self.source,
+                likelihood=likelihood,
+                constants=change + further,
+                linear=tuneds[0].linear,
+                forces=forces,
+                shifts=self._shifts(forces, further),
+            )
+
+        return Followed(likelihood, account)
+
+    def _shifts(self, forces: tuple[TrialForce, ...], further: Constants) -> tuple[Moved, ...]:
+        """Motion that the force and the constants add to the reference's."""
+        shifts = []
+        for i, (tuned, force) in enumerate(zip(self.tuned, forces, strict=True)):
+            pushed = np.zeros_like(tuned.shift)
+            if self.source is not None:
+                pushed = np.multiply.outer(force.mean, self.source.force)
+            moved = tuned.moving(
+                self.solver.known, further, self.motions[i], self.bases[i], pushed
+            )
+            shifts.append(moved - self.solver.trials[i].motion)
+        return tuple(shifts)
+
+    def go_to(self, found: Explained) -> None:
+        """Go to the motion with the force in it, and to the changed constants."""
+        solver = self.solver
+        stride = np.clip(found.constants - self.change, -STRIDE, STRIDE)
+        for i, (trial, force) in enumerate(zip(solver.trials, found.forces, strict=True)):
+            free = self.tuned[i].free.moved(force.state)
+            self.motions[i] = trial.motion + found.shifts[i] + free
+            if self.source is not None:
+                self.bases[i] = trial.base + self.source.base * force.mean
+        self.change = solver.known.within(self.change + stride)
+        self.tuned = [
+            Tuned.of(solver.linear, trial, solver.known, self.change) for trial in solver.trials
+        ]
+        self.residuals = [
+            _filled(tuned, force) for tuned, force in zip(self.tuned, found.forces, strict=True)
+        ]
+        with np.errstate(over="ignore", invalid="ignore"):  # then it is not `sound`
+            self.white = [
+                Whitened.of(tuned, solver.known, motion, base, residual)
+                for tuned, motion, base, residual in zip(
+                    self.tuned, self.motions, self.bases, self.residuals, strict=True
+                )
+            ]
+
+
+def _filled(tuned: Tuned, force: TrialForce) -> Lines:
+    """Give what is left, with what was found in place of what was not measured."""
+    if tuned.trial.gaps is None:
+        return tuned.residual
+    standing = force.linear + tuned.decays @ force.state
+    return np.asarray(
+        tuned.residual + tuned.trial.filling(standing + force.transfer * force.mean[:, None])
+    )
+
+
+def _force(
+    linear: Lines,
+    left: Lines,
+    seen: Complex[np.ndarray, " frequency"],
+    transfer: Lines,
+    signal: OfLine,
+    variance: OfLine,
+    state: Float[np.ndarray, " state"],
+) -> TrialForce:
+    """Posterior of the force, line by line."""
+    spread = variance / (1 + variance * signal)
+    return TrialForce(
+        variance=variance,
+        mean=spread * seen,
+        spread=spread,
+        linear=linear,
+        left=left,
+        transfer=transfer,
+        signal=signal,
+        state=state,
+    )
+
+
+def _variance(
+    trial: TrialLines, seen: Complex[np.ndarray, " frequency"], signal: OfLine
+) -> OfLine:
+    """Variance of the force in each band, of greatest likelihood given what is left along it.
+
+    Parameters
+    ----------
+    seen
+        Product of what is left with a unit force.
+    signal
+        Signal-to-noise ratio of that.
+    """
+    heard = np.where(signal > 1e-12 * signal.max(initial=0.0), signal, 0.0)
+    if not heard.any():
+        return np.zeros(len(signal))
+    power = np.abs(seen) ** 2 / np.where(signal > 0, signal, 1.0)
+    lines = np.where(trial.weight < 1, 2 * power, power)
+    variance = np.zeros(trial.bands)
+    for _ in range(SCORINGS):
+        rise = 1 + variance[trial.band] * heard
+        pull = heard / rise
+        score = _sum(trial, trial.weight * pull * (lines / rise - 1))
+        sharp = _sum(trial, trial.weight * pull**2)
+        step = np.where(sharp > 0, score / np.where(sharp > 0, sharp, 1.0), 0.0)
+        variance = np.maximum(variance + step, 0.0)
+    return np.where(heard > 0, variance[trial.band], 0.0)
+
+
+def _believed(
+    trials: Sequence[TrialLines],
+    seen: Sequence[Complex[np.ndarray, " frequency"]],
+    signals: Sequence[OfLine],
+    variances: Sequence[OfLine],
+) -> list[OfLine]:
+    """Give variances, nowhere far beyond that of the band where the force is heard best.
+
+    In whichever trial: in one that tells of no force at all, noise would be heard best.
+    """
+    best = 0.0, math.inf
+    for trial, one, signal, variance in zip(trials, seen, signals, variances, strict=True):
+        rise = 1 + variance * signal
+        told = variance * np.abs(one) ** 2 / rise - np.log(rise)
+        gain = _sum(trial, trial.weight * told)
+        band = int(np.argmax(gain))
+        loudest = float(variance[trial.band == band].max())
+        best = max(best, (float(gain[band]), loudest))
+    return [np.minimum(variance, BELIEVED * best[1]) for variance in variances]
+
+
+def _sum(trial: TrialLines, values: OfLine) -> Float[np.ndarray, " band"]:
+    return np.bincount(trial.band, values, minlength=trial.bands)

@@ -1,0 +1,257 @@
+"""All places tried one by one, ranked by likelihood; the noise looked at again on the way."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from slowtime.discrepancy.calibration import Fit
+from slowtime.discrepancy.records import Trial
+from slowtime.dynamics.effects import Place, SensorChange
+
+from .gain_probability import gain_probability
+from .latent_force import ROUNDS, Explained, Followed, Solver
+from .linear_response import Linear, Source
+from .located import Group, Located
+from .noise_update import heard_again, likelihood_of_noise
+from .spectral_lines import TrialLines, lines_of
+from .tuned_reference import Known, Tuned
+
+REACH = 1.5
+"""Lines are looked at up to so many times the frequency above which there is silence."""
+
+ALIKE = 1e-9
+"""Two places whose transfers differ by less, squared and relative, are one to the sensors."""
+
+TWIN = 1e-6
+"""One minus the cosine of the angle between transfers below which they point the same way."""
+
+HEARINGS = 2
+"""How often the noise is estimated again from what the best place leaves."""
+
+KEPT, BRIEF = 5, 2
+"""How many places are followed to the end, and how many rounds settle which."""
+
+
+def locate(fit: Fit, trials: Sequence[Trial], among: Sequence[Place] | None = None) -> Located:
+    """Rank all places by the likelihood of one unknown force there.
+
+    The force is random, of any strength in every band of every trial; constants may move within
+    their tolerance, and the noise is estimated again from what the likeliest force leaves.
+
+    Parameters
+    ----------
+    fit
+        Of the reference: a linear model, or one augmented already. Effects that are linear take
+        part in the responses; others stay as they were in the reference's run.
+    trials
+        That it was fitted to.
+    among
+        Places to try; all where not given.
+    """
+    linear = Linear.of_plant(fit.plant, fit.values)
+    records = tuple(trials)
+    runs = tuple(_motion(fit, trial, i) for i, trial in enumerate(records))
+    lines = tuple(
+        lines_of(linear, trial, residual, run, fit.noise, i, REACH * fit.silent_above_hz)
+        for i, (trial, residual, run) in enumerate(
+            zip(records, _timely(fit, records), runs, strict=True)
+        )
+    )
+    families = _families(linear, lines[0])
+    if among is not None:
+        families = [f for f in families if any(source.place in among for source in f)]
+    solver, order = _order(fit, records, Solver(linear, _known(fit, linear), lines), families)
+    none = _likelihood_of_none(solver, lines)
+    groups = _groups(fit, solver, order, none)
+    return Located(
+        groups=groups,
+        linear=linear,
+        trials=records,
+        lines=solver.trials,
+        runs=runs,
+        outputs=fit.outputs,
+        nominal={name: float(fit.prior.mean[i]) for i, name in _linear_names(fit)},
+        tolerance={name: float(fit.prior.sd[i]) for i, name in _linear_names(fit)},
+        log_likelihood=none + max(groups[0].score, 0.0),
+    )
+
+
+def _order(
+    fit: Fit, records: tuple[Trial, ...], solver: Solver, families: list[list[Source]]
+) -> tuple[Solver, list[tuple[list[Source], Explained]]]:
+    """Try all families, listen again to what the best leaves, and follow the best further."""
+    order, _ = _ranked(solver, families, len(families), BRIEF)
+    for _ in range(HEARINGS if len(solver.linear.description.sensors) > 1 else 0):
+        order, best = _ranked(solver, order, 1, ROUNDS)
+        quiet = heard_again(fit, records, solver.trials, best.explained)
+        solver = Solver(solver.linear, solver.known, quiet)
+        order, _ = _ranked(solver, order, KEPT, BRIEF)
+    found = [
+        (family, solver.explain(family[0], rounds=ROUNDS if i < KEPT else 1))
+        for i, family in enumerate(order)
+    ]
+    return solver, sorted(found, key=lambda pair: -pair[1].likelihood)
+
+
+def _likelihood_of_none(solver: Solver, before: tuple[TrialLines, ...]) -> float:
+    """Log likelihood without any force, under the better of both accounts of the noise."""
+    after = solver.explain(None).likelihood + likelihood_of_noise(solver.trials)
+    first = Solver(solver.linear, solver.known, before)
+    return max(after, first.explain(None).likelihood + likelihood_of_noise(before))
+
+
+def _groups(
+    fit: Fit, solver: Solver, order: list[tuple[list[Source], Explained]], none: float
+) -> tuple[Group, ...]:
+    constant = likelihood_of_noise(solver.trials)
+    bands = sum(trial.bands for trial in solver.trials)
+    families = [family for family, _ in order]
+    groups = []
+    for family, found in order:
+        score = found.likelihood + constant - none
+        groups.append(
+            Group(
+                places=tuple(source.place for source in family),
+                score=score,
+                p_value=gain_probability(score, bands, len(families)),
+                share=_share(solver.trials, found),
+                left=_left(solver.trials, found),
+                constants=_constants(fit, found),
+                explained=found,
+                twins=_twins(family, families, solver.tuned[0]),
+            )
+        )
+    return tuple(groups)
+
+
+def _ranked(
+    solver: Solver, families: list[list[Source]], keen: int, rounds: int
+) -> tuple[list[list[Source]], Followed]:
+    """Rank families, the first `keen` of them by all rounds; give the likeliest, too."""
+    likelihoods, best = [], None
+    for i, family in enumerate(families):
+        found = solver.follow(family[0], rounds=rounds if i < keen else 1)
+        likelihoods.append(found.likelihood)
+        if best is None or found.likelihood > best.likelihood:
+            best = found
+    assert best is not None
+    order = sorted(range(len(families)), key=lambda i: -likelihoods[i])
+    return [families[i] for i in order], best
+
+
+def _motion(fit: Fit, trial: Trial, number: int) -> Float[np.ndarray, "order time dof"]:
+    run = fit.plant.run(
+        fit.values,
+        trial.inputs,
+        trial.rate_hz,
+        state0=fit.states[number],
+        start_s=trial.start_s,
+    )
+    dofs = len(fit.plant.matrices.names)
+    return np.stack(
+        [run.states[:, :dofs], run.states[:, dofs : 2 * dofs], run.rates[:, dofs : 2 * dofs]]
+    )
+
+
+def _timely(fit: Fit, trials: tuple[Trial, ...]) -> list[Float[np.ndarray, "time sensor"]]:
+    """Residual of each trial; where a clock was found wrong, as a right one tells it."""
+    values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
+    channels = [sensor.channel for sensor in fit.plant.description.sensors]
+    found = [residual.copy() for residual in fit.residual]
+    for number, effect in enumerate(fit.plant.effects):
+        kind = fit.plant.kinds[effect.kind]
+        if not isinstance(kind.action, SensorChange) or kind.action.undo is None:
+            continue
+        own = np.array([values["effect", number, name] for name in kind.names])
+        at = channels.index(effect.place.id)
+        for trial, residual in zip(trials, found, strict=True):
+            times = trial.start_s + np.arange(len(residual)) / trial.rate_hz
+            residual[:, at] = kind.action.undo(residual[:, at], times, own)
+    return found
+
+
+def _linear_names(fit: Fit) -> list[tuple[int, tuple[str, str]]]:
+    """Free constants of the linear part, and where they stand among the free."""
+    return [
+        (i, (name[0], str(name[1])))
+        for i, name in enumerate(fit.prior.names)
+        if name[0] != "effect"
+    ]
+
+
+def _known(fit: Fit, linear: Linear) -> Known:
+    chosen = _linear_names(fit)
+    index = [i for i, _ in chosen]
+    now, mean, sd = fit.free[index], fit.prior.mean[index], fit.prior.sd[index]
+    return Known.of(linear, tuple(name for _, name in chosen), (now - mean) / now, sd / now)
+
+
+def _constants(fit: Fit, found: Explained) -> dict[tuple[str, str], float]:
+    return {
+        name: float(fit.free[i] * (1 + change) / fit.prior.mean[i] - 1)
+        for (i, name), change in zip(_linear_names(fit), found.constants, strict=True)
+    }
+
+
+def _families(linear: Linear, trial: TrialLines) -> list[list[Source]]:
+    """Gather sources whose transfers are proportional."""
+    families: list[tuple[np.ndarray, list[Source]]] = []
+    tuned = Tuned.of(linear, trial, Known.of(linear, (), np.zeros(0), np.zeros(0)), np.zeros(0))
+    for source in linear.sources():
+        seen = (tuned.transfer(source) / np.sqrt(trial.noise)).ravel()
+        size = np.linalg.norm(seen)
+        if size == 0:
+            continue
+        seen = seen / size
+        for direction, family in families:
+            if 1 - abs(np.vdot(direction, seen)) ** 2 < ALIKE:
+                family.append(source)
+                break
+        else:
+            families.append((seen, [source]))
+    return [family for _, family in families]
+
+
+def _twins(
+    family: list[Source], families: list[list[Source]], tuned: Tuned
+) -> tuple[Place, ...]:
+    """Places of other families that point the same way at every line."""
+    own = tuned.transfer(family[0]) / np.sqrt(tuned.trial.noise)
+    found: list[Place] = []
+    for other in families:
+        if other is family:
+            continue
+        seen = tuned.transfer(other[0]) / np.sqrt(tuned.trial.noise)
+        both = np.linalg.norm(own, axis=1) * np.linalg.norm(seen, axis=1)
+        apart = both - np.abs(np.sum(own.conj() * seen, axis=1))
+        if np.all(apart <= TWIN * both):
+            found.extend(source.place for source in other)
+    return tuple(found)
+
+
+def _share(trials: tuple[TrialLines, ...], found: Explained) -> float:
+    """Share of the power beyond noise that the force explains."""
+    before = after = 0.0
+    for trial, force in zip(trials, found.forces, strict=True):
+        heard = _heard(trial)
+        before += float(np.sum((np.abs(force.left) ** 2 / trial.noise - 1)[:, heard]))
+        after += float(np.sum((force.noise_power() / trial.noise - 1)[:, heard]))
+    return float(np.clip(1 - after / before, 0, 1)) if before > 0 else 0.0
+
+
+def _heard(trial: TrialLines) -> Bool[np.ndarray, " sensor"]:
+    """Sensors of which any sample is used."""
+    if trial.gaps is None:
+        return np.ones(trial.noise.shape[1], dtype=bool)
+    return np.asarray(~trial.gaps.all(axis=0))
+
+
+def _left(trials: tuple[TrialLines, ...], found: Explained) -> float:
+    """Mean expected power of what is left over that of the noise, of sensors that are heard."""
+    power = [
+        (f.noise_power() / t.noise)[:, _heard(t)].mean()
+        for t, f in zip(trials, found.forces, strict=True)
+        if _heard(t).any()
+    ]
+    return float(np.mean(power)) if power else 1.0

@@ -1,0 +1,145 @@
+"""One trial, line by line: residual, noise, and the motion it happened in."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float, Int
+
+from slowtime.discrepancy.noise import Noise
+from slowtime.discrepancy.records import Trial
+from slowtime.dynamics.units import unit_factor
+from slowtime.signals.spectra import transform
+
+from .linear_response import Linear
+
+WIDTH = 1.12
+"""Ends of a band of frequency, last over first, unless that makes it too short."""
+
+FEWEST = 10
+"""Lines that a band has at least."""
+
+Lines = Complex[np.ndarray, "frequency sensor"]
+Moved = Complex[np.ndarray, "order frequency dof"]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class TrialLines:
+    r"""Spectra of a trial, scaled so that noise of density :math:`N` gives :math:`E|Y|^2 = N`.
+
+    Parameters
+    ----------
+    weight
+        1 for a line, 1/2 for those at 0 and at half the rate, which are real.
+    band
+        Number of the band of each line; that at 0 has one of its own.
+    noise
+        Density, lowered by the share of samples that are used.
+    residual
+        What the reference does not explain.
+    motion
+        Displacement, velocity, acceleration of every degree of freedom in the reference run,
+        relative to the base.
+    base
+        Acceleration of the base, as far as it was measured [m/s^2].
+    gaps
+        Samples that are not used, and what stands there is to be filled in; None without any.
+    """
+
+    samples: int
+    rate_hz: float
+    frequency_hz: Float[np.ndarray, " frequency"]
+    weight: Float[np.ndarray, " frequency"]
+    band: Int[np.ndarray, " frequency"]
+    noise: Float[np.ndarray, "frequency sensor"]
+    residual: Lines
+    motion: Moved
+    base: Complex[np.ndarray, " frequency"]
+    gaps: Bool[np.ndarray, "time sensor"] | None = None
+
+    def filling(self, explained: Lines) -> Lines:
+        """Spectrum of what is explained at the samples that are not used, zero elsewhere."""
+        if self.gaps is None:
+            return np.zeros_like(self.residual)
+        standing = np.where(self.gaps, self.series(explained), 0.0)
+        return np.asarray(transform(standing, self.rate_hz)[1][: len(self.frequency_hz)])
+
+    @property
+    def bands(self) -> int:
+        """How many bands there are."""
+        return int(self.band.max()) + 1
+
+    def series(
+        self, spectrum: Complex[np.ndarray, "frequency channel"]
+    ) -> Float[np.ndarray, "time channel"]:
+        """Give samples whose spectrum is given up to the last line and zero beyond."""
+        whole = np.zeros((self.samples // 2 + 1, spectrum.shape[1]), dtype=complex)
+        whole[: len(spectrum)] = spectrum / np.sqrt(2.0 / (self.rate_hz * self.samples))
+        whole[0] *= np.sqrt(2.0)
+        if self.samples % 2 == 0:
+            whole[-1] *= np.sqrt(2.0)
+        return np.asarray(np.fft.irfft(whole, self.samples, axis=0))
+
+
+def lines_of(
+    linear: Linear,
+    trial: Trial,
+    residual: Float[np.ndarray, "time sensor"],
+    motion: Float[np.ndarray, "order time dof"],
+    noise: Noise,
+    number: int,
+    top_hz: float,
+) -> TrialLines:
+    """Transform a trial; `motion` is the reference run's, `number` the trial's in `noise`."""
+    count = len(residual)
+    frequency, spectrum = transform(residual, trial.rate_hz)
+    kept = int(np.searchsorted(frequency, top_hz, side="right"))
+    weight = np.ones(kept)
+    weight[0] = 0.5
+    if kept == len(frequency) and count % 2 == 0:
+        weight[-1] = 0.5
+    share = np.maximum(trial.used.mean(axis=0), 1 / count)
+
+    def lines(series: np.ndarray) -> np.ndarray:
+        flat = transform(series.reshape(count, -1), trial.rate_hz)[1][:kept]
+        return flat.reshape((kept, *series.shape[1:]))
+
+    return TrialLines(
+        samples=count,
+        rate_hz=trial.rate_hz,
+        frequency_hz=frequency[:kept],
+        weight=weight,
+        band=bands(frequency[:kept]),
+        noise=noise.weighing(number, frequency[:kept]) * share,
+        residual=spectrum[:kept],
+        motion=np.stack([lines(one) for one in motion]),
+        base=lines(_base(linear, trial)[:, None])[:, 0],
+        gaps=None if trial.used.all() else ~trial.used,
+    )
+
+
+def bands(frequency_hz: Float[np.ndarray, " frequency"]) -> Int[np.ndarray, " frequency"]:
+    """Give each line its band: that at 0, then bands of constant relative width.
+
+    Examples
+    --------
+    >>> np.bincount(bands(np.linspace(0.0, 10.0, 41))).tolist()
+    [1, 10, 10, 10, 10]
+    """
+    edges = [0, 1]
+    while edges[-1] < len(frequency_hz):
+        first = edges[-1]
+        wide = int(np.searchsorted(frequency_hz, frequency_hz[first] * WIDTH)) - first
+        edges.append(first + max(wide, FEWEST))
+    if len(edges) > 3 and len(frequency_hz) - edges[-2] < FEWEST:
+        del edges[-2]
+    edges[-1] = len(frequency_hz)
+    return np.repeat(np.arange(len(edges) - 1), np.diff(edges))
+
+
+def _base(linear: Linear, trial: Trial) -> Float[np.ndarray, " time"]:
+    total = np.zeros(len(trial.outputs))
+    coordinate = linear.description.unit_of_coordinate
+    for series, entry in zip(trial.inputs.T, linear.description.inputs, strict=True):
+        if entry.node is None:
+            total += series * unit_factor(entry.unit, "acceleration", coordinate)
+    return total

@@ -1,0 +1,1 @@
+"""Candidates for the missing effect; each module proposes them from one kind of evidence."""

@@ -1,0 +1,58 @@
+"""What was found and refitted, in; labels with which one might have begun instead, out."""
+
+import itertools
+from collections.abc import Iterator, Mapping
+
+from slowtime.discrepancy.calibration import Fit
+from slowtime.discrepancy.candidates.library_fit import Candidate, label_of
+from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, fit_candidates
+from slowtime.discrepancy.progress import Monitor
+from slowtime.discrepancy.state import Found
+from slowtime.dynamics.effects import Effect, Kind
+
+ANEW, DOWN = 2, 6
+"""Labels that were refitted, and labels further down, with which one begins again."""
+
+
+def alternative_starts(
+    found: Found, before: Fit, kinds: Mapping[str, Kind], tell: Monitor
+) -> Iterator[FittedCandidate]:
+    """Give the second that was found, the next best that were refitted, and what came after.
+
+    Parameters
+    ----------
+    before
+        The fit that the first was added to.
+    """
+
+    def refitted(label: Candidate) -> list[FittedCandidate]:
+        return fit_candidates(before, [label], found.trials, kinds, tick)
+
+    def tick(effect: Effect, _: int) -> bool:
+        tell(f"refitting {effect.kind} at {effect.place}", 0.85)
+        return tell.hurries
+
+    first, *rest = found.named
+    second = [answer.effect for answer in found.answers[1:2]]
+    known = {label_of(one.effect): one for one in rest}
+    for effect in second:
+        if label_of(effect) in known:
+            yield known.pop(label_of(effect))
+        else:
+            own = [c for c in found.tried if label_of(c.effect) == label_of(effect)]
+            label = own[0] if own else Candidate(effect, 0.0, 0.0, 0.0)
+            yield from refitted(label)
+    kin = kinds[first.effect.kind].family
+    apart = (
+        one
+        for one in known.values()
+        if (kinds[one.effect.kind].family, one.effect.place) != (kin, first.effect.place)
+    )
+    yield from itertools.islice(apart, ANEW)
+    seen = (*(one.effect for one in found.named), *second)
+    done = {label_of(effect) for effect in seen}
+    down = [c for c in found.tried if label_of(c.effect) not in done][:DOWN]
+    for label in down:
+        for named in refitted(label):
+            if named.fit.cost < first.fit.cost:
+                yield named

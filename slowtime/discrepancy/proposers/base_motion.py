@@ -1,0 +1,176 @@
+"""What nobody in the structure makes, in; whether the base moved, as nobody measured, out."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from slowtime.discrepancy.calibration import Fit, refit
+from slowtime.discrepancy.candidates.library_fit import Candidate, label_of
+from slowtime.discrepancy.diagnosis import NamedEffect, Number
+from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate
+from slowtime.discrepancy.localization import PLACED, Character, Located, character
+from slowtime.discrepancy.quoting import sentence_of
+from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.dynamics.effects import Effect, Kind, Place, Unmeasured
+
+SIZE_SD = 0.05
+"""Relative standard deviation of the size of a random motion, as recovered in band."""
+MADE, CURVED = 0.9, 0.1
+"""Share of a force that a surface over the motion where it acts gives, from which it is made
+there; by how much that is more than any filter of the motion gives, from which it is too."""
+FOLLOWED = 0.6
+"""Share of what is missing that every law leaves in a free run where the base moves: beside one
+that moves at random the best leave seven tenths, in place of another law nearly the half."""
+GROWN = 2.0
+"""Times that what is taken for a motion of the base may be larger in the record that is driven
+hardest than in the one driven least: it knows nothing of that. Of sixteen true ones 1.3 at
+most, of a pendulum and a friction that passed for one 24 and 4.5."""
+NONE = 0.1
+"""Share of a force, along it, up to which a law explains none of it: beside one that moves at
+random, what swings with a mode by itself explains half of the free run and a twentieth of the
+force."""
+BY_LAWS, BY_SOME = 0.6, 0.2
+"""Share of a gain that some law may explain of what nobody within the structure makes; and
+where that is not all that is missing."""
+
+
+def base_motion(
+    located: Located, tried: Sequence[Candidate], kinds: Mapping[str, Kind], *, first: bool
+) -> NamedEffect | None:
+    """Name a motion of the base that nobody measured, where it beats all else.
+
+    It must be likelier than an unknown force anywhere else, and than any law; where it enters
+    tells it from a force. Where sensors are too few for that, or it does not explain all that
+    is missing, no law may explain much: a force within the structure is made by the motion, one
+    from outside is not. Nor can it in the first case be told once something else was found
+    `first`.
+    """
+    group = located.groups[0]
+    unmeasured = [k for k in kinds.values() if isinstance(k.action, Unmeasured)]
+    place = next((p for p in group.places if p.kind == "base"), None)
+    if not unmeasured or place is None or unmeasured[0].strength is None:
+        return None
+    if any(p.kind in ("element", "node") for p in group.places):
+        return None
+    if any(one.kind == "base_acceleration" for one in located.linear.description.inputs):
+        return None  # somebody did measure it
+    likelihood = group.explained.likelihood
+    apart = [g for g in located.groups[1:] if not set(g.places) & set(group.twins)]
+    rivals = [g.explained.likelihood for g in apart]
+    rivals += [-c.cost / 2 for c in tried]
+    lead = likelihood - max(rivals, default=-math.inf)
+    if lead < LIMITS.least_log_evidence or located.p_value > LIMITS.false_alarm_p_value:
+        return None
+    made = max((-c.cost / 2 for c in tried), default=-math.inf)
+    if group.twins and not first:
+        return None
+    several = group.left > LIMITS.several_forces_chi2
+    share = BY_SOME if several else BY_LAWS
+    if several or group.twins:
+        if made > likelihood - (1 - share) * group.score:
+            return None
+    if group.twins or several:
+        elements = [near for near in located.near if near.kind == "element"]
+        if any(_made(character(located, place)) for place in elements):
+            return None
+    if _grows(located, place):
+        return None
+    kind = unmeasured[0]
+    assert kind.strength is not None
+    size = _size(located, place, kind.parameter(kind.strength).unit)
+    numbers = {kind.strength: size}
+    return NamedEffect(
+        effect=Effect(kind.name, place, {kind.strength: size.value}),
+        family=kind.family,
+        numbers=numbers,
+        probability=float(1 / (1 + math.exp(-min(LIMITS.evidence_power * lead, 50.0)))),
+        rivals=(),
+        sentence=sentence_of(kind, place, numbers),
+    )
+
+
+def _size(located: Located, place: Place, unit: str) -> Number:
+    """Root mean square of a random force, each record counting as far as it tells of it.
+
+    How much of the recovered power is the sensors' noise is what is not known of it.
+    """
+    latents = [located.latent(place, i) for i in range(len(located.trials))]
+    weights = np.array([latent.sd for latent in latents]) ** -2.0
+    power = np.average([np.mean(latent.force**2) for latent in latents], weights=weights)
+    noise = np.average([latent.noise_sd**2 for latent in latents], weights=weights)
+    size = math.sqrt(power)
+    return Number(size, math.hypot(SIZE_SD * size, noise / (2 * size)), unit)
+
+
+def _grows(located: Located, place: Place) -> bool:
+    """Whether a force grows with what drives the structure, as none from outside does."""
+    driven = [float(np.sum(np.var(trial.inputs, axis=0))) for trial in located.trials]
+    least, most = int(np.argmin(driven)), int(np.argmax(driven))
+    if driven[most] <= GROWN * driven[least]:
+        return False
+    sizes = [located.latent(place, i).force.std() for i in (least, most)]
+    return bool(sizes[1] > GROWN * sizes[0])
+
+
+def _made(there: Character) -> bool:
+    """Whether a force is a function of the motion where it acts, as none from outside would be.
+
+    In proportion to it is any force that is much slower, or much narrower in band, than the
+    structure answers.
+    """
+    curved = there.static_share > min(MADE, there.linear_share + CURVED)
+    return curved and not there.linear
+
+
+def placed(located: Located, tried: Sequence[Candidate]) -> bool:
+    """Whether no force but one on the base could be what is missing, and it is all.
+
+    What a fault of the measured motion explains of it has to be seen in a free run first.
+    """
+    first = located.groups[0]
+    bare = first.explained.likelihood - first.score
+    little = (-one.cost / 2 < bare + BY_SOME * first.score for one in tried)
+    return apart(located) and all(little)
+
+
+def apart(located: Located) -> bool:
+    """Whether a force at the foremost place is all that is missing, and none elsewhere is."""
+    first, *rest = located.groups
+    alone = not first.twins and first.left < LIMITS.several_forces_chi2
+    return alone and all(group.left > PLACED * first.left for group in rest)
+
+
+def by_a_law(
+    named: Sequence[FittedCandidate],
+    labels: Sequence[Candidate],
+    before: Fit,
+    trials: tuple[Trial, ...],
+    located: Located,
+) -> bool:
+    """Whether a law explains much of what may be a motion of the base.
+
+    One that shakes a mode for long looks like a tone; but no right law leaves so much where a
+    force at the base leaves nothing, and none elsewhere does that. Nor does a right law, whose
+    free run follows, leave the force itself as it was.
+
+    Parameters
+    ----------
+    named, labels
+        What was refitted, the best first; and with what each explains along the force.
+    """
+    along = {label_of(one.effect): 1 - one.cost / one.bare for one in labels if one.bare}
+    law = next((one.fit for one in named if along.get(label_of(one.effect), 1.0) > NONE), None)
+    if law is None or (apart(located) and law.chi2_in_band > LIMITS.far_off_chi2):
+        return False
+    return follows(law, before, trials)
+
+
+def follows(law: Fit, before: Fit, trials: tuple[Trial, ...]) -> bool:
+    """Whether a law in a free run explains much: no motion of the base would let it."""
+    bar = refit(
+        before.plant, trials, noise=law.noise, values=before.values,
+        states=before.states, horizons=(1.0,),
+    )  # fmt: skip
+    return law.cost - law.data < FOLLOWED * (bar.cost - bar.data)

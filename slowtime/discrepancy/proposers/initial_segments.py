@@ -1,0 +1,129 @@
+"""Records that no law comes near, in; laws that explain how each of them begins, out.
+
+Where an effect is strong, the motion of the model without it is soon another one: what is left
+then points to the wrong place, and the free run of the right law, begun from there, ends in a
+minimum of its own. Over the first few swings no run can get out of step. So every law is fitted
+to these at every element, from a force about as strong as the element's own, and those that
+leave least are tried on the whole.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+import numpy as np
+
+from slowtime.discrepancy.calibration import Fit, GivenUp, first_swings, refit
+from slowtime.discrepancy.calibration.augmentation import begun_with, effects_in, free_run
+from slowtime.discrepancy.calibration.initial_states import begun
+from slowtime.discrepancy.candidates.library_fit import Candidate, is_applicable
+from slowtime.discrepancy.candidates.parameter_scan import as_strong, has_strength, joined
+from slowtime.discrepancy.records import Trial
+from slowtime.dynamics.description import Spring
+from slowtime.dynamics.effects import Effect, Kind, Place
+
+STRENGTHS = (-0.56, -0.1, 0.1, 0.56)
+"""Forces of a law to begin with, beside that of the element's spring."""
+GROWING = (0.2, 0.35, 0.6, 1.0)
+"""Shares of the first swings to which laws are fitted; of the first the initial states are."""
+BESIDE = 10.0
+"""Times what the best leaves of the first swings, from which a law is given up."""
+FOREMOST = 4
+"""Laws that are given."""
+
+
+def initial_segment_candidates(
+    before: Fit,
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+    late: Callable[[], bool],
+    among: Sequence[Place] | None = None,
+) -> list[Candidate]:
+    """Give the laws at elements that leave least of how the records begin, the best first.
+
+    Each with what it, and the model without it, would leave of the records were they all as
+    they begin.
+
+    Parameters
+    ----------
+    before
+        The fit without them, its constants held to their tolerances.
+    late
+        Once true, what was fitted by then is all there is.
+    among
+        Places of these elements; of all, where not given.
+    """
+    heads = first_swings(before.plant, trials)
+    before = begun(before, heads)
+    bare = refit(
+        before.plant, heads, noise=before.noise, values=before.values, states=before.states,
+        horizons=GROWING,
+    ).chi2_in_band * before.data  # fmt: skip
+    started = sorted(_started(before, heads, kinds, among), key=lambda pair: pair[0])
+    found: list[Candidate] = []
+    least: float | None = None
+    for _, effect in started:
+        if late():
+            break
+        beat = None if least is None else BESIDE * least
+        fit = _fitted(before, effect, heads, kinds, beat, late)
+        if fit is not None:
+            cost = fit.chi2_in_band * before.data
+            found.append(Candidate(effects_in(fit)[-1], cost, -cost / 2, bare))
+            least = fit.cost if least is None else min(least, fit.cost)
+    found.sort(key=lambda one: one.cost)
+    return found[:FOREMOST]
+
+
+def _started(
+    before: Fit,
+    heads: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+    among: Sequence[Place] | None,
+) -> Iterator[tuple[float, Effect]]:
+    """Give each law at each element as its free run comes nearest, and what that leaves."""
+    runs = [
+        before.plant.states(
+            before.values, head.inputs, head.rate_hz, state0=state, start_s=head.start_s
+        )
+        for head, state in zip(heads, before.states, strict=True)
+    ]
+    stiffness = dict(zip(before.plant.parameters, before.values.tolist(), strict=True))
+    for element in before.plant.description.elements:
+        place = Place("element", element.id)
+        if not isinstance(element, Spring) or (among is not None and place not in among):
+            continue
+        motion = joined([run[place] for run in runs])
+        spring = stiffness["stiffness", element.id] * motion.e
+        for kind in kinds.values():
+            there = kind.where == "element" and has_strength(kind)
+            if not there or not is_applicable(kind, before.plant.description):
+                continue
+            laws = as_strong(kind, place, motion, spring, before.plant.description, STRENGTHS)
+            nearest = min(
+                (
+                    (free_run(before, effect, None, heads, kinds), number, effect)
+                    for number, effect in enumerate(laws)
+                ),
+                default=None,
+            )
+            if nearest is not None and math.isfinite(nearest[0]):
+                yield nearest[0], nearest[2]
+
+
+def _fitted(
+    before: Fit,
+    effect: Effect,
+    heads: tuple[Trial, ...],
+    kinds: Mapping[str, Kind],
+    beat: float | None,
+    late: Callable[[], bool],
+) -> Fit | None:
+    plant, values, states = begun_with(before, effect, kinds)
+    try:
+        fit = refit(
+            plant, heads, noise=before.noise, values=values, states=states,
+            horizons=GROWING, beat=beat, late=late,
+        )  # fmt: skip
+    except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
+        return None
+    return fit if math.isfinite(fit.cost) else None

@@ -1,0 +1,67 @@
+"""A law that explains how records begin and no more, in; what else is missing in them, out.
+
+Where two strong effects are missing, the free run with one of them is soon out of step, and
+what a whole record leaves points nowhere. Over the first part of the records of which that law
+leaves something, and not yet much, what is left is small, and tells of the other.
+"""
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from scipy.fft import prev_fast_len
+
+from slowtime.discrepancy.calibration import WRONG, Fit, GivenUp, refit
+from slowtime.discrepancy.calibration.initial_states import begun
+from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
+from slowtime.discrepancy.candidates.library_fit import Candidate, label_of, library_candidates
+from slowtime.discrepancy.localization import locate
+from slowtime.discrepancy.records import FEWEST, Trial
+from slowtime.dynamics.effects import Kind
+
+from .initial_segments import GROWING, initial_segment_candidates
+
+ELEMENTS, OPENED = 2, 2
+"""Likeliest elements at which laws are tried by their free runs; how many are given."""
+SHARES = (0.06, 0.12, 0.25, 0.5)
+"""Shares of the records that are looked at in turn."""
+
+
+def later_segment_candidates(
+    before: Fit,
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+    late: Callable[[], bool],
+) -> tuple[Fit, list[Candidate]]:
+    """Give the fit to that part of the records, and what may be missing in it, the best first.
+
+    Those that explain most along the force, and those whose free run explains how that part
+    begins. None where it is too late, or where the model explains half of the records.
+    """
+    fit = before
+    horizons: tuple[float, ...] = GROWING
+    for share in SHARES:
+        counts = [max(prev_fast_len(int(share * len(t.outputs))), FEWEST) for t in trials]
+        parts = tuple(t.part(0, count) for t, count in zip(trials, counts, strict=True))
+        try:
+            fit = begun(fit, parts) if fit is before else fit
+            fit = refit(
+                before.plant, parts, noise=before.noise, values=fit.values,
+                states=fit.states, horizons=horizons, late=late,
+            )  # fmt: skip
+            horizons = (1.0,)
+            if fit.chi2_in_band > WRONG:
+                held = refit_within_tolerances(fit, parts)
+                located = locate(held, parts)
+                along = library_candidates(held, located, kinds)
+                places = (p for g in located.groups for p in g.places if p.kind == "element")
+                among = list(itertools.islice(places, ELEMENTS))
+                opened = initial_segment_candidates(held, parts, kinds, late, among)[:OPENED]
+                done = {label_of(one.effect) for one in opened}
+                others = (one for one in along if label_of(one.effect) not in done)
+                both = sorted([*opened, *others], key=lambda one: one.cost)
+                return held, [dataclasses.replace(one, start=None) for one in both]
+        except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
+            break
+    return before, []

@@ -1,0 +1,143 @@
+"""What was named, or that nothing was, in; a spring that the model has not got at all, out.
+
+Effects sit on what the model has. Two nodes that nothing joins in it may be joined on the rig:
+a heavy hidden oscillator on one of them then does nearly the same, or no law does.
+"""
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from slowtime.discrepancy.calibration import Fit
+from slowtime.discrepancy.calibration.augmentation import free_run, without
+from slowtime.discrepancy.estimation.candidate_fit import fit_candidate
+from slowtime.discrepancy.progress import Monitor
+from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.state import Link, Pair
+from slowtime.dynamics.description import BASE, Beam, Description, Spring
+from slowtime.dynamics.effects import Effect, Hidden, Kind, Place
+from slowtime.dynamics.plant import Plant
+
+LINK, LOSS = "a spring not in the model", "stiffness_loss"
+"""What the element is called while it is tried; the kind whose negative is its stiffness."""
+FIRST = (0.1, 0.03, 0.01, 0.003)
+"""Stiffnesses to begin with, in those of the model's own springs: that which leaves least."""
+
+
+def link_instead_of(
+    fit: Fit,
+    number: int,
+    before: Fit | None,
+    trials: tuple[Trial, ...],
+    kinds: Mapping[str, Kind],
+) -> Link | None:
+    """Give the best spring from the node of a hidden oscillator, in place of that.
+
+    Parameters
+    ----------
+    number
+        Of the effect in the plant of the fit.
+    before
+        A fit of the same without it, where there is one.
+    """
+    effect = fit.plant.effects[number]
+    kind = kinds[effect.kind]
+    if not isinstance(kind.action, Hidden) or not kind.action.coordinates:
+        return None
+    pairs = [pair for pair in _unjoined(fit.plant.description) if effect.place.id in pair]
+    if effect.place.kind != "node" or not pairs:
+        return None
+    less = before or without(fit, number, trials, kinds)
+    if less is None:
+        return None
+    known = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
+    own = np.array([known["effect", number, name] for name in kind.names])
+    stiffness = abs(float(kind.action.matrices(own)[2][0, 0]))
+    less = dataclasses.replace(less, noise=fit.noise)
+    return best_link(less, pairs, trials, kinds, stiffness=stiffness)
+
+
+def best_link(
+    fit: Fit,
+    pairs: Iterable[Pair] | None,
+    trials: tuple[Trial, ...],
+    kinds: Mapping[str, Kind],
+    tell: Monitor | None = None,
+    stiffness: float = 0.0,
+) -> Link | None:
+    """Give the spring that, laid into the model of a fit, explains most.
+
+    Parameters
+    ----------
+    pairs
+        Nodes between which one is tried; all that nothing joins where not given.
+    tell
+        Told what is tried; says whether it is too late for it.
+    stiffness
+        To begin with.
+    """
+    if LOSS not in kinds:
+        return None
+    found: list[Link] = []
+    for pair in _unjoined(fit.plant.description) if pairs is None else pairs:
+        if tell is not None:
+            tell(f"trying a spring between {pair[0]} and {pair[1]}", 0.9)
+            if tell.hurries:
+                break
+        link = _linked(fit, pair, stiffness, trials, kinds, found, tell)
+        found += [link] if link is not None else []
+    return max(found, key=lambda link: link.named.score, default=None)
+
+
+def _linked(
+    fit: Fit,
+    pair: Pair,
+    stiffness: float,
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+    others: Sequence[Link],
+    tell: Monitor | None,
+) -> Link | None:
+    """Refit a model with a spring more; None where that comes to nothing, or less than none."""
+    description = fit.plant.description
+    springs = [e.stiffness_n_per_m for e in description.elements if isinstance(e, Spring)]
+    median = float(np.median(springs))
+    begins = [max(stiffness, FIRST[0] * median), *(share * median for share in FIRST[1:])]
+    link = Spring(id=LINK, between=pair)
+    linked = dataclasses.replace(description, elements=(*description.elements, link))
+    plant = Plant.of(linked, kinds=kinds)
+    known = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
+    values = np.array([known.get(name, entry.value) for name, entry in plant.entries.items()])
+    before = dataclasses.replace(fit, plant=plant, values=values)
+    place, strength = Place("element", LINK), kinds[LOSS].names[0]
+    effect = min(
+        (Effect(LOSS, place, {strength: -begin}) for begin in begins),
+        key=lambda one: free_run(before, one, None, trials, kinds),
+    )
+    least = min((other.named.fit.cost for other in others), default=None)
+
+    def late() -> bool:
+        return tell is not None and tell.hurries
+
+    named = fit_candidate(before, effect, trials, kinds, fit.noise, least, late=late)
+    if named is None:
+        return None
+    name = ("effect", len(plant.effects), strength)
+    at = named.fit.prior.names.index(name)
+    found, sd = -float(named.fit.free[at]), float(named.fit.widened_sd[at])
+    unit = named.fit.plant.entries["stiffness", LINK].unit
+    if not (math.isfinite(sd) and found > sd):
+        return None
+    return Link(pair, found, sd, unit, named)
+
+
+def _unjoined(description: Description) -> list[Pair]:
+    """Nodes, and the base, that no element joins; none of a model with beams."""
+    if any(isinstance(element, Beam) for element in description.elements):
+        return []
+    joined = {frozenset(element.between) for element in description.elements}
+    nodes = [BASE, *(node.id for node in description.nodes)]
+    return [pair for pair in itertools.combinations(nodes, 2) if frozenset(pair) not in joined]

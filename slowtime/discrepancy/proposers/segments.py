@@ -1,0 +1,274 @@
+"""Laws of which no long run comes near, in; those that explain the records piece by piece, out.
+
+Where a law is strong, or one of several, the run without it is soon another motion: what it
+leaves, and the force that would make up for that, tell little, and the run with the right law,
+begun from there, ends in a minimum of its own. Over a few periods there is one minimum only.
+So laws are fitted to a few pieces of each record, where as little moves as still shows that
+one is missing, and those that explain these to more, where most moves.
+"""
+
+import contextlib
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+import numpy as np
+
+from slowtime.discrepancy.calibration import (
+    Fit,
+    GivenUp,
+    begun_by,
+    loudest,
+    pieces,
+    shooting_fit,
+)
+from slowtime.discrepancy.calibration.augmentation import Start, begun_with, effects_in
+from slowtime.discrepancy.candidates.library_fit import (
+    Candidate,
+    Label,
+    is_applicable,
+    label_of,
+)
+from slowtime.discrepancy.candidates.parameter_scan import as_strong, has_strength, joined
+from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate
+from slowtime.discrepancy.estimation.switching_instant import refine_switching_instant
+from slowtime.discrepancy.localization import Located
+from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.dynamics.effects import Effect, Hidden, Kind, Law, Place, Unmeasured
+
+FEW, MORE = 4, 12
+"""Pieces of each record to which all are fitted, and those that explain most of these."""
+REACH = 1.5
+"""Times what a force at the best place leaves, within which laws are tried at others."""
+AT_ONE, ALONE, MOST = 4, 8, 24
+"""Laws that are tried first at one of several places, at the only one, and in all."""
+QUIETER, PLAIN = (0.25, 0.5, 1.0), 10.0
+"""Power of few pieces, beside that of the loudest, and the chi squared, over the noise, they
+must leave: where a law acts less, what wrong numbers make of it is no other motion yet."""
+ABOUT = 0.5
+"""Force of a law that explains nothing along the motion recovered, beside what acts there."""
+HINTS, TELLS = 0.6, 0.45
+"""Share of what is left of few pieces, and of more, without it, that a law may leave which is
+there."""
+BESIDE, AS_WELL = 2.0, 3
+"""Times what the best leaves, within which a law is fitted to more pieces, and to the end; how
+many such there may be."""
+WITHIN = (0.0, 0.25, 0.5, 0.75)
+"""Shares of a record's pieces after which a law that switches is begun to do so."""
+KEPT = 2
+"""Laws that are given."""
+
+
+class SegmentCandidates:
+    """Gives the laws that leave least of the records, piece by piece, once.
+
+    Parameters
+    ----------
+    before
+        The fit without them, its constants held to their tolerances.
+    tried, labels
+        Laws with what they explain of the force, the best first; those that are tried anyway.
+    late
+        Once true, there are none.
+
+    Attributes
+    ----------
+    told
+        Those laws, the best first, each with what it, and the model without it, would leave of
+        the records were they all as those pieces are. None where each leaves about half of
+        that, or more.
+    """
+
+    def __init__(
+        self,
+        before: Fit,
+        tried: Sequence[Candidate],
+        labels: Sequence[Candidate],
+        located: Located,
+        trials: Sequence[Trial],
+        kinds: Mapping[str, Kind],
+        late: Callable[[], bool],
+    ) -> None:
+        self._before, self._tried, self._labels = before, tried, labels
+        self._located, self._trials, self._kinds, self._late = located, trials, kinds, late
+        self._asked = False
+        self.told: list[Candidate] = []
+
+    @property
+    def whole(self) -> list[Candidate]:
+        """Those, where the best leaves no more than noise: what is missing is only that."""
+        most = LIMITS.segment_chi2 * self._before.data
+        alone = bool(self.told) and self.told[0].cost < most
+        return self.told if alone else []
+
+    @property
+    def begins(self) -> Label | None:
+        """The law that explains the pieces best, where one does."""
+        return label_of(self.told[0].effect) if self.told else None
+
+    def at_once(self) -> list[Candidate]:
+        """Give them before anything was refitted, where no force explains what is missing."""
+        least = min((one.cost for one in self._labels), default=0.0)
+        return self._tell() if least > LIMITS.far_off_chi2 * self._before.data else []
+
+    def __call__(self, found: Sequence[FittedCandidate]) -> list[Candidate]:
+        """Give them where what was refitted explains little."""
+        least = min((one.fit.chi2_in_band for one in found), default=math.inf)
+        return self._tell() if least > LIMITS.far_off_chi2 else []
+
+    def _tell(self) -> list[Candidate]:
+        if self._asked or self._late():
+            return []
+        self._asked = True
+        with contextlib.suppress(np.linalg.LinAlgError, FloatingPointError, GivenUp):
+            self.told = self._looked()
+        reach = min((one.cost for one in self._labels), default=math.inf)
+        # What is left of pieces is no measure for what a law leaves along a force.
+        return [dataclasses.replace(one, cost=min(one.cost, reach)) for one in self.told]
+
+    def _looked(self) -> list[Candidate]:
+        found = self._fitted(self._likeliest(), *self._quiet(), HINTS)
+        if not found:
+            return []
+        near = BESIDE * found[0][0].cost
+        some = [one for one, _ in found if one.cost <= near][:AS_WELL]
+        found = self._fitted(some, *self._parts(MORE), TELLS)
+        return [self._started(one, fit) for one, fit in found[:KEPT]]
+
+    def _likeliest(self) -> list[Candidate]:
+        """Give the likeliest laws, those at the best places first."""
+        groups = self._located.groups
+        most = REACH * groups[0].left
+        places = [p for g in groups if g.left <= most for p in g.places]
+        at = [[one for one in self._tried if one.effect.place == place] for place in places]
+        few = max(AT_ONE, ALONE // len(places))
+        likely = itertools.chain.from_iterable(every[:few] for every in at)
+        others = itertools.chain.from_iterable(every[few:] for every in at)
+        overlooked = itertools.chain.from_iterable(map(self._overlooked, places))
+        found: dict[Label, Candidate] = {}
+        for one in itertools.chain(self._labels, likely, overlooked, others):
+            if len(found) < MOST and not _rides(self._kinds[one.effect.kind]):
+                found.setdefault(label_of(one.effect), one)
+        return list(found.values())
+
+    def _overlooked(self, place: Place) -> Iterator[Candidate]:
+        """Give laws that explain nothing along the motion recovered at a place.
+
+        Where that is not what moved, a law may seem to pull where it pushes.
+        """
+        tried = {one.effect.kind for one in self._tried if one.effect.place == place}
+        located, numbers = self._located, range(len(self._located.trials))
+        described = located.linear.description
+        others = [k for k in self._kinds.values() if k.where == place.kind and has_strength(k)]
+        latents = [located.latent(place, i) for i in numbers] if others else []
+        for kind in others:
+            if kind.name in tried or not is_applicable(kind, described):
+                continue
+            laws = list(
+                as_strong(
+                    kind, place, joined([one.motion for one in latents]),
+                    np.concatenate([one.force for one in latents]), described, (ABOUT, -ABOUT),
+                )
+            )  # fmt: skip
+            for law in laws[len(laws) // 2 :][:1]:
+                yield Candidate(law, math.inf, -math.inf, math.inf)
+
+    def _fitted(
+        self, labels: Sequence[Candidate], parts: Sequence[Trial], bare: Fit, most: float
+    ) -> list[tuple[Candidate, Fit]]:
+        """Fit each law to pieces; give those that explain them, the best first.
+
+        Parameters
+        ----------
+        bare, most
+            Their fit without it, and the share of what that leaves that a law may.
+        """
+        data = self._before.data
+        found: dict[Label, tuple[Candidate, Fit]] = {}
+        least = most * bare.cost
+        for label in labels:
+            fits = []
+            for effect in _begun(label.effect, parts, self._kinds):
+                if self._late():
+                    raise GivenUp
+                try:
+                    fit = self._shot(effect, parts, BESIDE * least)
+                except (np.linalg.LinAlgError, FloatingPointError):
+                    continue
+                if math.isfinite(fit.cost):
+                    fits.append(fit)
+                    least = min(least, fit.cost)
+            if not fits:
+                continue
+            fit = self._switched(min(fits, key=lambda one: one.cost), parts)
+            least = min(least, fit.cost)
+            one = dataclasses.replace(
+                label,
+                effect=effects_in(fit)[-1],
+                cost=fit.chi2_in_band * data,
+                bare=bare.chi2_in_band * data,
+            )
+            found[label_of(one.effect)] = one, fit
+        telling = (pair for pair in found.values() if pair[0].cost < most * pair[0].bare)
+        return sorted(telling, key=lambda pair: pair[0].cost)
+
+    def _quiet(self) -> tuple[tuple[Trial, ...], Fit]:
+        """Give the quietest few pieces that still tell, and their fit without a law."""
+        for share in QUIETER:
+            parts, bare = self._parts(FEW, share)
+            if bare.chi2_in_band > PLAIN:
+                break
+        return parts, bare
+
+    def _parts(self, count: int, share: float = 1.0) -> tuple[tuple[Trial, ...], Fit]:
+        parts = loudest(self._before.plant, self._trials, count, share)
+        return parts, self._shot(None, parts)
+
+    def _shot(
+        self, effect: Effect | None, parts: Sequence[Trial], beat: float | None = None
+    ) -> Fit:
+        """Fit pieces, with one more effect or none, from what the model itself claims."""
+        before = self._before
+        plant = before.plant if effect is None else begun_with(before, effect, self._kinds)[0]
+        values = np.array([entry.value for entry in plant.entries.values()])
+        return shooting_fit(plant, parts, before.noise, values, self._late, beat)[0]
+
+    def _switched(self, fit: Fit, parts: Sequence[Trial]) -> Fit:
+        """Look for a better instant of a switch, in all pieces."""
+        cut, _ = pieces(fit.plant, parts)
+        return refine_switching_instant(fit, cut, self._kinds, None, math.inf, late=self._late)
+
+    def _started(self, one: Candidate, fit: Fit) -> Candidate:
+        """Say where the free run may begin."""
+        plant = fit.plant
+        values = dict(zip(plant.parameters, fit.values.tolist(), strict=True))
+        states = begun_by(plant, self._trials, self._before.noise, fit.values)
+        begun = [dict(zip(plant.state_names, s.tolist(), strict=True)) for s in states]
+        constants = {name: value for name, value in values.items() if len(name) == 2}
+        return dataclasses.replace(one, start=Start(constants, begun, nearby=True))
+
+
+def _rides(kind: Kind) -> bool:
+    """Whether a kind swings by itself: from a new state in each piece, it explains anything."""
+    return isinstance(kind.action, Unmeasured) or bool(
+        isinstance(kind.action, Hidden) and kind.action.coordinates
+    )
+
+
+def _begun(
+    effect: Effect, parts: Sequence[Trial], kinds: Mapping[str, Kind]
+) -> Iterator[Effect]:
+    """Give an effect with every choice that is not fitted: the motion tells which it is.
+
+    What switches is begun all over the pieces: from afar no fit comes to the right instant.
+    """
+    kind = kinds[effect.kind]
+    ways = {p.name: list(p.choices) for p in kind.parameters if p.choices}
+    for name in kind.action.switches if isinstance(kind.action, Law) else ():
+        within = {part.start_s + share * part.duration_s for part in parts for share in WITHIN}
+        ways[name] = [effect.parameters[name], *sorted(within)]
+    for chosen in itertools.product(*ways.values()):
+        parameters = dict(effect.parameters) | dict(zip(ways, chosen, strict=True))
+        yield dataclasses.replace(effect, parameters=parameters)

@@ -1,0 +1,78 @@
+"""What models leave, in; the accelerometer that tells what no structure could do, out.
+
+A structure that is held has no lasting acceleration: over a record its mean is what speed has
+gained, by the time. What an accelerometer tells beyond that is its own, however much else is
+missing; and with that in the way, how records begin tells of nothing.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from slowtime.discrepancy.calibration import Fit, slowest_hz
+from slowtime.discrepancy.candidates.force_space import Space
+from slowtime.discrepancy.candidates.parameter_scan import best_of
+from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, fit_candidate
+from slowtime.discrepancy.localization import Located
+from slowtime.discrepancy.noise import floats
+from slowtime.discrepancy.records import Trial
+from slowtime.dynamics.effects import Kind, Place
+from slowtime.signals.spectra import transform
+
+KINDS = ("sensor_bias", "sensor_drift")
+BELOW, LINES = 0.3, 3
+"""Times the lowest natural frequency below which a structure does not vibrate; and how many
+lines of a record have to lie there for anything to be said."""
+STANDS, PUT_RIGHT = 100.0, 10.0
+"""Times the power of those lines that the mean must have; and may have, once a law is in."""
+
+
+def biased_accelerometer(fit: Fit, trials: Sequence[Trial]) -> Place | None:
+    """Say which accelerometer stands off the most, if one does."""
+    if len(fit.states) != len(trials) or floats(fit.plant.description):
+        return None
+    heights = [_height(fit, trials, i) for i in range(len(fit.plant.description.sensors))]
+    best = int(np.argmax(heights))
+    if heights[best] < STANDS:
+        return None
+    return Place("sensor", fit.plant.description.sensors[best].channel)
+
+
+def sensor_bias_candidate(
+    before: Fit,
+    place: Place,
+    located: Located,
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+) -> FittedCandidate | None:
+    """Refit a constant error or a drift there; None where it stands off all the same."""
+    space = Space(before, located, place)
+    laws = [best_of(kinds[name], space) for name in KINDS if name in kinds]
+    every = [
+        fit_candidate(before, law[0], trials, kinds, None, horizons=(1.0,))
+        for law in laws
+        if law
+    ]
+    channels = [sensor.channel for sensor in before.plant.description.sensors]
+    at = channels.index(place.id)
+    heights = [(_height(one.fit, trials, at), i) for i, one in enumerate(every) if one]
+    least, best = min(heights, default=(math.inf, -1))
+    return every[best] if least < PUT_RIGHT else None
+
+
+def _height(fit: Fit, trials: Sequence[Trial], sensor: int) -> float:
+    """Power of the mean over that of the slow lines beside it, where it is most."""
+    if fit.plant.description.sensors[sensor].quantity != "acceleration":
+        return 0.0
+    lowest = slowest_hz(fit.plant)
+    found = 0.0
+    for residual, trial in zip(fit.residual, trials, strict=True):
+        if not trial.used[:, sensor].all() or not lowest:
+            continue
+        frequency, spectrum = transform(residual[:, [sensor]], trial.rate_hz)
+        power = np.abs(spectrum[:, 0]) ** 2
+        slow = power[1:][frequency[1:] < BELOW * lowest]
+        if len(slow) >= LINES:
+            found = max(found, float(power[0] / max(slow.mean(), 1e-300)))
+    return found

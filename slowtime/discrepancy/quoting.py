@@ -1,0 +1,106 @@
+"""Parameters of fitted effects in numbers, units and sentences for people."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+from slowtime.discrepancy.calibration import UNCLAIMED, Fit
+from slowtime.discrepancy.calibration.augmentation import effects_in
+from slowtime.discrepancy.diagnosis import NamedEffect, Number
+from slowtime.discrepancy.estimation.candidate_fit import undetermined_parameters
+from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.dynamics.description import Description
+from slowtime.dynamics.effects import Kind, Place
+
+OF_SENSOR = "unit of the sensor"
+"""In place of a unit, in kinds that sit on a sensor."""
+
+
+def numbers_of(fit: Fit, which: int) -> dict[str, Number]:
+    """Numbers of one effect, widened by what the model leaves over the noise."""
+    sds = dict(zip(fit.prior.names, fit.widened_sd.tolist(), strict=True))
+    values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
+    # Nothing is known of them but that they lie within the campaign.
+    sds |= {name: abs(values[name]) for name in undetermined_parameters(fit)}
+    given, place = fit.plant.description, fit.plant.effects[which].place
+    return {
+        str(name[2]): Number(value, sds.get(name, 0.0), unit_at(given, place, entry.unit))
+        for (name, entry), value in zip(
+            fit.plant.entries.items(), fit.values.tolist(), strict=True
+        )
+        if len(name) == 3 and name[1] == which
+    }
+
+
+def unit_at(given: Description, place: Place, unit: str) -> str:
+    """Give a unit, that of the sensor where an effect sits on one and takes its unit."""
+    told = [s.unit for s in given.sensors if s.channel == place.id]
+    return told[0] if unit == OF_SENSOR and told else unit
+
+
+def moved_of(fit: Fit) -> dict[str, Number]:
+    """Constants that left their tolerance."""
+    sds = dict(zip(fit.prior.names, fit.sd.tolist(), strict=True))
+    values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
+    return {
+        f"{name[0]} {name[1]}": Number(values[name], sds[name], fit.plant.entries[name].unit)
+        for name, pull in fit.bent.items()
+        if abs(pull) > LIMITS.moved_tolerances
+    }
+
+
+def renumbered(fit: Fit, given: Description) -> dict[str, Number]:
+    """Constants of the effects in a model as given that are off by more than its springs may.
+
+    A model states no tolerance of them: they are held for as well known as the springs are.
+    """
+    claimed = given.tolerance.stiffness if given.tolerance else UNCLAIMED["stiffness"]
+    found = {}
+    for name, value, mean, sd in zip(
+        fit.prior.names, fit.free, fit.prior.mean, fit.widened_sd, strict=True
+    ):
+        if name[0] != "effect" or int(name[1]) >= len(given.effects):
+            continue
+        if abs(value - mean) > LIMITS.moved_tolerances * max(
+            float(sd), claimed * abs(float(mean))
+        ):
+            effect = fit.plant.effects[int(name[1])]
+            found[f"{name[-1]} of {effect.kind} at {effect.place}"] = Number(
+                float(value), float(sd), fit.plant.entries[name].unit
+            )
+    return found
+
+
+def sentence_of(kind: Kind, place: Place, numbers: Mapping[str, Number]) -> str:
+    """Name an effect for people, and say what it means.
+
+    One number needs no name; of several, each is told by its meaning.
+    """
+    told = [(name, n) for name, n in numbers.items() if n.sd > 0]
+    if len(told) == 1:
+        size = told[0][1].text
+    else:
+        size = ", ".join(f"{kind.parameter(name).meaning} {n.text}" for name, n in told)
+    where = "" if place.kind == "base" else f" at {place}"
+    return f"{kind.words}{where}" + (f": {size}. " if size else ". ") + kind.sentence
+
+
+def requote_all(
+    answers: Sequence[NamedEffect], fit: Fit, kinds: Mapping[str, Kind]
+) -> list[NamedEffect]:
+    """Give answers about the last effects of a fit the numbers that those have in it."""
+    own = len(fit.plant.effects) - len(answers)
+    return [requoted(answer, fit, own + i, kinds) for i, answer in enumerate(answers)]
+
+
+def requoted(
+    answer: NamedEffect, fit: Fit, number: int, kinds: Mapping[str, Kind]
+) -> NamedEffect:
+    """Give an answer the numbers that its effect has in the last fit."""
+    effect = effects_in(fit)[number]
+    numbers = numbers_of(fit, number)
+    return dataclasses.replace(
+        answer,
+        effect=effect,
+        numbers=numbers,
+        sentence=sentence_of(kinds[effect.kind], effect.place, numbers),
+    )

@@ -1,0 +1,1 @@
+"""Steps that better a hypothesis once an effect has been added."""

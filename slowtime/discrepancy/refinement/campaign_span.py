@@ -1,0 +1,59 @@
+"""What drifts over the records that were learnt from, in; the same over the campaign, out."""
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+
+from slowtime.discrepancy.calibration import Fit
+from slowtime.discrepancy.quoting import requoted
+from slowtime.discrepancy.records import Campaign
+from slowtime.discrepancy.state import Found
+from slowtime.dynamics.effects import Kind
+
+SPAN = "span_s"
+
+
+def span_campaign(
+    found: Found, own: int, campaign: Campaign, kinds: Mapping[str, Kind]
+) -> None:
+    """Tell drifts by what they come to at the end of all records, those held out with them.
+
+    Parameters
+    ----------
+    own
+        Effects that the model had as it was given.
+    """
+    every = (*campaign.trials, *campaign.holdout)
+    end = max(trial.start_s + trial.duration_s for trial in every)
+    found.fits = [spanning(fit, own, end) for fit in found.fits]
+    last = found.fits[-1]
+    for number, answer in enumerate(found.answers):
+        if SPAN in answer.effect.parameters and SPAN in kinds[answer.effect.kind].names:
+            found.answers[number] = requoted(answer, last, own + number, kinds)
+
+
+def spanning(fit: Fit, own: int, end_s: float) -> Fit:
+    """Write drifts of a fit over another span: the same slope, a larger change in the end."""
+    values, factors = fit.values.copy(), np.ones(len(fit.prior.names))
+    for number, effect in enumerate(fit.plant.effects):
+        names = fit.plant.kinds[effect.kind].names
+        if number < own or SPAN not in names or SPAN not in effect.parameters:
+            continue
+        at = fit.plant.parameters.index(("effect", number, SPAN))
+        longer = end_s / values[at]
+        if not np.isfinite(longer):
+            continue
+        values[at] = end_s
+        for i, name in enumerate(fit.prior.names):
+            if name[:2] == ("effect", number):
+                factors[i] *= longer
+                values[fit.prior.index[i]] *= longer
+    prior = dataclasses.replace(
+        fit.prior,
+        mean=fit.prior.mean * factors,
+        sd=fit.prior.sd * factors,
+        scale=fit.prior.scale * factors,
+    )
+    covariance = fit.covariance * np.outer(factors, factors)
+    return dataclasses.replace(fit, values=values, prior=prior, covariance=covariance)

@@ -1,0 +1,72 @@
+"""A model that was refitted and is stuck, in; the same from where a law has led it, out.
+
+Of constants that are far off, a refit may settle in a minimum that is not the lowest. A law
+that is fitted beside them begins elsewhere, and gets past it; it would then be named for what
+was none of its own.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from slowtime.discrepancy.calibration import Fit, GivenUp, refit
+from slowtime.discrepancy.calibration.augmentation import effects_of
+from slowtime.discrepancy.calibration.model_values import with_values
+from slowtime.discrepancy.candidates.constant_equivalents import CONSTANTS
+from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, misfit
+from slowtime.discrepancy.quoting import moved_of
+from slowtime.discrepancy.records import Trial
+from slowtime.dynamics.effects import Effect
+from slowtime.dynamics.plant import Name
+
+PAST = 0.5
+"""Share of what a refit left, from which there was a lower minimum."""
+
+
+def release_constants(
+    bent: Fit, named: Sequence[FittedCandidate], trials: Sequence[Trial]
+) -> Fit | None:
+    """Refit a model without any law from where the best law has led its constants.
+
+    Parameters
+    ----------
+    bent
+        Refitted from where it was claimed to be.
+    named
+        The same with one law more, the best first.
+
+    Returns
+    -------
+    None where that comes to nothing better.
+    """
+    best = named[0].fit if named else None
+    if best is None or best.chi2_in_band > PAST * bent.chi2_in_band:
+        return None
+    values = dict(zip(best.plant.parameters, best.values.tolist(), strict=True))
+    (law,) = effects_of(with_values(named[0].description, values))[-1:]
+    if not moved_of(best) and law.kind not in CONSTANTS:
+        return None
+    _take_over(values, law)
+    names = best.plant.state_names
+    states = [dict(zip(names, state.tolist(), strict=True)) for state in best.states]
+    left = misfit(bent, bent.noise, trials)
+    try:
+        again = refit(
+            bent.plant,
+            trials,
+            values=np.array([values[name] for name in bent.plant.parameters]),
+            states=[np.array([s[n] for n in bent.plant.state_names]) for s in states],
+            horizons=(1.0,),
+        )
+    except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
+        return None
+    return again if misfit(again, bent.noise, trials) < PAST * left else None
+
+
+def _take_over(values: dict[Name, float], law: Effect) -> None:
+    """Let a constant do what a change of it did."""
+    what, sign = CONSTANTS.get(law.kind, ("", 0.0))
+    name = (what, law.place.id)
+    if name in values:
+        (change,) = law.parameters.values()
+        values[name] += sign * change

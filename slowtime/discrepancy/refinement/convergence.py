@@ -1,0 +1,135 @@
+"""What was found, in; the same at the very bottom of its misfit, and numbers read there, out.
+
+While laws are compared, a refit ends where little is gained. Of two numbers that the records
+tell only together, as a law's damping and the element's own, that little is a standard
+deviation of each. And the misfit of what sticks is rough: it has minima for every instant at
+which it sticks or does not, several of them as deep as the noise lets one see. Which of them a
+fit ends in is chance, and a part of what is not known.
+"""
+
+import dataclasses
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+import numpy as np
+
+from slowtime.discrepancy.calibration import WRONG, Fit, GivenUp, refit
+from slowtime.discrepancy.progress import Monitor
+from slowtime.discrepancy.quoting import requote_all
+from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.state import Found
+from slowtime.dynamics.effects import Friction, Kind, Unmeasured
+
+BESIDE = (-4.0, -2.0, -1.0, 1.0, 2.0, 4.0)
+"""Standard deviations by which friction is held beside where its fit ended."""
+AGAIN = 2
+"""How often that is done: from a better place once more."""
+
+
+def converge(found: Found, own: int, kinds: Mapping[str, Kind]) -> None:
+    """Fit the last model once more, to the end, and read all numbers off it.
+
+    Parameters
+    ----------
+    own
+        Effects that the model had as it was given.
+    """
+    last = found.fits[-1]
+    if not _whole(found, kinds):
+        return
+    try:
+        fit = refit(
+            last.plant, found.trials, noise=last.noise, values=last.values,
+            states=last.states, horizons=(1.0,), fine=True,
+        )  # fmt: skip
+    except (np.linalg.LinAlgError, FloatingPointError):
+        return
+    _told(found, fit, own, kinds)
+
+
+def converge_stick_slip(
+    found: Found, own: int, kinds: Mapping[str, Kind], tell: Monitor
+) -> None:
+    """Hold friction beside where its fit ended; take the best, and how far as good ones are.
+
+    All else is fitted at each value. What is not known is what Laplace's approximation leaves
+    at the best, how those values scatter, each as likely as its chi squared says, and half the
+    square of how far the fit had ended from there.
+
+    Parameters
+    ----------
+    own
+        Effects that the model had as it was given.
+    tell
+        Told of it; once it hurries, friction is held no more.
+    """
+    last = found.fits[-1]
+    lead = _friction(last, kinds)
+    if lead is None or not (_whole(found, kinds) and np.isfinite(last.sd).all()):
+        return
+
+    def late() -> bool:
+        tell("looking beside where friction ended", 0.9)
+        return tell.hurries
+
+    best, ends = last, [last]
+    try:
+        for _ in range(AGAIN):
+            for end in _held(best, lead, found.trials, late):
+                ends.append(end)  # one by one: those before it is given up count
+            least = min(ends, key=lambda fit: fit.cost)
+            if least.cost >= best.cost:
+                break
+            best = refit(
+                last.plant, found.trials, noise=last.noise, values=least.values,
+                states=least.states, horizons=(1.0,), fine=True, late=late,
+            )  # fmt: skip
+            ends.append(best)
+    except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
+        pass
+    off = np.array([end.values - best.values for end in ends])[:, list(best.prior.index)]
+    share = np.exp(np.minimum([best.cost - end.cost for end in ends], 0.0) / 2)
+    scatter = np.einsum("e,ei,ej->ij", share / share.sum(), off, off)
+    scatter += np.outer(off[0], off[0]) / 2  # the dip that it fell into, and another
+    _told(found, dataclasses.replace(best, covariance=best.covariance + scatter), own, kinds)
+
+
+def _friction(fit: Fit, kinds: Mapping[str, Kind]) -> int | None:
+    """Give the place of dry friction among what was fitted: of the first of two."""
+    for which, effect in enumerate(fit.plant.effects):
+        name = ("effect", which, kinds[effect.kind].strength)
+        if isinstance(kinds[effect.kind].action, Friction) and name in fit.prior.names:
+            return fit.prior.names.index(name)
+    return None
+
+
+def _held(
+    best: Fit, lead: int, trials: Sequence[Trial], late: Callable[[], bool]
+) -> Iterator[Fit]:
+    """Fit all but one number, which is held here and there; the others go with it at first."""
+    free = [name for at, name in enumerate(best.prior.names) if at != lead]
+    along = best.covariance[:, lead] / np.sqrt(best.covariance[lead, lead])
+    for width in BESIDE:
+        values = best.values.copy()
+        values[list(best.prior.index)] += width * along
+        if values[best.prior.index[lead]] <= 0:
+            continue  # no friction at all is another model
+        yield refit(
+            best.plant, trials, free=free, noise=best.noise, values=values,
+            states=best.states, horizons=(1.0,), late=late,
+        )  # fmt: skip
+
+
+def _whole(found: Found, kinds: Mapping[str, Kind]) -> bool:
+    """Whether the last model is fitted to whole records, and explains them."""
+    last = found.fits[-1]
+    actions = (kinds[effect.kind].action for effect in last.plant.effects)
+    moving = not any(isinstance(action, Unmeasured) for action in actions)
+    whole = len(last.states) == len(found.trials) and not found.ended
+    return whole and moving and last.chi2_in_band <= WRONG
+
+
+def _told(found: Found, fit: Fit, own: int, kinds: Mapping[str, Kind]) -> None:
+    """Take another fit of the last model, and read the numbers of what was found off it."""
+    found.fits[-1] = fit
+    if len(fit.plant.effects) == own + len(found.answers):
+        found.answers = requote_all(found.answers, fit, kinds)

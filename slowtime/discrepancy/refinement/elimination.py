@@ -1,0 +1,115 @@
+"""Several effects, found one by one, in; those that the others leave a need for, out.
+
+What was named first was named while the others were still missing: once they are in, it may
+have nothing left to explain, and its numbers are not those of the model that has them all.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from slowtime.discrepancy.calibration import WRONG, Fit, refit
+from slowtime.discrepancy.calibration.augmentation import without
+from slowtime.discrepancy.candidates.constant_equivalents import alone_off
+from slowtime.discrepancy.diagnosis import NamedEffect
+from slowtime.discrepancy.estimation.candidate_fit import GRADUALLY, evidence, sds_of_strength
+from slowtime.discrepancy.quoting import requote_all
+from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.dynamics.effects import Kind, Unmeasured
+
+
+def eliminate(
+    fits: Sequence[Fit],
+    answers: Sequence[NamedEffect],
+    trials: tuple[Trial, ...],
+    kinds: Mapping[str, Kind],
+) -> tuple[list[Fit], list[NamedEffect]]:
+    """Leave out effects without which the rest does as well, and read numbers off the last fit.
+
+    Parameters
+    ----------
+    fits
+        Of the nominal model, and after each effect.
+    answers
+        One for each effect, in order.
+
+    A constant that would be far off by itself is no needless effect, whatever the two fits
+    leave: of friction, each may be stuck in another minimum.
+    """
+    chain, kept = list(fits), list(answers)
+    if len(kept) < 2 or any(isinstance(kinds[a.effect.kind].action, Unmeasured) for a in kept):
+        return chain, kept
+    own = len(fits[0].plant.effects)
+    number = 0
+    while number < len(kept) and len(kept) > 1:
+        less = without(chain[-1], own + number, trials, kinds)
+        if less is not None and _lost(less, chain[-1], own + number, kinds):
+            less = _regrown(less, trials)
+        if (
+            less is None
+            or alone_off(less, kept[number].effect)
+            or _gain(chain[-1], less, trials, kinds) >= LIMITS.least_log_evidence
+        ):
+            number += 1
+            continue
+        del kept[number]
+        chain = [chain[0], *left_out(chain, number, less, trials, kinds)]
+        number = 0
+    return chain, requote_all(kept, chain[-1], kinds)
+
+
+def _lost(less: Fit, more: Fit, number: int, kinds: Mapping[str, Kind]) -> bool:
+    """Whether a model is far off for want of a law that does next to nothing.
+
+    What tips over goes another way for a thousandth of its mass; then the fit without the law
+    is in a minimum of its own.
+    """
+    kind = kinds[more.plant.effects[number].kind]
+    faint = sds_of_strength(more, number, kind) < LIMITS.clear_sds
+    return faint and more.chi2_in_band < WRONG < less.chi2_in_band
+
+
+def _regrown(fit: Fit, trials: tuple[Trial, ...]) -> Fit:
+    """Fit a model to ever longer parts of the records; the better of both."""
+    try:
+        again = refit(
+            fit.plant, trials, noise=fit.noise, values=fit.values, states=fit.states,
+            horizons=GRADUALLY,
+        )  # fmt: skip
+    except (np.linalg.LinAlgError, FloatingPointError):
+        return fit
+    return again if again.cost < fit.cost else fit
+
+
+def _gain(more: Fit, less: Fit, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]) -> float:
+    """Log evidence that the larger model has over the smaller, by one noise and the same data.
+
+    What a clock that is off leaves without an end is out of the data while one is tried.
+    """
+    same = more
+    if less.noise is not more.noise or less.data != more.data:
+        same = refit(
+            more.plant, trials, noise=less.noise, values=more.values, states=more.states,
+            horizons=(1.0,),
+        )  # fmt: skip
+    return evidence(same, kinds) - evidence(less, kinds)
+
+
+def left_out(
+    chain: Sequence[Fit],
+    number: int,
+    less: Fit,
+    trials: tuple[Trial, ...],
+    kinds: Mapping[str, Kind],
+) -> list[Fit]:
+    """Fits after each effect that is left: those before the one that went are still good."""
+    count = len(less.plant.effects) - len(chain[0].plant.effects)
+    good = chain[1 : min(number + 1, count)]
+    missing: list[Fit] = [less]
+    while len(good) + len(missing) < count:
+        shorter = without(missing[0], len(missing[0].plant.effects) - 1, trials, kinds)
+        if shorter is None:
+            break
+        missing.insert(0, shorter)
+    return [*good, *missing]

@@ -1,0 +1,172 @@
+"""A law that leaves something where it acts, in; the same with the numbers of its force, out.
+
+The fit of a free run has minima of its own. With the law in, motion is nearly right, and what
+the law lacks is a force at its place; both together are the force that is really there. Over
+the motion that goes with it, the law has the numbers that its free run ought to begin with.
+"""
+
+import itertools
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import scipy.optimize
+from jaxtyping import Float
+
+from slowtime.discrepancy.calibration import WRONG, Fit, GivenUp, refit
+from slowtime.discrepancy.calibration.augmentation import effects_in
+from slowtime.discrepancy.candidates.force_space import Space
+from slowtime.discrepancy.candidates.parameter_scan import joined
+from slowtime.discrepancy.estimation.candidate_fit import SWIFTLY
+from slowtime.discrepancy.estimation.shooting_fit import unexplained_by
+from slowtime.discrepancy.localization import Located
+from slowtime.discrepancy.progress import Monitor
+from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.state import Found
+from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.dynamics.effects import Effect, Kind, Law, Motion, force_along
+
+UNIQUE = 3.0
+"""Times what a force at the place leaves, that one anywhere else has to leave."""
+SAMPLES = 20_000
+"""Of force and motion, that a law is fitted to at most."""
+SPREAD = (1.0, 0.5, 2.0)
+"""Factors on the numbers of a law, with which its fit to a force begins."""
+
+LESS = 0.1
+"""Logarithm of power, in the mean of all sensors, that has to be left less for it."""
+
+Series = Float[np.ndarray, " time"]
+
+
+def relearn_force(
+    found: Found, before: Fit, located: Located, kinds: Mapping[str, Kind], tell: Monitor
+) -> bool:
+    """Fit a law anew, from the numbers of the force where it is; whether that left less.
+
+    Parameters
+    ----------
+    before
+        The last fit, its constants held to their tolerances.
+    located
+        What that leaves.
+    """
+    last, trials = found.fits[-1], found.trials
+    whole = len(last.states) == len(trials) and found.holds is None
+    number = _which(found, located, kinds)
+    if number is None or not whole or last.chi2_in_band < WRONG or tell.hurries:
+        return False
+    own = len(last.plant.effects) - len(found.answers)
+    effect = effects_in(before)[own + number]
+    tell(f"learning {effect.kind} at {effect.place} from its force", 0.5)
+    force, motion = _recovered(before, effect, located, trials, kinds)
+    learnt = law_of(kinds[effect.kind], effect, force, motion)
+    begun = before.values.copy()
+    for name, value in learnt.items():
+        begun[last.plant.parameters.index(("effect", own + number, name))] = value
+    names = last.plant.state_names
+    space = Space(before, located, effect.place)
+    states = [np.array([one.get(n, 0.0) for n in names]) for one in space.states]
+    try:
+        again = refit(
+            last.plant, trials, values=begun, states=states, horizons=SWIFTLY,
+            late=lambda: tell.hurries,
+        )  # fmt: skip
+    except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
+        return False
+    if not np.isfinite(again.cost) or unexplained_by(again) > unexplained_by(
+        last
+    ) - LESS * _channels(last):
+        return False
+    found.put_last(again, kinds)
+    return True
+
+
+def _channels(fit: Fit) -> int:
+    return sum(residual.shape[1] for residual in fit.residual)
+
+
+def _which(found: Found, located: Located, kinds: Mapping[str, Kind]) -> int | None:
+    """Say which law it is, where a force at its place is all that is missing."""
+    best, *others = located.groups
+    if best.left > LIMITS.several_forces_chi2 or any(
+        one.left < UNIQUE * best.left for one in others
+    ):
+        return None
+    there = [
+        number
+        for number, answer in enumerate(found.answers)
+        if answer.effect.place == best.places[0] and _is_curve(kinds[answer.effect.kind])
+    ]
+    return there[-1] if there and best.places[0].kind == "element" else None
+
+
+def _is_curve(kind: Kind) -> bool:
+    """Whether a force is a law's of the motion of the moment; none that holds is."""
+    return isinstance(kind.action, Law) and not kind.action.rates
+
+
+def _recovered(
+    fit: Fit,
+    effect: Effect,
+    located: Located,
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+) -> tuple[Series, Motion]:
+    """Give the force of a law and what it lacks, and the motion that goes with both."""
+    forces, motions = [], []
+    for number, (trial, state) in enumerate(zip(trials, fit.states, strict=True)):
+        run = fit.plant.states(
+            fit.values, trial.inputs, trial.rate_hz,
+            state0=state if state.size else None, start_s=trial.start_s,
+        )[effect.place]  # fmt: skip
+        latent = located.latent(effect.place, number)
+        own = force_along(kinds[effect.kind], effect.parameters, run)
+        forces.append(own + latent.force)
+        motions.append(latent.motion)
+    order = np.argsort([motion.times[0] for motion in motions], kind="stable")
+    return np.concatenate([forces[i] for i in order]), joined(motions)
+
+
+def law_of(kind: Kind, effect: Effect, force: Series, motion: Motion) -> dict[str, float]:
+    """Give the numbers with which a law follows a force best, beside a spring and a damper.
+
+    Parameters
+    ----------
+    effect
+        The law, with the numbers to begin with: those that are fitted are looked for.
+    force
+        Along `motion` [N].
+
+    Examples
+    --------
+    See `tests/slowtime/discrepancy/refinement/test_force_relearning.py`.
+    """
+    step = -(-len(force) // SAMPLES)
+    some = Motion(
+        e=motion.e[::step], v=motion.v[::step], a=motion.a[::step], times=motion.times[::step]
+    )
+    told = force[::step]
+    fitted = [p.name for p in kind.parameters if p.fitted and effect.parameters[p.name] != 0]
+    first = np.array([effect.parameters[name] for name in fitted])
+    linear = np.stack([some.e, some.v, np.ones(len(told))], axis=1)
+    basis = np.linalg.qr(linear / np.maximum(np.linalg.norm(linear, axis=0), 1e-300))[0]
+
+    def numbers(factors: Float[np.ndarray, " number"]) -> dict[str, float]:
+        return dict(zip(fitted, (first * np.exp(factors)).tolist(), strict=True))
+
+    def left(factors: Float[np.ndarray, " number"]) -> Series:
+        own = {**effect.parameters, **numbers(factors)}
+        rest = told - force_along(kind, own, some)
+        return np.asarray(rest - basis @ (basis.T @ rest))
+
+    best = np.zeros(len(fitted))
+    least = float(np.sum(left(best) ** 2))
+    for number, factor in itertools.product(range(len(fitted)), SPREAD):
+        start = np.zeros(len(fitted))
+        start[number] = np.log(factor)
+        found = scipy.optimize.least_squares(left, start, max_nfev=60, x_scale=0.1)
+        if 2 * found.cost < least:
+            best, least = found.x, float(2 * found.cost)
+    learnt = numbers(best)
+    fine = all(kind.parameter(name).refuses(value) is None for name, value in learnt.items())
+    return learnt if fine else {}

@@ -1,0 +1,78 @@
+"""A fit that explains records but for how they begin, in; one with other initial states, out.
+
+What is thrown into a strong law moves, at first, unlike what it does later; and what sings
+forgets how it began. The constants are known by then from all that follows: only the state has
+to be looked for, over the first swings.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from slowtime.discrepancy.calibration import (
+    WRONG,
+    Fit,
+    GivenUp,
+    first_swings,
+    refit,
+    size_of,
+    state_from_many,
+)
+from slowtime.discrepancy.estimation.shooting_fit import unexplained_by
+from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.state import Found
+from slowtime.dynamics.effects import Kind
+
+LOUD = 4.0
+"""Times the mean square of what is left later, that is left of how a record begins."""
+
+State = Float[np.ndarray, " state"]
+
+
+def restart_initial_states(found: Found, kinds: Mapping[str, Kind]) -> None:
+    """Begin records of the last model anew, where that leaves less."""
+    last, trials = found.fits[-1], found.trials
+    if len(last.states) != len(trials) or found.holds is not None:
+        return
+    again = restarted(last, trials)
+    if again is not None:
+        found.put_last(again, kinds)
+
+
+def restarted(fit: Fit, trials: Sequence[Trial]) -> Fit | None:
+    """Give the fit with other initial states, where that leaves less; else nothing.
+
+    Looked for in records whose first swings are explained much worse than what follows.
+    """
+    if fit.chi2_in_band < WRONG:
+        return None
+    heads = first_swings(fit.plant, trials)
+    states = [
+        _elsewhere(fit, trials[number], heads[number], number)
+        if _begins_badly(fit, number, heads[number])
+        else fit.states[number]
+        for number in range(len(trials))
+    ]
+    if all(one is known for one, known in zip(states, fit.states, strict=True)):
+        return None
+    try:
+        again = refit(fit.plant, trials, values=fit.values, states=states, horizons=(1.0,))
+    except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
+        return None
+    return again if unexplained_by(again) < unexplained_by(fit) else None
+
+
+def _begins_badly(fit: Fit, number: int, head: Trial) -> bool:
+    left, first = fit.residual[number], len(head.outputs)
+    if len(left) < 2 * first:
+        return False
+    early, late = np.mean(left[:first] ** 2, axis=0), np.mean(left[first:] ** 2, axis=0)
+    return float(early.sum()) > LOUD * float(late.sum())
+
+
+def _elsewhere(fit: Fit, trial: Trial, head: Trial, number: int) -> State:
+    """Give the initial state from which the first swings are explained best."""
+    known = fit.states[number]
+    size = size_of(fit.plant, trial, fit.values, known)
+    return state_from_many(fit.plant, head, fit.noise.of([number]), fit.values, known, size)

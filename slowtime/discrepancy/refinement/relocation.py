@@ -1,0 +1,125 @@
+"""Several effects that were found, in; the same, one of them at another place, out.
+
+Which place a law was given was told while others were missing, and a neighbour explains most of
+what it does. Beside all others, with its own numbers, it is tried at each place it may sit at.
+"""
+
+import dataclasses
+from collections.abc import Callable, Iterator, Mapping
+
+import numpy as np
+from jaxtyping import Float
+
+from slowtime.discrepancy.calibration import Fit, GivenUp, refit
+from slowtime.discrepancy.calibration.augmentation import run_by, states_in
+from slowtime.discrepancy.estimation.candidate_fit import SWIFTLY
+from slowtime.discrepancy.estimation.switching_instant import refine_switching_instant
+from slowtime.discrepancy.progress import Monitor
+from slowtime.discrepancy.quoting import requote_all
+from slowtime.discrepancy.selection.probabilities import doubts_about
+from slowtime.discrepancy.state import Found
+from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.dynamics.effects import Kind, Place
+from slowtime.dynamics.plant import Plant
+
+from .elimination import left_out
+
+STRENGTHS = (1.0, 0.25, 0.5, 2.0, 4.0)
+"""Times as strong as a law was, as which it is begun with at another place: an element that
+moves less needs more of it."""
+
+
+def relocate(found: Found, kinds: Mapping[str, Kind], tell: Monitor) -> bool:
+    """Put a law at another place where that explains more; whether one was.
+
+    Of the numbers that it has, each place needs as many: what is likelier leaves less.
+    """
+    last, trials = found.fits[-1], found.trials
+    whole = len(last.states) == len(trials) and found.holds is None and not found.ended
+    if len(found.answers) < 2 or not whole or found.unheard:
+        return False
+    best, which = last, -1
+    for number, place in _elsewhere(found):
+        if tell.ends:
+            found.hurried = True
+            break
+        answer = found.answers[number]
+        tell(f"trying {answer.effect.kind} at {place}", 0.8)
+        other = _with(best, last, number, place, found, kinds, lambda: tell.ends)
+        if other is not None and other.cost < best.cost - 2 * LIMITS.least_log_evidence:
+            best, which = other, number
+    if best is last:
+        return False
+    found.fits = [found.fits[0], *left_out(found.fits, which, best, trials, kinds)]
+    answers = requote_all(found.answers, best, kinds)
+    answers[which] = dataclasses.replace(answers[which], rivals=())  # of the place it had
+    found.answers, found.pair, found.retuned = answers, None, False
+    found.undecided = next((doubt for a in answers if (doubt := doubts_about(a))), ())
+    return True
+
+
+def _elsewhere(found: Found) -> Iterator[tuple[int, Place]]:
+    """Give laws and other places for them: the first that was found first."""
+    structure = found.fits[-1].plant.description
+    every = {
+        "element": [element.id for element in structure.elements],
+        "node": [node.id for node in structure.nodes],
+    }
+    taken = {(answer.effect.kind, answer.effect.place) for answer in found.answers}
+    for number, answer in enumerate(found.answers):
+        sort = answer.effect.place.kind
+        for name in every.get(sort, ()):
+            place = Place(sort, name)
+            if (answer.effect.kind, place) not in taken:
+                yield number, place
+
+
+def _with(
+    fit: Fit,
+    last: Fit,
+    number: int,
+    place: Place,
+    found: Found,
+    kinds: Mapping[str, Kind],
+    late: Callable[[], bool],
+) -> Fit | None:
+    """Refit a model with one of its effects at another place; None where that is worse.
+
+    Parameters
+    ----------
+    fit
+        What it has to be better than.
+    last
+        The model as it was found, in which the effect is `number` of those that were.
+    """
+    description = last.plant.description
+    at = len(description.effects) - len(found.answers) + number
+    entry = {**description.effects[at], place.kind: place.id}
+    effects = tuple(entry if i == at else e for i, e in enumerate(description.effects))
+    plant = Plant.of(dataclasses.replace(description, effects=effects), kinds=kinds)
+    states = states_in(last, plant)
+    values = min(
+        _as_strong(plant, last, at, kinds[str(entry["effect"])]),
+        key=lambda values: run_by(plant, values, states, last.noise, found.trials),
+    )
+    try:
+        other = refit(
+            plant, found.trials, noise=last.noise, values=values, states=states,
+            horizons=SWIFTLY, beat=fit.cost, late=late,
+        )  # fmt: skip
+        other = refine_switching_instant(other, found.trials, kinds, fit.cost, np.inf, at)
+    except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
+        return None
+    return other if np.isfinite(other.cost) else None
+
+
+def _as_strong(
+    plant: Plant, last: Fit, at: int, kind: Kind
+) -> Iterator[Float[np.ndarray, " parameter"]]:
+    """Give the values of a fit, the law as strong as it was, and weaker and stronger."""
+    which = [] if kind.strength is None else [kind.strength, *kind.scales]
+    of_strength = [plant.parameters.index(("effect", at, name)) for name in which]
+    for factor in STRENGTHS if which else (1.0,):
+        values = last.values.copy()
+        values[of_strength] *= factor
+        yield values

@@ -1,0 +1,1 @@
+"""The diagnosis put together from the hypothesis that the search ended with."""

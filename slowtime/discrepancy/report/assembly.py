@@ -1,0 +1,430 @@
+"""What was found, in; the whole answer, with the gap that it closes, out."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import scipy.stats
+
+from slowtime.discrepancy.calibration import WRONG, Fit
+from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
+from slowtime.discrepancy.calibration.model_values import with_values
+from slowtime.discrepancy.data.clock_overrun import within_record
+from slowtime.discrepancy.data.screening import Finding, screen
+from slowtime.discrepancy.diagnosis import (
+    Diagnosis,
+    Gap,
+    NamedEffect,
+    Step,
+    Surface,
+    Suspect,
+    Verdict,
+    When,
+)
+from slowtime.discrepancy.estimation.candidate_fit import misfit
+from slowtime.discrepancy.estimation.input_hold import saying_holds, told_of_holds
+from slowtime.discrepancy.experiment_design.proposal import propose
+from slowtime.discrepancy.localization import Located, character
+from slowtime.discrepancy.noise import floats
+from slowtime.discrepancy.quoting import moved_of, renumbered
+from slowtime.discrepancy.records import Campaign, Trial
+from slowtime.discrepancy.selection.doubts import doubt_laws, doubt_pieces
+from slowtime.discrepancy.selection.many_laws import pieces_of_one, temper_many_laws
+from slowtime.discrepancy.selection.probabilities import FLAW, fault_of, verdict_of
+from slowtime.discrepancy.state import Found
+from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.discrepancy.validation.free_run import (
+    Judged,
+    floor_of,
+    judge,
+    judged,
+    noise_on,
+    on_heads,
+    spectra_of,
+    traces_of,
+)
+from slowtime.discrepancy.validation.transfer import is_confirmed_elsewhere
+from slowtime.dynamics.description import Description
+from slowtime.dynamics.effects import Friction, Kind, Place, force_along
+
+LEFT, ELSEWHERE = 1e-3, 0.05
+"""Share of the first gain that is still to be had, at its place, once an effect was wrongly
+named; and at another place, once so much is missing there that no name should stand."""
+FORETOLD, BY_ONE = 1.01, 0.1
+"""Error over that of noise alone at which a record that was never seen is met: whatever the
+others leave, what explains this is not unknown; and share of the error of the refitted model
+to which one law alone has to bring it down, where noise is so low that no law ever meets it."""
+HALF = 0.5
+"""Share of what was missing that is left where nothing that was named was near."""
+CLOSED = 0.9
+"""Share to which an error has to fall before it is said to; the floor is met within as much."""
+
+NOT_HELD_OUT = (
+    "No record was held out: the gap is that of the last third of each record, by numbers "
+    "fitted to the rest. Hold one out to see how far the model can be trusted elsewhere."
+)
+NEARER = " Constants known better than their tolerance would tell, or another level."
+LOUD = (
+    "What is left is not of the colour that the noise was taken to have, but no record shows "
+    "it as an error: it is noise, or far below it."
+)
+AS_WELL = 9.0
+"""Chi squared by which a law may leave more, and do as well."""
+UNLIKELY = 0.05
+"""Chance that any constant is so far within its tolerance, below which it is told."""
+FLOATS = (
+    "No element holds the structure to the base: as given, it floats. Where it does not, join "
+    "a node to `base`."
+)
+NOT_KEPT = (
+    "The model as given does better on the record it never saw than with what was fitted: it "
+    "is left as it was."
+)
+HURRIED = "Time ran out before every law was tried; --patience gives it more."
+
+
+def report(
+    campaign: Campaign,
+    trials: tuple[Trial, ...],
+    findings: tuple[Finding, ...],
+    found: Found,
+    kinds: Mapping[str, Kind],
+) -> Diagnosis:
+    """Put an answer together: verdict, sentences, the gap on what was not fitted, pictures."""
+    first, last = found.fits[0], found.fits[-1]
+    channels = tuple(sensor.channel for sensor in campaign.description.sensors)
+    tests = judged(trials, tuple(screen(t).trial for t in campaign.holdout))
+    # What a fast clock told of times after the end, nobody foretells.
+    tests = within_record(tests, channels, (answer.effect for answer in found.answers), kinds)
+    nominal = judge(campaign.description, dataclasses.replace(
+        first, values=first.plant.values
+    ), tests)  # fmt: skip
+    ahead = found.fits if campaign.holdout else [on_heads(fit, trials) for fit in found.fits]
+    steps = [judge(_described(fit), fit, tests) for fit in ahead]
+    heard = noise_on(last, tests, steps[-1].runs)
+    floor = floor_of(tests, heard)
+    given = campaign.description
+    faults = [a for f in findings if (a := fault_of(f, given, kinds)) is not None]
+    errors = [float(step.error.mean()) for step in steps]
+    foretold = bool(campaign.holdout and found.answers) and _foretold(
+        found, errors, floor, kinds
+    )
+    if not found.undecided and not found.ended:
+        doubt_pieces(found, kinds)
+    if campaign.holdout and not found.undecided and not found.ended:
+        if chi2_p_value(last) > LIMITS.coloured_p_value and not is_confirmed_elsewhere(
+            last, errors[-1] / floor, tests
+        ):
+            doubt_laws(found, kinds)
+    unknown = found.refuted is not None or found.link is not None
+    loud = _loud(found, errors, floor)
+    # Which of two it is matters once one of them could be right.
+    doubted = bool(found.undecided) and last.chi2_in_band < LIMITS.far_off_chi2
+    unknown = unknown or (not (doubted or foretold or loud) and _unknown(found, kinds))
+    located = found.located
+    assert located is not None
+    alike = bool(located.groups[0].twins)
+    sure = temper_many_laws(found.answers, len(found.fits) - 1, kinds, alike=alike)
+    answers = _once([*(() if unknown else sure), *faults])
+    verdict, sentence = _word(campaign.description, found, answers, kinds)
+    if unknown:
+        verdict, sentence = "unknown_effect", _unnamed(found, kinds)
+    # Constants that were bent to make up for what has no name are no better a model.
+    useless = unknown and bool(campaign.holdout) and errors[-1] > float(nominal.error.mean())
+    kept = nominal if useless else steps[-1]
+    experiment = propose(found.pair, trials, kinds) if found.pair and not unknown else None
+    if experiment is not None:
+        sentence += f" What would decide: {experiment.sentence}"
+    return Diagnosis(
+        verdict=verdict,
+        sentence=sentence + _closing(kept, nominal, floor, bool(campaign.holdout)),
+        effects=tuple(answers),
+        undecided=found.undecided if verdict == "undecided" else (),
+        experiment=experiment,
+        nothing_probability=_nothing(found, located),
+        moved={} if useless else moved_of(last) | renumbered(last, campaign.description),
+        where=_suspects(located),
+        when=_when(located) if found.answers else When((), (), ""),
+        findings=findings,
+        gap=_gap(campaign, found, nominal, steps, kept, floor),
+        chi2_per_datum=last.chi2_per_datum,
+        residual_white=chi2_p_value(last) > LIMITS.white_p_value,
+        white_p_value=chi2_p_value(last),
+        nominal=campaign.description,
+        refitted=_described(first),
+        augmented=campaign.description if useless else saying_holds(_described(last)),
+        traces=traces_of(tests, nominal.runs, steps[0].runs, kept.runs),
+        spectra=spectra_of(tests, steps[0].runs, kept.runs, heard),
+        surface=(
+            _surface(located, () if unknown else found.answers, kinds, found.refuted)
+            if found.answers or unknown
+            else None
+        ),
+        notes=(
+            *((NOT_HELD_OUT,) if not campaign.holdout else ()),
+            *((NOT_KEPT,) if useless else ()),
+            *told_of_holds(campaign.description),
+            *((FLOATS,) if floats(campaign.description) else ()),
+            *((HURRIED,) if found.hurried else ()),
+            *(
+                (f"Nearest: {a.sentence}" for a in found.answers)
+                if unknown
+                else (*_pieced(found, kinds), *_as_well(found, kinds), *_besides(found))
+            ),
+            *(_far(last) if verdict == "nothing_missing" else ()),
+            *((LOUD,) if loud and not unknown and _unknown(found, kinds) else ()),
+        ),
+    )
+
+
+def _foretold(
+    found: Found, errors: Sequence[float], floor: float, kinds: Mapping[str, Kind]
+) -> bool:
+    """Whether records that were never seen are met as by no law but the right one."""
+    inside = ("element", "node", "base")
+    laws = [a for a in found.answers if kinds[a.effect.kind].where in inside]
+    return errors[-1] <= FORETOLD * floor or (
+        len(laws) == 1 and errors[-1] <= BY_ONE * errors[0]
+    )
+
+
+def _loud(found: Found, errors: Sequence[float], floor: float) -> bool:
+    """Whether nothing was found, and what was not fitted is met as well as noise allows.
+
+    What is left is then noise of another colour than it was taken to have.
+    """
+    little = found.fits[-1].chi2_in_band < WRONG
+    return not found.answers and little and CLOSED * errors[-1] <= floor
+
+
+def _unknown(found: Found, kinds: Mapping[str, Kind]) -> bool:
+    """Whether what is left is more than what was found, or nothing, could leave."""
+    last = found.fits[-1]
+    if not found.answers and last.chi2_in_band > WRONG:
+        return True  # wherever it is
+    if found.hurried and not found.ended and last.chi2_in_band > LIMITS.far_off_chi2:
+        return True  # no right law leaves as much, and there was no time for others
+    if found.left is None or found.left.p_value > LIMITS.false_alarm_p_value:
+        return False
+    if chi2_p_value(last) > LIMITS.coloured_p_value:
+        return False
+    if not found.answers:
+        return True
+    rest = found.left.groups[0]
+    here = [a for a in found.answers if a.effect.place in (*rest.places, *rest.twins)]
+    sticks = any(isinstance(kinds[a.effect.kind].action, Friction) for a in here)
+    most = FLAW if sticks else LEFT
+    return _still_left(found) > (most if here else ELSEWHERE)
+
+
+def _still_left(found: Found) -> float:
+    """Share of what was missing at first that still is, beyond one and the same noise."""
+    first, last = found.fits[0], found.fits[-1]
+    counts = [[len(r) for r in fit.residual] for fit in (first, last)]
+    if counts[0] != counts[1]:
+        assert found.located is not None
+        assert found.left is not None
+        return found.left.groups[0].score / found.located.groups[0].score
+    before, after = (misfit(fit, last.noise, found.trials) - last.data for fit in (first, last))
+    return max(after, 0.0) / max(before, 1.0)
+
+
+def _besides(found: Found) -> tuple[str, ...]:
+    """Say of structure that is left, where it is, and how little beside what was found."""
+    if (
+        not found.answers
+        or found.left is None
+        or found.left.p_value > LIMITS.false_alarm_p_value
+    ):
+        return ()
+    if chi2_p_value(found.fits[-1]) > LIMITS.coloured_p_value:
+        return ()
+    rest = found.left.groups[0]
+    share = _still_left(found)
+    return (
+        f"What is left is not all noise: some of it points to {rest.places[0]}, "
+        f"{100 * share:.2g} % of what was missing at first.",
+    )
+
+
+def _pieced(found: Found, kinds: Mapping[str, Kind]) -> tuple[str, ...]:
+    """Say of two curves at one place that they may be one that is not known."""
+    return tuple(
+        f"Two laws over the {variable} at {place} may be one that is none of those known here."
+        for place, variable in pieces_of_one(found.answers, kinds).items()
+    )
+
+
+def _as_well(found: Found, kinds: Mapping[str, Kind]) -> tuple[str, ...]:
+    """Say which laws of more numbers do as well as the only one that was named."""
+    if len(found.answers) != 1 or len(found.fits) != 2 or found.undecided or found.ended:
+        return ()
+    (answer,), best = found.answers, found.fits[-1]
+    others = {
+        one.effect.kind: one
+        for one in (*found.alike, *found.named)
+        if one.effect.place == answer.effect.place and one.effect.kind != answer.effect.kind
+        and len(one.fit.states) == len(found.trials)
+    }  # fmt: skip
+    least = misfit(best, best.noise, found.trials)
+    return tuple(
+        f"{kinds[name].words} at {answer.effect.place}, a law of more numbers, would do as "
+        "well: what sets it apart does not show in these records."
+        for name, one in others.items()
+        if len(kinds[name].names) > len(answer.effect.parameters)
+        and misfit(one.fit, best.noise, found.trials) < least + AS_WELL
+    )
+
+
+def _far(fit: Fit) -> tuple[str, ...]:
+    """Tell of constants that kept within their tolerance, and are far off all the same."""
+    pulls = fit.bent
+    chances = {
+        name: min(1.0, 2 * len(pulls) * float(scipy.stats.norm.sf(abs(pull))))
+        for name, pull in pulls.items()
+    }
+    return tuple(
+        f"The {name[0]} of {name[1]} had to be {abs(pulls[name]):.1f} tolerances off: allowed, "
+        f"but so far is any of them by a chance of {_percent(chance)}."
+        for name, chance in chances.items()
+        if chance < UNLIKELY
+    )
+
+
+def _once(answers: Sequence[NamedEffect]) -> list[NamedEffect]:
+    """Keep the first answer for each kind and place."""
+    kept: dict[tuple[str, Place], NamedEffect] = {}
+    for answer in answers:
+        kept.setdefault((answer.effect.kind, answer.effect.place), answer)
+    return list(kept.values())
+
+
+def _described(fit: Fit) -> Description:
+    values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
+    return with_values(fit.plant.description, values)
+
+
+def _word(
+    given: Description, found: Found, answers: Sequence[NamedEffect], kinds: Mapping[str, Kind]
+) -> tuple[Verdict, str]:
+    if found.undecided:
+        names = " or ".join(f"{kinds[r.effect].words} at {r.place}" for r in found.undecided)
+        names += ", or no more than constants that are off" if found.retuned else ""
+        names += ", or a law near it that is not known here" if found.near else ""
+        told = f"Something is missing, and these records cannot tell which: {names}."
+        return "undecided", told + (NEARER if found.near else "")
+    if answers:
+        return verdict_of(answers, kinds), " ".join(a.sentence for a in answers)
+    moved = moved_of(found.fits[0]) | renumbered(found.fits[0], given)
+    if moved:
+        told = ", ".join(f"{name} = {n.text}" for name, n in moved.items())
+        return "parameters_only", f"Nothing is missing; constants left their tolerance: {told}."
+    return "nothing_missing", "Nothing is missing beyond the stated tolerances."
+
+
+def _unnamed(found: Found, kinds: Mapping[str, Kind]) -> str:
+    near = " with ".join(
+        f"{kinds[a.effect.kind].words} at {a.effect.place}" for a in found.answers
+    )
+    if found.link is not None:
+        return (
+            f"Something is missing that the model has no element for: {found.link} explains "
+            "more than any effect known here. If there may be one, add it to the model and "
+            "look again." + (f" The nearest effect is {near}." if near else "")
+        )
+    place, but = found.refuted, "follows another curve"
+    if place is None:
+        # What was named without explaining much tells nothing of where to look.
+        first, rest = found.located, found.left
+        assert first is not None
+        assert rest is not None
+        far = _still_left(found) > HALF
+        place, but = (first if far else rest).inside, "leaves more than the noise"
+        near = "" if far else near
+    return (
+        f"Something is missing at {place} that is none of the effects known here; "
+        "its force is drawn as it was recovered."
+        + (f" The nearest, {near}, {but}." if near else "")
+    )
+
+
+def _closing(kept: Judged, nominal: Judged, floor: float, held: bool) -> str:
+    """Say how far the gap has closed, and how near it is to the noise."""
+    before, after = float(nominal.error.mean()), float(kept.error.mean())
+    on = "the record it never saw" if held else "the last third of the records"
+    fell = f"falls from {_percent(before)} to" if after < CLOSED * before else "is"
+    close = after <= floor / CLOSED
+    rest = ", the noise floor." if close else f"; the noise alone is {_percent(floor)}."
+    return f" The error on {on} {fell} {_percent(after)}{rest}"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"
+
+
+def _nothing(found: Found, located: Located) -> float:
+    if found.answers:
+        return float(np.exp(-max(located.groups[0].score, 0.0)))
+    return 1.0 - min(0.5, max(0.0, 1e-3 - located.p_value))
+
+
+def _suspects(located: Located) -> tuple[Suspect, ...]:
+    return tuple(
+        Suspect(place, g.score, g.p_value, g.share)
+        for g in located.groups
+        for place in g.places
+    )
+
+
+def _when(located: Located) -> When:
+    seen = character(located, located.best)
+    return When(
+        seen.times_s, seen.bands_hz, seen.amplitude, linear=seen.linear, steady=seen.steady
+    )
+
+
+def _gap(
+    campaign: Campaign,
+    found: Found,
+    nominal: Judged,
+    steps: Sequence[Judged],
+    kept: Judged,
+    floor: float,
+) -> Gap:
+    return Gap(
+        nominal=float(nominal.error.mean()),
+        refitted_nominal=float(steps[0].error.mean()),
+        steps=tuple(
+            Step(answer.effect.kind, answer.effect.place, float(step.error.mean()))
+            for answer, step in zip(found.answers, steps[1:], strict=False)
+        ),
+        augmented=float(kept.error.mean()),
+        noise_floor=floor,
+        on="holdout" if campaign.holdout else "tail",
+        worst=float(kept.error.max()),
+    )
+
+
+def _surface(
+    located: Located,
+    answers: Sequence[NamedEffect],
+    kinds: Mapping[str, Kind],
+    refuted: Place | None,
+) -> Surface | None:
+    """Force at the place of the first effect, or of none, as recovered before any was in."""
+    place = answers[0].effect.place if answers else refuted or located.inside
+    if place.kind not in ("element", "node"):
+        return None
+    latents = [located.latent(place, i) for i in range(len(located.trials))]
+    law = None
+    if answers:
+        kind, parameters = kinds[answers[0].effect.kind], answers[0].effect.parameters
+        law = np.concatenate([force_along(kind, parameters, x.motion) for x in latents])
+    stride = max(sum(len(x.force) for x in latents) // 5000, 1)
+    return Surface(
+        place=place,
+        e=np.concatenate([x.motion.e for x in latents])[::stride],
+        v=np.concatenate([x.motion.v for x in latents])[::stride],
+        force=np.concatenate([x.force for x in latents])[::stride],
+        law=None if law is None else law[::stride],
+    )

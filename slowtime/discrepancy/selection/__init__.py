@@ -1,0 +1,1 @@
+"""Which candidates are fitted, which is accepted, and how probable it is."""

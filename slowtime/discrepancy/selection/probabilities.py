@@ -1,0 +1,146 @@
+"""Refitted models in; how probable each is, which word that makes, and sentences, out."""
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from slowtime.discrepancy.calibration import Fit
+from slowtime.discrepancy.data.screening import Finding
+from slowtime.discrepancy.diagnosis import NamedEffect, Number, Rival, Verdict
+from slowtime.discrepancy.estimation.candidate_fit import (
+    FittedCandidate,
+    fitted_effect,
+)
+from slowtime.discrepancy.estimation.occam_factor import leniency
+from slowtime.discrepancy.quoting import numbers_of, sentence_of, unit_at
+from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.dynamics.description import Description
+from slowtime.dynamics.effects import Effect, Kind, Place
+
+FLAW = 0.003
+"""Share of what was missing that a right model may leave: friction that sticks leaves a little
+wherever its fit ends, for its misfit has many minima."""
+
+
+def hardly_any(last: Fit, first: Fit) -> bool:
+    """Whether a fit leaves hardly any of what the first left beyond the noise."""
+    return last.chi2_in_band - 1 < FLAW * (first.chi2_in_band - 1)
+
+
+def probabilities(scores: Sequence[float], excess: float) -> list[float]:
+    """From log evidence, tempered by what the best model leaves over the noise."""
+    left = np.asarray(scores) * LIMITS.evidence_power / max(excess, 1.0)
+    odds = np.exp(left - left.max())
+    return [float(p) for p in odds / odds.sum()]
+
+
+def shares_of(
+    found: Sequence[FittedCandidate],
+    kinds: Mapping[str, Kind],
+    besides: Sequence[float] = (),
+    bare: Fit | None = None,
+) -> list[float]:
+    """Give the probability of each label, in their order.
+
+    Parameters
+    ----------
+    besides
+        Log evidence of other answers, no effect among them, that take their share.
+    bare
+        The fit without any of them.
+    """
+    scores = [n.score + leniency(n, kinds, bare) for n in found]
+    return probabilities([*scores, *besides], found[0].fit.chi2_in_band)[: len(scores)]
+
+
+def answer_of(
+    found: Sequence[FittedCandidate], shares: Sequence[float], kinds: Mapping[str, Kind]
+) -> NamedEffect:
+    """Give the best label, with its numbers and rivals."""
+    best = found[0]
+    effect = fitted_effect(best)
+    rivals = tuple(
+        Rival(n.effect.kind, n.effect.place, p)
+        for n, p in zip(found[1:], shares[1:], strict=True)
+        if p > LIMITS.told_probability
+    )
+    numbers = numbers_of(best.fit, len(best.description.effects) - 1)
+    kind = kinds[effect.kind]
+    return NamedEffect(
+        effect=effect,
+        family=kind.family,
+        numbers=numbers,
+        probability=shares[0],
+        rivals=rivals,
+        sentence=sentence_of(kind, effect.place, numbers),
+    )
+
+
+def fault_of(
+    finding: Finding, given: Description, kinds: Mapping[str, Kind]
+) -> NamedEffect | None:
+    """Read a finding of the screen as an effect of the sensor."""
+    lost = finding.fault in ("stuck", "zero", "missing", "constant")
+    name = "sensor_dropout" if lost else "sensor_saturation"
+    if name not in kinds or not finding.spans_s:
+        return None
+    place = Place("sensor", finding.channel)
+    first, last = finding.spans_s[0]
+    parameters = (
+        {"from_s": first, "for_s": last - first, "held": float(finding.fault == "stuck")}
+        if lost
+        else {p.name: finding.level for p in kinds[name].parameters[:1]}
+    )
+    ends = finding.instant_sd
+    sds = (
+        {"from_s": ends, "for_s": math.sqrt(2) * ends}
+        if lost
+        else dict.fromkeys(parameters, finding.level_sd)
+    )
+    units = {p.name: unit_at(given, place, p.unit) for p in kinds[name].parameters}
+    return NamedEffect(
+        effect=Effect(name, place, parameters),
+        family=kinds[name].family,
+        numbers={
+            key: Number(value, sds.get(key, 0.0), units[key])
+            for key, value in parameters.items()
+        },
+        probability=0.99,
+        rivals=(),
+        sentence=finding.sentence,
+    )
+
+
+def verdict_of(answers: Sequence[NamedEffect], kinds: Mapping[str, Kind]) -> Verdict:
+    """One word for what was named: physics first."""
+    where = {kinds[a.effect.kind].where for a in answers}
+    if where & {"element", "node", "base"}:
+        return "missing_effect"
+    return "sensor_fault" if "sensor" in where else "input_fault"
+
+
+def rivals_within(
+    found: Sequence[FittedCandidate], shares: Sequence[float]
+) -> tuple[Rival, ...]:
+    """Give the labels that make up the greater part of the probability, the likeliest first."""
+    return _greater([
+        Rival(named.effect.kind, named.effect.place, share)
+        for named, share in zip(found, shares, strict=True)
+    ])  # fmt: skip
+
+
+def doubts_about(answer: NamedEffect) -> tuple[Rival, ...]:
+    """Give what an answer may be, itself first; nothing where it is decided."""
+    if answer.probability >= LIMITS.decided_probability:
+        return ()
+    own = Rival(answer.effect.kind, answer.effect.place, answer.probability)
+    return _greater([own, *answer.rivals])
+
+
+def _greater(rivals: Sequence[Rival]) -> tuple[Rival, ...]:
+    total = sum(rival.probability for rival in rivals)
+    known = itertools.accumulate((rival.probability for rival in rivals), initial=0.0)
+    enough = LIMITS.undecided_mass * total
+    return tuple(r for r, before in zip(rivals, known, strict=False) if before <= enough)

@@ -1,0 +1,82 @@
+"""Labels that are to be refitted, in; in which order, and when one is enough, out."""
+
+from collections.abc import Collection, Mapping, Sequence
+
+from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
+from slowtime.discrepancy.candidates.library_fit import Candidate, Label, label_of
+from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate
+from slowtime.discrepancy.progress import Monitor
+from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.dynamics.effects import Effect, Kind
+
+APART = 2.0
+"""Times what the best leaves along the force, from which others are not tried once it is late.
+"""
+AS_GOOD = 1.1
+"""Times what the best leaves along the force, within which the simpler is tried first: it takes
+less time, and what it leaves is soon too much for the others."""
+
+
+class TrialOrder:
+    """Tells which label is refitted; says when there is no time for it, and keeps which it was.
+
+    Parameters
+    ----------
+    far
+        Labels that are far behind: those are the first to go.
+    """
+
+    def __init__(
+        self, tell: Monitor, number: int, most: int, share: float, far: Collection[Label]
+    ) -> None:
+        self._tell, self._number, self._far = tell, number, far
+        self._begun, self._step = share + 0.08, 0.18 / max(most, 1)
+        # One law at least is tried: what it leaves tells whether there is one.
+        self.must = number == 0
+        self.cut: list[Effect] = []
+
+    def __call__(self, effect: Effect, turn: int) -> bool:
+        """Say whether there is no time for a label."""
+        share = self._begun + self._step * turn
+        self._tell(f"refitting {effect.kind} at {effect.place}", share)
+        if label_of(effect) in self._far:
+            return self._tell.hurries
+        must = self.must and turn == 0
+        stop = self._tell.ends if self._number else self._tell.hurries and not must
+        self.cut.extend([effect] if stop else [])
+        return stop
+
+
+def near_first(
+    labels: list[Candidate], kinds: Mapping[str, Kind]
+) -> tuple[list[Candidate], set[Label]]:
+    """Put labels of few numbers first, those far behind the best last; say which these are."""
+    reach = APART * min((one.cost for one in labels), default=0.0)
+    far = {label_of(one.effect) for one in labels if one.cost >= reach}
+
+    def turn(one: Candidate) -> tuple[bool, int]:
+        return label_of(one.effect) in far, _numbers(kinds[one.effect.kind])
+
+    return sorted(labels, key=turn), far
+
+
+def simple_first(labels: Sequence[Candidate], kinds: Mapping[str, Kind]) -> list[Candidate]:
+    """Put labels of few numbers first among those that leave about as little."""
+    reach = AS_GOOD * min((one.cost for one in labels), default=0.0)
+
+    def turn(one: Candidate) -> tuple[bool, int]:
+        near = one.cost <= reach
+        return not near, _numbers(kinds[one.effect.kind]) if near else 0
+
+    return sorted(labels, key=turn)
+
+
+def _numbers(kind: Kind) -> int:
+    """How many numbers of a kind are fitted."""
+    return sum(parameter.fitted for parameter in kind.parameters)
+
+
+def is_enough(best: FittedCandidate, untried: Effect, kinds: Mapping[str, Kind]) -> bool:
+    """Whether one explains all, by fewer numbers than the first that was not tried has."""
+    fewer = _numbers(kinds[best.effect.kind]) < _numbers(kinds[untried.kind])
+    return fewer and chi2_p_value(best.fit) > LIMITS.white_p_value

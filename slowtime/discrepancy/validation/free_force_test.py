@@ -1,0 +1,217 @@
+"""Laws that were named, in; the place at which the records refute them, out.
+
+A law close to the right one leaves little, too little to be seen among all that sensors tell;
+it is seen where one looks for it, by a free force laid beside the law. What is missing there is
+then none of the effects known. A law of several numbers near an end of its range is another
+there: van der Pol's without its negative part. Which of the two it is, is then undecided.
+"""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import scipy.optimize
+import scipy.stats
+from jaxtyping import Float
+
+from slowtime.discrepancy.calibration import Fit
+from slowtime.discrepancy.calibration.led_run import leads
+from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.dynamics.description import Spring
+from slowtime.dynamics.effects import Effect, Hidden, Kind, Law, Motion, Place, force_along
+
+from .free_force import CURVED, LAGGED, FreeForce
+
+BY_CHANCE = 1e-3
+"""Chance at which laws that are right are refuted, were the noise as it is taken to be."""
+WITHIN, BY_NOISE = 0.03, 0.05
+"""Share of its force within which a law is right, as of no structure is one quite true; and the
+chance from which what goes beyond that may be noise: records may tell that there is more, and
+hardly how much."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Doubt:
+    """What speaks against the laws that were named at an element.
+
+    Parameters
+    ----------
+    idle
+        Numbers of those that do nothing of their own beside the others, which refutes none;
+        where there are none, what is there follows another curve.
+    """
+
+    place: Place
+    idle: tuple[int, ...]
+
+
+def refuted_by_free_force(
+    fit: Fit,
+    first: int,
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+) -> Doubt | None:
+    """Find an element at which what was named cannot be, or need not be, what is there.
+
+    Parameters
+    ----------
+    fit
+        Of the whole model, which leaves but noise.
+    first
+        Number of the first of its effects that was named; those before were given.
+
+    Returns
+    -------
+    None where all may stand, or where friction follows what was measured and no free run does.
+    """
+    if leads(fit.plant, fit.noise):
+        return None
+    places = _touched(fit, first)
+    for place in places:
+        try:
+            found = _refuted_at(place, BY_CHANCE / len(places), fit, first, trials, kinds)
+        except (np.linalg.LinAlgError, FloatingPointError):
+            continue
+        if found is not None:
+            return found
+    return None
+
+
+def _touched(fit: Fit, first: int) -> tuple[Place, ...]:
+    """Elements with effects that were named, and those that end at nodes with such."""
+    named = [effect.place for effect in fit.plant.effects[first:]]
+    nodes = {place.id for place in named if place.kind == "node"}
+    ending = [
+        Place("element", element.id)
+        for element in fit.plant.description.elements
+        if isinstance(element, Spring) and nodes & set(element.between)
+    ]
+    return tuple(dict.fromkeys([*(p for p in named if p.kind == "element"), *ending]))
+
+
+def _refuted_at(
+    place: Place,
+    chance: float,
+    fit: Fit,
+    first: int,
+    trials: Sequence[Trial],
+    kinds: Mapping[str, Kind],
+) -> Doubt | None:
+    runs = [
+        fit.plant.states(
+            fit.values, trial.inputs, trial.rate_hz, state0=state, start_s=trial.start_s
+        )
+        for trial, state in zip(trials, fit.states, strict=True)
+    ]
+    motions = [run[place] for run in runs]
+    scales = {"e_m": _rms([m.e for m in motions]), "v_m_per_s": _rms([m.v for m in motions])}
+    if min(scales.values()) == 0.0:
+        return None
+    free = LAGGED if _remembers(fit, first, kinds) else CURVED
+    flat = scales | dict.fromkeys(free.names[len(scales) :], 0.0)
+    beside = FreeForce.of(fit, Effect(free.name, place, flat), trials, kinds)
+    wide = math.sqrt(max(fit.chi2_in_band, 1.0))
+    here = [n for n, one in enumerate(fit.plant.effects) if n >= first and one.place == place]
+    taken = beside.taken()
+    chance_of = scipy.stats.chi2(taken.degrees).sf
+    idle = tuple(number for number in here if _idles(number, fit, beside, wide, kinds))
+    several = any(sum(name[:2] == ("effect", n) for name in beside.names) > 1 for n in idle)
+    doubt = Doubt(place, idle) if several else None
+    # Beside a motion that hardly any other comes near, no other force can be told at all.
+    if not taken.degrees or chance_of(taken.gain / wide**2) > chance:
+        return doubt
+    laws = [_along(number, fit, runs, kinds) for number in here or _ending(place, fit, first)]
+    e, v = np.concatenate([m.e for m in motions]), np.concatenate([m.v for m in motions])
+    known = np.stack(
+        [x / _rms([x]) for x in (e, v, *(laws if here else ())) if x.any()], axis=1
+    )
+    forces = np.stack([_force(free, scales, column, motions) for column in taken.spread.T], 1)
+    own = forces - known @ np.linalg.lstsq(known, forces, rcond=None)[0]
+    off = _shortest(own.T @ own / len(own), taken.steps, WITHIN * _rms([np.sum(laws, axis=0)]))
+    return doubt if chance_of(off / wide**2) > BY_NOISE else Doubt(place, ())
+
+
+def _shortest(
+    power: Float[np.ndarray, "direction direction"],
+    steps: Float[np.ndarray, " direction"],
+    most: float,
+) -> float:
+    """Squared distance from what was found to the nearest force that is small enough.
+
+    Parameters
+    ----------
+    power
+        Mean squares and products of forces of one standard deviation each [N^2].
+    steps
+        What was found, in standard deviations.
+    most
+        Root mean square that is small enough [N].
+    """
+    squares, turned = np.linalg.eigh(power)
+    squares, along = np.maximum(squares, 0.0), turned.T @ steps
+
+    def beyond(log: float) -> float:
+        return float(np.sum(squares * (along / (1 + math.exp(log) * squares)) ** 2)) - most**2
+
+    scale = -math.log(max(float(squares.max()), np.finfo(float).tiny))
+    low, high = scale - 30.0, scale + 80.0
+    if beyond(low) <= 0:
+        return 0.0
+    weight = math.exp(scipy.optimize.brentq(beyond, low, high) if beyond(high) < 0 else high)
+    return float(np.sum((along * weight * squares / (1 + weight * squares)) ** 2))
+
+
+def _force(
+    free: Kind,
+    scales: Mapping[str, float],
+    strengths: Float[np.ndarray, " curve"],
+    motions: Sequence[Motion],
+) -> Float[np.ndarray, " time"]:
+    """Force of curves of some strengths along the motion of the fit."""
+    names = free.names[len(scales) :]
+    numbers = {**scales, **dict(zip(names, strengths.tolist(), strict=True))}
+    return np.concatenate([force_along(free, numbers, motion) for motion in motions])
+
+
+def _remembers(fit: Fit, first: int, kinds: Mapping[str, Kind]) -> bool:
+    """Whether something was named that may stand for what lags: all that is linear, or lags."""
+    actions = [kinds[effect.kind].action for effect in fit.plant.effects[first:]]
+    return any(isinstance(a, Hidden) or (isinstance(a, Law) and a.rates) for a in actions)
+
+
+def _ending(place: Place, fit: Fit, first: int) -> list[int]:
+    """Effects that were named at the ends of an element."""
+    ends = next(e.between for e in fit.plant.description.elements if e.id == place.id)
+    return [
+        number
+        for number, effect in enumerate(fit.plant.effects)
+        if number >= first and effect.place.kind == "node" and effect.place.id in ends
+    ]
+
+
+def _along(
+    number: int, fit: Fit, runs: Sequence[Mapping[Place, Motion]], kinds: Mapping[str, Kind]
+) -> Float[np.ndarray, " time"]:
+    """Force of one effect along the motion of the fit."""
+    values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
+    effect = fit.plant.effects[number]
+    kind = kinds[effect.kind]
+    own = {name: values["effect", number, name] for name in kind.names}
+    return np.concatenate([force_along(kind, own, run[effect.place]) for run in runs])
+
+
+def _idles(
+    number: int, fit: Fit, beside: FreeForce, wide: float, kinds: Mapping[str, Kind]
+) -> bool:
+    """Whether a law does nothing of its own, by the next step of the fit."""
+    name = ("effect", number, kinds[fit.plant.effects[number].kind].strength)
+    if name not in beside.names:
+        return False
+    value, sd = beside.without(name)
+    return abs(value) < LIMITS.seen_sds * wide * sd
+
+
+def _rms(series: Sequence[Float[np.ndarray, " _"]]) -> float:
+    return math.sqrt(float(np.mean(np.concatenate(series) ** 2)))

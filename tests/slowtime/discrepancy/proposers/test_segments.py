@@ -1,0 +1,685 @@
+"""Pieces of the records tell a law that neither a force nor a long run tells."""
+
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from slowtime.discrepancy.calibration import (
+    Fit,
+    GivenUp,
+    begun_by,
+    loudest,
+    pieces,
+    refit,
+    shooting_fit,
+)
+from slowtime.discrepancy.calibration.augmentation import Start, begun_with
+from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
+from slowtime.discrepancy.candidates.library_fit import (
+    Candidate,
+    label_of,
+    library_candidates,
+)
+from slowtime.discrepancy.diagnose import diagnose
+from slowtime.discrepancy.estimation import candidate_fit as naming
+from slowtime.discrepancy.estimation.candidate_fit import (
+    GRADUALLY,
+    SLOWLY,
+    SWIFTLY,
+    FittedCandidate,
+    fit_candidates,
+)
+from slowtime.discrepancy.localization import Located, locate
+from slowtime.discrepancy.proposers import segments as module
+from slowtime.discrepancy.proposers.segments import (
+    ABOUT,
+    AS_WELL,
+    AT_ONE,
+    BESIDE,
+    FEW,
+    HINTS,
+    KEPT,
+    MORE,
+    MOST,
+    PLAIN,
+    QUIETER,
+    REACH,
+    TELLS,
+    SegmentCandidates,
+)  # fmt: skip
+from slowtime.discrepancy.records import Campaign, Trial
+from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.dynamics.description import Input, Sensor
+from slowtime.dynamics.effects import Effect, Place, catalogue, force_along
+from slowtime.dynamics.plant import Plant
+from tests.slowtime.discrepancy.proposers.test_lower_ranked import (
+    EVERY,
+    GROUND,
+    MIDDLE,
+    TOP,
+    recorded,
+)
+from tests.slowtime.discrepancy.rigs import ONE, PLACE
+
+NAMES = (
+    "quadratic_stiffness", "cubic_hardening", "gap_symmetric", "gap_one_sided",
+    "quadratic_damping", "viscous_damping", "stiffness_loss", "stiffness_jump", "extra_dof",
+    "harmonic_force",
+)  # fmt: skip
+KINDS = {name: kind for name, kind in catalogue().items() if name in NAMES}
+TURNED = {
+    name: catalogue()[name]
+    for name in ("pendulum_sine", "viscous_damping", "quadratic_damping", "stiffness_jump")
+}
+SOFT = Effect("quadratic_stiffness", MIDDLE, {"k2_n_per_m2": -2.5e3})
+STOP = Effect("gap_one_sided", GROUND, {"kg_n_per_m": 4000.0, "gap_m": 0.01, "side": -1.0})
+HARD = Effect("cubic_hardening", TOP, {"k3_n_per_m3": 3e6})
+DAMPED = Effect("quadratic_damping", GROUND, {"c2_n_s2_per_m2": 300.0})
+TONE = Effect(
+    "harmonic_force", Place("node", "m1"),
+    {"amplitude_n": 6.0, "frequency_hz": 3.1, "phase_rad": 0.4},
+)  # fmt: skip
+
+
+def never():
+    return False
+
+
+_FITTED: dict[object, object] = {}
+
+
+def fitted_once(plant, parts, noise, values, late, beat):
+    """As `shooting_fit`, for tests that ask the same of the same pieces."""
+    if late is not never:
+        return shooting_fit(plant, parts, noise, values, late, beat)
+    heard = tuple(part.outputs.tobytes() for part in parts)
+    key = (repr(plant.description), tuple(plant.kinds), hash(heard), values.tobytes(), beat)
+    if key not in _FITTED:
+        _FITTED[key] = shooting_fit(plant, parts, noise, values, late, beat)
+    return _FITTED[key]
+
+
+@pytest.fixture(autouse=True)
+def _fitted_once(monkeypatch):
+    monkeypatch.setattr(module, "shooting_fit", fitted_once)
+
+
+@dataclasses.dataclass(frozen=True)
+class Lacking:
+    """A model without what its records show, and what a force says of that."""
+
+    before: Fit
+    trials: tuple[Trial, ...]
+    located: Located
+    tried: list[Candidate]
+
+    def told(self, tried=None, labels=None, late=never):
+        some = self.tried if tried is None else tried
+        first = some[:3] if labels is None else labels
+        names = {one.effect.kind for one in (*some, *first)}
+        kinds = KINDS if tried is None else {name: KINDS[name] for name in names}
+        pieced = SegmentCandidates(
+            self.before, some, first, self.located, self.trials, kinds, late
+        )
+        pieced([])
+        return pieced.told
+
+
+def lacking(*effects, level=8.0):
+    trials = recorded(EVERY, effects, level=level, seconds=12.0)
+    before = refit_within_tolerances(refit(Plant.of(EVERY, kinds=KINDS), trials), trials)
+    located = locate(before, trials)
+    return Lacking(before, trials, located, library_candidates(before, located, KINDS))
+
+
+@pytest.fixture(scope="module")
+def stop():
+    return lacking(STOP)
+
+
+@pytest.fixture(scope="module")
+def two():
+    return lacking(STOP, Effect("cubic_hardening", MIDDLE, {"k3_n_per_m3": 3e5}))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("effect", "level"),
+    [
+        (SOFT, 4.0),
+        pytest.param(STOP, 8.0, marks=pytest.mark.long),
+        pytest.param(HARD, 2.0, marks=pytest.mark.long),
+        pytest.param(HARD, 8.0, marks=pytest.mark.long),
+        pytest.param(DAMPED, 8.0, marks=pytest.mark.long),
+    ],
+)
+def test_pieces_tell_a_strong_law_and_how_strong_it_is(effect, level):
+    given = lacking(effect, level=level)
+    best, *others = given.told()
+    assert label_of(best.effect) == label_of(effect)
+    assert best.cost < 1.2 * given.before.data
+    assert best.bare > LIMITS.far_off_chi2 * given.before.data
+    assert len(others) < KEPT
+    for name, value in effect.parameters.items():
+        assert best.effect.parameters[name] == pytest.approx(value, rel=0.03)
+    # From there the whole of the records is in the basin of the right minimum.
+    claimed = dict(zip(given.before.plant.parameters, given.before.plant.values, strict=True))
+    for name, value in best.start.constants.items():
+        assert value == pytest.approx(claimed[name], rel=0.1)
+    assert best.start.nearby
+    assert len(best.start.states) == len(given.trials)
+
+
+@pytest.mark.long
+def test_a_law_on_the_wrong_side_is_tried_on_the_other(stop):
+    (right,) = [one for one in stop.tried if label_of(one.effect) == label_of(STOP)]
+    for side in (1.0, -1.0):
+        parameters = dict(right.effect.parameters) | {"side": side}
+        guessed = dataclasses.replace(
+            right, effect=dataclasses.replace(right.effect, parameters=parameters)
+        )
+        (told,) = stop.told([guessed])
+        assert told.effect.parameters["side"] == -1.0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "instant", [2.0, *(pytest.param(at, marks=pytest.mark.long) for at in (6.1, 9.3))]
+)
+def test_a_switch_is_looked_for_all_over_the_pieces(instant):
+    jump = Effect("stiffness_jump", GROUND, {"dk_n_per_m": 500.0, "t_jump_s": instant})
+    guess = dataclasses.replace(jump, parameters={"dk_n_per_m": 200.0, "t_jump_s": 11.8})
+    (told,) = lacking(jump).told([Candidate(guess, 1.0, -1.0, 9.0)])
+    assert told.effect.parameters["t_jump_s"] == pytest.approx(instant, abs=0.005)
+    assert told.effect.parameters["dk_n_per_m"] == pytest.approx(500.0, rel=5e-3)
+
+
+@pytest.mark.long
+def test_a_switch_is_begun_where_a_force_told_it_too():
+    """Between the instants that are tried anyway, from none of which it is found."""
+    jump = Effect("stiffness_jump", GROUND, {"dk_n_per_m": 500.0, "t_jump_s": 5.0})
+    (told,) = lacking(jump).told([Candidate(jump, 1.0, -1.0, 9.0)])
+    assert told.effect.parameters["t_jump_s"] == pytest.approx(5.0, abs=0.005)
+
+
+@pytest.mark.long
+def test_where_the_right_law_is_not_tried_nothing_is_told(stop):
+    others = [
+        one for one in stop.tried if one.effect.kind in ("viscous_damping", "stiffness_loss")
+    ]
+    assert others
+    assert stop.told(others) == []
+    assert stop.told([], []) == []
+
+
+@pytest.mark.long
+def test_what_swings_by_itself_is_not_tried():
+    given = lacking(TONE, level=1.0)
+    kinds = {one.effect.kind for one in given.tried}
+    assert "extra_dof" in kinds
+    riding = [one for one in given.tried if one.effect.kind == "extra_dof"]
+    assert given.told(riding, riding) == []
+    assert {one.effect.kind for one in given.told()} == {"harmonic_force"}
+
+
+@pytest.mark.long
+def test_the_stronger_of_two_is_told_alone(two):
+    best = two.told()[0]
+    assert label_of(best.effect) == label_of(STOP)
+    assert LIMITS.segment_chi2 * two.before.data < best.cost < TELLS * best.bare
+
+
+@pytest.mark.long
+def test_nothing_is_told_once_it_is_late(stop):
+    counts = itertools.count()
+    assert stop.told(late=lambda: True) == []
+    assert stop.told(late=lambda: next(counts) > 40) == []
+    assert next(counts) > 40
+
+
+@pytest.mark.long
+def test_few_are_tried_and_fewer_are_fitted_to_more_pieces(stop, monkeypatch):
+    fits = []
+
+    def counted(plant, parts, *args):
+        own = tuple(label_of(effect) for effect in plant.effects)
+        fits.append((own, len(parts[0].outputs)))
+        return fitted_once(plant, parts, *args)
+
+    monkeypatch.setattr(module, "shooting_fit", counted)
+    stop.told()
+    short, long = sorted({length for _, length in fits})
+    first = {label for label, length in fits if length == short}
+    then = {label for label, length in fits if length == long}
+    assert len(first - {()}) <= MOST
+    assert len(then - {()}) <= AS_WELL
+    assert then < first
+    assert {()} < then
+
+
+def asked(given, labels):
+    """Laws that are told by pieces; beside those that are refitted anyway."""
+    return SegmentCandidates(
+        given.before, given.tried, labels, given.located, given.trials, KINDS, never
+    )
+
+
+def left(fit, chi2):
+    fit = dataclasses.replace(fit, chi2_in_band=chi2)
+    return [FittedCandidate(STOP, fit.plant.description, fit, 0.0)]
+
+
+@pytest.mark.long
+def test_pieces_are_asked_once_where_no_force_explains_what_is_missing(stop):
+    data = stop.before.data
+    near = [dataclasses.replace(stop.tried[0], cost=0.9 * LIMITS.far_off_chi2 * data)]
+    far = [dataclasses.replace(stop.tried[0], cost=1.1 * LIMITS.far_off_chi2 * data)]
+    assert asked(stop, []).at_once() == []
+    assert asked(stop, near).at_once() == []
+    pieced = asked(stop, far)
+    assert not pieced.told
+    (told,) = pieced.at_once()
+    assert pieced.begins == label_of(told.effect) == label_of(STOP)
+    assert pieced.at_once() == pieced([]) == []
+    assert asked(stop, []).begins is None
+
+
+@pytest.mark.long
+def test_or_where_what_was_refitted_explains_little(stop):
+    near = [dataclasses.replace(stop.tried[0], cost=0.01 * stop.before.data)]
+    pieced = asked(stop, near)
+    assert pieced(left(stop.before, 0.9 * LIMITS.far_off_chi2)) == []
+    (told,) = pieced(left(stop.before, 1.1 * LIMITS.far_off_chi2))
+    # It comes as early as the best along the force does.
+    assert told.cost == near[0].cost < pieced.told[0].cost
+    assert pieced.whole == pieced.told
+
+
+@pytest.mark.long
+def test_what_leaves_more_than_noise_of_pieces_is_not_all_there_is(two):
+    pieced = asked(two, two.tried[:3])
+    assert pieced([])
+    assert pieced.whole == []
+
+
+@pytest.mark.long
+def test_a_diagnosis_begins_with_what_the_pieces_tell():
+    trials = recorded(EVERY, (STOP,), level=8.0, seconds=20.0)
+    (told,) = diagnose(Campaign(description=EVERY, trials=trials), kinds=KINDS).effects
+    assert label_of(told.effect) == label_of(STOP)
+    assert told.effect.parameters["kg_n_per_m"] == pytest.approx(4000.0, rel=0.02)
+
+
+@pytest.fixture(scope="module")
+def overturned():
+    """A pendulum that turns over now and then, and a model without gravity."""
+    one = dataclasses.replace(
+        ONE,
+        unit_of_coordinate="rad",
+        inputs=(Input(channel="u", kind="force", node="m1", unit="N m"),),
+        sensors=(Sensor(channel="x", quantity="displacement", node="m1", unit="rad"),),
+    )
+    effect = Effect("pendulum_sine", PLACE, {"k": 800.0})
+    truth = Plant.of(dataclasses.replace(one, effects=(effect.entry(),)))
+    found = []
+    for seed in (5, 6):
+        rng = np.random.default_rng(seed)
+        push = 90.0 * np.convolve(rng.standard_normal(3000), np.hanning(9), "same")[:, None]
+        seen = truth.simulate(truth.values, push, 100.0)
+        heard = seen + 0.02 * rng.standard_normal(seen.shape)
+        found.append(Trial(inputs=push, outputs=heard, rate_hz=100.0))
+    assert np.abs(found[1].outputs).max() > 2 * np.pi
+    trials = tuple(found)
+    return refit_within_tolerances(refit(Plant.of(one, kinds=TURNED), trials), trials), trials
+
+
+@pytest.mark.long
+def test_where_motion_turns_over_a_quieter_part_tells_the_law(overturned):
+    before, trials = overturned
+    located = locate(before, trials)
+    tried = library_candidates(before, located, TURNED)
+    pieced = SegmentCandidates(before, tried, tried[:2], located, trials, TURNED, never)
+    pieced([])
+    assert pieced.begins == ("pendulum_sine", PLACE)
+    assert pieced.told[0].effect.parameters["k"] == pytest.approx(800.0, rel=2e-3)
+    assert pieced.whole == pieced.told
+
+
+@pytest.mark.parametrize("share", [*QUIETER, 1.0])
+def test_in_a_quieter_part_a_law_is_found_from_farther_off(overturned, share):
+    before, trials = overturned
+    plant, _, _ = begun_with(before, Effect("pendulum_sine", PLACE, {"k": 100.0}), TURNED)
+    nominal = np.array([entry.value for entry in plant.entries.values()])
+    found, _ = shooting_fit(plant, loudest(plant, trials, FEW, share), before.noise, nominal)
+    quiet = share < 1.0
+    assert (found.chi2_in_band < 1.2) == quiet
+    assert (found.values[-1] == pytest.approx(800.0, rel=2e-3)) == quiet
+
+
+def test_the_likeliest_are_tried_first_then_what_explains_nothing_then_the_others(
+    stop, scripted
+):
+    names = ("gap_symmetric", "viscous_damping", "stiffness_loss", "cubic_hardening",
+             "quadratic_damping")  # fmt: skip
+    groups = tuple(
+        dataclasses.replace(stop.located.group(place), places=(place,), left=1.0)
+        for place in (GROUND, TOP)
+    )
+    several = dataclasses.replace(
+        stop, located=dataclasses.replace(stop.located, groups=groups)
+    )
+    script = scripted()
+    several.told(laws(stop, *names), laws(stop, "quadratic_stiffness", place=TOP))
+    first = [kind for kind, few, _ in script.asked if kind][: 1 + AT_ONE]
+    assert first == ["quadratic_stiffness", *names[:AT_ONE]]
+    assert script.asked[-1][0] == names[AT_ONE]
+    assert "quadratic_stiffness" in [kind for kind, _, _ in script.asked[2 + AT_ONE :]]
+
+
+def test_a_law_that_explains_nothing_begins_with_half_the_force_and_others_as_told(
+    stop, scripted
+):
+    names = ("viscous_damping", "stiffness_loss", "gap_symmetric", "quadratic_damping",
+             "cubic_hardening", "quadratic_stiffness")  # fmt: skip
+    many = [replaced for name in names[:4] for replaced in laws(stop, name) * 2]
+    tried = [*many, *laws(stop, "quadratic_stiffness")]
+    alone = dataclasses.replace(
+        stop,
+        located=dataclasses.replace(
+            stop.located,
+            groups=(
+                dataclasses.replace(stop.located.group(GROUND), places=(GROUND,), left=1.0),
+            ),
+        ),
+    )
+    script = scripted()
+    alone.told(tried, laws(stop, "cubic_hardening", place=TOP))
+    # One that was tried there, if late, begins where it explained most.
+    assert script.begun["quadratic_stiffness", GROUND] == {"k2_n_per_m2": 1.0}
+    latents = [stop.located.latent(GROUND, i) for i in range(len(stop.trials))]
+    size = np.std(np.concatenate([one.force for one in latents]))
+    law, numbers = KINDS["cubic_hardening"], script.begun["cubic_hardening", GROUND]
+    made = np.concatenate([force_along(law, numbers, one.motion) for one in latents])
+    assert np.std(made) == pytest.approx(ABOUT * size)
+
+
+@pytest.mark.parametrize("unit", ["m", "rad"])
+def test_what_cannot_be_on_a_structure_is_not_tried_there(overturned, scripted, unit):
+    """A pendulum turns by angles."""
+    before, trials = overturned
+    located = locate(before, trials)
+    described = located.linear.description if unit == "rad" else ONE
+    linear = dataclasses.replace(located.linear, description=described)
+    located = dataclasses.replace(located, linear=linear)
+    script = scripted()
+    SegmentCandidates(before, [], [], located, trials, TURNED, never)([])
+    assert (("pendulum_sine", PLACE) in script.begun) == (unit == "rad")
+
+
+@pytest.mark.long
+def test_a_law_that_seems_to_pull_where_it_pushes_is_tried_all_the_same(stop):
+    """Along a motion that was not the one, it explained nothing."""
+    tried = [one for one in stop.tried if label_of(one.effect) != label_of(STOP)]
+    pieced = SegmentCandidates(
+        stop.before, tried, tried[:3], stop.located, stop.trials, KINDS, never
+    )
+    pieced([])
+    assert pieced.begins == label_of(STOP)
+    assert pieced.told[0].effect.parameters["kg_n_per_m"] == pytest.approx(4000.0, rel=0.03)
+
+
+@pytest.mark.parametrize("share", [1.0, 0.5, 0.25])
+def test_a_quieter_part_has_so_much_of_the_power_of_the_loudest(share):
+    plant = Plant.of(EVERY)
+    rng = np.random.default_rng(1)
+    outputs = rng.standard_normal((8000, 3)) * np.linspace(0.1, 3.0, 8000)[:, None]
+    trial = Trial(inputs=np.zeros((8000, 1)), outputs=outputs, rate_hz=80.0)
+    (part,), (loud,) = loudest(plant, (trial,), 4, share), loudest(plant, (trial,), 4)
+    assert len(part.outputs) == len(loud.outputs)
+    power = np.sum(part.outputs**2) / np.sum(loud.outputs**2)
+    assert power == pytest.approx(share, rel=0.02)
+
+
+def test_the_loudest_part_of_each_record_is_as_long_as_its_pieces():
+    plant = Plant.of(EVERY)
+    rng = np.random.default_rng(1)
+    outputs = rng.standard_normal((4000, 3))
+    outputs[2500:2900] *= 10.0
+    trial = Trial(inputs=np.zeros((4000, 1)), outputs=outputs, rate_hz=80.0, start_s=7.0)
+    (part,) = loudest(plant, (trial,), 2)
+    assert 2500 <= round((part.start_s - 7.0) * 80.0) < 2900
+    assert len(pieces(plant, (part,))[0]) == 2
+    (whole,) = loudest(plant, (trial,), 10**4)
+    np.testing.assert_array_equal(whole.outputs, outputs)
+
+
+def test_records_begin_as_their_first_periods_tell(stop):
+    plant = Plant.of(dataclasses.replace(EVERY, effects=(STOP.entry(),)), kinds=KINDS)
+    moved = np.array([0.01, 0.005, -0.01, 0.1, -0.2, 0.3])
+    trials = []
+    for trial in stop.trials:
+        seen = plant.simulate(plant.values, trial.inputs, trial.rate_hz, state0=moved)
+        trials.append(dataclasses.replace(trial, outputs=seen, use=None))
+    for state in begun_by(plant, trials, stop.before.noise, plant.values):
+        np.testing.assert_allclose(state, moved, atol=1e-3)
+
+
+def test_a_law_that_will_not_come_near_is_not_fitted_to_the_end(stop):
+    plant = stop.before.plant
+    parts = loudest(plant, stop.trials, 4)
+    full, _ = shooting_fit(plant, parts, stop.before.noise, plant.values)
+    cut, _ = shooting_fit(plant, parts, stop.before.noise, plant.values, beat=full.cost / 1e3)
+    assert cut.cost > full.cost
+
+
+RUBBED = Effect("coulomb", GROUND, {"friction_n": 1.0})
+
+
+@pytest.mark.parametrize(("effect", "slowly"), [(STOP, GRADUALLY), (RUBBED, SLOWLY)])
+def test_what_parts_of_records_told_is_fitted_to_growing_shares_of_them(
+    stop, monkeypatch, effect, slowly
+):
+    shares = []
+
+    def refitted(*_, horizons, **more):
+        shares.append(horizons)
+
+    monkeypatch.setattr(naming, "fit_candidate", refitted)
+    for nearby in (True, False):
+        label = Candidate(effect, 1.0, -1.0, 9.0, Start({}, [{}, {}], nearby=nearby))
+        fit_candidates(stop.before, [label], stop.trials, catalogue(), lambda *_: False)
+    assert shares == [slowly, SWIFTLY]
+
+
+@dataclasses.dataclass
+class Scripted:
+    """Stands for fits to pieces: what each law leaves of few of them and of more, or raises."""
+
+    given: Lacking
+    leaves: dict[str, tuple[float | Exception, float | Exception]]
+    asked: list[tuple[str, bool, float | None]] = dataclasses.field(default_factory=list)
+    begun: dict[tuple[str, Place], dict[str, float]] = dataclasses.field(default_factory=dict)
+
+    def __call__(self, plant, parts, noise, values, late, beat):
+        kind = plant.effects[-1].kind if plant.effects else ""
+        few = len(parts[0].outputs) == len(loudest(plant, self.given.trials, FEW)[0].outputs)
+        self.asked.append((kind, few, beat))
+        for effect in plant.effects:
+            self.begun.setdefault(label_of(effect), dict(effect.parameters))
+        left = self.leaves.get(kind, (99.0, 99.0))[0 if few else 1]
+        if isinstance(left, Exception):
+            raise left
+        fit = dataclasses.replace(
+            self.given.before, plant=plant, values=plant.values, cost=left, chi2_in_band=left
+        )
+        return fit, []
+
+    def kinds(self, *, few):
+        return {kind for kind, which, _ in self.asked if which is few and kind}
+
+
+def laws(given, *names, place=GROUND):
+    """Laws at one place, whatever is left there."""
+    values = {
+        "gap_symmetric": {"kg_n_per_m": 1.0, "gap_m": 1.0},
+        "viscous_damping": {"dc_n_s_per_m": 1.0},
+        "stiffness_loss": {"dk_n_per_m": 1.0},
+        "cubic_hardening": {"k3_n_per_m3": 1.0},
+        "quadratic_damping": {"c2_n_s2_per_m2": 1.0},
+        "quadratic_stiffness": {"k2_n_per_m2": 1.0},
+    }
+    return [Candidate(Effect(name, place, values[name]), 1e9, 0.0, 1e9) for name in names]
+
+
+@pytest.fixture
+def scripted(stop, monkeypatch):
+    def made(**leaves):
+        leaves = {"": (100.0, 100.0)} | leaves
+        script = Scripted(stop, {k.replace("bare", ""): v for k, v in leaves.items()})
+        monkeypatch.setattr(module, "shooting_fit", script)
+        monkeypatch.setattr(module, "begun_by", lambda *_: [])
+        monkeypatch.setattr(module, "refine_switching_instant", lambda fit, *_, late: fit)
+        return script
+
+    return made
+
+
+@pytest.mark.parametrize(
+    ("few", "more", "told"),
+    [(59.0, 44.0, True), (61.0, 1.0, False), (1.0, 46.0, False), (GivenUp(), 1.0, False)],
+    ids=["there", "no hint", "tells nothing", "late"],
+)
+def test_a_law_is_there_that_explains_most_of_few_pieces_and_more_of_more(
+    stop, scripted, few, more, told
+):
+    scripted(cubic_hardening=(few, more))
+    given = stop.told(laws(stop, "viscous_damping", "cubic_hardening"), [])
+    assert [one.effect.kind for one in given] == ["cubic_hardening"] * told
+
+
+@pytest.mark.parametrize("error", [np.linalg.LinAlgError(), FloatingPointError()])
+def test_a_law_that_runs_away_from_pieces_does_not_stop_the_others(stop, scripted, error):
+    two = laws(stop, "viscous_damping", "cubic_hardening")
+    scripted(viscous_damping=(error, error), cubic_hardening=(10.0, 10.0))
+    assert [one.effect.kind for one in stop.told(two, [])] == ["cubic_hardening"]
+    scripted(bare=(error, error), cubic_hardening=(10.0, 10.0))
+    assert stop.told(two, []) == []
+
+
+def test_a_side_on_which_a_law_runs_away_does_not_hide_the_other(stop, scripted, monkeypatch):
+    script = scripted(gap_one_sided=(10.0, 10.0))
+
+    def shot_(plant, *args):
+        fit, states = script(plant, *args)
+        sides = [one.parameters.get("side") for one in plant.effects]
+        return dataclasses.replace(fit, cost=math.nan if 1.0 in sides else fit.cost), states
+
+    monkeypatch.setattr(module, "shooting_fit", shot_)
+    (told,) = stop.told([Candidate(STOP, 1.0, -1.0, 9.0)], [])
+    assert told.effect.parameters["side"] == -1.0
+
+
+def test_what_one_law_leaves_is_to_be_come_near_by_the_next(stop, scripted, monkeypatch):
+    """And by the same on its other side; where its switch was moved, what that leaves."""
+    bare, first, better = 100.0, 20.0, 12.0
+    script = scripted(gap_one_sided=(first, first), viscous_damping=(15.0, 15.0))
+    monkeypatch.setattr(
+        module,
+        "refine_switching_instant",
+        lambda fit, *_, late: dataclasses.replace(fit, cost=better),
+    )
+    stop.told([Candidate(STOP, 1.0, -1.0, 9.0), *laws(stop, "viscous_damping")], [])
+    beats = [beat for kind, few, beat in script.asked if kind and few]
+    assert beats[:3] == [BESIDE * HINTS * bare, BESIDE * first, BESIDE * better]
+
+
+def test_those_that_come_near_the_best_are_fitted_to_more_pieces_and_the_best_are_given(
+    stop, scripted
+):
+    names = ("gap_symmetric", "viscous_damping", "stiffness_loss", "cubic_hardening")
+    left = (10.0, 12.0, 14.0, 16.0)
+    script = scripted(
+        quadratic_damping=(21.0, 1.0),
+        **{name: (few, 30.0 - few) for name, few in zip(names, left, strict=True)},
+    )
+    given = stop.told([], laws(stop, "quadratic_damping", *names))
+    assert script.kinds(few=False) == set(names[:AS_WELL])
+    assert [one.effect.kind for one in given] == ["stiffness_loss", "viscous_damping"]
+    assert [one.cost / one.bare for one in given] == pytest.approx([0.16, 0.18])
+
+
+def test_once_a_law_comes_near_others_have_to_come_about_as_near(stop, scripted):
+    script = scripted(viscous_damping=(20.0, 20.0), cubic_hardening=(50.0, 50.0))
+    stop.told(laws(stop, "viscous_damping", "cubic_hardening"), [])
+    beats = {kind: beat for kind, few, beat in script.asked if few}
+    assert beats[""] is None
+    assert beats["viscous_damping"] == pytest.approx(BESIDE * HINTS * 100.0)
+    assert beats["cubic_hardening"] == pytest.approx(BESIDE * 20.0)
+
+
+@pytest.mark.parametrize(("other", "tried"), [(0.99 * REACH, True), (1.01 * REACH, False)])
+def test_laws_are_tried_where_a_force_leaves_about_as_little_as_at_the_best_place(
+    stop, scripted, other, tried
+):
+    groups = [
+        dataclasses.replace(stop.located.group(place), places=(place,), left=left)
+        for place, left in ((GROUND, 1.0), (TOP, other))
+    ]
+    near = dataclasses.replace(
+        stop, located=dataclasses.replace(stop.located, groups=tuple(groups))
+    )
+    names = ("gap_symmetric", "viscous_damping", "stiffness_loss", "cubic_hardening",
+             "quadratic_damping")  # fmt: skip
+    script = scripted()
+    top = laws(stop, "quadratic_stiffness", place=TOP)
+    near.told([*laws(stop, *names), *top], [])
+    # What explains nothing at a place is tried there, too.
+    every = {*names, "quadratic_stiffness"}
+    assert {kind for kind, place in script.begun if place == GROUND} == every
+    assert {kind for kind, place in script.begun if place == TOP} == (every if tried else set())
+    script = scripted()
+    near.told([], top)
+    assert label_of(top[0].effect) in script.begun
+
+
+QUIET, LESS, LOUDEST = QUIETER
+LAST = [(MORE, 1.0)]
+
+
+@pytest.mark.parametrize(
+    ("plain", "cuts"),
+    [
+        ({QUIET, LESS}, [(FEW, QUIET)]),
+        ({LESS}, [(FEW, QUIET), (FEW, LESS)]),
+        (set(), [(FEW, QUIET), (FEW, LESS), (FEW, LOUDEST)]),
+    ],
+    ids=["quiet", "less quiet", "loudest"],
+)
+@pytest.mark.parametrize("there", [True, False])
+def test_the_quietest_part_is_asked_of_which_much_is_left(
+    stop, monkeypatch, plain, cuts, there
+):
+    asked = []
+
+    def cut(plant, trials, count, share=1.0):
+        asked.append((count, share))
+        return loudest(plant, trials, count, share)
+
+    def fitted(plant, parts, noise, values, late, beat):
+        left = 1.1 * PLAIN if asked[-1][1] in plain else 0.9 * PLAIN
+        if plant.effects and there:
+            left = 1.0
+        fit = dataclasses.replace(
+            stop.before, plant=plant, values=plant.values, cost=left, chi2_in_band=left
+        )
+        return fit, []
+
+    monkeypatch.setattr(module, "loudest", cut)
+    monkeypatch.setattr(module, "shooting_fit", fitted)
+    monkeypatch.setattr(module, "begun_by", lambda *_: [])
+    told = stop.told(laws(stop, "cubic_hardening"), [])
+    assert bool(told) == there
+    assert asked == [*cuts, *LAST] if there else asked == cuts

@@ -1,0 +1,259 @@
+"""Records that begin unlike all that follows: the initial state is found wherever it is."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from slowtime.discrepancy import search as searching
+from slowtime.discrepancy.calibration import (
+    first_swings,
+    refit,
+    size_of,
+    state_from_many,
+    state_heard,
+)
+from slowtime.discrepancy.calibration.initial_states import nearest
+from slowtime.discrepancy.diagnose import diagnose
+from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate
+from slowtime.discrepancy.noise.colour import white_noise
+from slowtime.discrepancy.progress import Monitor
+from slowtime.discrepancy.records import Campaign, Trial
+from slowtime.discrepancy.refinement import initial_states as restarting
+from slowtime.discrepancy.refinement.initial_states import restart_initial_states, restarted
+from slowtime.discrepancy.selection.probabilities import answer_of
+from slowtime.discrepancy.state import Found
+from slowtime.discrepancy.validation.free_run import free_runs
+from slowtime.dynamics.description import Input, Sensor
+from slowtime.dynamics.effects import Effect, catalogue
+from slowtime.dynamics.plant import Plant
+from tests.slowtime.discrepancy.rigs import PLACE, one_mass, two_masses
+
+KINDS = catalogue()
+RATE, SD = 100.0, 0.02
+SINGS = Effect("van_der_pol", PLACE, {"cn_n_s_per_m": 6.0, "e0_m": 0.01})
+HEARD = dataclasses.replace(
+    one_mass(),
+    sensors=(Sensor(channel="a", quantity="acceleration", node="m1", unit="m/s^2"),),
+)
+
+
+def plant_of(effect, description=HEARD):
+    return Plant.of(dataclasses.replace(description, effects=(effect.entry(),)), kinds=KINDS)
+
+
+def recorded(plant, begins, seconds=20.0, size=0.5, seed=1):
+    rng = np.random.default_rng(seed)
+    samples, found = int(seconds * RATE), []
+    for begin in begins:
+        push = size * rng.standard_normal((samples, 1))
+        seen = plant.simulate(plant.values, push, RATE, state0=np.array(begin))
+        noise = SD * rng.standard_normal(seen.shape)
+        found.append(Trial(inputs=push, outputs=seen + noise, rate_hz=RATE))
+    return tuple(found)
+
+
+@pytest.fixture(scope="module")
+def thrown():
+    """What sings by itself, thrown far beyond where it does; and a fit that began elsewhere."""
+    plant = plant_of(SINGS)
+    begins = [[0.01, 0.0], [0.09, -2.0]]
+    trials = recorded(plant, begins)
+    right = refit(plant, trials, states=[np.array(b) for b in begins], horizons=(1.0,))
+    noise, values = right.noise, right.values
+    states = (right.states[0], np.array([-0.03, 0.9]))
+    runs = [
+        plant.simulate(values, t.inputs, RATE, state0=s)
+        for t, s in zip(trials, states, strict=True)
+    ]
+    left = tuple(t.measured - run for t, run in zip(trials, runs, strict=True))
+    stray = dataclasses.replace(
+        right, states=states, residual=left, noise=noise, chi2_in_band=20.0
+    )
+    return plant, trials, right, stray
+
+
+@pytest.mark.long
+def test_a_record_that_begins_badly_is_begun_anew(thrown):
+    _, trials, right, stray = thrown
+    again = restarted(stray, trials)
+    assert again is not None
+    assert again.chi2_in_band == pytest.approx(right.chi2_in_band, rel=0.01)
+    assert again.states[1] == pytest.approx([0.09, -2.0], abs=0.02)
+
+
+@pytest.mark.long
+def test_the_answers_are_told_again_by_what_was_begun_anew(thrown):
+    plant, trials, right, stray = thrown
+    answer = answer_of([FittedCandidate(SINGS, plant.description, stray, 0.0)], [1.0], KINDS)
+    found = Found([stray, stray], trials, answers=[answer])
+    restart_initial_states(found, KINDS)
+    told = found.answers[0].numbers["cn_n_s_per_m"]
+    values = dict(zip(plant.parameters, right.values.tolist(), strict=True))
+    assert told.value == pytest.approx(values["effect", 0, "cn_n_s_per_m"], rel=0.02)
+    cut = Found([stray, stray], (*trials, trials[0]), answers=[answer])
+    restart_initial_states(cut, KINDS)
+    assert cut.fits[-1] is stray
+
+
+def test_what_begins_as_it_goes_on_is_left_alone(thrown, monkeypatch):
+    _, trials, right, stray = thrown
+    monkeypatch.setattr(restarting, "state_from_many", lambda *_: pytest.fail("not asked"))
+    assert restarted(right, trials) is None
+    loud = dataclasses.replace(
+        right, residual=tuple(SD * np.ones_like(r) for r in right.residual), chi2_in_band=20.0
+    )
+    assert restarted(loud, trials) is None
+    noise = dataclasses.replace(stray, chi2_in_band=2.0)
+    assert restarted(noise, trials) is None
+    short = dataclasses.replace(stray, residual=tuple(r[:300] for r in stray.residual))
+    assert restarted(short, tuple(t.part(0, 300) for t in trials)) is None
+
+
+@pytest.mark.long
+def test_what_would_leave_more_is_not_taken(thrown, monkeypatch):
+    _, trials, _, stray = thrown
+    monkeypatch.setattr(restarting, "unexplained_by", lambda fit: 0.0 if fit is stray else 1.0)
+    assert restarted(stray, trials) is None
+
+
+@pytest.mark.long
+def test_a_state_is_found_from_far_away_and_a_good_one_is_kept(thrown):
+    plant, trials, right, _ = thrown
+    (head,) = first_swings(plant, trials[1:])
+    noise = right.noise.of([1])
+    size = size_of(plant, trials[1], right.values, np.array([0.02, 0.5]))
+    found = state_from_many(plant, head, noise, right.values, np.array([-0.03, 0.9]), size)
+    assert found == pytest.approx([0.09, -2.0], abs=0.03)
+    known = refit(
+        plant, (head,), free=[], noise=noise, values=right.values, states=(found,),
+        horizons=(1.0,),
+    ).states[0]  # fmt: skip
+    assert state_from_many(plant, head, noise, right.values, known, 0 * size) is known
+
+
+@pytest.mark.long
+def test_a_state_is_looked_for_where_sensors_say_and_never_where_runs_go_away():
+    sensors = (
+        Sensor(channel="x", quantity="displacement", node="m1", unit="m"),
+        Sensor(channel="v", quantity="velocity", node="m1", unit="m/s"),
+    )
+    well = plant_of(
+        Effect("quadratic_stiffness", PLACE, {"k2_n_per_m2": -8000.0}),
+        dataclasses.replace(HEARD, sensors=sensors),
+    )
+    turns = plant_of(Effect("pendulum_sine", PLACE, {"k": 800.0}), well.description)
+    away, nowhere = np.array([0.3, 0.0]), np.zeros(2)
+    noise = white_noise([[1e-8, 1e-8]])
+    for plant, begin, size in (
+        (well, np.array([0.05, 0.2]), away),
+        (turns, np.array([13.0, 1.0]), nowhere),
+    ):
+        clean = plant.simulate(plant.values, np.zeros((100, 1)), RATE, state0=begin)
+        trial = Trial(inputs=np.zeros((100, 1)), outputs=clean, rate_hz=RATE)
+        found = state_from_many(plant, trial, noise, plant.values, away, size)
+        assert found == pytest.approx(begin, abs=1e-4)
+
+
+def test_the_size_of_a_motion_is_that_of_its_run_and_no_less_than_where_it_begins(thrown):
+    plant, trials, right, _ = thrown
+    still = size_of(plant, trials[0], right.values, np.array([0.01, 0.0]))
+    assert still == pytest.approx([0.0141, 0.0141 * 20.0], rel=0.25)
+    far = np.array([0.3, -9.0])
+    assert (size_of(plant, trials[0], right.values, far) >= np.abs(far)).all()
+
+
+def test_sensors_of_motion_say_where_a_record_begins():
+    description = dataclasses.replace(
+        two_masses(1.6),
+        sensors=(
+            Sensor(channel="x2", quantity="displacement", node="m2", unit="mm"),
+            Sensor(channel="v1", quantity="velocity", node="m1", unit="m/s"),
+            Sensor(channel="a1", quantity="acceleration", node="m1", unit="m/s^2"),
+        ),
+    )
+    plant = Plant.of(description, kinds=KINDS)
+    outputs = np.tile([3.0, 0.5, 7.0], (64, 1))
+    trial = Trial(inputs=np.zeros((64, 1)), outputs=outputs, rate_hz=RATE)
+    known = np.array([0.1, 0.2, 0.3, 0.4])
+    assert state_heard(plant, trial, known) == pytest.approx([0.1, 0.003, 0.5, 0.4])
+    outputs[0, 0] = np.nan
+    deaf = dataclasses.replace(trial, outputs=outputs, use=np.isfinite(outputs))
+    assert state_heard(plant, deaf, known) == pytest.approx([0.1, 0.2, 0.5, 0.4])
+
+
+def test_against_a_base_that_moves_only_relative_motion_says_it():
+    still = Sensor(
+        channel="x2", quantity="displacement", node="m2", unit="m", frame="relative_to_base"
+    )
+    moved = dataclasses.replace(still, channel="x1", node="m1", frame="absolute")
+    sensors = (moved, still)
+    base = (Input(channel="ab", kind="base_acceleration", unit="m/s^2"),)
+    plant = Plant.of(
+        dataclasses.replace(two_masses(1.6), sensors=sensors, inputs=base), kinds=KINDS
+    )
+    trial = Trial(inputs=np.zeros((64, 1)), outputs=np.full((64, 2), 0.7), rate_hz=RATE)
+    assert state_heard(plant, trial, np.zeros(4)) == pytest.approx([0.0, 0.7, 0.0, 0.0])
+
+
+def test_the_nearest_start_is_the_one_whose_run_is_and_never_one_that_runs_away():
+    well = plant_of(Effect("quadratic_stiffness", PLACE, {"k2_n_per_m2": -8000.0}))
+    (trial,) = recorded(well, [[0.02, 0.1]], seconds=2.0)
+    noise = white_noise([[SD**2 * 2 / RATE]])
+    right, off, away = np.array([0.02, 0.1]), np.array([0.03, 0.0]), np.array([0.3, 0.0])
+    assert not np.isfinite(well.simulate(well.values, trial.inputs, RATE, state0=away)).all()
+    assert nearest(well, trial, noise, well.values, [away, off, right]) is right
+    assert nearest(well, trial, noise, well.values, [away, off]) is off
+
+
+@pytest.mark.long
+def test_a_record_never_seen_is_run_from_where_it_begins(thrown):
+    """The free run by which a law is judged is lost where it begins in the wrong swing."""
+    plant, _, right, _ = thrown
+    trials = recorded(plant, [[0.12, -3.0], [-0.1, 2.5]], seed=7)
+    for trial, run in zip(trials, free_runs(right, trials), strict=True):
+        assert np.std(trial.outputs - run) < 1.1 * SD
+
+
+@pytest.mark.long
+def test_a_law_that_begins_in_the_wrong_swing_foretells_as_the_right_one():
+    """Without a second look at how the second record begins, the error is ten times that."""
+    trials = recorded(plant_of(SINGS), [[0.01, 0.0], [0.09, -3.0], [0.0, 0.1]], seed=2)
+    campaign = Campaign(description=HEARD, trials=trials[:2], holdout=trials[2:])
+    told = diagnose(campaign, kinds=KINDS)
+    assert [one.effect.kind for one in told.effects] == ["van_der_pol"]
+    assert told.gap.augmented < 1.1 * told.gap.noise_floor
+
+
+REFINERS = (
+    "restart_initial_states",
+    "refit_friction_with_growing_horizon",
+    "refit_with_growing_horizon",
+    "relocate",
+)
+
+
+@pytest.mark.parametrize(
+    ("count", "hurries", "ends", "done"),
+    [
+        (1, False, False, ["restart_initial_states", "refit_friction_with_growing_horizon"]),
+        (1, True, False, ["restart_initial_states"]),
+        (1, True, True, []),
+        (2, False, False, ["restart_initial_states", "refit_with_growing_horizon", "relocate"]),
+        (2, True, False, ["restart_initial_states", "relocate"]),
+        (2, True, True, []),
+    ],
+)
+def test_what_is_taken_is_begun_anew_while_there_is_time(
+    thrown, monkeypatch, count, hurries, ends, done
+):
+    plant, trials, _, stray = thrown
+    asked: list[str] = []
+    monkeypatch.setattr(searching, "accept", lambda *_, **__: True)
+    for name in REFINERS:
+        monkeypatch.setattr(searching, name, lambda *_, name=name: asked.append(name))
+    how = searching.Search(KINDS, Monitor(late=lambda: hurries, over=lambda: ends))
+    answer = answer_of([FittedCandidate(SINGS, plant.description, stray, 0.0)], [1.0], KINDS)
+    found = Found([stray], trials, answers=[answer] * count)
+    assert searching._accepted(found, stray, [], how, pulled=False)
+    assert asked == done

@@ -1,0 +1,312 @@
+"""How sure an answer is, and how it is said."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from slowtime.discrepancy.calibration import refit
+from slowtime.discrepancy.data.clock_overrun import within_record
+from slowtime.discrepancy.data.screening import Finding
+from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, evidence
+from slowtime.discrepancy.estimation.occam_factor import leniency
+from slowtime.discrepancy.localization import locate
+from slowtime.discrepancy.records import Campaign, Trial
+from slowtime.discrepancy.report import assembly as answering
+from slowtime.discrepancy.report.assembly import HURRIED, LOUD, NOT_KEPT, report
+from slowtime.discrepancy.selection.probabilities import (
+    answer_of,
+    fault_of,
+    rivals_within,
+    shares_of,
+)
+from slowtime.discrepancy.state import Found
+from slowtime.dynamics.builders import chain
+from slowtime.dynamics.description import Input, Sensor, Tolerance
+from slowtime.dynamics.effects import Effect, Place, catalogue
+from slowtime.dynamics.plant import Plant
+from tests.slowtime.discrepancy.rigs import ONE, PLACE
+
+KINDS = catalogue()
+
+
+@pytest.fixture(scope="module")
+def named():
+    rng = np.random.default_rng(2)
+    rig = dataclasses.replace(
+        chain([2.0], [800.0], dampings_n_s_per_m=[1.6]),
+        inputs=(Input(channel="f", kind="force", node="m1", unit="N"),),
+        sensors=(Sensor(channel="x", quantity="displacement", node="m1", unit="m"),),
+    )
+    effect = Effect("added_mass", Place("node", "m1"), {"dm_kg": 0.4})
+    plant = Plant.of(dataclasses.replace(rig, effects=(effect.entry(),)))
+    push = rng.standard_normal((200, 1))
+    seen = plant.simulate(plant.values, push, 64.0) + 1e-5 * rng.standard_normal((200, 1))
+    trials = (Trial(inputs=push, outputs=seen, rate_hz=64.0),)
+    fit = refit(plant, trials, horizons=(1.0,))
+    return FittedCandidate(effect, plant.description, fit, evidence(fit, KINDS))
+
+
+def noisy(plant, values, push, more, rng):
+    """A record with 5 % of noise, under a push and so much that was not recorded."""
+    clean = plant.simulate(values, push + more * rng.standard_normal(push.shape), 64.0)
+    noise = 0.05 * clean.std() * rng.standard_normal(clean.shape)
+    return Trial(inputs=push, outputs=clean + noise, rate_hz=64.0)
+
+
+def test_constants_that_may_be_off_take_their_share(named):
+    assert shares_of([named], KINDS) == [1.0]
+    (share,) = shares_of([named], KINDS, [named.score + leniency(named, KINDS)])
+    assert share == pytest.approx(0.5)
+    lesser = dataclasses.replace(named, score=named.score - 100.0)
+    shares = shares_of([named, lesser], KINDS, [named.score])
+    assert [rival.effect for rival in rivals_within([named, lesser], shares)] == ["added_mass"]
+
+
+@pytest.mark.parametrize(("given", "told"), [(6e4, False), (5.85e4, False), (4e4, True)])
+def test_a_constant_of_an_effect_in_the_model_that_is_off_is_told_of(given, told):
+    rng = np.random.default_rng(7)
+    rig = dataclasses.replace(
+        chain([2.0], [800.0], dampings_n_s_per_m=[1.6]),
+        inputs=(Input(channel="f", kind="force", node="m1", unit="N"),),
+        sensors=(Sensor(channel="x", quantity="displacement", node="m1", unit="m"),),
+        tolerance=Tolerance(stiffness=0.02, damping=0.1),
+    )
+    stiffer = Effect(
+        "cubic_hardening", Place("element", rig.elements[0].id), {"k3_n_per_m3": 6e4}
+    )
+    true = Plant.of(dataclasses.replace(rig, effects=(stiffer.entry(),)))
+    push = 10 * rng.standard_normal((1500, 1))
+    clean = true.simulate(true.values, push, 64.0)
+    noise = 0.01 * clean.std() * rng.standard_normal(clean.shape)
+    trial = Trial(inputs=push, outputs=clean + noise, rate_hz=64.0)
+    claimed = dataclasses.replace(stiffer, parameters={"k3_n_per_m3": given})
+    model = dataclasses.replace(rig, effects=(claimed.entry(),))
+    fit = refit(Plant.of(model), (trial,))
+    found = Found([fit], (trial,), located=locate(fit, (trial,)))
+    answer = report(Campaign(description=model, trials=(trial,)), (trial,), (), found, KINDS)
+    name = f"k3_n_per_m3 of cubic_hardening at {stiffer.place}"
+    assert answer.verdict == ("parameters_only" if told else "nothing_missing")
+    assert list(answer.moved) == ([name] if told else [])
+    if told:
+        assert abs(answer.moved[name].value - 6e4) < 4 * answer.moved[name].sd
+        assert name in answer.sentence
+        assert answer.augmented.inputs[0].hold == "band_limited"
+
+
+@pytest.mark.parametrize(("off", "told"), [(0.0, False), (1.5, False), (2.8, True)])
+def test_a_constant_that_is_rarely_as_far_off_is_told_of(off, told):
+    rng = np.random.default_rng(6)
+    plant = Plant.of(ONE)
+    spring = PLACE.id
+    values = plant.values.copy()
+    values[plant.parameters.index(("stiffness", spring))] *= 1 + off * 0.02
+    push = rng.standard_normal((2000, 1))
+    clean = plant.simulate(values, push, 64.0)
+    noise = 0.01 * clean.std() * rng.standard_normal(clean.shape)
+    trial = Trial(inputs=push, outputs=clean + noise, rate_hz=64.0)
+    fit = refit(plant, (trial,))
+    found = Found([fit], (trial,), located=locate(fit, (trial,)))
+    answer = report(Campaign(description=ONE, trials=(trial,)), (trial,), (), found, KINDS)
+    assert answer.verdict == "nothing_missing"
+    notes = [note for note in answer.notes if "tolerances off" in note]
+    assert len(notes) == told
+    assert all(f"stiffness of {spring} had to be 2.8 tolerances" in note for note in notes)
+
+
+def test_those_are_called_undecided_that_have_nineteen_twentieths_together(named):
+    several = [named] * 3
+    for shares, told in (
+        ([0.91, 0.06, 0.03], 2),
+        ([0.96, 0.03, 0.01], 1),
+        ([0.80, 0.12, 0.08], 3),
+        # Of what they have together: an answer without any effect takes its share first.
+        ([0.58, 0.01, 0.01], 1),
+    ):
+        assert len(rivals_within(several, shares)) == told
+
+
+@pytest.mark.parametrize(
+    ("unseen", "chi2", "chance", "verdict"),
+    [
+        (0.0, 2.4, 0.0, "nothing_missing"),
+        (2.0, 2.4, 0.0, "unknown_effect"),
+        (2.0, 4.0, 1.0, "unknown_effect"),
+        (2.0, 2.4, 1.0, "nothing_missing"),
+    ],
+)
+def test_noise_of_another_colour_is_no_discovery_where_no_record_shows_an_error(
+    unseen, chi2, chance, verdict
+):
+    rng = np.random.default_rng(4)
+    rig = dataclasses.replace(ONE, tolerance=Tolerance(stiffness=0.01, damping=0.1))
+    plant = Plant.of(rig)
+
+    def record(more):
+        return noisy(plant, plant.values, rng.standard_normal((400, 1)), more, rng)
+
+    trials = (record(0.0), record(0.0))
+    fit = refit(plant, trials)
+    loud = dataclasses.replace(fit, chi2_in_band=chi2, in_band_sd=0.02)
+    left = locate(fit, trials)
+    sure = dataclasses.replace(left.groups[0], p_value=chance)
+    left = dataclasses.replace(left, groups=(sure, *left.groups[1:]))
+    found = Found([loud], trials, located=left, left=left)
+    told = report(
+        Campaign(description=rig, trials=trials, holdout=(record(unseen),)),
+        trials,
+        (),
+        found,
+        KINDS,
+    )
+    assert told.verdict == verdict
+    assert (LOUD in told.notes) == (unseen == 0.0)
+
+
+@pytest.mark.parametrize(
+    ("unseen", "unknown", "kept"),
+    [(800.0, True, False), (880.0, True, True), (800.0, False, True), (None, True, True)],
+    ids=["no better", "better", "nothing unknown", "none held out"],
+)
+def test_constants_bent_to_make_up_for_what_has_no_name_are_kept_where_they_do_better(
+    unseen, unknown, kept
+):
+    """Unless a record that was never seen says that they do not."""
+    rng = np.random.default_rng(4)
+    plant = Plant.of(ONE)
+
+    def record(*stiffness):
+        push = rng.standard_normal((400, 1))
+        values = plant.values.copy()
+        parts = []
+        for one in stiffness:
+            values[plant.parameters.index(("stiffness", PLACE.id))] = one
+            parts.append(noisy(plant, values, push, 0.0, rng))
+        later = np.arange(400)[:, None] >= 267
+        outputs = np.where(later, parts[-1].outputs, parts[0].outputs)
+        return dataclasses.replace(parts[0], outputs=outputs)
+
+    # The last third, which no fit to be judged sees where no record is held out, is as given.
+    trials = tuple(record(880.0, 880.0 if unseen else 800.0) for _ in range(2))
+    fit = refit(plant, trials)
+    found = Found(
+        [dataclasses.replace(fit, chi2_in_band=99.0 if unknown else 1.0)], trials,
+        located=locate(fit, trials), refuted=PLACE if unknown else None,
+    )  # fmt: skip
+    campaign = Campaign(
+        description=ONE, trials=trials, holdout=(record(unseen),) if unseen else ()
+    )
+    told = report(campaign, trials, (), found, KINDS)
+    assert (told.verdict == "unknown_effect") == unknown
+    gap = told.gap
+    assert (gap.refitted_nominal > gap.nominal) == (unseen != 880.0)
+    assert (NOT_KEPT in told.notes) == (not kept)
+    assert bool(told.moved) == kept
+    assert (told.augmented == ONE) == (not kept)
+    assert gap.augmented == gap.worst == (gap.refitted_nominal if kept else gap.nominal)
+    for traces in told.traces:
+        ran = traces.refitted if kept else traces.nominal
+        np.testing.assert_array_equal(traces.augmented, ran)
+    assert np.array_equal(told.spectra.after, told.spectra.before) == kept
+    assert answering._percent(gap.augmented) in told.sentence
+
+
+@pytest.mark.parametrize(
+    ("chi2", "hurried", "verdict"),
+    [
+        (30.0, True, "unknown_effect"),
+        (30.0, False, "missing_effect"),
+        (1.0, True, "missing_effect"),
+    ],
+)
+def test_what_leaves_far_more_than_noise_when_time_runs_out_is_not_named(
+    named, chi2, hurried, verdict
+):
+    rng = np.random.default_rng(3)
+    plant = named.fit.plant
+    push = rng.standard_normal((200, 1))
+    seen = plant.simulate(plant.values, push, 64.0) + 1e-5 * rng.standard_normal((200, 1))
+    trials = (Trial(inputs=push, outputs=seen, rate_hz=64.0),)
+    rig = dataclasses.replace(plant.description, effects=())
+    first = refit(Plant.of(rig), trials)
+    last = dataclasses.replace(refit(plant, trials), chi2_in_band=chi2)
+    located = locate(first, trials)
+    found = Found(
+        [first, last], trials, located=located, left=locate(last, trials),
+        answers=[answer_of([named], [1.0], KINDS)], hurried=hurried,
+    )  # fmt: skip
+    told = report(Campaign(description=rig, trials=trials), trials, (), found, KINDS)
+    assert told.verdict == verdict
+    assert (HURRIED in told.notes) == hurried
+
+
+def test_what_a_fast_clock_told_of_times_after_the_end_is_no_error_on_the_record_held_out():
+    rng, rig = np.random.default_rng(5), ONE
+    fast = Effect("sensor_clock", Place("sensor", "x"), {"skew": 0.002})
+    plant = Plant.of(dataclasses.replace(rig, effects=(fast.entry(),)))
+
+    def record(start_s):
+        # Longer than what is given: what the clock tells at the end is of what came after.
+        push = np.convolve(rng.standard_normal(2200), np.hanning(5), "same")[:, None]
+        clean = plant.simulate(plant.values, push, 64.0, start_s=start_s)
+        seen = clean + 0.005 * clean.std() * rng.standard_normal(clean.shape)
+        return Trial(inputs=push[:1900], outputs=seen[:1900], rate_hz=64.0, start_s=start_s)
+
+    trials = (record(0.0), record(60.0))
+    own = within_record(trials, ("x",), (fast,), KINDS)
+    first, last = refit(Plant.of(rig), own), refit(plant, own)
+    named = FittedCandidate(fast, plant.description, last, evidence(last, KINDS))
+    found = Found(
+        [first, last], own, located=locate(first, own), left=locate(last, own),
+        answers=[answer_of([named], [1.0], KINDS)],
+    )  # fmt: skip
+    campaign = Campaign(description=rig, trials=trials, holdout=(record(200.0),))
+    told = report(campaign, own, (), found, KINDS)
+    assert told.verdict == "sensor_fault"
+    assert told.gap.augmented == pytest.approx(told.gap.noise_floor, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("fault", "told"),
+    [("clipped", {"clip": 0.2}), ("zero", {"from_s": 0.3, "for_s": 0.3 * 2**0.5, "held": 0.0})],
+)
+def test_what_a_screen_reads_off_a_channel_is_told_with_its_error(fault, told):
+    finding = Finding(
+        fault=fault, channel="x", spans_s=((1.0, 3.0),), share=0.1, level=5.0, level_sd=0.2,
+        instant_sd=0.3,
+    )  # fmt: skip
+    answer = fault_of(finding, ONE, KINDS)
+    assert answer is not None
+    assert {number.unit for number in answer.numbers.values()} <= {"m", "s", ""}
+    sds = {name: number.sd for name, number in answer.numbers.items()}
+    assert sds == pytest.approx(told)
+
+
+@pytest.mark.parametrize(
+    ("effect", "share", "unknown"),
+    [
+        (Effect("coulomb", PLACE, {"friction_n": 1.0}), 0.002, False),
+        (Effect("coulomb", PLACE, {"friction_n": 1.0}), 0.004, True),
+        (Effect("cubic_hardening", PLACE, {"k3_n_per_m3": 1.0}), 0.002, True),
+        (Effect("cubic_hardening", PLACE, {"k3_n_per_m3": 1.0}), 0.0005, False),
+    ],
+)
+def test_friction_may_leave_a_little_more_at_its_place_than_what_does_not_stick(
+    named, monkeypatch, effect, share, unknown
+):
+    """Its misfit has a minimum for each time that it might have stuck."""
+    monkeypatch.setattr(answering, "_still_left", lambda _: share)
+    rng = np.random.default_rng(8)
+    trial = Trial(
+        inputs=rng.standard_normal((300, 1)),
+        outputs=rng.standard_normal((300, 1)),
+        rate_hz=64.0,
+    )
+    first = refit(Plant.of(ONE), (trial,))
+    left = locate(first, (trial,))
+    here = dataclasses.replace(left.groups[0], places=(PLACE,), p_value=0.0)
+    left = dataclasses.replace(left, groups=(here, *left.groups[1:]))
+    last = dataclasses.replace(first, chi2_in_band=1.5, in_band_sd=0.01)
+    answer = dataclasses.replace(answer_of([named], [1.0], KINDS), effect=effect)
+    found = Found([first, last], (trial,), left=left, answers=[answer])
+    assert answering._unknown(found, KINDS) is unknown
