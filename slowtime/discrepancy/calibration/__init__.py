@@ -1,6 +1,6 @@
 """A plant and records in; the constants that explain them best, and what is left, out."""
 
-from .fit import Fit, refit
+from .fit import Fit, refit, try_refit
 from .initial_states import size_of, state_from_many, state_heard
 from .levenberg_marquardt import WRONG, GivenUp
 from .multiple_shooting import begun_by, first_swings, loudest, pieces, shooting_fit, slowest_hz
@@ -25,5 +25,6 @@ __all__ = [
     "slowest_hz",
     "state_from_many",
     "state_heard",
+    "try_refit",
     "weights_of",
 ]

@@ -1,7 +1,9 @@
 """The whole refit: horizons that grow, noise that is looked at again, and its account."""
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -290,3 +292,16 @@ def _floor_sd(problem: Problem, noise: Noise) -> float:
     counts = np.array([weights.use.sum(axis=0) for weights in problem.weights])
     weighted = counts / counts.sum() * np.array(noise.relative_sd)
     return float(np.sqrt(np.sum(weighted**2)))
+
+
+def try_refit(plant: Plant, trials: Sequence[Trial], **how: Any) -> Fit | None:
+    """Refit as `refit` does; None where the fit breaks down or is given up.
+
+    Breaking down is what a wrong law does: its runs grow without bound, or its equations have
+    no solution.
+    """
+    try:
+        found = refit(plant, trials, **how)
+    except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
+        return None
+    return found if math.isfinite(found.cost) else None

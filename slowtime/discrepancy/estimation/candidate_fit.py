@@ -1,9 +1,9 @@
-"""Laws that were proposed, in; each refitted with all constants to the free run, out."""
+"""Candidates fitted to the free run with all constants of the model."""
 
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -74,9 +74,6 @@ FAR, HALF_WAY = 40.0, 0.3
 
 Tick = Callable[[Effect, int], bool | None]
 """Told what is tried next, and the how many-eth it is; says whether it is too late for it."""
-
-More = Callable[[Sequence["FittedCandidate"]], Sequence[Candidate]]
-"""Told what was refitted so far; gives what else to try."""
 
 REARED = {"extra_dof": 6.0}
 """Log odds against kinds that explain almost anything weakly."""
@@ -226,93 +223,147 @@ def _growing(label: Candidate, kind: Kind, *, shooting: bool) -> tuple[float, ..
     return SLOWLY if sticks else GRADUALLY
 
 
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Fitting:
+    """Candidates that were fitted to the free run, batch after batch.
+
+    Parameters
+    ----------
+    before
+        The fit that each of them is added to.
+    tick
+        Told which candidate is next, and its number; says whether there is no budget for it.
+    shooting
+        Whether each is fitted to segments of the records first: that leads to the right minimum
+        where an effect is strong, and costs more.
+    found
+        Those that do something, in the order in which they were fitted.
+    idle, nested
+        Those of several parameters that do what a simpler one does: of which the motion shows
+        what sets them apart, and all.
+    noise
+        Of the first fit, by which all are compared.
+    count
+        How many candidates were seen.
+    stopped
+        Whether there was no budget for the next.
+    give_up, reached
+        Chi squared along the force above which others are not fitted any more; the least that
+        one which explains all has left in its free run.
+    """
+
+    before: Fit
+    trials: Sequence[Trial]
+    kinds: Mapping[str, Kind]
+    tick: Tick
+    shooting: bool = False
+    found: tuple[FittedCandidate, ...] = ()
+    idle: tuple[FittedCandidate, ...] = ()
+    nested: tuple[FittedCandidate, ...] = ()
+    noise: Noise | None = None
+    count: int = 0
+    stopped: bool = False
+    give_up: float = math.inf
+    reached: float = math.inf
+
+    def fit(self, candidates: Sequence[Candidate]) -> "Fitting":
+        """Fit each candidate until there is no budget left.
+
+        Once one leaves nothing, others are given up that were far behind it along the force;
+        once one leaves little, others that would leave more.
+        """
+        fitting = self
+        for candidate in candidates:
+            if fitting.stopped:
+                break
+            fitting = fitting._fit_one(candidate)
+        return fitting
+
+    def ranked(self, over: Callable[[], bool] = bool) -> list[FittedCandidate]:
+        """Give one fit for each candidate, the best first, by the noise that the best leaves.
+
+        Once it is `over`, the best is left in the minimum in which it is.
+        """
+        found = list(self.found)
+        if not any(chi2_p_value(one.fit) > LIMITS.white_p_value for one in found):
+            # No simpler law does the same.
+            found += [n for n in self.idle if chi2_p_value(n.fit) > LIMITS.white_p_value]
+        best: dict[Label, FittedCandidate] = {}
+        for one in sorted(found, key=lambda n: -n.score):
+            best.setdefault(label_of(one.effect), one)
+        return _with_noise_of_best(
+            self.before, list(best.values()), self.trials, self.kinds,
+            anew=not self.stopped, over=over,
+        )  # fmt: skip
+
+    def _fit_one(self, candidate: Candidate) -> "Fitting":
+        kind, number = self.kinds[candidate.effect.kind], self.count
+        seen = dataclasses.replace(self, count=number + 1)
+        if isinstance(kind.action, Unmeasured) or candidate.cost > self.give_up:
+            return seen
+        if _straight(kind) and candidate.cost > BEHIND * self.reached + FAR:
+            return seen
+        if self.tick(candidate.effect, number):
+            return dataclasses.replace(seen, stopped=True)
+        named = fit_candidate(
+            self.before, candidate.effect, self.trials, self.kinds, self.noise,
+            min((n.fit.cost for n in self.found), default=None),
+            start=candidate.start, shooting=self.shooting,
+            late=functools.partial(_late, self.tick, candidate.effect, number),
+            horizons=_growing(candidate, kind, shooting=self.shooting),
+        )  # fmt: skip
+        if named is None:
+            return seen
+        if seen.noise is None:
+            seen = dataclasses.replace(seen, noise=named.fit.noise)
+        shown = _shown(named, self.trials, self.kinds)
+        if shown and not _idle(named, self.kinds):
+            return seen._with(candidate, named)
+        if len(kind.names) == 1:
+            return seen
+        idle = (*self.idle, named) if shown else self.idle
+        return dataclasses.replace(seen, idle=idle, nested=(*self.nested, named))
+
+    def _with(self, candidate: Candidate, named: FittedCandidate) -> "Fitting":
+        """Keep a fit, and tighten what others have to leave along the force."""
+        kind = self.kinds[candidate.effect.kind]
+        give_up, reached = self.give_up, self.reached
+        fits = [fit for fit in (named.fit, named.shot) if fit is not None]
+        if any(chi2_p_value(fit) > LIMITS.white_p_value for fit in fits):
+            little = max(BEHIND * candidate.cost, LITTLE * candidate.bare) + FAR
+            give_up = min(give_up, little)
+            cost = min(fit.cost for fit in fits)
+            if not _straight(kind) or candidate.cost <= BEHIND * cost + FAR:
+                reached = min(reached, cost)  # else what is far off is not told by one step
+        else:
+            left = misfit(named.fit, self.before.noise, self.trials)
+            if left < MAIN * candidate.bare:
+                give_up = min(give_up, LESS * max(left, candidate.cost) + FAR)
+        return dataclasses.replace(
+            self, found=(*self.found, named), give_up=give_up, reached=reached
+        )
+
+
 def fit_candidates(
     before: Fit,
-    labels: Sequence[Candidate],
+    candidates: Sequence[Candidate],
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
     tick: Tick,
     *,
     shooting: bool = False,
-    more: More | None = None,
-    alike: list[FittedCandidate] | None = None,
     over: Callable[[], bool] = bool,
 ) -> list[FittedCandidate]:
-    """Refit each label until it is late; all are judged by the noise that the best leaves.
+    """Fit each candidate to the free run; all judged by the noise that the best leaves.
 
-    Where these are done, `more` may give others, for what there is so far.
-
-    Once one leaves nothing, others are given up that were far behind it along the force; once
-    one leaves little, others that would leave more.
-    By `shooting`, each is fitted to pieces first: that leads to the right minimum where an
-    effect is strong, and costs more.
-    Laws of several numbers that do what a simpler one does are not given, but put into `alike`.
-    Once it is `over`, the best is left in the minimum in which it is.
+    As `Fitting` does with one batch.
     """
-    noise: Noise | None = None
-    found: list[FittedCandidate] = []
-    idle: list[FittedCandidate] = []
-    alike = [] if alike is None else alike
-    enough = reached = math.inf
-    stopped = False
-    for number, label in enumerate(_and_more(labels, found, more)):
-        kind = kinds[label.effect.kind]
-        if isinstance(kind.action, Unmeasured) or label.cost > enough:
-            continue
-        if _straight(kind) and label.cost > BEHIND * reached + FAR:
-            continue
-        if tick(label.effect, number):
-            stopped = True
-            break
-        beat = min((n.fit.cost for n in found), default=None)
-        late = functools.partial(_late, tick, label.effect, number)
-        named = fit_candidate(
-            before, label.effect, trials, kinds, noise, beat,
-            start=label.start, shooting=shooting, late=late,
-            horizons=_growing(label, kind, shooting=shooting),
-        )  # fmt: skip
-        if named is None:
-            continue
-        if noise is None:
-            noise = named.fit.noise
-        shown = _shown(named, trials, kinds)
-        if not shown or _idle(named, kinds):
-            several = [named] if len(kind.names) > 1 else []
-            idle += several if shown else []
-            alike += several
-            continue
-        found.append(named)
-        if any(
-            chi2_p_value(fit) > LIMITS.white_p_value
-            for fit in (named.fit, named.shot)
-            if fit is not None
-        ):
-            enough = min(enough, max(BEHIND * label.cost, LITTLE * label.bare) + FAR)
-            cost = min(fit.cost for fit in (named.fit, named.shot) if fit)
-            if not _straight(kind) or label.cost <= BEHIND * cost + FAR:
-                reached = min(reached, cost)  # else what is far off is not told by one step
-        elif (left := misfit(named.fit, before.noise, trials)) < MAIN * label.bare:
-            enough = min(enough, LESS * max(left, label.cost) + FAR)
-    if not any(chi2_p_value(one.fit) > LIMITS.white_p_value for one in found):
-        # No simpler law does the same.
-        found += [one for one in idle if chi2_p_value(one.fit) > LIMITS.white_p_value]
-    best: dict[Label, FittedCandidate] = {}
-    for one in sorted(found, key=lambda n: -n.score):
-        best.setdefault(label_of(one.effect), one)
-    anew = not stopped
-    return _heard_again(before, list(best.values()), trials, kinds, anew=anew, over=over)
+    fitting = Fitting(before=before, trials=trials, kinds=kinds, tick=tick, shooting=shooting)
+    return fitting.fit(candidates).ranked(over)
 
 
 def _late(tick: Tick, effect: Effect, number: int) -> bool:
     return bool(tick(effect, number))
-
-
-def _and_more(
-    labels: Sequence[Candidate], found: Sequence[FittedCandidate], more: More | None
-) -> Iterator[Candidate]:
-    yield from labels
-    while more is not None and (others := more(found)):
-        yield from others
 
 
 def _straight(kind: Kind) -> bool:
@@ -380,7 +431,7 @@ def _shown(named: FittedCandidate, trials: Sequence[Trial], kinds: Mapping[str, 
     )
 
 
-def _heard_again(
+def _with_noise_of_best(
     before: Fit,
     found: list[FittedCandidate],
     trials: Sequence[Trial],
@@ -407,7 +458,7 @@ def _heard_again(
         return found
     heard = dataclasses.replace(best, fit=fit, score=evidence(fit, kinds))
     if not _shown(heard, trials, kinds):
-        return _heard_again(before, found[1:], trials, kinds, anew=anew, over=over)
+        return _with_noise_of_best(before, found[1:], trials, kinds, anew=anew, over=over)
     again = [heard, *(rescored(one, fit, trials, kinds) for one in found[1:])]
     return sorted(again, key=lambda n: -n.score)
 

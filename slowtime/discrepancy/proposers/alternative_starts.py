@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.candidates.library_fit import Candidate, label_of
 from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, fit_candidates
+from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.progress import Monitor
-from slowtime.discrepancy.state import Found
 from slowtime.dynamics.effects import Effect, Kind
 
 ANEW, DOWN = 2, 6
@@ -15,7 +15,7 @@ ANEW, DOWN = 2, 6
 
 
 def alternative_starts(
-    found: Found, before: Fit, kinds: Mapping[str, Kind], tell: Monitor
+    found: Hypothesis, before: Fit, kinds: Mapping[str, Kind], tell: Monitor
 ) -> Iterator[FittedCandidate]:
     """Give the second that was found, the next best that were refitted, and what came after.
 
@@ -32,8 +32,8 @@ def alternative_starts(
         tell(f"refitting {effect.kind} at {effect.place}", 0.85)
         return tell.hurries
 
-    first, *rest = found.named
-    second = [answer.effect for answer in found.answers[1:2]]
+    first, *rest = found.fitted
+    second = [answer.effect for answer in found.effects[1:2]]
     known = {label_of(one.effect): one for one in rest}
     for effect in second:
         if label_of(effect) in known:
@@ -49,7 +49,7 @@ def alternative_starts(
         if (kinds[one.effect.kind].family, one.effect.place) != (kin, first.effect.place)
     )
     yield from itertools.islice(apart, ANEW)
-    seen = (*(one.effect for one in found.named), *second)
+    seen = (*(one.effect for one in found.fitted), *second)
     done = {label_of(effect) for effect in seen}
     down = [c for c in found.tried if label_of(c.effect) not in done][:DOWN]
     for label in down:

@@ -1,13 +1,7 @@
-"""A force that no law makes, in; what is seen once a channel may be out of time, out.
+"""Proposer: clocks of sensors that are off, and laws that only a late input hides."""
 
-A late input puts every mode out of phase. What another effect does beside it is then seen at no
-place, or at a wrong one, and no law explains it: the delay has to be put right first, though
-the free run is no better for it alone. And of few sensors, one whose clock runs slow is more
-periods behind than one by the end: constants go to meet it half way, and no force is where it
-seems to be.
-"""
-
-from collections.abc import Iterator, Mapping, Sequence
+import dataclasses
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -20,10 +14,11 @@ from slowtime.discrepancy.estimation.candidate_fit import (
     fit_candidate,
     fitted_effect,
 )
-from slowtime.discrepancy.localization import Located, locate
-from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.thresholds import LIMITS
-from slowtime.dynamics.effects import Effect, Kind, Place
+from slowtime.dynamics.effects import Effect, Place
+
+from .protocol import Proposal, Round
 
 LATE, CLOCK = "input_delay", "sensor_clock"
 """Kinds of a late input, and of a sensor whose clock runs fast or slow."""
@@ -39,20 +34,52 @@ MOST = 2
 """Laws that are given for each input."""
 
 
-def seen_beside_late(
-    before: Fit,
-    tried: Sequence[Candidate],
-    trials: tuple[Trial, ...],
-    kinds: Mapping[str, Kind],
-) -> Iterator[tuple[Candidate, Candidate]]:
+@dataclasses.dataclass(frozen=True, slots=True)
+class SensorClocks:
+    """Proposes sensors whose clock is off, where that alone explains all, and sensors are few.
+
+    Where others hear the same motion, a clock is seen without. One that leaves something is
+    given where nothing else explains as much: what it hid is looked for beside it.
+    """
+
+    name: str = "sensor clocks"
+
+    def __call__(self, given: Round) -> Proposal:
+        """Propose clocks in place of the shortlist."""
+        before, kinds = given.before, given.kinds
+        description = before.plant.description
+        few = len(description.sensors) <= len(description.dofs)
+        several = given.localized.groups[0].left >= LIMITS.several_forces_chi2
+        if given.number or CLOCK not in kinds or not few or not several:
+            return Proposal(self.name, ())
+        (skew,) = kinds[CLOCK].names
+        opaque = _opaque(given.tried)
+        beat = max(LIMITS.explained_chi2 * before.data, MOSTLY * before.cost if opaque else 0.0)
+        fitted = []
+        for sensor in description.sensors:
+            begin = Effect(CLOCK, Place("sensor", sensor.channel), {skew: SKEWED})
+            named = fit_candidate(
+                before, begin, given.trials, kinds, None, beat, horizons=GRADUALLY
+            )
+            if named is not None:
+                fitted.append(named)
+        fitted.sort(key=lambda one: one.fit.chi2_in_band)
+        all_of_it = [one for one in fitted if one.fit.chi2_in_band < LIMITS.explained_chi2]
+        most_of_it = fitted[:1] if opaque and _outstanding(fitted, before) else []
+        clocks = (
+            Candidate(fitted_effect(one), one.fit.cost, one.score, before.cost)
+            for one in all_of_it or most_of_it
+        )
+        return Proposal(self.name, tuple(clocks), only=True)
+
+
+def pairs_with_delayed_input(given: Round) -> Iterator[tuple[Candidate, Candidate]]:
     """Give a delay of an input and a law each, where the law is seen only beside that.
 
-    Parameters
-    ----------
-    tried
-        Laws with what they explain of the force as it is located without, the best first.
+    A late input puts every mode out of phase, and what another effect does is hidden by that.
     """
-    if LATE not in kinds or not _opaque(tried):
+    before, trials, kinds = given.before, given.trials, given.kinds
+    if LATE not in kinds or not _opaque(given.tried):
         return
     there = {label_of(effect) for effect in before.plant.effects}
     for entry in before.plant.description.inputs:
@@ -72,45 +99,6 @@ def seen_beside_late(
         for law in seen[:MOST]:
             if law.cost < CLEARLY * law.bare and label_of(law.effect) != label_of(delay):
                 yield Candidate(delay, law.cost, law.score, law.bare), law
-
-
-def clocks_alone(
-    before: Fit,
-    located: Located,
-    tried: Sequence[Candidate],
-    trials: Sequence[Trial],
-    kinds: Mapping[str, Kind],
-) -> list[Candidate]:
-    """Give sensors' clocks that explain all alone, where no force does, and sensors are few.
-
-    Where others hear the same motion, a clock is seen without. One that leaves something is
-    given where nothing else explains as much: what it hid is looked for beside it.
-
-    Parameters
-    ----------
-    tried
-        Laws with what they explain of the force as it is located, the best first.
-    """
-    description = before.plant.description
-    few = len(description.sensors) <= len(description.dofs)
-    if CLOCK not in kinds or not few or located.groups[0].left < LIMITS.several_forces_chi2:
-        return []
-    (skew,) = kinds[CLOCK].names
-    opaque = _opaque(tried)
-    beat = max(LIMITS.explained_chi2 * before.data, MOSTLY * before.cost if opaque else 0.0)
-    asked = []
-    for sensor in description.sensors:
-        begin = Effect(CLOCK, Place("sensor", sensor.channel), {skew: SKEWED})
-        named = fit_candidate(before, begin, trials, kinds, None, beat, horizons=GRADUALLY)
-        if named is not None:
-            asked.append(named)
-    asked.sort(key=lambda one: one.fit.chi2_in_band)
-    all_of_it = [one for one in asked if one.fit.chi2_in_band < LIMITS.explained_chi2]
-    most_of_it = asked[:1] if opaque and _outstanding(asked, before) else []
-    return [
-        Candidate(fitted_effect(one), one.fit.cost, one.score, before.cost)
-        for one in all_of_it or most_of_it
-    ]
 
 
 def _opaque(tried: Sequence[Candidate]) -> bool:

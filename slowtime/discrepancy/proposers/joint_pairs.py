@@ -1,9 +1,9 @@
-"""Pairs of laws that may be missing together, in; an account that begins with both, out."""
+"""Proposer: two laws that are missing together, of which neither explains much alone."""
 
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -22,17 +22,16 @@ from slowtime.discrepancy.estimation.candidate_fit import (
 )
 from slowtime.discrepancy.estimation.input_hold import Hold
 from slowtime.discrepancy.estimation.switching_instant import refine_switching_instant
-from slowtime.discrepancy.progress import Monitor
+from slowtime.discrepancy.hypothesis import Hypothesis, Step
 from slowtime.discrepancy.quoting import moved_of
 from slowtime.discrepancy.records import Trial
-from slowtime.discrepancy.selection.acceptance import accept
+from slowtime.discrepancy.selection.acceptance import Terms, accept
 from slowtime.discrepancy.selection.many_laws import variable_of
 from slowtime.discrepancy.selection.probabilities import answer_of, hardly_any, shares_of
-from slowtime.discrepancy.state import Found
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Kind
 
-from .delayed_input import seen_beside_late
+from .protocol import Round
 
 SOME, AMONG, TURNS = 0.7, 5, 3
 """Share of what was missing that a law may leave, and be one of two; the best of how many such
@@ -41,138 +40,132 @@ NEAR = 0.1
 """Share of what the best alone leaves, from which a pair is fitted on where it ended."""
 
 Pair = tuple[Candidate, Candidate]
+PairLabel = frozenset[Label]
 
 
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class JointPairs:
-    """Begins with two laws at once, where both leave nothing and the best of all leaves much.
+    """Fits two laws at once, where either leaves much and both leave nothing.
 
-    Nor may they need constants that are off: two that are wrong find help in those.
-
-    No pair is tried twice.
+    Both may not need constants that are off: two that are wrong find help in those.
 
     Parameters
     ----------
-    before
-        The fit that they are added to.
     stated
         What the model says of its inputs between samples; as it stands where not given.
     asked
-        Under which holds effects were looked for already.
+        Holds under which effects were looked for already.
     """
 
-    def __init__(
-        self,
-        before: Fit,
-        trials: tuple[Trial, ...],
-        kinds: Mapping[str, Kind],
-        stated: tuple[Hold, ...] | None,
-        asked: Sequence[tuple[Hold, ...] | None],
-        tell: Monitor,
-    ) -> None:
-        self._before, self._trials, self._kinds = before, trials, kinds
-        self._stated, self._asked, self._tell = stated, asked, tell
-        self._done: set[frozenset[Label]] = set()
+    stated: tuple[Hold, ...] | None
+    asked: Sequence[tuple[Hold, ...] | None]
 
-    def __call__(self, found: Found) -> Found | None:
-        """Give an account with two laws, of what was located, tried and refitted so far."""
-        best = found.named[0].fit if found.named else self._before
+    def of_round(self, given: Round, done: Collection[PairLabel]) -> list[Pair]:
+        """Give pairs of one force first, then those of which each explains something alone.
+
+        None while what was fitted explains all.
+
+        Parameters
+        ----------
+        done
+            Pairs that were fitted already.
+        """
+        fitted = sorted(given.fitted, key=lambda one: -one.score)
+        best = fitted[0].fit if fitted else given.before
         if (
             best.chi2_in_band < LIMITS.explained_chi2
             or chi2_p_value(best) > LIMITS.coloured_p_value
         ):
-            return None
-        return self._begun(found, self._pairs(found), NEAR * best.chi2_in_band)
+            return []
+        reached = {
+            label_of(one.effect): misfit(one.fit, given.before.noise, given.trials)
+            for one in fitted
+        }
+        of_one = law_pairs(given.before, given.localized, given.tried, reached, given.kinds)
+        pairs = [pair for pair in of_one if label_of_pair(pair) not in done]
+        if fitted and fitted[0].fit.chi2_in_band > LIMITS.far_off_chi2:
+            known = {*done, *map(label_of_pair, pairs)}
+            of_two = _pairs_of_fitted(fitted, given.hypothesis.last, given.kinds)
+            fresh = (pair for pair in of_two if label_of_pair(pair) not in known)
+            pairs += itertools.islice(fresh, TURNS)
+        return pairs
 
-    def beside_late(self, found: Found) -> Found | None:
-        """Give an account with a late input and a law that is seen only beside that."""
-        late = seen_beside_late(self._before, found.tried, self._trials, self._kinds)
-        return self._begun(found, self._new(late), NEAR * self._before.chi2_in_band)
+    def __call__(self, given: Round, pairs: Sequence[Pair], reached: float) -> Step | None:
+        """Fit pairs; give the hypothesis with the best that leaves nothing.
 
-    def _begun(self, found: Found, pairs: Iterator[Pair], near: float) -> Found | None:
-        """Fit pairs; give an account with the best that leaves nothing."""
+        Parameters
+        ----------
+        reached
+            Mean square in band that the best alone leaves.
+
+        Returns
+        -------
+        A step that adds two effects, or none and suggests a hold; None where no pair explains.
+        """
         good: list[tuple[Candidate, FittedCandidate]] = []
         for one, other in pairs:
-            if self._tell.hurries:
+            if given.monitor.hurries:
                 break
-            self._tell(f"refitting {one.effect.kind} and {other.effect.kind}", 0.35)
-            both = self._refitted(one, other, good, near)
-            first = found.fits[0]
+            given.monitor(f"refitting {one.effect.kind} and {other.effect.kind}", 0.35)
+            both = _fit_pair(given, one, other, good, NEAR * reached)
             if both is None or moved_of(both.fit):
                 continue  # what is missing bends no constant
+            first = given.hypothesis.first
             if both.fit.chi2_in_band < LIMITS.explained_chi2 or hardly_any(both.fit, first):
                 good.append((one, both))
         good.sort(key=lambda pair: -pair[1].score)
-        return self._accepted(found, good) if good else None
-
-    def _pairs(self, found: Found) -> Iterator[Pair]:
-        """Give pairs of one force first, then those of which each explains something alone."""
-        assert found.located is not None
-        reached = {
-            label_of(one.effect): misfit(one.fit, self._before.noise, self._trials)
-            for one in found.named
-        }
-        of_one = law_pairs(self._before, found.located, found.tried, reached, self._kinds)
-        yield from self._new(of_one)
-        if found.named and found.named[0].fit.chi2_in_band > LIMITS.far_off_chi2:
-            of_two = self._new(of_refitted(found, self._kinds))
-            yield from itertools.islice(of_two, TURNS)
-
-    def _new(self, every: Iterator[Pair] | Sequence[Pair]) -> Iterator[Pair]:
-        for pair in every:
-            label = frozenset(label_of(one.effect) for one in pair)
-            if label not in self._done:
-                self._done.add(label)
-                yield pair
-
-    def _refitted(
-        self,
-        one: Candidate,
-        other: Candidate,
-        good: Sequence[tuple[Candidate, FittedCandidate]],
-        near: float,
-    ) -> FittedCandidate | None:
-        known = carry_effect(self._before, one.effect, self._kinds)
-        noise = good[0][1].fit.noise if good else None
-        enough = LIMITS.explained_chi2 * self._before.data
-        both = fit_candidate(
-            known, other.effect, self._trials, self._kinds, noise, enough,
-            start=other.start, late=lambda: self._tell.hurries,
-        )  # fmt: skip
-        if both is None or not LIMITS.explained_chi2 < both.fit.chi2_in_band < near:
-            return both
-        return _fitted_on(both, self._trials, self._kinds)
+        return self._accepted(given, good) if good else None
 
     def _accepted(
-        self, found: Found, good: Sequence[tuple[Candidate, FittedCandidate]]
-    ) -> Found | None:
-        one, both = good[0]
-        alone = fit_candidate(
-            self._before, one.effect, self._trials, self._kinds, both.fit.noise
-        )
+        self, given: Round, good: Sequence[tuple[Candidate, FittedCandidate]]
+    ) -> Step | None:
+        (one, both), kinds = good[0], given.kinds
+        alone = fit_candidate(given.before, one.effect, given.trials, kinds, both.fit.noise)
         if alone is None:
             return None
-        branch = Found(
-            [found.fits[0], alone.fit],
-            found.trials,
-            located=found.located,
-            named=found.named,
-            tried=found.tried,
+        branch = Hypothesis(
+            (given.hypothesis.first, alone.fit),
+            given.hypothesis.trials,
+            effects=(answer_of([alone], [1.0], kinds),),
+            localized=given.hypothesis.localized,
+            fitted=tuple(sorted(given.fitted, key=lambda one: -one.score)),
+            tried=given.tried,
         )
-        branch.answers.append(answer_of([alone], [1.0], self._kinds))
-        kinds = self._kinds
-        if not accept(
-            branch, alone.fit, [both], self._trials, kinds, self._stated,
-            pulled=False, asked=self._asked,
-        ):  # fmt: skip
-            found.otherwise = branch.otherwise
-            return None
-        _share(
-            branch,
-            kinds,
-            [(label_of(first.effect), label_of(named.effect)) for first, named in good],
-            [named for _, named in good],
-        )
-        return branch
+        terms = Terms(stated=self.stated, pulled=False, asked=self.asked)
+        step = accept(branch, alone.fit, [both], given.trials, kinds, terms)
+        if not step.added:
+            holds = step.hypothesis.suggested_holds
+            if holds is None:
+                return None
+            return Step(dataclasses.replace(given.hypothesis, suggested_holds=holds), added=0)
+        pairs = [(label_of(first.effect), label_of(second.effect)) for first, second in good]
+        shared = _with_shares(step.hypothesis, kinds, pairs, [second for _, second in good])
+        return Step(shared, added=2)
+
+
+def label_of_pair(pair: Pair) -> PairLabel:
+    """Give two effects without their numbers, in any order."""
+    return frozenset(label_of(one.effect) for one in pair)
+
+
+def _fit_pair(
+    given: Round,
+    one: Candidate,
+    other: Candidate,
+    good: Sequence[tuple[Candidate, FittedCandidate]],
+    near: float,
+) -> FittedCandidate | None:
+    """Fit two laws; on from where the fit was given up, if that was near."""
+    known = carry_effect(given.before, one.effect, given.kinds)
+    noise = good[0][1].fit.noise if good else None
+    enough = LIMITS.explained_chi2 * given.before.data
+    both = fit_candidate(
+        known, other.effect, given.trials, given.kinds, noise, enough,
+        start=other.start, late=lambda: given.monitor.hurries,
+    )  # fmt: skip
+    if both is None or not LIMITS.explained_chi2 < both.fit.chi2_in_band < near:
+        return both
+    return _fitted_on(both, given.trials, given.kinds)
 
 
 def _fitted_on(
@@ -191,13 +184,15 @@ def _fitted_on(
     return dataclasses.replace(both, fit=fit, score=evidence(fit, kinds))
 
 
-def of_refitted(found: Found, kinds: Mapping[str, Kind]) -> Iterator[Pair]:
+def _pairs_of_fitted(
+    fitted: Sequence[FittedCandidate], bare: Fit, kinds: Mapping[str, Kind]
+) -> Iterator[Pair]:
     """Give laws two by two that each explain something alone, the best first.
 
     None that may be pieces of one curve: any curve has such.
     """
-    bar = SOME * found.fits[-1].chi2_in_band
-    some = [one for one in found.named if one.fit.chi2_in_band < bar][:AMONG]
+    bar = SOME * bare.chi2_in_band
+    some = [one for one in fitted if one.fit.chi2_in_band < bar][:AMONG]
     effects = [fitted_effect(one) for one in some]
     numbers = itertools.combinations(range(len(effects)), 2)
     for i, j in sorted(numbers, key=sum):
@@ -209,16 +204,17 @@ def of_refitted(found: Found, kinds: Mapping[str, Kind]) -> Iterator[Pair]:
         yield Candidate(one, 0.0, 0.0, 0.0), Candidate(other, 0.0, 0.0, 0.0)
 
 
-def _share(
-    found: Found,
+def _with_shares(
+    hypothesis: Hypothesis,
     kinds: Mapping[str, Kind],
     pairs: Sequence[tuple[Label, Label]],
-    named: Sequence[FittedCandidate],
-) -> None:
+    fitted: Sequence[FittedCandidate],
+) -> Hypothesis:
     """Give each of two laws the probability of all pairs that it is one of."""
-    shares = shares_of(named, kinds)
-    for number, answer in enumerate(found.answers):
-        label = label_of(answer.effect)
+    shares = shares_of(fitted, kinds)
+    effects = []
+    for named in hypothesis.effects:
+        label = label_of(named.effect)
         rivals = tuple(
             Rival(*other, share)
             for pair, share in zip(pairs, shares, strict=True)
@@ -226,7 +222,9 @@ def _share(
             if label not in pair and other not in pairs[0] and share > LIMITS.told_probability
         )
         sure = sum(s for pair, s in zip(pairs, shares, strict=True) if label in pair)
-        found.answers[number] = dataclasses.replace(answer, probability=sure, rivals=rivals)
-        if sure < LIMITS.decided_probability and not found.undecided:
-            found.undecided = (Rival(*label, sure), *rivals)
-            found.pair = tuple(named[:2])
+        effects.append(dataclasses.replace(named, probability=sure, rivals=rivals))
+        if sure < LIMITS.decided_probability and not hypothesis.undecided:
+            hypothesis = dataclasses.replace(
+                hypothesis, undecided=(Rival(*label, sure), *rivals), pair=tuple(fitted[:2])
+            )
+    return dataclasses.replace(hypothesis, effects=tuple(effects))

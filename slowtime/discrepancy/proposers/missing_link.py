@@ -13,18 +13,87 @@ import numpy as np
 
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.calibration.augmentation import free_run, without
-from slowtime.discrepancy.estimation.candidate_fit import fit_candidate
+from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
+from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
+from slowtime.discrepancy.estimation.candidate_fit import (
+    FittedCandidate,
+    evidence,
+    fit_candidate,
+    rescored,
+)
+from slowtime.discrepancy.estimation.shooting_fit import unexplained_by
+from slowtime.discrepancy.hypothesis import Hypothesis, Link, Pair
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.records import Trial
-from slowtime.discrepancy.state import Link, Pair
+from slowtime.discrepancy.selection.doubts import doubt
+from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.description import BASE, Beam, Description, Spring
-from slowtime.dynamics.effects import Effect, Hidden, Kind, Place
+from slowtime.dynamics.effects import Effect, Hidden, InputChange, Kind, Place, SensorChange
 from slowtime.dynamics.plant import Plant
 
 LINK, LOSS = "a spring not in the model", "stiffness_loss"
 """What the element is called while it is tried; the kind whose negative is its stiffness."""
+BY_ONE = 0.1
+"""[share of what was missing] That a spring may leave which takes the place of effects. Source:
+chosen on hidden cases."""
 FIRST = (0.1, 0.03, 0.01, 0.003)
 """Stiffnesses to begin with, in those of the model's own springs: that which leaves least."""
+
+
+def with_missing_link(
+    found: Hypothesis, first: int, kinds: Mapping[str, Kind], tell: Monitor
+) -> Hypothesis:
+    """Name a missing spring, where it explains more than a hidden oscillator, or than no law.
+
+    Parameters
+    ----------
+    first
+        Effects that the model had as it was given.
+    """
+    last = found.last
+    if found.final or not found.last_fits_whole_records:
+        return found
+    for number in range(len(found.effects)):
+        latest = number == len(found.effects) - 1 and len(found.fits) == number + 2
+        before = found.fits[-2] if latest else None
+        link = link_instead_of(last, first + number, before, found.trials, kinds)
+        lead = -math.inf if link is None else link.named.score - evidence(last, kinds)
+        if lead > LIMITS.least_log_evidence:
+            return dataclasses.replace(found, link=link, undecided=(), pair=None)
+        if lead > -LIMITS.least_log_evidence and not found.undecided:
+            found = doubt(found, number)
+    if _explained(found, kinds) or tell.hurries or found.undecided:
+        return found
+    held = refit_within_tolerances(found.first, found.trials)
+    link = best_link(held, None, found.trials, kinds, tell)
+    if link is not None and _is_likelier(link.named, found, kinds):
+        return dataclasses.replace(found, link=link)
+    return found
+
+
+def _explained(found: Hypothesis, kinds: Mapping[str, Kind]) -> bool:
+    """Return whether effects explain all, and none of them can stand for a spring."""
+    last = found.last
+    explained = last.chi2_in_band < LIMITS.explained_chi2
+    explained &= chi2_p_value(last) > LIMITS.coloured_p_value
+    # What acts in proportion, two of them or one on a node, may do what one spring does.
+    proportional = all(
+        isinstance(kinds[one.effect.kind].action, Hidden | SensorChange | InputChange)
+        for one in found.effects
+    )
+    on_node = any(one.effect.place.kind == "node" for one in found.effects)
+    return explained and not (proportional and (on_node or len(found.effects) > 1))
+
+
+def _is_likelier(link: FittedCandidate, found: Hypothesis, kinds: Mapping[str, Kind]) -> bool:
+    """Return whether a spring leaves little of what was missing, and is the likelier."""
+    first, last = found.first, found.last
+    if link.fit.chi2_in_band - 1 > BY_ONE * (first.chi2_in_band - 1):
+        return False
+    least = min((link.fit, last), key=unexplained_by)
+    others = FittedCandidate(link.effect, last.plant.description, last, 0.0)
+    ahead, behind = (rescored(one, least, found.trials, kinds).score for one in (link, others))
+    return ahead - behind > LIMITS.least_log_evidence
 
 
 def link_instead_of(

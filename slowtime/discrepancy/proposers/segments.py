@@ -1,4 +1,4 @@
-"""Laws of which no long run comes near, in; those that explain the records piece by piece, out.
+"""Proposer: laws that explain the records segment by segment.
 
 Where a law is strong, or one of several, the run without it is soon another motion: what it
 leaves, and the force that would make up for that, tell little, and the run with the right law,
@@ -31,12 +31,12 @@ from slowtime.discrepancy.candidates.library_fit import (
     label_of,
 )
 from slowtime.discrepancy.candidates.parameter_scan import as_strong, has_strength, joined
-from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate
 from slowtime.discrepancy.estimation.switching_instant import refine_switching_instant
-from slowtime.discrepancy.localization import Located
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Effect, Hidden, Kind, Law, Place, Unmeasured
+
+from .protocol import Proposal, Round, reached_by_shortlist
 
 FEW, MORE = 4, 12
 """Pieces of each record to which all are fitted, and those that explain most of these."""
@@ -61,74 +61,71 @@ KEPT = 2
 """Laws that are given."""
 
 
-class SegmentCandidates:
-    """Gives the laws that leave least of the records, piece by piece, once.
+@dataclasses.dataclass(frozen=True, slots=True)
+class Segments:
+    """Proposes laws that explain the records segment by segment (multiple shooting).
 
-    Parameters
-    ----------
-    before
-        The fit without them, its constants held to their tolerances.
-    tried, labels
-        Laws with what they explain of the force, the best first; those that are tried anyway.
-    late
-        Once true, there are none.
-
-    Attributes
-    ----------
-    told
-        Those laws, the best first, each with what it, and the model without it, would leave of
-        the records were they all as those pieces are. None where each leaves about half of
-        that, or more.
+    Where a law is strong, the run without it is soon another motion, and no force along it says
+    what is missing. It is asked twice: before anything was fitted, where no force explains what
+    is missing (`only`), and where what was fitted explains little.
     """
 
-    def __init__(
-        self,
-        before: Fit,
-        tried: Sequence[Candidate],
-        labels: Sequence[Candidate],
-        located: Located,
-        trials: Sequence[Trial],
-        kinds: Mapping[str, Kind],
-        late: Callable[[], bool],
-    ) -> None:
-        self._before, self._tried, self._labels = before, tried, labels
-        self._located, self._trials, self._kinds, self._late = located, trials, kinds, late
-        self._asked = False
-        self.told: list[Candidate] = []
+    only: bool = False
+    name: str = "segments"
 
-    @property
-    def whole(self) -> list[Candidate]:
-        """Those, where the best leaves no more than noise: what is missing is only that."""
-        most = LIMITS.segment_chi2 * self._before.data
-        alone = bool(self.told) and self.told[0].cost < most
-        return self.told if alone else []
+    def __call__(self, given: Round) -> Proposal:
+        """Propose the laws that leave least of the segments, if they leave half at most."""
+        nothing = Proposal(self.name, ())
+        if given.number or self._is_needless(given):
+            return nothing
 
-    @property
-    def begins(self) -> Label | None:
-        """The law that explains the pieces best, where one does."""
-        return label_of(self.told[0].effect) if self.told else None
+        def late() -> bool:
+            return given.is_late("fitting laws to segments of the records", 0.06)
 
-    def at_once(self) -> list[Candidate]:
-        """Give them before anything was refitted, where no force explains what is missing."""
-        least = min((one.cost for one in self._labels), default=0.0)
-        return self._tell() if least > LIMITS.far_off_chi2 * self._before.data else []
-
-    def __call__(self, found: Sequence[FittedCandidate]) -> list[Candidate]:
-        """Give them where what was refitted explains little."""
-        least = min((one.fit.chi2_in_band for one in found), default=math.inf)
-        return self._tell() if least > LIMITS.far_off_chi2 else []
-
-    def _tell(self) -> list[Candidate]:
-        if self._asked or self._late():
-            return []
-        self._asked = True
+        if late():
+            return nothing
+        search = _SegmentSearch(given, late)
+        told: list[Candidate] = []
         with contextlib.suppress(np.linalg.LinAlgError, FloatingPointError, GivenUp):
-            self.told = self._looked()
-        reach = min((one.cost for one in self._labels), default=math.inf)
-        # What is left of pieces is no measure for what a law leaves along a force.
-        return [dataclasses.replace(one, cost=min(one.cost, reach)) for one in self.told]
+            told = search.best()
+        if not told:
+            return dataclasses.replace(nothing, only=self.only)
+        reach = reached_by_shortlist(given.shortlist)
+        # Where the best leaves noise only, what is missing is only that.
+        alone = told[0].cost < LIMITS.segment_chi2 * given.before.data
+        return Proposal(
+            self.name,
+            # What is left of segments is no measure for what a law leaves along a force.
+            tuple(dataclasses.replace(one, cost=min(one.cost, reach)) for one in told),
+            only=self.only,
+            begins=label_of(told[0].effect),
+            shot=tuple(told) if alone else (),
+        )
 
-    def _looked(self) -> list[Candidate]:
+    def _is_needless(self, given: Round) -> bool:
+        if self.only:
+            least = min((one.cost for one in given.shortlist), default=0.0)
+            return least <= LIMITS.far_off_chi2 * given.before.data
+        earlier = given.of(self.name)
+        if earlier is not None and earlier.only:
+            return True  # they were fitted before anything else was
+        best = given.best()
+        return best is not None and best.chi2_in_band <= LIMITS.far_off_chi2
+
+
+class _SegmentSearch:
+    """Fits laws to segments of the records of a round."""
+
+    def __init__(self, given: Round, late: Callable[[], bool]) -> None:
+        self._before, self._tried, self._labels = given.before, given.tried, given.shortlist
+        self._located, self._trials, self._kinds = given.localized, given.trials, given.kinds
+        self._late = late
+
+    def best(self) -> list[Candidate]:
+        """Give the laws that leave least, each with what it and the model would leave.
+
+        As if all of the records were as the segments are.
+        """
         found = self._fitted(self._likeliest(), *self._quiet(), HINTS)
         if not found:
             return []

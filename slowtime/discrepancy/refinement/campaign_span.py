@@ -6,18 +6,18 @@ from collections.abc import Mapping
 import numpy as np
 
 from slowtime.discrepancy.calibration import Fit
+from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.quoting import requoted
 from slowtime.discrepancy.records import Campaign
-from slowtime.discrepancy.state import Found
 from slowtime.dynamics.effects import Kind
 
 SPAN = "span_s"
 
 
 def span_campaign(
-    found: Found, own: int, campaign: Campaign, kinds: Mapping[str, Kind]
-) -> None:
-    """Tell drifts by what they come to at the end of all records, those held out with them.
+    hypothesis: Hypothesis, own: int, campaign: Campaign, kinds: Mapping[str, Kind]
+) -> Hypothesis:
+    """Quote drifts by what they come to at the end of all records, held-out ones included.
 
     Parameters
     ----------
@@ -26,11 +26,14 @@ def span_campaign(
     """
     every = (*campaign.trials, *campaign.holdout)
     end = max(trial.start_s + trial.duration_s for trial in every)
-    found.fits = [spanning(fit, own, end) for fit in found.fits]
-    last = found.fits[-1]
-    for number, answer in enumerate(found.answers):
-        if SPAN in answer.effect.parameters and SPAN in kinds[answer.effect.kind].names:
-            found.answers[number] = requoted(answer, last, own + number, kinds)
+    fits = [spanning(fit, own, end) for fit in hypothesis.fits]
+    effects = [
+        requoted(named, fits[-1], own + number, kinds)
+        if SPAN in named.effect.parameters and SPAN in kinds[named.effect.kind].names
+        else named
+        for number, named in enumerate(hypothesis.effects)
+    ]
+    return hypothesis.with_effects(fits, effects)
 
 
 def spanning(fit: Fit, own: int, end_s: float) -> Fit:

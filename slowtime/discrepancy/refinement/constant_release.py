@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import Fit, GivenUp, refit
+from slowtime.discrepancy.calibration import Fit, try_refit
 from slowtime.discrepancy.calibration.augmentation import effects_of
 from slowtime.discrepancy.calibration.model_values import with_values
 from slowtime.discrepancy.candidates.constant_equivalents import CONSTANTS
@@ -50,17 +50,16 @@ def release_constants(
     names = best.plant.state_names
     states = [dict(zip(names, state.tolist(), strict=True)) for state in best.states]
     left = misfit(bent, bent.noise, trials)
-    try:
-        again = refit(
-            bent.plant,
-            trials,
-            values=np.array([values[name] for name in bent.plant.parameters]),
-            states=[np.array([s[n] for n in bent.plant.state_names]) for s in states],
-            horizons=(1.0,),
-        )
-    except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
+    again = try_refit(
+        bent.plant,
+        trials,
+        values=np.array([values[name] for name in bent.plant.parameters]),
+        states=[np.array([s[n] for n in bent.plant.state_names]) for s in states],
+        horizons=(1.0,),
+    )
+    if again is None or misfit(again, bent.noise, trials) >= PAST * left:
         return None
-    return again if misfit(again, bent.noise, trials) < PAST * left else None
+    return again
 
 
 def _take_over(values: dict[Name, float], law: Effect) -> None:

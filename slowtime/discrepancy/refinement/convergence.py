@@ -12,11 +12,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import WRONG, Fit, GivenUp, refit
+from slowtime.discrepancy.calibration import WRONG, Fit, GivenUp, refit, try_refit
+from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.progress import Monitor
-from slowtime.discrepancy.quoting import requote_all
 from slowtime.discrepancy.records import Trial
-from slowtime.discrepancy.state import Found
 from slowtime.dynamics.effects import Friction, Kind, Unmeasured
 
 BESIDE = (-4.0, -2.0, -1.0, 1.0, 2.0, 4.0)
@@ -25,30 +24,27 @@ AGAIN = 2
 """How often that is done: from a better place once more."""
 
 
-def converge(found: Found, own: int, kinds: Mapping[str, Kind]) -> None:
-    """Fit the last model once more, to the end, and read all numbers off it.
+def converge(hypothesis: Hypothesis, own: int, kinds: Mapping[str, Kind]) -> Hypothesis:
+    """Fit the last model until nothing is gained any more, and read its parameters anew.
 
     Parameters
     ----------
     own
         Effects that the model had as it was given.
     """
-    last = found.fits[-1]
-    if not _whole(found, kinds):
-        return
-    try:
-        fit = refit(
-            last.plant, found.trials, noise=last.noise, values=last.values,
-            states=last.states, horizons=(1.0,), fine=True,
-        )  # fmt: skip
-    except (np.linalg.LinAlgError, FloatingPointError):
-        return
-    _told(found, fit, own, kinds)
+    last = hypothesis.last
+    if not _is_explained(hypothesis, kinds):
+        return hypothesis
+    fit = try_refit(
+        last.plant, hypothesis.trials, noise=last.noise, values=last.values,
+        states=last.states, horizons=(1.0,), fine=True,
+    )  # fmt: skip
+    return hypothesis if fit is None else _with_last(hypothesis, fit, own, kinds)
 
 
 def converge_stick_slip(
-    found: Found, own: int, kinds: Mapping[str, Kind], tell: Monitor
-) -> None:
+    hypothesis: Hypothesis, own: int, kinds: Mapping[str, Kind], tell: Monitor
+) -> Hypothesis:
     """Hold friction beside where its fit ended; take the best, and how far as good ones are.
 
     All else is fitted at each value. What is not known is what Laplace's approximation leaves
@@ -62,10 +58,11 @@ def converge_stick_slip(
     tell
         Told of it; once it hurries, friction is held no more.
     """
-    last = found.fits[-1]
+    last, trials = hypothesis.last, hypothesis.trials
     lead = _friction(last, kinds)
-    if lead is None or not (_whole(found, kinds) and np.isfinite(last.sd).all()):
-        return
+    known = _is_explained(hypothesis, kinds) and np.isfinite(last.sd).all()
+    if lead is None or not known:
+        return hypothesis
 
     def late() -> bool:
         tell("looking beside where friction ended", 0.9)
@@ -74,13 +71,13 @@ def converge_stick_slip(
     best, ends = last, [last]
     try:
         for _ in range(AGAIN):
-            for end in _held(best, lead, found.trials, late):
+            for end in _held(best, lead, trials, late):
                 ends.append(end)  # one by one: those before it is given up count
             least = min(ends, key=lambda fit: fit.cost)
             if least.cost >= best.cost:
                 break
             best = refit(
-                last.plant, found.trials, noise=last.noise, values=least.values,
+                last.plant, trials, noise=last.noise, values=least.values,
                 states=least.states, horizons=(1.0,), fine=True, late=late,
             )  # fmt: skip
             ends.append(best)
@@ -90,7 +87,8 @@ def converge_stick_slip(
     share = np.exp(np.minimum([best.cost - end.cost for end in ends], 0.0) / 2)
     scatter = np.einsum("e,ei,ej->ij", share / share.sum(), off, off)
     scatter += np.outer(off[0], off[0]) / 2  # the dip that it fell into, and another
-    _told(found, dataclasses.replace(best, covariance=best.covariance + scatter), own, kinds)
+    widened = dataclasses.replace(best, covariance=best.covariance + scatter)
+    return _with_last(hypothesis, widened, own, kinds)
 
 
 def _friction(fit: Fit, kinds: Mapping[str, Kind]) -> int | None:
@@ -119,17 +117,19 @@ def _held(
         )  # fmt: skip
 
 
-def _whole(found: Found, kinds: Mapping[str, Kind]) -> bool:
-    """Whether the last model is fitted to whole records, and explains them."""
-    last = found.fits[-1]
+def _is_explained(hypothesis: Hypothesis, kinds: Mapping[str, Kind]) -> bool:
+    """Return whether the last model is fitted to whole records, and explains them."""
+    last = hypothesis.last
     actions = (kinds[effect.kind].action for effect in last.plant.effects)
     moving = not any(isinstance(action, Unmeasured) for action in actions)
-    whole = len(last.states) == len(found.trials) and not found.ended
+    whole = hypothesis.last_fits_whole_records and not hypothesis.final
     return whole and moving and last.chi2_in_band <= WRONG
 
 
-def _told(found: Found, fit: Fit, own: int, kinds: Mapping[str, Kind]) -> None:
-    """Take another fit of the last model, and read the numbers of what was found off it."""
-    found.fits[-1] = fit
-    if len(fit.plant.effects) == own + len(found.answers):
-        found.answers = requote_all(found.answers, fit, kinds)
+def _with_last(
+    hypothesis: Hypothesis, fit: Fit, own: int, kinds: Mapping[str, Kind]
+) -> Hypothesis:
+    """Take another fit of the last model, and read the parameters of the effects off it."""
+    if len(fit.plant.effects) == own + len(hypothesis.effects):
+        return hypothesis.with_last(fit, kinds)
+    return dataclasses.replace(hypothesis, fits=(*hypothesis.fits[:-1], fit))

@@ -1,22 +1,49 @@
-"""Several effects, found one by one, in; those that the others leave a need for, out.
+"""Backward elimination of effects that the later ones have made needless.
 
 What was named first was named while the others were still missing: once they are in, it may
-have nothing left to explain, and its numbers are not those of the model that has them all.
+have nothing left to explain, and its parameters are not those of the model that has them all.
 """
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from slowtime.discrepancy.calibration import WRONG, Fit, refit
-from slowtime.discrepancy.calibration.augmentation import without
+from slowtime.discrepancy.calibration.augmentation import carry_effect, effects_of, without
 from slowtime.discrepancy.candidates.constant_equivalents import alone_off
 from slowtime.discrepancy.diagnosis import NamedEffect
 from slowtime.discrepancy.estimation.candidate_fit import GRADUALLY, evidence, sds_of_strength
+from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.quoting import requote_all
 from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.selection.probabilities import doubts_about
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Kind, Unmeasured
+
+
+def eliminate_needless(
+    found: Hypothesis, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]
+) -> Hypothesis:
+    """Drop effects that the later ones have made needless, and doubts about them."""
+    before = {(one.effect.kind, one.effect.place) for one in found.effects}
+    places = [one.effect.place for one in found.effects]
+    if found.final and places[-1].kind == "sensor" and places.count(places[-1]) == 1:
+        # A drift without a law is in the model by name only, explains nothing, and stays;
+        # unless another fault of its sensor was named, which a drift may make needless.
+        drift, last = found.effects[-1], effects_of(found.last.plant.description)[-1]
+        fits, effects = eliminate(found.fits[:-1], found.effects[:-1], trials, kinds)
+        found = found.with_effects(
+            [*fits, carry_effect(fits[-1], last, kinds)], [*effects, drift]
+        )
+    else:
+        found = found.with_effects(*eliminate(found.fits, found.effects, trials, kinds))
+    gone = before - {(one.effect.kind, one.effect.place) for one in found.effects}
+    if any((rival.effect, rival.place) in gone for rival in found.undecided[:1]):
+        left = (doubts_about(one) for one in found.effects)
+        undecided = next((rivals for rivals in left if rivals), ())
+        found = dataclasses.replace(found, undecided=undecided, pair=None)
+    return found
 
 
 def eliminate(

@@ -12,16 +12,16 @@ import numpy as np
 import scipy.optimize
 from jaxtyping import Float
 
-from slowtime.discrepancy.calibration import WRONG, Fit, GivenUp, refit
+from slowtime.discrepancy.calibration import WRONG, Fit, try_refit
 from slowtime.discrepancy.calibration.augmentation import effects_in
 from slowtime.discrepancy.candidates.force_space import Space
 from slowtime.discrepancy.candidates.parameter_scan import joined
 from slowtime.discrepancy.estimation.candidate_fit import SWIFTLY
 from slowtime.discrepancy.estimation.shooting_fit import unexplained_by
+from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import Located
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.records import Trial
-from slowtime.discrepancy.state import Found
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Effect, Kind, Law, Motion, force_along
 
@@ -39,9 +39,13 @@ Series = Float[np.ndarray, " time"]
 
 
 def relearn_force(
-    found: Found, before: Fit, located: Located, kinds: Mapping[str, Kind], tell: Monitor
-) -> bool:
-    """Fit a law anew, from the numbers of the force where it is; whether that left less.
+    hypothesis: Hypothesis,
+    before: Fit,
+    located: Located,
+    kinds: Mapping[str, Kind],
+    tell: Monitor,
+) -> Hypothesis:
+    """Fit a law again from the parameters of the force recovered at its place.
 
     Parameters
     ----------
@@ -49,13 +53,17 @@ def relearn_force(
         The last fit, its constants held to their tolerances.
     located
         What that leaves.
+
+    Returns
+    -------
+    The hypothesis itself where that leaves no less.
     """
-    last, trials = found.fits[-1], found.trials
-    whole = len(last.states) == len(trials) and found.holds is None
-    number = _which(found, located, kinds)
+    last, trials = hypothesis.last, hypothesis.trials
+    whole = hypothesis.last_fits_whole_records and hypothesis.holds is None
+    number = _incomplete_law(hypothesis, located, kinds)
     if number is None or not whole or last.chi2_in_band < WRONG or tell.hurries:
-        return False
-    own = len(last.plant.effects) - len(found.answers)
+        return hypothesis
+    own = len(last.plant.effects) - len(hypothesis.effects)
     effect = effects_in(before)[own + number]
     tell(f"learning {effect.kind} at {effect.place} from its force", 0.5)
     force, motion = _recovered(before, effect, located, trials, kinds)
@@ -66,26 +74,23 @@ def relearn_force(
     names = last.plant.state_names
     space = Space(before, located, effect.place)
     states = [np.array([one.get(n, 0.0) for n in names]) for one in space.states]
-    try:
-        again = refit(
-            last.plant, trials, values=begun, states=states, horizons=SWIFTLY,
-            late=lambda: tell.hurries,
-        )  # fmt: skip
-    except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
-        return False
-    if not np.isfinite(again.cost) or unexplained_by(again) > unexplained_by(
-        last
-    ) - LESS * _channels(last):
-        return False
-    found.put_last(again, kinds)
-    return True
+    again = try_refit(
+        last.plant, trials, values=begun, states=states, horizons=SWIFTLY,
+        late=lambda: tell.hurries,
+    )  # fmt: skip
+    least = unexplained_by(last) - LESS * _channels(last)
+    if again is None or unexplained_by(again) > least:
+        return hypothesis
+    return hypothesis.with_last(again, kinds)
 
 
 def _channels(fit: Fit) -> int:
     return sum(residual.shape[1] for residual in fit.residual)
 
 
-def _which(found: Found, located: Located, kinds: Mapping[str, Kind]) -> int | None:
+def _incomplete_law(
+    hypothesis: Hypothesis, located: Located, kinds: Mapping[str, Kind]
+) -> int | None:
     """Say which law it is, where a force at its place is all that is missing."""
     best, *others = located.groups
     if best.left > LIMITS.several_forces_chi2 or any(
@@ -94,7 +99,7 @@ def _which(found: Found, located: Located, kinds: Mapping[str, Kind]) -> int | N
         return None
     there = [
         number
-        for number, answer in enumerate(found.answers)
+        for number, answer in enumerate(hypothesis.effects)
         if answer.effect.place == best.places[0] and _is_curve(kinds[answer.effect.kind])
     ]
     return there[-1] if there and best.places[0].kind == "element" else None

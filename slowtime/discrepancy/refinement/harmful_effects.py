@@ -12,8 +12,8 @@ import numpy as np
 from slowtime.discrepancy.calibration.augmentation import carry_effect, effects_of
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.data.screening import screen
+from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.records import Campaign
-from slowtime.discrepancy.state import Found
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.discrepancy.validation.free_run import judge, judged
 from slowtime.dynamics.effects import Kind, Unmeasured
@@ -22,45 +22,48 @@ WORSE = 1.02
 """Times the error of the model as given that is not much worse."""
 
 
-def drop_harmful_effects(found: Found, campaign: Campaign) -> None:
-    """Leave out what was added last while it explains neither what was fitted nor what was not.
+def drop_harmful_effects(hypothesis: Hypothesis, campaign: Campaign) -> Hypothesis:
+    """Drop the last effects while they explain neither what was fitted nor what was not.
 
     Where all that was fitted is explained, a free run may go astray for reasons of its own:
     motion may be chaotic, and a clock unknown. And what moves nothing in the mean, as a base
     that nobody measured, leaves what it leaves; only the constants may be better as given.
     """
-    first, last = found.fits[0], found.fits[-1]
-    if chi2_p_value(last) > LIMITS.coloured_p_value or len(found.fits) != 1 + len(
-        found.answers
+    first, last = hypothesis.first, hypothesis.last
+    if chi2_p_value(last) > LIMITS.coloured_p_value or len(hypothesis.fits) != 1 + len(
+        hypothesis.effects
     ):
-        return
+        return hypothesis
     own = [v for name, v in zip(last.plant.parameters, last.values, strict=True)
            if name[:2] == ("effect", len(last.plant.effects) - 1)]  # fmt: skip
     kinds = last.plant.kinds
-    if found.answers and not (np.any(own) or _a_word(found, kinds)):
-        return
-    tests = judged(found.trials, tuple(screen(trial).trial for trial in campaign.holdout))
+    if hypothesis.effects and not (np.any(own) or _moves_nothing(hypothesis, kinds)):
+        return hypothesis
+    tests = judged(hypothesis.trials, tuple(screen(trial).trial for trial in campaign.holdout))
     given = dataclasses.replace(first, values=first.plant.values)
     bar = WORSE * float(judge(campaign.description, given, tests).error.mean())
-    while chi2_p_value(found.fits[-1]) <= LIMITS.coloured_p_value:
-        last = found.fits[-1]
+    while chi2_p_value(hypothesis.last) <= LIMITS.coloured_p_value:
+        last = hypothesis.last
         if float(judge(last.plant.description, last, tests).error.mean()) <= bar:
-            return
-        if len(found.answers) == 1 and _a_word(found, kinds):
+            break
+        if len(hypothesis.effects) == 1 and _moves_nothing(hypothesis, kinds):
             effect = effects_of(last.plant.description)[-1]
-            found.fits = [given, carry_effect(given, effect, kinds)]
-            return
-        found.left = found.left or found.located
-        if not found.answers:
-            found.fits[0] = given
-            return
-        if found.undecided:
-            found.undecided, found.pair = (), None
-        found.fits.pop()
-        found.answers.pop()
-        found.ended = False
+            fits = (given, carry_effect(given, effect, kinds))
+            return dataclasses.replace(hypothesis, fits=fits)
+        rest = hypothesis.rest or hypothesis.localized
+        hypothesis = dataclasses.replace(hypothesis, rest=rest)
+        if not hypothesis.effects:
+            return dataclasses.replace(hypothesis, fits=(given, *hypothesis.fits[1:]))
+        hypothesis = dataclasses.replace(
+            hypothesis.with_effects(hypothesis.fits[:-1], hypothesis.effects[:-1]),
+            undecided=(),
+            pair=None if hypothesis.undecided else hypothesis.pair,
+            final=False,
+        )
+    return hypothesis
 
 
-def _a_word(found: Found, kinds: Mapping[str, Kind]) -> bool:
-    """Whether what was found last is in the model as a word only, and leads nowhere."""
-    return found.ended or isinstance(kinds[found.answers[-1].effect.kind].action, Unmeasured)
+def _moves_nothing(hypothesis: Hypothesis, kinds: Mapping[str, Kind]) -> bool:
+    """Return whether the last effect is in the model by name only, and moves nothing."""
+    action = kinds[hypothesis.effects[-1].effect.kind].action
+    return hypothesis.final or isinstance(action, Unmeasured)

@@ -8,47 +8,55 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import WRONG, GivenUp, first_swings, refit
+from slowtime.discrepancy.calibration import WRONG, GivenUp, first_swings, try_refit
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.calibration.initial_states import begun
 from slowtime.discrepancy.estimation.candidate_fit import GRADUALLY, SLOWLY
 from slowtime.discrepancy.estimation.shooting_fit import unexplained_by
+from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.selection.probabilities import hardly_any
-from slowtime.discrepancy.state import Found
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Friction, Kind
 
 
-def refit_with_growing_horizon(found: Found, kinds: Mapping[str, Kind]) -> None:
-    """Fit the last model anew where it leaves more than a right one; keep what leaves less."""
-    if found.fits[-1].chi2_in_band >= WRONG:
-        _regrow(found, kinds, GRADUALLY)
+def refit_with_growing_horizon(hypothesis: Hypothesis, kinds: Mapping[str, Kind]) -> Hypothesis:
+    """Fit the last model again to ever longer parts, where it leaves more than a right one."""
+    if hypothesis.last.chi2_in_band < WRONG:
+        return hypothesis
+    return _continued(hypothesis, kinds, GRADUALLY)
 
 
-def refit_friction_with_growing_horizon(found: Found, kinds: Mapping[str, Kind]) -> None:
-    """Fit friction that was found alone anew; keep what leaves less.
+def refit_friction_with_growing_horizon(
+    hypothesis: Hypothesis, kinds: Mapping[str, Kind]
+) -> Hypothesis:
+    """Fit friction that was found alone again to ever longer parts.
 
     It sticks at an instant or does not, and its misfit has a minimum for either.
     """
-    last = found.fits[-1]
-    one = found.answers[0].effect if len(found.answers) == 1 else None
+    last = hypothesis.last
+    one = hypothesis.effects[0].effect if len(hypothesis.effects) == 1 else None
     if one is None or not isinstance(kinds[one.kind].action, Friction):
-        return
-    little = last.chi2_in_band < LIMITS.far_off_chi2 and not hardly_any(last, found.fits[0])
+        return hypothesis
+    little = last.chi2_in_band < LIMITS.far_off_chi2 and not hardly_any(last, hypothesis.first)
     if little and chi2_p_value(last) < LIMITS.coloured_p_value:
-        _regrow(found, kinds, SLOWLY)
+        return _continued(hypothesis, kinds, SLOWLY)
+    return hypothesis
 
 
-def _regrow(found: Found, kinds: Mapping[str, Kind], horizons: Sequence[float]) -> None:
-    last, trials = found.fits[-1], found.trials
-    if len(last.states) != len(trials) or found.holds is not None or found.ended:
-        return
+def _continued(
+    hypothesis: Hypothesis, kinds: Mapping[str, Kind], horizons: Sequence[float]
+) -> Hypothesis:
+    last, trials = hypothesis.last, hypothesis.trials
+    whole = hypothesis.last_fits_whole_records and hypothesis.holds is None
+    if not whole or hypothesis.final:
+        return hypothesis
     try:
         start = begun(last, first_swings(last.plant, trials))
-        again = refit(
-            last.plant, trials, values=last.values, states=start.states, horizons=horizons
-        )
     except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
-        return
-    if unexplained_by(again) < unexplained_by(last):
-        found.put_last(again, kinds)
+        return hypothesis
+    again = try_refit(
+        last.plant, trials, values=last.values, states=start.states, horizons=horizons
+    )
+    if again is None or unexplained_by(again) >= unexplained_by(last):
+        return hypothesis
+    return hypothesis.with_last(again, kinds)

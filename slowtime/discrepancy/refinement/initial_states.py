@@ -13,15 +13,14 @@ from jaxtyping import Float
 from slowtime.discrepancy.calibration import (
     WRONG,
     Fit,
-    GivenUp,
     first_swings,
-    refit,
     size_of,
     state_from_many,
+    try_refit,
 )
 from slowtime.discrepancy.estimation.shooting_fit import unexplained_by
+from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.records import Trial
-from slowtime.discrepancy.state import Found
 from slowtime.dynamics.effects import Kind
 
 LOUD = 4.0
@@ -30,14 +29,12 @@ LOUD = 4.0
 State = Float[np.ndarray, " state"]
 
 
-def restart_initial_states(found: Found, kinds: Mapping[str, Kind]) -> None:
-    """Begin records of the last model anew, where that leaves less."""
-    last, trials = found.fits[-1], found.trials
-    if len(last.states) != len(trials) or found.holds is not None:
-        return
-    again = restarted(last, trials)
-    if again is not None:
-        found.put_last(again, kinds)
+def restart_initial_states(hypothesis: Hypothesis, kinds: Mapping[str, Kind]) -> Hypothesis:
+    """Fit the last model from other initial states, where that leaves less."""
+    if not hypothesis.last_fits_whole_records or hypothesis.holds is not None:
+        return hypothesis
+    again = restarted(hypothesis.last, hypothesis.trials)
+    return hypothesis if again is None else hypothesis.with_last(again, kinds)
 
 
 def restarted(fit: Fit, trials: Sequence[Trial]) -> Fit | None:
@@ -56,11 +53,10 @@ def restarted(fit: Fit, trials: Sequence[Trial]) -> Fit | None:
     ]
     if all(one is known for one, known in zip(states, fit.states, strict=True)):
         return None
-    try:
-        again = refit(fit.plant, trials, values=fit.values, states=states, horizons=(1.0,))
-    except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
+    again = try_refit(fit.plant, trials, values=fit.values, states=states, horizons=(1.0,))
+    if again is None or unexplained_by(again) >= unexplained_by(fit):
         return None
-    return again if unexplained_by(again) < unexplained_by(fit) else None
+    return again
 
 
 def _begins_badly(fit: Fit, number: int, head: Trial) -> bool:

@@ -14,10 +14,10 @@ from slowtime.discrepancy.calibration import Fit, GivenUp, refit
 from slowtime.discrepancy.calibration.augmentation import run_by, states_in
 from slowtime.discrepancy.estimation.candidate_fit import SWIFTLY
 from slowtime.discrepancy.estimation.switching_instant import refine_switching_instant
+from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import requote_all
 from slowtime.discrepancy.selection.probabilities import doubts_about
-from slowtime.discrepancy.state import Found
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Kind, Place
 from slowtime.dynamics.plant import Plant
@@ -29,44 +29,49 @@ STRENGTHS = (1.0, 0.25, 0.5, 2.0, 4.0)
 moves less needs more of it."""
 
 
-def relocate(found: Found, kinds: Mapping[str, Kind], tell: Monitor) -> bool:
-    """Put a law at another place where that explains more; whether one was.
+def relocate(hypothesis: Hypothesis, kinds: Mapping[str, Kind], tell: Monitor) -> Hypothesis:
+    """Put a law at another place, where that explains more.
 
-    Of the numbers that it has, each place needs as many: what is likelier leaves less.
+    Each place needs as many parameters of the law: the likelier leaves less.
     """
-    last, trials = found.fits[-1], found.trials
-    whole = len(last.states) == len(trials) and found.holds is None and not found.ended
-    if len(found.answers) < 2 or not whole or found.unheard:
-        return False
-    best, which = last, -1
-    for number, place in _elsewhere(found):
+    last, trials = hypothesis.last, hypothesis.trials
+    whole = hypothesis.last_fits_whole_records and hypothesis.holds is None
+    settled = hypothesis.final or hypothesis.without_sensor
+    if len(hypothesis.effects) < 2 or not whole or settled:
+        return hypothesis
+    best, which, exhausted = last, -1, hypothesis.exhausted
+    for number, place in _other_places(hypothesis):
         if tell.ends:
-            found.hurried = True
+            exhausted = True
             break
-        answer = found.answers[number]
-        tell(f"trying {answer.effect.kind} at {place}", 0.8)
-        other = _with(best, last, number, place, found, kinds, lambda: tell.ends)
+        effect = hypothesis.effects[number].effect
+        tell(f"trying {effect.kind} at {place}", 0.8)
+        other = _with(best, number, place, hypothesis, kinds, lambda: tell.ends)
         if other is not None and other.cost < best.cost - 2 * LIMITS.least_log_evidence:
             best, which = other, number
     if best is last:
-        return False
-    found.fits = [found.fits[0], *left_out(found.fits, which, best, trials, kinds)]
-    answers = requote_all(found.answers, best, kinds)
-    answers[which] = dataclasses.replace(answers[which], rivals=())  # of the place it had
-    found.answers, found.pair, found.retuned = answers, None, False
-    found.undecided = next((doubt for a in answers if (doubt := doubts_about(a))), ())
-    return True
+        return dataclasses.replace(hypothesis, exhausted=exhausted)
+    fits = [hypothesis.first, *left_out(hypothesis.fits, which, best, trials, kinds)]
+    effects = list(requote_all(hypothesis.effects, best, kinds))
+    effects[which] = dataclasses.replace(effects[which], rivals=())  # of the place it had
+    return dataclasses.replace(
+        hypothesis.with_effects(fits, effects),
+        undecided=next((doubt for a in effects if (doubt := doubts_about(a))), ()),
+        pair=None,
+        constants_suffice=False,
+        exhausted=exhausted,
+    )
 
 
-def _elsewhere(found: Found) -> Iterator[tuple[int, Place]]:
+def _other_places(hypothesis: Hypothesis) -> Iterator[tuple[int, Place]]:
     """Give laws and other places for them: the first that was found first."""
-    structure = found.fits[-1].plant.description
+    structure = hypothesis.last.plant.description
     every = {
         "element": [element.id for element in structure.elements],
         "node": [node.id for node in structure.nodes],
     }
-    taken = {(answer.effect.kind, answer.effect.place) for answer in found.answers}
-    for number, answer in enumerate(found.answers):
+    taken = {(answer.effect.kind, answer.effect.place) for answer in hypothesis.effects}
+    for number, answer in enumerate(hypothesis.effects):
         sort = answer.effect.place.kind
         for name in every.get(sort, ()):
             place = Place(sort, name)
@@ -76,10 +81,9 @@ def _elsewhere(found: Found) -> Iterator[tuple[int, Place]]:
 
 def _with(
     fit: Fit,
-    last: Fit,
     number: int,
     place: Place,
-    found: Found,
+    hypothesis: Hypothesis,
     kinds: Mapping[str, Kind],
     late: Callable[[], bool],
 ) -> Fit | None:
@@ -89,25 +93,26 @@ def _with(
     ----------
     fit
         What it has to be better than.
-    last
-        The model as it was found, in which the effect is `number` of those that were.
+    number
+        Of the effect among those of the hypothesis.
     """
+    last, trials = hypothesis.last, hypothesis.trials
     description = last.plant.description
-    at = len(description.effects) - len(found.answers) + number
+    at = len(description.effects) - len(hypothesis.effects) + number
     entry = {**description.effects[at], place.kind: place.id}
     effects = tuple(entry if i == at else e for i, e in enumerate(description.effects))
     plant = Plant.of(dataclasses.replace(description, effects=effects), kinds=kinds)
     states = states_in(last, plant)
     values = min(
         _as_strong(plant, last, at, kinds[str(entry["effect"])]),
-        key=lambda values: run_by(plant, values, states, last.noise, found.trials),
+        key=lambda values: run_by(plant, values, states, last.noise, trials),
     )
     try:
         other = refit(
-            plant, found.trials, noise=last.noise, values=values, states=states,
+            plant, trials, noise=last.noise, values=values, states=states,
             horizons=SWIFTLY, beat=fit.cost, late=late,
         )  # fmt: skip
-        other = refine_switching_instant(other, found.trials, kinds, fit.cost, np.inf, at)
+        other = refine_switching_instant(other, trials, kinds, fit.cost, np.inf, at)
     except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
         return None
     return other if np.isfinite(other.cost) else None

@@ -6,7 +6,7 @@ and is looked for as one is.
 """
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -21,13 +21,13 @@ from slowtime.discrepancy.estimation.candidate_fit import (
     sds_of_strength,
 )
 from slowtime.discrepancy.estimation.input_hold import Hold
+from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import moved_of
-from slowtime.discrepancy.selection.acceptance import accept, is_second_curve
+from slowtime.discrepancy.selection.acceptance import Terms, accept, is_second_curve
 from slowtime.discrepancy.selection.comparison import better
 from slowtime.discrepancy.selection.probabilities import doubts_about
-from slowtime.discrepancy.state import Found
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Effect, Kind
 
@@ -44,117 +44,115 @@ when it was."""
 
 
 def substitute(
-    found: Found, kinds: Mapping[str, Kind], stated: tuple[Hold, ...] | None, tell: Monitor
-) -> Found:
-    """Put others in the stead of effects, where that explains more; until nothing does.
+    hypothesis: Hypothesis,
+    kinds: Mapping[str, Kind],
+    stated: tuple[Hold, ...] | None,
+    tell: Monitor,
+) -> Hypothesis:
+    """Put others in the place of effects, where that explains more; until nothing does.
 
     Parameters
     ----------
     stated
         What the model says of its inputs between samples; as it stands where not given.
     """
-    if not worth_it(found, kinds):
-        return found
-    for number in _in_turn(found, kinds):
+    if not is_worthwhile(hypothesis, kinds):
+        return hypothesis
+    weak = _weak_effects(hypothesis, kinds)
+    for number in _in_turn(hypothesis, weak):
         # What does nothing of its own should not be told, late as it may be.
-        needless = number in _faint(found, kinds)
+        needless = number in weak
         if tell.ends or (tell.hurries and not needless):
-            found.hurried = True
-            return found
-        branch = _anew(found, number, kinds, stated, tell)
+            return dataclasses.replace(hypothesis, exhausted=True)
+        branch = _searched_again(hypothesis, number, kinds, stated, tell)
         if branch is None:
             continue
-        branch.fits, branch.answers = eliminate(
-            branch.fits, branch.answers, branch.trials, kinds
+        branch = branch.with_effects(
+            *eliminate(branch.fits, branch.effects, branch.trials, kinds)
         )
-        fewer = len(branch.answers) < len(found.answers)
-        enough = AS_LIKELY if fewer or needless else LIMITS.least_log_evidence
-        if better(found, branch, kinds, enough) is not found:
+        fewer = len(branch.effects) < len(hypothesis.effects)
+        least = AS_LIKELY if fewer or needless else LIMITS.least_log_evidence
+        if better(hypothesis, branch, kinds, least) is not hypothesis:
             return substitute(branch, kinds, stated, tell)
-    return found
+    return hypothesis
 
 
-def worth_it(found: Found, kinds: Mapping[str, Kind]) -> bool:
-    """Whether several effects leave something, need constants that are off, or are many.
-
-    Or one of them does next to nothing of its own.
-    """
-    last = found.fits[-1]
-    whole = len(found.fits) == 1 + len(found.answers) and found.holds is None
-    if len(found.answers) < 2 or found.ended or found.unheard or not whole:
-        return False
-    if any(len(fit.states) != len(found.trials) for fit in found.fits):
+def is_worthwhile(hypothesis: Hypothesis, kinds: Mapping[str, Kind]) -> bool:
+    """Return whether several effects leave something, bend constants, are many, or are weak."""
+    effects, last = hypothesis.effects, hypothesis.last
+    whole = len(hypothesis.fits) == 1 + len(effects) and hypothesis.holds is None
+    settled = hypothesis.final or hypothesis.without_sensor
+    if len(effects) < 2 or settled or not whole or not hypothesis.fits_whole_records:
         return False
     much = (
-        chi2_p_value(last) < LIMITS.coloured_p_value
-        or bool(moved_of(last))
-        or len(found.answers) > 2
+        chi2_p_value(last) < LIMITS.coloured_p_value or bool(moved_of(last)) or len(effects) > 2
     )
-    return much or bool(_faint(found, kinds))
+    return much or bool(_weak_effects(hypothesis, kinds))
 
 
-def _faint(found: Found, kinds: Mapping[str, Kind]) -> list[int]:
-    """Give numbers of laws of several numbers, one of which is hardly more than its error.
+def _weak_effects(hypothesis: Hypothesis, kinds: Mapping[str, Kind]) -> list[int]:
+    """Give numbers of laws of several parameters, one of which is hardly more than its error.
 
     They are at the end of their range, where another law does what they do: what rides on a
     node and swings without damping is a tone.
     """
-    last = found.fits[-1]
-    own = len(last.plant.effects) - len(found.answers)
+    last = hypothesis.last
+    own = len(last.plant.effects) - len(hypothesis.effects)
     return [
         number
-        for number, answer in enumerate(found.answers)
-        if len(answer.effect.parameters) > 1
-        and sds_of_strength(last, own + number, kinds[answer.effect.kind]) < FAINTLY
+        for number, named in enumerate(hypothesis.effects)
+        if len(named.effect.parameters) > 1
+        and sds_of_strength(last, own + number, kinds[named.effect.kind]) < FAINTLY
     ]
 
 
-def _in_turn(found: Found, kinds: Mapping[str, Kind]) -> Iterator[int]:
+def _in_turn(hypothesis: Hypothesis, weak: Sequence[int]) -> Iterator[int]:
     """Give numbers of effects: those first that do nothing, or where something is left."""
-    here = found.left.groups[0].places if found.left is not None else ()
-    faint = _faint(found, kinds)
-    numbers = range(len(found.answers))
+    rest = hypothesis.rest
+    here = rest.groups[0].places if rest is not None else ()
+    effects = hypothesis.effects
     yield from sorted(
-        numbers, key=lambda i: (i not in faint, found.answers[i].effect.place not in here)
+        range(len(effects)), key=lambda i: (i not in weak, effects[i].effect.place not in here)
     )
 
 
-def _anew(
-    found: Found,
+def _searched_again(
+    hypothesis: Hypothesis,
     number: int,
     kinds: Mapping[str, Kind],
     stated: tuple[Hold, ...] | None,
     tell: Monitor,
-) -> Found | None:
-    """Look for one effect again beside the others; the account with what was found last."""
-    own, last, trials = len(found.fits[0].plant.effects), found.fits[-1], found.trials
+) -> Hypothesis | None:
+    """Look for one effect again beside the others; the hypothesis with what was found."""
+    last, trials = hypothesis.last, hypothesis.trials
+    own = hypothesis.given_effects
     known = effects_in(last)[own + number]
     tell(f"looking again at {known.kind} at {known.place}", 0.86)
     less = without(last, own + number, trials, kinds)
     if less is None:
         return None
-    others = [a for i, a in enumerate(found.answers) if i != number]
-    branch = dataclasses.replace(
-        found,
-        fits=[found.fits[0], *left_out(found.fits, number, less, trials, kinds)],
-        answers=others,
-        undecided=next((doubt for a in others if (doubt := doubts_about(a))), ()),
-        pair=None,
-        retuned=False,
-    )
+    others = [a for i, a in enumerate(hypothesis.effects) if i != number]
     try:
         before = refit_within_tolerances(less, trials)
         located = locate(before, trials)
         tried = library_candidates(before, located, kinds)
     except (np.linalg.LinAlgError, FloatingPointError):
         return None
-    branch.left = located
+    branch = dataclasses.replace(
+        hypothesis,
+        fits=(hypothesis.first, *left_out(hypothesis.fits, number, less, trials, kinds)),
+        effects=tuple(others),
+        undecided=next((doubt for a in others if (doubt := doubts_about(a))), ()),
+        pair=None,
+        constants_suffice=False,
+        rest=located,
+    )
     tried = [one for one in tried if not is_second_curve(one.effect, others, kinds)]
     beside = best_of_each_place(tried, OTHERS)
     if not beside:
         return None
-    # What was refitted counts for as good as the best, until it is so again.
-    again = [dataclasses.replace(beside[0], effect=e, start=None) for e in _refitted(found)]
+    # What was fitted counts for as good as the best, until it is so again.
+    again = [dataclasses.replace(beside[0], effect=e, start=None) for e in _fitted(hypothesis)]
     own_label = dataclasses.replace(beside[0], effect=known, start=None)
     labels = {label_of(one.effect): one for one in reversed([own_label, *beside, *again])}
 
@@ -162,19 +160,18 @@ def _anew(
         tell(f"refitting {effect.kind} at {effect.place}", 0.86)
         return tell.ends
 
-    in_turn = list(reversed(labels.values()))
-    named = fit_candidates(before, in_turn, trials, kinds, tick)
-    pulled = bool(moved_of(less))
-    if not accept(branch, before, named, trials, kinds, stated, pulled=pulled):
+    fitted = fit_candidates(before, list(reversed(labels.values())), trials, kinds, tick)
+    step = accept(
+        branch, before, fitted, trials, kinds, Terms(stated=stated, pulled=bool(moved_of(less)))
+    )
+    found = step.hypothesis
+    if not step.added or found.holds is not None:
         return None
-    if branch.holds is not None:
-        return None
-    branch.left = locate(branch.fits[-1], trials)
-    return branch
+    return dataclasses.replace(found, rest=locate(found.last, trials))
 
 
-def _refitted(found: Found) -> list[Effect]:
-    """Give those that were refitted when the first was named, the best first."""
-    named = {label_of(answer.effect) for answer in found.answers}
-    rest = [one for one in found.named if label_of(one.effect) not in named]
+def _fitted(hypothesis: Hypothesis) -> list[Effect]:
+    """Give those that were fitted when the first was named, the best first."""
+    named = {label_of(one.effect) for one in hypothesis.effects}
+    rest = [one for one in hypothesis.fitted if label_of(one.effect) not in named]
     return [fitted_effect(one) for one in rest[:KNOWN]]

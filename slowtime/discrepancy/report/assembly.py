@@ -1,4 +1,4 @@
-"""What was found, in; the whole answer, with the gap that it closes, out."""
+"""Assembly of the diagnosis: verdict, sentences, the gap on what was not fitted, pictures."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -24,6 +24,7 @@ from slowtime.discrepancy.diagnosis import (
 from slowtime.discrepancy.estimation.candidate_fit import misfit
 from slowtime.discrepancy.estimation.input_hold import saying_holds, told_of_holds
 from slowtime.discrepancy.experiment_design.proposal import propose
+from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import Located, character
 from slowtime.discrepancy.noise import floats
 from slowtime.discrepancy.quoting import moved_of, renumbered
@@ -31,7 +32,6 @@ from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.selection.doubts import doubt_laws, doubt_pieces
 from slowtime.discrepancy.selection.many_laws import pieces_of_one, temper_many_laws
 from slowtime.discrepancy.selection.probabilities import FLAW, fault_of, verdict_of
-from slowtime.discrepancy.state import Found
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.discrepancy.validation.free_run import (
     Judged,
@@ -87,7 +87,7 @@ def report(
     campaign: Campaign,
     trials: tuple[Trial, ...],
     findings: tuple[Finding, ...],
-    found: Found,
+    found: Hypothesis,
     kinds: Mapping[str, Kind],
 ) -> Diagnosis:
     """Put an answer together: verdict, sentences, the gap on what was not fitted, pictures."""
@@ -95,7 +95,7 @@ def report(
     channels = tuple(sensor.channel for sensor in campaign.description.sensors)
     tests = judged(trials, tuple(screen(t).trial for t in campaign.holdout))
     # What a fast clock told of times after the end, nobody foretells.
-    tests = within_record(tests, channels, (answer.effect for answer in found.answers), kinds)
+    tests = within_record(tests, channels, (answer.effect for answer in found.effects), kinds)
     nominal = judge(campaign.description, dataclasses.replace(
         first, values=first.plant.values
     ), tests)  # fmt: skip
@@ -106,25 +106,25 @@ def report(
     given = campaign.description
     faults = [a for f in findings if (a := fault_of(f, given, kinds)) is not None]
     errors = [float(step.error.mean()) for step in steps]
-    foretold = bool(campaign.holdout and found.answers) and _foretold(
+    foretold = bool(campaign.holdout and found.effects) and _foretold(
         found, errors, floor, kinds
     )
-    if not found.undecided and not found.ended:
-        doubt_pieces(found, kinds)
-    if campaign.holdout and not found.undecided and not found.ended:
+    if not found.undecided and not found.final:
+        found = doubt_pieces(found, kinds)
+    if campaign.holdout and not found.undecided and not found.final:
         if chi2_p_value(last) > LIMITS.coloured_p_value and not is_confirmed_elsewhere(
             last, errors[-1] / floor, tests
         ):
-            doubt_laws(found, kinds)
-    unknown = found.refuted is not None or found.link is not None
+            found = doubt_laws(found, kinds)
+    unknown = found.refuted_at is not None or found.link is not None
     loud = _loud(found, errors, floor)
     # Which of two it is matters once one of them could be right.
     doubted = bool(found.undecided) and last.chi2_in_band < LIMITS.far_off_chi2
     unknown = unknown or (not (doubted or foretold or loud) and _unknown(found, kinds))
-    located = found.located
+    located = found.localized
     assert located is not None
     alike = bool(located.groups[0].twins)
-    sure = temper_many_laws(found.answers, len(found.fits) - 1, kinds, alike=alike)
+    sure = temper_many_laws(found.effects, len(found.fits) - 1, kinds, alike=alike)
     answers = _once([*(() if unknown else sure), *faults])
     verdict, sentence = _word(campaign.description, found, answers, kinds)
     if unknown:
@@ -144,7 +144,7 @@ def report(
         nothing_probability=_nothing(found, located),
         moved={} if useless else moved_of(last) | renumbered(last, campaign.description),
         where=_suspects(located),
-        when=_when(located) if found.answers else When((), (), ""),
+        when=_when(located) if found.effects else When((), (), ""),
         findings=findings,
         gap=_gap(campaign, found, nominal, steps, kept, floor),
         chi2_per_datum=last.chi2_per_datum,
@@ -156,8 +156,8 @@ def report(
         traces=traces_of(tests, nominal.runs, steps[0].runs, kept.runs),
         spectra=spectra_of(tests, steps[0].runs, kept.runs, heard),
         surface=(
-            _surface(located, () if unknown else found.answers, kinds, found.refuted)
-            if found.answers or unknown
+            _surface(located, () if unknown else found.effects, kinds, found.refuted_at)
+            if found.effects or unknown
             else None
         ),
         notes=(
@@ -165,9 +165,9 @@ def report(
             *((NOT_KEPT,) if useless else ()),
             *told_of_holds(campaign.description),
             *((FLOATS,) if floats(campaign.description) else ()),
-            *((HURRIED,) if found.hurried else ()),
+            *((HURRIED,) if found.exhausted else ()),
             *(
-                (f"Nearest: {a.sentence}" for a in found.answers)
+                (f"Nearest: {a.sentence}" for a in found.effects)
                 if unknown
                 else (*_pieced(found, kinds), *_as_well(found, kinds), *_besides(found))
             ),
@@ -178,68 +178,68 @@ def report(
 
 
 def _foretold(
-    found: Found, errors: Sequence[float], floor: float, kinds: Mapping[str, Kind]
+    found: Hypothesis, errors: Sequence[float], floor: float, kinds: Mapping[str, Kind]
 ) -> bool:
     """Whether records that were never seen are met as by no law but the right one."""
     inside = ("element", "node", "base")
-    laws = [a for a in found.answers if kinds[a.effect.kind].where in inside]
+    laws = [a for a in found.effects if kinds[a.effect.kind].where in inside]
     return errors[-1] <= FORETOLD * floor or (
         len(laws) == 1 and errors[-1] <= BY_ONE * errors[0]
     )
 
 
-def _loud(found: Found, errors: Sequence[float], floor: float) -> bool:
+def _loud(found: Hypothesis, errors: Sequence[float], floor: float) -> bool:
     """Whether nothing was found, and what was not fitted is met as well as noise allows.
 
     What is left is then noise of another colour than it was taken to have.
     """
     little = found.fits[-1].chi2_in_band < WRONG
-    return not found.answers and little and CLOSED * errors[-1] <= floor
+    return not found.effects and little and CLOSED * errors[-1] <= floor
 
 
-def _unknown(found: Found, kinds: Mapping[str, Kind]) -> bool:
+def _unknown(found: Hypothesis, kinds: Mapping[str, Kind]) -> bool:
     """Whether what is left is more than what was found, or nothing, could leave."""
     last = found.fits[-1]
-    if not found.answers and last.chi2_in_band > WRONG:
+    if not found.effects and last.chi2_in_band > WRONG:
         return True  # wherever it is
-    if found.hurried and not found.ended and last.chi2_in_band > LIMITS.far_off_chi2:
+    if found.exhausted and not found.final and last.chi2_in_band > LIMITS.far_off_chi2:
         return True  # no right law leaves as much, and there was no time for others
-    if found.left is None or found.left.p_value > LIMITS.false_alarm_p_value:
+    if found.rest is None or found.rest.p_value > LIMITS.false_alarm_p_value:
         return False
     if chi2_p_value(last) > LIMITS.coloured_p_value:
         return False
-    if not found.answers:
+    if not found.effects:
         return True
-    rest = found.left.groups[0]
-    here = [a for a in found.answers if a.effect.place in (*rest.places, *rest.twins)]
+    rest = found.rest.groups[0]
+    here = [a for a in found.effects if a.effect.place in (*rest.places, *rest.twins)]
     sticks = any(isinstance(kinds[a.effect.kind].action, Friction) for a in here)
     most = FLAW if sticks else LEFT
     return _still_left(found) > (most if here else ELSEWHERE)
 
 
-def _still_left(found: Found) -> float:
+def _still_left(found: Hypothesis) -> float:
     """Share of what was missing at first that still is, beyond one and the same noise."""
     first, last = found.fits[0], found.fits[-1]
     counts = [[len(r) for r in fit.residual] for fit in (first, last)]
     if counts[0] != counts[1]:
-        assert found.located is not None
-        assert found.left is not None
-        return found.left.groups[0].score / found.located.groups[0].score
+        assert found.localized is not None
+        assert found.rest is not None
+        return found.rest.groups[0].score / found.localized.groups[0].score
     before, after = (misfit(fit, last.noise, found.trials) - last.data for fit in (first, last))
     return max(after, 0.0) / max(before, 1.0)
 
 
-def _besides(found: Found) -> tuple[str, ...]:
+def _besides(found: Hypothesis) -> tuple[str, ...]:
     """Say of structure that is left, where it is, and how little beside what was found."""
     if (
-        not found.answers
-        or found.left is None
-        or found.left.p_value > LIMITS.false_alarm_p_value
+        not found.effects
+        or found.rest is None
+        or found.rest.p_value > LIMITS.false_alarm_p_value
     ):
         return ()
     if chi2_p_value(found.fits[-1]) > LIMITS.coloured_p_value:
         return ()
-    rest = found.left.groups[0]
+    rest = found.rest.groups[0]
     share = _still_left(found)
     return (
         f"What is left is not all noise: some of it points to {rest.places[0]}, "
@@ -247,22 +247,22 @@ def _besides(found: Found) -> tuple[str, ...]:
     )
 
 
-def _pieced(found: Found, kinds: Mapping[str, Kind]) -> tuple[str, ...]:
+def _pieced(found: Hypothesis, kinds: Mapping[str, Kind]) -> tuple[str, ...]:
     """Say of two curves at one place that they may be one that is not known."""
     return tuple(
         f"Two laws over the {variable} at {place} may be one that is none of those known here."
-        for place, variable in pieces_of_one(found.answers, kinds).items()
+        for place, variable in pieces_of_one(found.effects, kinds).items()
     )
 
 
-def _as_well(found: Found, kinds: Mapping[str, Kind]) -> tuple[str, ...]:
+def _as_well(found: Hypothesis, kinds: Mapping[str, Kind]) -> tuple[str, ...]:
     """Say which laws of more numbers do as well as the only one that was named."""
-    if len(found.answers) != 1 or len(found.fits) != 2 or found.undecided or found.ended:
+    if len(found.effects) != 1 or len(found.fits) != 2 or found.undecided or found.final:
         return ()
-    (answer,), best = found.answers, found.fits[-1]
+    (answer,), best = found.effects, found.fits[-1]
     others = {
         one.effect.kind: one
-        for one in (*found.alike, *found.named)
+        for one in (*found.nested, *found.fitted)
         if one.effect.place == answer.effect.place and one.effect.kind != answer.effect.kind
         and len(one.fit.states) == len(found.trials)
     }  # fmt: skip
@@ -305,14 +305,17 @@ def _described(fit: Fit) -> Description:
 
 
 def _word(
-    given: Description, found: Found, answers: Sequence[NamedEffect], kinds: Mapping[str, Kind]
+    given: Description,
+    found: Hypothesis,
+    answers: Sequence[NamedEffect],
+    kinds: Mapping[str, Kind],
 ) -> tuple[Verdict, str]:
     if found.undecided:
         names = " or ".join(f"{kinds[r.effect].words} at {r.place}" for r in found.undecided)
-        names += ", or no more than constants that are off" if found.retuned else ""
-        names += ", or a law near it that is not known here" if found.near else ""
+        names += ", or no more than constants that are off" if found.constants_suffice else ""
+        names += ", or a law near it that is not known here" if found.near_unknown else ""
         told = f"Something is missing, and these records cannot tell which: {names}."
-        return "undecided", told + (NEARER if found.near else "")
+        return "undecided", told + (NEARER if found.near_unknown else "")
     if answers:
         return verdict_of(answers, kinds), " ".join(a.sentence for a in answers)
     moved = moved_of(found.fits[0]) | renumbered(found.fits[0], given)
@@ -322,9 +325,9 @@ def _word(
     return "nothing_missing", "Nothing is missing beyond the stated tolerances."
 
 
-def _unnamed(found: Found, kinds: Mapping[str, Kind]) -> str:
+def _unnamed(found: Hypothesis, kinds: Mapping[str, Kind]) -> str:
     near = " with ".join(
-        f"{kinds[a.effect.kind].words} at {a.effect.place}" for a in found.answers
+        f"{kinds[a.effect.kind].words} at {a.effect.place}" for a in found.effects
     )
     if found.link is not None:
         return (
@@ -332,10 +335,10 @@ def _unnamed(found: Found, kinds: Mapping[str, Kind]) -> str:
             "more than any effect known here. If there may be one, add it to the model and "
             "look again." + (f" The nearest effect is {near}." if near else "")
         )
-    place, but = found.refuted, "follows another curve"
+    place, but = found.refuted_at, "follows another curve"
     if place is None:
         # What was named without explaining much tells nothing of where to look.
-        first, rest = found.located, found.left
+        first, rest = found.localized, found.rest
         assert first is not None
         assert rest is not None
         far = _still_left(found) > HALF
@@ -362,8 +365,8 @@ def _percent(share: float) -> str:
     return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"
 
 
-def _nothing(found: Found, located: Located) -> float:
-    if found.answers:
+def _nothing(found: Hypothesis, located: Located) -> float:
+    if found.effects:
         return float(np.exp(-max(located.groups[0].score, 0.0)))
     return 1.0 - min(0.5, max(0.0, 1e-3 - located.p_value))
 
@@ -385,7 +388,7 @@ def _when(located: Located) -> When:
 
 def _gap(
     campaign: Campaign,
-    found: Found,
+    found: Hypothesis,
     nominal: Judged,
     steps: Sequence[Judged],
     kept: Judged,
@@ -396,7 +399,7 @@ def _gap(
         refitted_nominal=float(steps[0].error.mean()),
         steps=tuple(
             Step(answer.effect.kind, answer.effect.place, float(step.error.mean()))
-            for answer, step in zip(found.answers, steps[1:], strict=False)
+            for answer, step in zip(found.effects, steps[1:], strict=False)
         ),
         augmented=float(kept.error.mean()),
         noise_floor=floor,

@@ -1,5 +1,6 @@
-"""What was refitted, in; whether it is what is missing, and the account with it, out."""
+"""Acceptance of a fitted candidate as an effect of the model."""
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -26,8 +27,8 @@ from slowtime.discrepancy.estimation.input_hold import (
 )
 from slowtime.discrepancy.estimation.occam_factor import relief
 from slowtime.discrepancy.estimation.shooting_fit import in_pieces
+from slowtime.discrepancy.hypothesis import Hypothesis, Step
 from slowtime.discrepancy.records import Trial
-from slowtime.discrepancy.state import Found
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Effect, Kind, Law
 
@@ -46,125 +47,201 @@ NESTED = {"stribeck": "coulomb"}
 """Laws, and the simpler ones that they become."""
 
 
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Terms:
+    """Under which terms a candidate is accepted as an effect.
+
+    Parameters
+    ----------
+    stated
+        What the model says of its inputs between samples; as it stands where not given.
+    pulled
+        Whether constants have left their tolerances: that alone says that something is missing.
+    same_place
+        Whether the place of the candidate has an effect already.
+    asked
+        Holds under which effects were looked for; where given, another hold that explains as
+        much comes before the effect.
+    certain
+        Whether it is there, however little it explains.
+    over
+        Once true, what it is compared with is taken as it was fitted last.
+    """
+
+    stated: tuple[Hold, ...] | None
+    pulled: bool
+    same_place: bool = False
+    asked: Sequence[tuple[Hold, ...] | None] | None = None
+    certain: bool = False
+    over: Callable[[], bool] = bool
+
+
 def accept(
-    found: Found,
+    hypothesis: Hypothesis,
     before: Fit,
-    named: Sequence[FittedCandidate],
+    fitted: Sequence[FittedCandidate],
     trials: tuple[Trial, ...],
     kinds: Mapping[str, Kind],
-    stated: tuple[Hold, ...] | None,
-    *,
-    pulled: bool,
-    twice: bool = False,
-    asked: Sequence[tuple[Hold, ...] | None] | None = None,
-    sure: bool = False,
-    over: Callable[[], bool] = bool,
-) -> bool:
-    """Take the best of what was refitted, if it is worth it; whether it was.
+    terms: Terms,
+) -> Step:
+    """Add the best of the fitted candidates as an effect, if it is worth its parameters.
 
     Parameters
     ----------
     before
         The fit that they were added to.
-    named
-        What was refitted, the best first.
-    stated
-        What the model says of its inputs between samples; as it stands where not given.
-    pulled
-        Whether constants have left their tolerances: that alone says that something is missing.
-    twice
-        Whether their place has an effect already.
-    asked
-        Under which holds effects were looked for; where given, another hold that explains as
-        much comes before the effect.
-    sure
-        Whether it is there, however little it explains.
-    over
-        Once true, what it is compared with is taken as it was fitted last.
+    fitted
+        Candidates, the best first.
+
+    Returns
+    -------
+    The step: with the effect; or with another hold of the inputs instead of it; or, not added,
+    with such a hold suggested.
     """
-    channels = tuple(s.channel for s in before.plant.description.sensors)
-    short = in_pieces(named, kinds)
+    short = in_pieces(fitted, kinds)
     states = before.states
     if short:
-        named = short
+        fitted = short
         trials = pieces(before.plant, trials)[0]
         states = tuple(np.zeros(0) for _ in trials)
-    named = [one for one in named if is_significant(one, trials, kinds)]
-    if not named:
-        return False
-    best = named[0]
+    fitted = [one for one in fitted if is_significant(one, trials, kinds)]
+    if not fitted:
+        return Step(hypothesis, added=0)
+    best = fitted[0]
     try:
-        bar = refit(
+        bare = refit(
             before.plant, trials, noise=best.fit.noise, values=before.values,
-            states=states, horizons=(1.0,), late=None if short else over,
+            states=states, horizons=(1.0,), late=None if short else terms.over,
         )  # fmt: skip
     except GivenUp:
-        bar = with_noise(before, best.fit.noise, trials)
-    cut = any(len(fit.states) != len(trials) for fit in found.fits)
-    holds = None if cut else held_instead(best.fit, bar, trials, kinds, stated)
-    if holds is not None and asked is not None and found.answers and holds not in asked:
-        found.otherwise = holds
-        return False
+        bare = with_noise(before, best.fit.noise, trials)
+    held = _by_another_hold(hypothesis, best, bare, trials, kinds, terms, short=bool(short))
+    if held is not None:
+        return held
+    ranked = _worth_it(hypothesis, fitted, bare, kinds, terms)
+    if ranked is None:
+        return Step(hypothesis, added=0)
+    fitted, shares, constants = ranked
+    best = fitted[0]
+    channels = tuple(s.channel for s in before.plant.description.sensors)
+    grown = dataclasses.replace(
+        hypothesis.with_effect(best.fit, answer_of(fitted, shares, kinds)),
+        trials=within_record(
+            trials if short else hypothesis.trials, channels, (best.effect,), kinds
+        ),
+    )
+    if shares[0] < LIMITS.decided_probability and not hypothesis.undecided:
+        rivals = rivals_within(fitted, shares)
+        grown = dataclasses.replace(
+            grown,
+            undecided=rivals,
+            pair=tuple(fitted[: len(rivals)]),
+            constants_suffice=constants and 1 - sum(shares) > 1 - LIMITS.decided_probability,
+        )
+    return Step(grown, added=1)
+
+
+def _by_another_hold(
+    hypothesis: Hypothesis,
+    best: FittedCandidate,
+    bare: Fit,
+    trials: tuple[Trial, ...],
+    kinds: Mapping[str, Kind],
+    terms: Terms,
+    *,
+    short: bool,
+) -> Step | None:
+    """Take or suggest another hold of the inputs, where that explains what an effect would."""
+    whole = all(len(fit.states) == len(trials) for fit in hypothesis.fits)
+    holds = held_instead(best.fit, bare, trials, kinds, terms.stated) if whole else None
     if holds is not None:
-        found.holds = holds
-        found.fits = [with_holds(fit, holds, found.trials, kinds) for fit in found.fits]
-        return True
-    # Where a constant has left its tolerance, something is missing; the question is what.
-    constant = pulled and like_constant(kinds[best.effect.kind])
-    least = 0.0 if constant else LIMITS.least_log_evidence
-    lead = best.score - _bare(bar)
-    if lead < least:
-        return False
-    if asked is not None and stated is not None and not (cut or short or over()):
-        other = held_as_well(bar, best.fit.noise, lead, trials, kinds, stated)
-        if other is not None and other not in asked:
-            found.otherwise = other
-            return False
-    missing = bar.cost - bar.data
-    named = _limits_first(named, missing)
-    best = named[0]
-    constant = pulled and like_constant(kinds[best.effect.kind])
-    speck = _speck(found, best, bar, twice=twice) if found.answers else SPECK * missing
-    if not (constant or sure) and bar.cost - best.fit.cost < speck:
-        return False
+        if terms.asked is not None and hypothesis.effects and holds not in terms.asked:
+            return Step(dataclasses.replace(hypothesis, suggested_holds=holds), added=0)
+        fits = tuple(
+            with_holds(fit, holds, hypothesis.trials, kinds) for fit in hypothesis.fits
+        )
+        return Step(dataclasses.replace(hypothesis, holds=holds, fits=fits), added=1)
+    lead = best.score - _bare(bare)
+    if lead < _least_lead(best, kinds, terms):
+        return Step(hypothesis, added=0)
+    asked, stated = terms.asked, terms.stated
+    if asked is None or stated is None or not whole or short or terms.over():
+        return None
+    other = held_as_well(bare, best.fit.noise, lead, trials, kinds, stated)
+    if other is not None and other not in asked:
+        return Step(dataclasses.replace(hypothesis, suggested_holds=other), added=0)
+    return None
+
+
+def _least_lead(best: FittedCandidate, kinds: Mapping[str, Kind], terms: Terms) -> float:
+    """Log evidence that the best candidate has to bring.
+
+    Where a constant has left its tolerance, something is missing; the question is what.
+    """
+    constant = terms.pulled and like_constant(kinds[best.effect.kind])
+    return 0.0 if constant else LIMITS.least_log_evidence
+
+
+def _worth_it(
+    hypothesis: Hypothesis,
+    fitted: Sequence[FittedCandidate],
+    bare: Fit,
+    kinds: Mapping[str, Kind],
+    terms: Terms,
+) -> tuple[list[FittedCandidate], list[float], bool] | None:
+    """Rank candidates by probability; None where the best is not worth being told.
+
+    Returns
+    -------
+    Candidates, the most probable first; their probabilities; and whether constants whose
+    tolerance was stated too small took part.
+    """
+    missing = bare.cost - bare.data
+    fitted = _limits_first(fitted, missing)
+    best = fitted[0]
+    constant = terms.pulled and like_constant(kinds[best.effect.kind])
+    least = (
+        _least_gain(hypothesis, best, bare, same_place=terms.same_place)
+        if hypothesis.effects
+        else SPECK * missing
+    )
+    if not (constant or terms.certain) and bare.cost - best.fit.cost < least:
+        return None
     # That constants were claimed too well is an answer too, and has its share.
-    alone = pulled and alone_off(bar, best.effect)
+    alone = terms.pulled and alone_off(bare, best.effect)
     if alone:
         # What leaves the constant as far off is no other answer either.
-        named = [one for one in named if one is best or not _still_off(one.fit, best.effect)]
-    besides = [_retuned(bar)] if pulled and not alone else []
-    shares = shares_of(named, kinds, besides, bar)
+        fitted = [one for one in fitted if one is best or not _still_off(one.fit, best.effect)]
+    besides = [_retuned(bare)] if terms.pulled and not alone else []
+    shares = shares_of(fitted, kinds, besides, bare)
     if sum(shares) < 1 - LIMITS.decided_probability:
-        return False
+        return None
     # A constant that is off, and told as such, unless much is left where it is.
-    slightly = max(map(abs, bar.bent.values()), default=0.0) < LIMITS.alone_tolerances
-    slightly &= bar.chi2_in_band < LIMITS.explained_chi2
-    if constant and (found.answers or slightly) and max(shares) < LIMITS.decided_probability:
-        return False
-    order = sorted(range(len(named)), key=lambda i: -shares[i])
-    named, shares = [named[i] for i in order], [shares[i] for i in order]
-    best = named[0]
-    again = twice and not alone and chi2_p_value(best.fit) < LIMITS.coloured_p_value
-    if again and not _explains_much(found, best, kinds):
-        return False
-    found.fits.append(best.fit)
-    found.trials = within_record(
-        trials if short else found.trials, channels, (best.effect,), kinds
-    )
-    found.answers.append(answer_of(named, shares, kinds))
-    if shares[0] < LIMITS.decided_probability and not found.undecided:
-        found.undecided = rivals_within(named, shares)
-        found.pair = tuple(named[: len(found.undecided)])
-        found.retuned = bool(besides) and 1 - sum(shares) > 1 - LIMITS.decided_probability
-    return True
+    slightly = max(map(abs, bare.bent.values()), default=0.0) < LIMITS.alone_tolerances
+    slightly &= bare.chi2_in_band < LIMITS.explained_chi2
+    if (
+        constant
+        and (hypothesis.effects or slightly)
+        and max(shares) < LIMITS.decided_probability
+    ):
+        return None
+    order = sorted(range(len(fitted)), key=lambda i: -shares[i])
+    fitted, shares = [fitted[i] for i in order], [shares[i] for i in order]
+    again = terms.same_place and not alone
+    again &= chi2_p_value(fitted[0].fit) < LIMITS.coloured_p_value
+    if again and not _explains_much(hypothesis, fitted[0], kinds):
+        return None
+    return fitted, shares, bool(besides)
 
 
-def _explains_much(found: Found, best: FittedCandidate, kinds: Mapping[str, Kind]) -> bool:
+def _explains_much(
+    hypothesis: Hypothesis, best: FittedCandidate, kinds: Mapping[str, Kind]
+) -> bool:
     """Whether a second law at a place takes most of what is left, and bends no curve."""
     own = variable_of(best.effect, kinds)
-    there = [a.effect for a in found.answers if a.effect.place == best.effect.place]
+    there = [a.effect for a in hypothesis.effects if a.effect.place == best.effect.place]
     pieces = own is not None and any(variable_of(one, kinds) == own for one in there)
-    first, last = found.fits[0], found.fits[-1]
+    first, last = hypothesis.first, hypothesis.last
     much = best.fit.chi2_in_band - 1 < MUCH * (last.chi2_in_band - 1)
     return much and not hardly_any(last, first) and not pieces
 
@@ -182,47 +259,54 @@ def _limits_first(named: Sequence[FittedCandidate], missing: float) -> list[Fitt
     return [best, *others]
 
 
-def _speck(found: Found, best: FittedCandidate, bar: Fit, *, twice: bool) -> float:
+def _least_gain(
+    hypothesis: Hypothesis, best: FittedCandidate, bare: Fit, *, same_place: bool
+) -> float:
     """Chi squared that a later effect has to explain.
 
     Long records tell the least flaw of what was found first from noise; and of noise that is
     louder than it was taken to be, any law explains a speck, though none leaves it still.
     """
-    fleck = LIMITS.negligible_share * _at_first(found, best)
-    still = not twice and _clears(bar, best.fit)
-    return fleck if still else max(FAINT * bar.data, fleck)
+    fleck = LIMITS.negligible_share * _missing_at_first(hypothesis, best)
+    still = not same_place and _clears(bare, best.fit)
+    return fleck if still else max(FAINT * bare.data, fleck)
 
 
-def _clears(bar: Fit, fit: Fit) -> bool:
+def _clears(bare: Fit, fit: Fit) -> bool:
     """Whether a fit leaves noise where something was heard, and much of it in band."""
-    much = bar.chi2_in_band - fit.chi2_in_band > FAINT
+    much = bare.chi2_in_band - fit.chi2_in_band > FAINT
     return (
         much
-        and chi2_p_value(bar) < LIMITS.coloured_p_value
+        and chi2_p_value(bare) < LIMITS.coloured_p_value
         and chi2_p_value(fit) > LIMITS.white_p_value
     )
 
 
-def _at_first(found: Found, best: FittedCandidate) -> float:
+def _missing_at_first(hypothesis: Hypothesis, best: FittedCandidate) -> float:
     """Chi squared beyond the noise that was missing from the model as given."""
-    first = found.fits[0]
+    first = hypothesis.first
     if len(first.states) != len(best.fit.states):
         return 0.0
-    return misfit(first, best.fit.noise, found.trials) - best.fit.data
+    return misfit(first, best.fit.noise, hypothesis.trials) - best.fit.data
 
 
 def end_with(
-    found: Found,
+    hypothesis: Hypothesis,
     before: Fit,
-    answer: NamedEffect,
+    effect: NamedEffect,
     kinds: Mapping[str, Kind],
     carried: Effect | None = None,
-) -> bool:
-    """Take what no law follows, and look no further; False, as there is no more."""
-    found.answers.append(answer)
-    found.fits.append(carry_effect(before, carried or answer.effect, kinds))
-    found.left, found.ended = None, True
-    return False
+) -> Step:
+    """Add an effect that follows no law, after which nothing more can be found.
+
+    Parameters
+    ----------
+    carried
+        What stands in the model in its place, where that differs.
+    """
+    fit = carry_effect(before, carried or effect.effect, kinds)
+    grown = dataclasses.replace(hypothesis.with_effect(fit, effect), rest=None, final=True)
+    return Step(grown, added=0)
 
 
 def is_second_curve(

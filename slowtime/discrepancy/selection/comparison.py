@@ -1,4 +1,4 @@
-"""Two accounts of the same records, in; the likelier, out."""
+"""Comparison of two hypotheses about the same records."""
 
 import dataclasses
 import math
@@ -13,77 +13,80 @@ from slowtime.discrepancy.estimation.candidate_fit import (
     rescored,
 )
 from slowtime.discrepancy.estimation.shooting_fit import unexplained_by
-from slowtime.discrepancy.state import Found
+from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Kind
 
 from .probabilities import hardly_any
 
 
-def explains_all(found: Found) -> bool:
-    """Whether an account leaves nothing that is worth beginning again for."""
-    first, last = found.fits[0], found.fits[-1]
+def explains_all(hypothesis: Hypothesis) -> bool:
+    """Return whether a hypothesis leaves nothing that is worth another search."""
+    first, last = hypothesis.first, hypothesis.last
     enough = (
         last.chi2_in_band < LIMITS.explained_chi2
         or chi2_p_value(last) > LIMITS.coloured_p_value
     )
-    return found.ended or enough or (bool(found.answers) and hardly_any(last, first))
+    little = bool(hypothesis.effects) and hardly_any(last, first)
+    return hypothesis.final or enough or little
 
 
 def better(
-    found: Found,
-    branch: Found,
+    one: Hypothesis,
+    other: Hypothesis,
     kinds: Mapping[str, Kind],
-    enough: float = LIMITS.least_log_evidence,
-) -> Found:
-    """Give the likelier of two accounts, by the noise of the one that leaves least.
+    least: float = LIMITS.least_log_evidence,
+) -> Hypothesis:
+    """Give the likelier of two hypotheses, by the noise of the one that leaves least.
 
-    One that under another hold of the inputs would explain all is looked at there.
+    One that suggests another hold of the inputs is followed, because it explains all under it.
 
     Parameters
     ----------
-    enough
-        Log evidence that the second has to bring.
+    least
+        [nats] Log evidence that the second has to bring.
+
+    Returns
+    -------
+    `one` itself, or `other` with its probability beside `one`.
     """
-    if branch.otherwise is not None:
-        return branch
-    if branch.unheard or found.unheard:
-        return found  # what one of them does not hear, it does not leave either
-    if len(found.trials) != len(branch.trials):
-        # One of them is judged by pieces of records: nothing less would have explained them.
-        return branch if explains_all(branch) else found
-    if not branch.answers:
-        return found
-    one, other = found.fits[-1], branch.fits[-1]
-    least = min((one, other), key=unexplained_by)
+    if other.suggested_holds is not None:
+        return other
+    if other.without_sensor or one.without_sensor:
+        return one  # a sensor that is left out leaves nothing to compare
+    if len(one.trials) != len(other.trials):
+        # One of them is judged by segments of records: nothing less would have explained them.
+        return other if explains_all(other) else one
+    if not other.effects:
+        return one
+    fits = one.last, other.last
+    quietest = min(fits, key=unexplained_by)
     scores = [
         evidence(fit, kinds)
-        if fit is least
+        if fit is quietest
         else rescored(
-            FittedCandidate(branch.answers[-1].effect, fit.plant.description, fit, 0.0),
-            least,
-            found.trials,
+            FittedCandidate(other.effects[-1].effect, fit.plant.description, fit, 0.0),
+            quietest,
+            one.trials,
             kinds,
         ).score
-        for fit in (one, other)
+        for fit in fits
     ]
     lead = scores[1] - scores[0]
-    more = len(branch.answers) > len(found.answers)
-    if lead < enough or (more and _by_a_fleck(found, one, other, least)):
-        return found
-    share = 1 / (
-        1 + math.exp(-min(LIMITS.evidence_power * lead / max(least.chi2_in_band, 1.0), 50.0))
-    )
-    head, *rest = branch.answers
+    more = len(other.effects) > len(one.effects)
+    if lead < least or (more and _negligible_gain(one, *fits, quietest)):
+        return one
+    tempered = LIMITS.evidence_power * lead / max(quietest.chi2_in_band, 1.0)
+    share = 1 / (1 + math.exp(-min(tempered, 50.0)))
+    head, *rest = other.effects
     head = dataclasses.replace(head, probability=share * head.probability)
-    return dataclasses.replace(
-        branch, answers=[head, *rest], named=found.named, tried=found.tried
-    )
+    return dataclasses.replace(other, effects=(head, *rest), fitted=one.fitted, tried=one.tried)
 
 
-def _by_a_fleck(found: Found, one: Fit, other: Fit, least: Fit) -> bool:
-    """Whether more effects explain next to nothing more than fewer, of what was missing."""
-    bare, fewer, more = (
-        misfit(fit, least.noise, found.trials) for fit in (found.fits[0], one, other)
+def _negligible_gain(hypothesis: Hypothesis, fewer: Fit, more: Fit, quietest: Fit) -> bool:
+    """Return whether more effects explain next to nothing of what was missing at first."""
+    bare, with_fewer, with_more = (
+        misfit(fit, quietest.noise, hypothesis.trials)
+        for fit in (hypothesis.first, fewer, more)
     )
-    return fewer - more < LIMITS.negligible_share * (bare - least.data)
+    return with_fewer - with_more < LIMITS.negligible_share * (bare - quietest.data)

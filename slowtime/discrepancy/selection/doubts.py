@@ -1,44 +1,53 @@
-"""What was found, in; the same, with the doubt that it may be a law near it, not known, out."""
+"""Doubt that what was named is a law near it that the catalogue does not hold."""
 
 import dataclasses
 from collections.abc import Mapping
 
 from slowtime.discrepancy.diagnosis import Rival
-from slowtime.discrepancy.state import Found
+from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.dynamics.effects import Kind
 
 from .many_laws import pieces_of_one
 
 EITHER = 0.5
-"""Chance of a law that need do nothing of its own, or that fails elsewhere: one near it, not
-known, is as likely."""
+"""[probability] Of a law that need do nothing of its own, or that fails elsewhere. Source:
+indifference between it and a law near it that is not known."""
 SLIGHTLY = 0.01
-"""Share of what was missing up to which the second of two curves over one variable does but
-correct the first."""
+"""[share of what was missing] Up to which the second of two curves over one variable only
+corrects the first. Source: chosen on hidden cases."""
 
 
-def doubt(found: Found, number: int) -> None:
+def doubt(hypothesis: Hypothesis, number: int) -> Hypothesis:
     """Hold a law for no likelier than one that is not known."""
-    answer = found.answers[number]
-    found.near = True
-    found.answers[number] = dataclasses.replace(answer, probability=EITHER)
-    rival = Rival(answer.effect.kind, answer.effect.place, EITHER)
-    found.undecided = (*found.undecided, rival)
+    effects = list(hypothesis.effects)
+    named = effects[number]
+    effects[number] = dataclasses.replace(named, probability=EITHER)
+    rival = Rival(named.effect.kind, named.effect.place, EITHER)
+    return dataclasses.replace(
+        hypothesis,
+        effects=tuple(effects),
+        undecided=(*hypothesis.undecided, rival),
+        near_unknown=True,
+    )
 
 
-def doubt_pieces(found: Found, kinds: Mapping[str, Kind]) -> None:
-    """Hold two curves that share what one place does for no likelier than one unknown."""
-    first = found.fits[0].chi2_in_band - 1
-    for place in pieces_of_one(found.answers, kinds):
-        there = [n for n, answer in enumerate(found.answers) if answer.effect.place == place]
-        before = found.fits[there[-1]].chi2_in_band - 1
-        if before > SLIGHTLY * first:
+def doubt_pieces(hypothesis: Hypothesis, kinds: Mapping[str, Kind]) -> Hypothesis:
+    """Hold two curves that share what one place does for no likelier than one unknown curve."""
+    missing = hypothesis.first.chi2_in_band - 1
+    doubted = hypothesis
+    for place in pieces_of_one(hypothesis.effects, kinds):
+        there = [n for n, named in enumerate(hypothesis.effects) if named.effect.place == place]
+        before = hypothesis.fits[there[-1]].chi2_in_band - 1
+        if before > SLIGHTLY * missing:
             for number in there:
-                doubt(found, number)
+                doubted = doubt(doubted, number)
+    return doubted
 
 
-def doubt_laws(found: Found, kinds: Mapping[str, Kind]) -> None:
-    """Hold no law for likelier than one that is not known; faults are what they are."""
-    for number, answer in enumerate(found.answers):
-        if kinds[answer.effect.kind].where in ("element", "node"):
-            doubt(found, number)
+def doubt_laws(hypothesis: Hypothesis, kinds: Mapping[str, Kind]) -> Hypothesis:
+    """Hold no law for likelier than one that is not known; faults of sensors stand."""
+    doubted = hypothesis
+    for number, named in enumerate(hypothesis.effects):
+        if kinds[named.effect.kind].where in ("element", "node"):
+            doubted = doubt(doubted, number)
+    return doubted

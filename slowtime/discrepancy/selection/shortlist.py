@@ -1,4 +1,4 @@
-"""What laws explain of a force, in; which are refitted, and where that is to go on, out."""
+"""Shortlist of candidates that are fitted to the free run."""
 
 from collections.abc import Mapping, Sequence
 
@@ -10,8 +10,8 @@ from slowtime.discrepancy.estimation.candidate_fit import (
     FittedCandidate,
     best_of_each_place,
 )
+from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import Located
-from slowtime.discrepancy.state import Found
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Kind
 
@@ -23,8 +23,8 @@ APART, LEADING = 0.4, 0.25
 leaves where it is told before the others."""
 
 
-def labels_of(
-    found: Found,
+def shortlist(
+    hypothesis: Hypothesis,
     before: Fit,
     located: Located,
     tried: Sequence[Candidate],
@@ -43,7 +43,7 @@ def labels_of(
         How many effects were found.
     """
     # Twice at one place: what no single law explains there is more likely a law unknown.
-    again = any(a.effect.place in located.groups[0].places for a in found.answers)
+    again = any(a.effect.place in located.groups[0].places for a in hypothesis.effects)
     # No force at one place does it: which of two comes first matters less than both.
     several = located.groups[0].left > LIMITS.several_forces_chi2
     most = HASTY if quick or several else KEPT
@@ -51,7 +51,7 @@ def labels_of(
     if len(before.plant.description.sensors) == 1:
         labels += mirrored(labels, tried, kinds)
     if number == 0 and located.p_value > LIMITS.false_alarm_p_value:
-        labels += instead_of_constants(before, labels, found.trials, kinds)
+        labels += instead_of_constants(before, labels, hypothesis.trials, kinds)
     return labels
 
 

@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 from slowtime.dynamics.description import Beam, Description
 from slowtime.dynamics.effects import Effect, Kind, Motion, Place
 from slowtime.dynamics.effects.compiled import ROUND
+from slowtime.dynamics.work import count_work
 
 from .kernel import Now, System, march, padded, places
 from .made import Asked, is_linear, system_of
@@ -127,6 +128,7 @@ def run(
         np.array(target[:slopes], dtype=np.int64),
         heard,
     )
+    count_work(abs(int(steps)), layout.states * (1 + slopes))
     if steps < 0:
         heard[:, -steps:] = np.nan
     shaken, shaking = _base(description, coefficients, driven, base is not None)

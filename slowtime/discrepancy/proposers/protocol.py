@@ -1,0 +1,128 @@
+"""What a proposer is asked with, and what it answers."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+from slowtime.discrepancy.calibration import Fit
+from slowtime.discrepancy.candidates.library_fit import Candidate, Label
+from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate
+from slowtime.discrepancy.hypothesis import Hypothesis
+from slowtime.discrepancy.localization import Located
+from slowtime.discrepancy.progress import Monitor
+from slowtime.discrepancy.records import Trial
+from slowtime.dynamics.effects import Kind
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Proposal:
+    """Candidates to be fitted to the free run, and where they come from.
+
+    Parameters
+    ----------
+    source
+        Name of the proposer.
+    candidates
+        The likeliest first; none where this evidence says nothing.
+    only
+        Whether they stand in place of the shortlist of the library.
+    begins
+        The law that explains how records begin, or their segments, where one does.
+    shot
+        Those that are worth being fitted to segments of the records, should whole records fail.
+    """
+
+    source: str
+    candidates: tuple[Candidate, ...]
+    only: bool = False
+    begins: Label | None = None
+    shot: tuple[Candidate, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Round:
+    """What is known while one more effect is looked for.
+
+    Parameters
+    ----------
+    hypothesis
+        What was found so far.
+    before
+        Its last fit, with constants held to their tolerances: candidates are added to it.
+    localized
+        Where a force explains what `before` leaves, and the force and motion there.
+    tried
+        Every kind of effect at every place along that motion, the best first.
+    shortlist
+        Those of them that are fitted in any case.
+    trials
+        Records, cut where a fast clock runs past their end.
+    number
+        Effects that were looked for before this one.
+    base_moves
+        Whether the base may have moved, as nobody measured.
+    share
+        Of the whole diagnosis that is done, to show progress.
+    fitted
+        Candidates fitted in this round so far, in the order in which they were.
+    proposals
+        Of this round so far, in the order in which they were made.
+    """
+
+    hypothesis: Hypothesis
+    before: Fit
+    localized: Located
+    tried: tuple[Candidate, ...]
+    shortlist: tuple[Candidate, ...]
+    trials: tuple[Trial, ...]
+    kinds: Mapping[str, Kind]
+    monitor: Monitor
+    number: int
+    base_moves: bool = False
+    share: float = 0.0
+    fitted: tuple[FittedCandidate, ...] = ()
+    proposals: tuple[Proposal, ...] = ()
+
+    def of(self, source: str) -> Proposal | None:
+        """Give what a proposer has proposed last in this round, if it was asked."""
+        return next((one for one in reversed(self.proposals) if one.source == source), None)
+
+    @property
+    def first_batch(self) -> tuple[Candidate, ...]:
+        """Candidates that were fitted first: the shortlist, or what took its place."""
+        every = (one.candidates for one in self.proposals if one.candidates)
+        return next(every, self.shortlist)
+
+    def best(self) -> Fit | None:
+        """Give the fit that leaves least in band, of those of this round."""
+        fits = (one.fit for one in self.fitted)
+        return min(fits, key=lambda fit: fit.chi2_in_band, default=None)
+
+    def is_late(self, stage: str, further: float) -> bool:
+        """Say what is being done; return whether the budget allows the likeliest only."""
+        self.monitor(stage, self.share + further)
+        return self.monitor.hurries
+
+
+class Proposer(Protocol):
+    """Proposes candidates for the missing effect from one kind of evidence.
+
+    Parameters
+    ----------
+    name
+        Under which its proposal is found in the round.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name, unique among proposers."""
+        ...
+
+    def __call__(self, given: Round) -> Proposal:
+        """Propose candidates; asked at most once a round, when those before gave none."""
+        ...
+
+
+def reached_by_shortlist(candidates: Sequence[Candidate]) -> float:
+    """Give the chi squared that the best of candidates leaves along the force."""
+    return min((one.cost for one in candidates), default=float("inf"))
