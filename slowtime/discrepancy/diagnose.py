@@ -15,6 +15,7 @@ from .progress import Monitor, Progress, Stop
 from .proposers import PROPOSERS, Proposer
 from .proposers.missing_link import with_missing_link
 from .records import Campaign
+from .refinement.after_effect import REFINERS, Refiner
 from .refinement.campaign_span import span_campaign
 from .refinement.convergence import converge, converge_stick_slip
 from .refinement.elimination import eliminate_needless
@@ -41,6 +42,7 @@ def diagnose(
     late: Callable[[], bool] | None = None,
     over: Callable[[], bool] | None = None,
     proposers: tuple[Proposer, ...] = PROPOSERS,
+    refiners: tuple[Refiner, ...] = REFINERS,
 ) -> Diagnosis:
     """Say what a model lacks, where, how much, and how sure that is.
 
@@ -62,6 +64,8 @@ def diagnose(
         Once true, none are: what was found by then is the answer. With `late`, where not given.
     proposers
         Asked in order for candidates of the first effect; one of your own is put among them.
+    refiners
+        Steps taken in order after each effect.
     """
     tell = Monitor(progress, stop, late, over)
     known = catalogue() if kinds is None else kinds
@@ -74,7 +78,9 @@ def diagnose(
         return diagnose_undriven(campaign, trials, findings, known)
     tell("refitting the model within its tolerances", 0.05)
     stated = tuple(entry.hold for entry in campaign.description.inputs)
-    how = SearchSettings(known, tell, quick=quick, stated=stated, proposers=proposers)
+    how = SearchSettings(
+        known, tell, quick=quick, stated=stated, proposers=proposers, refiners=refiners
+    )
     campaign, found = search_with_holds(campaign, trials, how)
     campaign, found = _refined(campaign, found, how)
     tell("judging by what was not fitted", 0.92)

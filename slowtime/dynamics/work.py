@@ -1,6 +1,6 @@
 """Work of simulations, counted where a meter is set: budgets that depend on no clock.
 
-One unit is one state, or one derivative of a state by a parameter, over one step of integration.
+One unit is one state, or one derivative of a state by a parameter, over one step.
 """
 
 import contextlib

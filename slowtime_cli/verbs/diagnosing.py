@@ -112,7 +112,7 @@ Examples:
     "patience_s",
     type=POSITIVE,
     metavar="SECONDS",
-    help="Processor time after which no more laws are tried.  "
+    help="Budget of work, in seconds of a reference machine: then no more laws are tried.  "
     f"[default: {PATIENCE_S:g}; of more than {MASSES} degrees of freedom in proportion, up to "
     f"{PATIENCE_S * MORE:g}]",
 )

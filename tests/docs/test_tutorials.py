@@ -165,6 +165,13 @@ def own_effect(folder, said):
         assert np.std(left) < 0.01 * np.std(judge["x"])
 
 
+def own_proposer(folder, said):
+    """The joint that warmed rubs, as strongly as it was made to."""
+    found = re.search(r"Dry friction \(coulomb\) at element j2: ([\d.]+) ± ([\d.]+) N", said)
+    value, sd = map(float, found.groups())
+    assert abs(value - 0.5) < 4 * sd < 0.01
+
+
 def own_parts(folder, said):
     """Listed as loaded, and each used by its name."""
     listed = re.findall(r"^slowtime\.(\w+) .* loaded$", said, re.M)
@@ -184,7 +191,7 @@ ENDS = {
     end.__name__: end
     for end in (
         first_hour, sensor_file, structure, alarms, misfit, site_tls, court, own_effect,
-        own_parts, maintenance_plan,
+        own_parts, maintenance_plan, own_proposer,
     )
 }  # fmt: skip
 

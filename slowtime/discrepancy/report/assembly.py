@@ -80,7 +80,7 @@ NOT_KEPT = (
     "The model as given does better on the record it never saw than with what was fitted: it "
     "is left as it was."
 )
-HURRIED = "Time ran out before every law was tried; --patience gives it more."
+HURRIED = "The budget ran out before every law was tried; --patience gives it more."
 
 
 def report(

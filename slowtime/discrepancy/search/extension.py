@@ -42,12 +42,6 @@ from slowtime.discrepancy.proposers.sensor_drift import drifting, sensor_drift
 from slowtime.discrepancy.quoting import moved_of
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refinement.constant_release import release_constants
-from slowtime.discrepancy.refinement.horizon_continuation import (
-    refit_friction_with_growing_horizon,
-    refit_with_growing_horizon,
-)
-from slowtime.discrepancy.refinement.initial_states import restart_initial_states
-from slowtime.discrepancy.refinement.relocation import relocate
 from slowtime.discrepancy.selection.acceptance import (
     Terms,
     accept,
@@ -392,13 +386,9 @@ def accept_best(
     step = accept(hypothesis, before, fitted, trials or hypothesis.trials, kinds, terms)
     if not step.added or monitor.ends or step.hypothesis.final:
         return step
-    found = restart_initial_states(step.hypothesis, kinds)
-    several = len(found.effects) > 1
-    if not monitor.hurries:
-        refine = refit_with_growing_horizon if several else refit_friction_with_growing_horizon
-        found = refine(found, kinds)
-    if several:
-        found = relocate(found, kinds, monitor)
+    found = step.hypothesis
+    for refine in how.refiners:
+        found = refine(found, kinds, monitor)
     return dataclasses.replace(step, hypothesis=found)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from slowtime.discrepancy.estimation.input_hold import Hold
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.proposers import PROPOSERS, Proposer
+from slowtime.discrepancy.refinement.after_effect import REFINERS, Refiner
 from slowtime.dynamics.effects import Kind
 
 MOST = 3
@@ -27,6 +28,8 @@ class SearchSettings:
         Holds under which effects were looked for already.
     proposers
         Asked in order for candidates of the first effect.
+    refiners
+        Steps taken in order after each effect.
     """
 
     kinds: Mapping[str, Kind]
@@ -35,6 +38,7 @@ class SearchSettings:
     stated: tuple[Hold, ...] | None = None
     asked: tuple[tuple[Hold, ...] | None, ...] = ()
     proposers: tuple[Proposer, ...] = PROPOSERS
+    refiners: tuple[Refiner, ...] = REFINERS
 
     @property
     def most(self) -> int:
