@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.candidates.library_fit import Candidate, Label
@@ -110,6 +110,7 @@ class Round:
         return self.monitor.hurries
 
 
+@runtime_checkable
 class Proposer(Protocol):
     """Proposes candidates for the missing effect from one kind of evidence.
 
