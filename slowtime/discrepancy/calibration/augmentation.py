@@ -153,7 +153,7 @@ def without(
     values = np.array(
         [known.get(before(name), entry.value) for name, entry in plant.entries.items()]
     )
-    states = _states_without(fit, number) if len(fit.states) == len(trials) else None
+    states = states_without(fit, number) if len(fit.states) == len(trials) else None
     try:
         found = refit(
             plant, trials, noise=fit.noise, values=values, states=states, horizons=(1.0,),
@@ -164,7 +164,7 @@ def without(
     return found if math.isfinite(found.cost) else None
 
 
-def _states_without(fit: Fit, number: int) -> list[Float[np.ndarray, " state"]]:
+def states_without(fit: Fit, number: int) -> list[Float[np.ndarray, " state"]]:
     """Give initial states of a model to what is left of it: without those of what went."""
     names = fit.plant.state_names
     gone = f"{fit.plant.effects[number].kind} {number}."

@@ -86,6 +86,8 @@ def pairs_with_delayed_input(given: Round) -> Iterator[tuple[Candidate, Candidat
         place = Place("input", entry.channel)
         if (LATE, place) in there:
             continue
+        if given.monitor.hurries:
+            return
         begin = Effect(LATE, place, {kinds[LATE].names[0]: 0.5 / trials[0].rate_hz})
         named = fit_candidate(before, begin, trials, kinds, None)
         if named is None:

@@ -3,7 +3,7 @@
 import dataclasses
 import itertools
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -82,12 +82,11 @@ class JointPairs:
             for one in fitted
         }
         of_one = law_pairs(given.before, given.localized, given.tried, reached, given.kinds)
-        pairs = [pair for pair in of_one if label_of_pair(pair) not in done]
+        pairs = list(_not_done(of_one, done))
         if fitted and fitted[0].fit.chi2_in_band > LIMITS.far_off_chi2:
             known = {*done, *map(label_of_pair, pairs)}
             of_two = _pairs_of_fitted(fitted, given.hypothesis.last, given.kinds)
-            fresh = (pair for pair in of_two if label_of_pair(pair) not in known)
-            pairs += itertools.islice(fresh, TURNS)
+            pairs += itertools.islice(_not_done(of_two, known), TURNS)
         return pairs
 
     def __call__(self, given: Round, pairs: Sequence[Pair], reached: float) -> Step | None:
@@ -146,6 +145,16 @@ class JointPairs:
 def label_of_pair(pair: Pair) -> PairLabel:
     """Give two effects without their numbers, in any order."""
     return frozenset(label_of(one.effect) for one in pair)
+
+
+def _not_done(pairs: Iterable[Pair], done: Collection[PairLabel]) -> Iterator[Pair]:
+    """Give each pair once, but those that were fitted already."""
+    known = set(done)
+    for pair in pairs:
+        label = label_of_pair(pair)
+        if label not in known:
+            known.add(label)
+            yield pair
 
 
 def _fit_pair(

@@ -13,5 +13,4 @@ class LibraryShortlist:
 
     def __call__(self, given: Round) -> Proposal:
         """Propose the shortlist; nothing where an earlier proposal takes its place."""
-        instead = any(one.only and one.candidates for one in given.proposals)
-        return Proposal(self.name, () if instead else given.shortlist)
+        return Proposal(self.name, () if given.has_substitute else given.shortlist)

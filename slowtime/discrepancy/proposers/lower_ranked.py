@@ -124,7 +124,13 @@ class NextInRank:
         batch, others = rest[:IN_TURN], rest[IN_TURN:]
         batch += sorted(others, key=lambda one: _run_with(given, one))[:NEAREST]
         nearby = given.of(NearbyRuns().name)
-        near = {label_of(one.effect) for one in nearby.candidates} if nearby else set()
+        # Fits of the shortlist that are repeated from another start are no laws of their own.
+        listed = [one.effect for one in given.shortlist]
+        near = {
+            label_of(one.effect)
+            for one in (nearby.candidates if nearby else ())
+            if one.effect not in listed
+        }
         both = [one for one in _equivalents(given) if label_of(one.effect) not in near]
         return Proposal(self.name, (*_as_good(given, both), *batch))
 

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.candidates.library_fit import Candidate, Label
@@ -84,8 +84,14 @@ class Round:
     proposals: tuple[Proposal, ...] = ()
 
     def of(self, source: str) -> Proposal | None:
-        """Give what a proposer has proposed last in this round, if it was asked."""
-        return next((one for one in reversed(self.proposals) if one.source == source), None)
+        """Give the last proposal of a proposer, one with candidates before one without."""
+        own = [one for one in reversed(self.proposals) if one.source == source]
+        return next((one for one in own if one.candidates), own[0] if own else None)
+
+    @property
+    def has_substitute(self) -> bool:
+        """Whether candidates stand in place of the shortlist of the library."""
+        return any(one.only and one.candidates for one in self.proposals)
 
     @property
     def first_batch(self) -> tuple[Candidate, ...]:
@@ -104,6 +110,7 @@ class Round:
         return self.monitor.hurries
 
 
+@runtime_checkable
 class Proposer(Protocol):
     """Proposes candidates for the missing effect from one kind of evidence.
 

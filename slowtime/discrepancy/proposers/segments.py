@@ -104,6 +104,8 @@ class Segments:
 
     def _is_needless(self, given: Round) -> bool:
         if self.only:
+            if given.has_substitute:
+                return True
             least = min((one.cost for one in given.shortlist), default=0.0)
             return least <= LIMITS.far_off_chi2 * given.before.data
         earlier = given.of(self.name)

@@ -50,7 +50,8 @@ def relocate(hypothesis: Hypothesis, kinds: Mapping[str, Kind], tell: Monitor) -
         if other is not None and other.cost < best.cost - 2 * LIMITS.least_log_evidence:
             best, which = other, number
     if best is last:
-        return dataclasses.replace(hypothesis, exhausted=exhausted)
+        same = exhausted == hypothesis.exhausted
+        return hypothesis if same else dataclasses.replace(hypothesis, exhausted=exhausted)
     fits = [hypothesis.first, *left_out(hypothesis.fits, which, best, trials, kinds)]
     effects = list(requote_all(hypothesis.effects, best, kinds))
     effects[which] = dataclasses.replace(effects[which], rivals=())  # of the place it had

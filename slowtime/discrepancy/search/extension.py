@@ -223,12 +223,12 @@ def _from_proposals(
     if stopped is not None:
         return _with_tried(stopped, given)
     fitted = shooting_fits(
-        given.before, _worth_shooting(given, fitted), fitted, given.trials, given.kinds, turn
+        given.before, worth_shooting(given, fitted), fitted, given.trials, given.kinds, turn
     )
     hypothesis = dataclasses.replace(
         given.hypothesis, fitted=tuple(fitted), tried=given.tried, nested=fitting.nested
     )
-    first = _beginning_first(given, fitted)
+    first = beginnings_first(given, fitted)
     return accept_best(hypothesis, given.before, first, how, given.trials, pulled=pulled)
 
 
@@ -334,7 +334,7 @@ def _explained_otherwise(
     return None
 
 
-def _worth_shooting(given: Round, fitted: Sequence[FittedCandidate]) -> Sequence[Candidate]:
+def worth_shooting(given: Round, fitted: Sequence[FittedCandidate]) -> Sequence[Candidate]:
     """Give candidates that are fitted to segments first, should their free run go astray."""
     segments, initial = given.of(Segments().name), given.of(InitialSegments().name)
     if segments is not None and segments.candidates:
@@ -347,7 +347,7 @@ def _worth_shooting(given: Round, fitted: Sequence[FittedCandidate]) -> Sequence
     return alone or first_of_each(opened, given.first_batch)
 
 
-def _beginning_first(
+def beginnings_first(
     given: Round, fitted: Sequence[FittedCandidate]
 ) -> Sequence[FittedCandidate]:
     """Put first what explains how records begin, where the best leaves much of the whole.

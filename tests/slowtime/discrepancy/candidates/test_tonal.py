@@ -10,7 +10,7 @@ from slowtime.discrepancy.candidates.library_fit import is_tonal, library_candid
 from slowtime.discrepancy.localization import locate
 from slowtime.dynamics.effects import Effect, Place, catalogue
 from slowtime.dynamics.plant import Plant
-from tests.slowtime.discrepancy.test_search import CUBIC, DRAG, TWO, seen
+from tests.slowtime.discrepancy.two_mass_chain import CUBIC, DRAG, TWO, records_of
 
 NAMES = ("harmonic_force", "added_mass", "cubic_hardening")
 KINDS = {name: kind for name, kind in catalogue().items() if name in NAMES}
@@ -22,7 +22,7 @@ HUM = Effect(
 
 
 def located(*effects):
-    trials = seen(effects)
+    trials = records_of(effects)
     before = refit(Plant.of(TWO, kinds=KINDS), trials)
     return before, locate(before, trials)
 

@@ -1,4 +1,4 @@
-"""A drift is told over the whole campaign, the records held out with the others."""
+"""Drifts are quoted over the whole campaign, records held out included."""
 
 import dataclasses
 
@@ -7,10 +7,10 @@ import pytest
 
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate
+from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refinement.campaign_span import span_campaign, spanning
 from slowtime.discrepancy.selection.probabilities import answer_of
-from slowtime.discrepancy.state import Found
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
 from tests.slowtime.discrepancy.rigs import ONE, PLACE
@@ -39,7 +39,7 @@ def drifting():
     return fit, campaign, FittedCandidate(effect, plant.description, fit, 0.0)
 
 
-def test_the_slope_is_the_same_and_so_is_the_run(drifting):
+def test_a_drift_over_a_longer_span_has_the_same_slope_and_the_same_run(drifting):
     fit, campaign, _ = drifting
     longer = spanning(fit, 0, 40.0)
     names = list(fit.plant.parameters)
@@ -59,14 +59,15 @@ def test_the_slope_is_the_same_and_so_is_the_run(drifting):
     assert longer.sd[at] / longer.free[at] == pytest.approx(fit.sd[at] / fit.free[at])
 
 
-def test_it_is_told_by_what_it_comes_to_at_the_end_of_all_records(drifting):
+def test_a_drift_is_quoted_by_its_value_at_the_end_of_all_records(drifting):
     fit, campaign, named = drifting
-    found = Found([fit, fit], campaign.trials, answers=[answer_of([named], [1.0], KINDS)])
-    span_campaign(found, 0, campaign, KINDS)
-    number = found.answers[0].numbers["dk_n_per_m"]
-    assert found.answers[0].effect.parameters["span_s"] == 40.0
+    effects = (answer_of([named], [1.0], KINDS),)
+    found = Hypothesis((fit, fit), campaign.trials, effects=effects)
+    found = span_campaign(found, 0, campaign, KINDS)
+    number = found.effects[0].numbers["dk_n_per_m"]
+    assert found.effects[0].effect.parameters["span_s"] == 40.0
     assert abs(number.value - 60.0) < 3 * number.sd < 6.0
-    assert "60" in found.answers[0].sentence or "59" in found.answers[0].sentence
+    assert "60" in found.effects[0].sentence or "59" in found.effects[0].sentence
 
 
 def test_a_drift_that_the_model_was_given_keeps_its_span(drifting):

@@ -1,4 +1,4 @@
-"""Wherever laws were compared, numbers are told from where the misfit is least."""
+"""Parameters are quoted from where the misfit is least."""
 
 import dataclasses
 
@@ -8,12 +8,13 @@ import pytest
 from slowtime.discrepancy.calibration import WRONG, refit
 from slowtime.discrepancy.calibration.augmentation import run_by
 from slowtime.discrepancy.diagnose import diagnose
+from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.records import Campaign, Trial
-from slowtime.discrepancy.refinement import convergence as bottom
-from slowtime.discrepancy.state import Found
+from slowtime.discrepancy.refinement.convergence import converge, converge_stick_slip
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
+from tests.slowtime.discrepancy.protocol import fit_at, named_effect, with_last
 from tests.slowtime.discrepancy.rigs import ONE, PLACE
 
 RATE = 64.0
@@ -36,36 +37,50 @@ def trials():
     return tuple(found)
 
 
-def told(trials, **more):
-    found = diagnose(Campaign(description=ONE, trials=trials), kinds=KINDS, **more)
-    (answer,) = found.effects
-    return answer.numbers["k3_n_per_m3"]
+@pytest.fixture(scope="module")
+def beside(trials):
+    """A law whose fit ended half a standard deviation beside its minimum."""
+    right = refit(Plant.of(TRUTH, kinds=KINDS), trials)
+    at = right.prior.names.index(NAME)
+    values = right.values.copy()
+    values[list(right.prior.index)] += 0.5 * right.covariance[:, at] / right.sd[at]
+    fit = fit_at(right, trials, values, chi2_in_band=right.chi2_in_band)
+    effects = (named_effect(HARDER, KINDS),)
+    return Hypothesis((refit(Plant.of(ONE, kinds=KINDS), trials), fit), trials, effects=effects)
+
+
+def test_parameters_are_quoted_where_the_misfit_is_least(beside):
+    found = converge(beside, 0, KINDS)
+    assert found.last.cost < beside.last.cost - 0.1
+    told = found.effects[0].numbers["k3_n_per_m3"]
+    at = found.last.plant.parameters.index(NAME)
+    assert told.value == found.last.values[at] != beside.last.values[at]
+    again = converge(found, 0, KINDS)
+    assert np.abs(again.last.free - found.last.free) == pytest.approx(0.0, abs=0.01 * told.sd)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [{"final": True}, {"trials": ()}, {}],
+    ids=["no law", "segments", "a wrong model"],
+)
+def test_only_a_model_that_explains_whole_records_is_fitted_to_the_end(beside, changed):
+    found = dataclasses.replace(beside, **changed)
+    if not changed:
+        found = with_last(found, chi2_in_band=1.1 * WRONG)
+    assert converge(found, 0, KINDS) is found
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("late", [False, True])
-def test_what_is_told_is_what_the_last_refit_found_unless_it_is_late(trials, monkeypatch, late):
-    found = []
-
-    def last(*given, **how):
-        fit = refit(*given, **how)
-        assert how["fine"]
-        found.append(dataclasses.replace(fit, values=1.001 * fit.values))
-        return found[-1]
-
-    monkeypatch.setattr(bottom, "refit", last)
-    number = told(trials, late=lambda: late)
-    assert len(found) == (not late)
-    for fit in found:
-        assert number.value == fit.values[fit.plant.parameters.index(NAME)]
-
-
-def test_a_model_that_is_wrong_is_left_where_it_was(trials):
-    plant = Plant.of(ONE, kinds=KINDS)
-    fit = dataclasses.replace(refit(plant, trials), chi2_in_band=1.1 * WRONG)
-    found = Found([fit], trials)
-    bottom.converge(found, 0, KINDS)
-    assert found.fits[0] is fit
+def test_a_diagnosis_out_of_budget_is_not_fitted_to_the_end(trials, late):
+    """What it says is as good as the search's own fit."""
+    campaign = Campaign(description=ONE, trials=trials)
+    (named,) = diagnose(campaign, kinds=KINDS, late=lambda: late).effects
+    number = named.numbers["k3_n_per_m3"]
+    least = refit(Plant.of(TRUTH, kinds=KINDS), trials, horizons=(1.0,), fine=True)
+    right = least.values[least.plant.parameters.index(NAME)]
+    assert abs(number.value - right) < (0.5 if late else 0.01) * number.sd
 
 
 RUBBING = Effect("coulomb", PLACE, {"friction_n": 0.25})
@@ -91,75 +106,36 @@ def rubbed():
 
 
 @pytest.mark.long
-def test_friction_goes_to_the_best_beside_where_it_ended_and_tells_how_those_scatter(rubbed):
+def test_friction_goes_to_the_best_minimum_nearby_and_its_error_holds_their_scatter(rubbed):
     records, right, beside = rubbed
-    found = Found([beside], records)
-    bottom.converge_stick_slip(found, 1, catalogue(), Monitor())
-    best, at = found.fits[-1], right.prior.names.index(FRICTION)
+    found = converge_stick_slip(Hypothesis((beside,), records), 1, catalogue(), Monitor())
+    best, at = found.last, right.prior.names.index(FRICTION)
     assert best.cost <= right.cost + 0.1
     assert abs(best.free[at] - RUBBING.parameters["friction_n"]) < 3 * best.sd[at]
-    assert best.sd[at] > right.sd[at]
+    # How far the fit had ended from there counts among what is not known.
+    off = beside.free[at] - best.free[at]
+    assert best.sd[at] ** 2 > right.sd[at] ** 2 + 0.4 * off**2
     assert np.linalg.eigvalsh(best.covariance).min() > 0
 
 
-@pytest.mark.parametrize("why", ["late", "ended", "no friction"])
-def test_who_is_late_or_has_no_friction_or_no_law_stays(rubbed, trials, why):
+@pytest.mark.parametrize("why", ["late", "final", "no friction"])
+def test_friction_stays_where_it_ended_without_budget_or_law_or_friction(rubbed, beside, why):
     records, _, fit = rubbed
+    found = Hypothesis((fit,), records, final=why == "final")
     if why == "no friction":
-        records, fit = trials, refit(Plant.of(TRUTH, kinds=KINDS), trials)
-    found = Found([fit], records, ended=why == "ended")
-    bottom.converge_stick_slip(found, 1, catalogue(), Monitor(late=lambda: why == "late"))
-    assert np.array_equal(found.fits[-1].values, fit.values)
-    assert np.array_equal(found.fits[-1].covariance, fit.covariance)
+        found = beside
+    monitor = Monitor(late=lambda: why == "late")
+    same = converge_stick_slip(found, 1, catalogue(), monitor)
+    assert np.array_equal(same.last.values, found.last.values)
+    assert np.array_equal(same.last.covariance, found.last.covariance)
 
 
-def test_friction_is_not_held_at_less_than_nothing(rubbed, monkeypatch):
+@pytest.mark.long
+def test_friction_that_is_known_badly_stays_above_nothing(rubbed):
     records, right, _ = rubbed
     at = right.prior.names.index(FRICTION)
     faint = dataclasses.replace(right, covariance=right.covariance.copy())
     faint.covariance[at, at] = (0.6 * right.free[at]) ** 2
-    held = []
-
-    def kept(plant, trials, *, values, **how):
-        held.append(values[right.prior.index[at]])
-        return right
-
-    monkeypatch.setattr(bottom, "refit", kept)
-    bottom.converge_stick_slip(Found([faint], records), 1, catalogue(), Monitor())
-    assert held
-    assert min(held) > 0
-
-
-NEARLY = 3
-"""Which of the values beside the best is nearly as good."""
-
-
-def test_of_friction_the_best_dip_is_told_as_far_as_the_fit_had_ended_from_it(
-    rubbed, monkeypatch
-):
-    """One of the values that are held is better, one beside that nearly as good."""
-    records, right, _ = rubbed
-    at, index = right.prior.names.index(FRICTION), list(right.prior.index)
-    calls = []
-
-    def answered(plant, trials, *, values, free=None, fine=False, **how):
-        calls.append((values[index], free, fine))
-        better = fine or len(calls) == 2
-        nearly = len(calls) == 1 + NEARLY + len(bottom.BESIDE) + 1
-        cost = right.cost + (-100 if better else -98 if nearly else 1000)
-        return dataclasses.replace(right, values=values, cost=cost)
-
-    monkeypatch.setattr(bottom, "refit", answered)
-    found = Found([right], records)
-    bottom.converge_stick_slip(found, 1, catalogue(), Monitor())
-    best, off = found.fits[-1], bottom.BESIDE[1] * right.covariance[:, at] / right.sd[at]
-    assert best.free == pytest.approx(right.free + off)
-    near = bottom.BESIDE[NEARLY] * right.covariance[:, at] / right.sd[at]
-    # Found twice, as it was held and as it was freed, and one of a chance of exp(-1) beside.
-    weight = np.exp(-1) / (2 + np.exp(-1))
-    due = right.covariance + weight * np.outer(near, near) + np.outer(off, off) / 2
-    assert best.covariance == pytest.approx(due)
-    rounds = [values[at] for values, free, _ in calls if free is not None]
-    about = np.repeat([right.free[at], best.free[at]], len(bottom.BESIDE))
-    assert rounds == pytest.approx(about + right.sd[at] * np.tile(bottom.BESIDE, 2))
-    assert all(FRICTION not in free for _, free, _ in calls if free is not None)
+    found = converge_stick_slip(Hypothesis((faint,), records), 1, catalogue(), Monitor())
+    assert found.last.free[at] > 0
+    assert found.last.cost <= faint.cost

@@ -1,18 +1,20 @@
-"""Effects that later ones make needless are left out; the rest has the numbers of the whole."""
+"""Backward elimination drops effects that later ones make needless, and quotes the rest."""
 
 import dataclasses
 
 import numpy as np
 import pytest
 
-from slowtime.discrepancy.calibration import augmentation, refit
-from slowtime.discrepancy.calibration.augmentation import without
-from slowtime.discrepancy.diagnosis import NamedEffect
+from slowtime.discrepancy.calibration import refit
+from slowtime.discrepancy.calibration.augmentation import states_without, without
+from slowtime.discrepancy.diagnosis import Rival
+from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.records import Trial
-from slowtime.discrepancy.refinement import elimination as pruning
-from slowtime.discrepancy.refinement.elimination import eliminate
+from slowtime.discrepancy.refinement.elimination import eliminate, eliminate_needless
+from slowtime.discrepancy.selection.acceptance import end_with
 from slowtime.dynamics.effects import Effect, Place, catalogue
 from slowtime.dynamics.plant import Plant
+from tests.slowtime.discrepancy.protocol import named_effect
 from tests.slowtime.discrepancy.rigs import ONE, PLACE
 
 RATE = 50.0
@@ -37,13 +39,11 @@ def chain_of(trials, *effects):
         refit(Plant.of(dataclasses.replace(ONE, effects=tuple(entries[:n]))), trials)
         for n in range(len(entries) + 1)
     ]
-    return fits, [
-        NamedEffect(e, KINDS[e.kind].family, {}, 0.95, (), "as named") for e in effects
-    ]
+    return fits, [named_effect(effect, KINDS, 0.95) for effect in effects]
 
 
 @pytest.mark.parametrize("wrong_first", [True, pytest.param(False, marks=pytest.mark.slow)])
-def test_what_the_others_make_needless_is_left_out_wherever_it_stands(wrong_first):
+def test_an_effect_that_others_make_needless_is_dropped_wherever_it_stands(wrong_first):
     trials = trials_of(CUBIC)
     order = (LOSS, CUBIC) if wrong_first else (CUBIC, LOSS)
     before, said = chain_of(trials, *order)
@@ -54,7 +54,7 @@ def test_what_the_others_make_needless_is_left_out_wherever_it_stands(wrong_firs
     assert abs(k3.value - 1e5) < 4 * k3.sd < 0.05 * k3.value
 
 
-def test_samples_that_were_left_out_while_it_was_named_speak_for_no_effect():
+def test_samples_masked_while_an_effect_was_named_do_not_speak_for_it():
     trials = trials_of(CUBIC)
     use = trials[0].used.copy()
     use[-60:] = False
@@ -64,7 +64,7 @@ def test_samples_that_were_left_out_while_it_was_named_speak_for_no_effect():
 
 
 @pytest.mark.slow
-def test_what_is_needed_stays_and_has_the_numbers_of_the_last_fit():
+def test_needed_effects_stay_and_are_quoted_by_the_last_fit():
     trials = trials_of(CUBIC, DRAG)
     before, said = chain_of(trials, CUBIC, DRAG)
     fits, answers = eliminate(before, said, trials, KINDS)
@@ -100,8 +100,7 @@ def test_a_single_effect_is_left_as_it_is():
 
 
 @pytest.mark.parametrize("number", range(4))
-def test_what_is_left_begins_in_the_motion_that_the_whole_began_in(monkeypatch, number):
-    """Each number of a state goes with its own, though what goes takes some with it."""
+def test_states_of_other_effects_stay_where_one_effect_and_its_own_states_go(number):
     effects = (
         Effect("bouc_wen", PLACE, {"kh_n_per_m": 20.0, "zy_m": 0.01, "n": 1.0}),
         CUBIC,
@@ -113,24 +112,15 @@ def test_what_is_left_begins_in_the_motion_that_the_whole_began_in(monkeypatch, 
     def model(some):
         return Plant.of(dataclasses.replace(ONE, effects=tuple(e.entry() for e in some)))
 
-    trials = trials_of(CUBIC)
     whole, rest = model(effects), model([e for i, e in enumerate(effects) if i != number])
     own = {name: 0.001 * (i + 1) for i, name in enumerate(whole.state_names)}
-    fit = refit(model(()), trials)
+    fit = refit(model(()), trials_of(CUBIC))
     known = dataclasses.replace(
         fit, plant=whole, values=whole.values, states=(np.array(list(own.values())),)
     )
-    begun = []
-
-    def caught(plant, trials, **how):
-        begun.extend(how["states"])
-        assert plant.state_names == rest.state_names
-        raise FloatingPointError
-
-    monkeypatch.setattr(augmentation, "refit", caught)
-    assert without(known, number, trials, KINDS) is None
+    (state,) = states_without(known, number)
     # By what each is of: those that come later are counted one less.
-    told = dict(zip(rest.state_names, begun[0].tolist(), strict=True))
+    told = dict(zip(rest.state_names, state.tolist(), strict=True))
     for (what, name), value in own.items():
         head, _, tail = name.partition(" ")
         at = tail.partition(".")[0]
@@ -141,21 +131,64 @@ def test_what_is_left_begins_in_the_motion_that_the_whole_began_in(monkeypatch, 
             assert told[what, name.replace(f"{head} {at}.", f"{head} {later}.")] == value
 
 
-@pytest.mark.parametrize(("faint", "kept"), [(True, 1), (False, 2)])
-def test_a_law_that_does_next_to_nothing_is_left_out_though_a_fit_without_is_lost(
-    monkeypatch, faint, kept
+@pytest.mark.parametrize(("strength", "kept"), [(0.01, 1), (20.0, 2)], ids=["faint", "clear"])
+def test_a_law_that_does_next_to_nothing_is_dropped_though_the_fit_without_it_is_stuck(
+    strength, kept
 ):
-    """What tips over goes another way for a thousandth of its mass."""
     trials = trials_of(CUBIC)
     fits, said = chain_of(trials, CUBIC, LOSS)
-    alone = fits[1]
-    values = alone.values.copy()
-    values[-1] *= 0.3
-    lost = dataclasses.replace(alone, values=values, cost=1e9, chi2_in_band=50.0)
-    monkeypatch.setattr(pruning, "without", lambda _, which, *__: lost if which else None)
-    monkeypatch.setattr(pruning, "sds_of_strength", lambda *_: 0.2 if faint else 20.0)
-    chain, answers = eliminate(fits, said, trials, KINDS)
-    assert len(answers) == kept
-    if faint:
-        assert answers[0].effect.kind == "cubic_hardening"
+    # A refit without the loss that begins at this stiffness ends in a minimum of its own.
+    names = fits[-1].plant.parameters
+    values = fits[-1].values.copy()
+    values[names.index(("effect", 0, "k3_n_per_m3"))] *= 3.0
+    at = fits[-1].prior.names.index(("effect", 1, "dk_n_per_m"))
+    values[fits[-1].prior.index[at]] = strength * fits[-1].sd[at]
+    fits[-1] = dataclasses.replace(fits[-1], values=values)
+    less = without(fits[-1], 1, trials, KINDS)
+    assert less is not None
+    assert less.chi2_in_band > 5.0
+    chain, left = eliminate(fits, said, trials, KINDS)
+    assert len(left) == kept
+    if kept == 1:
+        assert left[0].effect.kind == "cubic_hardening"
         assert chain[-1].chi2_in_band < 1.2
+
+
+def test_a_hypothesis_of_needed_effects_alone_is_given_as_it_is():
+    trials = trials_of(CUBIC)
+    fits, said = chain_of(trials, CUBIC)
+    found = Hypothesis(tuple(fits), trials, effects=tuple(said))
+    same = eliminate_needless(found, trials, KINDS)
+    assert (same.fits, same.effects) == (found.fits, found.effects)
+
+
+DRIFT = Effect("sensor_drift", Place("sensor", ONE.sensors[0].channel), {"drift_total": 0.0})
+
+
+def test_a_drift_without_a_law_stays_behind_the_law_it_was_found_beside():
+    trials = trials_of(CUBIC)
+    fits, said = chain_of(trials, CUBIC)
+    found = Hypothesis(tuple(fits), trials, effects=tuple(said))
+    drift = named_effect(DRIFT, KINDS)
+    ended = end_with(found, found.last, drift, KINDS, DRIFT).hypothesis
+    kept = eliminate_needless(ended, trials, KINDS)
+    assert [one.effect.kind for one in kept.effects] == ["cubic_hardening", "sensor_drift"]
+    assert [len(fit.plant.effects) for fit in kept.fits] == [0, 1, 2]
+
+
+@pytest.mark.parametrize("sure", [0.6, 0.95])
+def test_doubts_about_a_needless_effect_give_way_to_doubts_about_what_stays(sure):
+    trials = trials_of(CUBIC)
+    fits, (needless, stays) = chain_of(trials, LOSS, CUBIC)
+    rivals = tuple(
+        Rival(kind, CUBIC.place, share * (1 - sure))
+        for kind, share in (("gap_symmetric", 0.97), ("bouc_wen", 0.03))
+    )
+    stays = dataclasses.replace(stays, probability=sure, rivals=rivals)
+    undecided = (Rival(LOSS.kind, LOSS.place, 0.5), rivals[0])
+    found = Hypothesis(tuple(fits), trials, effects=(needless, stays), undecided=undecided)
+    left = eliminate_needless(found, trials, KINDS)
+    assert [one.effect.kind for one in left.effects] == ["cubic_hardening"]
+    told = [rival.effect for rival in left.undecided]
+    assert told == (["cubic_hardening", "gap_symmetric"] if sure < 0.9 else [])
+    assert found.undecided == undecided

@@ -1,4 +1,4 @@
-"""Effects that were fitted while others were missing find back to what they are."""
+"""Effects fitted while others were missing are fitted again to ever longer records."""
 
 import dataclasses
 
@@ -8,15 +8,16 @@ import pytest
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate
 from slowtime.discrepancy.estimation.shooting_fit import unexplained_by
+from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.refinement.horizon_continuation import (
     refit_friction_with_growing_horizon,
     refit_with_growing_horizon,
 )
 from slowtime.discrepancy.selection.probabilities import answer_of
-from slowtime.discrepancy.state import Found
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
-from tests.slowtime.discrepancy.test_search import FIRST, RATE, SECOND, TWO, seen
+from tests.slowtime.discrepancy.protocol import fit_at, scaled, with_last
+from tests.slowtime.discrepancy.two_mass_chain import FIRST, SECOND, TWO, records_of
 
 KINDS = catalogue()
 BOTH = (
@@ -25,78 +26,69 @@ BOTH = (
 )
 
 
-@pytest.fixture
+def effects_of(plant, fit, *effects):
+    return tuple(
+        answer_of([FittedCandidate(effect, plant.description, fit, 0.0)], [1.0], KINDS)
+        for effect in effects
+    )
+
+
+@pytest.fixture(scope="module")
 def stuck():
     """Both laws as a fit to whole records may leave them: far from where they belong."""
-    trials = seen(BOTH)
+    trials = records_of(BOTH)
     entries = tuple(effect.entry() for effect in BOTH)
     plant = Plant.of(dataclasses.replace(TWO, effects=entries), kinds=KINDS)
     right = refit(plant, trials, horizons=(1.0,))
-    values = plant.values.copy()
-    for name, factor in (("k3_n_per_m3", 0.1), ("c2_n_s2_per_m2", 5.0)):
-        at = next(i for i, one in enumerate(plant.parameters) if one[-1] == name)
-        values[at] *= factor
-    runs = [plant.simulate(values, trial.inputs, RATE) for trial in trials]
-    left = tuple(trial.measured - run for trial, run in zip(trials, runs, strict=True))
-    fit = dataclasses.replace(right, values=values, residual=left, chi2_in_band=80.0)
-    answers = [
-        answer_of([FittedCandidate(effect, plant.description, fit, 0.0)], [1.0], KINDS)
-        for effect in BOTH
-    ]
-    return Found([fit, fit, fit], trials, answers=answers)
+    values = scaled(dataclasses.replace(right, values=plant.values), k3_n_per_m3=0.1,
+                    c2_n_s2_per_m2=5.0)  # fmt: skip
+    fit = fit_at(right, trials, values, cost=right.cost, chi2_in_band=80.0)
+    return Hypothesis((fit, fit, fit), trials, effects=effects_of(plant, fit, *BOTH))
 
 
-def test_they_are_found_over_ever_longer_records(stuck):
-    before = unexplained_by(stuck.fits[-1])
-    refit_with_growing_horizon(stuck, KINDS)
-    assert unexplained_by(stuck.fits[-1]) < before
-    assert stuck.fits[-1].chi2_in_band < 1.2
-    told = {a.effect.kind: next(iter(a.numbers.values())).value for a in stuck.answers}
+def test_two_laws_are_found_again_by_fits_to_ever_longer_records(stuck):
+    found = refit_with_growing_horizon(stuck, KINDS)
+    assert unexplained_by(found.last) < unexplained_by(stuck.last)
+    assert found.last.chi2_in_band < 1.2
+    told = {a.effect.kind: next(iter(a.numbers.values())).value for a in found.effects}
     assert told["cubic_hardening"] == pytest.approx(8e5, rel=0.02)
     assert told["quadratic_damping"] == pytest.approx(30.0, rel=0.1)
+    # Nothing is to be gained by the same once more.
+    assert refit_with_growing_horizon(found, KINDS) is found
 
 
-def test_what_leaves_noise_is_left_alone_and_so_is_what_was_cut(stuck):
-    last = dataclasses.replace(stuck.fits[-1], chi2_in_band=1.1)
-    stuck.fits[-1] = last
-    refit_with_growing_horizon(stuck, KINDS)
-    assert stuck.fits[-1] is last
-    stuck.fits[-1] = cut = dataclasses.replace(last, chi2_in_band=80.0)
-    stuck.trials = (*stuck.trials, stuck.trials[0])
-    refit_with_growing_horizon(stuck, KINDS)
-    assert stuck.fits[-1] is cut
+def test_fits_that_leave_noise_or_were_made_to_segments_are_not_repeated(stuck):
+    quiet = with_last(stuck, chi2_in_band=1.1)
+    assert refit_with_growing_horizon(quiet, KINDS) is quiet
+    cut = dataclasses.replace(stuck, trials=(*stuck.trials, stuck.trials[0]))
+    assert refit_with_growing_horizon(cut, KINDS) is cut
 
 
-def test_what_would_leave_more_is_not_taken(stuck):
-    quiet = tuple(np.zeros_like(residual) + 1e-12 for residual in stuck.fits[-1].residual)
-    stuck.fits[-1] = best = dataclasses.replace(stuck.fits[-1], residual=quiet)
-    refit_with_growing_horizon(stuck, KINDS)
-    assert stuck.fits[-1] is best
+def test_a_fit_to_growing_records_that_leaves_more_is_not_taken(stuck):
+    quiet = tuple(np.zeros_like(residual) + 1e-12 for residual in stuck.last.residual)
+    best = with_last(stuck, residual=quiet)
+    assert refit_with_growing_horizon(best, KINDS) is best
 
 
 STICKS = Effect("coulomb", FIRST, {"friction_n": 1.0})
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def sticking():
     """Friction alone, in a minimum that is not its own."""
-    trials = seen((STICKS,))
+    trials = records_of((STICKS,))
     plant = Plant.of(dataclasses.replace(TWO, effects=(STICKS.entry(),)), kinds=KINDS)
     right = refit(plant, trials, horizons=(1.0,))
-    values = plant.values.copy()
-    values[-1] *= 0.5
-    runs = [plant.simulate(values, trial.inputs, RATE) for trial in trials]
-    left = tuple(trial.measured - run for trial, run in zip(trials, runs, strict=True))
-    fit = dataclasses.replace(right, values=values, residual=left, chi2_in_band=2.0)
+    values = scaled(dataclasses.replace(right, values=plant.values), friction_n=0.5)
+    fit = fit_at(right, trials, values, cost=right.cost, chi2_in_band=2.0)
     first = dataclasses.replace(fit, chi2_in_band=50.0)
-    answer = answer_of([FittedCandidate(STICKS, plant.description, fit, 0.0)], [1.0], KINDS)
-    return Found([first, fit], trials, answers=[answer])
+    return Hypothesis((first, fit), trials, effects=effects_of(plant, fit, STICKS))
 
 
-def test_friction_is_followed_from_stick_to_stick(sticking):
-    refit_friction_with_growing_horizon(sticking, KINDS)
-    assert sticking.fits[-1].chi2_in_band < 1.2
-    told = sticking.answers[0].numbers["friction_n"]
+def test_friction_is_found_by_fits_to_slowly_growing_records(sticking):
+    found = refit_friction_with_growing_horizon(sticking, KINDS)
+    assert found.last.chi2_in_band < 1.2
+    told = found.effects[0].numbers["friction_n"]
     assert told.value == pytest.approx(1.0, rel=0.02)
 
 
@@ -104,28 +96,21 @@ def test_friction_is_followed_from_stick_to_stick(sticking):
     ("chi2", "first"), [(1.0, 1.0), (2.0, 1e4), (9.0, 50.0)], ids=["noise", "hardly", "far"]
 )
 def test_friction_that_leaves_noise_or_hardly_more_or_very_much_is_left(sticking, chi2, first):
-    begun, last = sticking.fits
-    sticking.fits = [
-        dataclasses.replace(begun, chi2_in_band=first),
-        dataclasses.replace(last, chi2_in_band=chi2),
-    ]
-    last = sticking.fits[-1]
-    refit_friction_with_growing_horizon(sticking, KINDS)
-    assert sticking.fits[-1] is last
+    bare = dataclasses.replace(sticking.first, chi2_in_band=first)
+    found = with_last(dataclasses.replace(sticking, fits=(bare, sticking.last)),
+                      chi2_in_band=chi2)  # fmt: skip
+    assert refit_friction_with_growing_horizon(found, KINDS) is found
 
 
-def test_what_does_not_stick_and_what_is_not_alone_is_left(stuck, sticking):
-    stuck.answers = stuck.answers[:1]
-    stuck.fits = [
+def test_only_friction_that_was_found_alone_is_followed_slowly(stuck, sticking):
+    first, last = (
         dataclasses.replace(fit, chi2_in_band=chi2)
         for fit, chi2 in zip(stuck.fits[:2], (50.0, 2.0), strict=True)
-    ]
-    for found in (stuck, sticking):
-        if found is sticking:
-            found.answers = [*found.answers, *found.answers]
-        last = found.fits[-1]
-        refit_friction_with_growing_horizon(found, KINDS)
-        assert found.fits[-1] is last
+    )
+    no_friction = dataclasses.replace(stuck, fits=(first, last), effects=stuck.effects[:1])
+    beside = dataclasses.replace(sticking, effects=sticking.effects * 2)
+    for found in (no_friction, beside):
+        assert refit_friction_with_growing_horizon(found, KINDS) is found
 
 
 def test_what_follows_no_law_is_not_fitted_again(stuck, sticking):
@@ -133,7 +118,5 @@ def test_what_follows_no_law_is_not_fitted_again(stuck, sticking):
         (stuck, refit_with_growing_horizon),
         (sticking, refit_friction_with_growing_horizon),
     ):
-        found.ended = True
-        last = found.fits[-1]
-        again(found, KINDS)
-        assert found.fits[-1] is last
+        final = dataclasses.replace(found, final=True)
+        assert again(final, KINDS) is final

@@ -1,11 +1,10 @@
-"""Records that begin unlike all that follows: the initial state is found wherever it is."""
+"""Initial states are found where a record begins unlike all that follows."""
 
 import dataclasses
 
 import numpy as np
 import pytest
 
-from slowtime.discrepancy import search as searching
 from slowtime.discrepancy.calibration import (
     first_swings,
     refit,
@@ -16,17 +15,19 @@ from slowtime.discrepancy.calibration import (
 from slowtime.discrepancy.calibration.initial_states import nearest
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate
+from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.noise.colour import white_noise
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.records import Campaign, Trial
-from slowtime.discrepancy.refinement import initial_states as restarting
 from slowtime.discrepancy.refinement.initial_states import restart_initial_states, restarted
+from slowtime.discrepancy.search import SearchSettings
+from slowtime.discrepancy.search.extension import accept_best
 from slowtime.discrepancy.selection.probabilities import answer_of
-from slowtime.discrepancy.state import Found
 from slowtime.discrepancy.validation.free_run import free_runs
 from slowtime.dynamics.description import Input, Sensor
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
+from tests.slowtime.discrepancy.protocol import fit_at
 from tests.slowtime.discrepancy.rigs import PLACE, one_mass, two_masses
 
 KINDS = catalogue()
@@ -60,21 +61,13 @@ def thrown():
     begins = [[0.01, 0.0], [0.09, -2.0]]
     trials = recorded(plant, begins)
     right = refit(plant, trials, states=[np.array(b) for b in begins], horizons=(1.0,))
-    noise, values = right.noise, right.values
     states = (right.states[0], np.array([-0.03, 0.9]))
-    runs = [
-        plant.simulate(values, t.inputs, RATE, state0=s)
-        for t, s in zip(trials, states, strict=True)
-    ]
-    left = tuple(t.measured - run for t, run in zip(trials, runs, strict=True))
-    stray = dataclasses.replace(
-        right, states=states, residual=left, noise=noise, chi2_in_band=20.0
-    )
+    stray = fit_at(right, trials, right.values, states, cost=right.cost, chi2_in_band=20.0)
     return plant, trials, right, stray
 
 
 @pytest.mark.long
-def test_a_record_that_begins_badly_is_begun_anew(thrown):
+def test_a_record_whose_beginning_is_explained_badly_gets_another_initial_state(thrown):
     _, trials, right, stray = thrown
     again = restarted(stray, trials)
     assert again is not None
@@ -82,23 +75,34 @@ def test_a_record_that_begins_badly_is_begun_anew(thrown):
     assert again.states[1] == pytest.approx([0.09, -2.0], abs=0.02)
 
 
-@pytest.mark.long
-def test_the_answers_are_told_again_by_what_was_begun_anew(thrown):
-    plant, trials, right, stray = thrown
+@pytest.fixture(scope="module")
+def named(thrown):
+    """The same as an effect of a hypothesis."""
+    plant, trials, _, stray = thrown
     answer = answer_of([FittedCandidate(SINGS, plant.description, stray, 0.0)], [1.0], KINDS)
-    found = Found([stray, stray], trials, answers=[answer])
-    restart_initial_states(found, KINDS)
-    told = found.answers[0].numbers["cn_n_s_per_m"]
+    return Hypothesis((stray, stray), trials, effects=(answer,))
+
+
+@pytest.mark.long
+def test_effects_are_quoted_by_the_fit_from_other_initial_states(thrown, named):
+    plant, _, right, stray = thrown
+    found = restart_initial_states(named, KINDS)
+    assert named.last is stray
+    told = found.effects[0].numbers["cn_n_s_per_m"]
     values = dict(zip(plant.parameters, right.values.tolist(), strict=True))
     assert told.value == pytest.approx(values["effect", 0, "cn_n_s_per_m"], rel=0.02)
-    cut = Found([stray, stray], (*trials, trials[0]), answers=[answer])
-    restart_initial_states(cut, KINDS)
-    assert cut.fits[-1] is stray
+    assert restart_initial_states(found, KINDS) is found
 
 
-def test_what_begins_as_it_goes_on_is_left_alone(thrown, monkeypatch):
+def test_initial_states_of_segments_and_under_another_hold_are_kept(named):
+    cut = dataclasses.replace(named, trials=(*named.trials, named.trials[0]))
+    assert restart_initial_states(cut, KINDS) is cut
+    held = dataclasses.replace(named, holds=("zero",))
+    assert restart_initial_states(held, KINDS) is held
+
+
+def test_a_record_that_begins_as_it_goes_on_keeps_its_initial_state(thrown):
     _, trials, right, stray = thrown
-    monkeypatch.setattr(restarting, "state_from_many", lambda *_: pytest.fail("not asked"))
     assert restarted(right, trials) is None
     loud = dataclasses.replace(
         right, residual=tuple(SD * np.ones_like(r) for r in right.residual), chi2_in_band=20.0
@@ -111,14 +115,14 @@ def test_what_begins_as_it_goes_on_is_left_alone(thrown, monkeypatch):
 
 
 @pytest.mark.long
-def test_what_would_leave_more_is_not_taken(thrown, monkeypatch):
+def test_other_initial_states_that_leave_more_are_not_taken(thrown):
     _, trials, _, stray = thrown
-    monkeypatch.setattr(restarting, "unexplained_by", lambda fit: 0.0 if fit is stray else 1.0)
-    assert restarted(stray, trials) is None
+    least = dataclasses.replace(stray, residual=tuple(1e-6 * r for r in stray.residual))
+    assert restarted(least, trials) is None
 
 
 @pytest.mark.long
-def test_a_state_is_found_from_far_away_and_a_good_one_is_kept(thrown):
+def test_an_initial_state_is_found_from_far_away_and_a_good_one_is_kept(thrown):
     plant, trials, right, _ = thrown
     (head,) = first_swings(plant, trials[1:])
     noise = right.noise.of([1])
@@ -133,7 +137,7 @@ def test_a_state_is_found_from_far_away_and_a_good_one_is_kept(thrown):
 
 
 @pytest.mark.long
-def test_a_state_is_looked_for_where_sensors_say_and_never_where_runs_go_away():
+def test_initial_states_are_sought_near_what_sensors_read_and_where_runs_stay_bounded():
     sensors = (
         Sensor(channel="x", quantity="displacement", node="m1", unit="m"),
         Sensor(channel="v", quantity="velocity", node="m1", unit="m/s"),
@@ -155,7 +159,7 @@ def test_a_state_is_looked_for_where_sensors_say_and_never_where_runs_go_away():
         assert found == pytest.approx(begin, abs=1e-4)
 
 
-def test_the_size_of_a_motion_is_that_of_its_run_and_no_less_than_where_it_begins(thrown):
+def test_the_size_of_a_motion_is_that_of_its_run_and_at_least_its_initial_state(thrown):
     plant, trials, right, _ = thrown
     still = size_of(plant, trials[0], right.values, np.array([0.01, 0.0]))
     assert still == pytest.approx([0.0141, 0.0141 * 20.0], rel=0.25)
@@ -163,7 +167,7 @@ def test_the_size_of_a_motion_is_that_of_its_run_and_no_less_than_where_it_begin
     assert (size_of(plant, trials[0], right.values, far) >= np.abs(far)).all()
 
 
-def test_sensors_of_motion_say_where_a_record_begins():
+def test_sensors_of_displacement_and_velocity_give_the_initial_state():
     description = dataclasses.replace(
         two_masses(1.6),
         sensors=(
@@ -182,7 +186,7 @@ def test_sensors_of_motion_say_where_a_record_begins():
     assert state_heard(plant, deaf, known) == pytest.approx([0.1, 0.2, 0.5, 0.4])
 
 
-def test_against_a_base_that_moves_only_relative_motion_says_it():
+def test_beside_a_moving_base_only_relative_motion_gives_the_initial_state():
     still = Sensor(
         channel="x2", quantity="displacement", node="m2", unit="m", frame="relative_to_base"
     )
@@ -196,7 +200,7 @@ def test_against_a_base_that_moves_only_relative_motion_says_it():
     assert state_heard(plant, trial, np.zeros(4)) == pytest.approx([0.0, 0.7, 0.0, 0.0])
 
 
-def test_the_nearest_start_is_the_one_whose_run_is_and_never_one_that_runs_away():
+def test_the_nearest_initial_state_has_the_nearest_run_and_a_bounded_one():
     well = plant_of(Effect("quadratic_stiffness", PLACE, {"k2_n_per_m2": -8000.0}))
     (trial,) = recorded(well, [[0.02, 0.1]], seconds=2.0)
     noise = white_noise([[SD**2 * 2 / RATE]])
@@ -207,7 +211,7 @@ def test_the_nearest_start_is_the_one_whose_run_is_and_never_one_that_runs_away(
 
 
 @pytest.mark.long
-def test_a_record_never_seen_is_run_from_where_it_begins(thrown):
+def test_a_record_held_out_is_run_from_its_own_initial_state(thrown):
     """The free run by which a law is judged is lost where it begins in the wrong swing."""
     plant, _, right, _ = thrown
     trials = recorded(plant, [[0.12, -3.0], [-0.1, 2.5]], seed=7)
@@ -216,44 +220,26 @@ def test_a_record_never_seen_is_run_from_where_it_begins(thrown):
 
 
 @pytest.mark.long
-def test_a_law_that_begins_in_the_wrong_swing_foretells_as_the_right_one():
+def test_a_law_found_from_a_wrong_initial_state_predicts_a_record_held_out():
     """Without a second look at how the second record begins, the error is ten times that."""
     trials = recorded(plant_of(SINGS), [[0.01, 0.0], [0.09, -3.0], [0.0, 0.1]], seed=2)
     campaign = Campaign(description=HEARD, trials=trials[:2], holdout=trials[2:])
-    told = diagnose(campaign, kinds=KINDS)
+    few = ("van_der_pol", "viscous_damping", "quadratic_damping", "cubic_hardening")
+    told = diagnose(campaign, kinds={name: KINDS[name] for name in few})
     assert [one.effect.kind for one in told.effects] == ["van_der_pol"]
     assert told.gap.augmented < 1.1 * told.gap.noise_floor
 
 
-REFINERS = (
-    "restart_initial_states",
-    "refit_friction_with_growing_horizon",
-    "refit_with_growing_horizon",
-    "relocate",
-)
-
-
-@pytest.mark.parametrize(
-    ("count", "hurries", "ends", "done"),
-    [
-        (1, False, False, ["restart_initial_states", "refit_friction_with_growing_horizon"]),
-        (1, True, False, ["restart_initial_states"]),
-        (1, True, True, []),
-        (2, False, False, ["restart_initial_states", "refit_with_growing_horizon", "relocate"]),
-        (2, True, False, ["restart_initial_states", "relocate"]),
-        (2, True, True, []),
-    ],
-)
-def test_what_is_taken_is_begun_anew_while_there_is_time(
-    thrown, monkeypatch, count, hurries, ends, done
-):
-    plant, trials, _, stray = thrown
-    asked: list[str] = []
-    monkeypatch.setattr(searching, "accept", lambda *_, **__: True)
-    for name in REFINERS:
-        monkeypatch.setattr(searching, name, lambda *_, name=name: asked.append(name))
-    how = searching.Search(KINDS, Monitor(late=lambda: hurries, over=lambda: ends))
-    answer = answer_of([FittedCandidate(SINGS, plant.description, stray, 0.0)], [1.0], KINDS)
-    found = Found([stray], trials, answers=[answer] * count)
-    assert searching._accepted(found, stray, [], how, pulled=False)
-    assert asked == done
+@pytest.mark.long
+@pytest.mark.parametrize("over", [False, True])
+def test_what_is_accepted_gets_other_initial_states_while_there_is_budget(thrown, over):
+    plant, trials, right, stray = thrown
+    first = refit(Plant.of(HEARD, kinds=KINDS), trials)
+    fitted = FittedCandidate(SINGS, plant.description, stray, -stray.cost / 2)
+    how = SearchSettings(KINDS, Monitor(late=lambda: True, over=lambda: over))
+    step = accept_best(Hypothesis((first,), trials), first, [fitted], how, pulled=False)
+    assert step.added == 1
+    if over:
+        assert step.hypothesis.last is stray
+    else:
+        assert step.hypothesis.last.chi2_in_band == pytest.approx(right.chi2_in_band, rel=0.01)

@@ -1,31 +1,30 @@
-"""What is said of constants that are off, of second laws at a place, of curves in pieces."""
+"""A fitted candidate is accepted as an effect if it is worth its parameters."""
 
 import dataclasses
 
 import numpy as np
 import pytest
 
-from slowtime.discrepancy import search as searching
-from slowtime.discrepancy.calibration import refit
+from slowtime.discrepancy.calibration import pieces, refit
+from slowtime.discrepancy.calibration.augmentation import carry_effect
 from slowtime.discrepancy.candidates.constant_equivalents import alone_off
-from slowtime.discrepancy.candidates.library_fit import Candidate
-from slowtime.discrepancy.diagnosis import NamedEffect
-from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, fit_candidates
+from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate
 from slowtime.discrepancy.estimation.input_hold import FAINT
+from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import moved_of
-from slowtime.discrepancy.search import Search
-from slowtime.discrepancy.selection import acceptance as accepting
-from slowtime.discrepancy.selection.acceptance import MUCH, _explains_much, _still_off, accept
-from slowtime.discrepancy.selection.doubts import SLIGHTLY, doubt_pieces
-from slowtime.discrepancy.state import Found
+from slowtime.discrepancy.search import SearchSettings
+from slowtime.discrepancy.search.extension import accept_best
+from slowtime.discrepancy.selection.acceptance import MUCH, SLIGHT, Terms, accept, end_with
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Effect, Place, catalogue
 from slowtime.dynamics.plant import Plant
-from tests.slowtime.discrepancy.test_search import CUBIC, FIRST, SECOND, TWO, seen
+from tests.slowtime.discrepancy.protocol import fit_effect, named_effect
+from tests.slowtime.discrepancy.two_mass_chain import CUBIC, FIRST, SECOND, TWO, records_of
 
 KINDS = catalogue()
-LOST = Effect("stiffness_loss", SECOND, {"dk_n_per_m": 30.0})
+PLAIN = Terms(stated=None, pulled=False)
+LOSS = Effect("stiffness_loss", SECOND, {"dk_n_per_m": 250.0})
 HARD, LEVEL, SKEW = (
     Effect("cubic_hardening", SECOND, {"k3_n_per_m3": 2e4}),
     Effect("saturating_stiffness", SECOND, {"ks_n_per_m": 100.0, "es_m": 0.01}),
@@ -34,12 +33,28 @@ HARD, LEVEL, SKEW = (
 
 
 @pytest.fixture(scope="module")
-def fit():
-    return refit(Plant.of(TWO), seen(()))
+def white():
+    """Records of which nothing is missing, and their fit."""
+    trials = records_of(())
+    return trials, refit(Plant.of(TWO), trials)
 
 
-def never(*_):
-    return False
+@pytest.fixture(scope="module")
+def hardened():
+    """Records of a spring that hardens, the fit without, and with it."""
+    trials = records_of((CUBIC,))
+    first = refit(Plant.of(TWO), trials)
+    return trials, first, fit_effect(first, CUBIC, trials, KINDS)
+
+
+@pytest.fixture(scope="module")
+def lossy():
+    """Records of a spring that hardens and is softer than claimed; the fits after each."""
+    trials = records_of((HARD, LOSS))
+    first = refit(Plant.of(TWO), trials)
+    hard = fit_effect(first, HARD, trials, KINDS)
+    found = Hypothesis((first, hard.fit), trials, effects=(named_effect(HARD, KINDS),))
+    return found, fit_effect(hard.fit, LOSS, trials, KINDS)
 
 
 def pulled(fit, **by):
@@ -55,157 +70,202 @@ def of(fit, element, off):
     return pulled(fit, **{f"stiffness_{element.id}": off})
 
 
-def test_one_constant_that_is_far_off_by_itself_is_an_effect(fit):
-    assert alone_off(of(fit, SECOND, LIMITS.alone_tolerances + 0.1), LOST)
-    assert alone_off(of(fit, SECOND, -LIMITS.alone_tolerances - 0.1), LOST)
-    assert not alone_off(of(fit, SECOND, LIMITS.alone_tolerances - 0.1), LOST)
-    assert not alone_off(of(fit, FIRST, LIMITS.alone_tolerances + 0.1), LOST)
-    assert not alone_off(of(fit, SECOND, LIMITS.alone_tolerances + 0.1), CUBIC)
+def test_one_constant_that_is_far_off_by_itself_is_an_effect(white):
+    _, fit = white
+    far, near = LIMITS.alone_tolerances + 0.1, LIMITS.alone_tolerances - 0.1
+    assert alone_off(of(fit, SECOND, far), LOSS)
+    assert alone_off(of(fit, SECOND, -far), LOSS)
+    assert not alone_off(of(fit, SECOND, near), LOSS)
+    assert not alone_off(of(fit, FIRST, far), LOSS)
+    assert not alone_off(of(fit, SECOND, far), CUBIC)
     two = {
         f"stiffness_{FIRST.id}": LIMITS.moved_tolerances + 0.1,
-        f"stiffness_{SECOND.id}": LIMITS.alone_tolerances + 0.1,
+        f"stiffness_{SECOND.id}": far,
     }
-    assert not alone_off(pulled(fit, **two), LOST)
+    assert not alone_off(pulled(fit, **two), LOSS)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(("lost", "told"), [(250.0, True), (30.0, False)])
-def test_a_constant_that_is_far_off_is_told_beside_a_law_that_leaves_something(
-    monkeypatch, lost, told
-):
-    """What the law leaves at its place is no reason to keep silent of the constant."""
-    effects = (HARD, Effect("stiffness_loss", SECOND, {"dk_n_per_m": lost}))
-    trials = seen(effects)
-    first = refit(Plant.of(TWO), trials)
-    (hard,) = fit_candidates(first, [Candidate(HARD, 0.0, 0.0, 0.0)], trials, KINDS, never)
-    found = Found([first, hard.fit], trials, answers=answered(HARD))
-    named = fit_candidates(
-        hard.fit, [Candidate(effects[1], 0.0, 0.0, 0.0)], trials, KINDS, never
+def test_an_accepted_candidate_is_the_last_effect_of_a_new_hypothesis(hardened):
+    trials, first, fitted = hardened
+    found = Hypothesis((first,), trials)
+    step = accept(found, first, [fitted], trials, KINDS, PLAIN)
+    assert step.added == 1
+    assert step.drift is None
+    assert step.hypothesis.fits == (first, fitted.fit)
+    (named,) = step.hypothesis.effects
+    assert (named.effect.kind, named.effect.place) == (CUBIC.kind, CUBIC.place)
+    assert (found.fits, found.effects) == ((first,), ())
+    refused = accept(found, first, [], trials, KINDS, PLAIN)
+    assert refused.added == 0
+    assert refused.hypothesis is found
+
+
+def test_an_effect_without_a_law_ends_the_search(hardened):
+    trials, first, _ = hardened
+    drift = Effect("sensor_drift", Place("sensor", "v_m2"), {"drift_total": 0.3})
+    still = dataclasses.replace(drift, parameters={"drift_total": 0.0})
+    found = Hypothesis((first,), trials)
+    step = end_with(found, first, named_effect(drift, KINDS), KINDS, still)
+    assert step.added == 0
+    assert step.hypothesis.final
+    assert step.hypothesis.effects[0].effect == drift
+    # In the model it is there without any strength, so that its free run is as it was.
+    assert step.hypothesis.last.values[-1] != 0.3
+    assert len(step.hypothesis.last.plant.effects) == 1
+
+
+def test_a_constant_far_off_is_accepted_beside_a_law_that_leaves_something_there(lossy):
+    found, loss = lossy
+    loud = dataclasses.replace(loss, fit=dataclasses.replace(loss.fit, chi2_in_band=2.0))
+    terms = Terms(stated=None, pulled=bool(moved_of(found.last)), same_place=True)
+    assert accept(found, found.last, [loud], found.trials, KINDS, terms).added == 1
+
+
+@pytest.mark.parametrize("off", [True, False])
+def test_a_constant_is_refused_beside_a_rival_that_needs_it_no_more(lossy, off):
+    found, loss = lossy
+    before, trials = found.last, found.trials
+    assert alone_off(before, LOSS)
+    drag = Effect("quadratic_damping", FIRST, {"c2_n_s2_per_m2": 0.1})
+    carried = carry_effect(before, drag, KINDS)
+    at = carried.plant.parameters.index(("stiffness", SECOND.id))
+    values = carried.values.copy()
+    values[at] = before.values[at] if off else carried.plant.values[at]
+    fit = dataclasses.replace(loss.fit, plant=carried.plant, values=values,
+                              prior=carried.prior, covariance=carried.covariance)  # fmt: skip
+    rival = FittedCandidate(drag, carried.plant.description, fit, loss.score)
+    terms = Terms(stated=None, pulled=True)
+    step = accept(found, before, [loss, rival], trials, KINDS, terms)
+    # A rival that leaves the constant as far off is no other answer.
+    assert step.added == off
+
+
+def accept_beside_hardening(white, effect, first_chi2, last_chi2, left):
+    """Offer a second law at a place, whose fit leaves a mean square in band."""
+    trials, fit = white
+    first, last = (
+        dataclasses.replace(fit, chi2_in_band=one) for one in (first_chi2, last_chi2)
     )
-    monkeypatch.setattr(accepting, "chi2_p_value", lambda _: 0.0)
-    pulled = bool(moved_of(hard.fit))
-    assert (
-        accept(found, hard.fit, named, trials, KINDS, None, pulled=pulled, twice=True) is told
-    )
-    assert len(found.answers) == 1 + told
-
-
-def test_what_leaves_the_constant_as_far_off_is_no_other_answer(fit):
-    assert _still_off(of(fit, SECOND, LIMITS.moved_tolerances + 0.1), LOST)
-    assert not _still_off(of(fit, SECOND, LIMITS.moved_tolerances - 0.1), LOST)
-    assert not _still_off(of(fit, FIRST, 9.0), LOST)
-
-
-def answered(*effects):
-    return [NamedEffect(e, KINDS[e.kind].family, {}, 1.0, (), "") for e in effects]
-
-
-def leaving(fit, *chi2):
-    return [dataclasses.replace(fit, chi2_in_band=one) for one in chi2]
+    found = Hypothesis((first, last), trials, effects=(named_effect(HARD, KINDS),))
+    carried = carry_effect(last, effect, KINDS)
+    best = dataclasses.replace(carried, chi2_in_band=left, cost=-1e6)
+    offered = FittedCandidate(effect, carried.plant.description, best, 1e6)
+    terms = Terms(stated=None, pulled=False, same_place=True)
+    return accept(found, last, [offered], trials, KINDS, terms).added == 1
 
 
 @pytest.mark.parametrize(
-    ("effect", "left", "much"),
+    ("effect", "left", "taken"),
     [
         (SKEW, 0.9 * MUCH, True),
         (SKEW, 1.1 * MUCH, False),
         (LEVEL, 0.9 * MUCH, False),  # another curve over the same elongation
     ],
 )
-def test_a_second_law_at_a_place_takes_most_of_what_is_left_there(fit, effect, left, much):
-    found = Found(leaving(fit, 1e3, 101.0), (), answers=answered(HARD))
-    (last,) = leaving(fit, 1 + 100 * left)
-    named = FittedCandidate(effect, fit.plant.description, last, 0.0)
-    assert _explains_much(found, named, KINDS) is much
+def test_a_second_law_at_a_place_has_to_take_most_of_what_is_left_there(
+    white, effect, left, taken
+):
+    assert accept_beside_hardening(white, effect, 1e3, 101.0, 1 + 100 * left) is taken
 
 
-def test_what_is_hardly_any_is_no_reason_for_a_second_law(fit):
-    found = Found(leaving(fit, 1e6, 101.0), (), answers=answered(HARD))
-    named = FittedCandidate(SKEW, fit.plant.description, leaving(fit, 1.0)[0], 0.0)
-    assert not _explains_much(found, named, KINDS)
+def test_hardly_anything_left_is_no_reason_for_a_second_law_at_a_place(white):
+    assert not accept_beside_hardening(white, SKEW, 1e6, 101.0, 3.0)
 
 
-@pytest.mark.parametrize(
-    ("second", "share", "doubted"),
-    [(LEVEL, 2 * SLIGHTLY, True), (LEVEL, SLIGHTLY / 2, False), (SKEW, 0.5, False)],
-    ids=["halves", "a correction", "of another variable"],
-)
-def test_two_curves_that_share_a_place_may_be_one_that_is_unknown(fit, second, share, doubted):
-    fits = leaving(fit, 101.0, 1 + 100 * share, 1.0)
-    found = Found(fits, (), answers=answered(HARD, second))
-    doubt_pieces(found, KINDS)
-    assert found.near is doubted
-    assert [rival.effect for rival in found.undecided] == (
-        ["cubic_hardening", "saturating_stiffness"] if doubted else []
-    )
-    assert all(answer.probability < 1 for answer in found.answers) is doubted
+def test_out_of_budget_a_candidate_is_compared_with_the_last_fit_as_it_is(lossy):
+    found, loss = lossy
+
+    def accepted(over):
+        terms = Terms(stated=(), pulled=True, asked=(), over=over)
+        return accept(found, found.last, [loss], found.trials, KINDS, terms).hypothesis
+
+    in_time, late = accepted(bool), accepted(lambda: True)
+    assert [one.effect for one in late.effects] == [one.effect for one in in_time.effects]
+    np.testing.assert_array_equal(late.last.values, in_time.last.values)
 
 
-@pytest.mark.long
-def test_once_the_time_is_up_what_was_fitted_last_is_compared_with(monkeypatch):
-    """What it is compared with is not fitted anew; no other hold is asked."""
-    effects = (HARD, Effect("stiffness_loss", SECOND, {"dk_n_per_m": 250.0}))
-    trials = seen(effects)
-    first = refit(Plant.of(TWO), trials)
-    (hard,) = fit_candidates(first, [Candidate(HARD, 0.0, 0.0, 0.0)], trials, KINDS, never)
-    named = fit_candidates(
-        hard.fit, [Candidate(effects[1], 0.0, 0.0, 0.0)], trials, KINDS, never
-    )
-    calls: dict[str, list[object]] = {"refit": [], "held_as_well": []}
-
-    def counted(name):
-        inner = getattr(accepting, name)
-
-        def run(*given, **by):
-            result = inner(*given, **by)
-            calls[name].append(result)
-            return result
-
-        monkeypatch.setattr(accepting, name, run)
-
-    counted("refit")
-    counted("held_as_well")
-
-    def taken(over):
-        found = Found([first, hard.fit], trials, answers=answered(HARD))
-        assert accept(
-            found, hard.fit, named, trials, KINDS, (), pulled=True, asked=(), over=over
-        )
-        return found
-
-    in_time, late = taken(bool), taken(lambda: True)
-    assert [len(seen) for seen in calls.values()] == [1, 1]
-    assert [one.effect for one in late.answers] == [one.effect for one in in_time.answers]
-    np.testing.assert_array_equal(late.fits[-1].values, in_time.fits[-1].values)
+@pytest.mark.parametrize("later", [False, True])
+def test_out_of_budget_the_best_candidate_is_accepted_and_not_refined(lossy, hardened, later):
+    if later:
+        found, fitted = lossy
+    else:
+        trials, first, fitted = hardened
+        found = Hypothesis((first,), trials)
+    how = SearchSettings(KINDS, Monitor(over=lambda: True))
+    step = accept_best(found, found.last, [fitted], how, pulled=later)
+    assert step.added == 1
+    assert step.hypothesis.last is fitted.fit
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(("k3", "told"), [(20.0, True), (5.0, False)])
-def test_a_faint_law_after_which_all_is_noise_is_told_beside_a_loud_fault(k3, told):
+def test_a_faint_law_after_which_only_noise_is_left_is_accepted_beside_a_loud_fault(k3, told):
     """Louder noise would be left by any law."""
     wrong = Effect("sensor_gain", Place("sensor", "x_m1"), {"gain": 0.96})
     faint = Effect("cubic_hardening", SECOND, {"k3_n_per_m3": k3})
-    trials = seen((wrong, faint), samples=2000)
+    trials = records_of((wrong, faint), samples=2000)
     first = refit(Plant.of(TWO), trials)
-    (gain,) = fit_candidates(first, [Candidate(wrong, 0.0, 0.0, 0.0)], trials, KINDS, never)
-    named = fit_candidates(gain.fit, [Candidate(faint, 0.0, 0.0, 0.0)], trials, KINDS, never)
-    assert gain.fit.cost - named[0].fit.cost < FAINT * gain.fit.data
-    found = Found([first, gain.fit], trials, answers=answered(wrong))
-    assert accept(found, gain.fit, named, trials, KINDS, None, pulled=False) is told
-    again = Found([first, gain.fit], trials, answers=answered(wrong))
-    assert not accept(again, gain.fit, named, trials, KINDS, None, pulled=False, twice=True)
+    gain = fit_effect(first, wrong, trials, KINDS)
+    law = fit_effect(gain.fit, faint, trials, KINDS)
+    assert gain.fit.cost - law.fit.cost < FAINT * gain.fit.data
+    found = Hypothesis((first, gain.fit), trials, effects=(named_effect(wrong, KINDS),))
+    assert accept(found, gain.fit, [law], trials, KINDS, PLAIN).added == told
+    same = dataclasses.replace(PLAIN, same_place=True)
+    assert accept(found, gain.fit, [law], trials, KINDS, same).added == 0
 
 
-@pytest.mark.parametrize("first", [(), (HARD,)])
-def test_time_is_up_for_further_effects_and_not_for_the_first(monkeypatch, fit, first):
-    told = []
+@pytest.mark.parametrize(("beside", "taken"), [(0.0, True), (1e9, False)])
+def test_a_later_effect_that_explains_next_to_nothing_of_what_was_missing_is_refused(
+    hardened, beside, taken
+):
+    """It is a flaw of what was found first."""
+    trials, first, fitted = hardened
+    gained = first.cost - fitted.fit.cost
+    # So much was missing from the model as given that this is a share of it, or next to none.
+    loud = tuple(np.sqrt(1 + beside * gained / first.cost) * one for one in first.residual)
+    given = dataclasses.replace(first, residual=loud)
+    found = Hypothesis((given, first), trials, effects=(named_effect(HARD, KINDS),))
+    step = accept(found, first, [fitted], trials, KINDS, PLAIN)
+    assert step.added == taken
+    assert len(step.hypothesis.effects) == 1 + taken
 
-    def heard(*_, over, **__):
-        told.append(over())
-        return False
 
-    monkeypatch.setattr(searching, "accept", heard)
-    how = Search(KINDS, Monitor(over=lambda: True))
-    found = Found([fit], (), answers=answered(*first))
-    assert not searching._accepted(found, fit, [], how, pulled=False)
-    assert told == [bool(first)]
+@pytest.mark.parametrize(
+    ("gained", "taken"),
+    [(0.5 * SLIGHT, "coulomb"), (1.1 * SLIGHT, "stribeck"), (0.5, "stribeck")],
+)
+def test_a_law_that_explains_next_to_nothing_beyond_its_limit_is_taken_for_that(
+    white, gained, taken
+):
+    trials, fit = white
+    loud = tuple(40.0 * one for one in fit.residual)
+    values = fit.values * 1.02  # the model that is compared leaves much
+    before = dataclasses.replace(fit, values=values, residual=loud)
+    bare = refit(before.plant, trials, noise=fit.noise, values=values, states=fit.states,
+                 horizons=(1.0,))  # fmt: skip
+    missing = bare.cost - bare.data
+    offered = []
+    for kind, cost in (("stribeck", 0.0), ("coulomb", gained * abs(missing))):
+        carried = carry_effect(fit, Effect(kind, SECOND, dict.fromkeys(KINDS[kind].names, 1.0)),
+                               KINDS)  # fmt: skip
+        made = dataclasses.replace(carried, cost=cost - 1e4)
+        offered.append(
+            FittedCandidate(carried.plant.effects[-1], carried.plant.description, made,
+                            1e4 - cost)
+        )  # fmt: skip
+    step = accept(Hypothesis((before,), trials), before, offered, trials, KINDS, PLAIN)
+    assert step.hypothesis.effects[0].effect.kind == taken
+
+
+@pytest.mark.long
+def test_no_hold_of_the_inputs_is_suggested_by_segments(hardened):
+    trials, first, fitted = hardened
+    cut, _ = pieces(first.plant, trials)
+    whole = refit(fitted.fit.plant, cut, values=fitted.fit.values, horizons=(1.0,))
+    law = dataclasses.replace(fitted, fit=whole)
+    before = refit(first.plant, cut, values=first.values, horizons=(1.0,))
+    terms = Terms(stated=(None,), pulled=False, asked=())
+    step = accept(Hypothesis((first,), cut), before, [law], cut, KINDS, terms)
+    assert step.added == 1
+    assert step.hypothesis.holds is None
+    assert step.hypothesis.suggested_holds is None

@@ -1,35 +1,104 @@
-"""What is told first, where more than one effect is missing."""
+"""Which candidates are fitted, and when one of several effects is taken before the others."""
 
 import dataclasses
-from collections.abc import Sequence
 
 import pytest
 
-from slowtime.discrepancy import search as searching
 from slowtime.discrepancy.calibration import refit
-from slowtime.discrepancy.candidates.library_fit import Candidate, Label, label_of
-from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, fit_candidates
+from slowtime.discrepancy.candidates.library_fit import label_of
+from slowtime.discrepancy.estimation.candidate_fit import KEPT
+from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.progress import Monitor
-from slowtime.discrepancy.proposers.lower_ranked import LowerRanked
-from slowtime.discrepancy.search import Search, search
-from slowtime.discrepancy.selection.shortlist import begins, begun_with
+from slowtime.discrepancy.search import SearchSettings
+from slowtime.discrepancy.search.extension import extend
+from slowtime.discrepancy.selection.shortlist import (
+    HASTY,
+    LATER,
+    TWICE,
+    begins,
+    begun_with,
+    shortlist,
+)
+from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
-from tests.slowtime.discrepancy.test_search import CUBIC, DRAG, FIRST, KINDS, SECOND, TWO, seen
+from tests.slowtime.discrepancy.protocol import (
+    StubProposer,
+    candidate,
+    fit_effect,
+    fitted_candidate,
+    named_effect,
+)
+from tests.slowtime.discrepancy.two_mass_chain import (
+    CUBIC,
+    DRAG,
+    FIRST,
+    KINDS,
+    SECOND,
+    TWO,
+    records_of,
+)
 
 
-def test_what_explains_how_records_begin_and_nothing_of_the_rest_comes_before_no_other():
-    trials = seen((CUBIC,))
-    bent = refit(Plant.of(TWO, kinds=KINDS), trials)
-    label = Candidate(CUBIC, 0.0, 0.0, 0.0)
-    (best,) = fit_candidates(bent, [label], trials, KINDS, lambda *_: False)
+@pytest.fixture(scope="module")
+def lacking():
+    """Records of a spring that hardens, the fit without it, and where a force is missing."""
+    trials = records_of((CUBIC,))
+    fit = refit(Plant.of(TWO, kinds=KINDS), trials)
+    return trials, fit, locate(fit, trials)
+
+
+def ranked(located, *left):
+    """Put the groups of a place that has a law first, then the others, by what they leave."""
+    own = next(group for group in located.groups if SECOND in group.places)
+    rest = [group for group in located.groups if group is not own]
+    groups = [dataclasses.replace(own, left=left[0])]
+    groups += [dataclasses.replace(group, left=left[1]) for group in rest]
+    return dataclasses.replace(located, groups=tuple(groups))
+
+
+SIMILAR = [
+    candidate(Effect(kind, place, {}), 100.0 + cost)
+    for cost, (kind, place) in enumerate(
+        (kind, place)
+        for place in (FIRST, SECOND)
+        for kind in ("coulomb", "bouc_wen", "cubic_hardening", "quadratic_damping")
+    )
+]
+
+
+@pytest.mark.parametrize(
+    ("left", "number", "quick", "there", "most"),
+    [
+        (0.9, 0, False, FIRST, KEPT),
+        (1.1, 0, False, FIRST, HASTY),
+        (0.9, 0, True, FIRST, HASTY),
+        (0.9, 1, False, FIRST, LATER),
+        (0.9, 1, False, SECOND, TWICE),
+    ],
+    ids=["one effect", "several", "quick", "later", "twice at a place"],
+)
+def test_fewer_are_fitted_of_later_effects_and_where_several_are_missing(
+    lacking, left, number, quick, there, most
+):
+    trials, fit, located = lacking
+    shown = ranked(located, left * LIMITS.several_forces_chi2, 10.0)
+    effects = (named_effect(dataclasses.replace(CUBIC, place=there), KINDS),)
+    found = Hypothesis((fit,), trials, effects=effects[:number])
+    labels = shortlist(found, fit, shown, SIMILAR, catalogue(), number=number, quick=quick)
+    assert len(labels) == most
+
+
+def test_a_law_of_the_beginnings_comes_first_only_if_it_explains_some_of_the_rest(lacking):
+    trials, bent, _ = lacking
+    best = fit_effect(bent, CUBIC, trials, KINDS)
     assert begins(best, label_of(CUBIC), bent)
     assert not begins(best, label_of(DRAG), bent)
     worse = dataclasses.replace(best.fit, chi2_in_band=2 * bent.chi2_in_band)
     assert not begins(dataclasses.replace(best, fit=worse), label_of(CUBIC), bent)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("at", "left", "leaves", "told"),
     [
@@ -41,103 +110,26 @@ def test_what_explains_how_records_begin_and_nothing_of_the_rest_comes_before_no
     ],
     ids=["stands out", "elsewhere", "another comes near", "leaves much", "alone"],
 )
-def test_what_stands_out_among_several_is_told_before_the_others(at, left, leaves, told):
-    trials = seen((CUBIC,))
-    fit = refit(Plant.of(TWO, kinds=KINDS), trials)
+def test_an_effect_that_stands_out_among_several_is_taken_before_the_others(
+    lacking, at, left, leaves, told
+):
+    _, fit, located = lacking
     before = dataclasses.replace(fit, chi2_in_band=100.0)
-    located = locate(fit, trials)
-    own = next(group for group in located.groups if SECOND in group.places)
-    rest = [group for group in located.groups if group is not own]
-    ranked = [dataclasses.replace(own, left=left[0])]
-    ranked += [dataclasses.replace(group, left=left[1]) for group in rest]
-    shown = dataclasses.replace(located, groups=tuple(ranked))
+    shown = ranked(located, *left)
     effect = dataclasses.replace(CUBIC, place=at)
-    named = [FittedCandidate(effect, TWO, dataclasses.replace(fit, chi2_in_band=leaves), 0.0)]
-    assert begun_with(named, before, shown) is told
+    fitted = [fitted_candidate(effect, fit, chi2_in_band=leaves)]
+    assert begun_with(fitted, before, shown) is told
     assert not begun_with([], before, shown)
 
 
-class Told:
-    """Stands for what pieces of the records tell: nothing, or what it is given."""
-
-    begins: Label | None = None
-    whole: Sequence[Candidate] = ()
-
-    def __init__(self, told):
-        self.told = told
-
-    def at_once(self):
-        return []
-
-    def __call__(self, found):
-        return []
-
-
-@pytest.mark.parametrize(
-    ("stands_out", "told", "down"),
-    [
-        (True, [], False),
-        (False, [], True),
-        pytest.param(False, [1], False, marks=pytest.mark.long),
-    ],
-    ids=["stands out", "nothing tells", "pieces tell"],
-)  # fmt: skip
-def test_where_one_stands_out_no_law_is_tried_on_how_records_begin(
-    monkeypatch, stands_out, told, down
-):
-    asked = []
-
-    def looked(_, found):
-        asked.append(found)
-        return []
-
-    monkeypatch.setattr(searching, "begun_with", lambda *_: stands_out)
-    monkeypatch.setattr(searching, "SegmentCandidates", lambda *_: Told(told))
-    monkeypatch.setattr(LowerRanked, "__call__", looked)
-    trials = seen((CUBIC, DRAG), samples=250)
-    search(refit(Plant.of(TWO, kinds=KINDS), trials), trials, Search(KINDS, Monitor()))
-    assert bool(asked) is down
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("left", "whole"),
-    [(20.0, []), pytest.param(50.0, [label_of(DRAG)], marks=pytest.mark.long)],
-)
-def test_what_pieces_tell_comes_first_and_is_fitted_to_all_where_it_is_lost(
-    monkeypatch, left, whole
-):
-    trials = seen((CUBIC, DRAG), samples=250)
-    fit = refit(Plant.of(TWO, kinds=KINDS), trials)
-    shown = [
-        FittedCandidate(effect, TWO, dataclasses.replace(fit, chi2_in_band=chi2), 0.0)
-        for effect, chi2 in ((CUBIC, left), (DRAG, 2 * left))
-    ]
-    fitted: list[Label] = []
-    given: list[Label] = []
-
-    class Pieced(Told):
-        """Tells the one that leaves more of the whole."""
-
-        begins = label_of(DRAG)
-
-        def __init__(self, *_):
-            super().__init__([Candidate(DRAG, 0.0, 0.0, 0.0)])
-            self.whole = self.told
-
-    def shot(before, labels, named, *_):
-        fitted.extend(label_of(one.effect) for one in labels)
-        return list(named)
-
-    def accept(found, before, named, *_, **more):
-        given.extend(label_of(one.effect) for one in named)
-        return False
-
-    monkeypatch.setattr(searching, "SegmentCandidates", Pieced)
-    monkeypatch.setattr(searching, "shooting_fits", shot)
-    monkeypatch.setattr(searching, "accept", accept)
-    monkeypatch.setattr(searching, "release_constants", lambda *_: None)
-    monkeypatch.setattr(searching, "fit_candidates", lambda *_, **more: shown)
-    search(fit, trials, Search(KINDS, Monitor()))
-    assert given[0] == label_of(DRAG)
-    assert fitted == whole
+@pytest.mark.parametrize("stands_out", [True, False])
+def test_once_an_effect_stands_out_no_other_proposer_is_asked(lacking, stands_out):
+    trials, fit, located = lacking
+    first = StubProposer("first", candidates=(candidate(CUBIC, bare=fit.cost),))
+    second = StubProposer("second")
+    how = SearchSettings(KINDS, Monitor(), proposers=(first, second))
+    shown = ranked(located, 30.0, 100.0 if stands_out else 31.0)
+    step = extend(Hypothesis((fit,), trials), fit, how, 0, pulled=False, localized=shown)
+    assert [one.effect.kind for one in step.hypothesis.effects] == [CUBIC.kind]
+    assert len(first.rounds) == 1
+    assert len(second.rounds) == (not stands_out)

@@ -8,7 +8,7 @@ from slowtime.discrepancy.noise.colour import white_noise
 from slowtime.discrepancy.records import FEWEST, Trial
 from slowtime.discrepancy.validation.free_run import POINTS, judged, on_heads, spectra_of
 from slowtime.dynamics.plant import Plant
-from tests.slowtime.discrepancy.test_search import TWO, seen
+from tests.slowtime.discrepancy.two_mass_chain import TWO, records_of
 
 
 def trial_of(samples):
@@ -28,7 +28,7 @@ def test_a_tail_is_a_third_where_that_is_a_record_and_else_the_whole(samples):
 
 
 def test_a_fit_to_short_pieces_is_judged_as_it_is():
-    pieces = tuple(one.part(0, 90) for one in seen(()))
+    pieces = tuple(one.part(0, 90) for one in records_of(()))
     fit = refit(Plant.of(TWO), pieces)
     assert on_heads(fit, pieces) is fit
 
