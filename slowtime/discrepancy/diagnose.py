@@ -10,9 +10,9 @@ from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Hidden, InputChange, Kind, SensorChange, catalogue
 from slowtime.dynamics.plant import Plant
 
-from .ambient.diagnosis import diagnose_undriven
+from .ambient.diagnosis import diagnose_ambient
 from .calibration import Fit, refit
-from .calibration.augmentation import carry_effect, effects_of
+from .calibration.augmentation import carry_effect, described_effects
 from .calibration.tolerances import refit_within_tolerances
 from .data.screening import screen_records
 from .diagnosis import Diagnosis
@@ -85,7 +85,7 @@ def diagnose(
     findings = tuple(finding for one in screened for finding in one.findings)
     if campaign.ambient:
         tell("comparing spectra", 0.1)
-        return diagnose_undriven(campaign, trials, findings, known)
+        return diagnose_ambient(campaign, trials, findings, known)
     tell("refitting the model within its tolerances", 0.05)
     stated = tuple(entry.hold for entry in campaign.description.inputs)
     campaign, found = _searched(campaign, trials, known, tell, quick=quick)
@@ -94,7 +94,7 @@ def diagnose(
     _prune(found, found.trials, known)
     _link(found, len(start.effects), known, tell)
     _refute(found, len(start.effects), known)
-    if not tell.hurries:
+    if not tell.is_late:
         campaign = _held_at_last(campaign, found, stated, known)
         converge(found, len(start.effects), known)
         converge_stick_slip(found, len(start.effects), known, tell)
@@ -149,7 +149,7 @@ def _searched(
             return held(found.holds), found
         if kept is not None and found.hurried and not _leaves_less(found, kept[1]):
             return kept  # there was no time to come as far under this hold
-        if found.ended or not (found.answers or found.otherwise) or tell.ends:
+        if found.ended or not (found.answers or found.otherwise) or tell.is_over:
             return campaign, found
         tell("looking at what inputs do between samples", 0.88)
         last = found.fits[-1]
@@ -207,7 +207,7 @@ def _prune(found: Found, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]) -
     if found.ended and places[-1].kind == "sensor" and places.count(places[-1]) == 1:
         # A wandering is in the model as a word only, which explains nothing, and stays; unless
         # another fault of its sensor was named, which a drift may make needless.
-        drift, last = found.answers[-1], effects_of(found.fits[-1].plant.description)[-1]
+        drift, last = found.answers[-1], described_effects(found.fits[-1].plant.description)[-1]
         fits, answers = eliminate(found.fits[:-1], found.answers[:-1], trials, kinds)
         found.fits, found.answers = (
             [*fits, carry_effect(fits[-1], last, kinds)],
@@ -247,7 +247,7 @@ def _link(found: Found, first: int, kinds: Mapping[str, Kind], tell: Monitor) ->
     )
     on_node = any(answer.effect.place.kind == "node" for answer in found.answers)
     explained = explained and not (straight and (on_node or len(found.answers) > 1))
-    if explained or tell.hurries or found.undecided:
+    if explained or tell.is_late or found.undecided:
         return
     link = best_link(
         refit_within_tolerances(found.fits[0], found.trials), None, found.trials, kinds, tell

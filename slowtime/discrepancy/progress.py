@@ -28,22 +28,22 @@ class Monitor:
     stop: Stop | None = None
     late: Callable[[], bool] | None = None
     over: Callable[[], bool] | None = None
-    far: float = 0.0
+    share_done: float = 0.0
 
     def __call__(self, stage: str, share: float) -> None:
         """Tell the stage in words and the share done; raise `Cancelled` where asked to end."""
         if self.stop is not None and self.stop.is_set():
             raise Cancelled(f"The diagnosis was stopped: {stage}.")
-        self.far = max(self.far, share)
+        self.share_done = max(self.share_done, share)
         if self.progress is not None:
-            self.progress(stage, self.far)
+            self.progress(stage, self.share_done)
 
     @property
-    def hurries(self) -> bool:
+    def is_late(self) -> bool:
         """Whether only the likeliest should still be tried."""
         return self.late is not None and self.late()
 
     @property
-    def ends(self) -> bool:
+    def is_over(self) -> bool:
         """Whether nothing more should be tried at all."""
-        return self.hurries if self.over is None else self.over()
+        return self.is_late if self.over is None else self.over()

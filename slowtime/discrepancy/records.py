@@ -8,8 +8,9 @@ from jaxtyping import Bool, Float
 
 from slowtime.dynamics.description import Description
 
-FEWEST = 64
-"""Samples below which nothing of what follows has a meaning."""
+MIN_SAMPLES = 64
+"""[samples] Least length of a record; spectra and initial states of shorter ones mean
+nothing. Source: judgement; no study is recorded."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -53,9 +54,9 @@ class Trial:
                 f"Inputs have {len(self.inputs)} samples, outputs {len(self.outputs)}. Cut "
                 "both to the time they share."
             )
-        if len(self.outputs) < FEWEST:
+        if len(self.outputs) < MIN_SAMPLES:
             raise ValueError(
-                f"The record has {len(self.outputs)} samples; fewer than {FEWEST} tell "
+                f"The record has {len(self.outputs)} samples; fewer than {MIN_SAMPLES} tell "
                 "nothing. Give a longer one."
             )
         finite = np.isfinite(self.outputs)
@@ -134,7 +135,7 @@ class Campaign:
         if not self.description.sensors:
             raise ValueError("The model lists no sensors. Say which channel measures what.")
         for trial in (*self.trials, *self.holdout):
-            _check(self.description, trial)
+            _check_channels(self.description, trial)
 
     @property
     def ambient(self) -> bool:
@@ -147,7 +148,7 @@ class Campaign:
         return tuple(sensor.channel for sensor in self.description.sensors)
 
 
-def _check(description: Description, trial: Trial) -> None:
+def _check_channels(description: Description, trial: Trial) -> None:
     for what, given, wanted in (
         ("input", trial.inputs.shape[1], len(description.inputs)),
         ("sensor", trial.outputs.shape[1], len(description.sensors)),

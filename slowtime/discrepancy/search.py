@@ -15,15 +15,15 @@ from slowtime.discrepancy.quoting import moved_of
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Effect, Kind, Place
 
-from .calibration import Fit, GivenUp, refit
+from .calibration import Fit, FitAbandoned, refit
 from .calibration.tolerances import refit_within_tolerances
 from .candidates.library_fit import Candidate, label_of, library_candidates
-from .data.clock_overrun import within_record
+from .data.clock_overrun import mask_clock_overrun
 from .diagnosis import NamedEffect
 from .estimation.candidate_fit import FittedCandidate, best_of_each_place, fit_candidates
 from .estimation.input_hold import Hold, held_otherwise, with_holds
 from .estimation.shooting_fit import first_of_each, merge_fits, shooting_fits
-from .localization import Located, locate
+from .localization import Localization, locate
 from .progress import Monitor
 from .proposers.alternative_starts import alternative_starts
 from .proposers.base_motion import base_motion, by_a_law, placed
@@ -114,7 +114,7 @@ def _begun_otherwise(found: Found, held: Fit, trials: tuple[Trial, ...], how: Se
     for other in alternative_starts(found, held, how.kinds, how.tell):
         if found.otherwise is not None or explains_all(found):
             break
-        if how.tell.hurries:
+        if how.tell.is_late:
             found.hurried = True
             break
         branch = Found([first], trials, located=found.located)
@@ -153,7 +153,7 @@ def _explained_otherwise(found: Found, how: Search) -> bool:
     """
     last = found.fits[-1]
     cut = any(len(fit.states) != len(found.trials) for fit in found.fits)
-    over = found.ended or found.holds is not None or how.tell.hurries or cut
+    over = found.ended or found.holds is not None or how.tell.is_late or cut
     if how.stated is None or over or not found.answers or explains_all(found):
         return False
     holds = held_otherwise(last, found.trials, how.kinds, how.stated)
@@ -185,7 +185,7 @@ def _much(found: Found, how: Search) -> bool:
 def _put_right(
     found: Found,
     before: Fit,
-    located: Located,
+    located: Localization,
     place: Place,
     how: Search,
 ) -> bool:
@@ -235,9 +235,9 @@ def _by_the_others(
     try:
         first = refit(
             whole.plant, trials, values=whole.values, states=whole.states,
-            horizons=(1.0,), late=lambda: how.tell.hurries,
+            horizons=(1.0,), late=lambda: how.tell.is_late,
         )  # fmt: skip
-    except GivenUp:
+    except FitAbandoned:
         found.hurried = True
         return before
     except (np.linalg.LinAlgError, FloatingPointError):
@@ -261,8 +261,8 @@ def _by_the_others(
 
 def _ends(found: Found, how: Search, number: int) -> bool:
     """Whether what was found is to be enough; then, what it leaves."""
-    found.hurried = how.tell.hurries
-    enough = found.hurried and (how.tell.ends or explains_all(found))
+    found.hurried = how.tell.is_late
+    enough = found.hurried and (how.tell.is_over or explains_all(found))
     if not enough and number < how.most - 1:
         return False
     # What the last effect leaves, not what there was before it.
@@ -304,7 +304,7 @@ def _next(found: Found, how: Search, number: int, held: Fit | None = None) -> bo
     # Another effect that is still missing may be what bends them, and needs them so.
     over = number == 0 or held is before or found.ended or found.holds is not None
     return (
-        not over and not how.tell.hurries and _after(found, before, how, number, pulled=pulled)
+        not over and not how.tell.is_late and _after(found, before, how, number, pulled=pulled)
     )
 
 
@@ -316,7 +316,7 @@ def _after(
     *,
     pulled: bool,
     begun: Sequence[FittedCandidate] = (),
-    located: Located | None = None,
+    located: Localization | None = None,
 ) -> bool:
     """Look for one more effect than a fit has.
 
@@ -339,19 +339,19 @@ def _after(
         return _put_right(found, before, located, stands, how)
     tell("trying effects", share + 0.05)
     tried = library_candidates(before, located, kinds)
-    based = located.base_first()
+    based = located.with_base_first()
     shaken = base_motion(based, tried, kinds, first=number == 0)
     if shaken is not None and placed(based, tried):
         return end_with(found, before, shaken, kinds)
     tried = [one for one in tried if not is_second_curve(one.effect, found.answers, kinds)]
     labels = labels_of(found, before, located, tried, how.kinds, number=number, quick=how.quick)
     channels = tuple(s.channel for s in before.plant.description.sensors)
-    trials = within_record(found.trials, channels, (one.effect for one in labels), kinds)
+    trials = mask_clock_overrun(found.trials, channels, (one.effect for one in labels), kinds)
     bent = found.fits[-1]
     first = not (number or how.quick)
     down = LowerRanked(
         bent, before, tried, labels, trials, kinds,
-        best=located.groups[0].places, near=located.near,
+        best=located.groups[0].places, near=located.equivalent_places,
         several=located.groups[0].left > LIMITS.several_forces_chi2, shaken=shaken is not None,
         late=_late(tell, "fitting laws to how the records begin", share + 0.2),
     )  # fmt: skip
@@ -382,7 +382,7 @@ def _after(
     turn = TrialOrder(tell, number, len(in_turn), share, far)
     alike: list[FittedCandidate] = []
     named = fit_candidates(
-        before, in_turn, trials, kinds, turn, more=more, alike=alike, over=lambda: tell.ends
+        before, in_turn, trials, kinds, turn, more=more, alike=alike, over=lambda: tell.is_over
     )
     turn.must &= not named
     if found.both is not None or found.otherwise is not None:
@@ -406,11 +406,11 @@ def _after(
         # What is as slow as that is a sensor's, though the base would do the same.
         if shaken is not None and not by_a_law(named, labels, before, trials, based):
             return end_with(found, before, shaken, kinds)
-    if number and not (how.quick or tell.hurries):
+    if number and not (how.quick or tell.is_late):
         if not begun and named and named[0].fit.chi2_in_band > LIMITS.far_off_chi2:
             begun = _onward(found, before, how)
         named = merge_fits(named, begun, found.trials, kinds)
-    if not (how.quick or (number and tell.hurries)):
+    if not (how.quick or (number and tell.is_late)):
         alone = [one for one in down.opened if label_of(one.effect) == down.begins]
         likely = alone or first_of_each(down.opened, labels)
         if pieces.told:
@@ -433,7 +433,7 @@ def _after(
 def _late(tell: Monitor, stage: str, share: float) -> Callable[[], bool]:
     def late() -> bool:
         tell(stage, share)
-        return tell.hurries
+        return tell.is_late
 
     return late
 
@@ -451,13 +451,13 @@ def _accepted(
     fine = accept(
         found, before, named, trials or found.trials, how.kinds, how.stated, pulled=pulled,
         twice=any(_sits_on(one.effect, found.answers) for one in named[:1]), asked=how.asked,
-        over=(lambda: how.tell.ends) if found.answers else bool,
+        over=(lambda: how.tell.is_over) if found.answers else bool,
     )  # fmt: skip
-    if not fine or how.tell.ends or found.ended:
+    if not fine or how.tell.is_over or found.ended:
         return fine
     restart_initial_states(found, how.kinds)
     several = len(found.answers) > 1
-    if not how.tell.hurries:
+    if not how.tell.is_late:
         (refit_with_growing_horizon if several else refit_friction_with_growing_horizon)(
             found, how.kinds
         )
@@ -477,18 +477,18 @@ def _onward(found: Found, before: Fit, how: Search) -> list[FittedCandidate]:
 
     def tick(effect: Effect, _: int) -> bool:
         how.tell(f"refitting {effect.kind} at {effect.place}", 0.5)
-        return how.tell.hurries
+        return how.tell.is_late
 
     how.tell("looking at how records go on", 0.5)
     part, tried = later_segment_candidates(
-        before, found.trials, how.kinds, lambda: how.tell.hurries
+        before, found.trials, how.kinds, lambda: how.tell.is_late
     )
     tried = [one for one in tried if not is_second_curve(one.effect, found.answers, how.kinds)]
     more = before.data / max(part.data, 1)
     labels = [
-        dataclasses.replace(one, cost=more * one.cost, bare=more * one.bare)
+        dataclasses.replace(one, cost=more * one.cost, cost_without=more * one.cost_without)
         for one in best_of_each_place(tried, LATER)
     ]
     return fit_candidates(
-        part, labels, found.trials, how.kinds, tick, over=lambda: how.tell.ends
+        part, labels, found.trials, how.kinds, tick, over=lambda: how.tell.is_over
     )

@@ -11,7 +11,7 @@ from .candidates.library_fit import Candidate
 from .diagnosis import NamedEffect, Rival
 from .estimation.candidate_fit import FittedCandidate
 from .estimation.input_hold import Hold
-from .localization import Located
+from .localization import Localization
 from .records import Trial
 
 Pair = tuple[str, str]
@@ -76,11 +76,11 @@ class Found:
 
     fits: list[Fit]
     trials: tuple[Trial, ...]
-    located: Located | None = None
+    located: Localization | None = None
     answers: list[NamedEffect] = dataclasses.field(default_factory=list)
     undecided: tuple[Rival, ...] = ()
     pair: tuple[FittedCandidate, ...] | None = None
-    left: Located | None = None
+    left: Localization | None = None
     retuned: bool = False
     hurried: bool = False
     holds: tuple[Hold, ...] | None = None

@@ -21,8 +21,8 @@ from jaxtyping import Complex, Float
 
 from slowtime.discrepancy.calibration import Prior, prior_of
 from slowtime.discrepancy.calibration.model_values import with_values
-from slowtime.discrepancy.localization import Linear
-from slowtime.discrepancy.noise import silent_above
+from slowtime.discrepancy.localization import LinearModel
+from slowtime.discrepancy.noise import response_limit_hz
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.plant import Name, Plant
 from slowtime.signals.spectra import detrended, transform
@@ -45,7 +45,7 @@ Matrices = Complex[np.ndarray, "frequency sensor sensor"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class Band:
+class SpectralBand:
     """A band of frequency, and the chance that a model which lacks nothing misses it so."""
 
     low_hz: float
@@ -54,7 +54,7 @@ class Band:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Ambient:
+class AmbientFit:
     """How the spectra of ambient records compare with those of the model.
 
     Parameters
@@ -76,7 +76,7 @@ class Ambient:
     covariance: Float[np.ndarray, "free free"]
     force_density: Float[np.ndarray, " dof"]
     noise_density: Float[np.ndarray, " sensor"]
-    bands: tuple[Band, ...]
+    bands: tuple[SpectralBand, ...]
     p_value: float
 
     @property
@@ -90,14 +90,14 @@ class Ambient:
         moved = (self.values - self.prior.mean) / self.prior.sd
         return dict(zip(self.prior.names, moved.tolist(), strict=True))
 
-    def missed(self, chance: float = 1e-3) -> tuple[tuple[float, float], ...]:
+    def failed_bands(self, chance: float = 1e-3) -> tuple[tuple[float, float], ...]:
         """Bands [Hz] that are missed by more than chance, the number of them allowed for."""
         level = chance / len(self.bands)
         return tuple((b.low_hz, b.high_hz) for b in self.bands if b.p_value < level)
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class _Problem:
+class _SpectralProblem:
     plant: Plant
     prior: Prior
     frequency_hz: Float[np.ndarray, " frequency"]
@@ -106,7 +106,7 @@ class _Problem:
     @property
     def forces(self) -> list[int]:
         """Coordinates that are pushed: translations."""
-        influence = Linear.of(self.plant.description).structure.influence
+        influence = LinearModel.of(self.plant.description).structure.influence
         return (
             list(range(self.lines.shape[1]))
             if influence is None
@@ -114,7 +114,7 @@ class _Problem:
         )
 
 
-def compare_ambient(plant: Plant, trials: Sequence[Trial]) -> Ambient:
+def fit_ambient_spectra(plant: Plant, trials: Sequence[Trial]) -> AmbientFit:
     """Fit constants, strengths of forces and noise to the spectra of ambient records.
 
     Parameters
@@ -128,36 +128,36 @@ def compare_ambient(plant: Plant, trials: Sequence[Trial]) -> Ambient:
     --------
     See `tests/slowtime/discrepancy/ambient/spectra/test_spectra.py`.
     """
-    problem = _problem(plant, tuple(trials))
-    at = _start(problem)
-    cost, score, sharp = _linearised(problem, at)
+    problem = _spectral_problem(plant, tuple(trials))
+    at = _initial_unknowns(problem)
+    cost, score, sharp = _score_and_information(problem, at)
     damping = 1e-3
     for _ in range(STEPS):
         step = scipy.linalg.solve(
             sharp + damping * np.diag(np.diag(sharp)), score, assume_a="pos"
         )
         tried = at + np.clip(step, -STRIDE, STRIDE)
-        lower = _cost(problem, tried)
+        lower = _negative_log_posterior(problem, tried)
         if not lower < cost:
             damping *= 10
             if damping > 1e6:
                 break
             continue
         gain, at, damping = cost - lower, tried, damping / 10
-        cost, score, sharp = _linearised(problem, at)
+        cost, score, sharp = _score_and_information(problem, at)
         if gain < ENOUGH:
             break
-    return _account(problem, at, scipy.linalg.inv(sharp))
+    return _make_ambient_fit(problem, at, scipy.linalg.inv(sharp))
 
 
-def _problem(plant: Plant, trials: tuple[Trial, ...]) -> _Problem:
+def _spectral_problem(plant: Plant, trials: tuple[Trial, ...]) -> _SpectralProblem:
     description = plant.description
     if description.inputs or plant.effects:
         raise ValueError(
             "This model has inputs or effects, which spectra alone cannot be compared with. "
             "Use refit and locate where the input was measured."
         )
-    top = REACH * silent_above(description, trials)
+    top = REACH * response_limit_hz(description, trials)
     frequencies, lines = [], []
     for trial in trials:
         # Every second line: those of a tapered record hang together with their neighbours.
@@ -166,7 +166,7 @@ def _problem(plant: Plant, trials: tuple[Trial, ...]) -> _Problem:
         frequencies.append(frequency[kept])
         lines.append(spectrum[kept])
     order = np.argsort(np.concatenate(frequencies), kind="stable")
-    return _Problem(
+    return _SpectralProblem(
         plant,
         prior_of(plant),
         np.concatenate(frequencies)[order],
@@ -174,58 +174,66 @@ def _problem(plant: Plant, trials: tuple[Trial, ...]) -> _Problem:
     )
 
 
-def _start(problem: _Problem) -> Float[np.ndarray, " unknown"]:
+def _initial_unknowns(problem: _SpectralProblem) -> Float[np.ndarray, " unknown"]:
     """Begin with nominal constants, forces of the measured power, and noise well below."""
     free, forces = len(problem.prior.names), len(problem.forces)
     power = np.abs(problem.lines) ** 2
     at = np.zeros(free + forces + problem.lines.shape[1])
-    unit = np.einsum("fss->fs", _matrices(problem, at)).real - 1.0
+    unit = np.einsum("fss->fs", _spectral_matrices(problem, at)).real - 1.0
     at[free : free + forces] = np.log(np.median(power.mean(axis=0) / unit.mean(axis=0)))
     at[free + forces :] = np.log(np.percentile(power, 20, axis=0) / 2)
     return at
 
 
-def _matrices(problem: _Problem, at: Float[np.ndarray, " unknown"]) -> Matrices:
+def _spectral_matrices(
+    problem: _SpectralProblem, at: Float[np.ndarray, " unknown"]
+) -> Matrices:
     """Spectral matrices at relative changes of constants and logarithms of densities."""
     free, forces = len(problem.prior.names), problem.forces
     values = problem.prior.mean * (1 + at[:free])
     changed = with_values(
         problem.plant.description, dict(zip(problem.prior.names, values.tolist(), strict=True))
     )
-    linear = Linear.of(changed)
+    linear = LinearModel.of(changed)
     compliance = linear.compliance(problem.frequency_hz)
-    seen = linear.sensed(problem.frequency_hz, compliance)[:, :, forces]
+    seen = linear.sensor_response(problem.frequency_hz, compliance)[:, :, forces]
     scaled = seen * np.exp(at[free : free + len(forces)] / 2)
     sensors = problem.lines.shape[1]
     noise = np.exp(at[free + len(forces) :]) * np.eye(sensors)
     return np.asarray(scaled @ scaled.conj().swapaxes(1, 2) + noise)
 
 
-def _cost(problem: _Problem, at: Float[np.ndarray, " unknown"]) -> float:
+def _negative_log_posterior(
+    problem: _SpectralProblem, at: Float[np.ndarray, " unknown"]
+) -> float:
     """Minus the log likelihood, and half the squared pulls of the constants."""
-    sigma = _matrices(problem, at)
+    sigma = _spectral_matrices(problem, at)
     factor = np.linalg.cholesky(sigma)
     white = np.linalg.solve(factor, problem.lines[:, :, None])[:, :, 0]
     logdet = 2 * np.sum(np.log(np.einsum("fss->fs", factor).real))
     cost = float(logdet + np.sum(np.abs(white) ** 2))
-    return cost + float(np.sum(_pull(problem, at) ** 2)) / 2
+    return cost + float(np.sum(_prior_deviations(problem, at) ** 2)) / 2
 
 
-def _pull(problem: _Problem, at: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " free"]:
+def _prior_deviations(
+    problem: _SpectralProblem, at: Float[np.ndarray, " unknown"]
+) -> Float[np.ndarray, " free"]:
     free = len(problem.prior.names)
     return np.asarray(at[:free] * problem.prior.mean / problem.prior.sd)
 
 
-def _linearised(
-    problem: _Problem, at: Float[np.ndarray, " unknown"]
+def _score_and_information(
+    problem: _SpectralProblem, at: Float[np.ndarray, " unknown"]
 ) -> tuple[float, Float[np.ndarray, " unknown"], Float[np.ndarray, "unknown unknown"]]:
     """Cost, its downward slope, and Fisher's information."""
-    inverse = np.linalg.inv(_matrices(problem, at))
+    inverse = np.linalg.inv(_spectral_matrices(problem, at))
     weighted = inverse @ problem.lines[:, :, None]
     turned, score = [], np.zeros(len(at))
     for i in range(len(at)):
         step = SLOPE * np.eye(len(at))[i]
-        slope = (_matrices(problem, at + step) - _matrices(problem, at - step)) / (2 * SLOPE)
+        slope = (
+            _spectral_matrices(problem, at + step) - _spectral_matrices(problem, at - step)
+        ) / (2 * SLOPE)
         turned.append(inverse @ slope)
         fit = (weighted.conj().swapaxes(1, 2) @ slope @ weighted)[:, 0, 0].real
         score[i] = float(fit.sum() - np.einsum("fss->", turned[-1]).real)
@@ -236,21 +244,21 @@ def _linearised(
     known = np.arange(free)
     relative = problem.prior.mean / problem.prior.sd
     sharp[known, known] += relative**2
-    score[:free] -= _pull(problem, at) * relative
-    return _cost(problem, at), score, np.asarray(sharp)
+    score[:free] -= _prior_deviations(problem, at) * relative
+    return _negative_log_posterior(problem, at), score, np.asarray(sharp)
 
 
-def _account(
-    problem: _Problem,
+def _make_ambient_fit(
+    problem: _SpectralProblem,
     at: Float[np.ndarray, " unknown"],
     covariance: Float[np.ndarray, "unknown unknown"],
-) -> Ambient:
+) -> AmbientFit:
     free, forces = len(problem.prior.names), len(problem.forces)
     mean = problem.prior.mean
-    bands, deviance, degrees = _bands(problem, at)
-    density = np.zeros(len(Linear.of(problem.plant.description).structure.names))
+    bands, deviance, degrees = _covariance_tests(problem, at)
+    density = np.zeros(len(LinearModel.of(problem.plant.description).structure.names))
     density[problem.forces] = np.exp(at[free : free + forces])
-    return Ambient(
+    return AmbientFit(
         prior=problem.prior,
         values=mean * (1 + at[:free]),
         covariance=covariance[:free, :free] * np.outer(mean, mean),
@@ -261,16 +269,16 @@ def _account(
     )
 
 
-def _bands(
-    problem: _Problem, at: Float[np.ndarray, " unknown"]
-) -> tuple[tuple[Band, ...], float, int]:
+def _covariance_tests(
+    problem: _SpectralProblem, at: Float[np.ndarray, " unknown"]
+) -> tuple[tuple[SpectralBand, ...], float, int]:
     r"""Test in bands whether whitened lines have the unit matrix for their covariance.
 
     For the mean :math:`A` of :math:`n` products :math:`z z^H` of :math:`s` components,
     :math:`2 n (\mathrm{tr} A - \log \det A - s)` is close to chi squared with :math:`s^2`
     degrees; the factor that makes its mean right is known in closed form.
     """
-    factor = np.linalg.cholesky(_matrices(problem, at))
+    factor = np.linalg.cholesky(_spectral_matrices(problem, at))
     white = np.linalg.solve(factor, problem.lines[:, :, None])[:, :, 0]
     sensors = white.shape[1]
     count = max(len(white) // max(6 * sensors, 24), 1)
@@ -285,7 +293,7 @@ def _bands(
         deviance = distance * sensors**2 / expected
         total += deviance
         bands.append(
-            Band(
+            SpectralBand(
                 low_hz=float(problem.frequency_hz[part[0]]),
                 high_hz=float(problem.frequency_hz[part[-1]]),
                 p_value=float(scipy.stats.chi2.sf(deviance, sensors**2)),

@@ -15,22 +15,22 @@ from slowtime.dynamics.plant import Name, Plant
 
 from .fit import Fit, refit
 from .model_values import with_values
-from .spectral_weights import weights_of
+from .spectral_weights import spectral_weights
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Start:
+class FitStart:
     """Constants, and initial state of each trial by its names, that go best with a law.
 
     Parameters
     ----------
-    nearby
+    from_segments
         Whether that was told by parts of the records only: longer runs may lose their way.
     """
 
     constants: Mapping[tuple[str, str], float]
     states: Sequence[Mapping[tuple[str, str], float]]
-    nearby: bool = False
+    from_segments: bool = False
 
 
 def with_effect(description: Description, effect: Effect) -> Description:
@@ -38,8 +38,8 @@ def with_effect(description: Description, effect: Effect) -> Description:
     return dataclasses.replace(description, effects=(*description.effects, effect.entry()))
 
 
-def begun_with(
-    before: Fit, effect: Effect, kinds: Mapping[str, Kind], start: Start | None = None
+def augmented_start(
+    before: Fit, effect: Effect, kinds: Mapping[str, Kind], start: FitStart | None = None
 ) -> tuple[Plant, Float[np.ndarray, " parameter"], list[Float[np.ndarray, " state"]]]:
     """Give a model with one more effect, and the values and states to begin its fit with.
 
@@ -51,7 +51,7 @@ def begun_with(
         zip(before.plant.parameters, before.values.tolist(), strict=True)
     )
     if start is None:
-        states = states_in(before, plant)
+        states = map_states(before, plant)
     else:
         known.update(start.constants.items())
         names = plant.state_names
@@ -64,23 +64,23 @@ def carry_effect(before: Fit, effect: Effect, kinds: Mapping[str, Kind]) -> Fit:
     """Write an effect into the model of a fit, and fit nothing: where other effects begin."""
     plant = Plant.of(with_effect(before.plant.description, effect), kinds=kinds)
     values = np.concatenate([before.values, plant.values[len(before.values) :]])
-    states = tuple(states_in(before, plant))
+    states = tuple(map_states(before, plant))
     return dataclasses.replace(before, plant=plant, values=values, states=states)
 
 
-def free_run(
+def free_run_chi2(
     before: Fit,
     effect: Effect,
-    start: Start | None,
+    start: FitStart | None,
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
 ) -> float:
     """Chi squared of a free run of a model with one more effect, as it would begin its fit."""
-    plant, values, states = begun_with(before, effect, kinds, start)
-    return run_by(plant, values, states, before.noise, trials)
+    plant, values, states = augmented_start(before, effect, kinds, start)
+    return simulated_chi2(plant, values, states, before.noise, trials)
 
 
-def run_by(
+def simulated_chi2(
     plant: Plant,
     values: Float[np.ndarray, " parameter"],
     states: Sequence[Float[np.ndarray, " state"]],
@@ -99,11 +99,11 @@ def run_by(
             state0=states[number],
             start_s=trial.start_s,
         )
-        total += weights_of(trial, noise, number).chi2(trial.measured - outputs)
+        total += spectral_weights(trial, noise, number).chi2(trial.measured - outputs)
     return total if math.isfinite(total) else math.inf
 
 
-def states_in(before: Fit, plant: Plant) -> list[np.ndarray]:
+def map_states(before: Fit, plant: Plant) -> list[np.ndarray]:
     """Give the initial states of a fit to another plant; coordinates that are new rest."""
     names = before.plant.state_names
     return [
@@ -119,13 +119,13 @@ def states_in(before: Fit, plant: Plant) -> list[np.ndarray]:
     ]
 
 
-def effects_in(fit: Fit) -> list[Effect]:
+def fitted_effects(fit: Fit) -> list[Effect]:
     """Effects of the model of a fit, in order, with the numbers that they have in it."""
     values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
-    return effects_of(with_values(fit.plant.description, values))
+    return described_effects(with_values(fit.plant.description, values))
 
 
-def effects_of(description: Description) -> list[Effect]:
+def described_effects(description: Description) -> list[Effect]:
     """Effects of a description, in order."""
     found = []
     for entry in description.effects:
@@ -136,7 +136,7 @@ def effects_of(description: Description) -> list[Effect]:
     return found
 
 
-def without(
+def refit_without(
     fit: Fit, number: int, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]
 ) -> Fit | None:
     """Refit a model without one of its effects; None where that cannot be done."""

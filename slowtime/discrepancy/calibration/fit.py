@@ -10,20 +10,28 @@ from scipy.fft import prev_fast_len
 from slowtime.discrepancy.calibration.model_values import with_values
 from slowtime.discrepancy.noise import (
     Noise,
-    drift_of,
-    drifting,
-    noise_of_residual,
-    silent_above,
+    estimate_noise,
+    response_limit_hz,
+    rigid_body_drift,
+    with_drift,
 )
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.plant import Name, Plant
 
-from .led_run import Led, leads
-from .levenberg_marquardt import GivenUp, Normal, Point, Problem, costed, descend, outputs_at
+from .levenberg_marquardt import (
+    FitAbandoned,
+    Iterate,
+    LeastSquaresProblem,
+    NormalEquations,
+    minimise,
+    simulate_trial,
+    with_cost,
+)
+from .measured_friction import MeasuredFrictionPlant, needs_measured_friction
 from .prior import Prior, prior_of
-from .spectral_weights import weights_of
+from .spectral_weights import spectral_weights
 
-HORIZONS = (0.15, 0.4, 1.0)
+HORIZON_SHARES = (0.15, 0.4, 1.0)
 """Shares of each record that are fitted one after the other: the whole has more minima."""
 
 FEWEST = 64
@@ -88,7 +96,7 @@ class Fit:
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @property
-    def widened_sd(self) -> Float[np.ndarray, " free"]:
+    def inflated_sd(self) -> Float[np.ndarray, " free"]:
         """The same, where the model leaves more than noise: the records tell so much less.
 
         What is claimed of constants beforehand is as good as it was.
@@ -108,7 +116,7 @@ class Fit:
         return dict(zip(self.prior.names, moved.tolist(), strict=True))
 
     @property
-    def bent(self) -> dict[Name, float]:
+    def constant_pulls(self) -> dict[Name, float]:
         """The same of the structure's own constants: numbers of effects have no tolerance."""
         return {name: pull for name, pull in self.pulls.items() if name[0] != "effect"}
 
@@ -121,7 +129,7 @@ def refit(
     noise: Noise | None = None,
     values: Float[np.ndarray, " parameter"] | None = None,
     states: Sequence[Float[np.ndarray, " state"]] | None = None,
-    horizons: Sequence[float] = HORIZONS,
+    horizons: Sequence[float] = HORIZON_SHARES,
     beat: float | None = None,
     within: float = np.inf,
     late: Callable[[], bool] | None = None,
@@ -143,12 +151,12 @@ def refit(
     horizons
         Growing shares of each record, the last of them 1.
     beat
-        Cost of another model: what will not come near it is given up; by `GivenUp`, where the
+        Cost of another model: what will not come near it is given up; by `FitAbandoned`, where the
         first part of the records tells so.
     within
         Tolerances by which constants of the structure may move at most.
     late
-        Once true, `GivenUp` is raised.
+        Once true, `FitAbandoned` is raised.
     fine
         To the very bottom, which takes longer and changes no verdict, only numbers.
 
@@ -159,61 +167,67 @@ def refit(
     """
     records = tuple(trials)
     prior = prior_of(plant, free, within)
-    silent = silent_above(plant.description, records)
+    silent = response_limit_hz(plant.description, records)
     rest = tuple(np.zeros(0) for _ in records)
-    point = Point(
+    point = Iterate(
         values=(plant.values if values is None else values).copy(),
         states=rest if states is None else tuple(states),
     )
 
-    def problem_of(counts: tuple[int, ...], noise: Noise) -> Problem:
+    def problem_of(counts: tuple[int, ...], noise: Noise) -> LeastSquaresProblem:
         weights = tuple(
-            weights_of(trial, noise, i, samples=count)
+            spectral_weights(trial, noise, i, samples=count)
             for i, (trial, count) in enumerate(zip(records, counts, strict=True))
         )
-        return Problem(
+        return LeastSquaresProblem(
             plant=plant, prior=prior, trials=records, weights=weights, samples=counts
         )
 
     start = point
     whole = tuple(len(trial.outputs) for trial in records)
-    heard = noise or _heard(plant, records, point, silent)
+    heard = noise or _estimate_noise(plant, records, point, silent)
     for horizon in horizons[:-1]:
         counts = tuple(prev_fast_len(max(int(horizon * n), min(FEWEST, n))) for n in whole)
         goal = None
         if beat is not None and horizon >= SHORT:
             goal = beat * sum(counts) / sum(whole)
-        point = descend(problem_of(counts, heard), point, goal, late)[0]
+        point = minimise(problem_of(counts, heard), point, goal, late)[0]
         if goal is not None and point.cost > FORLORN * goal:
-            raise GivenUp
+            raise FitAbandoned
     if noise is None:
-        point = descend(problem_of(whole, heard), point, late=late)[0]
-        heard = _heard(plant, records, point, silent)
+        point = minimise(problem_of(whole, heard), point, late=late)[0]
+        heard = _estimate_noise(plant, records, point, silent)
     problem = problem_of(whole, heard)
-    best, normal, spread = descend(problem, point, beat, late, fine=fine)
+    best, normal, spread = minimise(problem, point, beat, late, fine=fine)
     # Growing horizons may have led astray; from the start itself there is only down.
     moved = point is not start
-    if moved and costed(problem, _full(start, normal), spread).cost < best.cost:
-        best, normal, spread = descend(problem, start, beat, late, fine=fine)
-    if leads(plant, heard):
-        problem = dataclasses.replace(problem, led=_led(problem, heard))
-        best, normal, _ = descend(problem, best, beat, late, fine=fine)
-    return _account(problem, records, best, normal, heard, silent)
+    if moved and with_cost(problem, _with_full_states(start, normal), spread).cost < best.cost:
+        best, normal, spread = minimise(problem, start, beat, late, fine=fine)
+    if needs_measured_friction(plant, heard):
+        problem = dataclasses.replace(
+            problem, friction_plants=_measured_friction_plants(problem, heard)
+        )
+        best, normal, _ = minimise(problem, best, beat, late, fine=fine)
+    return _make_fit(problem, records, best, normal, heard, silent)
 
 
-def _led(problem: Problem, noise: Noise) -> tuple[Led, ...]:
+def _measured_friction_plants(
+    problem: LeastSquaresProblem, noise: Noise
+) -> tuple[MeasuredFrictionPlant, ...]:
     return tuple(
-        Led(plant=problem.plant, trial=trial, noise=noise, number=i)
+        MeasuredFrictionPlant(plant=problem.plant, trial=trial, noise=noise, number=i)
         for i, trial in enumerate(problem.trials)
     )
 
 
-def _full(point: Point, normal: Normal) -> Point:
+def _with_full_states(point: Iterate, normal: NormalEquations) -> Iterate:
     states = tuple(s if s.size else np.zeros(normal.states) for s in point.states)
     return dataclasses.replace(point, states=states)
 
 
-def _heard(plant: Plant, trials: tuple[Trial, ...], point: Point, silent: float) -> Noise:
+def _estimate_noise(
+    plant: Plant, trials: tuple[Trial, ...], point: Iterate, silent: float
+) -> Noise:
     """Estimate the noise from what a point leaves; from the outputs where it leaves nothing."""
     residuals = []
     for trial, state in zip(trials, point.states, strict=True):
@@ -226,36 +240,36 @@ def _heard(plant: Plant, trials: tuple[Trial, ...], point: Point, silent: float)
         )
         left = np.where(trial.used, trial.measured - outputs, 0.0)
         residuals.append(left if np.isfinite(left).all() else trial.measured)
-    noise = noise_of_residual(trials, tuple(residuals), silent_above_hz=silent)
+    noise = estimate_noise(trials, tuple(residuals), silent_above_hz=silent)
     values = dict(zip(plant.parameters, point.values.tolist(), strict=True))
     now = with_values(plant.description, values)
-    drift = drift_of(now, trials)
-    return noise if drift is None else drifting(noise, drift, trials[0].rate_hz)
+    drift = rigid_body_drift(now, trials)
+    return noise if drift is None else with_drift(noise, drift, trials[0].rate_hz)
 
 
-def _account(
-    problem: Problem,
+def _make_fit(
+    problem: LeastSquaresProblem,
     records: tuple[Trial, ...],
-    best: Point,
-    normal: Normal,
+    best: Iterate,
+    normal: NormalEquations,
     noise: Noise,
     silent: float,
 ) -> Fit:
-    outputs = tuple(outputs_at(problem, i, best) for i in range(len(records)))
+    outputs = tuple(simulate_trial(problem, i, best) for i in range(len(records)))
     residual = tuple(
         np.where(trial.used, trial.measured - told, 0.0)
         for trial, told in zip(records, outputs, strict=True)
     )
-    lines = [w.by_line(r) for w, r in zip(problem.weights, residual, strict=True)]
+    lines = [w.chi2_by_line(r) for w, r in zip(problem.weights, residual, strict=True)]
     inside = [w.frequency_hz <= silent for w in problem.weights]
     shares = [np.mean(w.use**2, axis=0) for w in problem.weights]
     free = len(problem.prior.names)
     data = sum(weights.data for weights in problem.weights)
-    fitted = _fitted(problem, normal)
+    fitted = _effective_unknowns(problem, normal)
     whole = float(sum(line.sum() for line in lines))
     band = float(sum(line[i].sum() for line, i in zip(lines, inside, strict=True)))
     members = sum(float(2 * i.sum() * s.sum()) for i, s in zip(inside, shares, strict=True))
-    floor = _floor_sd(problem, noise)
+    floor = _noise_floor_sd(problem, noise)
     return Fit(
         plant=problem.plant,
         values=best.values,
@@ -275,7 +289,7 @@ def _account(
     )
 
 
-def _fitted(problem: Problem, normal: Normal) -> float:
+def _effective_unknowns(problem: LeastSquaresProblem, normal: NormalEquations) -> float:
     """Effective number of unknowns that the data, not the priors, have settled."""
     total = len(normal.gradient)
     free = len(problem.prior.names)
@@ -285,7 +299,7 @@ def _fitted(problem: Problem, normal: Normal) -> float:
     return float(total - np.clip(np.nan_to_num(held, nan=1.0), 0, 1).sum())
 
 
-def _floor_sd(problem: Problem, noise: Noise) -> float:
+def _noise_floor_sd(problem: LeastSquaresProblem, noise: Noise) -> float:
     """Share in the scatter of chi squared that is due to the floor being an estimate."""
     counts = np.array([weights.use.sum(axis=0) for weights in problem.weights])
     weighted = counts / counts.sum() * np.array(noise.relative_sd)

@@ -12,12 +12,12 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.discrepancy.noise import Noise
-from slowtime.discrepancy.records import FEWEST, Trial
+from slowtime.discrepancy.records import MIN_SAMPLES, Trial
 from slowtime.dynamics.plant import Plant
-from slowtime.dynamics.plant.sensing import ears_of
+from slowtime.dynamics.plant.sensing import sensor_readouts
 
 from .fit import Fit, refit
-from .spectral_weights import weights_of
+from .spectral_weights import spectral_weights
 
 STARTS, SPREADS = 48, (1.0, 2.0, 4.0)
 """States that are tried; their spread beside that of the motion, in turn."""
@@ -29,7 +29,7 @@ BEGINNING = 0.2
 State = Float[np.ndarray, " state"]
 
 
-def state_from_many(
+def multistart_initial_state(
     plant: Plant,
     trial: Trial,
     noise: Noise,
@@ -48,7 +48,7 @@ def state_from_many(
     size
         Of the motion, in each coordinate: how far from rest one looks.
     """
-    heard = state_heard(plant, trial, known)
+    heard = state_from_sensors(plant, trial, known)
     drawn = np.random.default_rng(0).standard_normal((STARTS, len(known)))
     wide = np.resize(SPREADS, STARTS)[:, None]
     best, least = known, math.inf
@@ -65,7 +65,7 @@ def state_from_many(
     return best
 
 
-def size_of(
+def motion_amplitude(
     plant: Plant, trial: Trial, values: Float[np.ndarray, " parameter"], state: State
 ) -> State:
     """Give how far from rest a motion goes in each coordinate; from one initial state."""
@@ -76,13 +76,13 @@ def size_of(
     return np.asarray(np.fmax(np.abs(state), np.where(np.isfinite(moved), moved, 0.0)))
 
 
-def state_heard(plant: Plant, trial: Trial, known: State) -> State:
+def state_from_sensors(plant: Plant, trial: Trial, known: State) -> State:
     """Give a state in which what sensors say of displacement and velocity takes its place."""
     described = plant.description
     moves = any(entry.kind == "base_acceleration" for entry in described.inputs)
     coordinates = len(plant.matrices.names)
     found = known.copy()
-    ears = ears_of(described, plant.matrices.names)
+    ears = sensor_readouts(described, plant.matrices.names)
     for ear, value, used in zip(ears, trial.outputs[0], trial.used[0], strict=True):
         if ear.coordinate is None or ear.order > 1 or not used or (ear.absolute and moves):
             continue
@@ -90,7 +90,7 @@ def state_heard(plant: Plant, trial: Trial, known: State) -> State:
     return found
 
 
-def nearest(
+def best_initial_state(
     plant: Plant,
     trial: Trial,
     noise: Noise,
@@ -104,7 +104,7 @@ def nearest(
     noise
         Of this record alone.
     """
-    weights = weights_of(trial, noise, 0)
+    weights = spectral_weights(trial, noise, 0)
 
     def left(state: State) -> float:
         run = plant.simulate(
@@ -116,12 +116,12 @@ def nearest(
     return min(states, key=left)
 
 
-def begun(before: Fit, heads: Sequence[Trial]) -> Fit:
+def refit_initial_states(before: Fit, heads: Sequence[Trial]) -> Fit:
     """Give a fit the initial states that the first samples say, whatever comes after them.
 
     Those of a whole record make up for what the model lacks in all of it.
     """
-    counts = [max(int(BEGINNING * len(head.outputs)), FEWEST) for head in heads]
+    counts = [max(int(BEGINNING * len(head.outputs)), MIN_SAMPLES) for head in heads]
     parts = [head.part(0, count) for head, count in zip(heads, counts, strict=True)]
     first = refit(
         before.plant, parts, noise=before.noise, values=before.values, horizons=(1.0,)

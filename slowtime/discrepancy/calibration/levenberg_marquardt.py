@@ -8,20 +8,20 @@ import scipy.linalg
 import scipy.optimize
 from jaxtyping import Float
 
-from slowtime.discrepancy.records import FEWEST, Trial
+from slowtime.discrepancy.records import MIN_SAMPLES, Trial
 from slowtime.dynamics.effects import Friction, Law
 from slowtime.dynamics.plant import Plant
 
-from .led_run import Led
+from .measured_friction import MeasuredFrictionPlant
 from .prior import Prior
-from .spectral_weights import Weights
+from .spectral_weights import SpectralWeights
 
 MOST_STEPS = 20
 FINE = 0.02
 """Expected gain in chi squared below which a step is not worth taking."""
 COARSE = 2e-5
 """The same, relative to chi squared."""
-WRONG = 3.0
+WRONG_MODEL_CHI2 = 3.0
 """Mean square over the noise from which a model is wrong and not a little off."""
 CREEPING = 1e-3
 """Expected gain below which a step is not worth taking, as a share of what is beyond noise."""
@@ -43,39 +43,39 @@ BROAD = 3.0
 """Initial states may, a priori, explain so many times what was measured."""
 
 State = Float[np.ndarray, " state"]
-Moves = Float[np.ndarray, " free"]
+FreeConstants = Float[np.ndarray, " free"]
 
 
-class GivenUp(Exception):
+class FitAbandoned(Exception):
     """It was too late to go on, or there was nothing to hope for."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Problem:
+class LeastSquaresProblem:
     """Records, their weights and the plant that is to explain them.
 
     Parameters
     ----------
     samples
         How many of each trial count.
-    led
+    friction_plants
         What stands for the plant in each trial, where friction follows what was measured.
     """
 
     plant: Plant
     prior: Prior
     trials: tuple[Trial, ...]
-    weights: tuple[Weights, ...]
+    weights: tuple[SpectralWeights, ...]
     samples: tuple[int, ...]
-    led: tuple[Led, ...] = ()
+    friction_plants: tuple[MeasuredFrictionPlant, ...] = ()
 
-    def plant_in(self, number: int) -> Plant | Led:
+    def plant_of_trial(self, number: int) -> Plant | MeasuredFrictionPlant:
         """Give what runs one trial."""
-        return self.led[number] if self.led else self.plant
+        return self.friction_plants[number] if self.friction_plants else self.plant
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Point:
+class Iterate:
     """Values of the plant, initial state of each trial (empty for rest), and their cost."""
 
     values: Float[np.ndarray, " parameter"]
@@ -84,7 +84,7 @@ class Point:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Normal:
+class NormalEquations:
     """Normal equations at a point: free constants first, then the states of each trial.
 
     Parameters
@@ -107,10 +107,12 @@ class Normal:
             return np.asarray(scipy.linalg.pinvh(inner) * np.outer(scale, scale))
 
 
-def outputs_at(problem: Problem, number: int, point: Point) -> Float[np.ndarray, "time sensor"]:
+def simulate_trial(
+    problem: LeastSquaresProblem, number: int, point: Iterate
+) -> Float[np.ndarray, "time sensor"]:
     """Run one trial."""
     trial, count = problem.trials[number], problem.samples[number]
-    return problem.plant_in(number).simulate(
+    return problem.plant_of_trial(number).simulate(
         point.values,
         trial.inputs[:count],
         trial.rate_hz,
@@ -119,7 +121,9 @@ def outputs_at(problem: Problem, number: int, point: Point) -> Float[np.ndarray,
     )
 
 
-def costed(problem: Problem, point: Point, spread: tuple[State, ...]) -> Point:
+def with_cost(
+    problem: LeastSquaresProblem, point: Iterate, spread: tuple[State, ...]
+) -> Iterate:
     """Give a point its cost: chi squared of the residuals and of the priors."""
     free = point.values[list(problem.prior.index)]
     cost = problem.prior.cost(free)
@@ -127,7 +131,7 @@ def costed(problem: Problem, point: Point, spread: tuple[State, ...]) -> Point:
         for number, (trial, weights) in enumerate(
             zip(problem.trials, problem.weights, strict=True)
         ):
-            outputs = outputs_at(problem, number, point)
+            outputs = simulate_trial(problem, number, point)
             residual = trial.measured[: len(outputs)] - outputs
             cost += weights.chi2(residual)
             if point.states[number].size:
@@ -136,9 +140,9 @@ def costed(problem: Problem, point: Point, spread: tuple[State, ...]) -> Point:
 
 
 @np.errstate(all="ignore")  # it is raised in the end
-def normal_at(
-    problem: Problem, point: Point, spread: tuple[State, ...] = ()
-) -> tuple[Normal, tuple[State, ...]]:
+def normal_equations(
+    problem: LeastSquaresProblem, point: Iterate, spread: tuple[State, ...] = ()
+) -> tuple[NormalEquations, tuple[State, ...]]:
     """Linearise at a point; `spread` of the initial states is made where not given."""
     prior, made = problem.prior, []
     cost = prior.cost(point.values[list(prior.index)])
@@ -149,7 +153,7 @@ def normal_at(
     for number, (trial, weights) in enumerate(
         zip(problem.trials, problem.weights, strict=True)
     ):
-        outputs, slopes = problem.plant_in(number).sensitivities(
+        outputs, slopes = problem.plant_of_trial(number).sensitivities(
             point.values,
             trial.inputs[: problem.samples[number]],
             trial.rate_hz,
@@ -159,9 +163,9 @@ def normal_at(
         )
         products.append(weights.products(trial.measured[: len(outputs)] - outputs, slopes))
         sizes = np.diag(products[-1])[free:-1]
-        made.append(spread[number] if spread else _spread(sizes, weights, trial))
+        made.append(spread[number] if spread else _initial_state_sd(sizes, weights, trial))
         if bends and not spread:
-            outrun = _grown(slopes[:, :, free:], trial.measured[: len(outputs)])
+            outrun = _sensitivity_growth(slopes[:, :, free:], trial.measured[: len(outputs)])
             made[-1] = np.where(outrun > CHAOTIC, outrun * made[-1], made[-1])
         cost += float(products[-1][-1, -1])
         if point.states[number].size:
@@ -183,17 +187,19 @@ def normal_at(
     gradient[known] += (prior.mean - point.values[list(prior.index)]) / prior.sd**2
     if not (np.isfinite(matrix).all() and np.isfinite(gradient).all()):
         raise FloatingPointError("The free run, or a slope of it, grew beyond bounds.")
-    return Normal(cost=cost, matrix=matrix, gradient=gradient, states=states), tuple(made)
+    return NormalEquations(cost=cost, matrix=matrix, gradient=gradient, states=states), tuple(
+        made
+    )
 
 
-def descend(
-    problem: Problem,
-    start: Point,
+def minimise(
+    problem: LeastSquaresProblem,
+    start: Iterate,
     beat: float | None = None,
     late: Callable[[], bool] | None = None,
     *,
     fine: bool = False,
-) -> tuple[Point, Normal, tuple[State, ...]]:
+) -> tuple[Iterate, NormalEquations, tuple[State, ...]]:
     """Go down from a start until nothing is gained; never end above it.
 
     Parameters
@@ -202,29 +208,29 @@ def descend(
         Cost that is to be reached: where steps have become so small that it will not, that
         is the end.
     late
-        Once true, `GivenUp` is raised.
+        Once true, `FitAbandoned` is raised.
     fine
         To where a step gains nothing at all: along what the records hardly tell, a little of
         chi squared is a standard deviation.
     """
-    normal, spread = normal_at(problem, start)
+    normal, spread = normal_equations(problem, start)
     full = tuple(state if state.size else np.zeros(normal.states) for state in start.states)
     point = dataclasses.replace(start, states=full, cost=normal.cost)
     if fine:
-        point, normal = _leapt(problem, point, normal, spread)
+        point, normal = _full_steps(problem, point, normal, spread)
     damping, raised, slow = LITTLE_DAMPING, RAISED, 0
     data = sum(weights.data for weights in problem.weights)
     for number in range(MOST_STEPS):
         if late is not None and late():
-            raise GivenUp
-        beyond = point.cost - WRONG * data
+            raise FitAbandoned
+        beyond = point.cost - WRONG_MODEL_CHI2 * data
         enough = FINE
         if not fine:
             enough += COARSE * point.cost + CREEPING * max(point.cost - data, 0.0)
-        room = _room(problem, point)
+        room = _step_bounds(problem, point)
         while True:
-            step, gain = _step(normal, damping, *room)
-            tried = costed(problem, _moved(problem, point, step, normal.states), spread)
+            step, gain = _bounded_step(normal, damping, *room)
+            tried = with_cost(problem, _apply_step(problem, point, step, normal.states), spread)
             if tried.cost <= point.cost or gain < enough or damping > 1e8:
                 break
             damping, raised = max(damping, LEAST_DAMPING) * raised, 2 * raised
@@ -237,7 +243,7 @@ def descend(
         if max(won, gain) < enough or hopeless or slow == TWICE:
             break
         try:
-            normal, _ = normal_at(problem, point, spread)
+            normal, _ = normal_equations(problem, point, spread)
         except FloatingPointError:
             return before, normal, spread
         if won < enough:
@@ -248,9 +254,12 @@ def descend(
     return point, normal, spread
 
 
-def _leapt(
-    problem: Problem, start: Point, normal: Normal, spread: tuple[State, ...]
-) -> tuple[Point, Normal]:
+def _full_steps(
+    problem: LeastSquaresProblem,
+    start: Iterate,
+    normal: NormalEquations,
+    spread: tuple[State, ...],
+) -> tuple[Iterate, NormalEquations]:
     """Follow a narrow valley that bends, where each step by itself leads up its side.
 
     Of two numbers that the records tell only together, such as a factor and a length whose
@@ -259,20 +268,22 @@ def _leapt(
     """
     point, last = start, normal
     for _ in range(STRIDES):
-        step, gain = _step(last, 0.0, *_room(problem, point))
+        step, gain = _bounded_step(last, 0.0, *_step_bounds(problem, point))
         if gain < FINE:
             break
-        point = costed(problem, _moved(problem, point, step, last.states), spread)
+        point = with_cost(problem, _apply_step(problem, point, step, last.states), spread)
         if not np.isfinite(point.cost):
             return start, normal
         try:
-            last, _ = normal_at(problem, point, spread)
+            last, _ = normal_equations(problem, point, spread)
         except FloatingPointError:
             return start, normal
     return (point, last) if point.cost < start.cost else (start, normal)
 
 
-def _room(problem: Problem, point: Point) -> tuple[Moves, Moves]:
+def _step_bounds(
+    problem: LeastSquaresProblem, point: Iterate
+) -> tuple[FreeConstants, FreeConstants]:
     """Farthest moves of the constants: half way to a bound, and half of a scale or of what is.
 
     What began much too small, as a force that was guessed from a wrong motion, grows by halves.
@@ -283,8 +294,8 @@ def _room(problem: Problem, point: Point) -> tuple[Moves, Moves]:
     return np.maximum((prior.low - here) / 2, -far), np.minimum((prior.high - here) / 2, far)
 
 
-def _step(
-    normal: Normal, damping: float, low: Moves, high: Moves
+def _bounded_step(
+    normal: NormalEquations, damping: float, low: FreeConstants, high: FreeConstants
 ) -> tuple[Float[np.ndarray, " unknown"], float]:
     """Give the best step within the room of the constants, and the gain that it foretells.
 
@@ -305,18 +316,21 @@ def _step(
     return np.asarray(scale * step), float(step @ (2 * down - inner @ step))
 
 
-def _moved(
-    problem: Problem, point: Point, step: Float[np.ndarray, " unknown"], states: int
-) -> Point:
+def _apply_step(
+    problem: LeastSquaresProblem,
+    point: Iterate,
+    step: Float[np.ndarray, " unknown"],
+    states: int,
+) -> Iterate:
     prior, free = problem.prior, len(problem.prior.names)
     values = point.values.copy()
     values[list(prior.index)] += step[:free]
     parts = step[free:].reshape(-1, states) if states else [np.zeros(0)] * len(point.states)
     moved = tuple(old + new for old, new in zip(point.states, parts, strict=True))
-    return Point(values=values, states=moved)
+    return Iterate(values=values, states=moved)
 
 
-def _spread(squares: State, weights: Weights, trial: Trial) -> State:
+def _initial_state_sd(squares: State, weights: SpectralWeights, trial: Trial) -> State:
     """Let each initial state, by one standard deviation, explain the record several times.
 
     Parameters
@@ -331,7 +345,7 @@ def _spread(squares: State, weights: Weights, trial: Trial) -> State:
     return np.asarray(whole / np.maximum(size, 1e-12 * size.max(initial=0.0) + 1e-300))
 
 
-def _grown(
+def _sensitivity_growth(
     slopes: Float[np.ndarray, "time sensor state"], measured: Float[np.ndarray, "time sensor"]
 ) -> State:
     """Give by how much what a state makes outgrows the record, from some part of it on.
@@ -340,7 +354,7 @@ def _grown(
     to explain a first part several times. A linear model that is not stable grows as well, and
     is to be held.
     """
-    parts = np.maximum((len(measured) * FIRST_PARTS).astype(int), FEWEST)
+    parts = np.maximum((len(measured) * FIRST_PARTS).astype(int), MIN_SAMPLES)
     ends = np.unique(np.minimum(parts, len(measured))) - 1
     scale = np.std(measured, axis=0)
     scale[scale == 0.0] = 1.0

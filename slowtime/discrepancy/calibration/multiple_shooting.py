@@ -13,14 +13,14 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.discrepancy.noise import Noise
-from slowtime.discrepancy.records import FEWEST, Trial
+from slowtime.discrepancy.records import MIN_SAMPLES, Trial
 from slowtime.dynamics.description import assemble
 from slowtime.dynamics.modes import undamped_modes
 from slowtime.dynamics.plant import Plant
 
 from .fit import Fit, refit
-from .initial_states import nearest, state_from_many, state_heard
-from .levenberg_marquardt import GivenUp
+from .initial_states import best_initial_state, multistart_initial_state, state_from_sensors
+from .levenberg_marquardt import FitAbandoned
 
 PERIODS = 3.0
 """Longest periods that a piece lasts."""
@@ -53,28 +53,28 @@ def shooting_fit(
     values
         To start from.
     late
-        Once true, `GivenUp` is raised.
+        Once true, `FitAbandoned` is raised.
     beat
         A cost to come near; where it will not, that is the end.
     """
-    cut, origin = pieces(plant, trials)
+    cut, origin = cut_segments(plant, trials)
     own = noise.of(origin)
-    starts, left = _followed(plant, cut, origin, own, values, late)
-    strays = _strays(left)
+    starts, left = _sequential_initial_states(plant, cut, origin, own, values, late)
+    strays = _outlying_segments(left)
     for _ in range(ROUNDS):
         if not strays:
             break
         # Others say what the constants are; with these, fewer stray.
-        values = _without(strays, plant, cut, own, values, starts, late).values
-        starts, left = _followed(plant, cut, origin, own, values, late)
-        before, strays = strays, _strays(left)
+        values = _fit_without(strays, plant, cut, own, values, starts, late).values
+        starts, left = _sequential_initial_states(plant, cut, origin, own, values, late)
+        before, strays = strays, _outlying_segments(left)
         if not len(strays) < len(before):
             break
     if len(strays) <= max(STRAYS * len(cut), 1):
         size = np.max(np.abs(starts), axis=0)
         for i in strays:
             alone = own.of([i])
-            starts[i] = state_from_many(plant, cut[i], alone, values, starts[i], size)
+            starts[i] = multistart_initial_state(plant, cut[i], alone, values, starts[i], size)
     found = refit(
         plant, cut, noise=own, values=values, states=starts, horizons=(1.0,), beat=beat,
         late=late,
@@ -82,7 +82,7 @@ def shooting_fit(
     return found, [found.states[origin.index(i)] for i in range(len(trials))]
 
 
-def _strays(left: Sequence[float]) -> list[int]:
+def _outlying_segments(left: Sequence[float]) -> list[int]:
     """Give pieces that are explained much worse than most: those were led astray.
 
     Parameters
@@ -94,7 +94,7 @@ def _strays(left: Sequence[float]) -> list[int]:
     return [i for i, one in enumerate(left) if one > bar]
 
 
-def _without(
+def _fit_without(
     strays: Sequence[int],
     plant: Plant,
     cut: Sequence[Trial],
@@ -111,13 +111,15 @@ def _without(
     )  # fmt: skip
 
 
-def pieces(plant: Plant, trials: Sequence[Trial]) -> tuple[tuple[Trial, ...], tuple[int, ...]]:
+def cut_segments(
+    plant: Plant, trials: Sequence[Trial]
+) -> tuple[tuple[Trial, ...], tuple[int, ...]]:
     """Cut records into parts of a few periods, and tell which record each is of."""
-    lowest = slowest_hz(plant)
+    lowest = lowest_frequency_hz(plant)
     cut, origin = [], []
     for number, trial in enumerate(trials):
         samples = len(trial.outputs)
-        least = _lasting(PERIODS, lowest, trial)
+        least = _samples_of_periods(PERIODS, lowest, trial)
         edges = np.linspace(0, samples, max(samples // least, 1) + 1).astype(int).tolist()
         for first, last in itertools.pairwise(edges):
             cut.append(trial.part(first, last))
@@ -125,13 +127,13 @@ def pieces(plant: Plant, trials: Sequence[Trial]) -> tuple[tuple[Trial, ...], tu
     return tuple(cut), tuple(origin)
 
 
-def first_swings(plant: Plant, trials: Sequence[Trial]) -> tuple[Trial, ...]:
+def first_periods(plant: Plant, trials: Sequence[Trial]) -> tuple[Trial, ...]:
     """Cut the first few swings out of each record; all of it, where nothing swings."""
-    lowest = slowest_hz(plant)
-    return tuple(trial.part(0, _lasting(SWINGS, lowest, trial)) for trial in trials)
+    lowest = lowest_frequency_hz(plant)
+    return tuple(trial.part(0, _samples_of_periods(SWINGS, lowest, trial)) for trial in trials)
 
 
-def loudest(
+def strongest_segments(
     plant: Plant, trials: Sequence[Trial], count: int, share: float = 1.0
 ) -> tuple[Trial, ...]:
     """Cut the part out of each record in which most moves, as long as so many pieces.
@@ -141,10 +143,10 @@ def loudest(
     share
         Of the power of that part, for one that moves so much less.
     """
-    lowest = slowest_hz(plant)
+    lowest = lowest_frequency_hz(plant)
     found = []
     for trial in trials:
-        length = _lasting(count * PERIODS, lowest, trial)
+        length = _samples_of_periods(count * PERIODS, lowest, trial)
         size = np.maximum(np.std(trial.measured, axis=0), np.finfo(float).tiny)
         moved = np.sum((trial.measured / size) ** 2, axis=1)
         so_far = np.concatenate([[0.0], np.cumsum(moved)])
@@ -154,39 +156,39 @@ def loudest(
     return tuple(found)
 
 
-def _lasting(periods: float, lowest_hz: float, trial: Trial) -> int:
+def _samples_of_periods(periods: float, lowest_hz: float, trial: Trial) -> int:
     """Give the samples that so many periods take; all there are, where it is shorter."""
     whole = len(trial.outputs)
     length = int(periods / lowest_hz * trial.rate_hz) if lowest_hz else whole
-    return min(max(length, FEWEST), whole)
+    return min(max(length, MIN_SAMPLES), whole)
 
 
-def begun_by(
+def initial_states_of_records(
     plant: Plant,
     trials: Sequence[Trial],
     noise: Noise,
     values: Float[np.ndarray, " parameter"],
 ) -> list[State]:
     """Give the first state of each record, as its first few periods tell it."""
-    cut, origin = pieces(plant, trials)
+    cut, origin = cut_segments(plant, trials)
     firsts = [origin.index(number) for number in range(len(trials))]
     rest = np.zeros(len(plant.state_names))
     return [
-        _told(
-            plant, cut[i], noise.of([number]), values, state_heard(plant, cut[i], rest)
+        _fit_initial_state(
+            plant, cut[i], noise.of([number]), values, state_from_sensors(plant, cut[i], rest)
         ).states[0]
         for number, i in enumerate(firsts)
     ]
 
 
-def slowest_hz(plant: Plant) -> float:
+def lowest_frequency_hz(plant: Plant) -> float:
     """Lowest frequency of a vibration; 0 of a structure that floats and has none."""
     frequency = undamped_modes(assemble(plant.description)).frequency_hz
     own = frequency[frequency > RIGID * frequency[-1]]
     return float(own[0]) if len(own) else 0.0
 
 
-def _followed(
+def _sequential_initial_states(
     plant: Plant,
     cut: Sequence[Trial],
     origin: Sequence[int],
@@ -203,7 +205,7 @@ def _followed(
     rest = np.zeros(len(plant.state_names))
     for number, piece in enumerate(cut):
         if late is not None and late():
-            raise GivenUp
+            raise FitAbandoned
         new = number == 0 or origin[number] != origin[number - 1]
         state = np.zeros(0) if new else found[-1]
         if not new:
@@ -217,14 +219,16 @@ def _followed(
             ).states[-1]
         own = noise.of([number])
         led = state if np.isfinite(state).all() and state.size else rest
-        begin = nearest(plant, piece, own, values, [led, state_heard(plant, piece, led)])
-        told = _told(plant, piece, own, values, begin)
+        begin = best_initial_state(
+            plant, piece, own, values, [led, state_from_sensors(plant, piece, led)]
+        )
+        told = _fit_initial_state(plant, piece, own, values, begin)
         found.append(told.states[0])
         left.append(told.cost / max(told.data, 1))
     return found, left
 
 
-def _told(
+def _fit_initial_state(
     plant: Plant,
     piece: Trial,
     noise: Noise,

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from slowtime.dynamics.plant import Name, Plant
 
-UNCLAIMED = {"stiffness": 0.2, "damping": 1.0, "mass": 0.0}
+DEFAULT_RELATIVE_SD = {"stiffness": 0.2, "damping": 1.0, "mass": 0.0}
 """Relative standard deviations where a model states no tolerance: masses are weighed."""
 
 
@@ -51,7 +51,7 @@ def prior_of(plant: Plant, free: Sequence[Name] | None = None, within: float = n
     free
         Names of the constants that may move; where not given, all that are claimed with a
         tolerance above zero, and all fitted parameters of effects. What the model claims
-        nothing about moves by `UNCLAIMED`.
+        nothing about moves by `DEFAULT_RELATIVE_SD`.
     within
         Tolerances by which constants of the structure may move at most.
     """
@@ -59,7 +59,7 @@ def prior_of(plant: Plant, free: Sequence[Name] | None = None, within: float = n
     for i, (name, entry) in enumerate(plant.entries.items()):
         sd = entry.sd
         if np.isinf(sd) and name[0] != "effect":
-            sd = UNCLAIMED[str(name[0])] * abs(entry.value)
+            sd = DEFAULT_RELATIVE_SD[str(name[0])] * abs(entry.value)
         wanted = entry.fitted and sd > 0 if free is None else name in free
         if wanted:
             names.append(name)

@@ -11,12 +11,12 @@ from slowtime.discrepancy.noise import Noise
 from slowtime.discrepancy.records import Trial
 from slowtime.signals.spectra import transform
 
-EASED = 0.05
+TAPER_SHARE = 0.05
 """Share of a record over which drift is eased in and out."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Weights:
+class SpectralWeights:
     r"""Factors that turn the spectrum of a residual into numbers of unit variance.
 
     With :math:`z_k = Y_k \sqrt{2 / N_k}`, whose real and imaginary parts have unit variance
@@ -75,7 +75,7 @@ class Weights:
         if self.white is not None:
             with np.errstate(over="ignore"):
                 return float(np.sum((residual * self.use / self.white) ** 2))
-        return float(np.sum(self.by_line(residual)))
+        return float(np.sum(self.chi2_by_line(residual)))
 
     def _per_line(self, sensor: int) -> Float[np.ndarray, " frequency"]:
         """Give what makes a plain transform of a sensor's samples of unit variance."""
@@ -86,7 +86,7 @@ class Weights:
             scale[-1] /= np.sqrt(2.0)
         return np.asarray(scale)
 
-    def by_line(
+    def chi2_by_line(
         self, residual: Float[np.ndarray, "time sensor"]
     ) -> Float[np.ndarray, "frequency sensor"]:
         """Contribution of each line to chi squared."""
@@ -94,7 +94,9 @@ class Weights:
         return np.asarray(np.abs(spectrum * self.factors) ** 2)
 
 
-def weights_of(trial: Trial, noise: Noise, number: int, *, samples: int = 0) -> Weights:
+def spectral_weights(
+    trial: Trial, noise: Noise, number: int, *, samples: int = 0
+) -> SpectralWeights:
     """Weights of a trial's residual.
 
     Parameters
@@ -107,14 +109,18 @@ def weights_of(trial: Trial, noise: Noise, number: int, *, samples: int = 0) -> 
     count = samples or len(trial.outputs)
     use = trial.used[:count].astype(float)
     frequency = np.asarray(np.fft.rfftfreq(count, 1 / trial.rate_hz), dtype=float)
-    density = noise.weighing(number, frequency)
-    white = noise.drift is None and all(colour.low == 0 for colour in noise.colours[number])
+    density = noise.weighting_density(number, frequency)
+    white = noise.drift is None and all(
+        colour.coloured == 0 for colour in noise.colours[number]
+    )
     if noise.drift is not None:
-        use = use * np.stack([_eased(column) for column in use.T], axis=1)
+        use = use * np.stack([_tapered_mask(column) for column in use.T], axis=1)
     elif not white:
-        holes = [_leaked(one, column) for one, column in zip(density.T, use.T, strict=True)]
+        holes = [
+            _masked_density(one, column) for one, column in zip(density.T, use.T, strict=True)
+        ]
         density = np.stack(holes, axis=1)
-    return Weights(
+    return SpectralWeights(
         rate_hz=trial.rate_hz,
         frequency_hz=frequency,
         use=use,
@@ -123,7 +129,7 @@ def weights_of(trial: Trial, noise: Noise, number: int, *, samples: int = 0) -> 
     )
 
 
-def _leaked(
+def _masked_density(
     density: Float[np.ndarray, " frequency"], use: Float[np.ndarray, " time"]
 ) -> Float[np.ndarray, " frequency"]:
     """Density of noise in which holes are cut: steep noise leaks through them to all lines.
@@ -139,7 +145,7 @@ def _leaked(
     return np.asarray(np.maximum(cut / alike[0], np.finfo(float).tiny))
 
 
-def _eased(use: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
+def _tapered_mask(use: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
     """Fall towards every end of what is used, and rise from holes, as a sine squared.
 
     Not from the start: initial states are free, and drift begins there from nothing.
@@ -147,4 +153,6 @@ def _eased(use: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
     before = np.full(len(use), use[0] > 0)
     inside = scipy.ndimage.distance_transform_edt(np.concatenate([before, use > 0, [False]]))
     inside = inside[len(use) : -1]
-    return np.asarray(np.sin(np.pi / 2 * np.minimum(inside / (EASED * len(use)), 1.0)) ** 2)
+    return np.asarray(
+        np.sin(np.pi / 2 * np.minimum(inside / (TAPER_SHARE * len(use)), 1.0)) ** 2
+    )

@@ -5,7 +5,7 @@ import numpy as np
 from slowtime.discrepancy.records import Trial
 
 from .fit import Fit, refit
-from .levenberg_marquardt import WRONG
+from .levenberg_marquardt import WRONG_MODEL_CHI2
 
 BENT, WITHIN = 5.0, 3.0
 """Tolerances by which no constant is off that was claimed in good faith; those it is left."""
@@ -17,8 +17,8 @@ def refit_within_tolerances(fit: Fit, trials: tuple[Trial, ...]) -> Fit:
     Chi squared of a wrong model outweighs every prior, and leads constants to where nothing can
     be linearised about them: what is missing is looked for from where they are claimed to be.
     """
-    most = max(map(abs, fit.bent.values()), default=0.0)
-    if fit.chi2_in_band < WRONG or most <= BENT:
+    most = max(map(abs, fit.constant_pulls.values()), default=0.0)
+    if fit.chi2_in_band < WRONG_MODEL_CHI2 or most <= BENT:
         return fit
     values = fit.values.copy()
     for name, index, mean in zip(fit.prior.names, fit.prior.index, fit.prior.mean, strict=True):

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from slowtime.discrepancy.calibration import Fit
-from slowtime.discrepancy.calibration.augmentation import Start, free_run
+from slowtime.discrepancy.calibration.augmentation import FitStart, free_run_chi2
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import (
@@ -29,7 +29,7 @@ from slowtime.dynamics.effects import (
 from slowtime.dynamics.plant import Name
 
 from .library_fit import Candidate, is_applicable, label_of
-from .parameter_scan import joined, possible, sized
+from .parameter_scan import concatenate_motions, is_possible, scale_to_strength
 
 ALIKE = 0.9
 """Squared cosine between what constants add and what is linear of a law, from which it may be
@@ -44,12 +44,12 @@ CONSTANTS = {"stiffness_loss": ("stiffness", -1.0), "viscous_damping": ("damping
 """Kinds that change a constant of an element, which, and in which direction."""
 
 
-def equivalents(
+def equivalent_laws(
     bent: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind]
 ) -> list[Candidate]:
     """Give laws at elements with bent constants, those first whose free run comes nearest."""
     pulls = sorted(bent.pulls.items(), key=lambda pair: -abs(pair[1]))
-    elements = list(dict.fromkeys(name[1] for name, pull in pulls if _bends(name, pull)))
+    elements = list(dict.fromkeys(name[1] for name, pull in pulls if _is_moved(name, pull)))
     if not elements:
         return []
     data = bent.data
@@ -63,14 +63,14 @@ def equivalents(
     for element in elements[:ELEMENTS]:
         place = Place("element", str(element))
         motions = [run[place] for run in runs]
-        start = _start(bent, place)
+        start = _fit_start(bent, place)
         for kind in kinds.values():
             if not is_applicable(kind, bent.plant.description):
                 continue
             nearest = min(
                 (
-                    (free_run(bent, effect, start, trials, kinds), i, effect)
-                    for i, effect in enumerate(_laws(bent, kind, place, motions))
+                    (free_run_chi2(bent, effect, start, trials, kinds), i, effect)
+                    for i, effect in enumerate(_proportional_laws(bent, kind, place, motions))
                 ),
                 default=None,
             )
@@ -91,49 +91,56 @@ def instead_of_constants(
     as good as the best label, until they are refitted.
     """
     done = {label_of(one.effect) for one in labels}
-    every = equivalents(bent, trials, kinds)
+    every = equivalent_laws(bent, trials, kinds)
     others = [one for one in every if label_of(one.effect) not in done][:INSTEAD]
     done |= {label_of(one.effect) for one in others}
     named = {one.effect.kind for one in [*labels, *others]}
-    beside = [one for one in _aside(bent, kinds) if one.effect.kind in named]
+    beside = [one for one in _other_constants(bent, kinds) if one.effect.kind in named]
     others += [one for one in beside if label_of(one.effect) not in done][:ASIDE]
     if not labels:
         return others
     best = labels[0]
-    return [dataclasses.replace(one, cost=best.cost, bare=best.bare) for one in others]
+    return [
+        dataclasses.replace(one, cost=best.cost, cost_without=best.cost_without)
+        for one in others
+    ]
 
 
-def _aside(bent: Fit, kinds: Mapping[str, Kind]) -> Iterator[Candidate]:
+def _other_constants(bent: Fit, kinds: Mapping[str, Kind]) -> Iterator[Candidate]:
     """Give a change of each constant: few sensors do not tell which of them changed."""
     for name, _ in sorted(bent.pulls.items(), key=lambda pair: -abs(pair[1])):
         for kind, (what, sign) in CONSTANTS.items():
             if name[0] == what and kind in kinds:
                 place = Place("element", str(name[1]))
-                effect = Effect(kind, place, {kinds[kind].names[0]: sign * _moved(bent, name)})
-                start = _start(bent, place)
+                effect = Effect(
+                    kind, place, {kinds[kind].names[0]: sign * _change_of_constant(bent, name)}
+                )
+                start = _fit_start(bent, place)
                 yield Candidate(effect, bent.cost, -math.inf, bent.cost, start)
 
 
-def _bends(name: tuple[object, ...], pull: float) -> bool:
+def _is_moved(name: tuple[object, ...], pull: float) -> bool:
     return name[0] in ("stiffness", "damping") and abs(pull) > LIMITS.moved_tolerances
 
 
-def alone_off(fit: Fit, effect: Effect) -> bool:
+def is_single_changed_constant(fit: Fit, effect: Effect) -> bool:
     """Whether one constant alone is far off, and an effect is that it is so.
 
     That it was claimed too well is then no other answer.
     """
-    off = [name for name, pull in fit.bent.items() if abs(pull) > LIMITS.moved_tolerances]
+    off = [
+        name for name, pull in fit.constant_pulls.items() if abs(pull) > LIMITS.moved_tolerances
+    ]
     if (
         len(off) != 1
-        or abs(fit.bent[off[0]]) < LIMITS.alone_tolerances
+        or abs(fit.constant_pulls[off[0]]) < LIMITS.alone_tolerances
         or effect.kind not in CONSTANTS
     ):
         return False
     return off[0] == (CONSTANTS[effect.kind][0], effect.place.id)
 
 
-def _start(bent: Fit, place: Place) -> Start:
+def _fit_start(bent: Fit, place: Place) -> FitStart:
     """Give all else as the fit has it, and the element's constants as they were claimed."""
     constants = {
         name: float(bent.prior.mean[at] if name[1] == place.id else bent.free[at])
@@ -142,10 +149,12 @@ def _start(bent: Fit, place: Place) -> Start:
     }
     names = bent.plant.state_names
     states = [dict(zip(names, state.tolist(), strict=False)) for state in bent.states]
-    return Start(constants, states)  # type: ignore[arg-type]
+    return FitStart(constants, states)  # type: ignore[arg-type]
 
 
-def _laws(bent: Fit, kind: Kind, place: Place, motions: list[Motion]) -> Iterator[Effect]:
+def _proportional_laws(
+    bent: Fit, kind: Kind, place: Place, motions: list[Motion]
+) -> Iterator[Effect]:
     """Give a law in the shapes whose linear part is what the bent constants add."""
     action = kind.action
     if kind.where != "element" or kind.strength is None or kind.quadrature is not None:
@@ -153,9 +162,11 @@ def _laws(bent: Fit, kind: Kind, place: Place, motions: list[Motion]) -> Iterato
     if not isinstance(action, Law | Friction | Hidden):
         return
     motions = sorted(motions, key=lambda motion: float(motion.times[0]))
-    whole = joined(motions)
+    whole = concatenate_motions(motions)
     linear = np.stack([whole.e, whole.v], axis=1)
-    added = linear @ np.array([_added(bent, what, place) for what in ("stiffness", "damping")])
+    added = linear @ np.array(
+        [_added_by_constant(bent, what, place) for what in ("stiffness", "damping")]
+    )
     fits: list[tuple[float, dict[str, float]]] = []
     for shape in kind.shapes(whole):
         unit = dict(shape) | {kind.strength: 1.0}
@@ -165,20 +176,20 @@ def _laws(bent: Fit, kind: Kind, place: Place, motions: list[Motion]) -> Iterato
         part = linear @ np.linalg.lstsq(linear, force, rcond=None)[0]
         along, size = float(part @ added), float(part @ part)
         if size > 0 and along**2 > ALIKE * size * float(added @ added):
-            fits.append((along**2 / size, sized(kind, unit, along / size)))
+            fits.append((along**2 / size, scale_to_strength(kind, unit, along / size)))
     for _, parameters in sorted(fits, key=lambda one: -one[0])[:SHAPES]:
-        if possible(kind, parameters, bent.plant.description, place):
+        if is_possible(kind, parameters, bent.plant.description, place):
             yield Effect(kind.name, place, parameters)
 
 
-def _added(bent: Fit, what: str, place: Place) -> float:
+def _added_by_constant(bent: Fit, what: str, place: Place) -> float:
     """Give what a constant adds; one that stays within its tolerance needs no law for it."""
     name = (what, place.id)
-    if name not in bent.prior.names or not _bends(name, bent.pulls[name]):
+    if name not in bent.prior.names or not _is_moved(name, bent.pulls[name]):
         return 0.0
-    return _moved(bent, name)
+    return _change_of_constant(bent, name)
 
 
-def _moved(bent: Fit, name: Name) -> float:
+def _change_of_constant(bent: Fit, name: Name) -> float:
     at = bent.prior.names.index(name)
     return float(bent.free[at] - bent.prior.mean[at])

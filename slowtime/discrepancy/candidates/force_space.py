@@ -8,36 +8,39 @@ import scipy.linalg
 from jaxtyping import Complex, Float
 
 from slowtime.discrepancy.calibration import Fit
-from slowtime.discrepancy.localization import Located
-from slowtime.discrepancy.localization.latent_force import products
-from slowtime.discrepancy.localization.tuned_reference import Known, Tuned
+from slowtime.discrepancy.localization import Localization
+from slowtime.discrepancy.localization.latent_force import real_products
+from slowtime.discrepancy.localization.perturbed_reference import (
+    LinearConstants,
+    PerturbedReference,
+)
 from slowtime.dynamics.effects import Place
 from slowtime.signals.spectra import transform
 
 RIDGE = 1e-9
-HEARD = 1e-7
+MIN_DISTINCT_SHARE = 1e-7
 """Share of a force that constants may not follow, from which it is told from their moves."""
-BEYOND = 1e60
+MAX_FORCE = 1e60
 """Force that is none: its square is no number any more."""
-Forces = Complex[np.ndarray, "frequency column"]
+ForceSpectra = Complex[np.ndarray, "frequency column"]
 
 
-class Space:
+class ForceSpace:
     """Sensors' lines at one place, with constants and initial states taken out."""
 
-    def __init__(self, fit: Fit, located: Located, place: Place) -> None:
+    def __init__(self, fit: Fit, located: Localization, place: Place) -> None:
         found = located.group(place).explained
         self.located, self.place = located, place
         self.source = next(s for s in located.linear.sources() if s.place == place)
-        known = _known(fit, located)
+        known = _linear_constants(fit, located)
         change = known.within(found.constants)
-        tuned = [Tuned.of(located.linear, t, known, change) for t in located.lines]
+        tuned = [PerturbedReference.of(located.linear, t, known, change) for t in located.lines]
         self.latents = [located.latent(place, i) for i in range(len(located.trials))]
         constants = len(known.sd)
         states = tuned[0].decays.shape[2]
         size = constants + states * len(tuned)
         matrix, right = np.zeros((size, size)), np.zeros(size)
-        self.along: list[Forces] = []
+        self.along: list[ForceSpectra] = []
         self.signal: list[Float[np.ndarray, " frequency"]] = []
         self.where: list[np.ndarray] = []
         self.square = 0.0
@@ -46,13 +49,13 @@ class Space:
             motion = lines.motion + found.shifts[i] + one.free.moved(force.state)
             base = lines.base + self.source.base * force.mean
             explained = force.linear + force.transfer * force.mean[:, None]
-            residual = one.residual + lines.filling(explained + one.decays @ force.state)
+            residual = one.residual + lines.gap_spectrum(explained + one.decays @ force.state)
             scale = np.sqrt(lines.noise)[:, :, None]
             whole = np.concatenate(
                 [one.columns(known, motion, base), one.decays, residual[:, :, None]], axis=2
             )
             whole /= scale
-            inner = 2 * products(whole.reshape(-1, whole.shape[2]))
+            inner = 2 * real_products(whole.reshape(-1, whole.shape[2]))
             at = np.r_[0:constants, constants + i * states : constants + (i + 1) * states]
             matrix[np.ix_(at, at)] += inner[:-1, :-1]
             right[at] += inner[:-1, -1]
@@ -61,7 +64,7 @@ class Space:
             self.along.append(2 * np.einsum("fs,fsb->fb", unit.conj(), whole))
             self.signal.append(2 * np.sum(np.abs(unit) ** 2, axis=1))
             self.where.append(at)
-        off = (known.ahead + change) / known.sd
+        off = (known.reference_change + change) / known.sd
         own = np.arange(constants)
         matrix[own, own] += 1 / known.sd**2
         right[own] -= off / known.sd
@@ -71,10 +74,14 @@ class Space:
         self.factor = scipy.linalg.cho_factor(inner)
         self.right = right * self.scale
         self.solved = scipy.linalg.cho_solve(self.factor, self.right)
-        self.bare = self.square - float(self.right @ self.solved)
+        self.cost_without = self.square - float(self.right @ self.solved)
         """What is left without any force."""
-        self.names, self.reference, self.change = _constants(fit), _values(fit), change
-        deviation = known.ahead + change + (self.solved * self.scale)[:constants]
+        self.names, self.reference, self.change = (
+            _constant_names(fit),
+            _constant_values(fit),
+            change,
+        )
+        deviation = known.reference_change + change + (self.solved * self.scale)[:constants]
         self.sd, self.pulls = known.sd, deviation / known.sd
 
     @functools.cached_property
@@ -86,10 +93,12 @@ class Space:
         begun = [located.motion(explained, i)[:2, 0] for i in range(len(located.trials))]
         return [dict(zip(own, one.ravel().tolist(), strict=True)) for one in begun]
 
-    def lines_of(self, series: Iterable[Float[np.ndarray, "time column"]]) -> list[Forces]:
+    def lines_of(
+        self, series: Iterable[Float[np.ndarray, "time column"]]
+    ) -> list[ForceSpectra]:
         """Spectra of forces, trial by trial; of one that grew beyond bounds, nothing."""
         whole = list(series)
-        fine = np.all([(np.abs(one) < BEYOND).all(axis=0) for one in whole], axis=0)
+        fine = np.all([(np.abs(one) < MAX_FORCE).all(axis=0) for one in whole], axis=0)
         return [
             transform(one if fine.all() else np.where(fine, one, 0.0), lines.rate_hz)[1][
                 : len(lines.frequency_hz)
@@ -97,8 +106,8 @@ class Space:
             for one, lines in zip(whole, self.located.lines, strict=True)
         ]
 
-    def normal(
-        self, forces: list[Forces]
+    def normal_equations(
+        self, forces: list[ForceSpectra]
     ) -> tuple[Float[np.ndarray, "column column"], Float[np.ndarray, " column"]]:
         """Products of forces with each other and with the residual, all else taken out."""
         count = forces[0].shape[1]
@@ -115,14 +124,14 @@ class Space:
         taken = scipy.linalg.cho_solve(self.factor, cross)
         return inner - cross.T @ taken, seen - cross.T @ self.solved
 
-    def power(self, forces: list[Forces]) -> Float[np.ndarray, " column"]:
+    def power(self, forces: list[ForceSpectra]) -> Float[np.ndarray, " column"]:
         """Square of each force as the sensors hear it, whatever else could make it."""
         heard = [
             one @ np.abs(force) ** 2 for one, force in zip(self.signal, forces, strict=True)
         ]
         return np.asarray(np.sum(heard, axis=0))
 
-    def settled(self, forces: list[Forces]) -> dict[tuple[str, str], float]:
+    def constants_with(self, forces: list[ForceSpectra]) -> dict[tuple[str, str], float]:
         """Give the constants that go best with a known force."""
         cross = np.zeros(len(self.right))
         for force, along, at in zip(forces, self.along, self.where, strict=True):
@@ -133,8 +142,8 @@ class Space:
         whole = self.reference * (1 + self.change + found[:count])
         return dict(zip(self.names, whole.tolist(), strict=True))
 
-    def one(
-        self, forces: list[Forces]
+    def separate_fits(
+        self, forces: list[ForceSpectra]
     ) -> tuple[Float[np.ndarray, " column"], Float[np.ndarray, " column"]]:
         """Give the strength of each force by itself, and what it gains."""
         count = forces[0].shape[1]
@@ -154,11 +163,11 @@ class Space:
         whole = power.copy()
         power -= np.sum(cross * scipy.linalg.cho_solve(self.factor, cross), axis=0)
         seen -= cross.T @ self.solved
-        heard = power > HEARD * np.maximum(whole, np.finfo(float).tiny)
+        heard = power > MIN_DISTINCT_SHARE * np.maximum(whole, np.finfo(float).tiny)
         strength = np.where(heard, seen / np.where(heard, power, 1.0), 0.0)
         return strength, strength * np.where(heard, seen, 0.0)
 
-    def within_constants(self, forces: list[Forces]) -> tuple[float, float]:
+    def fit_within_tolerances(self, forces: list[ForceSpectra]) -> tuple[float, float]:
         """Of one force that constants can do without: what they would claim to be spared most.
 
         Its strength, and by how much their pulls' squares would be less; (0, 0) where sensors
@@ -172,7 +181,7 @@ class Space:
             whole += float(signal @ np.abs(force[:, 0]) ** 2)
         cross *= self.scale
         taken = scipy.linalg.cho_solve(self.factor, cross)
-        if not whole - float(cross @ taken) < HEARD * whole:
+        if not whole - float(cross @ taken) < MIN_DISTINCT_SHARE * whole:
             return 0.0, 0.0
         spared = (taken * self.scale)[: len(self.sd)] / self.sd
         along_pulls = float(spared @ self.pulls)
@@ -180,15 +189,17 @@ class Space:
         return along_pulls / square, along_pulls**2 / square
 
 
-def _constants(fit: Fit) -> tuple[tuple[str, str], ...]:
+def _constant_names(fit: Fit) -> tuple[tuple[str, str], ...]:
     return tuple((name[0], str(name[1])) for name in fit.prior.names if name[0] != "effect")
 
 
-def _values(fit: Fit) -> Float[np.ndarray, " constant"]:
+def _constant_values(fit: Fit) -> Float[np.ndarray, " constant"]:
     return fit.free[[i for i, name in enumerate(fit.prior.names) if name[0] != "effect"]]
 
 
-def _known(fit: Fit, located: Located) -> Known:
+def _linear_constants(fit: Fit, located: Localization) -> LinearConstants:
     index = [i for i, name in enumerate(fit.prior.names) if name[0] != "effect"]
     now, mean, sd = fit.free[index], fit.prior.mean[index], fit.prior.sd[index]
-    return Known.of(located.linear, _constants(fit), (now - mean) / now, sd / np.abs(now))
+    return LinearConstants.of(
+        located.linear, _constant_names(fit), (now - mean) / now, sd / np.abs(now)
+    )

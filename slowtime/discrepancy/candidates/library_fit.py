@@ -16,15 +16,15 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from slowtime.discrepancy.calibration import Fit
-from slowtime.discrepancy.calibration.augmentation import Start
-from slowtime.discrepancy.localization import Group, Located
-from slowtime.discrepancy.noise import floats
+from slowtime.discrepancy.calibration.augmentation import FitStart
+from slowtime.discrepancy.localization import Localization, PlaceGroup
+from slowtime.discrepancy.noise import has_rigid_motion
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Effect, Kind, Place
 
-from .force_space import Forces, Space
-from .parameter_scan import best_of, gained, made_by, retuned
+from .force_space import ForceSpace, ForceSpectra
+from .parameter_scan import best_effect, best_within_tolerances, effect_forces, gain_of
 
 MORE, LITTLE = 1.5, 0.2
 """Times what a free force at the best place leaves, and over the noise, from which a place is
@@ -63,7 +63,7 @@ class Candidate:
         Chi squared that it leaves, with what the constants' tolerance takes.
     score
         Half of that, and half a log of the data for each parameter, below zero.
-    bare
+    cost_without
         Chi squared without it.
     start
         Where the free run may start from.
@@ -72,17 +72,17 @@ class Candidate:
     effect: Effect
     cost: float
     score: float
-    bare: float
-    start: Start | None = None
+    cost_without: float
+    start: FitStart | None = None
 
 
 def library_candidates(
-    fit: Fit, located: Located, kinds: Mapping[str, Kind]
+    fit: Fit, located: Localization, kinds: Mapping[str, Kind]
 ) -> list[Candidate]:
     """Try every kind at every place, each with its own best shape; the best first."""
     data = sum(2 * t.residual.size for t in located.lines)
     found: list[Candidate] = []
-    spaces: dict[Place, Space] = {}
+    spaces: dict[Place, ForceSpace] = {}
     least = math.inf
     described = located.linear.description
     fits = [kind for kind in kinds.values() if is_applicable(kind, described)]
@@ -94,36 +94,38 @@ def library_candidates(
         if leaving < LIMITS.several_forces_chi2 or most <= 0:
             # To one sensor all places are alike, but for how smooth their forces have to be.
             alike = set(group.places) & set(located.groups[0].twins)
-            worse = group.left > no_worse(leaving) * (ALIKE if alike else 1.0)
+            worse = group.left > acceptable_chi2(leaving) * (ALIKE if alike else 1.0)
         else:
             worse = group.score < WEAK * most
-        worse = worse or best_outside(located, group) > HOPELESS * least
+        worse = worse or unreachable_chi2(located, group) > HOPELESS * least
         if worse and not one_line:
             continue
         for place in group.places:
             own = [k for k in (tones if worse else fits) if k.where == place.kind]
             if not own:
                 continue
-            space = spaces[place] = Space(fit, located, place)
+            space = spaces[place] = ForceSpace(fit, located, place)
             for kind in own:
-                both = (best_of(kind, space), retuned(kind, space))
+                both = (best_effect(kind, space), best_within_tolerances(kind, space))
                 if both == (None, None):
                     continue
-                effect, gain = max((one for one in both if one is not None), key=gained)
-                least = min(least, space.bare - gain)
-                cost = space.bare - gain
+                effect, gain = max((one for one in both if one is not None), key=gain_of)
+                least = min(least, space.cost_without - gain)
+                cost = space.cost_without - gain
                 numbers = sum(p.fitted for p in kind.parameters)
                 score = -cost / 2 - numbers / 2 * math.log(data)
-                found.append(Candidate(effect, cost, score, space.bare))
+                found.append(Candidate(effect, cost, score, space.cost_without))
     found.sort(key=lambda c: -c.score)
     foremost = [
-        dataclasses.replace(c, start=_start(fit, c.effect, kinds, spaces[c.effect.place]))
+        dataclasses.replace(
+            c, start=_start_of_effect(fit, c.effect, kinds, spaces[c.effect.place])
+        )
         for c in found[:STARTED]
     ]
     return [*foremost, *found[STARTED:]]
 
 
-def is_tonal(located: Located) -> bool:
+def is_tonal(located: Localization) -> bool:
     """Whether nearly all that is left is one line: a tone has a say wherever it may act.
 
     A force that may have any spectrum is no measure for one that has a single line.
@@ -141,7 +143,7 @@ def is_tonal(located: Located) -> bool:
     return inside > ONE_LINE * sum(float(excess.sum()) for excess in loud)
 
 
-def no_worse(least: float) -> float:
+def acceptable_chi2(least: float) -> float:
     """Give what a place may leave, over the noise, beside one that leaves the least.
 
     What leaves less than noise explains noise, too, and is no measure.
@@ -149,22 +151,26 @@ def no_worse(least: float) -> float:
     return MORE * max(least, 1.0) + LITTLE
 
 
-def _start(fit: Fit, effect: Effect, kinds: Mapping[str, Kind], space: Space) -> Start:
+def _start_of_effect(
+    fit: Fit, effect: Effect, kinds: Mapping[str, Kind], space: ForceSpace
+) -> FitStart:
     """Solve for what else moves, once a law is as it was found."""
-    return start_with(fit, space.lines_of(made_by(kinds[effect.kind], effect, space)), space)
+    return start_with_force(
+        fit, space.lines_of(effect_forces(kinds[effect.kind], effect, space)), space
+    )
 
 
-def start_with(fit: Fit, forces: list[Forces], space: Space) -> Start:
+def start_with_force(fit: Fit, forces: list[ForceSpectra], space: ForceSpace) -> FitStart:
     """Solve for what else moves, once a force is known."""
-    constants = space.settled(forces)
+    constants = space.constants_with(forces)
     means = dict(zip(fit.prior.names, fit.prior.mean.tolist(), strict=True))
     for name, value in constants.items():
         if not 1 / FARTHEST < value / means[name] < FARTHEST:
             constants[name] = means[name]
-    return Start(constants, space.states)
+    return FitStart(constants, space.states)
 
 
-def mirrored(
+def mirrored_factor(
     labels: Sequence[Candidate], tried: Sequence[Candidate], kinds: Mapping[str, Kind]
 ) -> list[Candidate]:
     """Give what one sensor alone cannot tell from a label: the input's factor or its own."""
@@ -186,7 +192,7 @@ def mirrored(
     ]
 
 
-def best_outside(located: Located, group: Group) -> float:
+def unreachable_chi2(located: Localization, group: PlaceGroup) -> float:
     """Chi squared that no force at a place can take away, whatever its course."""
     total = 0.0
     for lines, force in zip(located.lines, group.explained.forces, strict=True):
@@ -202,7 +208,7 @@ def is_applicable(kind: Kind, description: Description) -> bool:
     """Whether a kind can be at all: what is per radian acts on angles."""
     if kind.name == OFFSET:
         return False  # one with a bias of sensors, where a structure stands; else fitted anyway
-    if kind.name == GAIN and len(description.inputs) == 1 and floats(description):
+    if kind.name == GAIN and len(description.inputs) == 1 and has_rigid_motion(description):
         return False  # one with all masses and dampers being so much smaller
     angular = any("/rad" in parameter.unit for parameter in kind.parameters)
     return not angular or description.unit_of_coordinate == "rad"

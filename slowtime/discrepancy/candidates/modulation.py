@@ -14,7 +14,7 @@ from jaxtyping import Complex, Float
 from slowtime.dynamics.effects.grids import lines_hz
 
 Series = Float[np.ndarray, " _"]
-Turned = tuple[Complex[np.ndarray, " _"], Float[np.ndarray, " _"]]
+Demodulated = tuple[Complex[np.ndarray, " _"], Float[np.ndarray, " _"]]
 
 LINES, PHASES = 4, 2
 """Lines of each record that are looked at, and frequencies that are given for each."""
@@ -60,11 +60,15 @@ def modulation_frequencies_hz(
     for near in (heard, *loudest):
         for line in near:
             lines += [line] if all(abs(line - other) > width for other in lines) else []
-    found = [one for line in lines for one in _about(line, products, power, times, lengths)]
+    found = [
+        one
+        for line in lines
+        for one in _refine_about_line(line, products, power, times, lengths)
+    ]
     return [hertz for _, hertz in sorted(found, reverse=True) if hertz > 0]
 
 
-def _about(
+def _refine_about_line(
     line: float,
     products: Sequence[Series],
     power: Sequence[float],
@@ -73,36 +77,36 @@ def _about(
 ) -> list[tuple[float, float]]:
     """Give what is explained, and the frequency, at the best few about a line."""
     span = max(float(t[-1]) for t in times) - min(float(t[0]) for t in times)
-    parts = [_turned(p, t, line) for p, t in zip(products, times, strict=True)]
+    parts = [_demodulated(p, t, line) for p, t in zip(products, times, strict=True)]
     wide, fine = 1.0 / min(lengths), 1.0 / (FINE * max(lengths))
     steps = np.arange(-wide, wide + fine, fine)
     alone = sum(
-        np.abs(_summed(part, steps)) ** 2 / one for part, one in zip(parts, power, strict=True)
+        np.abs(_dtft(part, steps)) ** 2 / one for part, one in zip(parts, power, strict=True)
     )
     middle = float(steps[int(np.argmax(alone))])
     count = min(2 * int(np.ceil(FINE * fine * 3 * span)) + 1, MOST_STEPS)
     steps = middle + np.linspace(-3 * fine, 3 * fine, max(count, 9))
-    joint = _joint(parts, steps)
+    joint = _joint_power(parts, steps)
     inner = np.flatnonzero((joint >= np.roll(joint, 1)) & (joint >= np.roll(joint, -1)))
     found = []
     for best in inner[np.argsort(-joint[inner])[:PHASES]]:
         step, width = float(steps[best]), float(steps[1] - steps[0])
         for _ in range(CLOSER):
             near = step + width * np.linspace(-1, 1, 2 * FINE + 1)
-            step, width = float(near[int(np.argmax(_joint(parts, near)))]), width / FINE
-        explained = float(_joint(parts, np.array([step]))[0]) / sum(power)
+            step, width = float(near[int(np.argmax(_joint_power(parts, near)))]), width / FINE
+        explained = float(_joint_power(parts, np.array([step]))[0]) / sum(power)
         found.append((explained, line + step))
     return found
 
 
-def _joint(
-    parts: Sequence[Turned], steps: Float[np.ndarray, " step"]
+def _joint_power(
+    parts: Sequence[Demodulated], steps: Float[np.ndarray, " step"]
 ) -> Float[np.ndarray, " step"]:
     """Square of the sum over all records with one phase."""
-    return np.asarray(np.abs(sum(_summed(part, steps) for part in parts)) ** 2)
+    return np.asarray(np.abs(sum(_dtft(part, steps) for part in parts)) ** 2)
 
 
-def _turned(product: Series, times: Series, line: float) -> Turned:
+def _demodulated(product: Series, times: Series, line: float) -> Demodulated:
     """Sum over parts of a record, turned back by a line; tell when each part was."""
     edges = np.unique(np.linspace(0, len(times), BLOCKS + 1).astype(int))[:-1]
     turned = product * np.exp(-2j * np.pi * line * times)
@@ -110,6 +114,6 @@ def _turned(product: Series, times: Series, line: float) -> Turned:
     return np.add.reduceat(turned, edges), np.add.reduceat(times, edges) / counts
 
 
-def _summed(part: Turned, steps: Float[np.ndarray, " step"]) -> Complex[np.ndarray, " step"]:
+def _dtft(part: Demodulated, steps: Float[np.ndarray, " step"]) -> Complex[np.ndarray, " step"]:
     sums, when = part
     return np.asarray(np.exp(-2j * np.pi * np.outer(steps, when)) @ sums)

@@ -7,7 +7,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.discrepancy.localization import Located
+from slowtime.discrepancy.localization import Localization
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import (
     Effect,
@@ -25,7 +25,7 @@ from slowtime.dynamics.effects import (
 from slowtime.dynamics.plant.names import lowest
 from slowtime.dynamics.units import unit_factor
 
-from .force_space import Space
+from .force_space import ForceSpace
 from .modulation import modulation_frequencies_hz
 
 STEP = 1e-4
@@ -56,7 +56,7 @@ Values = Float[np.ndarray, " value"]
 
 
 @runtime_checkable
-class Acted(Protocol):
+class ParameterAction(Protocol):
     """What a value of a parameter changes, trial by trial; or in one only."""
 
     def __call__(self, value: float, only: int | None = None) -> list[Column]:
@@ -64,7 +64,7 @@ class Acted(Protocol):
         ...
 
 
-def best_of(kind: Kind, space: Space) -> tuple[Effect, float] | None:
+def best_effect(kind: Kind, space: ForceSpace) -> tuple[Effect, float] | None:
     """Give the parameters of a kind that explain most at a place, and what they gain."""
     if isinstance(kind.action, Law | Friction | Hidden):
         return _best_force(kind, space)
@@ -73,7 +73,7 @@ def best_of(kind: Kind, space: Space) -> tuple[Effect, float] | None:
     return None
 
 
-def _best_force(kind: Kind, space: Space) -> tuple[Effect, float] | None:
+def _best_force(kind: Kind, space: ForceSpace) -> tuple[Effect, float] | None:
     motions = [latent.motion for latent in space.latents]
     shapes = _shapes(kind, space, motions)
     if not shapes:
@@ -82,31 +82,31 @@ def _best_force(kind: Kind, space: Space) -> tuple[Effect, float] | None:
         found = _best_quadrature(kind, space, motions, shapes)
         if "frequency_hz" not in kind.names:
             return found
-        return _polished(kind, found, space, motions)
+        return _refine_frequency(kind, found, space, motions)
     best = _best_shape(kind, space, motions, shapes)
     if best is not None and isinstance(kind.action, Hidden) and kind.action.coordinates:
-        return _nearer(kind, best, space, motions)
+        return _refine_resonance(kind, best, space, motions)
     switches = kind.action.switches if isinstance(kind.action, Law) else ()
     if best is None or len(switches) != 1:
         return best
     finer = shapes
     for _ in range(MOST_CLOSER):
-        finer = _between(switches[0], best[0], finer)
-        best = max(best, _best_shape(kind, space, motions, finer) or best, key=gained)
+        finer = _refined_shapes(switches[0], best[0], finer)
+        best = max(best, _best_shape(kind, space, motions, finer) or best, key=gain_of)
         instants = sorted(shape[switches[0]] for shape in finer)
         if instants[1] - instants[0] < FINEST_S:
             break
     return best
 
 
-def scanned(kind: Kind, space: Space) -> list[dict[str, float]]:
+def unit_strength_shapes(kind: Kind, space: ForceSpace) -> list[dict[str, float]]:
     """Give a kind in every shape that makes sense, with a unit of its strength."""
-    unit = 1.0 if kind.strength is None else _unit(kind)
+    unit = 1.0 if kind.strength is None else _strength_sign(kind)
     shapes = _shapes(kind, space, [latent.motion for latent in space.latents])
-    return [dict(shape) | _scaled(kind, shape, unit) for shape in shapes]
+    return [dict(shape) | _with_strength(kind, shape, unit) for shape in shapes]
 
 
-def sized(kind: Kind, parameters: Shape, strength: float) -> dict[str, float]:
+def scale_to_strength(kind: Kind, parameters: Shape, strength: float) -> dict[str, float]:
     """Give a kind so many times its strength, with all that goes with that."""
     scaled = (kind.strength, *kind.scales)
     return {n: strength * value if n in scaled else value for n, value in parameters.items()}
@@ -118,7 +118,7 @@ def has_strength(kind: Kind) -> bool:
     return law and bool(kind.strength) and not kind.quadrature
 
 
-def as_strong(
+def effects_of_strength(
     kind: Kind,
     place: Place,
     motion: Motion,
@@ -146,46 +146,46 @@ def as_strong(
             continue
         for share in shares:
             strength = share * float(np.std(force)) / size
-            parameters = sized(kind, unit, strength)
-            if strength and possible(kind, parameters, description, place):
+            parameters = scale_to_strength(kind, unit, strength)
+            if strength and is_possible(kind, parameters, description, place):
                 yield Effect(kind.name, place, parameters)
 
 
-def possible(kind: Kind, parameters: Shape, description: Description, place: Place) -> bool:
+def is_possible(kind: Kind, parameters: Shape, description: Description, place: Place) -> bool:
     """Whether a kind may have such parameters at a place."""
     least = lowest(description, place, kind)
     return not any(kind.parameter(n).refuses(v) or v <= least for n, v in parameters.items())
 
 
-def made_by(kind: Kind, effect: Effect, space: Space) -> list[Column]:
+def effect_forces(kind: Kind, effect: Effect, space: ForceSpace) -> list[Column]:
     """Give what an effect does at its place, along the motion recovered there."""
     action = kind.action
     if not isinstance(action, SensorChange | InputChange):
         return [force_along(kind, effect.parameters, x.motion)[:, None] for x in space.latents]
-    values, factor = kind.values(effect.parameters), _factor(space)
+    values, factor = kind.values(effect.parameters), _unit_factor(space)
     return [
         factor * (action.act(x.motion.e, x.motion.times, values) - x.motion.e)[:, None]
         for x in space.latents
     ]
 
 
-def gained(found: tuple[Effect, float]) -> float:
+def gain_of(found: tuple[Effect, float]) -> float:
     """Second of a pair: what an effect gains."""
     return found[1]
 
 
-def _shapes(kind: Kind, space: Space, motions: list[Motion]) -> list[Shape]:
+def _shapes(kind: Kind, space: ForceSpace, motions: list[Motion]) -> list[Shape]:
     """Shapes that make sense: frequencies of one record at a time, all else of the campaign."""
     if not any(parameter.unit == "Hz" for parameter in kind.parameters):
-        return kind.shapes(joined(motions))
+        return kind.shapes(concatenate_motions(motions))
     longest = max(range(len(motions)), key=lambda i: len(motions[i].times))
     shapes = kind.shapes(motions[longest])
     if kind.quadrature is None or "frequency_hz" not in kind.names:
         return shapes
-    return shapes + _turning(kind, shapes, space)
+    return shapes + _modulated_shapes(kind, shapes, space)
 
 
-def _turning(kind: Kind, shapes: list[Shape], space: Space) -> list[Shape]:
+def _modulated_shapes(kind: Kind, shapes: list[Shape], space: ForceSpace) -> list[Shape]:
     """Frequencies of a clock that is none of the motion's."""
     assert kind.quadrature is not None
     assert kind.strength is not None
@@ -204,12 +204,12 @@ def _turning(kind: Kind, shapes: list[Shape], space: Space) -> list[Shape]:
         [latent.force for latent in space.latents],
         laws,
         [latent.motion.times for latent in space.latents],
-        _heard_hz(space.located) if same else (),
+        _strongest_lines_hz(space.located) if same else (),
     )
     return [others | {"frequency_hz": hertz} for hertz in found]
 
 
-def _heard_hz(located: Located) -> list[float]:
+def _strongest_lines_hz(located: Localization) -> list[float]:
     """Lines that are loudest over the noise of the sensors, those of each record."""
     found: list[float] = []
     for one in located.lines:
@@ -218,8 +218,8 @@ def _heard_hz(located: Located) -> list[float]:
     return [hertz for hertz in found if hertz > 0]
 
 
-def _polished(
-    kind: Kind, found: tuple[Effect, float], space: Space, motions: list[Motion]
+def _refine_frequency(
+    kind: Kind, found: tuple[Effect, float], space: ForceSpace, motions: list[Motion]
 ) -> tuple[Effect, float]:
     """Give a better frequency: one over the campaign is how far a phase holds."""
     span = max(float(m.times[-1]) for m in motions) - min(float(m.times[0]) for m in motions)
@@ -235,13 +235,13 @@ def _polished(
         near = _best_quadrature(
             kind, space, motions, [one for one in about if one["frequency_hz"] > 0]
         )
-        found = max(found, near, key=gained)
+        found = max(found, near, key=gain_of)
         step /= 4
     return found
 
 
-def _nearer(
-    kind: Kind, found: tuple[Effect, float], space: Space, motions: list[Motion]
+def _refine_resonance(
+    kind: Kind, found: tuple[Effect, float], space: ForceSpace, motions: list[Motion]
 ) -> tuple[Effect, float]:
     """Give a better resonance: a light one is far narrower than the first look is fine."""
     assert kind.strength is not None
@@ -261,12 +261,12 @@ def _nearer(
             for k in (-1.0, -0.5, 0.0, 0.5, 1.0)
             for turn in (-1, 0, 1)
         ]
-        found = max(found, _best_shape(kind, space, motions, near) or found, key=gained)
+        found = max(found, _best_shape(kind, space, motions, near) or found, key=gain_of)
         wide /= 2
     return found
 
 
-def _between(name: str, found: Effect, shapes: list[Shape]) -> list[Shape]:
+def _refined_shapes(name: str, found: Effect, shapes: list[Shape]) -> list[Shape]:
     """Values of one shape parameter between the neighbours of the one that was best."""
     values = sorted({shape[name] for shape in shapes})
     at = int(np.argmin(np.abs(np.array(values) - found.parameters[name])))
@@ -276,18 +276,18 @@ def _between(name: str, found: Effect, shapes: list[Shape]) -> list[Shape]:
 
 
 def _best_shape(
-    kind: Kind, space: Space, motions: list[Motion], shapes: list[Shape]
+    kind: Kind, space: ForceSpace, motions: list[Motion], shapes: list[Shape]
 ) -> tuple[Effect, float] | None:
     best: tuple[Effect, float] | None = None
-    unit = 1.0 if kind.strength is None else _unit(kind)
-    whole = [dict(shape) | _scaled(kind, shape, unit) for shape in shapes]
+    unit = 1.0 if kind.strength is None else _strength_sign(kind)
+    whole = [dict(shape) | _with_strength(kind, shape, unit) for shape in shapes]
     forces = space.lines_of(
         np.array([force_along(kind, p, motion) for p in whole]).T for motion in motions
     )
-    strengths, gains = space.one(forces)
+    strengths, gains = space.separate_fits(forces)
     for parameters, strength, gain in zip(whole, strengths, gains, strict=True):
-        found = sized(kind, parameters, float(strength))
-        can = possible(kind, found, space.located.linear.description, space.place)
+        found = scale_to_strength(kind, parameters, float(strength))
+        can = is_possible(kind, found, space.located.linear.description, space.place)
         if can and gain > 0 and (best is None or gain > best[1]):
             best = Effect(kind.name, space.place, found), float(gain)
     return best
@@ -295,7 +295,7 @@ def _best_shape(
 
 def _best_quadrature(
     kind: Kind,
-    space: Space,
+    space: ForceSpace,
     motions: list[Motion],
     shapes: list[Shape],
 ) -> tuple[Effect, float]:
@@ -310,7 +310,7 @@ def _best_quadrature(
     forces = space.lines_of(
         np.array([force_along(kind, p, motion) for p in whole]).T for motion in motions
     )
-    inner, seen = space.normal(forces)
+    inner, seen = space.normal_equations(forces)
     best: tuple[float, Shape, Values] | None = None
     for number, shape in enumerate(shapes):
         own = slice(2 * number, 2 * number + 2)
@@ -328,14 +328,14 @@ def _best_quadrature(
 
 
 def _best_change(
-    kind: Kind, action: SensorChange | InputChange, space: Space
+    kind: Kind, action: SensorChange | InputChange, space: ForceSpace
 ) -> tuple[Effect, float] | None:
     """Of a sensor or an input: a parameter that can do nothing does a little."""
     fitted = [p for p in kind.parameters if p.fitted]
     if len(fitted) != 1:
         return None
-    fixed = {p.name: _end(p.default, space) for p in kind.parameters if not p.fitted}
-    name, factor = fitted[0].name, _factor(space)
+    fixed = {p.name: _default_value(p.default, space) for p in kind.parameters if not p.fitted}
+    name, factor = fitted[0].name, _unit_factor(space)
     series = [(latent.motion.e, latent.motion.times) for latent in space.latents]
 
     def acted(value: float, only: int | None = None) -> list[Column]:
@@ -360,15 +360,15 @@ def _best_change(
             step = STEP if fitted[0].unit in ("", "s") else 1.0
             if not any(one.any() for one in acted(idle + step)):
                 continue
-            found = _best_value(space, acted, fitted[0], idle, step)
+            found = _best_parameter_value(space, acted, fitted[0], idle, step)
             if found is None:
                 return None
             return Effect(kind.name, space.place, fixed | {name: found[0]}), found[1]
-    return _best_bend(kind, space, acted, fixed, name)
+    return _scan_saturation(kind, space, acted, fixed, name)
 
 
-def _best_value(
-    space: Space, acted: Acted, parameter: Parameter, idle: float, step: float
+def _best_parameter_value(
+    space: ForceSpace, acted: ParameterAction, parameter: Parameter, idle: float, step: float
 ) -> tuple[float, float] | None:
     """Value that explains most, and its gain: by one step where its action is proportional.
 
@@ -380,7 +380,7 @@ def _best_value(
     if all(
         np.allclose(2 * one, two, rtol=1e-6) for one, two in zip(moved, double, strict=True)
     ):
-        strength, won = space.one(space.lines_of([one / step for one in moved]))
+        strength, won = space.separate_fits(space.lines_of([one / step for one in moved]))
         value = idle + float(strength[0])
         fine = parameter.refuses(value) is None and won[0] > 0
         fine = fine and (idle == 0 or abs(value) > NOTHING_LEFT)
@@ -398,7 +398,7 @@ def _best_value(
             one if i == shortest else np.zeros_like(one)
             for i, one in enumerate(acted(value, only=shortest))
         ]
-        inner, seen = space.normal(space.lines_of(series))
+        inner, seen = space.normal_equations(space.lines_of(series))
         gain = float(2 * seen[0] - inner[0, 0])
         best = (value, gain) if gain > best[1] else best
     value, gain = best[0], -math.inf
@@ -408,7 +408,7 @@ def _best_value(
             np.concatenate([a, (b - a) / step], axis=1)
             for a, b in zip(here, there, strict=True)
         ]
-        inner, seen = space.normal(space.lines_of(pair))
+        inner, seen = space.normal_equations(space.lines_of(pair))
         now = float(2 * seen[0] - inner[0, 0])
         if now > gain:
             best, gain = (value, now), now
@@ -421,10 +421,10 @@ def _best_value(
     return best if gain > 0 else None
 
 
-def _best_bend(
+def _scan_saturation(
     kind: Kind,
-    space: Space,
-    acted: Acted,
+    space: ForceSpace,
+    acted: ParameterAction,
     fixed: dict[str, float],
     name: str,
 ) -> tuple[Effect, float] | None:
@@ -433,19 +433,19 @@ def _best_bend(
     best: tuple[Effect, float] | None = None
     for share in np.geomspace(0.25, 0.97, 14):
         forces = space.lines_of(acted(share * top))
-        inner, seen = space.normal(forces)
+        inner, seen = space.normal_equations(forces)
         gain = float(2 * seen[0] - inner[0, 0])
         if gain > 0 and (best is None or gain > best[1]):
             best = Effect(kind.name, space.place, fixed | {name: float(share * top)}), gain
     return best
 
 
-def _end(default: float | None, space: Space) -> float:
+def _default_value(default: float | None, space: ForceSpace) -> float:
     last = max(float(latent.motion.times[-1]) for latent in space.latents)
     return last if default is None or math.isnan(default) else default
 
 
-def _factor(space: Space) -> float:
+def _unit_factor(space: ForceSpace) -> float:
     """From the unit of an input to SI; sensors keep theirs."""
     description = space.located.linear.description
     if space.place.kind != "input":
@@ -457,19 +457,19 @@ def _factor(space: Space) -> float:
     return unit_factor(entry.unit, "force", coordinate)
 
 
-def _unit(kind: Kind) -> float:
+def _strength_sign(kind: Kind) -> float:
     assert kind.strength is not None
     parameter = kind.parameter(kind.strength)
     return -1.0 if parameter.high <= 0 else 1.0
 
 
-def _scaled(kind: Kind, shape: Shape, unit: float) -> dict[str, float]:
+def _with_strength(kind: Kind, shape: Shape, unit: float) -> dict[str, float]:
     return (
         {} if kind.strength is None else {kind.strength: unit * shape.get(kind.strength, 1.0)}
     )
 
 
-def joined(motions: list[Motion]) -> Motion:
+def concatenate_motions(motions: list[Motion]) -> Motion:
     """One motion after the other as the campaign went, for what shapes make sense."""
     motions = sorted(motions, key=lambda motion: float(motion.times[0]))
     return Motion(
@@ -480,25 +480,25 @@ def joined(motions: list[Motion]) -> Motion:
     )
 
 
-def retuned(kind: Kind, space: Space) -> tuple[Effect, float] | None:
+def best_within_tolerances(kind: Kind, space: ForceSpace) -> tuple[Effect, float] | None:
     """Of an effect that is to the sensors as if constants had moved: by their own moves.
 
     They have tolerances, the effect has none; a mass that is added is to a shaken base as if
     both stiffness and damping were smaller.
     """
-    if not like_constant(kind):
+    if not is_constant_change(kind):
         return None
     unit = dict.fromkeys(kind.names, 1.0)
     force = [force_along(kind, unit, latent.motion)[:, None] for latent in space.latents]
-    strength, gain = space.within_constants(space.lines_of(force))
+    strength, gain = space.fit_within_tolerances(space.lines_of(force))
     found = {kind.names[0]: strength}
-    can = possible(kind, found, space.located.linear.description, space.place)
+    can = is_possible(kind, found, space.located.linear.description, space.place)
     if gain <= 0 or not can:
         return None
     return Effect(kind.name, space.place, found), gain
 
 
-def like_constant(kind: Kind) -> bool:
+def is_constant_change(kind: Kind) -> bool:
     """Whether a kind does what a constant of its place does: the constant's tolerance tells."""
     action = kind.action
     return isinstance(action, Hidden) and not action.coordinates and len(kind.names) == 1

@@ -13,13 +13,15 @@ from jaxtyping import Bool, Float
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.effects import Effect, Kind, SensorChange
 
-SPARE = 1.1
-"""Times what a first guess outruns the record by that is left out."""
-REACH = 8
-"""Samples on either side that a value between samples is made of."""
+OVERRUN_MARGIN = 1.1
+"""[1] Times the overrun of a first guess of the clock that is masked, as the guess may be
+low. Source: judgement; no study is recorded."""
+INTERPOLATION_SAMPLES = 8
+"""[samples] On either side from which a value between samples is interpolated. Source: reach
+of the interpolation in `slowtime.signals`."""
 
 
-def within_record(
+def mask_clock_overrun(
     trials: tuple[Trial, ...],
     channels: tuple[str, ...],
     effects: Iterable[Effect],
@@ -34,7 +36,7 @@ def within_record(
         values = kind.values(effect.parameters)
         column = channels.index(effect.place.id)
         for i, trial in enumerate(found):
-            late = beyond(kind.action, trial, values)
+            late = clock_overrun(kind.action, trial, values)
             if late.any():
                 use = trial.used.copy()
                 use[late, column] = False
@@ -42,7 +44,7 @@ def within_record(
     return tuple(found)
 
 
-def beyond(
+def clock_overrun(
     action: SensorChange, trial: Trial, values: Float[np.ndarray, " parameter"]
 ) -> Bool[np.ndarray, " time"]:
     """Tell which samples a change of the clock takes from after the record's last.
@@ -57,6 +59,6 @@ def beyond(
         return late
     late = action.act(ramp, times, values) > ramp[-1] * (1 + 1e-12)
     if late.any():
-        count = int(SPARE * late.sum()) + REACH
+        count = int(OVERRUN_MARGIN * late.sum()) + INTERPOLATION_SAMPLES
         late[-count:] = True
     return np.asarray(late)

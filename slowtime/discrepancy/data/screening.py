@@ -81,14 +81,14 @@ class Finding:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Screened:
+class ScreenedTrial:
     """A record whose `use` leaves out what the findings name."""
 
     trial: Trial
     findings: tuple[Finding, ...]
 
 
-def screen_records(trials: Sequence[Trial], channels: Sequence[str]) -> list[Screened]:
+def screen_records(trials: Sequence[Trial], channels: Sequence[str]) -> list[ScreenedTrial]:
     """Screen the records of a campaign: where one shows a channel's stop, all have it."""
     found = [screen(trial, channels) for trial in trials]
     stops: dict[str, set[float]] = {}
@@ -108,7 +108,7 @@ def screen(
     trial: Trial,
     channels: Sequence[str] = (),
     stops: Mapping[str, Collection[float]] = types.MappingProxyType({}),
-) -> Screened:
+) -> ScreenedTrial:
     """Mask what is missing, stuck or clipped.
 
     Parameters
@@ -132,17 +132,17 @@ def screen(
     names = channels or [str(i + 1) for i in range(trial.outputs.shape[1])]
     use = trial.used.copy()
     findings: list[Finding] = []
-    still = _still(trial)
+    still = _initial_rest(trial)
     for i, (name, samples) in enumerate(zip(names, trial.outputs.T, strict=True)):
         if not use[:, i].any() and np.isfinite(samples).all():
             continue  # not measured in this record: no fault of the channel
-        for fault, bad in _faults(samples, still, stops.get(name, ())):
-            findings.append(_finding(trial, fault, name, bad, samples))
-            use[:, i] &= ~(_beside(bad, samples) if fault == "clipped" else bad)
-    return Screened(trial=dataclasses.replace(trial, use=use), findings=tuple(findings))
+        for fault, bad in _detect_faults(samples, still, stops.get(name, ())):
+            findings.append(_describe_fault(trial, fault, name, bad, samples))
+            use[:, i] &= ~(_clipped_neighbourhood(bad, samples) if fault == "clipped" else bad)
+    return ScreenedTrial(trial=dataclasses.replace(trial, use=use), findings=tuple(findings))
 
 
-def _faults(
+def _detect_faults(
     samples: Float[np.ndarray, " time"],
     still: Bool[np.ndarray, " time"],
     stops: Collection[float],
@@ -154,8 +154,8 @@ def _faults(
     if there.size and np.ptp(there) == 0:
         yield "constant", ~missing
         return
-    clipped = _clipped(samples, there, stops)
-    stuck = _stuck(samples) & ~still & ~clipped
+    clipped = _clipped_samples(samples, there, stops)
+    stuck = _stuck_samples(samples) & ~still & ~clipped
     for fault, which in (("zero", samples == 0), ("stuck", samples != 0)):
         if (stuck & which).any():
             yield "zero" if fault == "zero" else "stuck", stuck & which
@@ -163,7 +163,7 @@ def _faults(
         yield "clipped", clipped
 
 
-def _still(trial: Trial) -> Bool[np.ndarray, " time"]:
+def _initial_rest(trial: Trial) -> Bool[np.ndarray, " time"]:
     """Leading samples during which no input has moved yet: rest, not a fault."""
     moved = (trial.inputs != trial.inputs[0]).any(axis=1)
     if trial.inputs.shape[1] == 0:
@@ -172,7 +172,7 @@ def _still(trial: Trial) -> Bool[np.ndarray, " time"]:
     return np.arange(len(moved)) < first + 1
 
 
-def _stuck(samples: Float[np.ndarray, " time"]) -> Bool[np.ndarray, " time"]:
+def _stuck_samples(samples: Float[np.ndarray, " time"]) -> Bool[np.ndarray, " time"]:
     """Rows of equal values longer than the record's own habit of repeating itself allows."""
     starts, lengths = _runs(samples)
     ordinary = lengths[lengths < SHORTEST]
@@ -195,7 +195,7 @@ def _runs(
     return starts, np.diff(np.concatenate([starts, [len(samples)]]))
 
 
-def _clipped(
+def _clipped_samples(
     samples: Float[np.ndarray, " time"],
     there: Float[np.ndarray, " finite"],
     stops: Collection[float],
@@ -221,7 +221,7 @@ def _clipped(
     return np.any(piles, axis=0) if several else np.zeros(len(samples), dtype=bool)
 
 
-def _beside(
+def _clipped_neighbourhood(
     clipped: Bool[np.ndarray, " time"], samples: Float[np.ndarray, " time"]
 ) -> Bool[np.ndarray, " time"]:
     """Find samples that were cut off, and those beside them as near as noise may bring.
@@ -242,7 +242,7 @@ def _beside(
     return np.asarray(scipy.ndimage.binary_dilation(found))
 
 
-def _finding(
+def _describe_fault(
     trial: Trial,
     fault: Fault,
     channel: str,

@@ -32,26 +32,32 @@ UNITS: dict[UnitOfCoordinate, dict[str, str]] = {
 Series = Float[np.ndarray, " time"]
 
 
-def menu(description: Description, trials: Sequence[Trial]) -> list[list[Experiment]]:
+def experiment_options(
+    description: Description, trials: Sequence[Trial]
+) -> list[list[Experiment]]:
     """List experiments that the rig allows, in classes of rising effort.
 
     Levels and forms of the excitation that is there; another time; more sensors; a force on a
     node, which is measured.
     """
     if not description.inputs:
-        return [_louder(), [*_later(trials), *_heard(description, None)]]
+        return [_other_levels(), [*_later_repeats(trials), *_added_sensors(description, None)]]
     frequencies = undamped_modes(assemble(description)).frequency_hz
     low, high = float(frequencies[0]), float(frequencies[-1])
     broad = BROAD[0] * low, BROAD[1] * high
     top = HIGHEST * min(trial.rate_hz for trial in trials)
     return [
-        _louder(),
-        [*_shaped(low, broad, top), *_later(trials)],
-        [*_heard(description, None), *_heard(description, broad), *_pushed(description, broad)],
+        _other_levels(),
+        [*_other_excitations(low, broad, top), *_later_repeats(trials)],
+        [
+            *_added_sensors(description, None),
+            *_added_sensors(description, broad),
+            *_added_forces(description, broad),
+        ],
     ]
 
 
-def acted(option: Experiment, trial: Trial, description: Description) -> Trial:
+def experiment_trial(option: Experiment, trial: Trial, description: Description) -> Trial:
     """Give the inputs of an experiment, of the size of those that were measured.
 
     Parameters
@@ -64,48 +70,48 @@ def acted(option: Experiment, trial: Trial, description: Description) -> Trial:
     times = np.arange(count) / trial.rate_hz
     if option.excitation is not None:
         size = option.level * trial.inputs.std(axis=0)
-        inputs = np.outer(_form(option, times), size)
+        inputs = np.outer(_waveform(option, times), size)
     if option.add_inputs:
         # Forces of the size of those of inertia that a shaken base had made.
         masses = [node.mass_kg for node in description.nodes if node.mass_kg]
         mass = float(np.mean(masses)) if masses else 1.0
         size = max(
             float(column.std())
-            * _worth(entry, description)
+            * _si_factor(entry, description)
             * (mass if entry.node is None else 1.0)
             for entry, column in zip(description.inputs, trial.inputs.T, strict=True)
         )
-        wave = _form(option, times)[:, None] * size
+        wave = _waveform(option, times)[:, None] * size
         inputs = np.hstack([np.zeros_like(inputs), np.repeat(wave, len(option.add_inputs), 1)])
     return Trial(inputs=inputs, outputs=np.zeros((count, 1)), rate_hz=trial.rate_hz)
 
 
-def _worth(entry: Input, description: Description) -> float:
+def _si_factor(entry: Input, description: Description) -> float:
     quantity: Quantity = "force" if entry.kind == "force" else "acceleration"
     return unit_factor(entry.unit, quantity, description.unit_of_coordinate)
 
 
-def _louder() -> list[Experiment]:
+def _other_levels() -> list[Experiment]:
     return [
         Experiment(
-            f"Repeat the strongest record at {_times(level)} its level.", level=level
+            f"Repeat the strongest record at {_level_words(level)} its level.", level=level
         )
         for level in LEVELS
     ]  # fmt: skip
 
 
-def _times(level: float) -> str:
+def _level_words(level: float) -> str:
     named = {0.5: "half", 0.25: "a quarter of", 0.1: "a tenth of"}
     return named.get(level, f"{level:g} times")
 
 
-def _shaped(low: float, broad: tuple[float, float], top: float) -> list[Experiment]:
+def _other_excitations(low: float, broad: tuple[float, float], top: float) -> list[Experiment]:
     """Other forms of the excitation, between frequencies that suit the modes."""
     below = 0.2 * low, 0.7 * low
     options = [
         Experiment(
             f"Shake in a band from {broad[0]:.3g} to {broad[1]:.3g} Hz, all modes in it"
-            + ("." if level == 1 else f", at {_times(level)} the level."),
+            + ("." if level == 1 else f", at {_level_words(level)} the level."),
             level=level, band_hz=broad, excitation="multisine",
         )
         for level in (1.0, 0.5, 2.0, 4.0)
@@ -120,7 +126,7 @@ def _shaped(low: float, broad: tuple[float, float], top: float) -> list[Experime
         options += [
             Experiment(
                 f"Shake in a band from {broad[0]:.3g} to {top:.3g} Hz, far above the modes"
-                + ("." if level == 1 else f", at {_times(level)} the level."),
+                + ("." if level == 1 else f", at {_level_words(level)} the level."),
                 level=level, band_hz=(broad[0], top), excitation="multisine",
             )
             for level in (1.0, 2.0)
@@ -132,7 +138,7 @@ def _shaped(low: float, broad: tuple[float, float], top: float) -> list[Experime
     ]
 
 
-def _later(trials: Sequence[Trial]) -> list[Experiment]:
+def _later_repeats(trials: Sequence[Trial]) -> list[Experiment]:
     """Once more, after as long again as the campaign has lasted."""
     first = min(trial.start_s for trial in trials)
     last = max(trial.start_s + trial.duration_s for trial in trials)
@@ -144,13 +150,15 @@ def _later(trials: Sequence[Trial]) -> list[Experiment]:
     ]
 
 
-def _heard(description: Description, band: tuple[float, float] | None) -> list[Experiment]:
+def _added_sensors(
+    description: Description, band: tuple[float, float] | None
+) -> list[Experiment]:
     """Sensors that are not there yet: one at a time, then accelerations everywhere."""
     units = UNITS[description.unit_of_coordinate]
     there = {(s.quantity, s.node) for s in description.sensors}
     missing = [
         Sensor(
-            channel=_fresh(f"{quantity[0].replace('d', 'x')}_{node.id}", description),
+            channel=_unused_name(f"{quantity[0].replace('d', 'x')}_{node.id}", description),
             quantity=quantity, node=node.id, unit=units[quantity],
             frame="absolute" if quantity == "acceleration" else "relative_to_base",
         )
@@ -164,14 +172,14 @@ def _heard(description: Description, band: tuple[float, float] | None) -> list[E
     shaken = "" if band is None else f", and shake from {band[0]:.3g} to {band[1]:.3g} Hz"
     return [
         Experiment(
-            f"Measure the {_listed(sensors)} too{shaken}.",
+            f"Measure the {_sensor_words(sensors)} too{shaken}.",
             band_hz=band, excitation="multisine" if band else None, add_sensors=sensors,
         )
         for sensors in sets
     ]  # fmt: skip
 
 
-def _pushed(description: Description, band: tuple[float, float]) -> list[Experiment]:
+def _added_forces(description: Description, band: tuple[float, float]) -> list[Experiment]:
     """Put a shaker with a force cell on a node where there is none."""
     unit = UNITS[description.unit_of_coordinate]["force"]
     driven = {entry.node for entry in description.inputs if entry.kind == "force"}
@@ -182,7 +190,7 @@ def _pushed(description: Description, band: tuple[float, float]) -> list[Experim
             band_hz=band, excitation="multisine",
             add_inputs=(
                 Input(
-                    channel=_fresh(f"f_{node.id}", description), kind="force", node=node.id,
+                    channel=_unused_name(f"f_{node.id}", description), kind="force", node=node.id,
                     unit=unit,
                 ),
             ),
@@ -192,12 +200,12 @@ def _pushed(description: Description, band: tuple[float, float]) -> list[Experim
     ]  # fmt: skip
 
 
-def _listed(sensors: Sequence[Sensor]) -> str:
+def _sensor_words(sensors: Sequence[Sensor]) -> str:
     words = [f"{s.quantity} of {s.node}" for s in sensors]
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and the {words[-1]}"
 
 
-def _fresh(name: str, description: Description) -> str:
+def _unused_name(name: str, description: Description) -> str:
     taken = {entry.channel for entry in description.inputs}
     taken |= {entry.channel for entry in description.sensors}
     while name in taken:
@@ -205,7 +213,7 @@ def _fresh(name: str, description: Description) -> str:
     return name
 
 
-def _form(option: Experiment, times: Series) -> Series:
+def _waveform(option: Experiment, times: Series) -> Series:
     """Shape of an excitation, of unit size."""
     assert option.band_hz is not None
     low, high = option.band_hz

@@ -26,7 +26,7 @@ from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.effects import Kind
 from slowtime.dynamics.plant import Plant
 
-from .options import acted, menu
+from .options import experiment_options, experiment_trial
 
 PLENTY = 60.0
 """Expected log evidence that decides even where the models are only nearly right."""
@@ -45,7 +45,7 @@ Series = Float[np.ndarray, "time sensor"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Foretold:
+class Prediction:
     """What one rival says of an experiment.
 
     Parameters
@@ -64,7 +64,7 @@ class Foretold:
     known: Float[np.ndarray, "free free"]
 
 
-def propose(
+def propose_experiment(
     rivals: Sequence[FittedCandidate], trials: Sequence[Trial], kinds: Mapping[str, Kind]
 ) -> Experiment | None:
     """Choose the easiest experiment that parts rivals; None where nothing on the menu would.
@@ -77,8 +77,8 @@ def propose(
     rivals = rivals[:RIVALS]
     if len(rivals) < 2:
         return None
-    efforts = menu(rivals[0].description, trials)
-    apart = functools.cache(lambda option: partings(rivals, option, trials, kinds))
+    efforts = experiment_options(rivals[0].description, trials)
+    apart = functools.cache(lambda option: separations(rivals, option, trials, kinds))
     # Better to part the likeliest than none, where one rival goes with another everywhere.
     for number in reversed(range(len(rivals) - 1)):
         found = _easiest(efforts, apart, number)
@@ -106,7 +106,7 @@ def _easiest(
     return best if best is not None and best.separation > HOPELESS else None
 
 
-def partings(
+def separations(
     rivals: Sequence[FittedCandidate],
     option: Experiment,
     trials: Sequence[Trial],
@@ -119,15 +119,17 @@ def partings(
     trial = max(trials, key=lambda t: float(np.sum(t.inputs.var(axis=0))))
     later = max(t.start_s + t.duration_s for t in trials)
     start = later if option.start_s is None else option.start_s
-    acts = acted(option, trial, rivals[0].description)
+    acts = experiment_trial(option, trial, rivals[0].description)
     # What nearly gives way may do so, and no record would come of it.
     repeated = option.excitation is None and not option.add_inputs
     loud = SPARE * (option.level * trial.inputs if repeated else acts.inputs)
-    told: list[Foretold] = []
+    told: list[Prediction] = []
     least: list[float] = []
     for rival in rivals:
-        one = foretold(rival, option, acts, start, kinds)
-        if one is None or (option.level > 1 and not _whole(rival, option, loud, acts, kinds)):
+        one = predict(rival, option, acts, start, kinds)
+        if one is None or (
+            option.level > 1 and not _stays_bounded(rival, option, loud, acts, kinds)
+        ):
             break
         pairs = ((one, other) for other in told)
         apart = [min(separation(*pair), separation(*pair[::-1])) for pair in pairs]
@@ -136,13 +138,13 @@ def partings(
     return [*least, *[0.0] * (len(rivals) - 1 - len(least))]
 
 
-def foretold(
+def predict(
     named: FittedCandidate,
     option: Experiment,
     trial: Trial,
     start_s: float,
     kinds: Mapping[str, Kind],
-) -> Foretold | None:
+) -> Prediction | None:
     """Run one rival through an experiment; None where it grows beyond bounds.
 
     Parameters
@@ -152,7 +154,7 @@ def foretold(
     start_s
         Campaign time of the experiment [s].
     """
-    plant, fit = _set_up(named, option, kinds), named.fit
+    plant, fit = _plant_of_rival(named, option, kinds), named.fit
     with np.errstate(all="ignore"):
         outputs, slopes = plant.sensitivities(
             plant.values, trial.inputs, trial.rate_hz, fit.prior.names, start_s=start_s
@@ -167,12 +169,12 @@ def foretold(
     free = len(fit.prior.names)
     known = np.zeros((slopes.shape[2], slopes.shape[2]))
     known[:free, :free] = scipy.linalg.pinvh(fit.covariance)
-    return Foretold(
+    return Prediction(
         outputs=outputs, slopes=slopes, noise=np.concatenate([noise, more]), known=known
     )
 
 
-def _whole(
+def _stays_bounded(
     named: FittedCandidate,
     option: Experiment,
     inputs: Series,
@@ -180,13 +182,13 @@ def _whole(
     kinds: Mapping[str, Kind],
 ) -> bool:
     """Whether a rival survives inputs: it must not run away."""
-    plant = _set_up(named, option, kinds)
+    plant = _plant_of_rival(named, option, kinds)
     with np.errstate(all="ignore"):
         outputs = plant.simulate(plant.values, inputs, trial.rate_hz)
     return bool(np.isfinite(outputs).all())
 
 
-def separation(true: Foretold, other: Foretold) -> float:
+def separation(true: Prediction, other: Prediction) -> float:
     """Give the expected gain of log evidence of one over the other, were the one true."""
     apart = ((true.outputs - other.outputs) / other.noise).ravel()
     turned = (other.slopes / other.noise[:, None]).reshape(len(apart), -1)
@@ -197,7 +199,9 @@ def separation(true: Foretold, other: Foretold) -> float:
     return float(np.clip((apart @ apart - mimic) / 2, 0.0, MOST))
 
 
-def _set_up(named: FittedCandidate, option: Experiment, kinds: Mapping[str, Kind]) -> Plant:
+def _plant_of_rival(
+    named: FittedCandidate, option: Experiment, kinds: Mapping[str, Kind]
+) -> Plant:
     """Model of a rival on the rig as the experiment changes it."""
     values = dict(zip(named.fit.plant.parameters, named.fit.values.tolist(), strict=True))
     description = with_values(named.description, values)

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from slowtime.dynamics.effects import Place
 
-from .located import Latent, Located
+from .places import LatentForce, Localization
 from .spectral_lines import TrialLines
 
 LOUD = 4.0
@@ -44,7 +44,7 @@ Series = Float[np.ndarray, " time"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class Range:
+class MotionRange:
     """Root mean square and largest size of a motion while the force acts."""
 
     rms: float
@@ -88,8 +88,8 @@ class Character:
 
     times_s: tuple[tuple[float, float], ...]
     bands_hz: tuple[tuple[float, float], ...]
-    elongation: Range
-    rate: Range
+    elongation: MotionRange
+    rate: MotionRange
     onset: float
     linear_share: float
     linear: bool
@@ -117,26 +117,26 @@ class Character:
         return ", ".join(words) + below
 
 
-def character(located: Located, place: Place) -> Character:
+def characterise(located: Localization, place: Place) -> Character:
     """Describe the force at a place."""
     latents = [located.latent(place, i) for i in range(len(located.trials))]
-    lowest = _lowest(located)
+    lowest = _lowest_frequency_hz(located)
     windows = [
         _windows(latent, trial.rate_hz, lowest)
         for latent, trial in zip(latents, located.trials, strict=True)
     ]
-    acting = _acting(latents, windows)
-    share, linear = _linear(located, place, latents)
-    surface = _Surface.of(latents)
+    acting = _acting_samples(latents, windows)
+    share, linear = _linear_share(located, place, latents)
+    surface = _ForceSurface.of(latents)
     centred = [dataclasses.replace(m, force=m.force - surface.offset) for m in latents]
     exponent = _exponent(centred, windows)
-    models = [located.seen(place, i, surface.at(m)) for i, m in enumerate(latents)]
-    steady, heights, heights_s = _steadiness(centred, models, surface.share, lowest)
+    models = [located.attenuated(place, i, surface.at(m)) for i, m in enumerate(latents)]
+    steady, heights, heights_s = _surface_heights(centred, models, surface.share, lowest)
     return Character(
-        times_s=_times(latents, acting, located),
+        times_s=_acting_times(latents, acting, located),
         bands_hz=_bands(located, place),
-        elongation=_range([m.motion.e[a] for m, a in zip(latents, acting, strict=True)]),
-        rate=_range([m.motion.v[a] for m, a in zip(latents, acting, strict=True)]),
+        elongation=_motion_range([m.motion.e[a] for m, a in zip(latents, acting, strict=True)]),
+        rate=_motion_range([m.motion.v[a] for m, a in zip(latents, acting, strict=True)]),
         onset=_onset(centred) if exponent[0] > 1 + BENT else 0.0,
         linear_share=share,
         linear=linear and not abs(exponent[0] - 1) > max(3 * exponent[1], BENT),
@@ -152,7 +152,7 @@ def character(located: Located, place: Place) -> Character:
     )
 
 
-def _lowest(located: Located) -> float:
+def _lowest_frequency_hz(located: Localization) -> float:
     """Lowest natural frequency [Hz], or that of the shortest record for what floats."""
     s = np.linalg.eigvals(
         np.linalg.solve(located.linear.structure.mass, located.linear.structure.stiffness)
@@ -161,15 +161,15 @@ def _lowest(located: Located) -> float:
     return max(float(np.sqrt(np.abs(s).min()) / (2 * np.pi)), 2 * least)
 
 
-def _windows(latent: Latent, rate_hz: float, lowest_hz: float) -> list[slice]:
+def _windows(latent: LatentForce, rate_hz: float, lowest_hz: float) -> list[slice]:
     """Stretches of two periods of the lowest mode."""
     length = max(round(2 * rate_hz / lowest_hz), 16)
     count = max(len(latent.force) // length, 1)
     return [slice(i * length, (i + 1) * length) for i in range(count)]
 
 
-def _acting(
-    latents: Sequence[Latent], windows: Sequence[list[slice]]
+def _acting_samples(
+    latents: Sequence[LatentForce], windows: Sequence[list[slice]]
 ) -> list[Bool[np.ndarray, " time"]]:
     """Find samples at which the force stands out, window by window."""
     powers = [
@@ -188,8 +188,10 @@ def _acting(
     return found
 
 
-def _times(
-    latents: Sequence[Latent], acting: Sequence[Bool[np.ndarray, " time"]], located: Located
+def _acting_times(
+    latents: Sequence[LatentForce],
+    acting: Sequence[Bool[np.ndarray, " time"]],
+    located: Localization,
 ) -> tuple[tuple[float, float], ...]:
     whole = np.concatenate(list(acting))
     if whole.mean() > THROUGHOUT:
@@ -202,7 +204,7 @@ def _times(
     return tuple(sorted(spans))
 
 
-def _bands(located: Located, place: Place) -> tuple[tuple[float, float], ...]:
+def _bands(located: Localization, place: Place) -> tuple[tuple[float, float], ...]:
     """Bands in which the force is stronger than the noise of its estimate, joined."""
     explained = located.group(place).explained
     found: list[tuple[float, float]] = []
@@ -213,10 +215,14 @@ def _bands(located: Located, place: Place) -> tuple[tuple[float, float], ...]:
             if heard[own].mean() > 1:
                 spread = lines.frequency_hz[own]
                 found.append((float(spread[0]), float(spread[-1])))
-    return _joined(found, 1.5 * max(float(lines.frequency_hz[1]) for lines in located.lines))
+    return _merge_bands(
+        found, 1.5 * max(float(lines.frequency_hz[1]) for lines in located.lines)
+    )
 
 
-def _joined(spans: list[tuple[float, float]], gap: float) -> tuple[tuple[float, float], ...]:
+def _merge_bands(
+    spans: list[tuple[float, float]], gap: float
+) -> tuple[tuple[float, float], ...]:
     joined: list[tuple[float, float]] = []
     for low, high in sorted(spans):
         if joined and low <= joined[-1][1] + gap:
@@ -226,14 +232,14 @@ def _joined(spans: list[tuple[float, float]], gap: float) -> tuple[tuple[float, 
     return tuple(joined)
 
 
-def _range(parts: list[np.ndarray]) -> Range:
+def _motion_range(parts: list[np.ndarray]) -> MotionRange:
     whole = np.concatenate(parts)
     if not whole.size:
-        return Range(rms=0.0, peak=0.0)
-    return Range(rms=float(np.sqrt(np.mean(whole**2))), peak=float(np.abs(whole).max()))
+        return MotionRange(rms=0.0, peak=0.0)
+    return MotionRange(rms=float(np.sqrt(np.mean(whole**2))), peak=float(np.abs(whole).max()))
 
 
-def _onset(latents: Sequence[Latent]) -> float:
+def _onset(latents: Sequence[LatentForce]) -> float:
     """Size of elongation below which the force is its noise, and above which it grows."""
     size = np.concatenate([np.abs(m.motion.e) for m in latents])
     force = np.concatenate([m.force**2 for m in latents])
@@ -251,22 +257,24 @@ def _onset(latents: Sequence[Latent]) -> float:
     return float(edges[below]) if below >= 3 else 0.0
 
 
-def _linear(located: Located, place: Place, latents: Sequence[Latent]) -> tuple[float, bool]:
+def _linear_share(
+    located: Localization, place: Place, latents: Sequence[LatentForce]
+) -> tuple[float, bool]:
     """Share of the force that one gain a band on the motion gives, over all trials."""
     explained = located.group(place).explained
     grid = np.concatenate([lines.frequency_hz for lines in located.lines])
     forces, motions, noises = [], [], []
     for lines, found, latent in zip(located.lines, explained.forces, latents, strict=True):
-        forces.append(_tapered(latent.force, lines))
+        forces.append(_tapered_spectrum(latent.force, lines))
         series = latent.motion.a if place.kind == "base" else latent.motion.e
-        motions.append(_tapered(series, lines))
-        noises.append(found.spread**2 * found.signal)
+        motions.append(_tapered_spectrum(series, lines))
+        noises.append(found.posterior_variance**2 * found.signal)
     force, motion = np.concatenate(forces), np.concatenate(motions)
     scale = latents[0].noise_sd / max(
         float(np.sqrt(noises[0].sum() * located.lines[0].frequency_hz[1])), 1e-300
     )
     noise = float(np.concatenate(noises).sum()) * scale**2
-    edges = _edges(grid)
+    edges = _band_edges(grid)
     left = used = 0.0
     for low, high in itertools.pairwise(edges):
         own = (grid >= low) & (grid < high)
@@ -285,7 +293,7 @@ def _linear(located: Located, place: Place, latents: Sequence[Latent]) -> tuple[
     return share, bool(excess < max(LINEAR * true, 0.1 * noise))
 
 
-def _edges(grid: Float[np.ndarray, " line"]) -> list[float]:
+def _band_edges(grid: Float[np.ndarray, " line"]) -> list[float]:
     """Bands of constant relative width, but for those that would have too few lines."""
     lines = np.sort(grid[grid > 0])
     first, *others, last = np.geomspace(lines[0], lines[-1] * 1.001, 60).tolist()
@@ -297,7 +305,7 @@ def _edges(grid: Float[np.ndarray, " line"]) -> list[float]:
     return [*edges, last]
 
 
-def _tapered(series: Series, lines: TrialLines) -> np.ndarray:
+def _tapered_spectrum(series: Series, lines: TrialLines) -> np.ndarray:
     """Spectrum of a tapered series, in the scale of the lines."""
     taper = np.hanning(len(series)) * np.sqrt(8 / 3)
     scale = np.sqrt(2.0 / (lines.rate_hz * len(series)))
@@ -305,7 +313,7 @@ def _tapered(series: Series, lines: TrialLines) -> np.ndarray:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class _Surface:
+class _ForceSurface:
     """Force as a sum of simple functions of elongation and rate."""
 
     scales: tuple[float, float]
@@ -315,35 +323,38 @@ class _Surface:
     offset: float
 
     @classmethod
-    def of(cls, latents: Sequence[Latent]) -> "_Surface":
+    def of(cls, latents: Sequence[LatentForce]) -> "_ForceSurface":
         e = np.concatenate([m.motion.e for m in latents])
         v = np.concatenate([m.motion.v for m in latents])
         force = np.concatenate([m.force for m in latents])
-        scales = (_size(e), _size(v))
-        basis = _functions(e / scales[0], v / scales[1])
+        scales = (_rms_or_one(e), _rms_or_one(v))
+        basis = _surface_functions(e / scales[0], v / scales[1])
         weights = np.linalg.lstsq(basis, force, rcond=1e-8)[0]
-        odd, even = basis[:, :ODD] @ weights[:ODD], basis[:, ODD:] @ weights[ODD:]
+        odd, even = (
+            basis[:, :ODD_FUNCTIONS] @ weights[:ODD_FUNCTIONS],
+            basis[:, ODD_FUNCTIONS:] @ weights[ODD_FUNCTIONS:],
+        )
         total = float(np.sum(force**2))
         left = float(np.sum((force - odd - even) ** 2))
-        even = even - weights[ODD]
+        even = even - weights[ODD_FUNCTIONS]
         parts = float(np.sum(odd**2)), float(np.sum(even**2))
         return cls(
             scales=scales,
             weights=weights,
             share=max(0.0, 1 - left / total) if total > 0 else 0.0,
             odd=parts[0] / sum(parts) if sum(parts) > 0 else 1.0,
-            offset=float(weights[ODD]),
+            offset=float(weights[ODD_FUNCTIONS]),
         )
 
-    def at(self, latent: Latent) -> Series:
+    def at(self, latent: LatentForce) -> Series:
         e, v = latent.motion.e / self.scales[0], latent.motion.v / self.scales[1]
-        return np.asarray(_functions(e, v) @ self.weights - self.offset)
+        return np.asarray(_surface_functions(e, v) @ self.weights - self.offset)
 
 
-ODD = 10
+ODD_FUNCTIONS = 10
 
 
-def _functions(e: Series, v: Series) -> Float[np.ndarray, "time function"]:
+def _surface_functions(e: Series, v: Series) -> Float[np.ndarray, "time function"]:
     """Ten odd functions of the motion, then seven even ones."""
     sign = np.tanh(10 * v)
     odd = [e, v, e**3, v**3, e**2 * v, e * v**2, sign, v * np.abs(v), e * np.abs(e), e**5]
@@ -351,11 +362,13 @@ def _functions(e: Series, v: Series) -> Float[np.ndarray, "time function"]:
     return np.stack(odd + even, axis=1)
 
 
-def _size(series: Series) -> float:
+def _rms_or_one(series: Series) -> float:
     return float(np.sqrt(np.mean(series**2))) or 1.0
 
 
-def _exponent(latents: Sequence[Latent], windows: Sequence[list[slice]]) -> tuple[float, float]:
+def _exponent(
+    latents: Sequence[LatentForce], windows: Sequence[list[slice]]
+) -> tuple[float, float]:
     """Slope of log force against log motion from window to window, and its sd."""
     force, motion = [], []
     for latent, ws in zip(latents, windows, strict=True):
@@ -371,8 +384,8 @@ def _exponent(latents: Sequence[Latent], windows: Sequence[list[slice]]) -> tupl
     return float(found.slope), float(found.stderr)
 
 
-def _steadiness(
-    latents: Sequence[Latent], models: Sequence[Series], share: float, lowest_hz: float
+def _surface_heights(
+    latents: Sequence[LatentForce], models: Sequence[Series], share: float, lowest_hz: float
 ) -> tuple[bool | None, tuple[float, ...], tuple[float, ...]]:
     """Height of the surface in stretches of the campaign, and whether they differ."""
     if share < 0.3:

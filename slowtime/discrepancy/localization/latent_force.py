@@ -20,9 +20,15 @@ import numpy as np
 import scipy.linalg
 from jaxtyping import Complex, Float
 
-from .linear_response import Linear, Source
+from .linear_response import ForceSource, LinearModel
+from .perturbed_reference import (
+    Columns,
+    Constants,
+    LinearConstants,
+    MotionSpectra,
+    PerturbedReference,
+)
 from .spectral_lines import Lines, TrialLines
-from .tuned_reference import Columns, Constants, Known, Moved, Tuned
 
 ROUNDS, SCORINGS = 6, 6
 ENOUGH = 0.5
@@ -38,11 +44,11 @@ UNSOUND = 1e100
 ROUNDED = 1e-12
 """Share of a sum of squares that its difference from another as large cannot tell from none."""
 
-OfLine = Float[np.ndarray, " frequency"]
+PerLine = Float[np.ndarray, " frequency"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Whitened:
+class WhitenedColumns:
     """Columns in units of the noise, and the products of them that no force changes.
 
     Parameters
@@ -59,12 +65,12 @@ class Whitened:
     @classmethod
     def of(
         cls,
-        tuned: Tuned,
-        known: Known,
-        motion: Moved,
+        tuned: PerturbedReference,
+        known: LinearConstants,
+        motion: MotionSpectra,
         base: Complex[np.ndarray, " frequency"],
         residual: Lines,
-    ) -> "Whitened":
+    ) -> "WhitenedColumns":
         """Weigh what constants do along a motion, decays and residual."""
         constants = len(known.sd)
         both = np.empty((*residual.shape, constants + tuned.decays.shape[2] + 1), complex)
@@ -72,10 +78,10 @@ class Whitened:
         both[:, :, constants:-1] = tuned.decays
         both[:, :, -1] = residual
         both /= np.sqrt(tuned.trial.noise)[:, :, None]
-        return cls(both, products(both.reshape(-1, both.shape[2])))
+        return cls(both, real_products(both.reshape(-1, both.shape[2])))
 
 
-def products(
+def real_products(
     columns: Complex[np.ndarray, "row column"],
 ) -> Float[np.ndarray, "column column"]:
     """Real part of the products of columns with each other, by half the work of all of it."""
@@ -92,7 +98,7 @@ class TrialForce:
     ----------
     variance
         :math:`s` at each line.
-    mean, spread
+    mean, posterior_variance
         Posterior mean and variance of the force at each line.
     linear
         What changed constants explain, but for initial states.
@@ -104,13 +110,13 @@ class TrialForce:
         Initial state added to the reference's.
     """
 
-    variance: OfLine
+    variance: PerLine
     mean: Complex[np.ndarray, " frequency"]
-    spread: OfLine
+    posterior_variance: PerLine
     linear: Lines
     left: Lines
     transfer: Lines
-    signal: OfLine
+    signal: PerLine
     state: Float[np.ndarray, " state"]
 
     @property
@@ -120,12 +126,12 @@ class TrialForce:
 
     def noise_power(self) -> Float[np.ndarray, "frequency sensor"]:
         """Give the expected squared modulus of the noise, given the residuals."""
-        doubt = np.abs(self.transfer) ** 2 * self.spread[:, None]
+        doubt = np.abs(self.transfer) ** 2 * self.posterior_variance[:, None]
         return np.asarray(np.abs(self.unexplained) ** 2 + doubt)
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Explained:
+class Explanation:
     """How a place explains the residuals.
 
     Parameters
@@ -141,41 +147,43 @@ class Explained:
         to the reference's run, but for initial states; by trial.
     """
 
-    source: Source | None
+    source: ForceSource | None
     likelihood: float
     constants: Constants
-    linear: Linear
+    linear: LinearModel
     forces: tuple[TrialForce, ...]
-    shifts: tuple[Moved, ...]
+    shifts: tuple[MotionSpectra, ...]
 
 
-class Solver:
+class LatentForceSolver:
     """Spectra and noise of all trials; asked for one place at a time."""
 
-    def __init__(self, linear: Linear, known: Known, trials: tuple[TrialLines, ...]) -> None:
+    def __init__(
+        self, linear: LinearModel, known: LinearConstants, trials: tuple[TrialLines, ...]
+    ) -> None:
         self.linear, self.known, self.trials = linear, known, trials
         still = np.zeros(len(known.sd))
-        self.tuned = [Tuned.of(linear, trial, known, still) for trial in trials]
+        self.tuned = [PerturbedReference.of(linear, trial, known, still) for trial in trials]
         self.white = [
-            Whitened.of(tuned, known, trial.motion, trial.base, tuned.residual)
+            WhitenedColumns.of(tuned, known, trial.motion, trial.base, tuned.residual)
             for tuned, trial in zip(self.tuned, trials, strict=True)
         ]
 
-    def explain(self, source: Source | None, *, rounds: int = ROUNDS) -> Explained:
+    def explain(self, source: ForceSource | None, *, rounds: int = ROUNDS) -> Explanation:
         """Find force, constants and initial states for one place; None for no force at all."""
-        return self.follow(source, rounds=rounds).explained
+        return self.iterate(source, rounds=rounds).explained
 
-    def follow(self, source: Source | None, *, rounds: int) -> "Followed":
+    def iterate(self, source: ForceSource | None, *, rounds: int) -> "PlaceEstimate":
         """Say how likely one place is, before any account of what it explains.
 
         Of all rounds, the likeliest is given; none follows a motion grown beyond bounds.
         """
-        place = _Place(self, source)
+        place = _PlaceIteration(self, source)
         best = place.step()
         found = best
         for _ in range(rounds - 1):
-            place.go_to(found.explained)
-            if not place.sound:
+            place.relinearise(found.explained)
+            if not place.is_bounded:
                 break
             found = place.step()
             gain = found.likelihood - best.likelihood
@@ -187,10 +195,10 @@ class Solver:
 
     def solve(
         self,
-        whites: list[Whitened],
+        whites: list[WhitenedColumns],
         alongs: list[Complex[np.ndarray, "frequency column"]],
-        signals: list[OfLine],
-        variances: list[OfLine],
+        signals: list[PerLine],
+        variances: list[PerLine],
         change: Constants,
     ) -> tuple[Constants, list[Float[np.ndarray, " state"]], float]:
         """Further change and initial states by least squares, given the force's variance.
@@ -211,14 +219,14 @@ class Solver:
             rise = 1 + variances[i] * signals[i]
             # Woodbury: what lies along the force counts less, by one product a line.
             along = alongs[i] * np.sqrt(variances[i] / rise)[:, None]
-            inner = whites[i].inner - products(along)
+            inner = whites[i].inner - real_products(along)
             where = np.r_[0:constants, constants + i * states : constants + (i + 1) * states]
             matrix[np.ix_(where, where)] += 2 * inner[:-1, :-1]
             right[where] += 2 * inner[:-1, -1]
             whole[where] += 2 * np.diag(whites[i].inner)[:-1]
             total -= inner[-1, -1] + float(trial.weight @ np.log(rise))
         known = np.arange(constants)
-        off = (self.known.ahead + change) / self.known.sd
+        off = (self.known.reference_change + change) / self.known.sd
         matrix[known, known] += 1 / self.known.sd**2
         right[known] -= off / self.known.sd
         total -= float(np.sum(off**2)) / 2
@@ -231,23 +239,23 @@ class Solver:
         return found[:constants], list(found[constants:].reshape(-1, states)), total
 
 
-class Followed:
+class PlaceEstimate:
     """One place at one round: how likely it is, and, once asked for, what it explains."""
 
-    def __init__(self, likelihood: float, account: Callable[[], Explained]) -> None:
+    def __init__(self, likelihood: float, account: Callable[[], Explanation]) -> None:
         self.likelihood = likelihood
         self._account = account
 
     @functools.cached_property
-    def explained(self) -> Explained:
+    def explained(self) -> Explanation:
         """Force, constants, initial states, and all that hangs on them."""
         return self._account()
 
 
-class _Place:
+class _PlaceIteration:
     """One place on its way to the likeliest force: each step starts where the last ended."""
 
-    def __init__(self, solver: Solver, source: Source | None) -> None:
+    def __init__(self, solver: LatentForceSolver, source: ForceSource | None) -> None:
         self.solver, self.source = solver, source
         self.change = np.zeros(len(solver.known.sd))
         self.tuned, self.white = solver.tuned, solver.white
@@ -257,11 +265,11 @@ class _Place:
         self.residuals = [tuned.residual for tuned in self.tuned]
 
     @property
-    def sound(self) -> bool:
+    def is_bounded(self) -> bool:
         """Whether the motion reached can be worked with."""
         return all((np.abs(white.inner) < UNSOUND).all() for white in self.white)
 
-    def step(self) -> Followed:
+    def step(self) -> PlaceEstimate:
         """Variance of the force, then constants and states."""
         trials, constants = self.solver.trials, len(self.change)
         roots = [np.sqrt(trial.noise) for trial in trials]
@@ -277,7 +285,7 @@ class _Place:
         for _ in range(1 if self.source is None else 2):
             found = [np.concatenate([further, state]) for state in self.states]
             variances = [
-                _variance(trial, along[:, -1] - along[:, :-1] @ taken, signal)
+                _band_variances(trial, along[:, -1] - along[:, :-1] @ taken, signal)
                 for trial, along, taken, signal in zip(
                     trials, alongs, found, signals, strict=True
                 )
@@ -288,7 +296,7 @@ class _Place:
         states, residuals = self.states, self.residuals
         tuneds, whites, change = self.tuned, self.white, self.change
 
-        def account() -> Explained:
+        def account() -> Explanation:
             numbers = range(len(trials))
             bent = [roots[i] * (whites[i].columns[:, :, :constants] @ further) for i in numbers]
             left = [residuals[i] - bent[i] - tuneds[i].decays @ states[i] for i in numbers]
@@ -296,9 +304,9 @@ class _Place:
                 np.einsum("fs,fs->f", transfer.conj() / trial.noise, one)
                 for transfer, trial, one in zip(transfers, trials, left, strict=True)
             ]
-            believed = _believed(trials, seen, signals, variances)
+            believed = _capped_variances(trials, seen, signals, variances)
             forces = tuple(
-                _force(
+                _force_posterior(
                     trials[i].residual - tuneds[i].residual + bent[i],
                     left[i],
                     seen[i],
@@ -309,7 +317,7 @@ class _Place:
                 )
                 for i in numbers
             )
-            return Explained(
+            return Explanation(
                 source=self.source,
                 likelihood=likelihood,
                 constants=change + further,
@@ -318,22 +326,24 @@ class _Place:
                 shifts=self._shifts(forces, further),
             )
 
-        return Followed(likelihood, account)
+        return PlaceEstimate(likelihood, account)
 
-    def _shifts(self, forces: tuple[TrialForce, ...], further: Constants) -> tuple[Moved, ...]:
+    def _shifts(
+        self, forces: tuple[TrialForce, ...], further: Constants
+    ) -> tuple[MotionSpectra, ...]:
         """Motion that the force and the constants add to the reference's."""
         shifts = []
         for i, (tuned, force) in enumerate(zip(self.tuned, forces, strict=True)):
             pushed = np.zeros_like(tuned.shift)
             if self.source is not None:
                 pushed = np.multiply.outer(force.mean, self.source.force)
-            moved = tuned.moving(
+            moved = tuned.motion_with(
                 self.solver.known, further, self.motions[i], self.bases[i], pushed
             )
             shifts.append(moved - self.solver.trials[i].motion)
         return tuple(shifts)
 
-    def go_to(self, found: Explained) -> None:
+    def relinearise(self, found: Explanation) -> None:
         """Go to the motion with the force in it, and to the changed constants."""
         solver = self.solver
         stride = np.clip(found.constants - self.change, -STRIDE, STRIDE)
@@ -344,37 +354,40 @@ class _Place:
                 self.bases[i] = trial.base + self.source.base * force.mean
         self.change = solver.known.within(self.change + stride)
         self.tuned = [
-            Tuned.of(solver.linear, trial, solver.known, self.change) for trial in solver.trials
+            PerturbedReference.of(solver.linear, trial, solver.known, self.change)
+            for trial in solver.trials
         ]
         self.residuals = [
-            _filled(tuned, force) for tuned, force in zip(self.tuned, found.forces, strict=True)
+            _residual_with_gaps_filled(tuned, force)
+            for tuned, force in zip(self.tuned, found.forces, strict=True)
         ]
         with np.errstate(over="ignore", invalid="ignore"):  # then it is not `sound`
             self.white = [
-                Whitened.of(tuned, solver.known, motion, base, residual)
+                WhitenedColumns.of(tuned, solver.known, motion, base, residual)
                 for tuned, motion, base, residual in zip(
                     self.tuned, self.motions, self.bases, self.residuals, strict=True
                 )
             ]
 
 
-def _filled(tuned: Tuned, force: TrialForce) -> Lines:
+def _residual_with_gaps_filled(tuned: PerturbedReference, force: TrialForce) -> Lines:
     """Give what is left, with what was found in place of what was not measured."""
     if tuned.trial.gaps is None:
         return tuned.residual
     standing = force.linear + tuned.decays @ force.state
     return np.asarray(
-        tuned.residual + tuned.trial.filling(standing + force.transfer * force.mean[:, None])
+        tuned.residual
+        + tuned.trial.gap_spectrum(standing + force.transfer * force.mean[:, None])
     )
 
 
-def _force(
+def _force_posterior(
     linear: Lines,
     left: Lines,
     seen: Complex[np.ndarray, " frequency"],
     transfer: Lines,
-    signal: OfLine,
-    variance: OfLine,
+    signal: PerLine,
+    variance: PerLine,
     state: Float[np.ndarray, " state"],
 ) -> TrialForce:
     """Posterior of the force, line by line."""
@@ -382,7 +395,7 @@ def _force(
     return TrialForce(
         variance=variance,
         mean=spread * seen,
-        spread=spread,
+        posterior_variance=spread,
         linear=linear,
         left=left,
         transfer=transfer,
@@ -391,9 +404,9 @@ def _force(
     )
 
 
-def _variance(
-    trial: TrialLines, seen: Complex[np.ndarray, " frequency"], signal: OfLine
-) -> OfLine:
+def _band_variances(
+    trial: TrialLines, seen: Complex[np.ndarray, " frequency"], signal: PerLine
+) -> PerLine:
     """Variance of the force in each band, of greatest likelihood given what is left along it.
 
     Parameters
@@ -412,19 +425,19 @@ def _variance(
     for _ in range(SCORINGS):
         rise = 1 + variance[trial.band] * heard
         pull = heard / rise
-        score = _sum(trial, trial.weight * pull * (lines / rise - 1))
-        sharp = _sum(trial, trial.weight * pull**2)
+        score = _sum_by_band(trial, trial.weight * pull * (lines / rise - 1))
+        sharp = _sum_by_band(trial, trial.weight * pull**2)
         step = np.where(sharp > 0, score / np.where(sharp > 0, sharp, 1.0), 0.0)
         variance = np.maximum(variance + step, 0.0)
     return np.where(heard > 0, variance[trial.band], 0.0)
 
 
-def _believed(
+def _capped_variances(
     trials: Sequence[TrialLines],
     seen: Sequence[Complex[np.ndarray, " frequency"]],
-    signals: Sequence[OfLine],
-    variances: Sequence[OfLine],
-) -> list[OfLine]:
+    signals: Sequence[PerLine],
+    variances: Sequence[PerLine],
+) -> list[PerLine]:
     """Give variances, nowhere far beyond that of the band where the force is heard best.
 
     In whichever trial: in one that tells of no force at all, noise would be heard best.
@@ -433,12 +446,12 @@ def _believed(
     for trial, one, signal, variance in zip(trials, seen, signals, variances, strict=True):
         rise = 1 + variance * signal
         told = variance * np.abs(one) ** 2 / rise - np.log(rise)
-        gain = _sum(trial, trial.weight * told)
+        gain = _sum_by_band(trial, trial.weight * told)
         band = int(np.argmax(gain))
         loudest = float(variance[trial.band == band].max())
         best = max(best, (float(gain[band]), loudest))
     return [np.minimum(variance, BELIEVED * best[1]) for variance in variances]
 
 
-def _sum(trial: TrialLines, values: OfLine) -> Float[np.ndarray, " band"]:
+def _sum_by_band(trial: TrialLines, values: PerLine) -> Float[np.ndarray, " band"]:
     return np.bincount(trial.band, values, minlength=trial.bands)

@@ -34,7 +34,7 @@ APART = 1e6
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Source:
+class ForceSource:
     """A place where something unknown may act.
 
     Parameters
@@ -54,7 +54,7 @@ class Source:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class FreeSpectra:
+class FreeDecaySpectra:
     """Spectra of free motion, from each unit of initial displacement and velocity.
 
     Parameters
@@ -65,15 +65,15 @@ class FreeSpectra:
         How much of each mode there is at each line, from each initial state.
     """
 
-    linear: "Linear"
+    linear: "LinearModel"
     modes: Complex[np.ndarray, "state mode"]
     share: Complex[np.ndarray, "mode frequency state"]
 
     @property
-    def sensed(self) -> Complex[np.ndarray, "frequency sensor state"]:
+    def sensor_response(self) -> Complex[np.ndarray, "frequency sensor state"]:
         """As the sensors tell it."""
         one = self.linear
-        motion = (one.by_state @ self.modes).reshape(3, one.structure.dofs, -1)
+        motion = (one.state_to_motion @ self.modes).reshape(3, one.structure.dofs, -1)
         rows = [one.rows[i] @ motion[order] for i, order in enumerate(one.orders)]
         told = one.scale[:, None] * np.stack(rows)
         return np.asarray(np.moveaxis(np.tensordot(told, self.share, axes=1), 0, 1))
@@ -82,13 +82,13 @@ class FreeSpectra:
         self, state: Float[np.ndarray, " state"]
     ) -> Complex[np.ndarray, "order frequency dof"]:
         """Displacement, velocity and acceleration of all coordinates, from one state."""
-        motion = self.linear.by_state @ self.modes @ (self.share @ state)
+        motion = self.linear.state_to_motion @ self.modes @ (self.share @ state)
         shape = (3, self.linear.structure.dofs, motion.shape[1])
         return np.asarray(np.moveaxis(motion.reshape(shape), 1, 2))
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Linear:
+class LinearModel:
     """The linear part of a description, ready to be asked for responses.
 
     Parameters
@@ -111,12 +111,12 @@ class Linear:
     scale: Float[np.ndarray, " sensor"]
 
     @classmethod
-    def of(cls, description: Description) -> "Linear":
+    def of(cls, description: Description) -> "LinearModel":
         """Take the linear part of a description; its effects are left out."""
         return cls._over(description, assemble(description))
 
     @classmethod
-    def of_plant(cls, plant: Plant, values: Float[np.ndarray, " parameter"]) -> "Linear":
+    def of_plant(cls, plant: Plant, values: Float[np.ndarray, " parameter"]) -> "LinearModel":
         """Take the linear part of a plant, with what its effects add to it.
 
         Hidden coordinates of effects come after those of the description; a factor of a sensor
@@ -146,7 +146,7 @@ class Linear:
         return dataclasses.replace(over, scale=scale)
 
     @classmethod
-    def _over(cls, description: Description, structure: Structure) -> "Linear":
+    def _over(cls, description: Description, structure: Structure) -> "LinearModel":
         rows = np.zeros((len(description.sensors), structure.dofs))
         for i, sensor in enumerate(description.sensors):
             if sensor.node in structure.names:
@@ -174,7 +174,7 @@ class Linear:
         safe = np.where(held > 0, stiffness, np.eye(structure.dofs))
         return np.asarray(held * np.linalg.inv(safe))
 
-    def sensed(
+    def sensor_response(
         self,
         frequency_hz: Frequencies,
         displacement: Complex[np.ndarray, "frequency dof *more"],
@@ -185,27 +185,29 @@ class Linear:
         read = np.moveaxis(np.tensordot(self.rows, displacement, axes=(1, 1)), 0, 1)
         return np.asarray(gain.reshape(gain.shape + (1,) * (read.ndim - 2)) * read)
 
-    def carried(self, frequency_hz: Frequencies) -> Complex[np.ndarray, "frequency sensor"]:
+    def base_response(
+        self, frequency_hz: Frequencies
+    ) -> Complex[np.ndarray, "frequency sensor"]:
         """Give what the sensors tell of being carried along by the base, per m/s^2."""
         s = 2j * np.pi * np.where(frequency_hz > 0, frequency_hz, 1.0)[:, None]
         order = np.array(self.orders) - 2
         moving = (frequency_hz[:, None] > 0) | (order == 0)
         return np.asarray(np.where(moving, self.absolute * self.scale * s**order, 0.0))
 
-    def free(
+    def free_decay(
         self, samples: int, rate_hz: float, state: Float[np.ndarray, " state"]
     ) -> tuple[Float[np.ndarray, "time sensor"], Float[np.ndarray, "order time dof"]]:
         """Motion from an initial displacement and velocity: as sensed, and itself."""
         step = scipy.linalg.expm(state_matrix(self.structure) / rate_hz)
-        whole = _followed(step, state, samples) @ self.by_state.T
+        whole = _powers_of_state(step, state, samples) @ self.state_to_motion.T
         motion = whole.reshape(samples, 3, self.structure.dofs)
         sensed = [motion[:, order] @ self.rows[i] for i, order in enumerate(self.orders)]
         return np.stack(sensed, axis=1) * self.scale, np.asarray(np.moveaxis(motion, 1, 0))
 
-    def free_spectra(
+    def free_decay_spectra(
         self, frequency_hz: Frequencies, samples: int, rate_hz: float
-    ) -> "FreeSpectra":
-        r"""Transform `free` without making it: :math:`(I - E^N)(I - E z^{-1})^{-1}`."""
+    ) -> "FreeDecaySpectra":
+        r"""Transform `free_decay` without making it: :math:`(I - E^N)(I - E z^{-1})^{-1}`."""
         step = scipy.linalg.expm(state_matrix(self.structure) / rate_hz)
         rest = np.eye(len(step))
         ended = rest - np.linalg.matrix_power(step, samples)
@@ -218,13 +220,13 @@ class Linear:
         if np.linalg.cond(modes) < APART:
             gains = scale / (1 + 1e-9 - np.multiply.outer(poles, back))
             starts = np.linalg.solve(modes, ended)
-            return FreeSpectra(self, modes + 0j, gains[:, :, None] * starts[:, None, :])
+            return FreeDecaySpectra(self, modes + 0j, gains[:, :, None] * starts[:, None, :])
         inner = (1 + 1e-9) * rest - step * back[:, None, None]
         states = np.linalg.solve(inner, ended[None]) * scale[:, None, None]
-        return FreeSpectra(self, rest + 0j, np.moveaxis(states, 1, 0))
+        return FreeDecaySpectra(self, rest + 0j, np.moveaxis(states, 1, 0))
 
     @property
-    def by_state(self) -> Float[np.ndarray, "all state"]:
+    def state_to_motion(self) -> Float[np.ndarray, "all state"]:
         """From a free state to displacements, velocities and accelerations."""
         dofs = self.structure.dofs
         inner = np.hstack([self.structure.stiffness, self.structure.damping])
@@ -235,7 +237,7 @@ class Linear:
         stiffness: Float[np.ndarray, "dof dof"],
         damping: Float[np.ndarray, "dof dof"],
         mass: Float[np.ndarray, "dof dof"],
-    ) -> "Linear":
+    ) -> "LinearModel":
         """Add to the matrices."""
         structure = self.structure
         changed = dataclasses.replace(
@@ -246,7 +248,7 @@ class Linear:
         )
         return dataclasses.replace(self, structure=changed)
 
-    def sources(self) -> tuple[Source, ...]:
+    def sources(self) -> tuple[ForceSource, ...]:
         """All places: elements, nodes, base, inputs, sensors."""
         return (
             *self._elements(),
@@ -269,44 +271,44 @@ class Linear:
                 along[self.structure.dof(name)] += sign
         return along
 
-    def _elements(self) -> list[Source]:
+    def _elements(self) -> list[ForceSource]:
         places = [
             Place("element", e.id) for e in self.description.elements if isinstance(e, Spring)
         ]
-        return [Source(place=p, force=-self.elongation(p)) for p in places]
+        return [ForceSource(place=p, force=-self.elongation(p)) for p in places]
 
-    def _nodes(self) -> list[Source]:
+    def _nodes(self) -> list[ForceSource]:
         names = [n.id for n in self.description.nodes if n.id in self.structure.names]
         places = [Place("node", name) for name in names]
-        return [Source(place=p, force=self.elongation(p)) for p in places]
+        return [ForceSource(place=p, force=self.elongation(p)) for p in places]
 
-    def _base(self) -> list[Source]:
-        return [Source(place=Place("base", BASE), force=self.base_pull(), base=1.0)]
+    def _base(self) -> list[ForceSource]:
+        return [ForceSource(place=Place("base", BASE), force=self.base_force(), base=1.0)]
 
-    def base_pull(self) -> Float[np.ndarray, " dof"]:
+    def base_force(self) -> Float[np.ndarray, " dof"]:
         """Force on each coordinate per m/s^2 of the base."""
         return np.asarray(self.structure.base_force(np.ones(1))[0])
 
-    def _inputs(self) -> list[Source]:
+    def _inputs(self) -> list[ForceSource]:
         found = []
         for entry in self.description.inputs:
             place = Place("input", entry.channel)
             if entry.node is None:
-                found.append(Source(place=place, force=self.base_pull(), base=1.0))
+                found.append(ForceSource(place=place, force=self.base_force(), base=1.0))
             else:
                 force = self.elongation(Place("node", entry.node))
-                found.append(Source(place=place, force=force))
+                found.append(ForceSource(place=place, force=force))
         return found
 
-    def _sensors(self) -> list[Source]:
+    def _sensors(self) -> list[ForceSource]:
         rest = np.zeros(self.structure.dofs)
         return [
-            Source(place=Place("sensor", sensor.channel), force=rest, sensor=i)
+            ForceSource(place=Place("sensor", sensor.channel), force=rest, sensor=i)
             for i, sensor in enumerate(self.description.sensors)
         ]
 
 
-def _followed(
+def _powers_of_state(
     step: Float[np.ndarray, "state state"], state: Float[np.ndarray, " state"], samples: int
 ) -> Float[np.ndarray, "time state"]:
     """Follow a state from step to step, doubling how many are known."""

@@ -10,12 +10,12 @@ from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.effects import Place, SensorChange
 
 from .gain_probability import gain_probability
-from .latent_force import ROUNDS, Explained, Followed, Solver
-from .linear_response import Linear, Source
-from .located import Group, Located
-from .noise_update import heard_again, likelihood_of_noise
-from .spectral_lines import TrialLines, lines_of
-from .tuned_reference import Known, Tuned
+from .latent_force import ROUNDS, Explanation, LatentForceSolver, PlaceEstimate
+from .linear_response import ForceSource, LinearModel
+from .noise_update import noise_log_likelihood, update_noise
+from .perturbed_reference import LinearConstants, PerturbedReference
+from .places import Localization, PlaceGroup
+from .spectral_lines import TrialLines, trial_lines
 
 REACH = 1.5
 """Lines are looked at up to so many times the frequency above which there is silence."""
@@ -33,7 +33,9 @@ KEPT, BRIEF = 5, 2
 """How many places are followed to the end, and how many rounds settle which."""
 
 
-def locate(fit: Fit, trials: Sequence[Trial], among: Sequence[Place] | None = None) -> Located:
+def locate(
+    fit: Fit, trials: Sequence[Trial], among: Sequence[Place] | None = None
+) -> Localization:
     """Rank all places by the likelihood of one unknown force there.
 
     The force is random, of any strength in every band of every trial; constants may move within
@@ -49,22 +51,24 @@ def locate(fit: Fit, trials: Sequence[Trial], among: Sequence[Place] | None = No
     among
         Places to try; all where not given.
     """
-    linear = Linear.of_plant(fit.plant, fit.values)
+    linear = LinearModel.of_plant(fit.plant, fit.values)
     records = tuple(trials)
     runs = tuple(_motion(fit, trial, i) for i, trial in enumerate(records))
     lines = tuple(
-        lines_of(linear, trial, residual, run, fit.noise, i, REACH * fit.silent_above_hz)
+        trial_lines(linear, trial, residual, run, fit.noise, i, REACH * fit.silent_above_hz)
         for i, (trial, residual, run) in enumerate(
-            zip(records, _timely(fit, records), runs, strict=True)
+            zip(records, _clock_corrected(fit, records), runs, strict=True)
         )
     )
-    families = _families(linear, lines[0])
+    families = _equivalent_sources(linear, lines[0])
     if among is not None:
         families = [f for f in families if any(source.place in among for source in f)]
-    solver, order = _order(fit, records, Solver(linear, _known(fit, linear), lines), families)
-    none = _likelihood_of_none(solver, lines)
+    solver, order = _rank_families(
+        fit, records, LatentForceSolver(linear, _linear_constants(fit, linear), lines), families
+    )
+    none = _likelihood_without_force(solver, lines)
     groups = _groups(fit, solver, order, none)
-    return Located(
+    return Localization(
         groups=groups,
         linear=linear,
         trials=records,
@@ -77,16 +81,19 @@ def locate(fit: Fit, trials: Sequence[Trial], among: Sequence[Place] | None = No
     )
 
 
-def _order(
-    fit: Fit, records: tuple[Trial, ...], solver: Solver, families: list[list[Source]]
-) -> tuple[Solver, list[tuple[list[Source], Explained]]]:
+def _rank_families(
+    fit: Fit,
+    records: tuple[Trial, ...],
+    solver: LatentForceSolver,
+    families: list[list[ForceSource]],
+) -> tuple[LatentForceSolver, list[tuple[list[ForceSource], Explanation]]]:
     """Try all families, listen again to what the best leaves, and follow the best further."""
-    order, _ = _ranked(solver, families, len(families), BRIEF)
+    order, _ = _sort_by_likelihood(solver, families, len(families), BRIEF)
     for _ in range(HEARINGS if len(solver.linear.description.sensors) > 1 else 0):
-        order, best = _ranked(solver, order, 1, ROUNDS)
-        quiet = heard_again(fit, records, solver.trials, best.explained)
-        solver = Solver(solver.linear, solver.known, quiet)
-        order, _ = _ranked(solver, order, KEPT, BRIEF)
+        order, best = _sort_by_likelihood(solver, order, 1, ROUNDS)
+        quiet = update_noise(fit, records, solver.trials, best.explained)
+        solver = LatentForceSolver(solver.linear, solver.known, quiet)
+        order, _ = _sort_by_likelihood(solver, order, KEPT, BRIEF)
     found = [
         (family, solver.explain(family[0], rounds=ROUNDS if i < KEPT else 1))
         for i, family in enumerate(order)
@@ -94,44 +101,49 @@ def _order(
     return solver, sorted(found, key=lambda pair: -pair[1].likelihood)
 
 
-def _likelihood_of_none(solver: Solver, before: tuple[TrialLines, ...]) -> float:
+def _likelihood_without_force(
+    solver: LatentForceSolver, before: tuple[TrialLines, ...]
+) -> float:
     """Log likelihood without any force, under the better of both accounts of the noise."""
-    after = solver.explain(None).likelihood + likelihood_of_noise(solver.trials)
-    first = Solver(solver.linear, solver.known, before)
-    return max(after, first.explain(None).likelihood + likelihood_of_noise(before))
+    after = solver.explain(None).likelihood + noise_log_likelihood(solver.trials)
+    first = LatentForceSolver(solver.linear, solver.known, before)
+    return max(after, first.explain(None).likelihood + noise_log_likelihood(before))
 
 
 def _groups(
-    fit: Fit, solver: Solver, order: list[tuple[list[Source], Explained]], none: float
-) -> tuple[Group, ...]:
-    constant = likelihood_of_noise(solver.trials)
+    fit: Fit,
+    solver: LatentForceSolver,
+    order: list[tuple[list[ForceSource], Explanation]],
+    none: float,
+) -> tuple[PlaceGroup, ...]:
+    constant = noise_log_likelihood(solver.trials)
     bands = sum(trial.bands for trial in solver.trials)
     families = [family for family, _ in order]
     groups = []
     for family, found in order:
         score = found.likelihood + constant - none
         groups.append(
-            Group(
+            PlaceGroup(
                 places=tuple(source.place for source in family),
                 score=score,
                 p_value=gain_probability(score, bands, len(families)),
-                share=_share(solver.trials, found),
-                left=_left(solver.trials, found),
-                constants=_constants(fit, found),
+                share=_explained_share(solver.trials, found),
+                left=_remaining_power(solver.trials, found),
+                constants=_constant_changes(fit, found),
                 explained=found,
-                twins=_twins(family, families, solver.tuned[0]),
+                twins=_parallel_places(family, families, solver.tuned[0]),
             )
         )
     return tuple(groups)
 
 
-def _ranked(
-    solver: Solver, families: list[list[Source]], keen: int, rounds: int
-) -> tuple[list[list[Source]], Followed]:
+def _sort_by_likelihood(
+    solver: LatentForceSolver, families: list[list[ForceSource]], keen: int, rounds: int
+) -> tuple[list[list[ForceSource]], PlaceEstimate]:
     """Rank families, the first `keen` of them by all rounds; give the likeliest, too."""
     likelihoods, best = [], None
     for i, family in enumerate(families):
-        found = solver.follow(family[0], rounds=rounds if i < keen else 1)
+        found = solver.iterate(family[0], rounds=rounds if i < keen else 1)
         likelihoods.append(found.likelihood)
         if best is None or found.likelihood > best.likelihood:
             best = found
@@ -154,7 +166,9 @@ def _motion(fit: Fit, trial: Trial, number: int) -> Float[np.ndarray, "order tim
     )
 
 
-def _timely(fit: Fit, trials: tuple[Trial, ...]) -> list[Float[np.ndarray, "time sensor"]]:
+def _clock_corrected(
+    fit: Fit, trials: tuple[Trial, ...]
+) -> list[Float[np.ndarray, "time sensor"]]:
     """Residual of each trial; where a clock was found wrong, as a right one tells it."""
     values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
     channels = [sensor.channel for sensor in fit.plant.description.sensors]
@@ -180,24 +194,28 @@ def _linear_names(fit: Fit) -> list[tuple[int, tuple[str, str]]]:
     ]
 
 
-def _known(fit: Fit, linear: Linear) -> Known:
+def _linear_constants(fit: Fit, linear: LinearModel) -> LinearConstants:
     chosen = _linear_names(fit)
     index = [i for i, _ in chosen]
     now, mean, sd = fit.free[index], fit.prior.mean[index], fit.prior.sd[index]
-    return Known.of(linear, tuple(name for _, name in chosen), (now - mean) / now, sd / now)
+    return LinearConstants.of(
+        linear, tuple(name for _, name in chosen), (now - mean) / now, sd / now
+    )
 
 
-def _constants(fit: Fit, found: Explained) -> dict[tuple[str, str], float]:
+def _constant_changes(fit: Fit, found: Explanation) -> dict[tuple[str, str], float]:
     return {
         name: float(fit.free[i] * (1 + change) / fit.prior.mean[i] - 1)
         for (i, name), change in zip(_linear_names(fit), found.constants, strict=True)
     }
 
 
-def _families(linear: Linear, trial: TrialLines) -> list[list[Source]]:
+def _equivalent_sources(linear: LinearModel, trial: TrialLines) -> list[list[ForceSource]]:
     """Gather sources whose transfers are proportional."""
-    families: list[tuple[np.ndarray, list[Source]]] = []
-    tuned = Tuned.of(linear, trial, Known.of(linear, (), np.zeros(0), np.zeros(0)), np.zeros(0))
+    families: list[tuple[np.ndarray, list[ForceSource]]] = []
+    tuned = PerturbedReference.of(
+        linear, trial, LinearConstants.of(linear, (), np.zeros(0), np.zeros(0)), np.zeros(0)
+    )
     for source in linear.sources():
         seen = (tuned.transfer(source) / np.sqrt(trial.noise)).ravel()
         size = np.linalg.norm(seen)
@@ -213,8 +231,8 @@ def _families(linear: Linear, trial: TrialLines) -> list[list[Source]]:
     return [family for _, family in families]
 
 
-def _twins(
-    family: list[Source], families: list[list[Source]], tuned: Tuned
+def _parallel_places(
+    family: list[ForceSource], families: list[list[ForceSource]], tuned: PerturbedReference
 ) -> tuple[Place, ...]:
     """Places of other families that point the same way at every line."""
     own = tuned.transfer(family[0]) / np.sqrt(tuned.trial.noise)
@@ -230,28 +248,28 @@ def _twins(
     return tuple(found)
 
 
-def _share(trials: tuple[TrialLines, ...], found: Explained) -> float:
+def _explained_share(trials: tuple[TrialLines, ...], found: Explanation) -> float:
     """Share of the power beyond noise that the force explains."""
     before = after = 0.0
     for trial, force in zip(trials, found.forces, strict=True):
-        heard = _heard(trial)
+        heard = _recorded_sensors(trial)
         before += float(np.sum((np.abs(force.left) ** 2 / trial.noise - 1)[:, heard]))
         after += float(np.sum((force.noise_power() / trial.noise - 1)[:, heard]))
     return float(np.clip(1 - after / before, 0, 1)) if before > 0 else 0.0
 
 
-def _heard(trial: TrialLines) -> Bool[np.ndarray, " sensor"]:
+def _recorded_sensors(trial: TrialLines) -> Bool[np.ndarray, " sensor"]:
     """Sensors of which any sample is used."""
     if trial.gaps is None:
         return np.ones(trial.noise.shape[1], dtype=bool)
     return np.asarray(~trial.gaps.all(axis=0))
 
 
-def _left(trials: tuple[TrialLines, ...], found: Explained) -> float:
+def _remaining_power(trials: tuple[TrialLines, ...], found: Explanation) -> float:
     """Mean expected power of what is left over that of the noise, of sensors that are heard."""
     power = [
-        (f.noise_power() / t.noise)[:, _heard(t)].mean()
+        (f.noise_power() / t.noise)[:, _recorded_sensors(t)].mean()
         for t, f in zip(trials, found.forces, strict=True)
-        if _heard(t).any()
+        if _recorded_sensors(t).any()
     ]
     return float(np.mean(power)) if power else 1.0

@@ -10,16 +10,16 @@ from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.units import unit_factor
 from slowtime.signals.spectra import transform
 
-from .linear_response import Linear
+from .linear_response import LinearModel
 
-WIDTH = 1.12
+BAND_RATIO = 1.12
 """Ends of a band of frequency, last over first, unless that makes it too short."""
 
-FEWEST = 10
+MIN_BAND_LINES = 10
 """Lines that a band has at least."""
 
 Lines = Complex[np.ndarray, "frequency sensor"]
-Moved = Complex[np.ndarray, "order frequency dof"]
+MotionSpectra = Complex[np.ndarray, "order frequency dof"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -52,11 +52,11 @@ class TrialLines:
     band: Int[np.ndarray, " frequency"]
     noise: Float[np.ndarray, "frequency sensor"]
     residual: Lines
-    motion: Moved
+    motion: MotionSpectra
     base: Complex[np.ndarray, " frequency"]
     gaps: Bool[np.ndarray, "time sensor"] | None = None
 
-    def filling(self, explained: Lines) -> Lines:
+    def gap_spectrum(self, explained: Lines) -> Lines:
         """Spectrum of what is explained at the samples that are not used, zero elsewhere."""
         if self.gaps is None:
             return np.zeros_like(self.residual)
@@ -80,8 +80,8 @@ class TrialLines:
         return np.asarray(np.fft.irfft(whole, self.samples, axis=0))
 
 
-def lines_of(
-    linear: Linear,
+def trial_lines(
+    linear: LinearModel,
     trial: Trial,
     residual: Float[np.ndarray, "time sensor"],
     motion: Float[np.ndarray, "order time dof"],
@@ -108,35 +108,37 @@ def lines_of(
         rate_hz=trial.rate_hz,
         frequency_hz=frequency[:kept],
         weight=weight,
-        band=bands(frequency[:kept]),
-        noise=noise.weighing(number, frequency[:kept]) * share,
+        band=band_numbers(frequency[:kept]),
+        noise=noise.weighting_density(number, frequency[:kept]) * share,
         residual=spectrum[:kept],
         motion=np.stack([lines(one) for one in motion]),
-        base=lines(_base(linear, trial)[:, None])[:, 0],
+        base=lines(_base_acceleration(linear, trial)[:, None])[:, 0],
         gaps=None if trial.used.all() else ~trial.used,
     )
 
 
-def bands(frequency_hz: Float[np.ndarray, " frequency"]) -> Int[np.ndarray, " frequency"]:
+def band_numbers(
+    frequency_hz: Float[np.ndarray, " frequency"],
+) -> Int[np.ndarray, " frequency"]:
     """Give each line its band: that at 0, then bands of constant relative width.
 
     Examples
     --------
-    >>> np.bincount(bands(np.linspace(0.0, 10.0, 41))).tolist()
+    >>> np.bincount(band_numbers(np.linspace(0.0, 10.0, 41))).tolist()
     [1, 10, 10, 10, 10]
     """
     edges = [0, 1]
     while edges[-1] < len(frequency_hz):
         first = edges[-1]
-        wide = int(np.searchsorted(frequency_hz, frequency_hz[first] * WIDTH)) - first
-        edges.append(first + max(wide, FEWEST))
-    if len(edges) > 3 and len(frequency_hz) - edges[-2] < FEWEST:
+        wide = int(np.searchsorted(frequency_hz, frequency_hz[first] * BAND_RATIO)) - first
+        edges.append(first + max(wide, MIN_BAND_LINES))
+    if len(edges) > 3 and len(frequency_hz) - edges[-2] < MIN_BAND_LINES:
         del edges[-2]
     edges[-1] = len(frequency_hz)
     return np.repeat(np.arange(len(edges) - 1), np.diff(edges))
 
 
-def _base(linear: Linear, trial: Trial) -> Float[np.ndarray, " time"]:
+def _base_acceleration(linear: LinearModel, trial: Trial) -> Float[np.ndarray, " time"]:
     total = np.zeros(len(trial.outputs))
     coordinate = linear.description.unit_of_coordinate
     for series, entry in zip(trial.inputs.T, linear.description.inputs, strict=True):

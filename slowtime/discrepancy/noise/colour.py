@@ -34,7 +34,7 @@ class Colour:
     ----------
     white
         :math:`n_0`, one-sided [unit²/Hz].
-    low
+    coloured
         :math:`n_1` [unit²/Hz].
     corner_hz
         :math:`f_c` [Hz].
@@ -47,7 +47,7 @@ class Colour:
     """
 
     white: float
-    low: float = 0.0
+    coloured: float = 0.0
     corner_hz: float = 1.0
     slope: float = 0.0
     radius: float = 0.0
@@ -59,21 +59,23 @@ class Colour:
 
         Examples
         --------
-        >>> Colour(white=1.0, low=8.0, corner_hz=1.0, slope=2.0).density(np.array([0.0, 1.0]))
+        >>> Colour(white=1.0, coloured=8.0, corner_hz=1.0, slope=2.0).density(np.array([0.0, 1.0]))
         array([9., 5.])
         """
         ratio = np.log1p((frequency_hz / self.corner_hz) ** 2)
-        part = self.low * np.exp(-self.slope / 2 * ratio)
+        part = self.coloured * np.exp(-self.slope / 2 * ratio)
         if self.radius > 0:
-            part = part * hump(frequency_hz / self.rate_hz, self.radius, self.angle)
+            part = part * pole_pair_gain(frequency_hz / self.rate_hz, self.radius, self.angle)
         return np.asarray(self.white + part)
 
     def scaled(self, factor: float) -> "Colour":
         """Give the same colour, `factor` times as strong in power."""
-        return dataclasses.replace(self, white=self.white * factor, low=self.low * factor)
+        return dataclasses.replace(
+            self, white=self.white * factor, coloured=self.coloured * factor
+        )
 
 
-def hump(turns: Frequencies, radius: float, angle: float) -> Frequencies:
+def pole_pair_gain(turns: Frequencies, radius: float, angle: float) -> Frequencies:
     """Power of a pair of poles along the unit circle, at parts of a turn."""
     pole = radius * np.exp(1j * angle)
     back = np.exp(-2j * np.pi * turns)
@@ -114,7 +116,7 @@ class Noise:
         """One-sided density of each sensor in one trial."""
         return np.stack([c.density(frequency_hz) for c in self.colours[trial]], axis=1)
 
-    def weighing(
+    def weighting_density(
         self, trial: int, frequency_hz: Frequencies
     ) -> Float[np.ndarray, "frequency sensor"]:
         """One-sided density by which residuals are weighed: drift is no reason to bend."""
@@ -130,7 +132,7 @@ class Noise:
     def white(self) -> tuple[bool, ...]:
         """Whether the noise of each sensor is white, in every trial."""
         by_sensor = zip(*self.colours, strict=True)
-        return tuple(all(colour.low == 0 for colour in row) for row in by_sensor)
+        return tuple(all(colour.coloured == 0 for colour in row) for row in by_sensor)
 
 
 def white_noise(densities: Sequence[Sequence[float]], relative_sd: float = 0.0) -> Noise:
@@ -148,7 +150,7 @@ def white_noise(densities: Sequence[Sequence[float]], relative_sd: float = 0.0) 
     return Noise(colours=colours, relative_sd=tuple((relative_sd,) * len(r) for r in colours))
 
 
-def drifting(noise: Noise, drift: Drift, rate_hz: float) -> Noise:
+def with_drift(noise: Noise, drift: Drift, rate_hz: float) -> Noise:
     """Add drift, which is no colour of a sensor: its noise is that of the highest lines.
 
     Sensors that do not drift keep theirs.

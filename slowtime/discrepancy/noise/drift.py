@@ -8,7 +8,7 @@ the sensor. To the noise of sensors of displacement and velocity,
           (-\omega^2 M_r + i \omega C_r)^{-1} \Phi^T b_j
 
 is therefore added, the density of what a white error of each input makes, :math:`S_j` being
-that of `DOUBT` times what was recorded, over the band in which it lies.
+that of `INPUT_ERROR` times what was recorded, over the band in which it lies.
 """
 
 import dataclasses
@@ -26,12 +26,16 @@ from slowtime.dynamics.transfer import derivative_order
 from slowtime.dynamics.units import unit_factor
 from slowtime.signals.spectra import detrended, periodogram
 
-DOUBT = 0.05
-"""Error of a force over its own scatter: no gain of a drive, no load cell in use is better
-known."""
-MOST_POWER = 0.98
-LOOSE = 1e-9
-"""Stiffness of a motion over that of the stiffest, by mass, that is none."""
+INPUT_ERROR = 0.05
+"""[standard deviations of the input] Error of a measured input: no gain of a drive and no
+load cell in use is better known. Source: judgement on the calibration of drives and load
+cells."""
+BAND_POWER = 0.98
+"""[share of power] Of an input that lies below the upper end of the band it drives. Source:
+judgement; no study is recorded."""
+RIGID_STIFFNESS = 1e-9
+"""[share of the largest eigenvalue] Up to which a motion counts as rigid. Source: well above
+rounding errors of the eigenvalues (1e-16), well below any vibration."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -47,11 +51,11 @@ class Drift:
         nothing.
     orders
         How often each sensor differentiates.
-    pushes
+    participation
         What each input, in its unit, is to each of them.
-    doubt
+    error_density
         By trial: density of the error of each input, in its unit.
-    least_hz
+    min_hz
         By trial: one over its length.
     """
 
@@ -59,27 +63,31 @@ class Drift:
     damping: Float[np.ndarray, "rigid rigid"]
     shapes: Float[np.ndarray, "sensor rigid"]
     orders: tuple[int, ...]
-    pushes: Float[np.ndarray, "rigid input"]
-    doubt: tuple[Float[np.ndarray, " input"], ...]
-    least_hz: tuple[float, ...]
+    participation: Float[np.ndarray, "rigid input"]
+    error_density: tuple[Float[np.ndarray, " input"], ...]
+    min_hz: tuple[float, ...]
 
     def transfer(
         self, trial: int, frequency_hz: Float[np.ndarray, " frequency"]
     ) -> Complex[np.ndarray, "frequency sensor input"]:
         """From an error of each input to what the sensors read."""
-        held = np.where(frequency_hz > 0, frequency_hz, self.least_hz[trial])
+        held = np.where(frequency_hz > 0, frequency_hz, self.min_hz[trial])
         s = 2j * np.pi * held[:, None, None]
         inner = s**2 * self.mass + s * self.damping
         order = np.array(self.orders)[:, None]
-        return np.asarray(s**order * (self.shapes @ np.linalg.solve(inner, self.pushes[None])))
+        return np.asarray(
+            s**order * (self.shapes @ np.linalg.solve(inner, self.participation[None]))
+        )
 
     def density(
         self, trial: int, frequency_hz: Float[np.ndarray, " frequency"]
     ) -> Float[np.ndarray, "frequency sensor"]:
         """One-sided density of what each sensor reads of it."""
-        return np.asarray(np.abs(self.transfer(trial, frequency_hz)) ** 2 @ self.doubt[trial])
+        return np.asarray(
+            np.abs(self.transfer(trial, frequency_hz)) ** 2 @ self.error_density[trial]
+        )
 
-    def blamed(
+    def input_errors(
         self,
         trial: int,
         frequency_hz: Float[np.ndarray, " frequency"],
@@ -91,7 +99,7 @@ class Drift:
         None at 0 Hz: where what is left begins and ends at nothing, no constant made it.
         """
         along = self.transfer(trial, frequency_hz)
-        loud = along * self.doubt[trial]
+        loud = along * self.error_density[trial]
         both = loud @ along.conj().swapaxes(1, 2) + noise[:, :, None] * np.eye(noise.shape[1])
         seen = np.linalg.solve(both, residual[:, :, None])
         errors = (loud.conj().swapaxes(1, 2) @ seen)[:, :, 0]
@@ -99,7 +107,9 @@ class Drift:
 
     def first(self) -> "Drift":
         """Give that of the first trial alone."""
-        return dataclasses.replace(self, doubt=self.doubt[:1], least_hz=self.least_hz[:1])
+        return dataclasses.replace(
+            self, error_density=self.error_density[:1], min_hz=self.min_hz[:1]
+        )
 
 
 def rigid_motions(structure: Structure) -> Float[np.ndarray, "dof rigid"]:
@@ -112,15 +122,15 @@ def rigid_motions(structure: Structure) -> Float[np.ndarray, "dof rigid"]:
     array([[0.5]])
     """
     value, vector = scipy.linalg.eigh(structure.stiffness, structure.mass)
-    return np.asarray(vector[:, value <= LOOSE * np.abs(value).max(initial=0.0)])
+    return np.asarray(vector[:, value <= RIGID_STIFFNESS * np.abs(value).max(initial=0.0)])
 
 
-def floats(description: Description) -> bool:
+def has_rigid_motion(description: Description) -> bool:
     """Whether a structure has a motion that meets no stiffness."""
     return bool(rigid_motions(assemble(description)).shape[1])
 
 
-def drift_of(description: Description, trials: Sequence[Trial]) -> Drift | None:
+def rigid_body_drift(description: Description, trials: Sequence[Trial]) -> Drift | None:
     """Drift of a structure that floats; None for one that is held."""
     structure = assemble(description)
     motions = rigid_motions(structure)
@@ -138,13 +148,13 @@ def drift_of(description: Description, trials: Sequence[Trial]) -> Drift | None:
         damping=motions.T @ structure.damping @ motions,
         shapes=shapes,
         orders=orders,
-        pushes=_pushes(description, structure, motions),
-        doubt=tuple(_doubt(trial) for trial in trials),
-        least_hz=tuple(1 / trial.duration_s for trial in trials),
+        participation=_input_participation(description, structure, motions),
+        error_density=tuple(_input_error_density(trial) for trial in trials),
+        min_hz=tuple(1 / trial.duration_s for trial in trials),
     )
 
 
-def _pushes(
+def _input_participation(
     description: Description, structure: Structure, motions: Float[np.ndarray, "dof rigid"]
 ) -> Float[np.ndarray, "rigid input"]:
     found = np.zeros((motions.shape[1], len(description.inputs)))
@@ -159,12 +169,12 @@ def _pushes(
     return found
 
 
-def _doubt(trial: Trial) -> Float[np.ndarray, " input"]:
+def _input_error_density(trial: Trial) -> Float[np.ndarray, " input"]:
     """Density of the error of each input, were it white in the band that is driven."""
     if not trial.inputs.shape[1]:
         return np.zeros(0)
     spectrum = periodogram(detrended(trial.inputs), trial.rate_hz)
     below = np.cumsum(spectrum.density, axis=0)
-    top = np.argmax(below >= MOST_POWER * below[-1], axis=0)
+    top = np.argmax(below >= BAND_POWER * below[-1], axis=0)
     band = np.maximum(spectrum.frequency_hz[top], 1 / trial.duration_s)
-    return np.asarray((DOUBT * trial.inputs.std(axis=0)) ** 2 / band)
+    return np.asarray((INPUT_ERROR * trial.inputs.std(axis=0)) ** 2 / band)

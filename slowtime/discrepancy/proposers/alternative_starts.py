@@ -30,7 +30,7 @@ def alternative_starts(
 
     def tick(effect: Effect, _: int) -> bool:
         tell(f"refitting {effect.kind} at {effect.place}", 0.85)
-        return tell.hurries
+        return tell.is_late
 
     first, *rest = found.named
     second = [answer.effect for answer in found.answers[1:2]]

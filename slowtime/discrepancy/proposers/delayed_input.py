@@ -20,7 +20,7 @@ from slowtime.discrepancy.estimation.candidate_fit import (
     fit_candidate,
     fitted_effect,
 )
-from slowtime.discrepancy.localization import Located, locate
+from slowtime.discrepancy.localization import Localization, locate
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Effect, Kind, Place
@@ -70,13 +70,14 @@ def seen_beside_late(
         except (np.linalg.LinAlgError, FloatingPointError):
             continue
         for law in seen[:MOST]:
-            if law.cost < CLEARLY * law.bare and label_of(law.effect) != label_of(delay):
-                yield Candidate(delay, law.cost, law.score, law.bare), law
+            other = label_of(law.effect) != label_of(delay)
+            if other and law.cost < CLEARLY * law.cost_without:
+                yield Candidate(delay, law.cost, law.score, law.cost_without), law
 
 
 def clocks_alone(
     before: Fit,
-    located: Located,
+    located: Localization,
     tried: Sequence[Candidate],
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
@@ -115,7 +116,7 @@ def clocks_alone(
 
 def _opaque(tried: Sequence[Candidate]) -> bool:
     """Whether the best law explains little of the force."""
-    return bool(tried) and tried[0].cost >= OPAQUE * tried[0].bare
+    return bool(tried) and tried[0].cost >= OPAQUE * tried[0].cost_without
 
 
 def _outstanding(asked: Sequence[FittedCandidate], before: Fit) -> bool:

@@ -92,7 +92,7 @@ class JointPairs:
         """Fit pairs; give an account with the best that leaves nothing."""
         good: list[tuple[Candidate, FittedCandidate]] = []
         for one, other in pairs:
-            if self._tell.hurries:
+            if self._tell.is_late:
                 break
             self._tell(f"refitting {one.effect.kind} and {other.effect.kind}", 0.35)
             both = self._refitted(one, other, good, near)
@@ -136,7 +136,7 @@ class JointPairs:
         enough = LIMITS.explained_chi2 * self._before.data
         both = fit_candidate(
             known, other.effect, self._trials, self._kinds, noise, enough,
-            start=other.start, late=lambda: self._tell.hurries,
+            start=other.start, late=lambda: self._tell.is_late,
         )  # fmt: skip
         if both is None or not LIMITS.explained_chi2 < both.fit.chi2_in_band < near:
             return both

@@ -16,11 +16,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import WRONG, Fit
-from slowtime.discrepancy.calibration.augmentation import free_run
-from slowtime.discrepancy.candidates.constant_equivalents import equivalents
+from slowtime.discrepancy.calibration import WRONG_MODEL_CHI2, Fit
+from slowtime.discrepancy.calibration.augmentation import free_run_chi2
+from slowtime.discrepancy.candidates.constant_equivalents import equivalent_laws
 from slowtime.discrepancy.candidates.library_fit import Candidate, Label, label_of
-from slowtime.discrepancy.candidates.parameter_scan import possible, sized
+from slowtime.discrepancy.candidates.parameter_scan import is_possible, scale_to_strength
 from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, misfit
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
@@ -157,8 +157,8 @@ class LowerRanked:
         if not opened:
             return None
         best, noise = opened[0], self._before.data
-        most = MUCH if best.cost < WRONG * noise else NEXT_TO_ALL
-        right = best.cost - noise < most * (best.bare - noise)
+        most = MUCH if best.cost < WRONG_MODEL_CHI2 * noise else NEXT_TO_ALL
+        right = best.cost - noise < most * (best.cost_without - noise)
         return label_of(best.effect) if right else None
 
     def _in_turn(
@@ -211,7 +211,11 @@ class LowerRanked:
         strong.sort(key=lambda one: one.effect.place not in self._best)
         for one in strong[:SCALED]:
             runs = [
-                (free_run(self._before, effect, None, self._trials, self._kinds), i, effect)
+                (
+                    free_run_chi2(self._before, effect, None, self._trials, self._kinds),
+                    i,
+                    effect,
+                )
                 for i, effect in enumerate(self._strengths(one.effect))
             ]
             left, i, effect = min(runs)
@@ -221,12 +225,14 @@ class LowerRanked:
     def _strengths(self, effect: Effect) -> list[Effect]:
         kind = self._kinds[effect.kind]
         factors = 10.0 ** np.arange(*TENFOLD, HALF_TEN)
-        every = [sized(kind, effect.parameters, factor) for factor in factors.tolist()]
+        every = [
+            scale_to_strength(kind, effect.parameters, factor) for factor in factors.tolist()
+        ]
         described = self._before.plant.description
         return [
             dataclasses.replace(effect, parameters=parameters)
             for parameters in every
-            if possible(kind, parameters, described, effect.place)
+            if is_possible(kind, parameters, described, effect.place)
         ]
 
     def _guessed(self) -> list[Candidate]:
@@ -243,14 +249,17 @@ class LowerRanked:
         ]
 
     def _equivalents(self) -> list[Candidate]:
-        return equivalents(self._bent, self._trials, self._kinds)[:NEAREST]
+        return equivalent_laws(self._bent, self._trials, self._kinds)[:NEAREST]
 
     def _as_good(self, others: Sequence[Candidate]) -> list[Candidate]:
         """Let what a free run leaves count for as little as the best leaves along the force."""
         if not self._labels:
             return list(others)
         best = self._labels[0]
-        return [dataclasses.replace(one, cost=best.cost, bare=best.bare) for one in others]
+        return [
+            dataclasses.replace(one, cost=best.cost, cost_without=best.cost_without)
+            for one in others
+        ]
 
     def _run_with(self, one: Candidate) -> float:
-        return free_run(self._before, one.effect, one.start, self._trials, self._kinds)
+        return free_run_chi2(self._before, one.effect, one.start, self._trials, self._kinds)

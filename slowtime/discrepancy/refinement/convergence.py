@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import WRONG, Fit, GivenUp, refit
+from slowtime.discrepancy.calibration import WRONG_MODEL_CHI2, Fit, FitAbandoned, refit
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import requote_all
 from slowtime.discrepancy.records import Trial
@@ -69,7 +69,7 @@ def converge_stick_slip(
 
     def late() -> bool:
         tell("looking beside where friction ended", 0.9)
-        return tell.hurries
+        return tell.is_late
 
     best, ends = last, [last]
     try:
@@ -84,7 +84,7 @@ def converge_stick_slip(
                 states=least.states, horizons=(1.0,), fine=True, late=late,
             )  # fmt: skip
             ends.append(best)
-    except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
+    except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
         pass
     off = np.array([end.values - best.values for end in ends])[:, list(best.prior.index)]
     share = np.exp(np.minimum([best.cost - end.cost for end in ends], 0.0) / 2)
@@ -125,7 +125,7 @@ def _whole(found: Found, kinds: Mapping[str, Kind]) -> bool:
     actions = (kinds[effect.kind].action for effect in last.plant.effects)
     moving = not any(isinstance(action, Unmeasured) for action in actions)
     whole = len(last.states) == len(found.trials) and not found.ended
-    return whole and moving and last.chi2_in_band <= WRONG
+    return whole and moving and last.chi2_in_band <= WRONG_MODEL_CHI2
 
 
 def _told(found: Found, fit: Fit, own: int, kinds: Mapping[str, Kind]) -> None:

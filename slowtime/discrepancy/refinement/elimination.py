@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import WRONG, Fit, refit
-from slowtime.discrepancy.calibration.augmentation import without
-from slowtime.discrepancy.candidates.constant_equivalents import alone_off
+from slowtime.discrepancy.calibration import WRONG_MODEL_CHI2, Fit, refit
+from slowtime.discrepancy.calibration.augmentation import refit_without
+from slowtime.discrepancy.candidates.constant_equivalents import is_single_changed_constant
 from slowtime.discrepancy.diagnosis import NamedEffect
 from slowtime.discrepancy.estimation.candidate_fit import GRADUALLY, evidence, sds_of_strength
 from slowtime.discrepancy.quoting import requote_all
@@ -43,12 +43,12 @@ def eliminate(
     own = len(fits[0].plant.effects)
     number = 0
     while number < len(kept) and len(kept) > 1:
-        less = without(chain[-1], own + number, trials, kinds)
+        less = refit_without(chain[-1], own + number, trials, kinds)
         if less is not None and _lost(less, chain[-1], own + number, kinds):
             less = _regrown(less, trials)
         if (
             less is None
-            or alone_off(less, kept[number].effect)
+            or is_single_changed_constant(less, kept[number].effect)
             or _gain(chain[-1], less, trials, kinds) >= LIMITS.least_log_evidence
         ):
             number += 1
@@ -67,7 +67,7 @@ def _lost(less: Fit, more: Fit, number: int, kinds: Mapping[str, Kind]) -> bool:
     """
     kind = kinds[more.plant.effects[number].kind]
     faint = sds_of_strength(more, number, kind) < LIMITS.clear_sds
-    return faint and more.chi2_in_band < WRONG < less.chi2_in_band
+    return faint and more.chi2_in_band < WRONG_MODEL_CHI2 < less.chi2_in_band
 
 
 def _regrown(fit: Fit, trials: tuple[Trial, ...]) -> Fit:
@@ -108,7 +108,7 @@ def left_out(
     good = chain[1 : min(number + 1, count)]
     missing: list[Fit] = [less]
     while len(good) + len(missing) < count:
-        shorter = without(missing[0], len(missing[0].plant.effects) - 1, trials, kinds)
+        shorter = refit_without(missing[0], len(missing[0].plant.effects) - 1, trials, kinds)
         if shorter is None:
             break
         missing.insert(0, shorter)

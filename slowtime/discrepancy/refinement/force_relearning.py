@@ -12,13 +12,13 @@ import numpy as np
 import scipy.optimize
 from jaxtyping import Float
 
-from slowtime.discrepancy.calibration import WRONG, Fit, GivenUp, refit
-from slowtime.discrepancy.calibration.augmentation import effects_in
-from slowtime.discrepancy.candidates.force_space import Space
-from slowtime.discrepancy.candidates.parameter_scan import joined
+from slowtime.discrepancy.calibration import WRONG_MODEL_CHI2, Fit, FitAbandoned, refit
+from slowtime.discrepancy.calibration.augmentation import fitted_effects
+from slowtime.discrepancy.candidates.force_space import ForceSpace
+from slowtime.discrepancy.candidates.parameter_scan import concatenate_motions
 from slowtime.discrepancy.estimation.candidate_fit import SWIFTLY
 from slowtime.discrepancy.estimation.shooting_fit import unexplained_by
-from slowtime.discrepancy.localization import Located
+from slowtime.discrepancy.localization import Localization
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.state import Found
@@ -39,7 +39,7 @@ Series = Float[np.ndarray, " time"]
 
 
 def relearn_force(
-    found: Found, before: Fit, located: Located, kinds: Mapping[str, Kind], tell: Monitor
+    found: Found, before: Fit, located: Localization, kinds: Mapping[str, Kind], tell: Monitor
 ) -> bool:
     """Fit a law anew, from the numbers of the force where it is; whether that left less.
 
@@ -53,10 +53,10 @@ def relearn_force(
     last, trials = found.fits[-1], found.trials
     whole = len(last.states) == len(trials) and found.holds is None
     number = _which(found, located, kinds)
-    if number is None or not whole or last.chi2_in_band < WRONG or tell.hurries:
+    if number is None or not whole or last.chi2_in_band < WRONG_MODEL_CHI2 or tell.is_late:
         return False
     own = len(last.plant.effects) - len(found.answers)
-    effect = effects_in(before)[own + number]
+    effect = fitted_effects(before)[own + number]
     tell(f"learning {effect.kind} at {effect.place} from its force", 0.5)
     force, motion = _recovered(before, effect, located, trials, kinds)
     learnt = law_of(kinds[effect.kind], effect, force, motion)
@@ -64,14 +64,14 @@ def relearn_force(
     for name, value in learnt.items():
         begun[last.plant.parameters.index(("effect", own + number, name))] = value
     names = last.plant.state_names
-    space = Space(before, located, effect.place)
+    space = ForceSpace(before, located, effect.place)
     states = [np.array([one.get(n, 0.0) for n in names]) for one in space.states]
     try:
         again = refit(
             last.plant, trials, values=begun, states=states, horizons=SWIFTLY,
-            late=lambda: tell.hurries,
+            late=lambda: tell.is_late,
         )  # fmt: skip
-    except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
+    except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
         return False
     if not np.isfinite(again.cost) or unexplained_by(again) > unexplained_by(
         last
@@ -85,7 +85,7 @@ def _channels(fit: Fit) -> int:
     return sum(residual.shape[1] for residual in fit.residual)
 
 
-def _which(found: Found, located: Located, kinds: Mapping[str, Kind]) -> int | None:
+def _which(found: Found, located: Localization, kinds: Mapping[str, Kind]) -> int | None:
     """Say which law it is, where a force at its place is all that is missing."""
     best, *others = located.groups
     if best.left > LIMITS.several_forces_chi2 or any(
@@ -108,7 +108,7 @@ def _is_curve(kind: Kind) -> bool:
 def _recovered(
     fit: Fit,
     effect: Effect,
-    located: Located,
+    located: Localization,
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
 ) -> tuple[Series, Motion]:
@@ -124,7 +124,7 @@ def _recovered(
         forces.append(own + latent.force)
         motions.append(latent.motion)
     order = np.argsort([motion.times[0] for motion in motions], kind="stable")
-    return np.concatenate([forces[i] for i in order]), joined(motions)
+    return np.concatenate([forces[i] for i in order]), concatenate_motions(motions)
 
 
 def law_of(kind: Kind, effect: Effect, force: Series, motion: Motion) -> dict[str, float]:

@@ -9,13 +9,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from slowtime.discrepancy.calibration.augmentation import carry_effect, effects_of
+from slowtime.discrepancy.calibration.augmentation import carry_effect, described_effects
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.data.screening import screen
 from slowtime.discrepancy.records import Campaign
 from slowtime.discrepancy.state import Found
 from slowtime.discrepancy.thresholds import LIMITS
-from slowtime.discrepancy.validation.free_run import judge, judged
+from slowtime.discrepancy.validation.free_run import evaluate_free_run, evaluation_trials
 from slowtime.dynamics.effects import Kind, Unmeasured
 
 WORSE = 1.02
@@ -39,15 +39,17 @@ def drop_harmful_effects(found: Found, campaign: Campaign) -> None:
     kinds = last.plant.kinds
     if found.answers and not (np.any(own) or _a_word(found, kinds)):
         return
-    tests = judged(found.trials, tuple(screen(trial).trial for trial in campaign.holdout))
+    tests = evaluation_trials(
+        found.trials, tuple(screen(trial).trial for trial in campaign.holdout)
+    )
     given = dataclasses.replace(first, values=first.plant.values)
-    bar = WORSE * float(judge(campaign.description, given, tests).error.mean())
+    bar = WORSE * float(evaluate_free_run(campaign.description, given, tests).error.mean())
     while chi2_p_value(found.fits[-1]) <= LIMITS.coloured_p_value:
         last = found.fits[-1]
-        if float(judge(last.plant.description, last, tests).error.mean()) <= bar:
+        if float(evaluate_free_run(last.plant.description, last, tests).error.mean()) <= bar:
             return
         if len(found.answers) == 1 and _a_word(found, kinds):
-            effect = effects_of(last.plant.description)[-1]
+            effect = described_effects(last.plant.description)[-1]
             found.fits = [given, carry_effect(given, effect, kinds)]
             return
         found.left = found.left or found.located

@@ -8,9 +8,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import WRONG, GivenUp, first_swings, refit
+from slowtime.discrepancy.calibration import (
+    WRONG_MODEL_CHI2,
+    FitAbandoned,
+    first_periods,
+    refit,
+)
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
-from slowtime.discrepancy.calibration.initial_states import begun
+from slowtime.discrepancy.calibration.initial_states import refit_initial_states
 from slowtime.discrepancy.estimation.candidate_fit import GRADUALLY, SLOWLY
 from slowtime.discrepancy.estimation.shooting_fit import unexplained_by
 from slowtime.discrepancy.selection.probabilities import hardly_any
@@ -21,7 +26,7 @@ from slowtime.dynamics.effects import Friction, Kind
 
 def refit_with_growing_horizon(found: Found, kinds: Mapping[str, Kind]) -> None:
     """Fit the last model anew where it leaves more than a right one; keep what leaves less."""
-    if found.fits[-1].chi2_in_band >= WRONG:
+    if found.fits[-1].chi2_in_band >= WRONG_MODEL_CHI2:
         _regrow(found, kinds, GRADUALLY)
 
 
@@ -44,11 +49,11 @@ def _regrow(found: Found, kinds: Mapping[str, Kind], horizons: Sequence[float]) 
     if len(last.states) != len(trials) or found.holds is not None or found.ended:
         return
     try:
-        start = begun(last, first_swings(last.plant, trials))
+        start = refit_initial_states(last, first_periods(last.plant, trials))
         again = refit(
             last.plant, trials, values=last.values, states=start.states, horizons=horizons
         )
-    except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
+    except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
         return
     if unexplained_by(again) < unexplained_by(last):
         found.put_last(again, kinds)

@@ -11,13 +11,13 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.discrepancy.calibration import (
-    WRONG,
+    WRONG_MODEL_CHI2,
     Fit,
-    GivenUp,
-    first_swings,
+    FitAbandoned,
+    first_periods,
+    motion_amplitude,
+    multistart_initial_state,
     refit,
-    size_of,
-    state_from_many,
 )
 from slowtime.discrepancy.estimation.shooting_fit import unexplained_by
 from slowtime.discrepancy.records import Trial
@@ -45,9 +45,9 @@ def restarted(fit: Fit, trials: Sequence[Trial]) -> Fit | None:
 
     Looked for in records whose first swings are explained much worse than what follows.
     """
-    if fit.chi2_in_band < WRONG:
+    if fit.chi2_in_band < WRONG_MODEL_CHI2:
         return None
-    heads = first_swings(fit.plant, trials)
+    heads = first_periods(fit.plant, trials)
     states = [
         _elsewhere(fit, trials[number], heads[number], number)
         if _begins_badly(fit, number, heads[number])
@@ -58,7 +58,7 @@ def restarted(fit: Fit, trials: Sequence[Trial]) -> Fit | None:
         return None
     try:
         again = refit(fit.plant, trials, values=fit.values, states=states, horizons=(1.0,))
-    except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
+    except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
         return None
     return again if unexplained_by(again) < unexplained_by(fit) else None
 
@@ -74,5 +74,7 @@ def _begins_badly(fit: Fit, number: int, head: Trial) -> bool:
 def _elsewhere(fit: Fit, trial: Trial, head: Trial, number: int) -> State:
     """Give the initial state from which the first swings are explained best."""
     known = fit.states[number]
-    size = size_of(fit.plant, trial, fit.values, known)
-    return state_from_many(fit.plant, head, fit.noise.of([number]), fit.values, known, size)
+    size = motion_amplitude(fit.plant, trial, fit.values, known)
+    return multistart_initial_state(
+        fit.plant, head, fit.noise.of([number]), fit.values, known, size
+    )

@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.discrepancy.calibration import Fit, GivenUp, refit
-from slowtime.discrepancy.calibration.augmentation import run_by, states_in
+from slowtime.discrepancy.calibration import Fit, FitAbandoned, refit
+from slowtime.discrepancy.calibration.augmentation import map_states, simulated_chi2
 from slowtime.discrepancy.estimation.candidate_fit import SWIFTLY
 from slowtime.discrepancy.estimation.switching_instant import refine_switching_instant
 from slowtime.discrepancy.progress import Monitor
@@ -40,12 +40,12 @@ def relocate(found: Found, kinds: Mapping[str, Kind], tell: Monitor) -> bool:
         return False
     best, which = last, -1
     for number, place in _elsewhere(found):
-        if tell.ends:
+        if tell.is_over:
             found.hurried = True
             break
         answer = found.answers[number]
         tell(f"trying {answer.effect.kind} at {place}", 0.8)
-        other = _with(best, last, number, place, found, kinds, lambda: tell.ends)
+        other = _with(best, last, number, place, found, kinds, lambda: tell.is_over)
         if other is not None and other.cost < best.cost - 2 * LIMITS.least_log_evidence:
             best, which = other, number
     if best is last:
@@ -97,10 +97,10 @@ def _with(
     entry = {**description.effects[at], place.kind: place.id}
     effects = tuple(entry if i == at else e for i, e in enumerate(description.effects))
     plant = Plant.of(dataclasses.replace(description, effects=effects), kinds=kinds)
-    states = states_in(last, plant)
+    states = map_states(last, plant)
     values = min(
         _as_strong(plant, last, at, kinds[str(entry["effect"])]),
-        key=lambda values: run_by(plant, values, states, last.noise, found.trials),
+        key=lambda values: simulated_chi2(plant, values, states, last.noise, found.trials),
     )
     try:
         other = refit(
@@ -108,7 +108,7 @@ def _with(
             horizons=SWIFTLY, beat=fit.cost, late=late,
         )  # fmt: skip
         other = refine_switching_instant(other, found.trials, kinds, fit.cost, np.inf, at)
-    except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
+    except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
         return None
     return other if np.isfinite(other.cost) else None
 

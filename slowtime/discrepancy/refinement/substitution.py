@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from slowtime.discrepancy.calibration.augmentation import effects_in, without
+from slowtime.discrepancy.calibration.augmentation import fitted_effects, refit_without
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.candidates.library_fit import label_of, library_candidates
@@ -58,7 +58,7 @@ def substitute(
     for number in _in_turn(found, kinds):
         # What does nothing of its own should not be told, late as it may be.
         needless = number in _faint(found, kinds)
-        if tell.ends or (tell.hurries and not needless):
+        if tell.is_over or (tell.is_late and not needless):
             found.hurried = True
             return found
         branch = _anew(found, number, kinds, stated, tell)
@@ -128,9 +128,9 @@ def _anew(
 ) -> Found | None:
     """Look for one effect again beside the others; the account with what was found last."""
     own, last, trials = len(found.fits[0].plant.effects), found.fits[-1], found.trials
-    known = effects_in(last)[own + number]
+    known = fitted_effects(last)[own + number]
     tell(f"looking again at {known.kind} at {known.place}", 0.86)
-    less = without(last, own + number, trials, kinds)
+    less = refit_without(last, own + number, trials, kinds)
     if less is None:
         return None
     others = [a for i, a in enumerate(found.answers) if i != number]
@@ -160,7 +160,7 @@ def _anew(
 
     def tick(effect: Effect, _: int) -> bool:
         tell(f"refitting {effect.kind} at {effect.place}", 0.86)
-        return tell.ends
+        return tell.is_over
 
     in_turn = list(reversed(labels.values()))
     named = fit_candidates(before, in_turn, trials, kinds, tick)

@@ -4,12 +4,15 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import Fit, GivenUp, pieces, refit
+from slowtime.discrepancy.calibration import Fit, FitAbandoned, cut_segments, refit
 from slowtime.discrepancy.calibration.augmentation import carry_effect
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
-from slowtime.discrepancy.candidates.constant_equivalents import CONSTANTS, alone_off
-from slowtime.discrepancy.candidates.parameter_scan import like_constant
-from slowtime.discrepancy.data.clock_overrun import within_record
+from slowtime.discrepancy.candidates.constant_equivalents import (
+    CONSTANTS,
+    is_single_changed_constant,
+)
+from slowtime.discrepancy.candidates.parameter_scan import is_constant_change
+from slowtime.discrepancy.data.clock_overrun import mask_clock_overrun
 from slowtime.discrepancy.diagnosis import NamedEffect
 from slowtime.discrepancy.estimation.candidate_fit import (
     FittedCandidate,
@@ -87,7 +90,7 @@ def accept(
     states = before.states
     if short:
         named = short
-        trials = pieces(before.plant, trials)[0]
+        trials = cut_segments(before.plant, trials)[0]
         states = tuple(np.zeros(0) for _ in trials)
     named = [one for one in named if is_significant(one, trials, kinds)]
     if not named:
@@ -98,7 +101,7 @@ def accept(
             before.plant, trials, noise=best.fit.noise, values=before.values,
             states=states, horizons=(1.0,), late=None if short else over,
         )  # fmt: skip
-    except GivenUp:
+    except FitAbandoned:
         bar = with_noise(before, best.fit.noise, trials)
     cut = any(len(fit.states) != len(trials) for fit in found.fits)
     holds = None if cut else held_instead(best.fit, bar, trials, kinds, stated)
@@ -110,7 +113,7 @@ def accept(
         found.fits = [with_holds(fit, holds, found.trials, kinds) for fit in found.fits]
         return True
     # Where a constant has left its tolerance, something is missing; the question is what.
-    constant = pulled and like_constant(kinds[best.effect.kind])
+    constant = pulled and is_constant_change(kinds[best.effect.kind])
     least = 0.0 if constant else LIMITS.least_log_evidence
     lead = best.score - _bare(bar)
     if lead < least:
@@ -123,12 +126,12 @@ def accept(
     missing = bar.cost - bar.data
     named = _limits_first(named, missing)
     best = named[0]
-    constant = pulled and like_constant(kinds[best.effect.kind])
+    constant = pulled and is_constant_change(kinds[best.effect.kind])
     speck = _speck(found, best, bar, twice=twice) if found.answers else SPECK * missing
     if not (constant or sure) and bar.cost - best.fit.cost < speck:
         return False
     # That constants were claimed too well is an answer too, and has its share.
-    alone = pulled and alone_off(bar, best.effect)
+    alone = pulled and is_single_changed_constant(bar, best.effect)
     if alone:
         # What leaves the constant as far off is no other answer either.
         named = [one for one in named if one is best or not _still_off(one.fit, best.effect)]
@@ -137,7 +140,7 @@ def accept(
     if sum(shares) < 1 - LIMITS.decided_probability:
         return False
     # A constant that is off, and told as such, unless much is left where it is.
-    slightly = max(map(abs, bar.bent.values()), default=0.0) < LIMITS.alone_tolerances
+    slightly = max(map(abs, bar.constant_pulls.values()), default=0.0) < LIMITS.alone_tolerances
     slightly &= bar.chi2_in_band < LIMITS.explained_chi2
     if constant and (found.answers or slightly) and max(shares) < LIMITS.decided_probability:
         return False
@@ -148,7 +151,7 @@ def accept(
     if again and not _explains_much(found, best, kinds):
         return False
     found.fits.append(best.fit)
-    found.trials = within_record(
+    found.trials = mask_clock_overrun(
         trials if short else found.trials, channels, (best.effect,), kinds
     )
     found.answers.append(answer_of(named, shares, kinds))
@@ -247,7 +250,7 @@ def _still_off(fit: Fit, effect: Effect) -> bool:
 
 def _retuned(fit: Fit) -> float:
     """Log evidence of constants whose tolerance was stated too small."""
-    return _bare(fit) + float(relief(list(fit.bent.values())).sum())
+    return _bare(fit) + float(relief(list(fit.constant_pulls.values())).sum())
 
 
 def _bare(fit: Fit) -> float:

@@ -26,9 +26,13 @@ import numpy as np
 import scipy.linalg
 from jaxtyping import Bool, Float
 
-from slowtime.discrepancy.calibration import Fit, prior_of, weights_of
+from slowtime.discrepancy.calibration import Fit, prior_of, spectral_weights
 from slowtime.discrepancy.calibration.augmentation import carry_effect
-from slowtime.discrepancy.calibration.levenberg_marquardt import Point, Problem, normal_at
+from slowtime.discrepancy.calibration.levenberg_marquardt import (
+    Iterate,
+    LeastSquaresProblem,
+    normal_equations,
+)
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.effects import Effect, Kind, Law, Parameter
 from slowtime.dynamics.effects.compiled import compiled
@@ -36,14 +40,14 @@ from slowtime.dynamics.plant import Name
 
 RIDGE, OWN = 1e-10, 1e-6
 """Of scaled normal equations; share of the slope to a curve that all else must leave of it."""
-CURVES, LAGS = 11, 2
+CURVE_TERMS, LAG_TERMS = 11, 2
 """How many strengths of curves the free force has, and of elongations that lag."""
 
 Unknowns = Float[np.ndarray, " unknown"]
 
 
 @compiled
-def bent(e: float, v: float, p: Any) -> float:
+def curve_force(e: float, v: float, p: Any) -> float:
     """Force of curves in elongation and rate, each over its scale [N]."""
     x = e / p[0]
     y = v / p[1]
@@ -55,27 +59,27 @@ def bent(e: float, v: float, p: Any) -> float:
     return float(spring + damper + both)
 
 
-def curved(e: float, v: float, t: float, z: Any, p: Any) -> float:
+def curve_law(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Force along curves [N]."""
-    return float(bent(e, v, p))
+    return float(curve_force(e, v, p))
 
 
-def lagged(e: float, v: float, t: float, z: Any, p: Any) -> float:
+def curve_and_lag_law(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Force along curves, and of elongations that lag [N]."""
-    return float(bent(e, v, p) + (p[13] * z[0] + p[14] * z[1]) / p[0])
+    return float(curve_force(e, v, p) + (p[13] * z[0] + p[14] * z[1]) / p[0])
 
 
-def lagging(e: float, v: float, t: float, z: Any, p: Any) -> float:
+def slow_lag_rate(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Rate of an elongation that lags by twice the time of a radian of the motion [m/s]."""
     return float((e - z[0]) * p[1] / (2.0 * p[0]))
 
 
-def following(e: float, v: float, t: float, z: Any, p: Any) -> float:
+def fast_lag_rate(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Rate of one that lags by half that time [m/s]."""
     return float((e - z[1]) * p[1] / (0.5 * p[0]))
 
 
-def _free(name: str, strengths: int, action: Law) -> Kind:
+def _free_force_kind(name: str, strengths: int, action: Law) -> Kind:
     return Kind(
         name=name,
         family="unknown",
@@ -95,13 +99,17 @@ def _free(name: str, strengths: int, action: Law) -> Kind:
     )
 
 
-CURVED = _free("any_curve", CURVES, Law(force=curved))
-LAGGED = _free("any_lag", CURVES + LAGS, Law(force=lagged, rates=(lagging, following)))
+CURVE_KIND = _free_force_kind("any_curve", CURVE_TERMS, Law(force=curve_law))
+LAG_KIND = _free_force_kind(
+    "any_lag",
+    CURVE_TERMS + LAG_TERMS,
+    Law(force=curve_and_lag_law, rates=(slow_lag_rate, fast_lag_rate)),
+)
 """No effects that are ever named: what is laid beside those that are."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Taken:
+class ScoreTest:
     """What a free force would take, and by what.
 
     Parameters
@@ -150,19 +158,21 @@ class FreeForce:
         cls, fit: Fit, free: Effect, trials: Sequence[Trial], kinds: Mapping[str, Kind]
     ) -> "FreeForce":
         """Lay a free force beside the laws of a fit, and linearise at what was found."""
-        own = {kind.name: kind for kind in (CURVED, LAGGED)}
+        own = {kind.name: kind for kind in (CURVE_KIND, LAG_KIND)}
         both = carry_effect(fit, free, {**kinds, **own})
         prior = prior_of(both.plant)
         more = np.zeros(len(both.plant.state_names) - len(fit.plant.state_names))
-        problem = Problem(
+        problem = LeastSquaresProblem(
             plant=both.plant,
             prior=prior,
             trials=tuple(trials),
-            weights=tuple(weights_of(trial, fit.noise, i) for i, trial in enumerate(trials)),
+            weights=tuple(
+                spectral_weights(trial, fit.noise, i) for i, trial in enumerate(trials)
+            ),
             samples=tuple(len(trial.outputs) for trial in trials),
         )
         states = tuple(np.concatenate([s, more]) if s.size else s for s in fit.states)
-        normal, _ = normal_at(problem, Point(values=both.values, states=states))
+        normal, _ = normal_equations(problem, Iterate(values=both.values, states=states))
         last = ("effect", len(fit.plant.effects))
         curves = np.zeros(len(normal.gradient), dtype=bool)
         curves[: len(prior.names)] = [name[:2] == last for name in prior.names]
@@ -179,7 +189,7 @@ class FreeForce:
             rest=scipy.linalg.cho_factor(inner),
         )
 
-    def without(self, name: Name) -> tuple[float, float]:
+    def step_without(self, name: Name) -> tuple[float, float]:
         """Where a number would be by the next step without the free force, and its error.
 
         What other numbers make up for wholly is not known at all.
@@ -191,7 +201,7 @@ class FreeForce:
         step = float(self.scale[at]) * float(row @ self.gradient[~self.curves])
         return float(self.values[at]) + step, float(self.scale[at]) * math.sqrt(row[at])
 
-    def taken(self) -> Taken:
+    def score_test(self) -> ScoreTest:
         """Ask what the free force would take."""
         free = self.curves
         cross = scipy.linalg.cho_solve(self.rest, self.matrix[np.ix_(~free, free)])
@@ -201,4 +211,4 @@ class FreeForce:
         own = values > OWN
         spread = self.scale[free][:, None] * (vectors[:, own] / np.sqrt(values[own]))
         steps = (vectors[:, own].T @ left) / np.sqrt(values[own])
-        return Taken(float(steps @ steps), int(own.sum()), spread, steps)
+        return ScoreTest(float(steps @ steps), int(own.sum()), spread, steps)

@@ -16,13 +16,13 @@ import scipy.stats
 from jaxtyping import Float
 
 from slowtime.discrepancy.calibration import Fit
-from slowtime.discrepancy.calibration.led_run import leads
+from slowtime.discrepancy.calibration.measured_friction import needs_measured_friction
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.description import Spring
 from slowtime.dynamics.effects import Effect, Hidden, Kind, Law, Motion, Place, force_along
 
-from .free_force import CURVED, LAGGED, FreeForce
+from .free_force import CURVE_KIND, LAG_KIND, FreeForce
 
 BY_CHANCE = 1e-3
 """Chance at which laws that are right are refuted, were the noise as it is taken to be."""
@@ -33,7 +33,7 @@ hardly how much."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Doubt:
+class LawDoubt:
     """What speaks against the laws that were named at an element.
 
     Parameters
@@ -52,7 +52,7 @@ def refuted_by_free_force(
     first: int,
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
-) -> Doubt | None:
+) -> LawDoubt | None:
     """Find an element at which what was named cannot be, or need not be, what is there.
 
     Parameters
@@ -66,12 +66,12 @@ def refuted_by_free_force(
     -------
     None where all may stand, or where friction follows what was measured and no free run does.
     """
-    if leads(fit.plant, fit.noise):
+    if needs_measured_friction(fit.plant, fit.noise):
         return None
-    places = _touched(fit, first)
+    places = _named_elements(fit, first)
     for place in places:
         try:
-            found = _refuted_at(place, BY_CHANCE / len(places), fit, first, trials, kinds)
+            found = _test_element(place, BY_CHANCE / len(places), fit, first, trials, kinds)
         except (np.linalg.LinAlgError, FloatingPointError):
             continue
         if found is not None:
@@ -79,7 +79,7 @@ def refuted_by_free_force(
     return None
 
 
-def _touched(fit: Fit, first: int) -> tuple[Place, ...]:
+def _named_elements(fit: Fit, first: int) -> tuple[Place, ...]:
     """Elements with effects that were named, and those that end at nodes with such."""
     named = [effect.place for effect in fit.plant.effects[first:]]
     nodes = {place.id for place in named if place.kind == "node"}
@@ -91,14 +91,14 @@ def _touched(fit: Fit, first: int) -> tuple[Place, ...]:
     return tuple(dict.fromkeys([*(p for p in named if p.kind == "element"), *ending]))
 
 
-def _refuted_at(
+def _test_element(
     place: Place,
     chance: float,
     fit: Fit,
     first: int,
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
-) -> Doubt | None:
+) -> LawDoubt | None:
     runs = [
         fit.plant.states(
             fit.values, trial.inputs, trial.rate_hz, state0=state, start_s=trial.start_s
@@ -109,31 +109,38 @@ def _refuted_at(
     scales = {"e_m": _rms([m.e for m in motions]), "v_m_per_s": _rms([m.v for m in motions])}
     if min(scales.values()) == 0.0:
         return None
-    free = LAGGED if _remembers(fit, first, kinds) else CURVED
+    free = LAG_KIND if _has_memory(fit, first, kinds) else CURVE_KIND
     flat = scales | dict.fromkeys(free.names[len(scales) :], 0.0)
     beside = FreeForce.of(fit, Effect(free.name, place, flat), trials, kinds)
     wide = math.sqrt(max(fit.chi2_in_band, 1.0))
     here = [n for n, one in enumerate(fit.plant.effects) if n >= first and one.place == place]
-    taken = beside.taken()
+    taken = beside.score_test()
     chance_of = scipy.stats.chi2(taken.degrees).sf
-    idle = tuple(number for number in here if _idles(number, fit, beside, wide, kinds))
+    idle = tuple(number for number in here if _is_idle(number, fit, beside, wide, kinds))
     several = any(sum(name[:2] == ("effect", n) for name in beside.names) > 1 for n in idle)
-    doubt = Doubt(place, idle) if several else None
+    doubt = LawDoubt(place, idle) if several else None
     # Beside a motion that hardly any other comes near, no other force can be told at all.
     if not taken.degrees or chance_of(taken.gain / wide**2) > chance:
         return doubt
-    laws = [_along(number, fit, runs, kinds) for number in here or _ending(place, fit, first)]
+    laws = [
+        _effect_force_along(number, fit, runs, kinds)
+        for number in here or _effects_at_ends(place, fit, first)
+    ]
     e, v = np.concatenate([m.e for m in motions]), np.concatenate([m.v for m in motions])
     known = np.stack(
         [x / _rms([x]) for x in (e, v, *(laws if here else ())) if x.any()], axis=1
     )
-    forces = np.stack([_force(free, scales, column, motions) for column in taken.spread.T], 1)
+    forces = np.stack(
+        [_curve_force_along(free, scales, column, motions) for column in taken.spread.T], 1
+    )
     own = forces - known @ np.linalg.lstsq(known, forces, rcond=None)[0]
-    off = _shortest(own.T @ own / len(own), taken.steps, WITHIN * _rms([np.sum(laws, axis=0)]))
-    return doubt if chance_of(off / wide**2) > BY_NOISE else Doubt(place, ())
+    off = _distance_to_small_force(
+        own.T @ own / len(own), taken.steps, WITHIN * _rms([np.sum(laws, axis=0)])
+    )
+    return doubt if chance_of(off / wide**2) > BY_NOISE else LawDoubt(place, ())
 
 
-def _shortest(
+def _distance_to_small_force(
     power: Float[np.ndarray, "direction direction"],
     steps: Float[np.ndarray, " direction"],
     most: float,
@@ -163,7 +170,7 @@ def _shortest(
     return float(np.sum((along * weight * squares / (1 + weight * squares)) ** 2))
 
 
-def _force(
+def _curve_force_along(
     free: Kind,
     scales: Mapping[str, float],
     strengths: Float[np.ndarray, " curve"],
@@ -175,13 +182,13 @@ def _force(
     return np.concatenate([force_along(free, numbers, motion) for motion in motions])
 
 
-def _remembers(fit: Fit, first: int, kinds: Mapping[str, Kind]) -> bool:
+def _has_memory(fit: Fit, first: int, kinds: Mapping[str, Kind]) -> bool:
     """Whether something was named that may stand for what lags: all that is linear, or lags."""
     actions = [kinds[effect.kind].action for effect in fit.plant.effects[first:]]
     return any(isinstance(a, Hidden) or (isinstance(a, Law) and a.rates) for a in actions)
 
 
-def _ending(place: Place, fit: Fit, first: int) -> list[int]:
+def _effects_at_ends(place: Place, fit: Fit, first: int) -> list[int]:
     """Effects that were named at the ends of an element."""
     ends = next(e.between for e in fit.plant.description.elements if e.id == place.id)
     return [
@@ -191,7 +198,7 @@ def _ending(place: Place, fit: Fit, first: int) -> list[int]:
     ]
 
 
-def _along(
+def _effect_force_along(
     number: int, fit: Fit, runs: Sequence[Mapping[Place, Motion]], kinds: Mapping[str, Kind]
 ) -> Float[np.ndarray, " time"]:
     """Force of one effect along the motion of the fit."""
@@ -202,14 +209,14 @@ def _along(
     return np.concatenate([force_along(kind, own, run[effect.place]) for run in runs])
 
 
-def _idles(
+def _is_idle(
     number: int, fit: Fit, beside: FreeForce, wide: float, kinds: Mapping[str, Kind]
 ) -> bool:
     """Whether a law does nothing of its own, by the next step of the fit."""
     name = ("effect", number, kinds[fit.plant.effects[number].kind].strength)
     if name not in beside.names:
         return False
-    value, sd = beside.without(name)
+    value, sd = beside.step_without(name)
     return abs(value) < LIMITS.seen_sds * wide * sd
 
 

@@ -9,30 +9,32 @@ from jaxtyping import Float
 
 from slowtime.discrepancy.calibration import (
     Fit,
-    first_swings,
+    first_periods,
+    motion_amplitude,
+    multistart_initial_state,
     refit,
-    size_of,
-    state_from_many,
-    state_heard,
+    state_from_sensors,
 )
 from slowtime.discrepancy.diagnosis import Spectra, Traces
-from slowtime.discrepancy.noise import Noise, noise_of_residual
-from slowtime.discrepancy.records import FEWEST, Trial
+from slowtime.discrepancy.noise import Noise, estimate_noise
+from slowtime.discrepancy.records import MIN_SAMPLES, Trial
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.plant import Plant
 from slowtime.signals.spectra import transform
 
-START = 0.2
+START_SHARE = 0.2
 """Share of a record from which its initial state is taken."""
-LOST = 30.0
+LOST_CHI2 = 30.0
 """Mean square over the noise, of the first samples, of a run that began in the wrong swing."""
-POINTS = 400
+SPECTRUM_POINTS = 400
 """Of spectra, for pictures."""
 
 Series = Float[np.ndarray, "time sensor"]
 
 
-def judged(trials: tuple[Trial, ...], holdout: tuple[Trial, ...]) -> tuple[Trial, ...]:
+def evaluation_trials(
+    trials: tuple[Trial, ...], holdout: tuple[Trial, ...]
+) -> tuple[Trial, ...]:
     """Give the records to judge by: those held out, or the last third of each."""
     return holdout or tuple(tail_of(trial) for trial in trials)
 
@@ -40,15 +42,15 @@ def judged(trials: tuple[Trial, ...], holdout: tuple[Trial, ...]) -> tuple[Trial
 def tail_of(trial: Trial) -> Trial:
     """Last third of a record; all of one that is too short for that, as a piece may be."""
     begun = len(trial.outputs) * 2 // 3
-    if len(trial.outputs) - begun < FEWEST:
+    if len(trial.outputs) - begun < MIN_SAMPLES:
         return trial
     return trial.part(begun, len(trial.outputs))
 
 
-def on_heads(fit: Fit, trials: Sequence[Trial]) -> Fit:
+def refit_on_heads(fit: Fit, trials: Sequence[Trial]) -> Fit:
     """Fit the same model to all but the tails of records; leave it where that cannot be."""
     ends = [len(trial.outputs) * 2 // 3 for trial in trials]
-    if min(ends) < FEWEST:
+    if min(ends) < MIN_SAMPLES:
         return fit
     heads = [trial.part(0, end) for trial, end in zip(trials, ends, strict=True)]
     states = fit.states if len(fit.states) == len(heads) else None
@@ -66,7 +68,7 @@ def free_runs(fit: Fit, trials: Sequence[Trial]) -> list[Series]:
     """Run the model of a fit; initial states are those that the first samples say."""
     runs = []
     for trial in trials:
-        state = _begun(fit, _first_of(trial), _noise_of(fit))
+        state = _initial_state(fit, _first_part(trial), _noise_of_first_record(fit))
         runs.append(
             fit.plant.simulate(
                 fit.values,
@@ -79,30 +81,30 @@ def free_runs(fit: Fit, trials: Sequence[Trial]) -> list[Series]:
     return runs
 
 
-def on_another(fit: Fit, trial: Trial) -> Fit | None:
+def refit_on_record(fit: Fit, trial: Trial) -> Fit | None:
     """Fit the same model to another record, from where it is; None where that cannot be.
 
     That has noise of its own.
     """
-    state = _begun(fit, _first_of(trial), _noise_of(fit))
+    state = _initial_state(fit, _first_part(trial), _noise_of_first_record(fit))
     try:
         return refit(fit.plant, (trial,), values=fit.values, states=[state], horizons=(1.0,))
     except (np.linalg.LinAlgError, FloatingPointError):
         return None
 
 
-def _first_of(trial: Trial) -> Trial:
-    return trial.part(0, max(int(START * len(trial.outputs)), 64))
+def _first_part(trial: Trial) -> Trial:
+    return trial.part(0, max(int(START_SHARE * len(trial.outputs)), 64))
 
 
-def _noise_of(fit: Fit) -> Noise:
+def _noise_of_first_record(fit: Fit) -> Noise:
     """Take the noise of the first record that was fitted for that of others."""
     drift = fit.noise.drift
     first = None if drift is None else drift.first()
     return dataclasses.replace(fit.noise.of([0]), drift=first)
 
 
-def _begun(fit: Fit, part: Trial, noise: Noise) -> Float[np.ndarray, " state"]:
+def _initial_state(fit: Fit, part: Trial, noise: Noise) -> Float[np.ndarray, " state"]:
     """Give the initial state that explains the first samples best.
 
     What sticks tells nothing of the speed it would have: where there are effects, one begins
@@ -112,7 +114,7 @@ def _begun(fit: Fit, part: Trial, noise: Noise) -> Float[np.ndarray, " state"]:
     bare = Plant.of(dataclasses.replace(plant.description, effects=()), kinds=plant.kinds)
     known = dict(zip(plant.parameters, values.tolist(), strict=True))
     own = np.array([known[name] for name in bare.parameters])
-    straight = _settled(bare, part, noise, own, None)
+    straight = _fit_initial_state(bare, part, noise, own, None)
     found = [straight]
     if plant.effects:
         state = (
@@ -121,28 +123,30 @@ def _begun(fit: Fit, part: Trial, noise: Noise) -> Float[np.ndarray, " state"]:
             else dict(zip(bare.state_names, straight.states[0].tolist(), strict=False))
         )
         begun = np.array([state.get(name, 0.0) for name in plant.state_names])
-        heard = state_heard(plant, part, begun)
+        heard = state_from_sensors(plant, part, begun)
         starts = [None, [begun], *([] if np.array_equal(heard, begun) else [[heard]])]
-        found = [_settled(plant, part, noise, values, start) for start in starts]
+        found = [_fit_initial_state(plant, part, noise, values, start) for start in starts]
     ended = [one for one in found if one is not None]
     if not ended:
         return np.zeros(len(plant.state_names))
     best = min(ended, key=lambda one: one.cost)
-    if plant.effects and best.cost > LOST * best.data:
-        best = _from_elsewhere(best, part)
+    if plant.effects and best.cost > LOST_CHI2 * best.data:
+        best = _multistart(best, part)
     return best.states[0]
 
 
-def _from_elsewhere(fit: Fit, part: Trial) -> Fit:
+def _multistart(fit: Fit, part: Trial) -> Fit:
     """Look farther for an initial state, over the first swings; the better of both."""
-    (first,) = first_swings(fit.plant, (part,))
-    size = size_of(fit.plant, part, fit.values, fit.states[0])
-    state = state_from_many(fit.plant, first, fit.noise, fit.values, fit.states[0], size)
-    other = _settled(fit.plant, part, fit.noise, fit.values, (state,))
+    (first,) = first_periods(fit.plant, (part,))
+    size = motion_amplitude(fit.plant, part, fit.values, fit.states[0])
+    state = multistart_initial_state(
+        fit.plant, first, fit.noise, fit.values, fit.states[0], size
+    )
+    other = _fit_initial_state(fit.plant, part, fit.noise, fit.values, (state,))
     return other if other is not None and other.cost < fit.cost else fit
 
 
-def _settled(
+def _fit_initial_state(
     plant: Plant,
     part: Trial,
     noise: Noise,
@@ -161,7 +165,9 @@ def _settled(
         return None
 
 
-def errors(trials: Sequence[Trial], runs: Sequence[Series]) -> Float[np.ndarray, " sensor"]:
+def relative_errors(
+    trials: Sequence[Trial], runs: Sequence[Series]
+) -> Float[np.ndarray, " sensor"]:
     """Error of free runs over the scatter of the measurement, by sensor."""
     found = []
     for sensor in range(trials[0].outputs.shape[1]):
@@ -177,16 +183,16 @@ def errors(trials: Sequence[Trial], runs: Sequence[Series]) -> Float[np.ndarray,
     return np.array([e if math.isfinite(e) else 1e6 for e in found])
 
 
-def noise_on(fit: Fit, trials: tuple[Trial, ...], runs: Sequence[Series]) -> Noise:
+def noise_of_runs(fit: Fit, trials: tuple[Trial, ...], runs: Sequence[Series]) -> Noise:
     """Hear the noise of records that were not fitted, from what free runs leave of them."""
     left = tuple(
         np.where(trial.used & np.isfinite(run), trial.measured - run, 0.0)
         for trial, run in zip(trials, runs, strict=True)
     )
-    return noise_of_residual(trials, left, silent_above_hz=fit.silent_above_hz)
+    return estimate_noise(trials, left, silent_above_hz=fit.silent_above_hz)
 
 
-def floor_of(trials: Sequence[Trial], noise: Noise) -> float:
+def noise_floor_error(trials: Sequence[Trial], noise: Noise) -> float:
     """Error that the sensors' noise alone would make; `noise` is that of these trials."""
     share = np.array([t.used.mean(axis=0) for t in trials])
     power = np.array([noise.sd(i, t.rate_hz) ** 2 for i, t in enumerate(trials)])
@@ -215,7 +221,7 @@ def spectra_of(
     """Densities, the mean over records, on one grid: no finer than the shortest can tell."""
     top = max(trial.rate_hz for trial in trials) / 2
     finest = min(int(len(trial.outputs) * top / trial.rate_hz) for trial in trials)
-    points = int(np.clip(finest // 2, 1, POINTS))
+    points = int(np.clip(finest // 2, 1, SPECTRUM_POINTS))
     edges = np.linspace(0.0, top, points + 1)
     middle = (edges[:-1] + edges[1:]) / 2
 
@@ -241,7 +247,7 @@ def spectra_of(
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Judged:
+class FreeRunResult:
     """Free runs of one model, with the errors that they make."""
 
     description: Description
@@ -249,7 +255,9 @@ class Judged:
     error: Float[np.ndarray, " sensor"]
 
 
-def judge(description: Description, fit: Fit, trials: Sequence[Trial]) -> Judged:
+def evaluate_free_run(
+    description: Description, fit: Fit, trials: Sequence[Trial]
+) -> FreeRunResult:
     """Run a fitted model on the records to judge by."""
     runs = free_runs(fit, trials)
-    return Judged(description, runs, errors(trials, runs))
+    return FreeRunResult(description, runs, relative_errors(trials, runs))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy import search as searching
-from slowtime.discrepancy.calibration import GivenUp, pieces, refit
+from slowtime.discrepancy.calibration import FitAbandoned, cut_segments, refit
 from slowtime.discrepancy.calibration.augmentation import carry_effect
 from slowtime.discrepancy.calibration.tolerances import WITHIN, refit_within_tolerances
 from slowtime.discrepancy.candidates.law_pairs import law_pairs
@@ -276,7 +276,7 @@ def test_an_offset_beside_a_law_stays(beside):
     assert found.answers == answers
 
 
-@pytest.mark.parametrize("error", [GivenUp, FloatingPointError])
+@pytest.mark.parametrize("error", [FitAbandoned, FloatingPointError])
 def test_where_the_others_cannot_be_fitted_the_wandering_stands_alone(
     monkeypatch, beside, error
 ):
@@ -287,7 +287,7 @@ def test_where_the_others_cannot_be_fitted_the_wandering_stands_alone(
     monkeypatch.setattr(searching, "refit", failing)
     found, told = beside(lambda _: pytest.fail("it went on"))
     assert not told
-    assert found.hurried == (error is GivenUp)
+    assert found.hurried == (error is FitAbandoned)
 
 
 def answer_about(effect, kinds):
@@ -475,7 +475,7 @@ def test_once_one_explains_half_those_that_would_leave_more_are_given_up():
     asked: list[Effect] = []
     found = fit_candidates(first, labels, trials, KINDS, lambda effect, _: asked.append(effect))
     left = min(naming.misfit(one.fit, first.noise, trials) for one in found)
-    assert 3 * first.data < left < naming.MAIN * labels[0].bare
+    assert 3 * first.data < left < naming.MAIN * labels[0].cost_without
     far = {label_of(c.effect) for c in labels if c.cost > 2 * max(left, labels[0].cost)}
     assert far
     assert far.isdisjoint(map(label_of, asked))
@@ -564,7 +564,7 @@ def test_a_refit_is_given_up_once_it_is_late(shared):
         asked.append(len(asked))
         return len(asked) > 1
 
-    with pytest.raises(GivenUp):
+    with pytest.raises(FitAbandoned):
         refit(first.plant, trials, late=late)
     assert len(asked) == 2
     label = [Candidate(SOFT, 0.0, 0.0, 0.0)]
@@ -614,7 +614,7 @@ def test_once_it_is_over_the_best_is_left_in_its_minimum(shared, monkeypatch, ov
 
     def again(*_, late=None, **__):
         if late is not None and late():
-            raise GivenUp
+            raise FitAbandoned
         return loud if late is None else better
 
     monkeypatch.setattr(naming, "refit", again)
@@ -703,7 +703,7 @@ def test_what_inputs_do_between_samples_is_not_asked_of_pieces(shared, monkeypat
     late = fit_candidates(
         first, [Candidate(SOFT, 0.0, 0.0, 0.0)], trials, KINDS, lambda *_: False
     )
-    cut, _ = pieces(first.plant, trials)
+    cut, _ = cut_segments(first.plant, trials)
     monkeypatch.setattr(accepting, "held_instead", lambda *_: pytest.fail("it was asked"))
     found = Found([first], cut)
     whole = refit(late[0].fit.plant, cut, values=late[0].fit.values, horizons=(1.0,))

@@ -96,7 +96,7 @@ def test_what_a_model_leaves_widens_what_is_known_of_its_numbers(left):
     one = named(TRUTH, 1.0)
     none = dataclasses.replace(one.fit, chi2_in_band=1.0)
     louder = dataclasses.replace(one.fit, chi2_in_band=left)
-    wider = louder.widened_sd / none.sd
+    wider = louder.inflated_sd / none.sd
     known = dataclasses.replace(none, covariance=none.covariance * np.outer(wider, wider))
     told, same, least = (
         leniency(dataclasses.replace(one, fit=fit), KINDS) for fit in (louder, known, none)

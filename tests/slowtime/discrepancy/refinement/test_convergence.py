@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from slowtime.discrepancy.calibration import WRONG, refit
-from slowtime.discrepancy.calibration.augmentation import run_by
+from slowtime.discrepancy.calibration import WRONG_MODEL_CHI2, refit
+from slowtime.discrepancy.calibration.augmentation import simulated_chi2
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.records import Campaign, Trial
@@ -62,7 +62,7 @@ def test_what_is_told_is_what_the_last_refit_found_unless_it_is_late(trials, mon
 
 def test_a_model_that_is_wrong_is_left_where_it_was(trials):
     plant = Plant.of(ONE, kinds=KINDS)
-    fit = dataclasses.replace(refit(plant, trials), chi2_in_band=1.1 * WRONG)
+    fit = dataclasses.replace(refit(plant, trials), chi2_in_band=1.1 * WRONG_MODEL_CHI2)
     found = Found([fit], trials)
     bottom.converge(found, 0, KINDS)
     assert found.fits[0] is fit
@@ -86,7 +86,7 @@ def rubbed():
     values = right.values.copy()
     at = right.prior.names.index(FRICTION)
     values[list(right.prior.index)] += 2 * right.covariance[:, at] / right.sd[at]
-    left = run_by(truth, values, right.states, right.noise, tuple(records))
+    left = simulated_chi2(truth, values, right.states, right.noise, tuple(records))
     return tuple(records), right, dataclasses.replace(right, values=values, cost=left)
 
 

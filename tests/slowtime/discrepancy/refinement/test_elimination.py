@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy.calibration import augmentation, refit
-from slowtime.discrepancy.calibration.augmentation import without
+from slowtime.discrepancy.calibration.augmentation import refit_without
 from slowtime.discrepancy.diagnosis import NamedEffect
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refinement import elimination as pruning
@@ -128,7 +128,7 @@ def test_what_is_left_begins_in_the_motion_that_the_whole_began_in(monkeypatch, 
         raise FloatingPointError
 
     monkeypatch.setattr(augmentation, "refit", caught)
-    assert without(known, number, trials, KINDS) is None
+    assert refit_without(known, number, trials, KINDS) is None
     # By what each is of: those that come later are counted one less.
     told = dict(zip(rest.state_names, begun[0].tolist(), strict=True))
     for (what, name), value in own.items():
@@ -152,7 +152,7 @@ def test_a_law_that_does_next_to_nothing_is_left_out_though_a_fit_without_is_los
     values = alone.values.copy()
     values[-1] *= 0.3
     lost = dataclasses.replace(alone, values=values, cost=1e9, chi2_in_band=50.0)
-    monkeypatch.setattr(pruning, "without", lambda _, which, *__: lost if which else None)
+    monkeypatch.setattr(pruning, "refit_without", lambda _, which, *__: lost if which else None)
     monkeypatch.setattr(pruning, "sds_of_strength", lambda *_: 0.2 if faint else 20.0)
     chain, answers = eliminate(fits, said, trials, KINDS)
     assert len(answers) == kept

@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from slowtime.discrepancy.calibration import GivenUp, refit
+from slowtime.discrepancy.calibration import FitAbandoned, refit
 from slowtime.discrepancy.candidates.library_fit import Candidate
 from slowtime.discrepancy.diagnosis import Rival
 from slowtime.discrepancy.estimation.candidate_fit import fit_candidates
@@ -104,7 +104,7 @@ def test_at_another_place_a_law_is_begun_with_as_strong_as_it_comes_nearest(monk
     def fitted(plant, *_, values, **__):
         numbers = dict(zip(plant.parameters, values.tolist(), strict=True))
         begun[plant.effects[0].place, plant.effects[1].place] = numbers[strength]
-        raise GivenUp
+        raise FitAbandoned
 
     monkeypatch.setattr(misplaced, "refit", fitted)
     assert not relocate(found, KINDS, Monitor())

@@ -7,7 +7,7 @@ import pytest
 
 from slowtime.discrepancy import search as searching
 from slowtime.discrepancy.calibration import refit
-from slowtime.discrepancy.candidates.constant_equivalents import alone_off
+from slowtime.discrepancy.candidates.constant_equivalents import is_single_changed_constant
 from slowtime.discrepancy.candidates.library_fit import Candidate
 from slowtime.discrepancy.diagnosis import NamedEffect
 from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, fit_candidates
@@ -56,16 +56,16 @@ def of(fit, element, off):
 
 
 def test_one_constant_that_is_far_off_by_itself_is_an_effect(fit):
-    assert alone_off(of(fit, SECOND, LIMITS.alone_tolerances + 0.1), LOST)
-    assert alone_off(of(fit, SECOND, -LIMITS.alone_tolerances - 0.1), LOST)
-    assert not alone_off(of(fit, SECOND, LIMITS.alone_tolerances - 0.1), LOST)
-    assert not alone_off(of(fit, FIRST, LIMITS.alone_tolerances + 0.1), LOST)
-    assert not alone_off(of(fit, SECOND, LIMITS.alone_tolerances + 0.1), CUBIC)
+    assert is_single_changed_constant(of(fit, SECOND, LIMITS.alone_tolerances + 0.1), LOST)
+    assert is_single_changed_constant(of(fit, SECOND, -LIMITS.alone_tolerances - 0.1), LOST)
+    assert not is_single_changed_constant(of(fit, SECOND, LIMITS.alone_tolerances - 0.1), LOST)
+    assert not is_single_changed_constant(of(fit, FIRST, LIMITS.alone_tolerances + 0.1), LOST)
+    assert not is_single_changed_constant(of(fit, SECOND, LIMITS.alone_tolerances + 0.1), CUBIC)
     two = {
         f"stiffness_{FIRST.id}": LIMITS.moved_tolerances + 0.1,
         f"stiffness_{SECOND.id}": LIMITS.alone_tolerances + 0.1,
     }
-    assert not alone_off(pulled(fit, **two), LOST)
+    assert not is_single_changed_constant(pulled(fit, **two), LOST)
 
 
 @pytest.mark.long

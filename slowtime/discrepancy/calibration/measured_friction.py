@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from slowtime.discrepancy.calibration.model_values import with_values
-from slowtime.discrepancy.noise import Noise, drift_of
+from slowtime.discrepancy.noise import Noise, rigid_body_drift
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.description import Description, Input
 from slowtime.dynamics.effects import Effect, Friction, Law, Motion, force_along
@@ -25,7 +25,7 @@ from slowtime.dynamics.plant import Name, Plant
 from slowtime.dynamics.plant.running import Run
 from slowtime.signals.spectra import transform
 
-NUDGE = 1e-4
+DIFFERENCE_STEP = 1e-4
 """Relative step of central differences of friction along a motion."""
 
 FADING, LAST = 4, 100
@@ -33,10 +33,10 @@ FADING, LAST = 4, 100
 
 Series = Float[np.ndarray, "time channel"]
 Values = Float[np.ndarray, " parameter"]
-Start = Float[np.ndarray, " state"] | None
+InitialState = Float[np.ndarray, " state"] | None
 
 
-def leads(plant: Plant, noise: Noise) -> bool:
+def needs_measured_friction(plant: Plant, noise: Noise) -> bool:
     """Whether runs drift, and ask which way, and nothing else in them bends."""
     actions = [plant.kinds[effect.kind].action for effect in plant.effects]
     asks = any(isinstance(action, Friction) for action in actions)
@@ -45,7 +45,7 @@ def leads(plant: Plant, noise: Noise) -> bool:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Led:
+class MeasuredFrictionPlant:
     """Stands for a plant in one record.
 
     Parameters
@@ -65,12 +65,12 @@ class Led:
         inputs: Series,
         rate_hz: float,
         *,
-        state0: Start = None,
+        state0: InitialState = None,
         start_s: float = 0.0,
     ) -> Float[np.ndarray, "time sensor"]:
         """Run along what was measured."""
         bare = self._bare(values)
-        push = bare.rubbing(self._seen(bare, inputs, state0))
+        push = bare.friction_forces(self._seen(bare, inputs, state0))
         return bare.run(inputs, push, state0, self.trial).outputs
 
     def sensitivities(
@@ -80,13 +80,13 @@ class Led:
         rate_hz: float,
         free: Sequence[Name],
         *,
-        state0: Start = None,
+        state0: InitialState = None,
         start_s: float = 0.0,
     ) -> tuple[Float[np.ndarray, "time sensor"], Float[np.ndarray, "time sensor slope"]]:
         """Run, and give slopes to free parameters and to the first state."""
         bare = self._bare(values)
         seen = self._seen(bare, inputs, state0)
-        push = bare.rubbing(seen)
+        push = bare.friction_forces(seen)
         own = [name for name in free if name not in bare.renamed]
         linear = [bare.renamed[name] for name in free if name in bare.renamed]
         outputs, slopes = bare.plant.sensitivities(
@@ -97,12 +97,12 @@ class Led:
         columns = {}
         for name in own:
             at = self.plant.parameters.index(name)
-            step = NUDGE * max(abs(values[at]), NUDGE)
+            step = DIFFERENCE_STEP * max(abs(values[at]), DIFFERENCE_STEP)
             ends = []
             for sign in (1.0, -1.0):
                 moved = values.copy()
                 moved[at] += sign * step
-                ends.append(self._bare(moved).rubbing(seen))
+                ends.append(self._bare(moved).friction_forces(seen))
             slope = (ends[0] - ends[1]) / (2 * step)
             columns[name] = bare.run(0 * inputs, slope, None, self.trial).outputs - rest
         known = dict(zip(linear, np.moveaxis(slopes, 2, 0), strict=False))
@@ -110,28 +110,28 @@ class Led:
         states = list(np.moveaxis(slopes[:, :, len(linear) :], 2, 0))
         return outputs, np.stack([*parts, *states], axis=2)
 
-    def _bare(self, values: Values) -> "_Bare":
-        return _Bare.of(self.plant, values)
+    def _bare(self, values: Values) -> "_FrictionlessPlant":
+        return _FrictionlessPlant.of(self.plant, values)
 
-    def _seen(self, bare: "_Bare", inputs: Series, state0: Start) -> Run:
+    def _seen(self, bare: "_FrictionlessPlant", inputs: Series, state0: InitialState) -> Run:
         """Give a linear run that is where it was measured to be."""
         rest = np.zeros((len(inputs), len(bare.nodes)))
         run = bare.run(inputs, rest, state0, self.trial)
         own = dataclasses.replace(bare.plant.description, inputs=self.plant.description.inputs)
-        drift = drift_of(own, (self.trial,))
+        drift = rigid_body_drift(own, (self.trial,))
         assert drift is not None
         rate, count = self.trial.rate_hz, len(inputs)
-        left = _faded(self.trial.measured - run.outputs, self.trial.used)
+        left = _extrapolated(self.trial.measured - run.outputs, self.trial.used)
         frequency, spectrum = transform(left, rate)
         noise = self.noise.density(self.number, frequency)
-        lines = drift.blamed(0, frequency, spectrum, noise)
+        lines = drift.input_errors(0, frequency, spectrum, noise)
         scale = np.sqrt(2.0 / (rate * len(left)))
         errors = np.fft.irfft(lines / scale, len(left), axis=0)[:count]
         return bare.run(inputs + errors, rest, state0, self.trial)
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class _Bare:
+class _FrictionlessPlant:
     """A plant without its friction, and with a force on every node that friction acts on.
 
     Parameters
@@ -146,7 +146,7 @@ class _Bare:
     renamed: dict[Name, Name]
 
     @classmethod
-    def of(cls, plant: Plant, values: Values) -> "_Bare":
+    def of(cls, plant: Plant, values: Values) -> "_FrictionlessPlant":
         named = dict(zip(plant.parameters, values.tolist(), strict=True))
         whole = with_values(plant.description, named)
         rubs = [isinstance(plant.kinds[e.kind].action, Friction) for e in plant.effects]
@@ -160,7 +160,7 @@ class _Bare:
             for i, (effect, own) in enumerate(zip(plant.effects, rubs, strict=True))
             if own
         )
-        ends = {node for effect in friction for node in _ends(whole, effect)}
+        ends = {node for effect in friction for node in _end_nodes(whole, effect)}
         nodes = tuple(node for node in plant.matrices.names if node in ends)
         unit = "N" if whole.unit_of_coordinate == "m" else "N m"
         pushes = tuple(
@@ -180,20 +180,20 @@ class _Bare:
                 renamed[name] = (name[0], kept.index(name[1]), name[2])
         return cls(Plant.of(bare, kinds=plant.kinds), friction, nodes, renamed)
 
-    def run(self, inputs: Series, push: Series, state0: Start, trial: Trial) -> Run:
+    def run(self, inputs: Series, push: Series, state0: InitialState, trial: Trial) -> Run:
         """Run with forces on the nodes."""
         both = np.concatenate([inputs, push], axis=1)
         return self.plant.run(
             self.plant.values, both, trial.rate_hz, state0=state0, start_s=trial.start_s
         )
 
-    def rubbing(self, run: Run) -> Series:
+    def friction_forces(self, run: Run) -> Series:
         """Force of friction on each of the nodes, along a run."""
         names = self.plant.matrices.names
         dofs = len(names)
         push = np.zeros((len(run.states), len(self.nodes)))
         for effect in self.friction:
-            ends = _ends(self.plant.description, effect)
+            ends = _end_nodes(self.plant.description, effect)
             pair = [
                 (sign, names.index(node), self.nodes.index(node))
                 for sign, node in zip((-1.0, 1.0), ends, strict=True)
@@ -210,7 +210,7 @@ class _Bare:
         return push
 
 
-def _faded(
+def _extrapolated(
     left: Float[np.ndarray, "time sensor"], used: Bool[np.ndarray, "time sensor"]
 ) -> Float[np.ndarray, "longer sensor"]:
     """Bridge holes, and let what is left go on beyond the record, and fade to nothing.
@@ -231,5 +231,5 @@ def _faded(
     return np.stack(columns, axis=1)
 
 
-def _ends(description: Description, effect: Effect) -> tuple[str, str]:
+def _end_nodes(description: Description, effect: Effect) -> tuple[str, str]:
     return next(e for e in description.elements if e.id == effect.place.id).between

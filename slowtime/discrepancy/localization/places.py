@@ -9,18 +9,18 @@ from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.effects import Motion, Place
 from slowtime.signals.spectra import transform
 
-from .latent_force import Explained
-from .linear_response import Linear
+from .latent_force import Explanation
+from .linear_response import LinearModel
 from .spectral_lines import TrialLines
 
-ALLOWED = 2.0
+ALLOWED_TOLERANCES = 2.0
 """Tolerances by which a constant may move before that counts as force."""
-PLACED = 1.2
+PLACE_MARGIN = 1.2
 """Times what the best place leaves that any other must leave, for it to be the place."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Latent:
+class LatentForce:
     """The force at a place, and the motion along it, in one trial.
 
     Parameters
@@ -28,7 +28,7 @@ class Latent:
     force
         Posterior mean: on an element, it resists elongation; on a node or through an input, it
         pushes [N]; of the base, an acceleration [m/s^2]; of a sensor, in its unit. By how much
-        an element's own constants had to move beyond `ALLOWED` tolerances is part of it.
+        an element's own constants had to move beyond `ALLOWED_TOLERANCES` tolerances is part of it.
     sd
         Of the error of a sample of `force`, were the model right but for this force.
     noise_sd
@@ -46,7 +46,7 @@ class Latent:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Group:
+class PlaceGroup:
     """Places that are one to the sensors, and how well a force there explains the residuals.
 
     Parameters
@@ -74,12 +74,12 @@ class Group:
     share: float
     left: float
     constants: dict[tuple[str, str], float]
-    explained: Explained
+    explained: Explanation
     twins: tuple[Place, ...]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Located:
+class Localization:
     """Where the residuals come from.
 
     Parameters
@@ -99,8 +99,8 @@ class Located:
         accounts of the same records, such as of what inputs do between samples, are compared.
     """
 
-    groups: tuple[Group, ...]
-    linear: Linear
+    groups: tuple[PlaceGroup, ...]
+    linear: LinearModel
     trials: tuple[Trial, ...]
     lines: tuple[TrialLines, ...]
     runs: tuple[Float[np.ndarray, "order time dof"], ...]
@@ -109,7 +109,7 @@ class Located:
     tolerance: dict[tuple[str, str], float]
     log_likelihood: float
 
-    def base_first(self) -> "Located":
+    def with_base_first(self) -> "Localization":
         """Put the base before a place where another force would do the same to the sensors.
 
         Which of the two stands first is then a matter of how smooth their spectra are.
@@ -127,15 +127,15 @@ class Located:
         return self.groups[0].places[0]
 
     @property
-    def inside(self) -> Place:
+    def best_structural(self) -> Place:
         """The best place; of the structure itself, where one does as well as the base."""
-        own = [place for place in self.near if place.kind in ("element", "node")]
+        own = [place for place in self.equivalent_places if place.kind in ("element", "node")]
         return own[0] if own and self.best.kind == "base" else self.best
 
     @property
-    def near(self) -> tuple[Place, ...]:
+    def equivalent_places(self) -> tuple[Place, ...]:
         """Places where a force leaves about as little as at the best, which is one of them."""
-        most = PLACED * self.groups[0].left
+        most = PLACE_MARGIN * self.groups[0].left
         first, *rest = self.groups
         return (*first.places, *(p for g in rest if g.left < most for p in g.places))
 
@@ -144,7 +144,7 @@ class Located:
         """Probability of so large a gain, at the best place, where nothing is missing."""
         return self.groups[0].p_value
 
-    def group(self, place: Place) -> Group:
+    def group(self, place: Place) -> PlaceGroup:
         """Give the group that holds a place."""
         for group in self.groups:
             if place in group.places:
@@ -154,22 +154,22 @@ class Located:
             f"{', '.join(str(p) for group in self.groups for p in group.places)}."
         )
 
-    def latent(self, place: Place, number: int) -> Latent:
+    def latent(self, place: Place, number: int) -> LatentForce:
         """Force and motion at a place in one trial, as the sensors tell it."""
         explained, lines = self.group(place).explained, self.lines[number]
         found = explained.forces[number]
         assert explained.source is not None
-        scale = _facing(self.linear, place, explained)
+        scale = _direction_ratio(self.linear, place, explained)
         motion = self._motion(place, explained, number)
         series = lines.series(found.mean[:, None])[:, 0] * scale
         if place.kind == "element":
             series = series + self._beyond(place, "stiffness") * motion.e
             series = series + self._beyond(place, "damping") * motion.v
-        noise = found.spread**2 * found.signal
+        noise = found.posterior_variance**2 * found.signal
         spacing = float(lines.frequency_hz[1])
-        return Latent(
+        return LatentForce(
             force=series,
-            sd=abs(scale) * float(np.sqrt(found.spread.sum() * spacing)),
+            sd=abs(scale) * float(np.sqrt(found.posterior_variance.sum() * spacing)),
             noise_sd=abs(scale) * float(np.sqrt(noise.sum() * spacing)),
             motion=motion,
         )
@@ -180,27 +180,27 @@ class Located:
         if name not in self.nominal:
             return 0.0
         moved = self.group(place).constants[name] * self.nominal[name]
-        allowed = ALLOWED * self.tolerance[name]
+        allowed = ALLOWED_TOLERANCES * self.tolerance[name]
         return float(moved - np.clip(moved, -allowed, allowed))
 
-    def seen(
+    def attenuated(
         self, place: Place, number: int, force: Float[np.ndarray, " time"]
     ) -> Float[np.ndarray, " time"]:
         """Give what `latent` would say of a known force: less, where the noise is strong."""
         lines = self.lines[number]
         found = self.group(place).explained.forces[number]
-        spectrum = transform(force[:, None], lines.rate_hz)[1][: len(found.spread)]
-        return lines.series(spectrum * (found.spread * found.signal)[:, None])[:, 0]
+        spectrum = transform(force[:, None], lines.rate_hz)[1][: len(found.posterior_variance)]
+        return lines.series(spectrum * (found.posterior_variance * found.signal)[:, None])[:, 0]
 
-    def _motion(self, place: Place, explained: Explained, number: int) -> Motion:
+    def _motion(self, place: Place, explained: Explanation, number: int) -> Motion:
         trial, lines = self.trials[number], self.lines[number]
         base = lines.series(lines.base[:, None])[:, 0]
         if place.kind == "sensor":
             column = [s.channel for s in self.linear.description.sensors].index(place.id)
-            return _seen(self._reading(explained, number)[:, column], trial)
+            return _motion_of_series(self._reading(explained, number)[:, column], trial)
         if place.kind == "input":
             column = [i.channel for i in self.linear.description.inputs].index(place.id)
-            return _seen(trial.inputs[:, column], trial)
+            return _motion_of_series(trial.inputs[:, column], trial)
         if place.kind == "base":
             return Motion(e=0 * base, v=0 * base, a=base, times=trial.times_s)
         along = self.linear.elongation(place)
@@ -208,26 +208,28 @@ class Located:
         own = base if place.kind == "node" else 0.0
         return Motion(e=q, v=v, a=a + own, times=trial.times_s)
 
-    def motion(self, explained: Explained, number: int) -> Float[np.ndarray, "order time dof"]:
+    def motion(
+        self, explained: Explanation, number: int
+    ) -> Float[np.ndarray, "order time dof"]:
         """Give displacement, velocity, acceleration of all coordinates, as the sensors tell."""
         lines, state = self.lines[number], explained.forces[number].state
-        decays = explained.linear.free(lines.samples, lines.rate_hz, state)[1]
+        decays = explained.linear.free_decay(lines.samples, lines.rate_hz, state)[1]
         shifts = np.stack([lines.series(one) for one in explained.shifts[number]])
         return np.asarray(self.runs[number] + decays + shifts)
 
-    def _reading(self, explained: Explained, number: int) -> Float[np.ndarray, "time sensor"]:
+    def _reading(self, explained: Explanation, number: int) -> Float[np.ndarray, "time sensor"]:
         """Give what sensors would read without their own fault."""
         lines, found = self.lines[number], explained.forces[number]
-        decays = explained.linear.free(lines.samples, lines.rate_hz, found.state)[0]
+        decays = explained.linear.free_decay(lines.samples, lines.rate_hz, found.state)[0]
         return np.asarray(self.outputs[number] + decays + lines.series(found.linear))
 
 
-def _seen(series: Float[np.ndarray, " time"], trial: Trial) -> Motion:
+def _motion_of_series(series: Float[np.ndarray, " time"], trial: Trial) -> Motion:
     rate = np.gradient(series) * trial.rate_hz
     return Motion(e=series, v=rate, a=np.gradient(rate) * trial.rate_hz, times=trial.times_s)
 
 
-def _facing(linear: Linear, place: Place, explained: Explained) -> float:
+def _direction_ratio(linear: LinearModel, place: Place, explained: Explanation) -> float:
     """Ratio of a place's own unit force to that of the source that stands for its group."""
     source = explained.source
     assert source is not None

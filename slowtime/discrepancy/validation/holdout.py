@@ -14,7 +14,7 @@ from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
 
-from .free_run import on_another
+from .free_run import refit_on_record
 
 ASTRAY, ASTRAY_SD = 0.05, 5.0
 """By how much an error may be over that of noise alone, and by how many standard deviations of
@@ -26,7 +26,7 @@ SAME, SLACK = 1e-3, 2.0
 being worth so many, where motion is on the verge of another."""
 
 
-def is_confirmed_elsewhere(fit: Fit, error: float, tests: Sequence[Trial]) -> bool:
+def is_confirmed_on_holdout(fit: Fit, error: float, tests: Sequence[Trial]) -> bool:
     """Whether records that were not fitted say nothing against a model that leaves noise.
 
     Either the error there is that of noise; or the model, refitted to each, leaves no more, and
@@ -43,17 +43,17 @@ def is_confirmed_elsewhere(fit: Fit, error: float, tests: Sequence[Trial]) -> bo
     if fit.noise.drift is not None:
         return True  # what floats goes its own way by whatever pushes it
     for trial in tests:
-        again = on_another(fit, trial)
+        again = refit_on_record(fit, trial)
         if (
             again is None
             or again.chi2_in_band > LIMITS.explained_chi2
-            or not same_numbers(fit, again)
+            or not are_parameters_equal(fit, again)
         ):
             return False
     return True
 
 
-def same_numbers(one: Fit, other: Fit) -> bool:
+def are_parameters_equal(one: Fit, other: Fit) -> bool:
     """Whether fits of one model to other records differ by no more than is open of both."""
     apart = one.free - other.free
     spread = SLACK**2 * (one.covariance + other.covariance)

@@ -6,11 +6,12 @@ from jaxtyping import Bool, Float, Inexact
 
 from slowtime.signals.spectra import transform
 
-BLOCK = 24
-"""Lines over which a transfer function is taken for a straight line."""
-LEAST = 0.1
-"""Share of the power that a regression has to leave to tell of it: samples of a few moments are
-taken as they are."""
+BLOCK_LINES = 24
+"""[lines] Over which a transfer function is taken to be linear in frequency. Source:
+judgement; no study is recorded."""
+MIN_FREE_SHARE = 0.1
+"""[share of power] That a regression has to leave for its residual to be used: spectra of
+few samples are taken as they are. Source: judgement; no study is recorded."""
 
 
 def incoherent_power(
@@ -53,34 +54,34 @@ def incoherent_power(
     """
     frequency, spectrum = transform(residual, rate_hz)
     moved = transform(inputs, rate_hz)[1] if inputs.shape[1] else np.empty((len(frequency), 0))
-    blocks = (len(frequency) - 2) // BLOCK
-    kept = slice(1, 1 + blocks * BLOCK)
-    ramp = np.linspace(-1.0, 1.0, BLOCK)[:, None]
-    pushed = moved[kept].reshape(blocks, BLOCK, -1)
+    blocks = (len(frequency) - 2) // BLOCK_LINES
+    kept = slice(1, 1 + blocks * BLOCK_LINES)
+    ramp = np.linspace(-1.0, 1.0, BLOCK_LINES)[:, None]
+    pushed = moved[kept].reshape(blocks, BLOCK_LINES, -1)
     scale = np.sqrt(np.mean(np.abs(pushed) ** 2, axis=1, keepdims=True)) + np.finfo(float).tiny
     pushed = pushed / scale
-    smooth = np.broadcast_to(np.concatenate([ramp**0, ramp], axis=1), (blocks, BLOCK, 2))
+    smooth = np.broadcast_to(np.concatenate([ramp**0, ramp], axis=1), (blocks, BLOCK_LINES, 2))
     basis, _ = np.linalg.qr(np.concatenate([smooth, pushed, ramp * pushed], axis=2))
-    lines = spectrum[kept].reshape(blocks, BLOCK, -1)
+    lines = spectrum[kept].reshape(blocks, BLOCK_LINES, -1)
     left = lines - basis @ (basis.conj().swapaxes(1, 2) @ lines)
     power = np.abs(left) ** 2
-    spare = np.full(power.shape[2], 1 - basis.shape[2] / BLOCK)
+    spare = np.full(power.shape[2], 1 - basis.shape[2] / BLOCK_LINES)
     power /= spare
     for sensor in np.flatnonzero(~used.all(axis=0)).tolist():
-        own = _spared(basis, used[:, sensor])
-        if own.mean() < LEAST:
+        own = _free_share(basis, used[:, sensor])
+        if own.mean() < MIN_FREE_SHARE:
             power[:, :, sensor], spare[sensor] = np.abs(lines[:, :, sensor]) ** 2, 1.0
         else:
-            power[:, :, sensor] *= spare[sensor] / np.maximum(own, LEAST)[:, None]
+            power[:, :, sensor] *= spare[sensor] / np.maximum(own, MIN_FREE_SHARE)[:, None]
             spare[sensor] = own.mean()
-    return frequency[kept], power.reshape(blocks * BLOCK, -1), spare
+    return frequency[kept], power.reshape(blocks * BLOCK_LINES, -1), spare
 
 
-def _spared(
+def _free_share(
     basis: Inexact[np.ndarray, "block line column"], use: Bool[np.ndarray, " time"]
 ) -> Float[np.ndarray, " block"]:
     """Share of the power of white noise, but for holes, that regressions on bases leave."""
-    mask = np.fft.fft(use.astype(float))[:BLOCK] / max(use.sum(), 1)
+    mask = np.fft.fft(use.astype(float))[:BLOCK_LINES] / max(use.sum(), 1)
     alike = scipy.linalg.toeplitz(mask, mask.conj())
     taken = np.einsum("bic,ij,bjc->b", basis.conj(), alike, basis, optimize=True).real
-    return np.asarray(1 - taken / BLOCK)
+    return np.asarray(1 - taken / BLOCK_LINES)
