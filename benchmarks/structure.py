@@ -1,13 +1,14 @@
 """Structure of a package's code: `python -m benchmarks.structure [package] [--check]`.
 
-Prints modules per package, the longest functions, the longest lists of parameters, packages that
-import each other, import arrows and floors between the package's children, modules that only one
-other module imports, and how many numeric constants state their unit and source.
+Prints modules per package, the longest functions, the longest lists of parameters, packages
+that import each other, import arrows and floors between the package's children, modules that
+only one other module imports, and how many numeric constants state their unit and source.
 """
 
 import argparse
 import ast
 import dataclasses
+import functools
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -37,13 +38,13 @@ class StructureLimits:
     """What `--check` allows at most, or of constants at least."""
 
     modules: int = 15
-    """[modules] Of one package, `__init__` left out. Source: docs/decisions, one screen of `ls`."""
+    """[modules] Of one package, `__init__` left out. Source: project rule."""
     lines: int = 60
     """[lines] Of one function, its docstring left out. Source: one screen."""
     parameters: int = 8
     """[1] Of one function, `self` and `cls` left out. Source: project rule."""
     cycles: int = 0
-    """[1] Groups of packages that import each other. Source: import contract in pyproject.toml."""
+    """[1] Groups of packages that import each other. Source: pyproject.toml."""
     sourced_share: float = 1.0
     """[share] Of numeric constants that state a unit and a source. Source: project rule."""
 
@@ -113,7 +114,7 @@ def measure(package: str) -> Structure:
     ValueError
         Where there is no such package.
     """
-    every = {name: ast.parse(path.read_text()) for name, path in _modules(SOURCES)}
+    every = _parsed()
     packages = {name for name, path in _modules(SOURCES) if path.name == "__init__.py"}
     own = {n: t for n, t in every.items() if n == package or n.startswith(package + ".")}
     if package not in packages:
@@ -167,10 +168,16 @@ def violations(found: Structure, limits: StructureLimits) -> list[str]:
         broken += [f"Packages import each other: {', '.join(c)}." for c in found.cycles]
     if found.sourced_share < limits.sourced_share:
         broken.append(
-            f"{found.sourced_share:.1%} of the numeric constants state unit and source; at least "
-            f"{limits.sourced_share:.1%} have to."
+            f"{found.sourced_share:.1%} of the numeric constants state unit and source; at "
+            f"least {limits.sourced_share:.1%} have to."
         )
     return broken
+
+
+@functools.cache
+def _parsed() -> dict[str, ast.Module]:
+    """Syntax tree of every module of the project."""
+    return {name: ast.parse(path.read_text()) for name, path in _modules(SOURCES)}
 
 
 def _modules(sources: Mapping[str, Path]) -> Iterator[tuple[str, Path]]:
@@ -199,7 +206,7 @@ def _imported(name: str, every: Mapping[str, ast.Module], packages: set[str]) ->
 def _origin(
     source: str, wanted: str, every: Mapping[str, ast.Module], packages: set[str]
 ) -> str:
-    """Module that defines a name which a package re-exports."""
+    """Find the module that defines a name which a package re-exports."""
     for node in every[source].body if source in packages else ():
         if isinstance(node, ast.ImportFrom) and any(a.name == wanted for a in node.names):
             target = _target(node, source, packages)
@@ -222,7 +229,7 @@ def _child(name: str, package: str) -> str | None:
 
 
 def _between_children(package: str, imports: Mapping[str, set[str]]) -> dict[str, set[str]]:
-    """Imports between the children of a package."""
+    """Give the imports between the children of a package."""
     found: dict[str, set[str]] = {}
     for name, targets in imports.items():
         own = _child(name, package)
@@ -233,7 +240,7 @@ def _between_children(package: str, imports: Mapping[str, set[str]]) -> dict[str
 
 
 def _cycles(imports: Mapping[str, set[str]], packages: Iterable[str]) -> list[tuple[str, ...]]:
-    """Groups of siblings, in any of the packages, that import each other."""
+    """Find groups of siblings, in any of the packages, that import each other."""
     found = []
     for package in packages:
         children = _between_children(package, imports)

@@ -15,7 +15,7 @@ from slowtime.discrepancy.quoting import moved_of
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Effect, Kind, Place
 
-from .calibration import Fit, FitAbandoned, refit
+from .calibration import Fit, FitAbandoned, FitControl, refit
 from .calibration.tolerances import refit_within_tolerances
 from .candidates.library_fit import Candidate, label_of, library_candidates
 from .data.clock_overrun import mask_clock_overrun
@@ -235,7 +235,7 @@ def _by_the_others(
     try:
         first = refit(
             whole.plant, trials, values=whole.values, states=whole.states,
-            horizons=(1.0,), late=lambda: how.tell.is_late,
+            horizons=(1.0,), control=FitControl(is_late=lambda: how.tell.is_late),
         )  # fmt: skip
     except FitAbandoned:
         found.hurried = True

@@ -27,18 +27,23 @@ from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.plant import Name, Plant
 from slowtime.signals.spectra import detrended, transform
 
-STEPS = 30
-ENOUGH = 0.05
-"""Gain of log likelihood below which a step is not worth its while."""
+MAX_STEPS = 30
+"""[steps] Of Fisher scoring at most. Source: judgement; no study is recorded."""
+MIN_GAIN = 0.05
+"""[nats] Gain of log likelihood below which a step is not worth taking. Source: a tenth of
+what one standard deviation is worth (1/2)."""
 
-STRIDE = 0.5
-"""Largest change of a logarithm in one step."""
+MAX_STEP = 0.5
+"""[1] Largest relative change of a constant, or change of a log density, in one step.
+Source: judgement; no study is recorded."""
 
-REACH = 1.5
-"""Lines are looked at up to so many times the frequency above which there is silence."""
+BAND_MARGIN = 1.5
+"""[1] Times the frequency above which the structure is silent up to which lines are used.
+Source: judgement; no study is recorded."""
 
-SLOPE = 1e-4
-"""Relative step of differences."""
+DIFFERENCE_STEP = 1e-4
+"""[1] Relative step of central differences. Source: near the cube root of double precision,
+with margin."""
 
 Lines = Complex[np.ndarray, "frequency sensor"]
 Matrices = Complex[np.ndarray, "frequency sensor sensor"]
@@ -132,11 +137,11 @@ def fit_ambient_spectra(plant: Plant, trials: Sequence[Trial]) -> AmbientFit:
     at = _initial_unknowns(problem)
     cost, score, sharp = _score_and_information(problem, at)
     damping = 1e-3
-    for _ in range(STEPS):
+    for _ in range(MAX_STEPS):
         step = scipy.linalg.solve(
             sharp + damping * np.diag(np.diag(sharp)), score, assume_a="pos"
         )
-        tried = at + np.clip(step, -STRIDE, STRIDE)
+        tried = at + np.clip(step, -MAX_STEP, MAX_STEP)
         lower = _negative_log_posterior(problem, tried)
         if not lower < cost:
             damping *= 10
@@ -145,7 +150,7 @@ def fit_ambient_spectra(plant: Plant, trials: Sequence[Trial]) -> AmbientFit:
             continue
         gain, at, damping = cost - lower, tried, damping / 10
         cost, score, sharp = _score_and_information(problem, at)
-        if gain < ENOUGH:
+        if gain < MIN_GAIN:
             break
     return _make_ambient_fit(problem, at, scipy.linalg.inv(sharp))
 
@@ -157,7 +162,7 @@ def _spectral_problem(plant: Plant, trials: tuple[Trial, ...]) -> _SpectralProbl
             "This model has inputs or effects, which spectra alone cannot be compared with. "
             "Use refit and locate where the input was measured."
         )
-    top = REACH * response_limit_hz(description, trials)
+    top = BAND_MARGIN * response_limit_hz(description, trials)
     frequencies, lines = [], []
     for trial in trials:
         # Every second line: those of a tapered record hang together with their neighbours.
@@ -230,10 +235,10 @@ def _score_and_information(
     weighted = inverse @ problem.lines[:, :, None]
     turned, score = [], np.zeros(len(at))
     for i in range(len(at)):
-        step = SLOPE * np.eye(len(at))[i]
+        step = DIFFERENCE_STEP * np.eye(len(at))[i]
         slope = (
             _spectral_matrices(problem, at + step) - _spectral_matrices(problem, at - step)
-        ) / (2 * SLOPE)
+        ) / (2 * DIFFERENCE_STEP)
         turned.append(inverse @ slope)
         fit = (weighted.conj().swapaxes(1, 2) @ slope @ weighted)[:, 0, 0].real
         score[i] = float(fit.sum() - np.einsum("fss->", turned[-1]).real)

@@ -2,7 +2,7 @@
 
 from .fit import Fit, refit
 from .initial_states import motion_amplitude, multistart_initial_state, state_from_sensors
-from .levenberg_marquardt import WRONG_MODEL_CHI2, FitAbandoned
+from .levenberg_marquardt import WRONG_MODEL_CHI2, FitAbandoned, FitControl
 from .multiple_shooting import (
     cut_segments,
     first_periods,
@@ -19,6 +19,7 @@ __all__ = [
     "WRONG_MODEL_CHI2",
     "Fit",
     "FitAbandoned",
+    "FitControl",
     "Prior",
     "SpectralWeights",
     "cut_segments",

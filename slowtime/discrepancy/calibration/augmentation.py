@@ -14,6 +14,7 @@ from slowtime.dynamics.effects import Effect, Kind, Place
 from slowtime.dynamics.plant import Name, Plant
 
 from .fit import Fit, refit
+from .levenberg_marquardt import FitControl
 from .model_values import with_values
 from .spectral_weights import spectral_weights
 
@@ -157,7 +158,7 @@ def refit_without(
     try:
         found = refit(
             plant, trials, noise=fit.noise, values=values, states=states, horizons=(1.0,),
-            beat=fit.cost,
+            control=FitControl(cost_to_beat=fit.cost),
         )  # fmt: skip
     except (np.linalg.LinAlgError, FloatingPointError):
         return None

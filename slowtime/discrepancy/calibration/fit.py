@@ -1,7 +1,7 @@
 """The whole refit: horizons that grow, noise that is looked at again, and its account."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -15,11 +15,13 @@ from slowtime.discrepancy.noise import (
     rigid_body_drift,
     with_drift,
 )
-from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.records import MIN_SAMPLES, Trial
 from slowtime.dynamics.plant import Name, Plant
 
 from .levenberg_marquardt import (
+    DEFAULT_CONTROL,
     FitAbandoned,
+    FitControl,
     Iterate,
     LeastSquaresProblem,
     NormalEquations,
@@ -32,14 +34,15 @@ from .prior import Prior, prior_of
 from .spectral_weights import spectral_weights
 
 HORIZON_SHARES = (0.15, 0.4, 1.0)
-"""Shares of each record that are fitted one after the other: the whole has more minima."""
+"""[share of each record] Fitted one after the other, as the misfit of a whole record has more
+minima. Source: judgement; fewer steps ended in more minima."""
 
-FEWEST = 64
-FORLORN = 10.0
-"""Times its share of the cost to beat that a model may leave of the first part of the records.
-"""
-SHORT = 0.1
-"""Share of the records from which on it is compared: less takes no time."""
+HOPELESS_RATIO = 10.0
+"""[1] Times its share of the cost to beat that a model may leave of the first part of the
+records. Source: docs/decisions/0029; 1 lost one right law of nine, 10 none."""
+MIN_COMPARED_SHARE = 0.1
+"""[share of each record] From which on a model is compared with the cost to beat. Source:
+docs/decisions/0029."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -130,85 +133,115 @@ def refit(
     values: Float[np.ndarray, " parameter"] | None = None,
     states: Sequence[Float[np.ndarray, " state"]] | None = None,
     horizons: Sequence[float] = HORIZON_SHARES,
-    beat: float | None = None,
-    within: float = np.inf,
-    late: Callable[[], bool] | None = None,
-    fine: bool = False,
+    control: FitControl = DEFAULT_CONTROL,
 ) -> Fit:
-    """Fit constants and initial states to the error of the free run.
+    """Fit constants and initial states to the error of the free run (output error).
 
     Parameters
     ----------
     plant
         Linear or not; its own values and tolerances are the prior.
+    trials
+        Records to fit; outputs (time, sensor) in the units of the description.
     free
         Names of constants that may move; see `prior_of`.
     noise
         Of the sensors. Where not given, it is estimated from what the start leaves, and again
         from what the fit leaves, in doubt where the structure answers.
     values, states
-        To start from: the plant's own, at rest, where not given.
+        To start from: values of all constants, and one initial state for each trial; the
+        plant's own, at rest, where not given.
     horizons
         Growing shares of each record, the last of them 1.
-    beat
-        Cost of another model: what will not come near it is given up; by `FitAbandoned`, where the
-        first part of the records tells so.
-    within
-        Tolerances by which constants of the structure may move at most.
-    late
-        Once true, `FitAbandoned` is raised.
-    fine
-        To the very bottom, which takes longer and changes no verdict, only numbers.
+    control
+        When the fit ends, and how far constants may move.
 
     Returns
     -------
     The best point found; by chi squared and priors over the whole records, never worse than
     the start.
+
+    Raises
+    ------
+    FitAbandoned
+        Once it is late, or where the cost to beat is out of reach.
+    FloatingPointError
+        Where the free run from the start grows beyond bounds.
+
+    References
+    ----------
+    .. [1] L. Ljung, "System Identification: Theory for the User", 2nd ed., Prentice Hall
+       (1999), ch. 7 (prediction and output error methods).
     """
     records = tuple(trials)
-    prior = prior_of(plant, free, within)
+    prior = prior_of(plant, free, control.max_tolerances)
     silent = response_limit_hz(plant.description, records)
     rest = tuple(np.zeros(0) for _ in records)
-    point = Iterate(
+    start = Iterate(
         values=(plant.values if values is None else values).copy(),
         states=rest if states is None else tuple(states),
     )
-
-    def problem_of(counts: tuple[int, ...], noise: Noise) -> LeastSquaresProblem:
-        weights = tuple(
-            spectral_weights(trial, noise, i, samples=count)
-            for i, (trial, count) in enumerate(zip(records, counts, strict=True))
-        )
-        return LeastSquaresProblem(
-            plant=plant, prior=prior, trials=records, weights=weights, samples=counts
-        )
-
-    start = point
-    whole = tuple(len(trial.outputs) for trial in records)
-    heard = noise or _estimate_noise(plant, records, point, silent)
-    for horizon in horizons[:-1]:
-        counts = tuple(prev_fast_len(max(int(horizon * n), min(FEWEST, n))) for n in whole)
-        goal = None
-        if beat is not None and horizon >= SHORT:
-            goal = beat * sum(counts) / sum(whole)
-        point = minimise(problem_of(counts, heard), point, goal, late)[0]
-        if goal is not None and point.cost > FORLORN * goal:
-            raise FitAbandoned
+    heard = noise or _estimate_noise(plant, records, start, silent)
+    point = _over_growing_horizons(plant, prior, records, heard, start, horizons, control)
     if noise is None:
-        point = minimise(problem_of(whole, heard), point, late=late)[0]
+        problem = _problem(plant, prior, records, heard)
+        still = dataclasses.replace(control, cost_to_beat=None, to_convergence=False)
+        point = minimise(problem, point, still)[0]
         heard = _estimate_noise(plant, records, point, silent)
-    problem = problem_of(whole, heard)
-    best, normal, spread = minimise(problem, point, beat, late, fine=fine)
+    problem = _problem(plant, prior, records, heard)
+    best, normal, spread = minimise(problem, point, control)
     # Growing horizons may have led astray; from the start itself there is only down.
     moved = point is not start
     if moved and with_cost(problem, _with_full_states(start, normal), spread).cost < best.cost:
-        best, normal, spread = minimise(problem, start, beat, late, fine=fine)
+        best, normal, spread = minimise(problem, start, control)
     if needs_measured_friction(plant, heard):
-        problem = dataclasses.replace(
-            problem, friction_plants=_measured_friction_plants(problem, heard)
-        )
-        best, normal, _ = minimise(problem, best, beat, late, fine=fine)
+        guided = _measured_friction_plants(problem, heard)
+        problem = dataclasses.replace(problem, friction_plants=guided)
+        best, normal, _ = minimise(problem, best, control)
     return _make_fit(problem, records, best, normal, heard, silent)
+
+
+def _problem(
+    plant: Plant,
+    prior: Prior,
+    records: tuple[Trial, ...],
+    noise: Noise,
+    counts: Sequence[int] | None = None,
+) -> LeastSquaresProblem:
+    """Weigh the first samples of each record, or all of them, by the noise."""
+    samples = tuple(len(trial.outputs) for trial in records) if counts is None else counts
+    weights = tuple(
+        spectral_weights(trial, noise, i, samples=count)
+        for i, (trial, count) in enumerate(zip(records, samples, strict=True))
+    )
+    return LeastSquaresProblem(
+        plant=plant, prior=prior, trials=records, weights=weights, samples=tuple(samples)
+    )
+
+
+def _over_growing_horizons(
+    plant: Plant,
+    prior: Prior,
+    records: tuple[Trial, ...],
+    noise: Noise,
+    start: Iterate,
+    horizons: Sequence[float],
+    control: FitControl,
+) -> Iterate:
+    """Fit growing first parts of the records, the whole of them left out."""
+    point = start
+    whole = [len(trial.outputs) for trial in records]
+    for horizon in horizons[:-1]:
+        counts = [prev_fast_len(max(int(horizon * n), min(MIN_SAMPLES, n))) for n in whole]
+        goal = None
+        if control.cost_to_beat is not None and horizon >= MIN_COMPARED_SHARE:
+            goal = control.cost_to_beat * sum(counts) / sum(whole)
+        problem = _problem(plant, prior, records, noise, counts)
+        part = dataclasses.replace(control, cost_to_beat=goal, to_convergence=False)
+        point = minimise(problem, point, part)[0]
+        if goal is not None and point.cost > HOPELESS_RATIO * goal:
+            raise FitAbandoned
+    return point
 
 
 def _measured_friction_plants(

@@ -19,12 +19,17 @@ from slowtime.dynamics.plant.sensing import sensor_readouts
 from .fit import Fit, refit
 from .spectral_weights import spectral_weights
 
-STARTS, SPREADS = 48, (1.0, 2.0, 4.0)
-"""States that are tried; their spread beside that of the motion, in turn."""
-SHARES = (0.1, 0.3, 1.0)
-"""Of the record, that are fitted one after the other."""
-BEGINNING = 0.2
-"""Share of the first swings that initial states are read off."""
+STARTS = 48
+"""[1] Random initial states that are tried. Source: judgement; no study is recorded."""
+START_SPREADS = (1.0, 2.0, 4.0)
+"""[root mean squares of the motion] Spreads of the random initial states, in turn. Source:
+judgement; no study is recorded."""
+MULTISTART_HORIZONS = (0.1, 0.3, 1.0)
+"""[share of the record] Fitted one after the other from each random state. Source:
+judgement; no study is recorded."""
+BEGINNING_SHARE = 0.2
+"""[share of the first periods] From which initial states are estimated. Source: judgement;
+no study is recorded."""
 
 State = Float[np.ndarray, " state"]
 
@@ -50,13 +55,13 @@ def multistart_initial_state(
     """
     heard = state_from_sensors(plant, trial, known)
     drawn = np.random.default_rng(0).standard_normal((STARTS, len(known)))
-    wide = np.resize(SPREADS, STARTS)[:, None]
+    wide = np.resize(START_SPREADS, STARTS)[:, None]
     best, least = known, math.inf
     for number, start in enumerate([known, heard, *(wide * size * drawn)]):
         try:
             told = refit(
                 plant, (trial,), free=[], noise=noise, values=values, states=(start,),
-                horizons=SHARES if number else (1.0,),
+                horizons=MULTISTART_HORIZONS if number else (1.0,),
             )  # fmt: skip
         except (np.linalg.LinAlgError, FloatingPointError):
             continue
@@ -121,7 +126,7 @@ def refit_initial_states(before: Fit, heads: Sequence[Trial]) -> Fit:
 
     Those of a whole record make up for what the model lacks in all of it.
     """
-    counts = [max(int(BEGINNING * len(head.outputs)), MIN_SAMPLES) for head in heads]
+    counts = [max(int(BEGINNING_SHARE * len(head.outputs)), MIN_SAMPLES) for head in heads]
     parts = [head.part(0, count) for head, count in zip(heads, counts, strict=True)]
     first = refit(
         before.plant, parts, noise=before.noise, values=before.values, horizons=(1.0,)

@@ -16,31 +16,54 @@ from .measured_friction import MeasuredFrictionPlant
 from .prior import Prior
 from .spectral_weights import SpectralWeights
 
-MOST_STEPS = 20
-FINE = 0.02
-"""Expected gain in chi squared below which a step is not worth taking."""
-COARSE = 2e-5
-"""The same, relative to chi squared."""
+MAX_STEPS = 20
+"""[steps] Of one fit at most. Source: judgement; no study is recorded."""
+MIN_GAIN = 0.02
+"""[chi squared] Expected gain below which a step is not worth taking. Source: 0.02 moves a
+parameter by a seventh of its standard deviation at most."""
+RELATIVE_MIN_GAIN = 2e-5
+"""[share of chi squared] The same where models are only compared. Source:
+docs/decisions/0022; of 150,000 samples it is three."""
 WRONG_MODEL_CHI2 = 3.0
-"""Mean square over the noise from which a model is wrong and not a little off."""
-CREEPING = 1e-3
-"""Expected gain below which a step is not worth taking, as a share of what is beyond noise."""
-SLOW, TWICE = 1e-2, 2
-"""Share of what is beyond a wrong model's least by which a step is slow; so many slow ones in
-turn are the end: a wrong model creeps along its valleys to nowhere, and a right one gains much
-with every step."""
-PATIENCE, LEAPS = 3, 10.0
-"""Steps before a fit may be called hopeless; how many more like the last it may hope for."""
-RAISED, LEAST_DAMPING = 4.0, 1e-5
-"""Times the damping after a step in vain, twice as much after each further; and its least."""
-LITTLE_DAMPING = 1e-6
-"""Damping at the start."""
-STRIDES = 6
-"""Whole steps that are taken, up or down, before one looks whether they led down."""
-CHAOTIC, FIRST_PARTS = 1e3, 2.0 ** np.arange(-5, 1)
-"""Times that what a state makes outgrows the record in chaos, from some first part of it on."""
-BROAD = 3.0
-"""Initial states may, a priori, explain so many times what was measured."""
+"""[noise variances] Mean square from which a model is wrong rather than a little off.
+Source: judgement; no study is recorded."""
+EXCESS_MIN_GAIN = 1e-3
+"""[share of chi squared beyond noise] Expected gain below which a step is not worth taking.
+Source: docs/decisions/0028."""
+SLOW_GAIN = 1e-2
+"""[share of chi squared beyond that of a wrong model] By which a step is slow: a wrong model
+creeps along its valleys. Source: docs/decisions/0020."""
+MAX_SLOW_STEPS = 2
+"""[steps] Slow ones in a row that end a fit. Source: docs/decisions/0020."""
+MIN_STEPS = 3
+"""[steps] Before a fit may be called hopeless. Source: judgement; no study is recorded."""
+HOPED_STEPS = 10.0
+"""[steps] As large as the last one that a fit may still hope for. Source: judgement; no
+study is recorded."""
+DAMPING_FACTOR = 4.0
+"""[1] On the damping after a step in vain, doubled with each further one. Source: Nielsen
+(1999) doubles in the same way."""
+MIN_RAISED_DAMPING = 1e-5
+"""[1] Damping of the scaled normal equations from which it is raised. Source: judgement; no
+study is recorded."""
+MAX_DAMPING = 1e8
+"""[1] Damping of the scaled normal equations from which no shorter step is tried. Source: steps
+are then a hundred-millionth of the gradient."""
+INITIAL_DAMPING = 1e-6
+"""[1] Damping of the scaled normal equations at the start. Source: Nielsen (1999) recommends
+1e-6 near a minimum."""
+FULL_STEPS = 6
+"""[steps] Undamped ones that are taken, up or down, before the cost is compared. Source:
+docs/decisions/0022."""
+CHAOTIC_GROWTH = 1e3
+"""[1] Growth of the effect of an initial state over that of the record, from which motion
+counts as chaotic. Source: docs/decisions/0031."""
+FIRST_PARTS = 2.0 ** np.arange(-5, 1)
+"""[share of the record] First parts from which that growth is measured. Source: halves of
+halves, down to a thirty-second."""
+INITIAL_STATE_SDS = 3.0
+"""[root mean squares of the record] That one standard deviation of the prior of an initial
+state explains. Source: a weak prior; docs/decisions/0031 on why it is there."""
 
 State = Float[np.ndarray, " state"]
 FreeConstants = Float[np.ndarray, " free"]
@@ -48,6 +71,38 @@ FreeConstants = Float[np.ndarray, " free"]
 
 class FitAbandoned(Exception):
     """It was too late to go on, or there was nothing to hope for."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class FitControl:
+    """When a fit ends, and how far constants may move in it.
+
+    Parameters
+    ----------
+    cost_to_beat
+        Cost of another model: a fit ends where its steps have become too small to reach it, and
+        is abandoned where the first part of the records is far from it.
+    is_late
+        Asked before each step; `FitAbandoned` is raised once it is true.
+    max_tolerances
+        Tolerances by which constants of the structure may move at most.
+    to_convergence
+        Whether to step on until nothing is gained. That takes longer and changes parameters
+        that the records hardly determine, but no comparison of models.
+    """
+
+    cost_to_beat: float | None = None
+    is_late: Callable[[], bool] | None = None
+    max_tolerances: float = np.inf
+    to_convergence: bool = False
+
+    def check_time(self) -> None:
+        """Raise `FitAbandoned` once it is late."""
+        if self.is_late is not None and self.is_late():
+            raise FitAbandoned
+
+
+DEFAULT_CONTROL = FitControl()
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -166,7 +221,7 @@ def normal_equations(
         made.append(spread[number] if spread else _initial_state_sd(sizes, weights, trial))
         if bends and not spread:
             outrun = _sensitivity_growth(slopes[:, :, free:], trial.measured[: len(outputs)])
-            made[-1] = np.where(outrun > CHAOTIC, outrun * made[-1], made[-1])
+            made[-1] = np.where(outrun > CHAOTIC_GROWTH, outrun * made[-1], made[-1])
         cost += float(products[-1][-1, -1])
         if point.states[number].size:
             cost += float(np.sum((point.states[number] / made[-1]) ** 2))
@@ -193,54 +248,66 @@ def normal_equations(
 
 
 def minimise(
-    problem: LeastSquaresProblem,
-    start: Iterate,
-    beat: float | None = None,
-    late: Callable[[], bool] | None = None,
-    *,
-    fine: bool = False,
+    problem: LeastSquaresProblem, start: Iterate, control: FitControl = DEFAULT_CONTROL
 ) -> tuple[Iterate, NormalEquations, tuple[State, ...]]:
-    """Go down from a start until nothing is gained; never end above it.
+    """Minimise the cost from a start by Levenberg's and Marquardt's method.
 
     Parameters
     ----------
-    beat
-        Cost that is to be reached: where steps have become so small that it will not, that
-        is the end.
-    late
-        Once true, `FitAbandoned` is raised.
-    fine
-        To where a step gains nothing at all: along what the records hardly tell, a little of
-        chi squared is a standard deviation.
+    problem
+        Records, weights, plant and priors.
+    start
+        Values and initial states to begin with; the result is never above its cost.
+    control
+        When to end.
+
+    Returns
+    -------
+    iterate
+        The best point found, with its cost.
+    normal
+        Normal equations there, or one step before where no more was gained.
+    sd
+        Standard deviations of the prior of each trial's initial state.
+
+    Raises
+    ------
+    FitAbandoned
+        Once it is late.
+    FloatingPointError
+        Where a free run from the start grows beyond bounds.
+
+    References
+    ----------
+    .. [1] J. J. Moré, "The Levenberg-Marquardt algorithm: implementation and theory", Lecture
+       Notes in Mathematics 630 (1978).
+    .. [2] H. B. Nielsen, "Damping parameter in Marquardt's method", IMM-REP-1999-05, Technical
+       University of Denmark (1999).
     """
     normal, spread = normal_equations(problem, start)
     full = tuple(state if state.size else np.zeros(normal.states) for state in start.states)
     point = dataclasses.replace(start, states=full, cost=normal.cost)
-    if fine:
+    if control.to_convergence:
         point, normal = _full_steps(problem, point, normal, spread)
-    damping, raised, slow = LITTLE_DAMPING, RAISED, 0
+    damping, slow = INITIAL_DAMPING, 0
     data = sum(weights.data for weights in problem.weights)
-    for number in range(MOST_STEPS):
-        if late is not None and late():
-            raise FitAbandoned
+    for number in range(MAX_STEPS):
+        control.check_time()
         beyond = point.cost - WRONG_MODEL_CHI2 * data
-        enough = FINE
-        if not fine:
-            enough += COARSE * point.cost + CREEPING * max(point.cost - data, 0.0)
-        room = _step_bounds(problem, point)
-        while True:
-            step, gain = _bounded_step(normal, damping, *room)
-            tried = with_cost(problem, _apply_step(problem, point, step, normal.states), spread)
-            if tried.cost <= point.cost or gain < enough or damping > 1e8:
-                break
-            damping, raised = max(damping, LEAST_DAMPING) * raised, 2 * raised
+        enough = MIN_GAIN
+        if not control.to_convergence:
+            enough += RELATIVE_MIN_GAIN * point.cost
+            enough += EXCESS_MIN_GAIN * max(point.cost - data, 0.0)
+        tried, gain, damping = _damped_step(problem, point, normal, spread, damping, enough)
         if not tried.cost < point.cost:
             break
         before, won, point = point, point.cost - tried.cost, tried
-        slow = slow + 1 if won < SLOW * beyond else 0
-        hopeless = beat is not None and number >= PATIENCE and point.cost - LEAPS * won > beat
+        slow = slow + 1 if won < SLOW_GAIN * beyond else 0
+        goal = control.cost_to_beat
+        hoped = point.cost - HOPED_STEPS * won
+        hopeless = goal is not None and number >= MIN_STEPS and hoped > goal
         # Where no more was to be had, slopes are what they were.
-        if max(won, gain) < enough or hopeless or slow == TWICE:
+        if max(won, gain) < enough or hopeless or slow == MAX_SLOW_STEPS:
             break
         try:
             normal, _ = normal_equations(problem, point, spread)
@@ -248,10 +315,30 @@ def minimise(
             return before, normal, spread
         if won < enough:
             break
-        # By how well it was foretold (Nielsen 1999): no more is lost on every other step.
+        # By how well the gain was foretold (Nielsen 1999): no more is lost on every other step.
         damping *= max(1 / 9, 1 - (2 * min(won / gain, 1.0) - 1) ** 3)
-        raised = RAISED
     return point, normal, spread
+
+
+def _damped_step(
+    problem: LeastSquaresProblem,
+    point: Iterate,
+    normal: NormalEquations,
+    spread: tuple[State, ...],
+    damping: float,
+    enough: float,
+) -> tuple[Iterate, float, float]:
+    """Raise the damping until a step does not raise the cost, or is not worth taking.
+
+    Gives the point tried, the gain that was foretold, and the damping.
+    """
+    bounds, raised = _step_bounds(problem, point), DAMPING_FACTOR
+    while True:
+        step, gain = _bounded_step(normal, damping, *bounds)
+        tried = with_cost(problem, _apply_step(problem, point, step, normal.states), spread)
+        if tried.cost <= point.cost or gain < enough or damping > MAX_DAMPING:
+            return tried, gain, damping
+        damping, raised = max(damping, MIN_RAISED_DAMPING) * raised, 2 * raised
 
 
 def _full_steps(
@@ -267,9 +354,9 @@ def _full_steps(
     and Lucidi (1986), what counts is where a few of them end.
     """
     point, last = start, normal
-    for _ in range(STRIDES):
+    for _ in range(FULL_STEPS):
         step, gain = _bounded_step(last, 0.0, *_step_bounds(problem, point))
-        if gain < FINE:
+        if gain < MIN_GAIN:
             break
         point = with_cost(problem, _apply_step(problem, point, step, last.states), spread)
         if not np.isfinite(point.cost):
@@ -339,7 +426,7 @@ def _initial_state_sd(squares: State, weights: SpectralWeights, trial: Trial) ->
         Of what a unit of each makes, whitened.
     """
     size = np.sqrt(squares)
-    whole = BROAD * np.sqrt(weights.chi2(trial.measured[: len(weights.use)]))
+    whole = INITIAL_STATE_SDS * np.sqrt(weights.chi2(trial.measured[: len(weights.use)]))
     if whole == 0.0:
         return np.ones_like(size)  # nothing was heard: they may as well be at rest
     return np.asarray(whole / np.maximum(size, 1e-12 * size.max(initial=0.0) + 1e-300))

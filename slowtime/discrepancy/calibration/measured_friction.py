@@ -26,10 +26,15 @@ from slowtime.dynamics.plant.running import Run
 from slowtime.signals.spectra import transform
 
 DIFFERENCE_STEP = 1e-4
-"""Relative step of central differences of friction along a motion."""
+"""[1] Relative step of central differences of friction. Source: near the cube root of the
+double precision, where truncation and rounding errors balance."""
 
-FADING, LAST = 4, 100
-"""Parts of a record over which what is left fades beyond its end, and that give its slope."""
+EXTRAPOLATED_PART = 4
+"""[1] The residual is extrapolated over one part in so many of the record. Source:
+judgement; no study is recorded."""
+SLOPE_PART = 100
+"""[1] Its slope at the end is fitted to one part in so many of the record. Source:
+judgement; no study is recorded."""
 
 Series = Float[np.ndarray, "time channel"]
 Values = Float[np.ndarray, " parameter"]
@@ -219,13 +224,13 @@ def _extrapolated(
     """
     count = len(left)
     times = np.arange(count)
-    more = count // FADING + 1 - (count + count // FADING) % 2
+    more = count // EXTRAPOLATED_PART + 1 - (count + count // EXTRAPOLATED_PART) % 2
     ahead = np.arange(1, more + 1)
     fade = np.cos(np.pi / 2 * ahead / more) ** 2
     columns = []
     for series, use in zip(left.T, used.T, strict=True):
         whole = np.interp(times, times[use], series[use]) if use.any() else 0 * series
-        last = max(count // LAST, 8)
+        last = max(count // SLOPE_PART, 8)
         slope = np.polyfit(np.arange(last), whole[-last:], 1)[0]
         columns.append(np.concatenate([whole, fade * (whole[-1] + slope * ahead)]))
     return np.stack(columns, axis=1)

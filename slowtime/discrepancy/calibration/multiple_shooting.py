@@ -20,18 +20,26 @@ from slowtime.dynamics.plant import Plant
 
 from .fit import Fit, refit
 from .initial_states import best_initial_state, multistart_initial_state, state_from_sensors
-from .levenberg_marquardt import FitAbandoned
+from .levenberg_marquardt import FitAbandoned, FitControl
 
-PERIODS = 3.0
-"""Longest periods that a piece lasts."""
-SWINGS = 5.0
-"""Periods of the slowest mode that records are taken to begin with."""
-STRAYS, ASTRAY, ROUNDS = 0.05, 30.0, 3
-"""Share of the pieces whose first states are looked for far and wide; times what is left of
-most, that is left of such as were led astray, by a wrong start or a constant that is off; and
-how often others are asked for the constants."""
-RIGID = 1e-6
-"""Share of the highest natural frequency below which a motion is no vibration."""
+SEGMENT_PERIODS = 3.0
+"""[periods of the slowest mode] That a segment lasts. Source: docs/decisions/0031; over a
+few periods the misfit has one minimum."""
+FIRST_PERIODS = 5.0
+"""[periods of the slowest mode] With which records begin. Source: docs/decisions/0029;
+chosen on hidden cases."""
+MULTISTART_SHARE = 0.05
+"""[share of the segments] Up to which outlying ones are fitted from many initial states.
+Source: judgement; no study is recorded."""
+OUTLYING_RATIO = 30.0
+"""[1] Times the median chi squared per sample from which a segment is outlying. Source:
+judgement; no study is recorded."""
+OUTLIER_ROUNDS = 3
+"""[1] Refits of the constants without the outlying segments at most. Source: judgement; no
+study is recorded."""
+RIGID_FREQUENCY = 1e-6
+"""[share of the highest natural frequency] Below which a motion is rigid. Source: square
+root of the rounding error of an eigenvalue, with margin."""
 
 State = Float[np.ndarray, " state"]
 
@@ -61,7 +69,7 @@ def shooting_fit(
     own = noise.of(origin)
     starts, left = _sequential_initial_states(plant, cut, origin, own, values, late)
     strays = _outlying_segments(left)
-    for _ in range(ROUNDS):
+    for _ in range(OUTLIER_ROUNDS):
         if not strays:
             break
         # Others say what the constants are; with these, fewer stray.
@@ -70,14 +78,14 @@ def shooting_fit(
         before, strays = strays, _outlying_segments(left)
         if not len(strays) < len(before):
             break
-    if len(strays) <= max(STRAYS * len(cut), 1):
+    if len(strays) <= max(MULTISTART_SHARE * len(cut), 1):
         size = np.max(np.abs(starts), axis=0)
         for i in strays:
             alone = own.of([i])
             starts[i] = multistart_initial_state(plant, cut[i], alone, values, starts[i], size)
     found = refit(
-        plant, cut, noise=own, values=values, states=starts, horizons=(1.0,), beat=beat,
-        late=late,
+        plant, cut, noise=own, values=values, states=starts, horizons=(1.0,),
+        control=FitControl(cost_to_beat=beat, is_late=late),
     )  # fmt: skip
     return found, [found.states[origin.index(i)] for i in range(len(trials))]
 
@@ -90,7 +98,7 @@ def _outlying_segments(left: Sequence[float]) -> list[int]:
     left
         Chi squared of each, over its samples. Of a wrong law most are explained badly.
     """
-    bar = ASTRAY * max(float(np.median(left)), 1.0)
+    bar = OUTLYING_RATIO * max(float(np.median(left)), 1.0)
     return [i for i, one in enumerate(left) if one > bar]
 
 
@@ -107,7 +115,7 @@ def _fit_without(
     rest = [i for i in range(len(cut)) if i not in strays]
     return refit(
         plant, [cut[i] for i in rest], noise=noise.of(rest), values=values,
-        states=[states[i] for i in rest], horizons=(1.0,), late=late,
+        states=[states[i] for i in rest], horizons=(1.0,), control=FitControl(is_late=late),
     )  # fmt: skip
 
 
@@ -119,7 +127,7 @@ def cut_segments(
     cut, origin = [], []
     for number, trial in enumerate(trials):
         samples = len(trial.outputs)
-        least = _samples_of_periods(PERIODS, lowest, trial)
+        least = _samples_of_periods(SEGMENT_PERIODS, lowest, trial)
         edges = np.linspace(0, samples, max(samples // least, 1) + 1).astype(int).tolist()
         for first, last in itertools.pairwise(edges):
             cut.append(trial.part(first, last))
@@ -130,7 +138,9 @@ def cut_segments(
 def first_periods(plant: Plant, trials: Sequence[Trial]) -> tuple[Trial, ...]:
     """Cut the first few swings out of each record; all of it, where nothing swings."""
     lowest = lowest_frequency_hz(plant)
-    return tuple(trial.part(0, _samples_of_periods(SWINGS, lowest, trial)) for trial in trials)
+    return tuple(
+        trial.part(0, _samples_of_periods(FIRST_PERIODS, lowest, trial)) for trial in trials
+    )
 
 
 def strongest_segments(
@@ -146,7 +156,7 @@ def strongest_segments(
     lowest = lowest_frequency_hz(plant)
     found = []
     for trial in trials:
-        length = _samples_of_periods(count * PERIODS, lowest, trial)
+        length = _samples_of_periods(count * SEGMENT_PERIODS, lowest, trial)
         size = np.maximum(np.std(trial.measured, axis=0), np.finfo(float).tiny)
         moved = np.sum((trial.measured / size) ** 2, axis=1)
         so_far = np.concatenate([[0.0], np.cumsum(moved)])
@@ -184,7 +194,7 @@ def initial_states_of_records(
 def lowest_frequency_hz(plant: Plant) -> float:
     """Lowest frequency of a vibration; 0 of a structure that floats and has none."""
     frequency = undamped_modes(assemble(plant.description)).frequency_hz
-    own = frequency[frequency > RIGID * frequency[-1]]
+    own = frequency[frequency > RIGID_FREQUENCY * frequency[-1]]
     return float(own[0]) if len(own) else 0.0
 
 

@@ -12,7 +12,8 @@ from slowtime.discrepancy.records import Trial
 from slowtime.signals.spectra import transform
 
 TAPER_SHARE = 0.05
-"""Share of a record over which drift is eased in and out."""
+"""[share of a record] Over which drift is tapered at every end of what is used. Source:
+judgement; no study is recorded."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)

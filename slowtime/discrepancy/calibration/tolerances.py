@@ -5,10 +5,14 @@ import numpy as np
 from slowtime.discrepancy.records import Trial
 
 from .fit import Fit, refit
-from .levenberg_marquardt import WRONG_MODEL_CHI2
+from .levenberg_marquardt import WRONG_MODEL_CHI2, FitControl
 
-BENT, WITHIN = 5.0, 3.0
-"""Tolerances by which no constant is off that was claimed in good faith; those it is left."""
+LEFT_TOLERANCES = 5.0
+"""[tolerances] From which a constant counts as bent to make up for what is missing. Source:
+five sigma; no constant claimed in good faith is off by as much (docs/decisions/0017)."""
+HELD_TOLERANCES = 3.0
+"""[tolerances] To which constants are then held. Source: docs/decisions/0017; three-sigma
+rule."""
 
 
 def refit_within_tolerances(fit: Fit, trials: tuple[Trial, ...]) -> Fit:
@@ -18,7 +22,7 @@ def refit_within_tolerances(fit: Fit, trials: tuple[Trial, ...]) -> Fit:
     be linearised about them: what is missing is looked for from where they are claimed to be.
     """
     most = max(map(abs, fit.constant_pulls.values()), default=0.0)
-    if fit.chi2_in_band < WRONG_MODEL_CHI2 or most <= BENT:
+    if fit.chi2_in_band < WRONG_MODEL_CHI2 or most <= LEFT_TOLERANCES:
         return fit
     values = fit.values.copy()
     for name, index, mean in zip(fit.prior.names, fit.prior.index, fit.prior.mean, strict=True):
@@ -32,7 +36,7 @@ def refit_within_tolerances(fit: Fit, trials: tuple[Trial, ...]) -> Fit:
             values=values,
             states=tuple(np.zeros_like(state) for state in fit.states),
             horizons=(1.0,),
-            within=WITHIN,
+            control=FitControl(max_tolerances=HELD_TOLERANCES),
         )
     except FloatingPointError:
         return fit

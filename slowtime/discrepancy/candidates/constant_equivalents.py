@@ -31,15 +31,18 @@ from slowtime.dynamics.plant import Name
 from .library_fit import Candidate, is_applicable, label_of
 from .parameter_scan import concatenate_motions, is_possible, scale_to_strength
 
-ALIKE = 0.9
-"""Squared cosine between what constants add and what is linear of a law, from which it may be
-what bent them."""
-SHAPES, ELEMENTS = 12, 2
-"""Shapes of each law of which a free run is made; elements, those first that bent most."""
-INSTEAD = 4
-"""Laws that are given where constants leave nothing, those that come nearest."""
-ASIDE = 4
-"""Changes of other constants that are given beside them, those first that moved most."""
+MIN_COSINE_SQUARED = 0.9
+"""[1] Between what moved constants add and the linear part of a law, from which the law may
+be what moved them. Source: judgement; no study is recorded."""
+MAX_SHAPES = 12
+"""[1] Shapes of each law that are run freely. Source: judgement; no study is recorded."""
+MAX_ELEMENTS = 2
+"""[1] Elements that are looked at, those with the most moved constants first. Source:
+judgement; no study is recorded."""
+MAX_LAWS = 4
+"""[1] Laws that are proposed where constants leave nothing. Source: docs/decisions/0024."""
+MAX_OTHER_CONSTANTS = 4
+"""[1] Changes of other constants that are proposed beside them. Source: docs/decisions/0024."""
 CONSTANTS = {"stiffness_loss": ("stiffness", -1.0), "viscous_damping": ("damping", 1.0)}
 """Kinds that change a constant of an element, which, and in which direction."""
 
@@ -60,7 +63,7 @@ def equivalent_laws(
         for trial, state in zip(trials, bent.states, strict=True)
     ]
     found: list[Candidate] = []
-    for element in elements[:ELEMENTS]:
+    for element in elements[:MAX_ELEMENTS]:
         place = Place("element", str(element))
         motions = [run[place] for run in runs]
         start = _fit_start(bent, place)
@@ -92,11 +95,11 @@ def instead_of_constants(
     """
     done = {label_of(one.effect) for one in labels}
     every = equivalent_laws(bent, trials, kinds)
-    others = [one for one in every if label_of(one.effect) not in done][:INSTEAD]
+    others = [one for one in every if label_of(one.effect) not in done][:MAX_LAWS]
     done |= {label_of(one.effect) for one in others}
     named = {one.effect.kind for one in [*labels, *others]}
     beside = [one for one in _other_constants(bent, kinds) if one.effect.kind in named]
-    others += [one for one in beside if label_of(one.effect) not in done][:ASIDE]
+    others += [one for one in beside if label_of(one.effect) not in done][:MAX_OTHER_CONSTANTS]
     if not labels:
         return others
     best = labels[0]
@@ -175,9 +178,9 @@ def _proportional_laws(
             continue
         part = linear @ np.linalg.lstsq(linear, force, rcond=None)[0]
         along, size = float(part @ added), float(part @ part)
-        if size > 0 and along**2 > ALIKE * size * float(added @ added):
+        if size > 0 and along**2 > MIN_COSINE_SQUARED * size * float(added @ added):
             fits.append((along**2 / size, scale_to_strength(kind, unit, along / size)))
-    for _, parameters in sorted(fits, key=lambda one: -one[0])[:SHAPES]:
+    for _, parameters in sorted(fits, key=lambda one: -one[0])[:MAX_SHAPES]:
         if is_possible(kind, parameters, bent.plant.description, place):
             yield Effect(kind.name, place, parameters)
 

@@ -18,10 +18,14 @@ from slowtime.dynamics.effects import Place
 from slowtime.signals.spectra import transform
 
 RIDGE = 1e-9
+"""[1] Added to the diagonal of the scaled normal equations. Source: well above double
+precision, well below what a prior adds."""
 MIN_DISTINCT_SHARE = 1e-7
-"""Share of a force that constants may not follow, from which it is told from their moves."""
+"""[share of a force's power] That constants must not reproduce, for the force to be told
+from them. Source: square root of double precision, with margin."""
 MAX_FORCE = 1e60
-"""Force that is none: its square is no number any more."""
+"""[N] Modulus from which a force counts as none. Source: its fourth power still is a number
+in double precision."""
 ForceSpectra = Complex[np.ndarray, "frequency column"]
 
 

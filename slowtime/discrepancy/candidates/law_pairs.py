@@ -37,12 +37,13 @@ from .library_fit import (
 )
 from .parameter_scan import is_possible, scale_to_strength, unit_strength_shapes
 
-BETTER = 0.5
-"""Share of what the best law leaves alone that a pair may leave."""
-MOST = 2
-"""Pairs that are given."""
-ALIKE = 0.999
-"""Correlation from which two forces are one."""
+MAX_COST_RATIO = 0.5
+"""[share of chi squared of the best single law] That a pair may leave. Source: judgement; no
+study is recorded."""
+MAX_PAIRS = 2
+"""[1] Pairs, and tones, that are proposed. Source: judgement; no study is recorded."""
+SAME_FORCE = 0.999
+"""[1] Correlation from which two forces are one. Source: judgement; no study is recorded."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -102,7 +103,7 @@ def law_pairs(
     inner, seen = space.normal_equations(forces)
     heard = np.flatnonzero(np.diag(inner) > MIN_DISTINCT_SHARE * space.power(forces))
     columns, inner, seen = [columns[i] for i in heard], inner[np.ix_(heard, heard)], seen[heard]
-    bar = BETTER * min(reached.get(label_of(one.effect), one.cost) for one in tried)
+    bar = MAX_COST_RATIO * min(reached.get(label_of(one.effect), one.cost) for one in tried)
     least = space.cost_without - bar
     tones = [
         one.effect
@@ -111,7 +112,7 @@ def law_pairs(
     ]
     both = [
         *_pairs_of_laws(columns, inner, seen, least),
-        *_pairs_with_tone(spaces, columns, tones[:MOST], least, kinds),
+        *_pairs_with_tone(spaces, columns, tones[:MAX_PAIRS], least, kinds),
     ]
     data = sum(2 * lines.residual.size for lines in located.lines)
     found: dict[tuple[Label, ...], tuple[Candidate, Candidate]] = {}
@@ -129,7 +130,7 @@ def law_pairs(
             Candidate(e, cost, score, space.cost_without, start) for e in effects
         )
         found[label] = one_of, other_of
-        if len(found) == MOST:
+        if len(found) == MAX_PAIRS:
             break
     return list(found.values())
 
@@ -143,14 +144,14 @@ def _pairs_of_laws(
     """Pairs of columns that gain more than the least, the best of each pair of labels."""
     size = np.sqrt(np.maximum(np.diag(inner), np.finfo(float).tiny))
     across, along = inner / np.outer(size, size), seen / size
-    own = 1 - np.minimum(across**2, ALIKE)
+    own = 1 - np.minimum(across**2, SAME_FORCE)
     first = (along[:, None] - across * along) / own
     gain = first * along[:, None] + first.T * along
     done: set[tuple[object, ...]] = set()
     for i, j in _pairs_by_gain(gain, least):
         one, other = columns[i], columns[j]
         label = (one.kind.name, one.space.place, other.kind.name, other.space.place)
-        if one.kind is other.kind or abs(across[i, j]) > math.sqrt(ALIKE) or label in done:
+        if one.kind is other.kind or abs(across[i, j]) > math.sqrt(SAME_FORCE) or label in done:
             continue
         both = (
             one.with_strength(first[i, j] / size[i]),
@@ -160,7 +161,7 @@ def _pairs_of_laws(
             continue
         done.add(label)
         yield float(gain[i, j]), both
-        if len(done) == MOST:
+        if len(done) == MAX_PAIRS:
             return
 
 
@@ -190,7 +191,7 @@ def _pairs_with_tone(
         left = seen[2:] - cross @ alone
         apart = np.linalg.solve(square, cross.T).T
         size = np.diag(inner)[2:] - np.sum(cross * apart, axis=1)
-        heard = size > (1 - ALIKE) * np.diag(inner)[2:]
+        heard = size > (1 - SAME_FORCE) * np.diag(inner)[2:]
         gains = np.where(heard, left**2 / np.where(heard, size, 1.0), 0.0)
         for best in np.argsort(-gains, kind="stable").tolist():
             gain = float(gains[best] + seen[:2] @ alone)

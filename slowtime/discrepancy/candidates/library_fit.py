@@ -26,22 +26,33 @@ from slowtime.dynamics.effects import Effect, Kind, Place
 from .force_space import ForceSpace, ForceSpectra
 from .parameter_scan import best_effect, best_within_tolerances, effect_forces, gain_of
 
-MORE, LITTLE = 1.5, 0.2
-"""Times what a free force at the best place leaves, and over the noise, from which a place is
-passed over."""
-STARTED, FARTHEST = 40, 20.0
-"""Of how many labels one asks where to start; by what factor a constant may be off then."""
+PLACE_RATIO = 1.5
+"""[1] Times what a free force at the best place leaves, above which a place is passed over.
+Source: judgement; no study is recorded."""
+PLACE_OFFSET = 0.2
+"""[noise variances] Added to that. Source: judgement; no study is recorded."""
+MAX_STARTS = 40
+"""[1] Candidates for which a start of the fit is computed. Source: judgement; no study is
+recorded."""
+MAX_CONSTANT_FACTOR = 20.0
+"""[1] By which a start may change a constant. Source: judgement; no study is recorded."""
 OFFSET, GAIN = "input_bias", "input_gain"
 """Kinds that are no rivals of others where a structure floats: see `floating`."""
-WEAK = 0.1
-"""Share of what a force at the best place explains, below which a place is passed over then;
-where none explains more than it costs, places go by what they leave."""
-ALIKE = 2.0
-"""How many times that, for a place where another force would do the same to the sensors."""
-ONE_LINE, BESIDE = 0.8, 4
-"""Share of what is left from which it is one line, and how many lines beside belong to that."""
-HOPELESS = 5.0
-"""Times the chi squared of the best law that a place must leave, to be passed over."""
+WEAK_SHARE = 0.1
+"""[share of the best place's gain] Below which a place is passed over where several forces
+act. Source: judgement; no study is recorded."""
+TWIN_RATIO = 2.0
+"""[1] Times `PLACE_RATIO` for a place whose transfer is parallel to that of the best.
+Source: judgement; no study is recorded."""
+TONAL_SHARE = 0.8
+"""[share of the residual power] From which the residual is one line. Source: judgement; no
+study is recorded."""
+TONAL_LINES = 4
+"""[lines] On either side that belong to it. Source: main lobe of a rectangular window, with
+margin."""
+HOPELESS_RATIO = 5.0
+"""[1] Times chi squared of the best law that a place must leave to be passed over. Source:
+judgement; no study is recorded."""
 
 
 Label = tuple[str, Place]
@@ -94,10 +105,10 @@ def library_candidates(
         if leaving < LIMITS.several_forces_chi2 or most <= 0:
             # To one sensor all places are alike, but for how smooth their forces have to be.
             alike = set(group.places) & set(located.groups[0].twins)
-            worse = group.left > acceptable_chi2(leaving) * (ALIKE if alike else 1.0)
+            worse = group.left > acceptable_chi2(leaving) * (TWIN_RATIO if alike else 1.0)
         else:
-            worse = group.score < WEAK * most
-        worse = worse or unreachable_chi2(located, group) > HOPELESS * least
+            worse = group.score < WEAK_SHARE * most
+        worse = worse or unreachable_chi2(located, group) > HOPELESS_RATIO * least
         if worse and not one_line:
             continue
         for place in group.places:
@@ -120,9 +131,9 @@ def library_candidates(
         dataclasses.replace(
             c, start=_start_of_effect(fit, c.effect, kinds, spaces[c.effect.place])
         )
-        for c in found[:STARTED]
+        for c in found[:MAX_STARTS]
     ]
-    return [*foremost, *found[STARTED:]]
+    return [*foremost, *found[MAX_STARTS:]]
 
 
 def is_tonal(located: Localization) -> bool:
@@ -139,8 +150,8 @@ def is_tonal(located: Localization) -> bool:
     inside = 0.0
     for one, excess in zip(located.lines, loud, strict=True):
         at = int(np.argmin(np.abs(one.frequency_hz - pitch)))
-        inside += float(excess[max(at - BESIDE, 0) : at + BESIDE + 1].sum())
-    return inside > ONE_LINE * sum(float(excess.sum()) for excess in loud)
+        inside += float(excess[max(at - TONAL_LINES, 0) : at + TONAL_LINES + 1].sum())
+    return inside > TONAL_SHARE * sum(float(excess.sum()) for excess in loud)
 
 
 def acceptable_chi2(least: float) -> float:
@@ -148,7 +159,7 @@ def acceptable_chi2(least: float) -> float:
 
     What leaves less than noise explains noise, too, and is no measure.
     """
-    return MORE * max(least, 1.0) + LITTLE
+    return PLACE_RATIO * max(least, 1.0) + PLACE_OFFSET
 
 
 def _start_of_effect(
@@ -165,7 +176,7 @@ def start_with_force(fit: Fit, forces: list[ForceSpectra], space: ForceSpace) ->
     constants = space.constants_with(forces)
     means = dict(zip(fit.prior.names, fit.prior.mean.tolist(), strict=True))
     for name, value in constants.items():
-        if not 1 / FARTHEST < value / means[name] < FARTHEST:
+        if not 1 / MAX_CONSTANT_FACTOR < value / means[name] < MAX_CONSTANT_FACTOR:
             constants[name] = means[name]
     return FitStart(constants, space.states)
 

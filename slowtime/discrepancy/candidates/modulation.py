@@ -16,12 +16,20 @@ from slowtime.dynamics.effects.grids import lines_hz
 Series = Float[np.ndarray, " _"]
 Demodulated = tuple[Complex[np.ndarray, " _"], Float[np.ndarray, " _"]]
 
-LINES, PHASES = 4, 2
-"""Lines of each record that are looked at, and frequencies that are given for each."""
-BLOCKS, FINE, CLOSER = 64, 8, 2
-"""Parts of a record over which a turning force is summed; steps per one over a length, and how
-often one looks closer by as much."""
-MOST_STEPS = 4000
+MAX_LINES = 4
+"""[lines] Of each record that are looked at. Source: judgement; no study is recorded."""
+MAX_FREQUENCIES = 2
+"""[1] That are proposed for each line. Source: judgement; no study is recorded."""
+BLOCKS = 64
+"""[1] Parts of a record over which a demodulated force is summed. Source: speed; frequencies
+within 1/length of a line turn by less than a tenth in one part."""
+STEPS_PER_LINE = 8
+"""[1] Steps of the frequency over one spacing of lines. Source: judgement; no study is
+recorded."""
+REFINEMENTS = 2
+"""[1] Times the step is refined by as much. Source: judgement; no study is recorded."""
+MAX_STEPS = 4000
+"""[1] Frequencies of one scan at most. Source: bounds memory."""
 
 
 def modulation_frequencies_hz(
@@ -56,7 +64,7 @@ def modulation_frequencies_hz(
         return []
     width = 1.0 / min(lengths)
     lines: list[float] = []
-    loudest = [lines_hz(p, t, LINES) for p, t in zip(products, times, strict=True)]
+    loudest = [lines_hz(p, t, MAX_LINES) for p, t in zip(products, times, strict=True)]
     for near in (heard, *loudest):
         for line in near:
             lines += [line] if all(abs(line - other) > width for other in lines) else []
@@ -78,22 +86,25 @@ def _refine_about_line(
     """Give what is explained, and the frequency, at the best few about a line."""
     span = max(float(t[-1]) for t in times) - min(float(t[0]) for t in times)
     parts = [_demodulated(p, t, line) for p, t in zip(products, times, strict=True)]
-    wide, fine = 1.0 / min(lengths), 1.0 / (FINE * max(lengths))
+    wide, fine = 1.0 / min(lengths), 1.0 / (STEPS_PER_LINE * max(lengths))
     steps = np.arange(-wide, wide + fine, fine)
     alone = sum(
         np.abs(_dtft(part, steps)) ** 2 / one for part, one in zip(parts, power, strict=True)
     )
     middle = float(steps[int(np.argmax(alone))])
-    count = min(2 * int(np.ceil(FINE * fine * 3 * span)) + 1, MOST_STEPS)
+    count = min(2 * int(np.ceil(STEPS_PER_LINE * fine * 3 * span)) + 1, MAX_STEPS)
     steps = middle + np.linspace(-3 * fine, 3 * fine, max(count, 9))
     joint = _joint_power(parts, steps)
     inner = np.flatnonzero((joint >= np.roll(joint, 1)) & (joint >= np.roll(joint, -1)))
     found = []
-    for best in inner[np.argsort(-joint[inner])[:PHASES]]:
+    for best in inner[np.argsort(-joint[inner])[:MAX_FREQUENCIES]]:
         step, width = float(steps[best]), float(steps[1] - steps[0])
-        for _ in range(CLOSER):
-            near = step + width * np.linspace(-1, 1, 2 * FINE + 1)
-            step, width = float(near[int(np.argmax(_joint_power(parts, near)))]), width / FINE
+        for _ in range(REFINEMENTS):
+            near = step + width * np.linspace(-1, 1, 2 * STEPS_PER_LINE + 1)
+            step, width = (
+                float(near[int(np.argmax(_joint_power(parts, near)))]),
+                width / STEPS_PER_LINE,
+            )
         explained = float(_joint_power(parts, np.array([step]))[0]) / sum(power)
         found.append((explained, line + step))
     return found

@@ -28,27 +28,45 @@ from slowtime.dynamics.units import unit_factor
 from .force_space import ForceSpace
 from .modulation import modulation_frequencies_hz
 
-STEP = 1e-4
-"""Of a parameter of a sensor or an input, to see what it does."""
-NOTHING_LEFT = 0.01
-"""Share of a series that a factor must leave: less is another series, not the same changed."""
-IDLE = 0.02
-"""Share of a series below which a change of it is none."""
-STILL_HZ, COARSE_TURN, POLISHED = 1e-12, 0.1, 3
-"""A frequency at which nothing turns; turns over the campaign by which one is moved at first,
-and how often one looks closer."""
-LOUD = 2
-"""Lines of each record, the loudest at the sensors, about which a tone is looked for."""
-MOST_CLOSER, ASIDE = 4, 0.12
-"""How often one looks closer at an instant or a resonance, and how far beside that at first."""
-FINEST_S = 0.02
-"""Spacing of instants at which looking closer ends."""
-SOME = 4
-"""Shapes of a law to begin a fit with, where none is known to be the best."""
+DIFFERENCE_STEP = 1e-4
+"""[1] Step of a parameter of a sensor or an input for a difference of its effect. Source:
+near the cube root of double precision, with margin for noise of the series."""
+MIN_FACTOR = 0.01
+"""[1] That a factor of a series must leave: less is another series. Source: judgement; no
+study is recorded."""
+IDLE_SHARE = 0.02
+"""[share of a series] Below which a change of it is none. Source: judgement; no study is
+recorded."""
+STILL_HZ = 1e-12
+"""[Hz] A frequency at which nothing turns. Source: one turn in 30,000 years."""
+COARSE_TURN = 0.1
+"""[turns over the campaign] By which a frequency is moved at first. Source: judgement; no
+study is recorded."""
+FREQUENCY_REFINEMENTS = 3
+"""[1] Times that step is refined, by four. Source: judgement; no study is recorded."""
+LOUDEST_LINES = 2
+"""[lines] Of each record about which a tone is looked for. Source: judgement; no study is
+recorded."""
+REFINEMENTS = 4
+"""[1] Times an instant or a resonance is refined at most. Source: judgement; no study is
+recorded."""
+RESONANCE_STEP = 0.12
+"""[1] Relative step of a resonance at first. Source: judgement; no study is recorded."""
+MIN_INSTANT_STEP_S = 0.02
+"""[s] Spacing of instants at which the refinement ends. Source: judgement; no study is
+recorded."""
+MAX_START_SHAPES = 4
+"""[1] Shapes of a law to begin a fit with, where none is known to be the best. Source:
+judgement; no study is recorded."""
 
-HALF, SCANNED, NEWTON = 0.5, 16, 5
-"""Relative change of a series from one scanned value to the next; values on either side; steps
-from the best of them."""
+SCAN_CHANGE = 0.5
+"""[1] Relative change of a series from one scanned value to the next. Source: judgement; no
+study is recorded."""
+SCAN_VALUES = 16
+"""[1] Values that are scanned on either side. Source: judgement; no study is recorded."""
+GAUSS_NEWTON_STEPS = 5
+"""[steps] Of Gauss and Newton from the best of them. Source: judgement; no study is
+recorded."""
 
 Shape = Mapping[str, float]
 Column = Float[np.ndarray, "time column"]
@@ -90,11 +108,11 @@ def _best_force(kind: Kind, space: ForceSpace) -> tuple[Effect, float] | None:
     if best is None or len(switches) != 1:
         return best
     finer = shapes
-    for _ in range(MOST_CLOSER):
+    for _ in range(REFINEMENTS):
         finer = _refined_shapes(switches[0], best[0], finer)
         best = max(best, _best_shape(kind, space, motions, finer) or best, key=gain_of)
         instants = sorted(shape[switches[0]] for shape in finer)
-        if instants[1] - instants[0] < FINEST_S:
+        if instants[1] - instants[0] < MIN_INSTANT_STEP_S:
             break
     return best
 
@@ -125,7 +143,7 @@ def effects_of_strength(
     force: Float[np.ndarray, " time"],
     description: Description,
     shares: Sequence[float],
-    most: int = SOME,
+    most: int = MAX_START_SHAPES,
 ) -> Iterator[Effect]:
     """Give a law in some of its shapes, its force so many times as strong as another.
 
@@ -214,7 +232,7 @@ def _strongest_lines_hz(located: Localization) -> list[float]:
     found: list[float] = []
     for one in located.lines:
         loud = np.sum(np.abs(one.residual) ** 2 / one.noise, axis=1)
-        found += one.frequency_hz[np.argsort(-loud)[:LOUD]].tolist()
+        found += one.frequency_hz[np.argsort(-loud)[:LOUDEST_LINES]].tolist()
     return [hertz for hertz in found if hertz > 0]
 
 
@@ -224,7 +242,7 @@ def _refine_frequency(
     """Give a better frequency: one over the campaign is how far a phase holds."""
     span = max(float(m.times[-1]) for m in motions) - min(float(m.times[0]) for m in motions)
     step = COARSE_TURN / span
-    for _ in range(POLISHED):
+    for _ in range(FREQUENCY_REFINEMENTS):
         here = found[0].parameters["frequency_hz"]
         rest = {
             name: value
@@ -245,8 +263,8 @@ def _refine_resonance(
 ) -> tuple[Effect, float]:
     """Give a better resonance: a light one is far narrower than the first look is fine."""
     assert kind.strength is not None
-    wide = ASIDE
-    for _ in range(MOST_CLOSER):
+    wide = RESONANCE_STEP
+    for _ in range(REFINEMENTS):
         known = found[0].parameters
         scaled = (kind.strength, *kind.scales)
         here = {
@@ -351,13 +369,13 @@ def _best_change(
 
     def idles(value: float) -> bool:
         return all(
-            float(np.abs(one).max(initial=0.0)) <= IDLE * size
+            float(np.abs(one).max(initial=0.0)) <= IDLE_SHARE * size
             for one, size in zip(acted(value), sizes, strict=True)
         )
 
     for idle in (0.0, 1.0):
         if fitted[0].refuses(idle) is None and idles(idle):
-            step = STEP if fitted[0].unit in ("", "s") else 1.0
+            step = DIFFERENCE_STEP if fitted[0].unit in ("", "s") else 1.0
             if not any(one.any() for one in acted(idle + step)):
                 continue
             found = _best_parameter_value(space, acted, fitted[0], idle, step)
@@ -383,14 +401,14 @@ def _best_parameter_value(
         strength, won = space.separate_fits(space.lines_of([one / step for one in moved]))
         value = idle + float(strength[0])
         fine = parameter.refuses(value) is None and won[0] > 0
-        fine = fine and (idle == 0 or abs(value) > NOTHING_LEFT)
+        fine = fine and (idle == 0 or abs(value) > MIN_FACTOR)
         return (value, float(won[0])) if fine else None
     sizes = [float(np.linalg.norm(latent.motion.e)) for latent in space.latents]
     changes = [float(np.linalg.norm(one)) for one in moved]
-    wide = HALF * step * sum(sizes) / max(sum(changes), 1e-300)
+    wide = SCAN_CHANGE * step * sum(sizes) / max(sum(changes), 1e-300)
     shortest = int(np.argmin([len(latent.motion.e) for latent in space.latents]))
     best = idle, 0.0
-    for number in range(-SCANNED, SCANNED + 1):
+    for number in range(-SCAN_VALUES, SCAN_VALUES + 1):
         value = idle + number * wide
         if number == 0 or parameter.refuses(value) is not None:
             continue
@@ -402,7 +420,7 @@ def _best_parameter_value(
         gain = float(2 * seen[0] - inner[0, 0])
         best = (value, gain) if gain > best[1] else best
     value, gain = best[0], -math.inf
-    for _ in range(NEWTON):
+    for _ in range(GAUSS_NEWTON_STEPS):
         here, there = acted(value), acted(value + step)
         pair = [
             np.concatenate([a, (b - a) / step], axis=1)

@@ -18,24 +18,33 @@ from slowtime.discrepancy.records import Trial
 
 Fault = Literal["missing", "constant", "stuck", "zero", "clipped"]
 
-RARE = 1e-6
-"""Chance, over a whole channel, of repeats that are called a fault."""
+STUCK_P_VALUE = 1e-6
+"""[probability] That any run of a channel is as long by chance, below which it is a fault.
+Source: one false alarm in a million channels."""
 
-SHORTEST = 6
-"""Equal values in a row that are not yet remarkable in any record."""
+MIN_STUCK_SAMPLES = 6
+"""[samples] Equal values in a row that may be a fault, however fine the resolution. Source:
+judgement; no study is recorded."""
 
-PILE = 4
-"""Clipping puts at least so many samples on the extreme, and so many times its neighbour's."""
+CLIPPED_RATIO = 4
+"""[1] Times the samples on a neighbouring level, and samples, that clipping puts on the
+extreme level at least. Source: judgement; no study is recorded."""
 
-NEAR, MOST, NORMAL = 4.0, 0.1, 0.6745
-"""Standard deviations of a channel's noise within which noise decides whether a sample is cut
-off, and the most of the channel's range that this may be; median of what is normal, by its
-standard deviation."""
+CLIPPED_NOISE_SDS = 4.0
+"""[standard deviations of the channel's noise] Within which of a stop noise decides whether
+a sample is clipped. Source: four sigma holds all but 6e-5 of normal noise."""
+MAX_CLIPPED_MARGIN = 0.1
+"""[share of the channel's range] That this margin may be at most: a fast signal curves more
+than its noise does. Source: judgement; no study is recorded."""
+NORMAL_MAD = 0.6745
+"""[standard deviations] Median of the modulus of a normal variable. Source: 0.75 quantile of
+the normal distribution."""
 
-SAME = 1e-4
-"""Relative difference of two levels of one channel that are one, as files keep them."""
-DIGIT = float(np.finfo(np.float32).eps)
-"""Relative resolution of a level: recorders keep no more."""
+SAME_LEVEL = 1e-4
+"""[1] Relative difference of two levels of one channel that are the same stop. Source: four
+digits, as text files keep them."""
+LEVEL_RESOLUTION = float(np.finfo(np.float32).eps)
+"""[1] Relative resolution of a level. Source: single precision; recorders keep no more."""
 
 SENTENCES = {
     "missing": "has no numbers in",
@@ -175,10 +184,12 @@ def _initial_rest(trial: Trial) -> Bool[np.ndarray, " time"]:
 def _stuck_samples(samples: Float[np.ndarray, " time"]) -> Bool[np.ndarray, " time"]:
     """Rows of equal values longer than the record's own habit of repeating itself allows."""
     starts, lengths = _runs(samples)
-    ordinary = lengths[lengths < SHORTEST]
+    ordinary = lengths[lengths < MIN_STUCK_SAMPLES]
     pairs, repeats = ordinary.sum(), (ordinary - 1).sum()
     habit = min(max((repeats + 1) / (pairs + 2), 1e-3), 0.99)
-    longest = max(SHORTEST, math.ceil(math.log(RARE / len(samples)) / math.log(habit)))
+    longest = max(
+        MIN_STUCK_SAMPLES, math.ceil(math.log(STUCK_P_VALUE / len(samples)) / math.log(habit))
+    )
     found = np.zeros(len(samples), dtype=bool)
     for start, length in zip(starts, lengths, strict=True):
         if length >= longest:
@@ -208,14 +219,19 @@ def _clipped_samples(
     levels, counts = np.unique(there, return_counts=True)
     piles: list[Bool[np.ndarray, " time"]] = []
     several = False
-    if len(levels) >= 2 * PILE:
-        for extreme, neighbours in ((0, counts[1:PILE]), (-1, counts[-PILE:-1])):
-            if counts[extreme] >= PILE * max(neighbours):
+    if len(levels) >= 2 * CLIPPED_RATIO:
+        for extreme, neighbours in (
+            (0, counts[1:CLIPPED_RATIO]),
+            (-1, counts[-CLIPPED_RATIO:-1]),
+        ):
+            if counts[extreme] >= CLIPPED_RATIO * max(neighbours):
                 at = samples == levels[extreme]
                 size = abs(float(levels[extreme]))
                 rows = int(at[0]) + int(np.count_nonzero(at[1:] & ~at[:-1]))
                 several = (
-                    several or rows > 1 or any(abs(size - stop) < SAME * stop for stop in stops)
+                    several
+                    or rows > 1
+                    or any(abs(size - stop) < SAME_LEVEL * stop for stop in stops)
                 )
                 piles.append(at)
     return np.any(piles, axis=0) if several else np.zeros(len(samples), dtype=bool)
@@ -231,9 +247,11 @@ def _clipped_neighbourhood(
     """
     bend = np.diff(samples, 3)
     bend = np.abs(bend[np.isfinite(bend)])
-    noise = np.median(bend) / (NORMAL * math.sqrt(20.0)) if len(bend) else 0.0
+    noise = np.median(bend) / (NORMAL_MAD * math.sqrt(20.0)) if len(bend) else 0.0
     # Where a signal turns within a few samples, it bends more than its noise does.
-    reach = min(NEAR * noise, MOST * np.ptp(samples[np.isfinite(samples)]))
+    reach = min(
+        CLIPPED_NOISE_SDS * noise, MAX_CLIPPED_MARGIN * np.ptp(samples[np.isfinite(samples)])
+    )
     found = np.zeros(len(samples), dtype=bool)
     for level in np.unique(samples[clipped]):
         near = np.abs(samples - level) <= reach
@@ -266,6 +284,6 @@ def _describe_fault(
         spans_s=spans,
         share=float(bad.mean()),
         level=level,
-        level_sd=float(np.hypot(column.std(), DIGIT * level)) if told else 0.0,
+        level_sd=float(np.hypot(column.std(), LEVEL_RESOLUTION * level)) if told else 0.0,
         instant_sd=1 / (trial.rate_hz * math.sqrt(3)),
     )

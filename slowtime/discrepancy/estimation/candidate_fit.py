@@ -11,6 +11,7 @@ from slowtime.discrepancy.calibration import (
     WRONG_MODEL_CHI2,
     Fit,
     FitAbandoned,
+    FitControl,
     refit,
     shooting_fit,
     spectral_weights,
@@ -202,8 +203,7 @@ def fit_candidate(
             values=values,
             states=states,
             horizons=horizons,
-            beat=beat,
-            late=late,
+            control=FitControl(cost_to_beat=beat, is_late=late),
         )
         fit = refine_switching_instant(
             fit, trials, kinds, beat, MAIN * before.chi2_in_band, late=late
@@ -399,7 +399,14 @@ def _heard_again(
     best = found[0]
     plant, values, states = best.fit.plant, best.fit.values, best.fit.states
     try:
-        fit = refit(plant, trials, values=values, states=states, horizons=(1.0,), late=over)
+        fit = refit(
+            plant,
+            trials,
+            values=values,
+            states=states,
+            horizons=(1.0,),
+            control=FitControl(is_late=over),
+        )
         if anew and WRONG_MODEL_CHI2 < fit.chi2_in_band < NEARLY * before.chi2_in_band:
             # One period off over a long record, the misfit has a minimum too.
             fit = _or_anew(fit, trials, over)
@@ -415,7 +422,7 @@ def _heard_again(
 def _or_anew(fit: Fit, trials: Sequence[Trial], over: Callable[[], bool]) -> Fit:
     """Fit a model to ever longer parts from where it stands; the better of both."""
     try:
-        other = refit(fit.plant, trials, values=fit.values, late=over)
+        other = refit(fit.plant, trials, values=fit.values, control=FitControl(is_late=over))
     except FitAbandoned:
         return fit
     better = misfit(other, fit.noise, trials) < misfit(fit, fit.noise, trials)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import Fit, FitAbandoned, refit
+from slowtime.discrepancy.calibration import Fit, FitAbandoned, FitControl, refit
 from slowtime.discrepancy.calibration.augmentation import simulated_chi2
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.records import Trial
@@ -98,7 +98,7 @@ def _moved(
     try:
         again = refit(
             fit.plant, trials, noise=fit.noise, values=values, states=fit.states,
-            horizons=(1.0,), beat=beat, late=late,
+            horizons=(1.0,), control=FitControl(cost_to_beat=beat, is_late=late),
         )  # fmt: skip
     except FitAbandoned:
         return fit

@@ -13,16 +13,19 @@ from slowtime.dynamics.description import Description, Input, Sensor, assemble
 from slowtime.dynamics.modes import undamped_modes
 from slowtime.dynamics.units import Quantity, UnitOfCoordinate, unit_factor
 
-SECONDS = 12.0
-"""Length of the records that are tried out."""
+SIMULATED_S = 12.0
+"""[s] Length of the records that are simulated. Source: judgement; no study is recorded."""
 LEVELS = (0.5, 2.0, 3.0, 4.0, 0.25, 6.0, 8.0, 0.1)
-"""Factors on the excitation, the mildest first."""
-BROAD = (0.3, 1.6)
-"""Ends of a band that holds all modes, over the lowest and highest of them."""
-STRIKE = 20.0
-"""Peak of a blow, over the root mean square of what was measured."""
-HIGHEST = 0.4
-"""Of the sampling rate, the highest frequency that a record tells of."""
+"""[1] Factors on the excitation, the mildest first. Source: judgement; no study is recorded."""
+BAND_MARGINS = (0.3, 1.6)
+"""[1] Ends of a band that holds all modes, over the lowest and the highest of them. Source:
+judgement; no study is recorded."""
+BLOW_PEAK = 20.0
+"""[root mean squares of the measured input] Peak of a blow. Source: judgement; no study is
+recorded."""
+MAX_FREQUENCY = 0.4
+"""[share of the sampling rate] Of an excitation. Source: usual edge of an anti-aliasing
+filter, 0.39 of the rate."""
 
 UNITS: dict[UnitOfCoordinate, dict[str, str]] = {
     "m": {"acceleration": "m/s^2", "displacement": "m", "force": "N"},
@@ -44,8 +47,8 @@ def experiment_options(
         return [_other_levels(), [*_later_repeats(trials), *_added_sensors(description, None)]]
     frequencies = undamped_modes(assemble(description)).frequency_hz
     low, high = float(frequencies[0]), float(frequencies[-1])
-    broad = BROAD[0] * low, BROAD[1] * high
-    top = HIGHEST * min(trial.rate_hz for trial in trials)
+    broad = BAND_MARGINS[0] * low, BAND_MARGINS[1] * high
+    top = MAX_FREQUENCY * min(trial.rate_hz for trial in trials)
     return [
         _other_levels(),
         [*_other_excitations(low, broad, top), *_later_repeats(trials)],
@@ -65,7 +68,7 @@ def experiment_trial(option: Experiment, trial: Trial, description: Description)
     trial
         Whose inputs are repeated.
     """
-    count = min(len(trial.inputs), int(SECONDS * trial.rate_hz))
+    count = min(len(trial.inputs), int(SIMULATED_S * trial.rate_hz))
     inputs = trial.inputs[:count] * option.level
     times = np.arange(count) / trial.rate_hz
     if option.excitation is not None:
@@ -190,8 +193,8 @@ def _added_forces(description: Description, band: tuple[float, float]) -> list[E
             band_hz=band, excitation="multisine",
             add_inputs=(
                 Input(
-                    channel=_unused_name(f"f_{node.id}", description), kind="force", node=node.id,
-                    unit=unit,
+                    channel=_unused_name(f"f_{node.id}", description),
+                    kind="force", node=node.id, unit=unit,
                 ),
             ),
         )
@@ -220,7 +223,7 @@ def _waveform(option: Experiment, times: Series) -> Series:
     if option.excitation == "free_decay":
         length = max(int(1 / (high * (times[1] - times[0]))), 3)
         pulse = np.zeros(len(times))
-        pulse[:length] = STRIKE * sps.get_window("hann", length, fftbins=False)
+        pulse[:length] = BLOW_PEAK * sps.get_window("hann", length, fftbins=False)
         return pulse
     if option.excitation == "sine":
         return np.asarray(np.sqrt(2.0) * np.sin(2 * np.pi * low * times))

@@ -28,18 +28,21 @@ from slowtime.dynamics.plant import Plant
 
 from .options import experiment_options, experiment_trial
 
-PLENTY = 60.0
-"""Expected log evidence that decides even where the models are only nearly right."""
-DECIDES = 12.0
-"""The least that decides; more effort is not worth more than that."""
-HOPELESS = 1.0
-"""Below this nothing is proposed."""
-MOST = 1e6
-"""Separation beyond which models have parted for good."""
-SPARE = 1.4
-"""Times its level that a louder experiment must leave every rival whole."""
-RIVALS = 6
-"""How many are looked at."""
+AMPLE_SEPARATION = 60.0
+"""[nats] Expected log evidence that decides even where models are only nearly right. Source:
+judgement; no study is recorded."""
+DECISIVE_SEPARATION = 12.0
+"""[nats] Expected log evidence that decides; more effort is not worth more. Source: twice
+`LIMITS.least_log_evidence`."""
+MIN_SEPARATION = 1.0
+"""[nats] Below which nothing is proposed. Source: odds below e."""
+MAX_SEPARATION = 1e6
+"""[nats] Beyond which models have parted for good. Source: a bound for sums and prints."""
+LEVEL_MARGIN = 1.4
+"""[1] Times its level at which a louder experiment must leave every rival bounded. Source:
+judgement; no study is recorded."""
+MAX_RIVALS = 6
+"""[1] Rivals that are compared. Source: judgement; no study is recorded."""
 
 Series = Float[np.ndarray, "time sensor"]
 
@@ -74,7 +77,7 @@ def propose_experiment(
     rivals
         Refitted to the same trials, the likeliest first.
     """
-    rivals = rivals[:RIVALS]
+    rivals = rivals[:MAX_RIVALS]
     if len(rivals) < 2:
         return None
     efforts = experiment_options(rivals[0].description, trials)
@@ -99,11 +102,11 @@ def _easiest(
             told = dataclasses.replace(option, separation=apart(option)[number])
             if best is None or told.separation > best.separation:
                 best = told
-            if told.separation > PLENTY:
+            if told.separation > AMPLE_SEPARATION:
                 return told
-        if best is not None and best.separation > DECIDES:
+        if best is not None and best.separation > DECISIVE_SEPARATION:
             return best
-    return best if best is not None and best.separation > HOPELESS else None
+    return best if best is not None and best.separation > MIN_SEPARATION else None
 
 
 def separations(
@@ -122,7 +125,7 @@ def separations(
     acts = experiment_trial(option, trial, rivals[0].description)
     # What nearly gives way may do so, and no record would come of it.
     repeated = option.excitation is None and not option.add_inputs
-    loud = SPARE * (option.level * trial.inputs if repeated else acts.inputs)
+    loud = LEVEL_MARGIN * (option.level * trial.inputs if repeated else acts.inputs)
     told: list[Prediction] = []
     least: list[float] = []
     for rival in rivals:
@@ -196,7 +199,7 @@ def separation(true: Prediction, other: Prediction) -> float:
     size = 1 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
     inner = matrix * np.outer(size, size) + 1e-10 * np.eye(len(matrix))
     mimic = float(right @ (size * scipy.linalg.solve(inner, size * right, assume_a="pos")))
-    return float(np.clip((apart @ apart - mimic) / 2, 0.0, MOST))
+    return float(np.clip((apart @ apart - mimic) / 2, 0.0, MAX_SEPARATION))
 
 
 def _plant_of_rival(

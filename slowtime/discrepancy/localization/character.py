@@ -13,32 +13,42 @@ from slowtime.dynamics.effects import Place
 from .places import LatentForce, Localization
 from .spectral_lines import TrialLines
 
-LOUD = 4.0
-"""Power of the force over that of its noise from which a window counts."""
 
-FAINT = 0.03
-"""Share of the greatest power that a window must have besides."""
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class CharacterThresholds:
+    """Thresholds of the description of a force, each with its unit, meaning and source."""
 
-THROUGHOUT = 0.9
-"""Share of windows from which the force acts all the time."""
+    min_signal_to_noise: float = 4.0
+    """[1] Power of the force over that of its noise from which a window counts. Source: two
+    standard deviations of the noise."""
+    min_window_power: float = 0.03
+    """[share of the greatest power] That a window must have besides. Source: judgement; no
+    study is recorded."""
+    throughout: float = 0.9
+    """[share of samples] From which the force acts all the time. Source: judgement; no study
+    is recorded."""
+    linear_rest: float = 0.015
+    """[share of the force's power] That a linear relation may leave, noise apart. Source:
+    judgement; no study is recorded."""
+    min_band_lines: int = 6
+    """[lines] Of a band at least, over all trials; two go into its relation. Source:
+    judgement; no study is recorded."""
+    onset_power: float = 0.03
+    """[share of the greatest power] Up to which there is hardly any force. Source:
+    judgement; no study is recorded."""
+    exponent_deviation: float = 0.3
+    """[1] Difference of the exponent from 1 that contradicts a linear relation. Source:
+    judgement; no study is recorded."""
+    steady_p_value: float = 1e-4
+    """[probability] p-value below which a force is called changing. Source: one false alarm
+    in ten thousand forces."""
+    height_sd: float = 0.03
+    """[1] Relative standard deviation of a height that is due to the surface itself. Source:
+    judgement; no study is recorded."""
 
-LINEAR = 0.015
-"""Share of a force's power that a linear relation may leave, its noise apart."""
 
-LINES = 6
-"""Lines of a band at least, over all trials, of which two go into its relation."""
+THRESHOLDS = CharacterThresholds()
 
-QUIET = 0.03
-"""Share of the greatest power up to which there is hardly any force."""
-
-BENT = 0.3
-"""Difference of the exponent from 1 that contradicts a linear relation."""
-
-STEADY = 1e-4
-"""Chance at which a steady force is called changing."""
-
-LIKE = 0.03
-"""Relative standard deviation of a height from the surface's own errors."""
 
 Series = Float[np.ndarray, " time"]
 
@@ -137,9 +147,10 @@ def characterise(located: Localization, place: Place) -> Character:
         bands_hz=_bands(located, place),
         elongation=_motion_range([m.motion.e[a] for m, a in zip(latents, acting, strict=True)]),
         rate=_motion_range([m.motion.v[a] for m, a in zip(latents, acting, strict=True)]),
-        onset=_onset(centred) if exponent[0] > 1 + BENT else 0.0,
+        onset=_onset(centred) if exponent[0] > 1 + THRESHOLDS.exponent_deviation else 0.0,
         linear_share=share,
-        linear=linear and not abs(exponent[0] - 1) > max(3 * exponent[1], BENT),
+        linear=linear
+        and not abs(exponent[0] - 1) > max(3 * exponent[1], THRESHOLDS.exponent_deviation),
         static_share=surface.share,
         odd=surface.odd,
         even=1.0 - surface.odd,
@@ -179,7 +190,10 @@ def _acting_samples(
     greatest = max(float(power.max()) for power in powers)
     found = []
     for latent, ws, power in zip(latents, windows, powers, strict=True):
-        loud = power > max(LOUD * latent.noise_sd**2, FAINT * greatest)
+        loud = power > max(
+            THRESHOLDS.min_signal_to_noise * latent.noise_sd**2,
+            THRESHOLDS.min_window_power * greatest,
+        )
         at = np.zeros(len(latent.force), dtype=bool)
         for window, is_loud in zip(ws, loud, strict=True):
             at[window] = is_loud
@@ -194,7 +208,7 @@ def _acting_times(
     located: Localization,
 ) -> tuple[tuple[float, float], ...]:
     whole = np.concatenate(list(acting))
-    if whole.mean() > THROUGHOUT:
+    if whole.mean() > THRESHOLDS.throughout:
         return ()
     spans = []
     for trial, at in zip(located.trials, acting, strict=True):
@@ -252,7 +266,7 @@ def _onset(latents: Sequence[LatentForce]) -> float:
     power = np.bincount(bins, force, minlength=len(edges) - 1) / np.maximum(count, 1)
     # Estimates are blurred in time, so that the quiet part keeps a little of the loud one.
     so_far = np.cumsum(power * count) / np.maximum(np.cumsum(count), 1)
-    quiet = np.flatnonzero(so_far < max(2 * noise, QUIET * power.max()))
+    quiet = np.flatnonzero(so_far < max(2 * noise, THRESHOLDS.onset_power * power.max()))
     below = int(quiet[-1]) + 1 if 0 < len(quiet) < len(so_far) else 0
     return float(edges[below]) if below >= 3 else 0.0
 
@@ -290,7 +304,7 @@ def _linear_share(
     true = max(total - noise, 1e-12 * total, 1e-300)
     excess = max(left - noise, 0.0)
     share = float(np.clip(1 - excess / true, 0, 1))
-    return share, bool(excess < max(LINEAR * true, 0.1 * noise))
+    return share, bool(excess < max(THRESHOLDS.linear_rest * true, 0.1 * noise))
 
 
 def _band_edges(grid: Float[np.ndarray, " line"]) -> list[float]:
@@ -300,7 +314,7 @@ def _band_edges(grid: Float[np.ndarray, " line"]) -> list[float]:
     edges = [first]
     for edge in others:
         below = np.searchsorted(lines, [edges[-1], edge])
-        if min(below[1] - below[0], len(lines) - below[1]) >= LINES:
+        if min(below[1] - below[0], len(lines) - below[1]) >= THRESHOLDS.min_band_lines:
             edges.append(edge)
     return [*edges, last]
 
@@ -352,6 +366,7 @@ class _ForceSurface:
 
 
 ODD_FUNCTIONS = 10
+"""[1] Surface functions that change sign with the motion. Source: `_surface_functions`."""
 
 
 def _surface_functions(e: Series, v: Series) -> Float[np.ndarray, "time function"]:
@@ -375,7 +390,7 @@ def _exponent(
         for w in ws:
             power = np.mean(latent.force[w] ** 2) - latent.noise_sd**2
             size = np.mean(latent.motion.e[w] ** 2)
-            if power > LOUD * latent.noise_sd**2 and size > 0:
+            if power > THRESHOLDS.min_signal_to_noise * latent.noise_sd**2 and size > 0:
                 force.append(np.log(power) / 2)
                 motion.append(np.log(size) / 2)
     if len(force) < 4 or np.ptp(motion) < 0.2:
@@ -409,8 +424,10 @@ def _surface_heights(
         return None, (), ()
     # A height is no better than the surface it is the height of.
     values = np.array(heights)
-    sds = np.maximum(np.array(errors), LIKE)
+    sds = np.maximum(np.array(errors), THRESHOLDS.height_sd)
     mean = float(np.sum(values / sds**2) / np.sum(1 / sds**2))
     spread = float(np.sum(((values - mean) / sds) ** 2))
-    steady = bool(scipy.stats.chi2.sf(spread, max(len(values) - 1, 1)) > STEADY)
+    steady = bool(
+        scipy.stats.chi2.sf(spread, max(len(values) - 1, 1)) > THRESHOLDS.steady_p_value
+    )
     return steady, tuple((values / mean).tolist()), tuple(middles)

@@ -8,7 +8,7 @@ motion that there was with the force in it, so that a model that is far off is n
 :math:`\delta` for initial states and for the transform's being circular. The variance
 :math:`s_b` of the force in each band of each trial is found by scoring, constants by Gauss's
 and Newton's steps, after each of which responses and residuals are made anew; of the force
-itself, no more is believed than :data:`BELIEVED` says.
+itself, no more is believed than :data:`MAX_VARIANCE_RATIO` says.
 """
 
 import dataclasses
@@ -30,19 +30,31 @@ from .perturbed_reference import (
 )
 from .spectral_lines import Lines, TrialLines
 
-ROUNDS, SCORINGS = 6, 6
-ENOUGH = 0.5
-"""Gain of log likelihood below which another round is not worth its while."""
-STRIDE = 0.3
-"""Largest change of a constant in one round."""
+ROUNDS = 6
+"""[1] Linearisations about the motion with the force in it, at most. Source: judgement; no
+study is recorded."""
+SCORING_STEPS = 6
+"""[steps] Of Fisher scoring for the variances of the force. Source: judgement; no study is
+recorded."""
+MIN_GAIN = 0.5
+"""[nats] Gain of log likelihood below which another round is not worth its while. Source:
+half of chi squared's 1, one standard deviation."""
+MAX_CONSTANT_STEP = 0.3
+"""[1] Largest relative change of a constant in one round. Source: judgement; no study is
+recorded."""
 RIDGE = 1e-9
-BELIEVED = 10.0
-"""Times the variance of a force where it is heard best that is believed elsewhere: where the
-sensors hardly hear it, as accelerometers do at low frequency, noise would be taken for more."""
-UNSOUND = 1e100
-"""Sum of squares over the noise, of a motion that nothing can be learnt from."""
-ROUNDED = 1e-12
-"""Share of a sum of squares that its difference from another as large cannot tell from none."""
+"""[1] Added to the diagonal of the scaled normal equations. Source: well above double
+precision, well below what a prior adds."""
+MAX_VARIANCE_RATIO = 10.0
+"""[1] Times the variance of a force in the band where it is sensed best that is accepted in
+other bands: where sensors hardly sense the force, as accelerometers do at low frequency,
+noise would be taken for force. Source: docs/decisions/0026."""
+MAX_SQUARE = 1e100
+"""[1] Sum of squares over the noise of a motion from which nothing can be estimated. Source:
+far below the overflow of double precision."""
+ROUNDING_SHARE = 1e-12
+"""[share of a sum of squares] Which its difference from another as large cannot resolve.
+Source: double precision, with margin for long sums."""
 
 PerLine = Float[np.ndarray, " frequency"]
 
@@ -189,7 +201,7 @@ class LatentForceSolver:
             gain = found.likelihood - best.likelihood
             if gain > 0:
                 best = found
-            if abs(gain) < ENOUGH:
+            if abs(gain) < MIN_GAIN:
                 break
         return best
 
@@ -231,7 +243,9 @@ class LatentForceSolver:
         right[known] -= off / self.known.sd
         total -= float(np.sum(off**2)) / 2
         # Where the force takes all of a column, rounding may leave less than nothing of it.
-        matrix[np.diag_indices(size)] += np.maximum(ROUNDED * whole - np.diag(matrix), 0.0)
+        matrix[np.diag_indices(size)] += np.maximum(
+            ROUNDING_SHARE * whole - np.diag(matrix), 0.0
+        )
         scale = 1 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
         inner = matrix * np.outer(scale, scale) + RIDGE * np.eye(size)
         found = scale * scipy.linalg.solve(inner, scale * right, assume_a="pos")
@@ -267,7 +281,7 @@ class _PlaceIteration:
     @property
     def is_bounded(self) -> bool:
         """Whether the motion reached can be worked with."""
-        return all((np.abs(white.inner) < UNSOUND).all() for white in self.white)
+        return all((np.abs(white.inner) < MAX_SQUARE).all() for white in self.white)
 
     def step(self) -> PlaceEstimate:
         """Variance of the force, then constants and states."""
@@ -346,7 +360,7 @@ class _PlaceIteration:
     def relinearise(self, found: Explanation) -> None:
         """Go to the motion with the force in it, and to the changed constants."""
         solver = self.solver
-        stride = np.clip(found.constants - self.change, -STRIDE, STRIDE)
+        stride = np.clip(found.constants - self.change, -MAX_CONSTANT_STEP, MAX_CONSTANT_STEP)
         for i, (trial, force) in enumerate(zip(solver.trials, found.forces, strict=True)):
             free = self.tuned[i].free.moved(force.state)
             self.motions[i] = trial.motion + found.shifts[i] + free
@@ -422,7 +436,7 @@ def _band_variances(
     power = np.abs(seen) ** 2 / np.where(signal > 0, signal, 1.0)
     lines = np.where(trial.weight < 1, 2 * power, power)
     variance = np.zeros(trial.bands)
-    for _ in range(SCORINGS):
+    for _ in range(SCORING_STEPS):
         rise = 1 + variance[trial.band] * heard
         pull = heard / rise
         score = _sum_by_band(trial, trial.weight * pull * (lines / rise - 1))
@@ -450,7 +464,7 @@ def _capped_variances(
         band = int(np.argmax(gain))
         loudest = float(variance[trial.band == band].max())
         best = max(best, (float(gain[band]), loudest))
-    return [np.minimum(variance, BELIEVED * best[1]) for variance in variances]
+    return [np.minimum(variance, MAX_VARIANCE_RATIO * best[1]) for variance in variances]
 
 
 def _sum_by_band(trial: TrialLines, values: PerLine) -> Float[np.ndarray, " band"]:

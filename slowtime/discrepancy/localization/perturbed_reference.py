@@ -9,7 +9,8 @@ from .linear_response import ForceSource, FreeDecaySpectra, LinearModel, paramet
 from .spectral_lines import Lines, TrialLines
 
 MIN_CONSTANT_SHARE = 0.05
-"""Share of a constant that a change must leave."""
+"""[share of a constant] That a change must leave. Source: docs/decisions/0021; a node keeps
+a twentieth of its mass."""
 
 Columns = Complex[np.ndarray, "frequency sensor column"]
 MotionSpectra = Complex[np.ndarray, "order frequency dof"]

@@ -14,9 +14,11 @@ from .linear_response import LinearModel
 from .spectral_lines import TrialLines
 
 ALLOWED_TOLERANCES = 2.0
-"""Tolerances by which a constant may move before that counts as force."""
+"""[tolerances] By which a constant may move before that counts as force. Source: the 95 %
+level."""
 PLACE_MARGIN = 1.2
-"""Times what the best place leaves that any other must leave, for it to be the place."""
+"""[1] Times what the best place leaves that another must leave to be ruled out. Source:
+judgement; no study is recorded."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -27,8 +29,8 @@ class LatentForce:
     ----------
     force
         Posterior mean: on an element, it resists elongation; on a node or through an input, it
-        pushes [N]; of the base, an acceleration [m/s^2]; of a sensor, in its unit. By how much
-        an element's own constants had to move beyond `ALLOWED_TOLERANCES` tolerances is part of it.
+        pushes [N]; of the base, an acceleration [m/s^2]; of a sensor, in its unit. The force by
+        which an element's own constants moved beyond `ALLOWED_TOLERANCES` is part of it.
     sd
         Of the error of a sample of `force`, were the model right but for this force.
     noise_sd

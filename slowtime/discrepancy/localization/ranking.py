@@ -17,20 +17,27 @@ from .perturbed_reference import LinearConstants, PerturbedReference
 from .places import Localization, PlaceGroup
 from .spectral_lines import TrialLines, trial_lines
 
-REACH = 1.5
-"""Lines are looked at up to so many times the frequency above which there is silence."""
+BAND_MARGIN = 1.5
+"""[1] Times the frequency above which the structure is silent up to which lines are used.
+Source: judgement; no study is recorded."""
 
-ALIKE = 1e-9
-"""Two places whose transfers differ by less, squared and relative, are one to the sensors."""
+SAME_TRANSFER = 1e-9
+"""[1] One minus the squared cosine between whole transfers, below which two places are one
+to the sensors. Source: well above rounding errors (1e-16)."""
 
-TWIN = 1e-6
-"""One minus the cosine of the angle between transfers below which they point the same way."""
+PARALLEL_TRANSFER = 1e-6
+"""[1] One minus the cosine between transfers at every line, below which two places differ by
+the spectrum of their force only. Source: well above rounding errors (1e-16)."""
 
-HEARINGS = 2
-"""How often the noise is estimated again from what the best place leaves."""
+NOISE_UPDATES = 2
+"""[1] Times the noise is estimated again from what the best place leaves. Source: judgement;
+no study is recorded."""
 
-KEPT, BRIEF = 5, 2
-"""How many places are followed to the end, and how many rounds settle which."""
+REFINED_PLACES = 5
+"""[places] That are refined to convergence. Source: judgement; no study is recorded."""
+RANKING_ROUNDS = 2
+"""[1] Linearisations that decide which places these are. Source: judgement; no study is
+recorded."""
 
 
 def locate(
@@ -55,7 +62,9 @@ def locate(
     records = tuple(trials)
     runs = tuple(_motion(fit, trial, i) for i, trial in enumerate(records))
     lines = tuple(
-        trial_lines(linear, trial, residual, run, fit.noise, i, REACH * fit.silent_above_hz)
+        trial_lines(
+            linear, trial, residual, run, fit.noise, i, BAND_MARGIN * fit.silent_above_hz
+        )
         for i, (trial, residual, run) in enumerate(
             zip(records, _clock_corrected(fit, records), runs, strict=True)
         )
@@ -88,14 +97,14 @@ def _rank_families(
     families: list[list[ForceSource]],
 ) -> tuple[LatentForceSolver, list[tuple[list[ForceSource], Explanation]]]:
     """Try all families, listen again to what the best leaves, and follow the best further."""
-    order, _ = _sort_by_likelihood(solver, families, len(families), BRIEF)
-    for _ in range(HEARINGS if len(solver.linear.description.sensors) > 1 else 0):
+    order, _ = _sort_by_likelihood(solver, families, len(families), RANKING_ROUNDS)
+    for _ in range(NOISE_UPDATES if len(solver.linear.description.sensors) > 1 else 0):
         order, best = _sort_by_likelihood(solver, order, 1, ROUNDS)
         quiet = update_noise(fit, records, solver.trials, best.explained)
         solver = LatentForceSolver(solver.linear, solver.known, quiet)
-        order, _ = _sort_by_likelihood(solver, order, KEPT, BRIEF)
+        order, _ = _sort_by_likelihood(solver, order, REFINED_PLACES, RANKING_ROUNDS)
     found = [
-        (family, solver.explain(family[0], rounds=ROUNDS if i < KEPT else 1))
+        (family, solver.explain(family[0], rounds=ROUNDS if i < REFINED_PLACES else 1))
         for i, family in enumerate(order)
     ]
     return solver, sorted(found, key=lambda pair: -pair[1].likelihood)
@@ -223,7 +232,7 @@ def _equivalent_sources(linear: LinearModel, trial: TrialLines) -> list[list[For
             continue
         seen = seen / size
         for direction, family in families:
-            if 1 - abs(np.vdot(direction, seen)) ** 2 < ALIKE:
+            if 1 - abs(np.vdot(direction, seen)) ** 2 < SAME_TRANSFER:
                 family.append(source)
                 break
         else:
@@ -243,7 +252,7 @@ def _parallel_places(
         seen = tuned.transfer(other[0]) / np.sqrt(tuned.trial.noise)
         both = np.linalg.norm(own, axis=1) * np.linalg.norm(seen, axis=1)
         apart = both - np.abs(np.sum(own.conj() * seen, axis=1))
-        if np.all(apart <= TWIN * both):
+        if np.all(apart <= PARALLEL_TRANSFER * both):
             found.extend(source.place for source in other)
     return tuple(found)
 

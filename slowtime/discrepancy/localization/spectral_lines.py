@@ -13,10 +13,11 @@ from slowtime.signals.spectra import transform
 from .linear_response import LinearModel
 
 BAND_RATIO = 1.12
-"""Ends of a band of frequency, last over first, unless that makes it too short."""
+"""[1] Last frequency of a band over its first, unless that has too few lines. Source:
+judgement; no study is recorded."""
 
 MIN_BAND_LINES = 10
-"""Lines that a band has at least."""
+"""[lines] Of a band at least. Source: judgement; no study is recorded."""
 
 Lines = Complex[np.ndarray, "frequency sensor"]
 MotionSpectra = Complex[np.ndarray, "order frequency dof"]

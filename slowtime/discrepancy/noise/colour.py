@@ -59,7 +59,8 @@ class Colour:
 
         Examples
         --------
-        >>> Colour(white=1.0, coloured=8.0, corner_hz=1.0, slope=2.0).density(np.array([0.0, 1.0]))
+        >>> low_pass = Colour(white=1.0, coloured=8.0, corner_hz=1.0, slope=2.0)
+        >>> low_pass.density(np.array([0.0, 1.0]))
         array([9., 5.])
         """
         ratio = np.log1p((frequency_hz / self.corner_hz) ** 2)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import Fit, FitAbandoned, first_periods, refit
+from slowtime.discrepancy.calibration import Fit, FitAbandoned, FitControl, first_periods, refit
 from slowtime.discrepancy.calibration.augmentation import (
     augmented_start,
     fitted_effects,
@@ -132,7 +132,7 @@ def _fitted(
     try:
         fit = refit(
             plant, heads, noise=before.noise, values=values, states=states,
-            horizons=GROWING, beat=beat, late=late,
+            horizons=GROWING, control=FitControl(cost_to_beat=beat, is_late=late),
         )  # fmt: skip
     except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
         return None

@@ -12,7 +12,13 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from scipy.fft import prev_fast_len
 
-from slowtime.discrepancy.calibration import WRONG_MODEL_CHI2, Fit, FitAbandoned, refit
+from slowtime.discrepancy.calibration import (
+    WRONG_MODEL_CHI2,
+    Fit,
+    FitAbandoned,
+    FitControl,
+    refit,
+)
 from slowtime.discrepancy.calibration.initial_states import refit_initial_states
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.candidates.library_fit import Candidate, label_of, library_candidates
@@ -48,7 +54,7 @@ def later_segment_candidates(
             fit = refit_initial_states(fit, parts) if fit is before else fit
             fit = refit(
                 before.plant, parts, noise=before.noise, values=fit.values,
-                states=fit.states, horizons=horizons, late=late,
+                states=fit.states, horizons=horizons, control=FitControl(is_late=late),
             )  # fmt: skip
             horizons = (1.0,)
             if fit.chi2_in_band > WRONG_MODEL_CHI2:

@@ -12,7 +12,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import WRONG_MODEL_CHI2, Fit, FitAbandoned, refit
+from slowtime.discrepancy.calibration import (
+    WRONG_MODEL_CHI2,
+    Fit,
+    FitAbandoned,
+    FitControl,
+    refit,
+)
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import requote_all
 from slowtime.discrepancy.records import Trial
@@ -39,7 +45,7 @@ def converge(found: Found, own: int, kinds: Mapping[str, Kind]) -> None:
     try:
         fit = refit(
             last.plant, found.trials, noise=last.noise, values=last.values,
-            states=last.states, horizons=(1.0,), fine=True,
+            states=last.states, horizons=(1.0,), control=FitControl(to_convergence=True),
         )  # fmt: skip
     except (np.linalg.LinAlgError, FloatingPointError):
         return
@@ -81,7 +87,8 @@ def converge_stick_slip(
                 break
             best = refit(
                 last.plant, found.trials, noise=last.noise, values=least.values,
-                states=least.states, horizons=(1.0,), fine=True, late=late,
+                states=least.states, horizons=(1.0,),
+                control=FitControl(to_convergence=True, is_late=late),
             )  # fmt: skip
             ends.append(best)
     except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
@@ -115,7 +122,7 @@ def _held(
             continue  # no friction at all is another model
         yield refit(
             best.plant, trials, free=free, noise=best.noise, values=values,
-            states=best.states, horizons=(1.0,), late=late,
+            states=best.states, horizons=(1.0,), control=FitControl(is_late=late),
         )  # fmt: skip
 
 

@@ -12,7 +12,13 @@ import numpy as np
 import scipy.optimize
 from jaxtyping import Float
 
-from slowtime.discrepancy.calibration import WRONG_MODEL_CHI2, Fit, FitAbandoned, refit
+from slowtime.discrepancy.calibration import (
+    WRONG_MODEL_CHI2,
+    Fit,
+    FitAbandoned,
+    FitControl,
+    refit,
+)
 from slowtime.discrepancy.calibration.augmentation import fitted_effects
 from slowtime.discrepancy.candidates.force_space import ForceSpace
 from slowtime.discrepancy.candidates.parameter_scan import concatenate_motions
@@ -69,7 +75,7 @@ def relearn_force(
     try:
         again = refit(
             last.plant, trials, values=begun, states=states, horizons=SWIFTLY,
-            late=lambda: tell.is_late,
+            control=FitControl(is_late=lambda: tell.is_late),
         )  # fmt: skip
     except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
         return False

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.discrepancy.calibration import Fit, FitAbandoned, refit
+from slowtime.discrepancy.calibration import Fit, FitAbandoned, FitControl, refit
 from slowtime.discrepancy.calibration.augmentation import map_states, simulated_chi2
 from slowtime.discrepancy.estimation.candidate_fit import SWIFTLY
 from slowtime.discrepancy.estimation.switching_instant import refine_switching_instant
@@ -105,7 +105,7 @@ def _with(
     try:
         other = refit(
             plant, found.trials, noise=last.noise, values=values, states=states,
-            horizons=SWIFTLY, beat=fit.cost, late=late,
+            horizons=SWIFTLY, control=FitControl(cost_to_beat=fit.cost, is_late=late),
         )  # fmt: skip
         other = refine_switching_instant(other, found.trials, kinds, fit.cost, np.inf, at)
     except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import Fit, FitAbandoned, cut_segments, refit
+from slowtime.discrepancy.calibration import Fit, FitAbandoned, FitControl, cut_segments, refit
 from slowtime.discrepancy.calibration.augmentation import carry_effect
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.candidates.constant_equivalents import (
@@ -99,7 +99,7 @@ def accept(
     try:
         bar = refit(
             before.plant, trials, noise=best.fit.noise, values=before.values,
-            states=states, horizons=(1.0,), late=None if short else over,
+            states=states, horizons=(1.0,), control=FitControl(is_late=None if short else over),
         )  # fmt: skip
     except FitAbandoned:
         bar = with_noise(before, best.fit.noise, trials)

@@ -38,10 +38,16 @@ from slowtime.dynamics.effects import Effect, Kind, Law, Parameter
 from slowtime.dynamics.effects.compiled import compiled
 from slowtime.dynamics.plant import Name
 
-RIDGE, OWN = 1e-10, 1e-6
-"""Of scaled normal equations; share of the slope to a curve that all else must leave of it."""
-CURVE_TERMS, LAG_TERMS = 11, 2
-"""How many strengths of curves the free force has, and of elongations that lag."""
+RIDGE = 1e-10
+"""[1] Added to the diagonal of the scaled normal equations. Source: well above double
+precision."""
+MIN_OWN_SHARE = 1e-6
+"""[share of the squared slope to a curve] That all other unknowns must leave of it. Source:
+square root of what double precision resolves, with margin."""
+CURVE_TERMS = 11
+"""[1] Strengths of curves of the free force. Source: terms of `curve_force`."""
+LAG_TERMS = 2
+"""[1] Elongations that lag. Source: terms of `curve_and_lag_law`."""
 
 Unknowns = Float[np.ndarray, " unknown"]
 
@@ -208,7 +214,7 @@ class FreeForce:
         inner = self.matrix[np.ix_(free, free)] - self.matrix[np.ix_(free, ~free)] @ cross
         left = self.gradient[free] - cross.T @ self.gradient[~free]
         values, vectors = np.linalg.eigh(inner)
-        own = values > OWN
+        own = values > MIN_OWN_SHARE
         spread = self.scale[free][:, None] * (vectors[:, own] / np.sqrt(values[own]))
         steps = (vectors[:, own].T @ left) / np.sqrt(values[own])
         return ScoreTest(float(steps @ steps), int(own.sum()), spread, steps)

@@ -24,12 +24,15 @@ from slowtime.dynamics.effects import Effect, Hidden, Kind, Law, Motion, Place, 
 
 from .free_force import CURVE_KIND, LAG_KIND, FreeForce
 
-BY_CHANCE = 1e-3
-"""Chance at which laws that are right are refuted, were the noise as it is taken to be."""
-WITHIN, BY_NOISE = 0.03, 0.05
-"""Share of its force within which a law is right, as of no structure is one quite true; and the
-chance from which what goes beyond that may be noise: records may tell that there is more, and
-hardly how much."""
+REFUTED_P_VALUE = 1e-3
+"""[probability] p-value of the score test below which named laws are refuted. Source:
+docs/decisions/0018; none of 900 right ones was."""
+RIGHT_SHARE = 0.03
+"""[share of its force] Within which a law is right, as no structure follows a law exactly.
+Source: docs/decisions/0018."""
+EXCESS_P_VALUE = 0.05
+"""[probability] p-value from which an excess over `RIGHT_SHARE` may be noise. Source:
+docs/decisions/0026; one in twenty."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -71,7 +74,9 @@ def refuted_by_free_force(
     places = _named_elements(fit, first)
     for place in places:
         try:
-            found = _test_element(place, BY_CHANCE / len(places), fit, first, trials, kinds)
+            found = _test_element(
+                place, REFUTED_P_VALUE / len(places), fit, first, trials, kinds
+            )
         except (np.linalg.LinAlgError, FloatingPointError):
             continue
         if found is not None:
@@ -135,9 +140,9 @@ def _test_element(
     )
     own = forces - known @ np.linalg.lstsq(known, forces, rcond=None)[0]
     off = _distance_to_small_force(
-        own.T @ own / len(own), taken.steps, WITHIN * _rms([np.sum(laws, axis=0)])
+        own.T @ own / len(own), taken.steps, RIGHT_SHARE * _rms([np.sum(laws, axis=0)])
     )
-    return doubt if chance_of(off / wide**2) > BY_NOISE else LawDoubt(place, ())
+    return doubt if chance_of(off / wide**2) > EXCESS_P_VALUE else LawDoubt(place, ())
 
 
 def _distance_to_small_force(

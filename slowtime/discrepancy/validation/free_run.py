@@ -23,11 +23,13 @@ from slowtime.dynamics.plant import Plant
 from slowtime.signals.spectra import transform
 
 START_SHARE = 0.2
-"""Share of a record from which its initial state is taken."""
+"""[share of a record] From which its initial state is estimated. Source: judgement; no study
+is recorded."""
 LOST_CHI2 = 30.0
-"""Mean square over the noise, of the first samples, of a run that began in the wrong swing."""
+"""[noise variances] Mean square of the first samples from which a run began in the wrong
+minimum. Source: judgement; no study is recorded."""
 SPECTRUM_POINTS = 400
-"""Of spectra, for pictures."""
+"""[1] Of spectra that are drawn, at most. Source: points that a screen shows apart."""
 
 Series = Float[np.ndarray, "time sensor"]
 

@@ -16,14 +16,19 @@ from slowtime.discrepancy.thresholds import LIMITS
 
 from .free_run import refit_on_record
 
-ASTRAY, ASTRAY_SD = 0.05, 5.0
-"""By how much an error may be over that of noise alone, and by how many standard deviations of
-that, on records that were never seen, before laws that explain the others are doubted. Of 170
-right ones that leave noise, two are more than 2 % over it: a pendulum that turns over, and what
-sings by itself."""
-SAME, SLACK = 1e-3, 2.0
-"""Chance below which numbers that other records give are others; standard deviations of them
-being worth so many, where motion is on the verge of another."""
+MAX_EXCESS = 0.05
+"""[1] By which an error on records that were held out may exceed that of noise alone.
+Source: of 170 right models that leave noise, two exceed 2 %: a pendulum that turns over, and
+a self-excited oscillation."""
+MAX_EXCESS_SDS = 5.0
+"""[standard deviations of the noise's own error] The same for short records. Source:
+five-sigma rule."""
+SAME_P_VALUE = 1e-3
+"""[probability] p-value below which parameters of two records differ. Source: one false
+alarm in a thousand."""
+SD_FACTOR = 2.0
+"""[1] On the standard deviations of these parameters, which linearisation understates near
+an instability. Source: judgement; no study is recorded."""
 
 
 def is_confirmed_on_holdout(fit: Fit, error: float, tests: Sequence[Trial]) -> bool:
@@ -38,7 +43,7 @@ def is_confirmed_on_holdout(fit: Fit, error: float, tests: Sequence[Trial]) -> b
         On these records, over what the noise alone would be.
     """
     samples = sum(len(trial.outputs) for trial in tests)
-    if error < 1 + max(ASTRAY, ASTRAY_SD / np.sqrt(2 * samples)):
+    if error < 1 + max(MAX_EXCESS, MAX_EXCESS_SDS / np.sqrt(2 * samples)):
         return True
     if fit.noise.drift is not None:
         return True  # what floats goes its own way by whatever pushes it
@@ -56,8 +61,8 @@ def is_confirmed_on_holdout(fit: Fit, error: float, tests: Sequence[Trial]) -> b
 def are_parameters_equal(one: Fit, other: Fit) -> bool:
     """Whether fits of one model to other records differ by no more than is open of both."""
     apart = one.free - other.free
-    spread = SLACK**2 * (one.covariance + other.covariance)
+    spread = SD_FACTOR**2 * (one.covariance + other.covariance)
     scale = np.sqrt(np.diag(spread))
     known = scipy.linalg.pinvh(spread / np.outer(scale, scale))
     distance = (apart / scale) @ known @ (apart / scale)
-    return bool(scipy.stats.chi2.sf(distance, len(apart)) > SAME)
+    return bool(scipy.stats.chi2.sf(distance, len(apart)) > SAME_P_VALUE)

@@ -98,7 +98,7 @@ def base_of(along: Float[np.ndarray, "time power slope"], interval: float) -> Ba
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class SensorReadout:
-    """Coordinate that one sensor reads, order of its derivative, frame, and factor of its unit."""
+    """Coordinate that one sensor reads, order of its derivative, frame, factor of its unit."""
 
     coordinate: int | None
     order: int

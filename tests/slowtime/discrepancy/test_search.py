@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy import search as searching
-from slowtime.discrepancy.calibration import FitAbandoned, cut_segments, refit
+from slowtime.discrepancy.calibration import FitAbandoned, FitControl, cut_segments, refit
 from slowtime.discrepancy.calibration.augmentation import carry_effect
-from slowtime.discrepancy.calibration.tolerances import WITHIN, refit_within_tolerances
+from slowtime.discrepancy.calibration.tolerances import HELD_TOLERANCES, refit_within_tolerances
 from slowtime.discrepancy.candidates.law_pairs import law_pairs
 from slowtime.discrepancy.candidates.library_fit import (
     Candidate,
@@ -281,7 +281,7 @@ def test_where_the_others_cannot_be_fitted_the_wandering_stands_alone(
     monkeypatch, beside, error
 ):
     def failing(*_, **how):
-        assert not how["late"]()
+        assert not how["control"].is_late()
         raise error
 
     monkeypatch.setattr(searching, "refit", failing)
@@ -301,7 +301,7 @@ def test_constants_that_make_up_for_what_is_missing_are_held_to_their_tolerances
     bent = refit(Plant.of(TWO, kinds=KINDS), trials)
     held = refit_within_tolerances(bent, trials)
     assert max(map(abs, bent.pulls.values())) > 5.0
-    assert max(map(abs, held.pulls.values())) <= WITHIN
+    assert max(map(abs, held.pulls.values())) <= HELD_TOLERANCES
     assert held.prior.names == bent.prior.names
 
 
@@ -512,7 +512,10 @@ def test_where_held_constants_show_no_more_effects_those_that_bent_are_looked_at
     monkeypatch.setattr(searching, "_after", after)
     monkeypatch.setattr(searching, "later_segment_candidates", lambda before, *_: (before, []))
     searching._go_on(Found([bent], trials), Search(KINDS, Monitor()), 1)
-    assert looked == [pytest.approx(WITHIN, rel=0.01), max(map(abs, bent.pulls.values()))]
+    assert looked == [
+        pytest.approx(HELD_TOLERANCES, rel=0.01),
+        max(map(abs, bent.pulls.values())),
+    ]
 
 
 def test_an_account_with_an_effect_is_weighed_against_one_without(shared):
@@ -565,7 +568,7 @@ def test_a_refit_is_given_up_once_it_is_late(shared):
         return len(asked) > 1
 
     with pytest.raises(FitAbandoned):
-        refit(first.plant, trials, late=late)
+        refit(first.plant, trials, control=FitControl(is_late=late))
     assert len(asked) == 2
     label = [Candidate(SOFT, 0.0, 0.0, 0.0)]
     ticks = iter([False, True])  # in time when it begins
@@ -612,7 +615,8 @@ def test_once_it_is_over_the_best_is_left_in_its_minimum(shared, monkeypatch, ov
     before = dataclasses.replace(first, chi2_in_band=1e4)
     better = dataclasses.replace(loud, residual=tuple(0 * r for r in loud.residual))
 
-    def again(*_, late=None, **__):
+    def again(*_, control=None, **__):
+        late = None if control is None else control.is_late
         if late is not None and late():
             raise FitAbandoned
         return loud if late is None else better

@@ -8,7 +8,11 @@ from hypothesis import strategies as st
 
 from slowtime.discrepancy.calibration import fit as fitting
 from slowtime.discrepancy.calibration import levenberg_marquardt, prior_of, refit
-from slowtime.discrepancy.calibration.levenberg_marquardt import NormalEquations, _bounded_step
+from slowtime.discrepancy.calibration.levenberg_marquardt import (
+    FitControl,
+    NormalEquations,
+    _bounded_step,
+)
 from slowtime.discrepancy.calibration.model_values import with_values
 from slowtime.discrepancy.calibration.spectral_weights import spectral_weights
 from slowtime.discrepancy.noise.colour import white_noise
@@ -91,8 +95,11 @@ def test_what_is_far_from_the_best_on_a_first_part_is_given_up_there(campaign):
     rest: dict[str, Any] = {"noise": right.noise, "horizons": (0.4, 1.0)}
     assert refit(Plant.of(wrong), trials, **rest).cost > 100 * right.cost
     with pytest.raises(levenberg_marquardt.FitAbandoned):
-        refit(Plant.of(wrong), trials, **rest, beat=right.cost)
-    assert refit(plant, trials, **rest, beat=right.cost).cost <= 1.01 * right.cost
+        refit(Plant.of(wrong), trials, **rest, control=FitControl(cost_to_beat=right.cost))
+    assert (
+        refit(plant, trials, **rest, control=FitControl(cost_to_beat=right.cost)).cost
+        <= 1.01 * right.cost
+    )
 
 
 def test_the_very_first_part_is_fitted_to_the_end_before_anything_is_compared(
@@ -103,14 +110,15 @@ def test_the_very_first_part_is_fitted_to_the_end_before_anything_is_compared(
     right = refit(plant_of(rig), trials)
     goals = []
 
-    def noted(problem, start, beat=None, late=None, **how):
-        goals.append((problem.samples[0] / len(trials[0].outputs), beat))
-        return descended(problem, start, beat, late, **how)
+    def noted(problem, start, control):
+        goals.append((problem.samples[0] / len(trials[0].outputs), control.cost_to_beat))
+        return descended(problem, start, control)
 
     descended = levenberg_marquardt.minimise
     monkeypatch.setattr("slowtime.discrepancy.calibration.fit.minimise", noted)
     parts: dict[str, Any] = {
-        "noise": right.noise, "horizons": (0.09, 0.3, 1.0), "beat": 2 * right.cost
+        "noise": right.noise, "horizons": (0.09, 0.3, 1.0),
+        "control": FitControl(cost_to_beat=2 * right.cost),
     }  # fmt: skip
     refit(plant_of(rig), trials, **parts)
     assert goals[0][1] is None
@@ -139,7 +147,7 @@ def test_what_a_state_makes_in_chaos_outgrows_the_record(clean, growth):
             for one in (measured / measured.std(axis=0), swing)
         ]
         np.testing.assert_allclose(outgrown, by[0] / by[1], rtol=0.5)
-        assert np.all(outgrown > levenberg_marquardt.CHAOTIC)
+        assert np.all(outgrown > levenberg_marquardt.CHAOTIC_GROWTH)
 
 
 def test_a_sensor_that_hears_nothing_does_not_say_how_a_state_grows(clean):
@@ -151,7 +159,11 @@ def test_a_sensor_that_hears_nothing_does_not_say_how_a_state_grows(clean):
 
 @pytest.mark.parametrize(
     ("bends", "outgrown", "held"),
-    [(True, 1e6, 1e6), (True, 0.9 * levenberg_marquardt.CHAOTIC, 1.0), (False, 1e6, 1.0)],
+    [
+        (True, 1e6, 1e6),
+        (True, 0.9 * levenberg_marquardt.CHAOTIC_GROWTH, 1.0),
+        (False, 1e6, 1.0),
+    ],
 )
 def test_initial_states_are_held_less_where_motion_is_chaotic(
     clean, monkeypatch, bends, outgrown, held
@@ -260,7 +272,7 @@ def test_numbers_that_are_told_only_together_end_where_the_claim_of_one_puts_the
     )
     sd = bottom.prior.sd[bottom.prior.names.index(("damping", "j0"))]
     # What is little beside chi squared of so many samples.
-    monkeypatch.setattr(levenberg_marquardt, "COARSE", 10.0 / bottom.cost)
+    monkeypatch.setattr(levenberg_marquardt, "RELATIVE_MIN_GAIN", 10.0 / bottom.cost)
     for away in (-1.5, 1.5):
         values = bottom.values.copy()
         values[damping] += away * sd
@@ -269,7 +281,7 @@ def test_numbers_that_are_told_only_together_end_where_the_claim_of_one_puts_the
         fits = [
             refit(
                 plant, trials, noise=bottom.noise, values=values, states=bottom.states,
-                horizons=(1.0,), fine=fine,
+                horizons=(1.0,), control=FitControl(to_convergence=fine),
             )
             for fine in (False, True)
         ]  # fmt: skip
@@ -301,7 +313,7 @@ def test_a_wrong_model_is_not_followed_to_its_bottom_because_most_data_lie_above
         return refit(plant_of(rig), trials, horizons=(1.0,)), len(points)
 
     soon, few = tried()
-    monkeypatch.setattr(levenberg_marquardt, "CREEPING", 0.0)
+    monkeypatch.setattr(levenberg_marquardt, "EXCESS_MIN_GAIN", 0.0)
     bottom, many = tried()
     assert soon.chi2_in_band > 2
     assert soon.chi2_per_datum < levenberg_marquardt.WRONG_MODEL_CHI2

@@ -14,12 +14,12 @@ from slowtime.discrepancy.estimation.candidate_fit import (
     undetermined_parameters,
 )
 from slowtime.discrepancy.experiment_design.options import (
-    STRIKE,
+    BLOW_PEAK,
     experiment_options,
     experiment_trial,
 )
 from slowtime.discrepancy.experiment_design.proposal import (
-    PLENTY,
+    AMPLE_SEPARATION,
     propose_experiment,
     separations,
 )
@@ -67,7 +67,7 @@ def rivals(trials):
 def test_mass_and_stiffness_on_a_shaken_base_are_told_by_a_measured_force(rivals, trials):
     chosen = propose_experiment(rivals, trials, KINDS)
     assert chosen is not None
-    assert chosen.separation > PLENTY
+    assert chosen.separation > AMPLE_SEPARATION
     assert [entry.kind for entry in chosen.add_inputs] == ["force"]
     assert "force" in chosen.sentence
     for option in experiment_options(SHAKEN, trials)[0]:
@@ -102,7 +102,7 @@ def test_nothing_on_the_menu_is_there_already_or_cannot_be_run(trials):
                 assert not inputs[:, 0].any()
             assert not {s.channel for s in option.add_sensors} & {"ab", "a1"}
             if option.excitation == "free_decay":
-                peak = STRIKE * trials[0].inputs.std()
+                peak = BLOW_PEAK * trials[0].inputs.std()
                 assert inputs.max() == pytest.approx(peak, rel=0.2)
 
 

@@ -456,5 +456,5 @@ def test_a_force_is_believed_by_the_record_that_tells_of_it_whichever_that_is():
             variances,
         )
         assert np.array_equal(believed[order.index(0)], loud)
-        assert believed[order.index(1)].max() == latent.BELIEVED * 1.0
+        assert believed[order.index(1)].max() == latent.MAX_VARIANCE_RATIO * 1.0
         assert np.array_equal(believed[order.index(1)][:50], quiet[:50])

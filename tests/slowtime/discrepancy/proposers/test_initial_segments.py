@@ -8,11 +8,11 @@ import pytest
 
 from slowtime.discrepancy.calibration import first_periods, refit
 from slowtime.discrepancy.calibration.initial_states import refit_initial_states
-from slowtime.discrepancy.calibration.multiple_shooting import SWINGS
+from slowtime.discrepancy.calibration.multiple_shooting import FIRST_PERIODS
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.candidates.library_fit import Candidate, label_of
 from slowtime.discrepancy.candidates.parameter_scan import (
-    SOME,
+    MAX_START_SHAPES,
     effects_of_strength,
     has_strength,
 )
@@ -76,7 +76,7 @@ def test_a_law_is_begun_as_strong_as_is_said(name, share):
     assert has_strength(kind)
     assert kind.strength is not None
     found = list(effects_of_strength(kind, MIDDLE, motion, force, THREE, (share, -share)))
-    assert 1 <= len(found) <= 2 * SOME
+    assert 1 <= len(found) <= 2 * MAX_START_SHAPES
     for effect in found:
         size = np.std(force_along(kind, effect.parameters, motion))
         assert size == pytest.approx(abs(share) * np.std(force))
@@ -169,7 +169,7 @@ def test_records_begin_with_a_few_swings_of_the_slowest_mode(hard):
     lowest = math.sqrt(min(np.linalg.eigvals(np.linalg.solve(system.mass, system.stiffness))))
     lowest /= 2 * math.pi
     for head, trial in zip(first_periods(before.plant, trials), trials, strict=True):
-        assert len(head.outputs) == int(SWINGS / lowest * RATE)
+        assert len(head.outputs) == int(FIRST_PERIODS / lowest * RATE)
         assert np.array_equal(head.outputs, trial.outputs[: len(head.outputs)])
         assert head.start_s == trial.start_s
     short = [trial.part(0, MIN_SAMPLES + 3) for trial in trials]

@@ -31,7 +31,7 @@ def stuck():
     """A spring 2.2 times as stiff as was claimed, by one sensor; the refit ended too soon."""
     trials = recorded(THREE, (STIFFER,))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(levenberg_marquardt, "MOST_STEPS", 1)
+        patch.setattr(levenberg_marquardt, "MAX_STEPS", 1)
         bent = refit(Plant.of(THREE, kinds=KINDS), trials)
     assert bent.chi2_in_band > 1000
     return bent, trials

@@ -49,7 +49,7 @@ def test_what_is_told_is_what_the_last_refit_found_unless_it_is_late(trials, mon
 
     def last(*given, **how):
         fit = refit(*given, **how)
-        assert how["fine"]
+        assert how["control"].to_convergence
         found.append(dataclasses.replace(fit, values=1.001 * fit.values))
         return found[-1]
 

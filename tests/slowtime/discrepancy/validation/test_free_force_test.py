@@ -132,7 +132,7 @@ def test_the_right_law_is_hardly_ever_refuted(told):
 
 @pytest.mark.long
 def test_noise_alone_takes_no_law_out_of_what_it_may_be_off(monkeypatch):
-    monkeypatch.setattr("slowtime.discrepancy.validation.free_force_test.BY_CHANCE", 0.9)
+    monkeypatch.setattr("slowtime.discrepancy.validation.free_force_test.REFUTED_P_VALUE", 0.9)
     assert sum(doubt(DRAG, DRAG, seed, noise=0.1) is not None for seed in range(20)) <= 1
 
 

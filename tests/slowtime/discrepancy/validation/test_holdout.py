@@ -9,7 +9,7 @@ from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.validation.free_run import refit_on_record
 from slowtime.discrepancy.validation.holdout import (
-    ASTRAY,
+    MAX_EXCESS,
     are_parameters_equal,
     is_confirmed_on_holdout,
 )
@@ -21,7 +21,7 @@ from tests.slowtime.discrepancy.rigs import ONE, PLACE
 KINDS, RATE = catalogue(), 64.0
 HARD = Effect("cubic_hardening", PLACE, {"k3_n_per_m3": 3e4})
 STOPS = Effect("gap_symmetric", PLACE, {"kg_n_per_m": 150.0, "gap_m": 0.02})
-MUCH = 1 + 10 * ASTRAY
+MUCH = 1 + 10 * MAX_EXCESS
 
 
 def model_of(*effects, of=ONE):
