@@ -1,4 +1,4 @@
-"""A plant and records in; the constants that explain them best, and what is left, out."""
+"""Plant and records in, fitted constants and residuals out."""
 
 from .fit import Fit, refit
 from .initial_states import motion_amplitude, multistart_initial_state, state_from_sensors

@@ -1,4 +1,4 @@
-"""The whole refit: horizons that grow, noise that is looked at again, and its account."""
+"""Fit of a plant to records: growing horizons, noise estimate, and goodness of fit."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -47,29 +47,36 @@ docs/decisions/0029."""
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Fit:
-    r"""What a refit found.
+    r"""Result of a fit.
 
     Parameters
     ----------
+    plant
+        The model.
     values
-        Of all constants of the plant, in its order.
+        Of all constants of the plant, in its order and units.
     prior
-        Of those that were free, with their names.
+        Of the free constants, with their names.
     covariance
-        Of those that were free, were the model right and the noise as given.
+        Of the free constants, if the model is right and the noise as given.
     states
         Initial state of each trial.
     outputs, residual
-        Of each trial; the residual is zero where a sample is not used.
+        Of each trial (time, sensor), in the sensors' units; the residual is zero where a sample
+        is not used.
+    noise
+        Of the sensors.
     cost
         :math:`\chi^2` of residuals and priors together.
     data
-        How many samples count.
+        Number of samples that are used.
     chi2_per_datum, chi2_sd
-        Mean square of the whitened residual, over the degrees of freedom; what it would
-        scatter by were nothing missing: 1 ± `chi2_sd` is as good as can be.
+        Mean square of the whitened residual over the degrees of freedom, and its standard
+        deviation if nothing is missing: 1 ± `chi2_sd` is expected.
     chi2_in_band, in_band_sd
-        The same of the lines below `silent_above_hz` only, where the structure answers.
+        The same for the lines up to `silent_above_hz`, where the structure answers.
+    silent_above_hz
+        Frequency [Hz] above which the structure hardly answers.
     """
 
     plant: Plant
@@ -90,19 +97,19 @@ class Fit:
 
     @property
     def free(self) -> Float[np.ndarray, " free"]:
-        """Values of those that were free."""
+        """Values of the free constants."""
         return self.values[list(self.prior.index)]
 
     @property
     def sd(self) -> Float[np.ndarray, " free"]:
-        """Standard deviations of those that were free."""
+        """Standard deviations of the free constants."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @property
     def inflated_sd(self) -> Float[np.ndarray, " free"]:
-        """The same, where the model leaves more than noise: the records tell so much less.
+        """Standard deviations, inflated where the model leaves more than noise.
 
-        What is claimed of constants beforehand is as good as it was.
+        The information of the records is divided by `chi2_in_band`; that of the prior is not.
         """
         sd, wide = self.sd, max(self.chi2_in_band, 1.0)
         if not (np.isfinite(sd).all() and (sd > 0).all()):
@@ -114,13 +121,13 @@ class Fit:
 
     @property
     def pulls(self) -> dict[Name, float]:
-        """How far each moved from what the model claims, in units of its tolerance."""
+        """Deviation of each free constant from its prior mean, in prior standard deviations."""
         moved = (self.free - self.prior.mean) / self.prior.sd
         return dict(zip(self.prior.names, moved.tolist(), strict=True))
 
     @property
     def constant_pulls(self) -> dict[Name, float]:
-        """The same of the structure's own constants: numbers of effects have no tolerance."""
+        """The same for constants of the structure; parameters of effects have no tolerance."""
         return {name: pull for name, pull in self.pulls.items() if name[0] != "effect"}
 
 
@@ -261,7 +268,7 @@ def _with_full_states(point: Iterate, normal: NormalEquations) -> Iterate:
 def _estimate_noise(
     plant: Plant, trials: tuple[Trial, ...], point: Iterate, silent: float
 ) -> Noise:
-    """Estimate the noise from what a point leaves; from the outputs where it leaves nothing."""
+    """Estimate the noise from the residual at a point; from outputs where a run diverges."""
     residuals = []
     for trial, state in zip(trials, point.states, strict=True):
         outputs = plant.simulate(
@@ -288,6 +295,7 @@ def _make_fit(
     noise: Noise,
     silent: float,
 ) -> Fit:
+    """Collect residuals, covariance and goodness of fit of the best point."""
     outputs = tuple(simulate_trial(problem, i, best) for i in range(len(records)))
     residual = tuple(
         np.where(trial.used, trial.measured - told, 0.0)
@@ -323,17 +331,17 @@ def _make_fit(
 
 
 def _effective_unknowns(problem: LeastSquaresProblem, normal: NormalEquations) -> float:
-    """Effective number of unknowns that the data, not the priors, have settled."""
+    """Effective number of unknowns that the data, not the priors, determine."""
     total = len(normal.gradient)
     free = len(problem.prior.names)
     with np.errstate(invalid="ignore"):
         held = np.diag(normal.covariance)[:free] / problem.prior.sd**2
-    # What neither the data nor a prior tell is infinite over infinite, and not settled.
+    # Infinite over infinite, where neither the data nor a prior determine an unknown.
     return float(total - np.clip(np.nan_to_num(held, nan=1.0), 0, 1).sum())
 
 
 def _noise_floor_sd(problem: LeastSquaresProblem, noise: Noise) -> float:
-    """Share in the scatter of chi squared that is due to the floor being an estimate."""
+    """Give the standard deviation of chi squared that is due to the estimated noise."""
     counts = np.array([weights.use.sum(axis=0) for weights in problem.weights])
     weighted = counts / counts.sum() * np.array(noise.relative_sd)
     return float(np.sqrt(np.sum(weighted**2)))

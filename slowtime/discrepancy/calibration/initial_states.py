@@ -1,7 +1,7 @@
-"""A short record whose run may begin in many ways, in; the initial state that explains it, out.
+"""Initial states of records: read off sensors, fitted, and found by multistart.
 
-In a strong law the misfit of a few swings has several minima in the initial state, though all
-constants are known. So it is looked for from many states.
+With a strongly nonlinear law the misfit of a few periods has several minima in the initial
+state, though all constants are known. A multistart finds the lowest of them.
 """
 
 import dataclasses
@@ -42,16 +42,26 @@ def multistart_initial_state(
     known: State,
     size: State,
 ) -> State:
-    """Give the initial state from which a record is explained best, all constants held.
+    """Find the initial state of least cost from many random ones, all constants held.
 
     Parameters
     ----------
+    plant
+        The model.
+    trial
+        A short record.
     noise
         Of this record alone.
+    values
+        Of all constants.
     known
-        To be bettered.
+        Initial state to improve on.
     size
-        Of the motion, in each coordinate: how far from rest one looks.
+        Amplitude of the motion in each coordinate, by which random states are scaled.
+
+    Returns
+    -------
+    The best initial state, or the known one.
     """
     heard = state_from_sensors(plant, trial, known)
     drawn = np.random.default_rng(0).standard_normal((STARTS, len(known)))
@@ -73,7 +83,7 @@ def multistart_initial_state(
 def motion_amplitude(
     plant: Plant, trial: Trial, values: Float[np.ndarray, " parameter"], state: State
 ) -> State:
-    """Give how far from rest a motion goes in each coordinate; from one initial state."""
+    """Amplitude of a free run in each coordinate: root mean square, or a larger start."""
     run = plant.run(
         values, trial.inputs, trial.rate_hz, state0=state, start_s=trial.start_s
     ).states
@@ -82,7 +92,17 @@ def motion_amplitude(
 
 
 def state_from_sensors(plant: Plant, trial: Trial, known: State) -> State:
-    """Give a state in which what sensors say of displacement and velocity takes its place."""
+    """Replace displacements and velocities of a state by the first readings of sensors.
+
+    Parameters
+    ----------
+    plant
+        The model, whose sensors are read.
+    trial
+        Record whose first sample is used.
+    known
+        State for coordinates without a sensor.
+    """
     described = plant.description
     moves = any(entry.kind == "base_acceleration" for entry in described.inputs)
     coordinates = len(plant.matrices.names)
@@ -102,12 +122,20 @@ def best_initial_state(
     values: Float[np.ndarray, " parameter"],
     states: Sequence[State],
 ) -> State:
-    """Give the one of several initial states whose free run comes nearest; the first of equals.
+    """Choose the initial state whose free run has the least chi squared; the first of equals.
 
     Parameters
     ----------
+    plant
+        The model.
+    trial
+        The record.
     noise
         Of this record alone.
+    values
+        Of all constants.
+    states
+        To choose from.
     """
     weights = spectral_weights(trial, noise, 0)
 
@@ -122,9 +150,16 @@ def best_initial_state(
 
 
 def refit_initial_states(before: Fit, heads: Sequence[Trial]) -> Fit:
-    """Give a fit the initial states that the first samples say, whatever comes after them.
+    """Refit the initial states of a fit to the first samples alone.
 
-    Those of a whole record make up for what the model lacks in all of it.
+    Initial states of a whole record make up for what the model lacks in all of it.
+
+    Parameters
+    ----------
+    before
+        The fit.
+    heads
+        First parts of its records.
     """
     counts = [max(int(BEGINNING_SHARE * len(head.outputs)), MIN_SAMPLES) for head in heads]
     parts = [head.part(0, count) for head, count in zip(heads, counts, strict=True)]

@@ -1,4 +1,4 @@
-"""Least squares on the error of the free run, by Levenberg's and Marquardt's method."""
+"""Nonlinear least squares on the error of free runs by the Levenberg-Marquardt method."""
 
 import dataclasses
 from collections.abc import Callable
@@ -70,7 +70,7 @@ FreeConstants = Float[np.ndarray, " free"]
 
 
 class FitAbandoned(Exception):
-    """It was too late to go on, or there was nothing to hope for."""
+    """A fit was ended because it was late, or could not reach the cost to beat."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,14 +107,22 @@ DEFAULT_CONTROL = FitControl()
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class LeastSquaresProblem:
-    """Records, their weights and the plant that is to explain them.
+    """Records, their weights, and the plant to fit to them.
 
     Parameters
     ----------
+    plant
+        The model.
+    prior
+        Of its free constants.
+    trials
+        Records.
+    weights
+        Of each trial's residual.
     samples
-        How many of each trial count.
+        Number of first samples of each trial that are fitted.
     friction_plants
-        What stands for the plant in each trial, where friction follows what was measured.
+        Of each trial, where friction acts along the measured motion.
     """
 
     plant: Plant
@@ -125,13 +133,13 @@ class LeastSquaresProblem:
     friction_plants: tuple[MeasuredFrictionPlant, ...] = ()
 
     def plant_of_trial(self, number: int) -> Plant | MeasuredFrictionPlant:
-        """Give what runs one trial."""
+        """Plant that simulates one trial."""
         return self.friction_plants[number] if self.friction_plants else self.plant
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Iterate:
-    """Values of the plant, initial state of each trial (empty for rest), and their cost."""
+    """Values of all constants, initial state of each trial (empty for rest), and their cost."""
 
     values: Float[np.ndarray, " parameter"]
     states: tuple[State, ...]
@@ -145,7 +153,13 @@ class NormalEquations:
     Parameters
     ----------
     cost
-        Of the point: chi squared of the residuals and of the priors.
+        Chi squared of the residuals and of the priors.
+    matrix
+        Gauss-Newton matrix, half the Hessian of the cost.
+    gradient
+        Half the downward gradient of the cost.
+    states
+        Length of one initial state.
     """
 
     cost: float
@@ -155,7 +169,7 @@ class NormalEquations:
 
     @property
     def covariance(self) -> Float[np.ndarray, "unknown unknown"]:
-        """Of all unknowns."""
+        """Covariance of all unknowns: the inverse of the matrix."""
         scale = 1 / np.sqrt(np.maximum(np.diag(self.matrix), np.finfo(float).tiny))
         inner = self.matrix * np.outer(scale, scale)
         with np.errstate(over="ignore"):  # of what nothing tells
@@ -165,7 +179,7 @@ class NormalEquations:
 def simulate_trial(
     problem: LeastSquaresProblem, number: int, point: Iterate
 ) -> Float[np.ndarray, "time sensor"]:
-    """Run one trial."""
+    """Simulate one trial from a point; outputs (time, sensor) in the sensors' units."""
     trial, count = problem.trials[number], problem.samples[number]
     return problem.plant_of_trial(number).simulate(
         point.values,
@@ -179,7 +193,17 @@ def simulate_trial(
 def with_cost(
     problem: LeastSquaresProblem, point: Iterate, spread: tuple[State, ...]
 ) -> Iterate:
-    """Give a point its cost: chi squared of the residuals and of the priors."""
+    """Compute the cost of a point: chi squared of residuals and priors.
+
+    Parameters
+    ----------
+    spread
+        Prior standard deviations of each trial's initial state.
+
+    Returns
+    -------
+    The point with its cost; infinite where a run grows beyond bounds.
+    """
     free = point.values[list(problem.prior.index)]
     cost = problem.prior.cost(free)
     with np.errstate(all="ignore"):
@@ -194,11 +218,30 @@ def with_cost(
     return dataclasses.replace(point, cost=cost if np.isfinite(cost) else np.inf)
 
 
-@np.errstate(all="ignore")  # it is raised in the end
+@np.errstate(all="ignore")  # non-finite results raise at the end
 def normal_equations(
     problem: LeastSquaresProblem, point: Iterate, spread: tuple[State, ...] = ()
 ) -> tuple[NormalEquations, tuple[State, ...]]:
-    """Linearise at a point; `spread` of the initial states is made where not given."""
+    """Linearise the residuals at a point.
+
+    Parameters
+    ----------
+    problem
+        Records, weights, plant and priors.
+    point
+        Where to linearise.
+    spread
+        Prior standard deviations of each trial's initial state; chosen here where not given.
+
+    Returns
+    -------
+    The normal equations, and these standard deviations.
+
+    Raises
+    ------
+    FloatingPointError
+        Where the run or a sensitivity grows beyond bounds.
+    """
     prior, made = problem.prior, []
     cost = prior.cost(point.values[list(prior.index)])
     products: list[Float[np.ndarray, "column column"]] = []
@@ -347,11 +390,16 @@ def _full_steps(
     normal: NormalEquations,
     spread: tuple[State, ...],
 ) -> tuple[Iterate, NormalEquations]:
-    """Follow a narrow valley that bends, where each step by itself leads up its side.
+    """Take undamped Gauss-Newton steps along a curved valley (nonmonotone search).
 
-    Of two numbers that the records tell only together, such as a factor and a length whose
-    square divides it, the next step puts right by how much they part; after Grippo, Lampariello
-    and Lucidi (1986), what counts is where a few of them end.
+    Of two parameters that only their combination determines, such as a factor and a length
+    whose square divides it, one step raises the cost and the next corrects it. So the cost is
+    compared after a few of them.
+
+    References
+    ----------
+    .. [1] L. Grippo, F. Lampariello, S. Lucidi, "A nonmonotone line search technique for
+       Newton's method", SIAM J. Numer. Anal. 23 (1986).
     """
     point, last = start, normal
     for _ in range(FULL_STEPS):
@@ -371,9 +419,9 @@ def _full_steps(
 def _step_bounds(
     problem: LeastSquaresProblem, point: Iterate
 ) -> tuple[FreeConstants, FreeConstants]:
-    """Farthest moves of the constants: half way to a bound, and half of a scale or of what is.
+    """Bounds of a step of the constants: half way to a bound, half of the scale or value.
 
-    What began much too small, as a force that was guessed from a wrong motion, grows by halves.
+    So a constant that starts much too small still grows by halves.
     """
     prior = problem.prior
     here = point.values[list(prior.index)]
@@ -384,9 +432,9 @@ def _step_bounds(
 def _bounded_step(
     normal: NormalEquations, damping: float, low: FreeConstants, high: FreeConstants
 ) -> tuple[Float[np.ndarray, " unknown"], float]:
-    """Give the best step within the room of the constants, and the gain that it foretells.
+    """Solve for the step within bounds of the constants; give it and its predicted gain.
 
-    Those that would go too far stop where they have to, and the others where it is best then.
+    Where a bound is active, the others are solved for given that (bounded least squares).
     """
     diagonal = np.maximum(np.diag(normal.matrix), np.finfo(float).tiny)
     scale = 1 / np.sqrt(diagonal)
@@ -418,28 +466,28 @@ def _apply_step(
 
 
 def _initial_state_sd(squares: State, weights: SpectralWeights, trial: Trial) -> State:
-    """Let each initial state, by one standard deviation, explain the record several times.
+    """Choose a weak prior of the initial state: one sd explains the record several times.
 
     Parameters
     ----------
     squares
-        Of what a unit of each makes, whitened.
+        Sum of squares of the whitened sensitivity to each coordinate.
     """
     size = np.sqrt(squares)
     whole = INITIAL_STATE_SDS * np.sqrt(weights.chi2(trial.measured[: len(weights.use)]))
     if whole == 0.0:
-        return np.ones_like(size)  # nothing was heard: they may as well be at rest
+        return np.ones_like(size)  # a silent record does not determine them
     return np.asarray(whole / np.maximum(size, 1e-12 * size.max(initial=0.0) + 1e-300))
 
 
 def _sensitivity_growth(
     slopes: Float[np.ndarray, "time sensor state"], measured: Float[np.ndarray, "time sensor"]
 ) -> State:
-    """Give by how much what a state makes outgrows the record, from some part of it on.
+    """Growth of the sensitivity to initial states over the record, from any first part on.
 
-    Where motion is chaotic, that grows without end, and would hold the state where it is: it is
-    to explain a first part several times. A linear model that is not stable grows as well, and
-    is to be held.
+    Where motion is chaotic, the sensitivity grows without bound, so that a prior made from its
+    end would fix the state; there the prior refers to a first part of the record. A linear
+    model that is unstable keeps its prior.
     """
     parts = np.maximum((len(measured) * FIRST_PARTS).astype(int), MIN_SAMPLES)
     ends = np.unique(np.minimum(parts, len(measured))) - 1

@@ -1,13 +1,18 @@
-r"""A plant whose runs drift, and a record, in; runs with friction along what was measured, out.
+r"""Runs of a drifting plant whose friction acts along the measured motion.
 
-Friction asks which way a thing moves: where a free run has drifted by a little, it turns at the
-wrong instant, and is pushed the wrong way, which no error of the force within its doubt would
-do. So friction is taken along the motion that was measured: that of a linear run with the
-errors :math:`w` that its inputs most probably had,
+Friction depends on the sign of the velocity: a free run that has drifted a little reverses at
+the wrong instant, and its friction then acts in the wrong direction, which no error of the
+inputs would explain. So friction acts along the measured motion (a series-parallel model): that
+of a linear run with the most probable errors :math:`w` of its inputs,
 
 .. math:: w = \arg\min \sum_k |W_k|^2 / S + |R_k - h_k W_k|^2 / N_k .
 
-What the run then leaves is as far off as the sum of the errors of the force, and is weighed so.
+The residual then drifts by the integral of the errors of the force, and is weighted so.
+
+References
+----------
+.. [1] K. S. Narendra, K. Parthasarathy, "Identification and control of dynamical systems using
+   neural networks", IEEE Trans. Neural Networks 1 (1990), for series-parallel models.
 """
 
 import dataclasses
@@ -42,7 +47,7 @@ InitialState = Float[np.ndarray, " state"] | None
 
 
 def needs_measured_friction(plant: Plant, noise: Noise) -> bool:
-    """Whether runs drift, and ask which way, and nothing else in them bends."""
+    """Whether a plant has rigid motions and friction, and no other nonlinear law."""
     actions = [plant.kinds[effect.kind].action for effect in plant.effects]
     asks = any(isinstance(action, Friction) for action in actions)
     bends = any(isinstance(action, Law) for action in actions)
@@ -51,12 +56,18 @@ def needs_measured_friction(plant: Plant, noise: Noise) -> bool:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class MeasuredFrictionPlant:
-    """Stands for a plant in one record.
+    """A plant in one record, with its friction along the measured motion.
 
     Parameters
     ----------
+    plant
+        The whole model.
+    trial
+        The record.
+    noise
+        Of all trials.
     number
-        Of the trial, for its noise.
+        Of the trial in `noise`.
     """
 
     plant: Plant
@@ -73,7 +84,7 @@ class MeasuredFrictionPlant:
         state0: InitialState = None,
         start_s: float = 0.0,
     ) -> Float[np.ndarray, "time sensor"]:
-        """Run along what was measured."""
+        """Run the model; see `Plant.simulate`."""
         bare = self._bare(values)
         push = bare.friction_forces(self._seen(bare, inputs, state0))
         return bare.run(inputs, push, state0, self.trial).outputs
@@ -88,7 +99,7 @@ class MeasuredFrictionPlant:
         state0: InitialState = None,
         start_s: float = 0.0,
     ) -> tuple[Float[np.ndarray, "time sensor"], Float[np.ndarray, "time sensor slope"]]:
-        """Run, and give slopes to free parameters and to the first state."""
+        """Run with sensitivities to free parameters and initial state; see `Plant`."""
         bare = self._bare(values)
         seen = self._seen(bare, inputs, state0)
         push = bare.friction_forces(seen)
@@ -119,7 +130,7 @@ class MeasuredFrictionPlant:
         return _FrictionlessPlant.of(self.plant, values)
 
     def _seen(self, bare: "_FrictionlessPlant", inputs: Series, state0: InitialState) -> Run:
-        """Give a linear run that is where it was measured to be."""
+        """Run the linear part with the most probable errors of its inputs."""
         rest = np.zeros((len(inputs), len(bare.nodes)))
         run = bare.run(inputs, rest, state0, self.trial)
         own = dataclasses.replace(bare.plant.description, inputs=self.plant.description.inputs)
@@ -137,12 +148,18 @@ class MeasuredFrictionPlant:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class _FrictionlessPlant:
-    """A plant without its friction, and with a force on every node that friction acts on.
+    """A plant without friction, and with an input force on every node that friction acts on.
 
     Parameters
     ----------
+    plant
+        The model without friction.
+    friction
+        Effects that were taken out.
+    nodes
+        On which these act.
     renamed
-        What a parameter of the whole plant is called here; none of friction.
+        Names of the whole plant's parameters here; those of friction are left out.
     """
 
     plant: Plant
@@ -186,14 +203,14 @@ class _FrictionlessPlant:
         return cls(Plant.of(bare, kinds=plant.kinds), friction, nodes, renamed)
 
     def run(self, inputs: Series, push: Series, state0: InitialState, trial: Trial) -> Run:
-        """Run with forces on the nodes."""
+        """Run with inputs (time, input) and forces on the nodes (time, node) [N]."""
         both = np.concatenate([inputs, push], axis=1)
         return self.plant.run(
             self.plant.values, both, trial.rate_hz, state0=state0, start_s=trial.start_s
         )
 
     def friction_forces(self, run: Run) -> Series:
-        """Force of friction on each of the nodes, along a run."""
+        """Friction force on each of the nodes along a run (time, node) [N]."""
         names = self.plant.matrices.names
         dofs = len(names)
         push = np.zeros((len(run.states), len(self.nodes)))
@@ -218,9 +235,9 @@ class _FrictionlessPlant:
 def _extrapolated(
     left: Float[np.ndarray, "time sensor"], used: Bool[np.ndarray, "time sensor"]
 ) -> Float[np.ndarray, "longer sensor"]:
-    """Bridge holes, and let what is left go on beyond the record, and fade to nothing.
+    """Interpolate gaps of a residual, and extrapolate it beyond the record to zero.
 
-    The length is odd, so that all lines but the first count alike.
+    The length is odd, so that all lines but the first have equal weight.
     """
     count = len(left)
     times = np.arange(count)

@@ -1,9 +1,15 @@
-"""Records cut into pieces, each with a first state of its own: shooting several times.
+"""Multiple shooting: records cut into segments, each with an initial state of its own.
 
-The error of a long free run has a minimum for every beat by which it may be out of step, and
-where motion is chaotic it has countless. Over a few periods there is one. So a law that is not
-yet well known is fitted to pieces (Bock's multiple shooting, the pieces left apart), and from
-there to the whole.
+The misfit of a long free run has a local minimum for every period by which it may be out of
+phase, and countless ones where motion is chaotic. Over a few periods it has one. So a law that
+is not yet well known is fitted to segments (multiple shooting without continuity constraints),
+and from there to the whole.
+
+References
+----------
+.. [1] H. G. Bock, "Recent advances in parameter identification techniques for O.D.E.", in
+   Numerical Treatment of Inverse Problems in Differential and Integral Equations, Birkhäuser
+   (1983).
 """
 
 import itertools
@@ -52,27 +58,35 @@ def shooting_fit(
     late: Callable[[], bool] | None = None,
     beat: float | None = None,
 ) -> tuple[Fit, list[State]]:
-    """Fit pieces of records; give that fit, and the first state of each record.
+    """Fit constants to segments of records.
 
     Parameters
     ----------
+    plant
+        The model.
+    trials
+        Records to cut.
     noise
         Of the records.
     values
-        To start from.
+        Of all constants, to start from.
     late
         Once true, `FitAbandoned` is raised.
     beat
-        A cost to come near; where it will not, that is the end.
+        Cost to beat; the fit ends where it will not.
+
+    Returns
+    -------
+    The fit of the segments, and the initial state of each record.
     """
     cut, origin = cut_segments(plant, trials)
-    own = noise.of(origin)
+    own = noise.for_trials(origin)
     starts, left = _sequential_initial_states(plant, cut, origin, own, values, late)
     strays = _outlying_segments(left)
     for _ in range(OUTLIER_ROUNDS):
         if not strays:
             break
-        # Others say what the constants are; with these, fewer stray.
+        # Constants fitted to the other segments leave fewer outliers.
         values = _fit_without(strays, plant, cut, own, values, starts, late).values
         starts, left = _sequential_initial_states(plant, cut, origin, own, values, late)
         before, strays = strays, _outlying_segments(left)
@@ -81,7 +95,7 @@ def shooting_fit(
     if len(strays) <= max(MULTISTART_SHARE * len(cut), 1):
         size = np.max(np.abs(starts), axis=0)
         for i in strays:
-            alone = own.of([i])
+            alone = own.for_trials([i])
             starts[i] = multistart_initial_state(plant, cut[i], alone, values, starts[i], size)
     found = refit(
         plant, cut, noise=own, values=values, states=starts, horizons=(1.0,),
@@ -91,12 +105,12 @@ def shooting_fit(
 
 
 def _outlying_segments(left: Sequence[float]) -> list[int]:
-    """Give pieces that are explained much worse than most: those were led astray.
+    """Numbers of segments whose misfit is far above the median: they are in a wrong minimum.
 
     Parameters
     ----------
     left
-        Chi squared of each, over its samples. Of a wrong law most are explained badly.
+        Chi squared of each over its samples. Of a wrong law most are large.
     """
     bar = OUTLYING_RATIO * max(float(np.median(left)), 1.0)
     return [i for i, one in enumerate(left) if one > bar]
@@ -111,10 +125,10 @@ def _fit_without(
     states: Sequence[State],
     late: Callable[[], bool] | None,
 ) -> Fit:
-    """Fit all pieces but some."""
+    """Fit all segments but some."""
     rest = [i for i in range(len(cut)) if i not in strays]
     return refit(
-        plant, [cut[i] for i in rest], noise=noise.of(rest), values=values,
+        plant, [cut[i] for i in rest], noise=noise.for_trials(rest), values=values,
         states=[states[i] for i in rest], horizons=(1.0,), control=FitControl(is_late=late),
     )  # fmt: skip
 
@@ -122,7 +136,7 @@ def _fit_without(
 def cut_segments(
     plant: Plant, trials: Sequence[Trial]
 ) -> tuple[tuple[Trial, ...], tuple[int, ...]]:
-    """Cut records into parts of a few periods, and tell which record each is of."""
+    """Cut records into segments of a few periods; give these and their records' numbers."""
     lowest = lowest_frequency_hz(plant)
     cut, origin = [], []
     for number, trial in enumerate(trials):
@@ -136,7 +150,7 @@ def cut_segments(
 
 
 def first_periods(plant: Plant, trials: Sequence[Trial]) -> tuple[Trial, ...]:
-    """Cut the first few swings out of each record; all of it, where nothing swings."""
+    """Cut the first few periods out of each record; all of it without a vibration mode."""
     lowest = lowest_frequency_hz(plant)
     return tuple(
         trial.part(0, _samples_of_periods(FIRST_PERIODS, lowest, trial)) for trial in trials
@@ -146,12 +160,18 @@ def first_periods(plant: Plant, trials: Sequence[Trial]) -> tuple[Trial, ...]:
 def strongest_segments(
     plant: Plant, trials: Sequence[Trial], count: int, share: float = 1.0
 ) -> tuple[Trial, ...]:
-    """Cut the part out of each record in which most moves, as long as so many pieces.
+    """Cut the part of greatest power out of each record.
 
     Parameters
     ----------
+    plant
+        The model, whose slowest mode sets the length of a segment.
+    trials
+        Records.
+    count
+        Length of the part, in segments.
     share
-        Of the power of that part, for one that moves so much less.
+        Share of the greatest power that the part has; 1 for the strongest part.
     """
     lowest = lowest_frequency_hz(plant)
     found = []
@@ -167,7 +187,7 @@ def strongest_segments(
 
 
 def _samples_of_periods(periods: float, lowest_hz: float, trial: Trial) -> int:
-    """Give the samples that so many periods take; all there are, where it is shorter."""
+    """Give the samples of so many periods; the whole record where it is shorter."""
     whole = len(trial.outputs)
     length = int(periods / lowest_hz * trial.rate_hz) if lowest_hz else whole
     return min(max(length, MIN_SAMPLES), whole)
@@ -179,20 +199,24 @@ def initial_states_of_records(
     noise: Noise,
     values: Float[np.ndarray, " parameter"],
 ) -> list[State]:
-    """Give the first state of each record, as its first few periods tell it."""
+    """Fit the initial state of each record to its first segment, all constants held."""
     cut, origin = cut_segments(plant, trials)
     firsts = [origin.index(number) for number in range(len(trials))]
     rest = np.zeros(len(plant.state_names))
     return [
         _fit_initial_state(
-            plant, cut[i], noise.of([number]), values, state_from_sensors(plant, cut[i], rest)
+            plant,
+            cut[i],
+            noise.for_trials([number]),
+            values,
+            state_from_sensors(plant, cut[i], rest),
         ).states[0]
         for number, i in enumerate(firsts)
     ]
 
 
 def lowest_frequency_hz(plant: Plant) -> float:
-    """Lowest frequency of a vibration; 0 of a structure that floats and has none."""
+    """Lowest natural frequency of a vibration mode [Hz]; 0 where there are rigid modes only."""
     frequency = undamped_modes(assemble(plant.description)).frequency_hz
     own = frequency[frequency > RIGID_FREQUENCY * frequency[-1]]
     return float(own[0]) if len(own) else 0.0
@@ -206,9 +230,9 @@ def _sequential_initial_states(
     values: Float[np.ndarray, " parameter"],
     late: Callable[[], bool] | None,
 ) -> tuple[list[State], list[float]]:
-    """Go through each record piece by piece: each starts where the last, corrected, has led.
+    """Fit initial states segment by segment, each from where the run of the last one ends.
 
-    Gives the first states of all, and the chi squared of each over its samples.
+    Gives the initial states, and chi squared of each segment over its samples.
     """
     found: list[State] = []
     left: list[float] = []
@@ -227,7 +251,7 @@ def _sequential_initial_states(
                 state0=state,
                 start_s=before.start_s,
             ).states[-1]
-        own = noise.of([number])
+        own = noise.for_trials([number])
         led = state if np.isfinite(state).all() and state.size else rest
         begin = best_initial_state(
             plant, piece, own, values, [led, state_from_sensors(plant, piece, led)]
@@ -245,7 +269,7 @@ def _fit_initial_state(
     values: Float[np.ndarray, " parameter"],
     begin: State,
 ) -> Fit:
-    """Fit a piece by its first state, all constants held; from rest, where it runs away."""
+    """Fit the initial state of a segment, constants held; from rest where a run diverges."""
 
     def fitted(state: State) -> Fit:
         return refit(
@@ -256,5 +280,5 @@ def _fit_initial_state(
     try:
         return fitted(begin)
     except FloatingPointError:
-        # Led a little astray, it runs over the edge of a well that it stays in.
+        # A small error of the state may cross the edge of a potential well.
         return fitted(0 * begin)

@@ -1,4 +1,4 @@
-"""A fit that a wrong model has bent, in; the same model within what is claimed of it, out."""
+"""Refit of a wrong model with its constants held to their tolerances."""
 
 import numpy as np
 
@@ -16,10 +16,21 @@ rule."""
 
 
 def refit_within_tolerances(fit: Fit, trials: tuple[Trial, ...]) -> Fit:
-    """Hold constants to their tolerances where they make up for what is missing.
+    """Refit within tolerances where constants make up for what is missing.
 
-    Chi squared of a wrong model outweighs every prior, and leads constants to where nothing can
-    be linearised about them: what is missing is looked for from where they are claimed to be.
+    Chi squared of a wrong model outweighs every prior, and moves constants so far that nothing
+    can be linearised about them. What is missing is then located from the claimed constants.
+
+    Parameters
+    ----------
+    fit
+        Of a model that may lack something.
+    trials
+        Its records.
+
+    Returns
+    -------
+    The fit within tolerances, or the given one where no constant is bent.
     """
     most = max(map(abs, fit.constant_pulls.values()), default=0.0)
     if fit.chi2_in_band < WRONG_MODEL_CHI2 or most <= LEFT_TOLERANCES:

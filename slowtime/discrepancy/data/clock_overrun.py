@@ -1,7 +1,6 @@
-"""Fast clocks of sensors in; records without what those told of times after the end, out.
+"""Masks of samples that a fast sensor clock took after the end of the record.
 
-A run ends with its inputs. What a fast clock has told by then is of later still, and nobody can
-say what that should have been.
+A run ends with its inputs, so that no model can predict what such a sensor read after them.
 """
 
 import dataclasses
@@ -27,7 +26,23 @@ def mask_clock_overrun(
     effects: Iterable[Effect],
     kinds: Mapping[str, Kind],
 ) -> tuple[Trial, ...]:
-    """Leave out samples that one of several effects would take from beyond the record."""
+    """Mask samples that effects on sensor clocks take from beyond the record.
+
+    Parameters
+    ----------
+    trials
+        Records.
+    channels
+        Names of the sensors, in the order of the outputs.
+    effects
+        Effects of a model; only changes of sensors are looked at.
+    kinds
+        Catalogue of effects by name.
+
+    Returns
+    -------
+    The records, with `use` False for those samples.
+    """
     found = list(trials)
     for effect in effects:
         kind = kinds[effect.kind]
@@ -47,9 +62,22 @@ def mask_clock_overrun(
 def clock_overrun(
     action: SensorChange, trial: Trial, values: Float[np.ndarray, " parameter"]
 ) -> Bool[np.ndarray, " time"]:
-    """Tell which samples a change of the clock takes from after the record's last.
+    """Find samples that a change of the clock takes from after the last one of the record.
 
-    It is one of the clock if it leaves a constant as it is, and a ramp not.
+    A change of the clock leaves a constant series as it is, and a ramp not.
+
+    Parameters
+    ----------
+    action
+        What the effect does to the reading of a sensor.
+    trial
+        The record.
+    values
+        Parameters of the effect.
+
+    Returns
+    -------
+    Mask over the samples; all False where the effect does not change the clock.
     """
     times = trial.times_s
     ramp = times - times[0]

@@ -1,7 +1,7 @@
-"""A record in; the record with what cannot be believed masked, and the reasons, out.
+"""Screening of records for missing, stuck, constant and clipped samples.
 
-Nothing here knows any physics: a value that repeats more often than chance allows, or is no
-number, is a fault of the channel whatever the structure does.
+No physics is needed: a value that repeats more often than chance allows, or is not finite, is a
+fault of the channel whatever the structure does.
 """
 
 import dataclasses
@@ -61,15 +61,19 @@ class Finding:
 
     Parameters
     ----------
+    fault
+        Kind of fault.
+    channel
+        Name of the sensor.
     spans_s
-        Campaign times between which it lasts, each with its end [s].
+        Campaign times of begin and end of each span [s].
     share
-        Of the samples of the channel.
+        Share of the channel's samples that are concerned.
     level, level_sd
-        Size of the samples concerned, in the channel's unit, and how well that is known; 0
-        where they have none.
+        Modulus of these samples in the channel's unit, and its standard deviation; 0 where
+        they are not finite.
     instant_sd
-        How well an end of a span is known: it lies between two samples [s].
+        Standard deviation of an end of a span, which lies between two samples [s].
     """
 
     fault: Fault
@@ -82,7 +86,7 @@ class Finding:
 
     @property
     def sentence(self) -> str:
-        """The finding in words."""
+        """The fault in words."""
         spans = f"{len(self.spans_s)} span" + "s" * (len(self.spans_s) != 1)
         return (
             f"Channel {self.channel!r} {SENTENCES[self.fault]} {spans}, {self.share:.1%} of it."
@@ -98,7 +102,7 @@ class ScreenedTrial:
 
 
 def screen_records(trials: Sequence[Trial], channels: Sequence[str]) -> list[ScreenedTrial]:
-    """Screen the records of a campaign: where one shows a channel's stop, all have it."""
+    """Screen the records of a campaign; a stop of a channel in one record holds for all."""
     found = [screen(trial, channels) for trial in trials]
     stops: dict[str, set[float]] = {}
     for one in found:
@@ -122,10 +126,16 @@ def screen(
 
     Parameters
     ----------
+    trial
+        The record.
     channels
         Names of the sensors for the findings; numbers from 1 where none are given.
     stops
-        Sizes at which channels are known to be cut off.
+        Moduli at which channels are known to be clipped, in their units.
+
+    Returns
+    -------
+    The record with these samples masked, and the findings.
 
     Examples
     --------
@@ -173,7 +183,7 @@ def _detect_faults(
 
 
 def _initial_rest(trial: Trial) -> Bool[np.ndarray, " time"]:
-    """Leading samples during which no input has moved yet: rest, not a fault."""
+    """Mask of the first samples before any input changes: rest, not a fault."""
     moved = (trial.inputs != trial.inputs[0]).any(axis=1)
     if trial.inputs.shape[1] == 0:
         return np.zeros(len(moved), dtype=bool)
@@ -182,7 +192,7 @@ def _initial_rest(trial: Trial) -> Bool[np.ndarray, " time"]:
 
 
 def _stuck_samples(samples: Float[np.ndarray, " time"]) -> Bool[np.ndarray, " time"]:
-    """Rows of equal values longer than the record's own habit of repeating itself allows."""
+    """Mask of runs of equal values that are longer than the record's own repetitions allow."""
     starts, lengths = _runs(samples)
     ordinary = lengths[lengths < MIN_STUCK_SAMPLES]
     pairs, repeats = ordinary.sum(), (ordinary - 1).sum()
@@ -200,7 +210,7 @@ def _stuck_samples(samples: Float[np.ndarray, " time"]) -> Bool[np.ndarray, " ti
 def _runs(
     samples: Float[np.ndarray, " time"],
 ) -> tuple[Int[np.ndarray, " run"], Int[np.ndarray, " run"]]:
-    """Where rows of equal values begin, and how long they are."""
+    """First samples, and lengths, of runs of equal values."""
     changes = np.flatnonzero(samples[1:] != samples[:-1]) + 1
     starts = np.concatenate([[0], changes])
     return starts, np.diff(np.concatenate([starts, [len(samples)]]))
@@ -213,8 +223,8 @@ def _clipped_samples(
 ) -> Bool[np.ndarray, " time"]:
     """Find samples on an extreme value that occurs far more often than the value next to it.
 
-    And not in one row: a channel that is held at its highest once is stuck there, but where it
-    is cut off at its other extreme, or there in other records.
+    A single run at an extreme is a stuck channel, unless the channel is clipped at its other
+    extreme or at that level in other records.
     """
     levels, counts = np.unique(there, return_counts=True)
     piles: list[Bool[np.ndarray, " time"]] = []
@@ -240,10 +250,9 @@ def _clipped_samples(
 def _clipped_neighbourhood(
     clipped: Bool[np.ndarray, " time"], samples: Float[np.ndarray, " time"]
 ) -> Bool[np.ndarray, " time"]:
-    """Find samples that were cut off, and those beside them as near as noise may bring.
+    """Mask clipped samples, and adjacent ones within the noise of the stop.
 
-    Of these only the ones are there that noise made smaller: what is left would seem to have
-    been pulled down at every peak.
+    Noise decides which of these were clipped, and those that are left are biased towards zero.
     """
     bend = np.diff(samples, 3)
     bend = np.abs(bend[np.isfinite(bend)])

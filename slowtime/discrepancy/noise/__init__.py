@@ -1,4 +1,4 @@
-"""Residuals in; what of them is the sensors' own noise, white or coloured, out."""
+"""Residuals in, noise model of the sensors out."""
 
 from .colour import Colour, Noise, with_drift
 from .drift import Drift, has_rigid_motion, rigid_body_drift

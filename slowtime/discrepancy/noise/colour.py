@@ -1,7 +1,6 @@
-"""The law of a sensor's noise: flat, with a part that falls, rises, or has one broad hump.
+"""Spectral densities of sensor noise: white, with a power law or one broad resonance.
 
-A structure answers in peaks. Noise that may not have any cannot pass for a structure, nor a
-structure for it.
+A structure answers in sharp peaks. Noise that may not have any is not mistaken for a structure.
 """
 
 import dataclasses
@@ -28,7 +27,7 @@ class Colour:
 
     White for :math:`n_1 = 0`, first-order low-pass for :math:`\beta = 2`, flicker for
     :math:`\beta = 1` and a small :math:`f_c`, differentiated for :math:`\beta = -2`; the last
-    factor is the hump that a pair of poles makes.
+    factor is the broad resonance of a second-order autoregressive process (a pair of poles).
 
     Parameters
     ----------
@@ -41,7 +40,7 @@ class Colour:
     slope
         :math:`\beta` [1].
     radius, angle
-        :math:`r` [1], :math:`\varphi` [rad] of the poles; no hump for 0.
+        :math:`r` [1], :math:`\varphi` [rad] of the poles; no resonance for a radius of 0.
     rate_hz
         Sampling rate :math:`f_s` that the poles belong to.
     """
@@ -55,7 +54,12 @@ class Colour:
     rate_hz: float = 1.0
 
     def density(self, frequency_hz: Frequencies) -> Frequencies:
-        """One-sided density at `frequency_hz`.
+        """One-sided density [unit²/Hz] at frequencies.
+
+        Parameters
+        ----------
+        frequency_hz
+            Frequencies [Hz], of any shape.
 
         Examples
         --------
@@ -70,14 +74,26 @@ class Colour:
         return np.asarray(self.white + part)
 
     def scaled(self, factor: float) -> "Colour":
-        """Give the same colour, `factor` times as strong in power."""
+        """Multiply the density by a factor."""
         return dataclasses.replace(
             self, white=self.white * factor, coloured=self.coloured * factor
         )
 
 
 def pole_pair_gain(turns: Frequencies, radius: float, angle: float) -> Frequencies:
-    """Power of a pair of poles along the unit circle, at parts of a turn."""
+    """Squared gain of a pair of complex poles along the unit circle.
+
+    Parameters
+    ----------
+    turns
+        Frequencies over the sampling rate [1].
+    radius, angle
+        Of the poles [1], [rad].
+
+    Returns
+    -------
+    The squared gain, of the shape of `turns`.
+    """
     pole = radius * np.exp(1j * angle)
     back = np.exp(-2j * np.pi * turns)
     return np.asarray(1 / np.abs((1 - pole * back) * (1 - np.conj(pole) * back)) ** 2)
@@ -93,19 +109,16 @@ class Noise:
         By trial, then by sensor.
     relative_sd
         How well the density is known, relative; by trial, then by sensor.
-    alone
-        By sensor, whether all that was seen passes for noise.
     drift
-        What else a run may be off by, of a structure that floats; no noise of the sensors.
+        Error of free runs of a structure with rigid motions; no noise of the sensors.
     """
 
     colours: tuple[tuple[Colour, ...], ...]
     relative_sd: tuple[tuple[float, ...], ...]
-    alone: tuple[bool, ...] = ()
     drift: Drift | None = None
 
-    def of(self, trials: Sequence[int]) -> "Noise":
-        """Give that of some trials, each as often as it is named, without the drift."""
+    def for_trials(self, trials: Sequence[int]) -> "Noise":
+        """Select the noise of trials, each as often as it is named, without the drift."""
         return Noise(
             colours=tuple(self.colours[i] for i in trials),
             relative_sd=tuple(self.relative_sd[i] for i in trials),
@@ -114,18 +127,18 @@ class Noise:
     def density(
         self, trial: int, frequency_hz: Frequencies
     ) -> Float[np.ndarray, "frequency sensor"]:
-        """One-sided density of each sensor in one trial."""
+        """One-sided density of each sensor in one trial [unit²/Hz]."""
         return np.stack([c.density(frequency_hz) for c in self.colours[trial]], axis=1)
 
     def weighting_density(
         self, trial: int, frequency_hz: Frequencies
     ) -> Float[np.ndarray, "frequency sensor"]:
-        """One-sided density by which residuals are weighed: drift is no reason to bend."""
+        """One-sided density by which residuals are weighted, drift included [unit²/Hz]."""
         own = self.density(trial, frequency_hz)
         return own if self.drift is None else own + self.drift.density(trial, frequency_hz)
 
     def sd(self, trial: int, rate_hz: float) -> Float[np.ndarray, " sensor"]:
-        """Give the standard deviation of the samples of each sensor in one trial."""
+        """Give the standard deviation of the samples of each sensor, in its unit."""
         grid = np.linspace(0.0, rate_hz / 2, 513)
         return np.asarray(np.sqrt(np.trapezoid(self.density(trial, grid), grid, axis=0)))
 
@@ -137,7 +150,19 @@ class Noise:
 
 
 def white_noise(densities: Sequence[Sequence[float]], relative_sd: float = 0.0) -> Noise:
-    """Flat noise of given one-sided densities, by trial, then by sensor.
+    """White noise of given densities.
+
+    Parameters
+    ----------
+    densities
+        One-sided [unit²/Hz], by trial, then by sensor.
+    relative_sd
+        Relative standard deviation of the densities.
+
+    Raises
+    ------
+    ValueError
+        Where a density is not positive and finite.
 
     Examples
     --------
@@ -152,9 +177,17 @@ def white_noise(densities: Sequence[Sequence[float]], relative_sd: float = 0.0) 
 
 
 def with_drift(noise: Noise, drift: Drift, rate_hz: float) -> Noise:
-    """Add drift, which is no colour of a sensor: its noise is that of the highest lines.
+    """Add drift to a noise model.
 
-    Sensors that do not drift keep theirs.
+    What a drifting sensor leaves at low frequency is drift and no colour of its noise, which is
+    taken to be white at the level of the highest line. Other sensors keep their colour.
+
+    Parameters
+    ----------
+    drift
+        Of free runs of the structure.
+    rate_hz
+        Sampling rate [Hz].
     """
     top = np.array([rate_hz / 2])
     loose = [bool(row.any()) for row in drift.shapes]

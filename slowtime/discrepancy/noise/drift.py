@@ -1,14 +1,13 @@
-r"""What an error of the force makes of a structure that nothing holds, to weigh its runs by.
+r"""Drift of free runs along rigid-body motions, caused by errors of the measured inputs.
 
-Along a rigid motion without stiffness a free run adds up all errors of the force since it
-began, and is as far off as it has run for: no reason to follow that drift to the last digit of
-the sensor. To the noise of sensors of displacement and velocity,
+Along a motion without stiffness a free run integrates all errors of the force, and so drifts
+away from the record. To the noise of sensors of displacement and velocity,
 
 .. math:: \sum_j |h_{sj}|^2 S_j , \qquad h_{sj} = (i \omega)^{n_s} \Phi_s
           (-\omega^2 M_r + i \omega C_r)^{-1} \Phi^T b_j
 
-is therefore added, the density of what a white error of each input makes, :math:`S_j` being
-that of `INPUT_ERROR` times what was recorded, over the band in which it lies.
+is therefore added: the density of the response to a white error of each input. Its density
+:math:`S_j` is that of `INPUT_ERROR` standard deviations over the band of the input.
 """
 
 import dataclasses
@@ -40,23 +39,23 @@ rounding errors of the eigenvalues (1e-16), well below any vibration."""
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Drift:
-    """Rigid motions of a structure that floats, and by how much its forces are in doubt.
+    """Rigid-body motions of a structure, and densities of the errors of its inputs.
 
     Parameters
     ----------
     mass, damping
-        Of the rigid motions.
+        Modal matrices of the rigid motions.
     shapes
-        What each sensor reads of each, in its unit; zero for accelerations, which add up
-        nothing.
+        Reading of each sensor per unit of each motion, in its unit; zero for accelerations,
+        which do not drift.
     orders
-        How often each sensor differentiates.
+        Order of the time derivative that each sensor measures.
     participation
-        What each input, in its unit, is to each of them.
+        Modal force per unit of each input.
     error_density
-        By trial: density of the error of each input, in its unit.
+        By trial: one-sided density of the error of each input [unit²/Hz].
     min_hz
-        By trial: one over its length.
+        By trial: one over its length [Hz], by which 0 Hz is replaced.
     """
 
     mass: Float[np.ndarray, "rigid rigid"]
@@ -70,7 +69,15 @@ class Drift:
     def transfer(
         self, trial: int, frequency_hz: Float[np.ndarray, " frequency"]
     ) -> Complex[np.ndarray, "frequency sensor input"]:
-        """From an error of each input to what the sensors read."""
+        """Frequency response from an error of each input to the sensors.
+
+        Parameters
+        ----------
+        trial
+            Number of the trial.
+        frequency_hz
+            Frequencies [Hz].
+        """
         held = np.where(frequency_hz > 0, frequency_hz, self.min_hz[trial])
         s = 2j * np.pi * held[:, None, None]
         inner = s**2 * self.mass + s * self.damping
@@ -82,7 +89,7 @@ class Drift:
     def density(
         self, trial: int, frequency_hz: Float[np.ndarray, " frequency"]
     ) -> Float[np.ndarray, "frequency sensor"]:
-        """One-sided density of what each sensor reads of it."""
+        """One-sided density of the drift of each sensor in one trial [unit²/Hz]."""
         return np.asarray(
             np.abs(self.transfer(trial, frequency_hz)) ** 2 @ self.error_density[trial]
         )
@@ -94,9 +101,23 @@ class Drift:
         residual: Complex[np.ndarray, "frequency sensor"],
         noise: Float[np.ndarray, "frequency sensor"],
     ) -> Complex[np.ndarray, "frequency input"]:
-        """Errors of the inputs that a residual most probably comes from, beside the noise.
+        """Posterior mean of the input errors that cause a residual.
 
-        None at 0 Hz: where what is left begins and ends at nothing, no constant made it.
+        Parameters
+        ----------
+        trial
+            Number of the trial.
+        frequency_hz
+            Frequencies [Hz].
+        residual
+            Spectrum of the residual (frequency, sensor).
+        noise
+            Densities of the sensors' noise, in the scale of the residual's squared spectrum.
+
+        Returns
+        -------
+        Spectrum of the errors (frequency, input); zero at 0 Hz, as a residual that begins and
+        ends at zero has no constant cause.
         """
         along = self.transfer(trial, frequency_hz)
         loud = along * self.error_density[trial]
@@ -106,14 +127,14 @@ class Drift:
         return np.asarray(np.where(frequency_hz[:, None] > 0, errors, 0.0))
 
     def first(self) -> "Drift":
-        """Give that of the first trial alone."""
+        """Select the first trial."""
         return dataclasses.replace(
             self, error_density=self.error_density[:1], min_hz=self.min_hz[:1]
         )
 
 
 def rigid_motions(structure: Structure) -> Float[np.ndarray, "dof rigid"]:
-    """Motions that meet no stiffness, by mass.
+    """Rigid-body motions of a structure, normalised by mass.
 
     Examples
     --------
@@ -126,12 +147,12 @@ def rigid_motions(structure: Structure) -> Float[np.ndarray, "dof rigid"]:
 
 
 def has_rigid_motion(description: Description) -> bool:
-    """Whether a structure has a motion that meets no stiffness."""
+    """Whether a structure has a rigid-body motion, one without stiffness."""
     return bool(rigid_motions(assemble(description)).shape[1])
 
 
 def rigid_body_drift(description: Description, trials: Sequence[Trial]) -> Drift | None:
-    """Drift of a structure that floats; None for one that is held."""
+    """Describe the drift of a structure with rigid motions; None for one that is supported."""
     structure = assemble(description)
     motions = rigid_motions(structure)
     if not motions.shape[1]:
@@ -157,6 +178,7 @@ def rigid_body_drift(description: Description, trials: Sequence[Trial]) -> Drift
 def _input_participation(
     description: Description, structure: Structure, motions: Float[np.ndarray, "dof rigid"]
 ) -> Float[np.ndarray, "rigid input"]:
+    """Modal force of each rigid motion per unit of each input."""
     found = np.zeros((motions.shape[1], len(description.inputs)))
     for i, entry in enumerate(description.inputs):
         quantity: Literal["force", "acceleration"]
@@ -170,7 +192,7 @@ def _input_participation(
 
 
 def _input_error_density(trial: Trial) -> Float[np.ndarray, " input"]:
-    """Density of the error of each input, were it white in the band that is driven."""
+    """One-sided density of the error of each input, white over the band of the input."""
     if not trial.inputs.shape[1]:
         return np.zeros(0)
     spectrum = periodogram(detrended(trial.inputs), trial.rate_hz)

@@ -1,4 +1,4 @@
-"""Residuals of all trials in, the noise of every sensor out, whatever else is in them."""
+"""Estimation of sensor noise from residuals that hold more than noise."""
 
 import dataclasses
 import math
@@ -115,7 +115,19 @@ Power = tuple[
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class BlockMeans:
-    """Mean density of blocks of lines, over how many lines, and how suspect each is."""
+    """Mean densities over blocks of lines.
+
+    Parameters
+    ----------
+    frequency_hz
+        Mean frequency of each block [Hz].
+    power
+        Mean density [unit²/Hz].
+    lines
+        Independent lines in each block.
+    signal_probability
+        Probability, beforehand, that a block holds more than noise.
+    """
 
     frequency_hz: Blocks
     power: Blocks
@@ -123,19 +135,24 @@ class BlockMeans:
     signal_probability: Blocks
 
     def relative_to(self, level: float) -> "BlockMeans":
-        """Give the same in units of `level`."""
+        """Divide the densities by a level."""
         return dataclasses.replace(self, power=self.power / level)
 
     def with_independent_share(self, share: float) -> "BlockMeans":
-        """Count lines that go together, since a share of the samples made them, as fewer."""
+        """Multiply the lines by the share of them that is independent."""
         return dataclasses.replace(self, lines=self.lines * share)
 
 
 def response_limit_hz(description: Description, trials: Sequence[Trial] = ()) -> float:
-    """Frequency [Hz] above which a structure is taken to be silent.
+    """Frequency [Hz] above which the response of a structure is negligible.
 
-    That of its modes; of a structure that floats, and has none, that of what drives it in the
-    `trials`.
+    Parameters
+    ----------
+    description
+        The model, whose highest natural frequency decides.
+    trials
+        Records; where they hold fewer than a few periods of that mode, as of a structure with
+        rigid motions only, the band of their excitation decides.
     """
     highest = float(undamped_modes(assemble(description)).frequency_hz[-1])
     for trial in trials:
@@ -145,9 +162,9 @@ def response_limit_hz(description: Description, trials: Sequence[Trial] = ()) ->
 
 
 def _excitation_limit_hz(trial: Trial) -> float:
-    """Frequency below which nearly all power of inputs lies; of outputs, where there is none.
+    """Frequency [Hz] below which nearly all power of the inputs lies, or else of the outputs.
 
-    0 where nothing was heard either.
+    0 where both are silent.
     """
     series = trial.inputs if np.ptp(trial.inputs, axis=0).any() else trial.measured
     spectrum = periodogram(detrended(series), trial.rate_hz)
@@ -164,7 +181,7 @@ def estimate_noise(
     *,
     silent_above_hz: float,
 ) -> Noise:
-    r"""Noise of each sensor in each trial, from residuals that may hold more than noise.
+    r"""Estimate the noise of each sensor from residuals that hold more than noise.
 
     The mean :math:`m` of a block of :math:`n` lines of the periodogram is of noise alone, or
     of noise with something unknown on top, which can only add:
@@ -172,18 +189,24 @@ def estimate_noise(
     .. math:: \log p = \log \left[ (1 - \pi) e^{-n (\log N + m / N)}
               + \pi e^{-n (\log \max(N, m) + m / \max(N, m))} \right] .
 
-    With :math:`\pi \approx 1` where the structure answers, a residual may be as strong as it
-    likes there without lifting the floor, but the floor cannot lie above it. The colour is of
-    all trials; its strength is each trial's own. Where one law of noise fits the whole
-    residual of a sensor to within its scatter, or one for each trial does, nothing is
-    suspected, and the noise is that law.
+    With :math:`\pi \approx 1` where the structure answers, a strong residual there does not
+    raise the noise, but the noise cannot exceed it. The colour is common to all trials; its
+    strength is each trial's own. Where one density fits the whole residual of a sensor within
+    its scatter, or one for each trial does, the whole residual is taken for noise.
 
     Parameters
     ----------
+    trials
+        Records.
     residuals
-        Zero where a sample is not used.
+        Of each trial (time, sensor), in the sensors' units; zero where a sample is not used.
     silent_above_hz
-        Frequency above which the structure hardly answers; 0 to trust the residual throughout.
+        Frequency [Hz] above which the structure hardly answers; 0 where the whole residual is
+        noise.
+
+    Returns
+    -------
+    The noise of every sensor in every trial.
     """
     powers = []
     for trial, residual in zip(trials, residuals, strict=True):
@@ -191,7 +214,7 @@ def estimate_noise(
             residual, trial.inputs, trial.rate_hz, trial.used
         )
         share = np.maximum(trial.used.mean(axis=0), THRESHOLDS.min_used_share)
-        # A sensor that says nothing in a trial is all noise there, and counts for nothing.
+        # A sensor without any sample in a trial weighs nothing there.
         heard = trial.used.any(axis=0)
         known = np.where(heard, share * spare, UNMEASURED_WEIGHT)
         powers.append((frequency, np.where(heard, power / share, UNMEASURED_DENSITY), known))
@@ -202,7 +225,7 @@ def estimate_noise(
 
 
 def with_instrument_floor(noise: Noise, trials: Sequence[Trial]) -> Noise:
-    """Add the noise of the best sensor there is: what was smoothed afterwards seems quieter."""
+    """Add the noise of the best instrument, as records that were smoothed seem quieter."""
     colours = []
     for row, trial in zip(noise.colours, trials, strict=True):
         least = (THRESHOLDS.instrument_floor * trial.measured.std(axis=0)) ** 2 / (
@@ -220,17 +243,23 @@ def with_instrument_floor(noise: Noise, trials: Sequence[Trial]) -> Noise:
 def estimate_noise_of_spectra(
     powers: Sequence[Power], *, rate_hz: float, silent_above_hz: float
 ) -> Noise:
-    """Estimate noise from spectra that may hold more than noise: see `estimate_noise`.
+    """Estimate the noise from power spectra that hold more than noise.
 
     Parameters
     ----------
     powers
-        By trial: frequencies, density of each sensor, and which share of the lines of each
-        sensor is independent of the others.
+        By trial: frequencies [Hz], density of each sensor [unit²/Hz], and the share of its
+        lines that is independent.
     rate_hz
-        Sampling rate, for colours with a hump.
+        Sampling rate [Hz], for densities with a pair of poles.
+    silent_above_hz
+        Frequency [Hz] above which the structure hardly answers.
+
+    See Also
+    --------
+    estimate_noise : The likelihood that is maximised.
     """
-    found, believed = [], []
+    found = []
     for sensor in range(powers[0][1].shape[1]):
         means = [
             block_means(frequency, power[:, sensor], silent_above_hz).with_independent_share(
@@ -248,14 +277,13 @@ def estimate_noise_of_spectra(
             for m in means
         ]
         trusted = select_colours(plain, rate_hz)
-        believed.append(is_noise_only(plain, [colour for colour, _ in trusted]))
-        doubtless = believed[-1] or silent_above_hz == 0
+        only_noise = is_noise_only(plain, [colour for colour, _ in trusted])
+        doubtless = only_noise or silent_above_hz == 0
         found.append(trusted if doubtless else fit_colours(means, rate_hz))
     by_trial = tuple(zip(*found, strict=True))
     return Noise(
         colours=tuple(tuple(colour for colour, _ in row) for row in by_trial),
         relative_sd=tuple(tuple(error for _, error in row) for row in by_trial),
-        alone=tuple(believed),
     )
 
 
@@ -264,7 +292,16 @@ def block_means(
     power: Float[np.ndarray, " frequency"],
     silent_above_hz: float,
 ) -> BlockMeans:
-    """Average lines over blocks of constant relative width."""
+    """Average a periodogram over blocks of constant relative width.
+
+    Parameters
+    ----------
+    frequency_hz, power
+        Lines [Hz] and their densities [unit²/Hz].
+    silent_above_hz
+        Frequency [Hz] above which blocks are taken to be noise; the upper half of the band
+        where too few lines lie above it.
+    """
     edges = [0]
     while edges[-1] < len(power):
         first = edges[-1]
@@ -291,10 +328,10 @@ def block_means(
 
 
 def is_noise_only(means: Sequence[BlockMeans], colours: Sequence[Colour]) -> bool:
-    """Whether blocks that are not suspect scatter about the colours as noise does.
+    """Whether blocks outside the structure's band scatter about the densities as noise does.
 
-    Twice the deficit of log likelihood is close to chi squared with a degree for each block.
-    Where some blocks are suspect, a few of the others may be so too: of tones.
+    Twice the deficit of log likelihood is close to chi squared with a degree of freedom for
+    each block. Where some blocks lie in the structure's band, a few others may hold tones.
     """
     deficit, blocks = 0.0, 0
     for one, colour in zip(means, colours, strict=True):
@@ -309,7 +346,7 @@ def is_noise_only(means: Sequence[BlockMeans], colours: Sequence[Colour]) -> boo
 
 
 def select_colours(means: Sequence[BlockMeans], rate_hz: float) -> list[tuple[Colour, float]]:
-    """Colour of all trials together; of each by itself where only such pass for noise."""
+    """Fit a colour common to all trials, or one for each where only that explains them."""
     common = fit_colours(means, rate_hz)
     if len(means) == 1 or is_noise_only(means, [colour for colour, _ in common]):
         return common
@@ -318,7 +355,7 @@ def select_colours(means: Sequence[BlockMeans], rate_hz: float) -> list[tuple[Co
 
 
 def fit_colours(means: Sequence[BlockMeans], rate_hz: float) -> list[tuple[Colour, float]]:
-    """Colour of all trials together, at the strength of each, with its relative sd."""
+    """Fit the colour common to all trials, and its strength in each with its relative sd."""
     white = Colour(white=1.0)
     plain = [_fit_strength(one, white) for one in means]
     found = [(white.scaled(level), error) for level, error in plain]
@@ -337,7 +374,7 @@ def fit_colours(means: Sequence[BlockMeans], rate_hz: float) -> list[tuple[Colou
 
 
 def _fit_strength(means: BlockMeans, colour: Colour) -> tuple[float, float]:
-    """Factor on a colour that fits the means, and its relative standard deviation."""
+    """Fit a factor on a colour to the means; give it and its relative standard deviation."""
     relative = dataclasses.replace(
         means, power=np.maximum(means.power, 1e-300) / colour.density(means.frequency_hz)
     )
@@ -365,7 +402,7 @@ def _fit_strength(means: BlockMeans, colour: Colour) -> tuple[float, float]:
 
 
 def _select_family(means: BlockMeans, rate_hz: float) -> Colour:
-    """White unless a colour is much better; the first that passes for noise is taken."""
+    """Choose a white density unless a coloured one is much more likely."""
     best = Colour(white=1.0)
     least = _log_likelihood(means, best) + THRESHOLDS.colour_gain
     top = float(means.frequency_hz[-1])
@@ -385,9 +422,9 @@ def _select_family(means: BlockMeans, rate_hz: float) -> Colour:
 
 
 def _raise_white_part(means: BlockMeans, colour: Colour) -> Colour:
-    """Raise the white part of a colour that rises as far as nothing speaks against it.
+    """Raise the white part of a rising density as far as the likelihood hardly falls.
 
-    What rises above the structure's answers says nothing of how quiet it is among them.
+    Noise that rises above the structure's band says nothing of the noise within it.
     """
     ends = colour.density(means.frequency_hz[[0, -1]])
     if ends[0] >= ends[1]:
@@ -401,7 +438,7 @@ def _raise_white_part(means: BlockMeans, colour: Colour) -> Colour:
 
 
 def _colour_at(at: At, family: int, rate_hz: float) -> Colour:
-    """Colour by the numbers that are climbed along: see `climb`."""
+    """Colour by the parameters of `maximise_likelihood`."""
     white, low = np.exp(at[:2]).tolist()
     if family == POWER_LAW:
         return Colour(
@@ -412,14 +449,14 @@ def _colour_at(at: At, family: int, rate_hz: float) -> Colour:
 
 
 def _fit_family(means: BlockMeans, family: int, at: At, rate_hz: float) -> Colour:
-    """Climb to the colour of greatest likelihood."""
+    """Fit the parameters of one family by Fisher scoring."""
     lowest, top = float(means.frequency_hz[0]), float(means.frequency_hz[-1])
     corners = (np.log(lowest / 2), np.log(4 * top))
     own = (
         (corners, SLOPE_BOUNDS) if family == POWER_LAW else (RADIUS_LOGIT_BOUNDS, ANGLE_BOUNDS)
     )
     low, high = np.array([*LOG_STRENGTH_BOUNDS, *own], dtype=float).T.copy()
-    # First without suspicion of the silent band: a block dismissed there pulls no more.
+    # First with the silent band as noise: a block dismissed there would have no more weight.
     innocent = np.where(
         means.signal_probability < THRESHOLDS.signal_probability,
         THRESHOLDS.no_signal_probability,
@@ -433,6 +470,7 @@ def _fit_family(means: BlockMeans, family: int, at: At, rate_hz: float) -> Colou
 
 
 def _log_likelihood(means: BlockMeans, colour: Colour) -> float:
+    """Log likelihood of all blocks."""
     return float(_mixture_log_likelihood(means, colour.density(means.frequency_hz))[0].sum())
 
 

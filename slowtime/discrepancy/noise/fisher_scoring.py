@@ -1,13 +1,19 @@
-r"""Mean densities of blocks of lines in, the likeliest colour of one family out: compiled.
+r"""Fisher scoring for the parameters of a noise density, compiled.
 
-Fisher's scoring, damped where it overshoots: with the density :math:`N(\theta)` of blocks that
-count :math:`c_k`, the slopes of the likelihood and the information are
+Steps are damped where they overshoot. With the density :math:`N(\theta)` of blocks that
+count :math:`c_k`, the score and the Fisher information are
 
 .. math:: g = \sum_k c_k \, (m_k / N_k - 1) \, \partial \log N_k , \qquad
           F = \sum_k c_k \, \partial \log N_k \, \partial \log N_k^T .
 
-Numbers are: logarithms of both strengths; of the corner, and the slope; or, of a hump, of the
-odds of its radius, and its angle.
+Parameters are the logarithms of the white and of the coloured part, and: of a power law, the
+logarithm of its corner frequency and its slope; of a pair of poles, the log odds of its radius
+and its angle.
+
+References
+----------
+.. [1] P. Whittle, "Gaussian estimation in stationary time series", Bull. Int. Stat. Inst. 39
+   (1962), for the likelihood of a periodogram.
 """
 
 import math
@@ -41,15 +47,25 @@ Reals = np.ndarray[Any, np.dtype[np.float64]]
 def maximise_likelihood(
     blocks: Reals, at: Reals, low: Reals, high: Reals, family: int, rate_hz: float
 ) -> Reals:
-    """Climb from numbers to those of greatest likelihood.
+    """Maximise the likelihood of block means within bounds.
 
     Parameters
     ----------
     blocks
-        By row: frequency, mean density, lines, and the logarithms of the probabilities that a
-        block is noise alone, and that it is not.
+        By row: frequency [Hz], mean density [unit²/Hz], lines, and the logarithms of the
+        probabilities that a block is noise alone, and that it is not.
+    at
+        Parameters to start from.
     low, high
-        Bounds of the numbers.
+        Bounds of the parameters.
+    family
+        `POWER_LAW` or `POLE_PAIR`.
+    rate_hz
+        Sampling rate [Hz].
+
+    Returns
+    -------
+    The four parameters of greatest likelihood.
     """
     found = np.clip(at, low, high).astype(float)
     room = np.zeros((3, PARAMETERS, PARAMETERS + 2))
@@ -67,7 +83,7 @@ def _fisher_scoring(
     rate_hz: float,
     room: Reals,
 ) -> None:
-    """Climb in place; `room` holds slopes and information here and there, and a system."""
+    """Iterate in place; `room` holds score and information at two points, and a system."""
     here, there, inner = room[0], room[1], room[2]
     total = _likelihood_and_information(blocks, at, family, rate_hz, here)
     damping = 1e-3
@@ -118,7 +134,7 @@ def _solve(system: Reals) -> None:
 def _likelihood_and_information(
     blocks: Reals, at: Reals, family: int, rate_hz: float, found: Reals
 ) -> float:
-    """Log likelihood; put the information and, in the next column, the slopes."""
+    """Log likelihood; fills `found` with the information and, in the next column, the score."""
     for i in range(PARAMETERS):
         for j in range(PARAMETERS + 1):
             found[i, j] = 0.0

@@ -1,4 +1,4 @@
-"""What of a residual no smooth transfer from the inputs explains, line by line."""
+"""Power of a residual that is not linearly coherent with the inputs."""
 
 import numpy as np
 import scipy.linalg
@@ -24,28 +24,36 @@ def incoherent_power(
     Float[np.ndarray, "frequency sensor"],
     Float[np.ndarray, " sensor"],
 ]:
-    r"""Density of a residual less its local linear regression on the inputs.
+    r"""Density of a residual after local linear regression on the inputs.
 
     In every block of lines, :math:`R_k = (a + b k) U_k + c + d k + N_k` by least squares: the
-    last two terms are the transient of a record that begins and ends anywhere. What is left is
-    scaled by the degrees of freedom used up. Linear misfit, such as an input held otherwise
-    between its samples than the model says, is no noise, and goes.
+    last two terms are the transient of a record that does not begin and end at rest. The rest
+    is scaled by the degrees of freedom left. Linear misfit, such as a wrong hold of the input
+    between samples, is thereby removed.
 
-    Lines of noise in which holes are cut go together, :math:`E[N_k N_l^*] \propto M_{k-l}` with
-    the transform :math:`M` of the mask: of few samples, close together, the regression takes
-    more than of many.
+    Lines of noise with gaps are correlated, :math:`E[N_k N_l^*] \propto M_{k-l}` with
+    the transform :math:`M` of the mask: with few samples, close together, the regression
+    removes more power.
 
     Parameters
     ----------
     residual
-        Zero where a sample is not used.
+        Residual (time, sensor) in the sensors' units; zero where a sample is not used.
+    inputs
+        Inputs (time, input).
+    rate_hz
+        Sampling rate [Hz].
     used
-        Which samples are.
+        Mask of the samples that are used (time, sensor).
 
     Returns
     -------
-    Frequencies [Hz], without the first line; density [unit²/Hz]; share of the lines that are
-    still independent, of each sensor.
+    frequency
+        [Hz], without the first line.
+    density
+        One-sided [unit²/Hz] (frequency, sensor).
+    share
+        Of the lines that are still independent, of each sensor.
 
     References
     ----------
@@ -80,7 +88,7 @@ def incoherent_power(
 def _free_share(
     basis: Inexact[np.ndarray, "block line column"], use: Bool[np.ndarray, " time"]
 ) -> Float[np.ndarray, " block"]:
-    """Share of the power of white noise, but for holes, that regressions on bases leave."""
+    """Share of the power of white noise with gaps that the regression in each block leaves."""
     mask = np.fft.fft(use.astype(float))[:BLOCK_LINES] / max(use.sum(), 1)
     alike = scipy.linalg.toeplitz(mask, mask.conj())
     taken = np.einsum("bic,ij,bjc->b", basis.conj(), alike, basis, optimize=True).real

@@ -76,5 +76,5 @@ def _elsewhere(fit: Fit, trial: Trial, head: Trial, number: int) -> State:
     known = fit.states[number]
     size = motion_amplitude(fit.plant, trial, fit.values, known)
     return multistart_initial_state(
-        fit.plant, head, fit.noise.of([number]), fit.values, known, size
+        fit.plant, head, fit.noise.for_trials([number]), fit.values, known, size
     )

@@ -103,7 +103,7 @@ def _noise_of_first_record(fit: Fit) -> Noise:
     """Take the noise of the first record that was fitted for that of others."""
     drift = fit.noise.drift
     first = None if drift is None else drift.first()
-    return dataclasses.replace(fit.noise.of([0]), drift=first)
+    return dataclasses.replace(fit.noise.for_trials([0]), drift=first)
 
 
 def _initial_state(fit: Fit, part: Trial, noise: Noise) -> Float[np.ndarray, " state"]:

@@ -247,7 +247,7 @@ def test_records_of_one_colour_share_it(pole):
 
 def test_some_trials_have_their_own_noise_as_often_as_they_are_named():
     noise = white_noise([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
-    some = noise.of([2, 0, 2])
+    some = noise.for_trials([2, 0, 2])
     assert [[c.white for c in trial] for trial in some.colours] == [
         [c.white for c in noise.colours[i]] for i in (2, 0, 2)
     ]

@@ -142,7 +142,8 @@ def test_of_friction_the_best_dip_is_told_as_far_as_the_fit_had_ended_from_it(
     at, index = right.prior.names.index(FRICTION), list(right.prior.index)
     calls = []
 
-    def answered(plant, trials, *, values, free=None, fine=False, **how):
+    def answered(plant, trials, *, values, control, free=None, **how):
+        fine = control.to_convergence
         calls.append((values[index], free, fine))
         better = fine or len(calls) == 2
         nearly = len(calls) == 1 + NEARLY + len(bottom.BESIDE) + 1
