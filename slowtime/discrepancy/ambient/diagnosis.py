@@ -1,4 +1,4 @@
-"""A campaign without any input in, what its spectra let one say of the model, out."""
+"""Diagnosis of a campaign without measured inputs, by its spectra."""
 
 from collections.abc import Mapping
 
@@ -35,10 +35,21 @@ def diagnose_ambient(
     findings: tuple[Finding, ...],
     kinds: Mapping[str, Kind],
 ) -> Diagnosis:
-    """Say whether the spectra of ambient records are those of the model; name no effect.
+    """Test whether the spectra of ambient records agree with the model; name no effect.
 
-    Where nobody measured what shakes a structure, a free run is not to be had: errors are
-    those of silence. Constants that moved, and bands in which the model is missed, are.
+    Without measured inputs there is no free run: errors are those of zero outputs. Constants
+    that left their tolerances, and bands in which the model fails, are reported.
+
+    Parameters
+    ----------
+    campaign
+        Model and records.
+    trials
+        Screened records.
+    findings
+        Faults of channels.
+    kinds
+        Catalogue of effects by name.
     """
     plant = Plant.of(campaign.description, kinds=kinds)
     seen = fit_ambient_spectra(plant, trials)
@@ -90,7 +101,7 @@ def diagnose_ambient(
 
 
 def _moved_constants(seen: AmbientFit, plant: Plant) -> dict[str, Number]:
-    """Constants that left their tolerance."""
+    """Constants that left their tolerance, with value, sd and unit."""
     return {
         f"{name[0]} {name[1]}": Number(float(value), float(sd), plant.entries[name].unit)
         for (name, pull), value, sd in zip(

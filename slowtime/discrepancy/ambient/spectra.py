@@ -1,13 +1,18 @@
-r"""Spectra of an ambient record and of the model, where nobody measured what shakes it.
+r"""Fit of a model to the spectra of ambient records, under white forces.
 
-Nothing can be run, for the force is not known: only its strength can be, if it is white and
-pushes every mass by itself. The spectral matrix of the sensors is then
+The force is not measured; it is taken to be white and independent on every mass, so that only
+its densities are unknown. The spectral matrix of the sensors is then
 
 .. math:: \Sigma(\omega) = \sum_j S_j \, g_j(\omega) g_j(\omega)^H + \mathrm{diag}(N) ,
 
-and the lines of the records are complex normal with it. Constants, strengths and noise are
-found by scoring; where lines scatter otherwise than so, the model lacks something in that
-band. What and where it is, such records do not tell.
+and the lines of the records are complex normal with it. Constants, densities of forces and
+noise are found by Fisher scoring; where the covariance of the lines differs, the model lacks
+something in that band. Such records do not determine what and where.
+
+References
+----------
+.. [1] P. Whittle, "Gaussian estimation in stationary time series", Bull. Int. Stat. Inst. 39
+   (1962).
 """
 
 import dataclasses
@@ -51,7 +56,7 @@ Matrices = Complex[np.ndarray, "frequency sensor sensor"]
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class SpectralBand:
-    """A band of frequency, and the chance that a model which lacks nothing misses it so."""
+    """A band [Hz], and the p-value of its covariance test."""
 
     low_hz: float
     high_hz: float
@@ -60,7 +65,7 @@ class SpectralBand:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class AmbientFit:
-    """How the spectra of ambient records compare with those of the model.
+    """Result of a fit to the spectra of ambient records.
 
     Parameters
     ----------
@@ -71,9 +76,9 @@ class AmbientFit:
     noise_density
         Of each sensor [unit²/Hz].
     bands
-        Over which the scatter of the lines was tested.
+        Over which the covariance of the lines was tested.
     p_value
-        Chance of a worse fit over all bands, were nothing missing.
+        Probability of a worse fit over all bands if nothing is missing.
     """
 
     prior: Prior
@@ -91,12 +96,12 @@ class AmbientFit:
 
     @property
     def pulls(self) -> dict[Name, float]:
-        """How far each constant moved, in units of its tolerance."""
+        """Deviation of each constant from its prior mean, in prior standard deviations."""
         moved = (self.values - self.prior.mean) / self.prior.sd
         return dict(zip(self.prior.names, moved.tolist(), strict=True))
 
     def failed_bands(self, chance: float = 1e-3) -> tuple[tuple[float, float], ...]:
-        """Bands [Hz] that are missed by more than chance, the number of them allowed for."""
+        """Bands [Hz] in which the test fails, at a level with Bonferroni's correction."""
         level = chance / len(self.bands)
         return tuple((b.low_hz, b.high_hz) for b in self.bands if b.p_value < level)
 
@@ -110,7 +115,7 @@ class _SpectralProblem:
 
     @property
     def forces(self) -> list[int]:
-        """Coordinates that are pushed: translations."""
+        """Coordinates on which forces act: translations."""
         influence = LinearModel.of(self.plant.description).structure.influence
         return (
             list(range(self.lines.shape[1]))
@@ -120,18 +125,18 @@ class _SpectralProblem:
 
 
 def fit_ambient_spectra(plant: Plant, trials: Sequence[Trial]) -> AmbientFit:
-    """Fit constants, strengths of forces and noise to the spectra of ambient records.
+    """Fit constants, densities of forces and noise to the spectra of ambient records.
 
     Parameters
     ----------
     plant
         Without inputs and effects; its tolerances are the prior.
     trials
-        Gaps in them are taken for silence: cut records at long ones.
+        Records; gaps are taken for zeros, so cut them at long ones.
 
     Examples
     --------
-    See `tests/slowtime/discrepancy/ambient/spectra/test_spectra.py`.
+    See `tests/slowtime/discrepancy/ambient/test_spectra.py`.
     """
     problem = _spectral_problem(plant, tuple(trials))
     at = _initial_unknowns(problem)
@@ -165,7 +170,7 @@ def _spectral_problem(plant: Plant, trials: tuple[Trial, ...]) -> _SpectralProbl
     top = BAND_MARGIN * response_limit_hz(description, trials)
     frequencies, lines = [], []
     for trial in trials:
-        # Every second line: those of a tapered record hang together with their neighbours.
+        # Every second line: neighbouring lines of a tapered record are correlated.
         frequency, spectrum = transform(detrended(trial.measured), trial.rate_hz, taper="hann")
         kept = slice(2, int(np.searchsorted(frequency[:-1], top, side="right")), 2)
         frequencies.append(frequency[kept])
@@ -180,7 +185,7 @@ def _spectral_problem(plant: Plant, trials: tuple[Trial, ...]) -> _SpectralProbl
 
 
 def _initial_unknowns(problem: _SpectralProblem) -> Float[np.ndarray, " unknown"]:
-    """Begin with nominal constants, forces of the measured power, and noise well below."""
+    """Start with nominal constants, forces of the measured power, and noise well below."""
     free, forces = len(problem.prior.names), len(problem.forces)
     power = np.abs(problem.lines) ** 2
     at = np.zeros(free + forces + problem.lines.shape[1])
@@ -193,7 +198,7 @@ def _initial_unknowns(problem: _SpectralProblem) -> Float[np.ndarray, " unknown"
 def _spectral_matrices(
     problem: _SpectralProblem, at: Float[np.ndarray, " unknown"]
 ) -> Matrices:
-    """Spectral matrices at relative changes of constants and logarithms of densities."""
+    """Spectral matrices, given relative changes of constants and logarithms of densities."""
     free, forces = len(problem.prior.names), problem.forces
     values = problem.prior.mean * (1 + at[:free])
     changed = with_values(
@@ -211,7 +216,7 @@ def _spectral_matrices(
 def _negative_log_posterior(
     problem: _SpectralProblem, at: Float[np.ndarray, " unknown"]
 ) -> float:
-    """Minus the log likelihood, and half the squared pulls of the constants."""
+    """Minus the log likelihood, plus half the squared deviations of the constants."""
     sigma = _spectral_matrices(problem, at)
     factor = np.linalg.cholesky(sigma)
     white = np.linalg.solve(factor, problem.lines[:, :, None])[:, :, 0]
@@ -230,7 +235,7 @@ def _prior_deviations(
 def _score_and_information(
     problem: _SpectralProblem, at: Float[np.ndarray, " unknown"]
 ) -> tuple[float, Float[np.ndarray, " unknown"], Float[np.ndarray, "unknown unknown"]]:
-    """Cost, its downward slope, and Fisher's information."""
+    """Cost, score and Fisher information."""
     inverse = np.linalg.inv(_spectral_matrices(problem, at))
     weighted = inverse @ problem.lines[:, :, None]
     turned, score = [], np.zeros(len(at))
@@ -277,7 +282,7 @@ def _make_ambient_fit(
 def _covariance_tests(
     problem: _SpectralProblem, at: Float[np.ndarray, " unknown"]
 ) -> tuple[tuple[SpectralBand, ...], float, int]:
-    r"""Test in bands whether whitened lines have the unit matrix for their covariance.
+    r"""Test in bands whether the covariance of the whitened lines is the unit matrix.
 
     For the mean :math:`A` of :math:`n` products :math:`z z^H` of :math:`s` components,
     :math:`2 n (\mathrm{tr} A - \log \det A - s)` is close to chi squared with :math:`s^2`

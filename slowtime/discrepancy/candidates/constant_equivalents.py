@@ -1,9 +1,14 @@
-r"""Constants that a fit has bent, in; laws at those elements that would have bent them, out.
+r"""Laws at elements whose constants a fit moved to make up for them.
 
-Where sensors are few, the motion at an element is guessed, and laws fare badly along it. The
-constants that a fit bends to make up for a law tell of it too: what they add at an element,
-:math:`\Delta k \, e + \Delta c \, v`, is what is linear of the law's force along the motion of
-that fit. Each law so has its strength, and a free run says which comes nearest.
+Where sensors are few, the motion at an element is uncertain, and so are laws fitted along it.
+Constants that a fit moves to make up for a law are evidence, too: the force that they add at an
+element, :math:`\Delta k \, e + \Delta c \, v`, is the linear part of the law's force along the
+motion of the fit (equivalent linearisation). That gives each law its strength, and free runs
+rank them.
+
+References
+----------
+.. [1] T. K. Caughey, "Equivalent linearization techniques", J. Acoust. Soc. Am. 35 (1963).
 """
 
 import dataclasses
@@ -50,7 +55,17 @@ CONSTANTS = {"stiffness_loss": ("stiffness", -1.0), "viscous_damping": ("damping
 def equivalent_laws(
     bent: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind]
 ) -> list[Candidate]:
-    """Give laws at elements with bent constants, those first whose free run comes nearest."""
+    """Propose laws at elements with moved constants, the best free run first.
+
+    Parameters
+    ----------
+    bent
+        Fit whose constants left their tolerances.
+    trials
+        Its records.
+    kinds
+        Catalogue of effects by name.
+    """
     pulls = sorted(bent.pulls.items(), key=lambda pair: -abs(pair[1]))
     elements = list(dict.fromkeys(name[1] for name, pull in pulls if _is_moved(name, pull)))
     if not elements:
@@ -88,10 +103,21 @@ def equivalent_laws(
 def instead_of_constants(
     bent: Fit, labels: Sequence[Candidate], trials: Sequence[Trial], kinds: Mapping[str, Kind]
 ) -> list[Candidate]:
-    """Give laws, not among the labels, that may be what bent constants stand for.
+    """Propose further laws for which moved constants may stand.
 
-    For a fit whose constants leave nothing: along what it leaves, no law shows. They count for
-    as good as the best label, until they are refitted.
+    For a fit whose constants explain everything, so that its residual shows no law. Until they
+    are refitted, they count as good as the best candidate.
+
+    Parameters
+    ----------
+    bent
+        Fit whose constants left their tolerances.
+    labels
+        Candidates there are already.
+    trials
+        Its records.
+    kinds
+        Catalogue of effects by name.
     """
     done = {label_of(one.effect) for one in labels}
     every = equivalent_laws(bent, trials, kinds)
@@ -110,7 +136,7 @@ def instead_of_constants(
 
 
 def _other_constants(bent: Fit, kinds: Mapping[str, Kind]) -> Iterator[Candidate]:
-    """Give a change of each constant: few sensors do not tell which of them changed."""
+    """Propose a change of each constant; few sensors do not determine which of them changed."""
     for name, _ in sorted(bent.pulls.items(), key=lambda pair: -abs(pair[1])):
         for kind, (what, sign) in CONSTANTS.items():
             if name[0] == what and kind in kinds:
@@ -127,9 +153,9 @@ def _is_moved(name: tuple[object, ...], pull: float) -> bool:
 
 
 def is_single_changed_constant(fit: Fit, effect: Effect) -> bool:
-    """Whether one constant alone is far off, and an effect is that it is so.
+    """Whether one constant alone is far off, and an effect is its change.
 
-    That it was claimed too well is then no other answer.
+    A tolerance stated too small is then no alternative.
     """
     off = [
         name for name, pull in fit.constant_pulls.items() if abs(pull) > LIMITS.moved_tolerances
@@ -144,7 +170,7 @@ def is_single_changed_constant(fit: Fit, effect: Effect) -> bool:
 
 
 def _fit_start(bent: Fit, place: Place) -> FitStart:
-    """Give all else as the fit has it, and the element's constants as they were claimed."""
+    """Start with the constants of an element at their prior means, and all else as fitted."""
     constants = {
         name: float(bent.prior.mean[at] if name[1] == place.id else bent.free[at])
         for at, name in enumerate(bent.prior.names)
@@ -158,7 +184,7 @@ def _fit_start(bent: Fit, place: Place) -> FitStart:
 def _proportional_laws(
     bent: Fit, kind: Kind, place: Place, motions: list[Motion]
 ) -> Iterator[Effect]:
-    """Give a law in the shapes whose linear part is what the bent constants add."""
+    """Scale a law, in each shape, so that its linear part is what the constants add."""
     action = kind.action
     if kind.where != "element" or kind.strength is None or kind.quadrature is not None:
         return
@@ -186,7 +212,7 @@ def _proportional_laws(
 
 
 def _added_by_constant(bent: Fit, what: str, place: Place) -> float:
-    """Give what a constant adds; one that stays within its tolerance needs no law for it."""
+    """Change of a constant that left its tolerance; 0 for others."""
     name = (what, place.id)
     if name not in bent.prior.names or not _is_moved(name, bent.pulls[name]):
         return 0.0

@@ -1,4 +1,4 @@
-"""A place in; how much any force there would explain at the sensors, out."""
+"""Least squares for the force at one place, with constants and initial states eliminated."""
 
 import functools
 from collections.abc import Iterable
@@ -30,7 +30,20 @@ ForceSpectra = Complex[np.ndarray, "frequency column"]
 
 
 class ForceSpace:
-    """Sensors' lines at one place, with constants and initial states taken out."""
+    """Whitened lines of the residual, projected on forces at one place.
+
+    Constants, under their priors, and initial states are eliminated from the normal equations
+    (Schur complement).
+
+    Parameters
+    ----------
+    fit
+        Of the reference.
+    located
+        Its ranking of places.
+    place
+        Where forces act.
+    """
 
     def __init__(self, fit: Fit, located: Localization, place: Place) -> None:
         found = located.group(place).explained
@@ -79,7 +92,7 @@ class ForceSpace:
         self.right = right * self.scale
         self.solved = scipy.linalg.cho_solve(self.factor, self.right)
         self.cost_without = self.square - float(self.right @ self.solved)
-        """What is left without any force."""
+        """Chi squared without any force at the place."""
         self.names, self.reference, self.change = (
             _constant_names(fit),
             _constant_values(fit),
@@ -90,7 +103,7 @@ class ForceSpace:
 
     @functools.cached_property
     def states(self) -> list[dict[tuple[str, str], float]]:
-        """Initial state of each trial, by its names, that goes with the force found here."""
+        """Initial state of each trial, by coordinate, given the force estimated here."""
         located, names = self.located, self.located.linear.structure.names
         own = [("displacement", n) for n in names] + [("velocity", n) for n in names]
         explained = located.group(self.place).explained
@@ -100,7 +113,13 @@ class ForceSpace:
     def lines_of(
         self, series: Iterable[Float[np.ndarray, "time column"]]
     ) -> list[ForceSpectra]:
-        """Spectra of forces, trial by trial; of one that grew beyond bounds, nothing."""
+        """Transform forces (time, column), trial by trial; zero for one that is not finite.
+
+        Parameters
+        ----------
+        series
+            Of each trial [N].
+        """
         whole = list(series)
         fine = np.all([(np.abs(one) < MAX_FORCE).all(axis=0) for one in whole], axis=0)
         return [
@@ -113,7 +132,17 @@ class ForceSpace:
     def normal_equations(
         self, forces: list[ForceSpectra]
     ) -> tuple[Float[np.ndarray, "column column"], Float[np.ndarray, " column"]]:
-        """Products of forces with each other and with the residual, all else taken out."""
+        """Form the normal equations of several forces, all else eliminated.
+
+        Parameters
+        ----------
+        forces
+            Spectra of each trial (frequency, column).
+
+        Returns
+        -------
+        Products of the forces with each other, and with the residual.
+        """
         count = forces[0].shape[1]
         cross, inner = np.zeros((len(self.right), count)), np.zeros((count, count))
         seen = np.zeros(count)
@@ -129,14 +158,14 @@ class ForceSpace:
         return inner - cross.T @ taken, seen - cross.T @ self.solved
 
     def power(self, forces: list[ForceSpectra]) -> Float[np.ndarray, " column"]:
-        """Square of each force as the sensors hear it, whatever else could make it."""
+        """Squared response of the sensors to each force, nothing eliminated."""
         heard = [
             one @ np.abs(force) ** 2 for one, force in zip(self.signal, forces, strict=True)
         ]
         return np.asarray(np.sum(heard, axis=0))
 
     def constants_with(self, forces: list[ForceSpectra]) -> dict[tuple[str, str], float]:
-        """Give the constants that go best with a known force."""
+        """Solve for the constants, by name and in their units, given a force."""
         cross = np.zeros(len(self.right))
         for force, along, at in zip(forces, self.along, self.where, strict=True):
             cross[at] += (force[:, 0].conj() @ along).real[:-1]
@@ -149,7 +178,7 @@ class ForceSpace:
     def separate_fits(
         self, forces: list[ForceSpectra]
     ) -> tuple[Float[np.ndarray, " column"], Float[np.ndarray, " column"]]:
-        """Give the strength of each force by itself, and what it gains."""
+        """Fit each force by itself; give its strength and the chi squared that it explains."""
         count = forces[0].shape[1]
         cross, power, seen = (
             np.zeros((len(self.right), count)),
@@ -172,10 +201,10 @@ class ForceSpace:
         return strength, strength * np.where(heard, seen, 0.0)
 
     def fit_within_tolerances(self, forces: list[ForceSpectra]) -> tuple[float, float]:
-        """Of one force that constants can do without: what they would claim to be spared most.
+        """Fit a force that constants can reproduce, by the priors of these constants.
 
-        Its strength, and by how much their pulls' squares would be less; (0, 0) where sensors
-        tell the force from their moves.
+        Gives its strength, and the decrease of their squared deviations; (0, 0) where the
+        sensors tell the force from changed constants.
         """
         cross, whole = np.zeros(len(self.right)), 0.0
         for force, along, signal, at in zip(

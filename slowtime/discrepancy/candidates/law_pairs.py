@@ -1,9 +1,9 @@
-"""Where a force was found, in; the two laws that make it together, best at one place, out.
+"""Pairs of laws at one place that together explain the force found there.
 
 Of two laws at one place neither explains much by itself, and the one that explains most alone
-need not be one of them. Along the motion recovered there all are linear in their strengths, so
-that every pair of them is compared by the products of their forces with each other. A tone has
-the frequency that it was found with, and any phase.
+need not be one of them. Along the recovered motion all are linear in their strengths, so that
+every pair is compared by one matrix of inner products. A tone keeps the frequency that it was
+found with, and may have any phase.
 """
 
 import dataclasses
@@ -48,7 +48,7 @@ SAME_FORCE = 0.999
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class _Column:
-    """One force: a kind at the place of its space."""
+    """Force of one kind of law in one shape at one place."""
 
     kind: Kind
     parameters: dict[str, float]
@@ -56,19 +56,19 @@ class _Column:
     space: ForceSpace
 
     def force(self, trial: int) -> Float[np.ndarray, " time"]:
-        """Along the motion of one trial, in the direction of the group's first place."""
+        """Force [N] along the motion of one trial, as seen from the group's first place."""
         motion = self.space.latents[trial].motion
         return np.asarray(self.sign * force_along(self.kind, self.parameters, motion))
 
     def with_strength(self, strength: float) -> "_Column":
-        """Give it a strength."""
+        """Multiply the strength."""
         return dataclasses.replace(
             self, parameters=scale_to_strength(self.kind, self.parameters, float(strength))
         )
 
     @property
     def effect(self) -> Effect | None:
-        """What it is; None where its numbers cannot be such."""
+        """The effect; None where its parameters are out of bounds."""
         description = self.space.located.linear.description
         if not is_possible(self.kind, self.parameters, description, self.space.place):
             return None
@@ -82,14 +82,24 @@ def law_pairs(
     reached: Mapping[Label, float],
     kinds: Mapping[str, Kind],
 ) -> list[tuple[Candidate, Candidate]]:
-    """Give pairs of laws that leave less than half of what the best law leaves; best first.
-
-    The second carries where the free run with both may start from.
+    """Find pairs of laws that leave less than half of what the best law leaves.
 
     Parameters
     ----------
+    fit
+        Of the reference.
+    located
+        Its ranking of places.
+    tried
+        Candidates of one law.
     reached
-        Chi squared that those leave which were refitted: some promised more than they hold.
+        Chi squared of those that were refitted.
+    kinds
+        Catalogue of effects by name.
+
+    Returns
+    -------
+    The best pairs, the best first, with the start of the fit of both.
     """
     group = _best_structural_group(located)
     if not tried or group is None:
@@ -141,7 +151,7 @@ def _pairs_of_laws(
     seen: Float[np.ndarray, " column"],
     least: float,
 ) -> Iterator[tuple[float, tuple[_Column, _Column]]]:
-    """Pairs of columns that gain more than the least, the best of each pair of labels."""
+    """Pairs of laws that explain more than the least, the best shapes of each pair."""
     size = np.sqrt(np.maximum(np.diag(inner), np.finfo(float).tiny))
     across, along = inner / np.outer(size, size), seen / size
     own = 1 - np.minimum(across**2, SAME_FORCE)
@@ -172,7 +182,7 @@ def _pairs_with_tone(
     least: float,
     kinds: Mapping[str, Kind],
 ) -> Iterator[tuple[float, tuple[_Column, _Column]]]:
-    """Give the best law beside each tone, whose frequency is known and whose phase is not."""
+    """Find the best law beside each tone of known frequency and unknown phase."""
     space = columns[0].space
     for tone in tones:
         kind = kinds[tone.kind]
@@ -214,7 +224,7 @@ def _pairs_with_tone(
 
 
 def _best_structural_group(located: Localization) -> PlaceGroup | None:
-    """Give the best group where a law may act, if it explains as much as the best of all.
+    """Find the best group with an element or node, if it is as good as the best of all.
 
     With one mass, the base and its sensor explain all that a force on the mass does.
     """
@@ -227,7 +237,7 @@ def _best_structural_group(located: Localization) -> PlaceGroup | None:
 def _force_spaces(
     fit: Fit, located: Localization, group: PlaceGroup
 ) -> dict[Place, tuple[ForceSpace, float]]:
-    """Elements and nodes of a group, and how a force there points against the first's."""
+    """Force spaces of the elements and nodes of a group, with signs relative to the first."""
     directions = {source.place: source.force for source in located.linear.sources()}
     places = [place for place in group.places if place.kind in ("element", "node")]
     return {
@@ -245,9 +255,9 @@ def _candidate_columns(
     tried: Sequence[Candidate],
     kinds: Mapping[str, Kind],
 ) -> Iterator[_Column]:
-    """Every law that its strength scales, in every shape, at every place of a group.
+    """Columns of every proportional law, in every shape, at every place of a group.
 
-    And as it was found: a jump lies between the instants that are tried.
+    And as it was fitted alone, since a jump lies between the instants of the scan.
     """
     laws = [
         kind
@@ -287,7 +297,7 @@ def _force_spectra(columns: Sequence[_Column]) -> list[ForceSpectra]:
 def _pairs_by_gain(
     gain: Float[np.ndarray, "column column"], least: float
 ) -> Iterator[tuple[int, int]]:
-    """Pairs that gain more than the least, the best first."""
+    """Sort the pairs that explain more than the least, the best first."""
     upper = np.triu(gain, 1)
     rows, others = np.nonzero(upper > max(least, 0.0))
     order = np.argsort(-upper[rows, others], kind="stable")

@@ -1,7 +1,7 @@
-r"""Where a force was found, in; which laws would make it, by how much they explain, out.
+r"""Laws of the library ranked by how much they explain along recovered motions.
 
-Each kind is tried at each place that it can sit on, along the motion recovered there, and is
-compared where the noise is known: at the sensors. With whitened lines of the residual
+Each kind is fitted at each place where it may act, along the motion recovered there, and is
+compared at the sensors, where the noise is known. With whitened lines of the residual
 :math:`r`, of the constants' and initial states' columns :math:`B`, and of the force's own
 :math:`c`,
 
@@ -60,7 +60,7 @@ Label = tuple[str, Place]
 
 
 def label_of(effect: Effect) -> Label:
-    """Give an effect without its numbers."""
+    """Kind and place of an effect, without its parameters."""
     return effect.kind, effect.place
 
 
@@ -70,14 +70,21 @@ class Candidate:
 
     Parameters
     ----------
+    effect
+        The law with these parameters.
     cost
-        Chi squared that it leaves, with what the constants' tolerance takes.
+        Chi squared that it leaves, deviations of the constants included.
     score
-        Half of that, and half a log of the data for each parameter, below zero.
+        Schwarz's criterion: minus half of that, minus half the log of the data for each
+        parameter [nats].
     cost_without
-        Chi squared without it.
+        Chi squared without the law.
     start
-        Where the free run may start from.
+        Start of its fit.
+
+    References
+    ----------
+    .. [1] G. Schwarz, "Estimating the dimension of a model", Ann. Stat. 6 (1978).
     """
 
     effect: Effect
@@ -90,7 +97,21 @@ class Candidate:
 def library_candidates(
     fit: Fit, located: Localization, kinds: Mapping[str, Kind]
 ) -> list[Candidate]:
-    """Try every kind at every place, each with its own best shape; the best first."""
+    """Fit every kind at every place that may explain the residual.
+
+    Parameters
+    ----------
+    fit
+        Of the reference.
+    located
+        Its ranking of places.
+    kinds
+        Catalogue of effects by name.
+
+    Returns
+    -------
+    Each kind and place with its best parameters, by falling score.
+    """
     data = sum(2 * t.residual.size for t in located.lines)
     found: list[Candidate] = []
     spaces: dict[Place, ForceSpace] = {}
@@ -103,7 +124,7 @@ def library_candidates(
     one_line = bool(tones) and is_tonal(located)
     for group in located.groups:
         if leaving < LIMITS.several_forces_chi2 or most <= 0:
-            # To one sensor all places are alike, but for how smooth their forces have to be.
+            # To one sensor all places are alike, except for the smoothness of their forces.
             alike = set(group.places) & set(located.groups[0].twins)
             worse = group.left > acceptable_chi2(leaving) * (TWIN_RATIO if alike else 1.0)
         else:
@@ -137,9 +158,10 @@ def library_candidates(
 
 
 def is_tonal(located: Localization) -> bool:
-    """Whether nearly all that is left is one line: a tone has a say wherever it may act.
+    """Whether nearly all of the residual power is one spectral line.
 
-    A force that may have any spectrum is no measure for one that has a single line.
+    A tone is then tried at every place, as the likelihood of a force of any spectrum does not
+    rank places for it.
     """
     loud = [
         np.maximum(np.sum(np.abs(one.residual) ** 2 / one.noise - 1, axis=1), 0.0)
@@ -155,9 +177,12 @@ def is_tonal(located: Localization) -> bool:
 
 
 def acceptable_chi2(least: float) -> float:
-    """Give what a place may leave, over the noise, beside one that leaves the least.
+    """Mean square over the noise up to which a place is not passed over.
 
-    What leaves less than noise explains noise, too, and is no measure.
+    Parameters
+    ----------
+    least
+        Mean square that the best place leaves; less than 1 counts as 1, being overfitted.
     """
     return PLACE_RATIO * max(least, 1.0) + PLACE_OFFSET
 
@@ -165,14 +190,14 @@ def acceptable_chi2(least: float) -> float:
 def _start_of_effect(
     fit: Fit, effect: Effect, kinds: Mapping[str, Kind], space: ForceSpace
 ) -> FitStart:
-    """Solve for what else moves, once a law is as it was found."""
+    """Solve for constants and initial states, given a fitted law."""
     return start_with_force(
         fit, space.lines_of(effect_forces(kinds[effect.kind], effect, space)), space
     )
 
 
 def start_with_force(fit: Fit, forces: list[ForceSpectra], space: ForceSpace) -> FitStart:
-    """Solve for what else moves, once a force is known."""
+    """Solve for constants and initial states, given forces at a place."""
     constants = space.constants_with(forces)
     means = dict(zip(fit.prior.names, fit.prior.mean.tolist(), strict=True))
     for name, value in constants.items():
@@ -184,7 +209,7 @@ def start_with_force(fit: Fit, forces: list[ForceSpectra], space: ForceSpace) ->
 def mirrored_factor(
     labels: Sequence[Candidate], tried: Sequence[Candidate], kinds: Mapping[str, Kind]
 ) -> list[Candidate]:
-    """Give what one sensor alone cannot tell from a label: the input's factor or its own."""
+    """Propose the factor of the input for that of a single sensor, and the reverse."""
     known = next((one for one in labels if kinds[one.effect.kind].is_factor), None)
     if known is None:
         return []
@@ -204,7 +229,7 @@ def mirrored_factor(
 
 
 def unreachable_chi2(located: Localization, group: PlaceGroup) -> float:
-    """Chi squared that no force at a place can take away, whatever its course."""
+    """Chi squared that no force at the places of a group can explain."""
     total = 0.0
     for lines, force in zip(located.lines, group.explained.forces, strict=True):
         left = float(np.sum(np.abs(force.left) ** 2 / lines.noise))
@@ -216,10 +241,10 @@ def unreachable_chi2(located: Localization, group: PlaceGroup) -> float:
 
 
 def is_applicable(kind: Kind, description: Description) -> bool:
-    """Whether a kind can be at all: what is per radian acts on angles."""
+    """Whether a kind may act in a structure: parameters per radian need angles."""
     if kind.name == OFFSET:
-        return False  # one with a bias of sensors, where a structure stands; else fitted anyway
+        return False  # equivalent to a bias of sensors, or fitted anyway with rigid modes
     if kind.name == GAIN and len(description.inputs) == 1 and has_rigid_motion(description):
-        return False  # one with all masses and dampers being so much smaller
+        return False  # equivalent to all masses and dampers being smaller
     angular = any("/rad" in parameter.unit for parameter in kind.parameters)
     return not angular or description.unit_of_coordinate == "rad"

@@ -1,9 +1,10 @@
-r"""A force and a law at one place, record by record, in; frequencies at which it turns, out.
+r"""Frequencies by which a force is a law modulated by a sine.
 
-A law that turns by a clock of its own, :math:`F = g(e, v) \cos(2 \pi f t + \varphi)`, has a
-line at f in the product of F and g, whatever moves. The records of a campaign are far apart,
-and a phase holds over all of them only for a frequency that is known to a part of one over the
-campaign: first each record may have a phase of its own, then all have one.
+A law that is modulated independently of the motion,
+:math:`F = g(e, v) \cos(2 \pi f t + \varphi)`, has a
+line at f in the product of F and g. The records of a campaign are far apart, so that one phase
+holds for all of them only if f is known to a fraction of one over the campaign. First each
+record has a phase of its own, then all have one.
 """
 
 from collections.abc import Sequence
@@ -38,17 +39,17 @@ def modulation_frequencies_hz(
     times: Sequence[Series],
     heard: Sequence[float] = (),
 ) -> list[float]:
-    """Frequencies by which a force may be its law turning, those that explain most first.
+    """Frequencies [Hz] by which a force may be a modulated law, the best first.
 
     Parameters
     ----------
     forces, laws
-        The force, and what it would be if it did not turn.
+        Force and unmodulated law of each trial [N].
     times
-        Of the campaign [s].
+        Campaign times [s].
     heard
-        Lines that are looked at besides [Hz]: what is loud at the sensors may be little beside
-        a force that they hardly hear.
+        Further lines to look at [Hz]: a line that is strong at the sensors may be weak in a
+        force that they hardly sense.
 
     Examples
     --------
@@ -83,7 +84,7 @@ def _refine_about_line(
     times: Sequence[Series],
     lengths: Sequence[float],
 ) -> list[tuple[float, float]]:
-    """Give what is explained, and the frequency, at the best few about a line."""
+    """Share explained, and frequency, of the best few about a line."""
     span = max(float(t[-1]) for t in times) - min(float(t[0]) for t in times)
     parts = [_demodulated(p, t, line) for p, t in zip(products, times, strict=True)]
     wide, fine = 1.0 / min(lengths), 1.0 / (STEPS_PER_LINE * max(lengths))
@@ -113,12 +114,12 @@ def _refine_about_line(
 def _joint_power(
     parts: Sequence[Demodulated], steps: Float[np.ndarray, " step"]
 ) -> Float[np.ndarray, " step"]:
-    """Square of the sum over all records with one phase."""
+    """Squared modulus of the sum over all records, with one phase."""
     return np.asarray(np.abs(sum(_dtft(part, steps) for part in parts)) ** 2)
 
 
 def _demodulated(product: Series, times: Series, line: float) -> Demodulated:
-    """Sum over parts of a record, turned back by a line; tell when each part was."""
+    """Demodulate a record by a line, summed over blocks; give sums and mean times."""
     edges = np.unique(np.linspace(0, len(times), BLOCKS + 1).astype(int))[:-1]
     turned = product * np.exp(-2j * np.pi * line * times)
     counts = np.diff(np.append(edges, len(times)))

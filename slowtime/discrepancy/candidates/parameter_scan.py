@@ -1,4 +1,4 @@
-"""A kind and a place in; the parameters with which it explains most there, out."""
+"""Parameters with which a kind of effect explains most at a place."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -75,15 +75,27 @@ Values = Float[np.ndarray, " value"]
 
 @runtime_checkable
 class ParameterAction(Protocol):
-    """What a value of a parameter changes, trial by trial; or in one only."""
+    """Change of a series by a value of a parameter, trial by trial."""
 
     def __call__(self, value: float, only: int | None = None) -> list[Column]:
-        """Give the change."""
+        """Compute the change, in one trial only where its number is given."""
         ...
 
 
 def best_effect(kind: Kind, space: ForceSpace) -> tuple[Effect, float] | None:
-    """Give the parameters of a kind that explain most at a place, and what they gain."""
+    """Fit the parameters of a kind at a place.
+
+    Parameters
+    ----------
+    kind
+        Of effect.
+    space
+        Least squares at the place.
+
+    Returns
+    -------
+    The effect and the chi squared that it explains; None where the kind has no effect there.
+    """
     if isinstance(kind.action, Law | Friction | Hidden):
         return _best_force(kind, space)
     if isinstance(kind.action, SensorChange | InputChange):
@@ -118,20 +130,20 @@ def _best_force(kind: Kind, space: ForceSpace) -> tuple[Effect, float] | None:
 
 
 def unit_strength_shapes(kind: Kind, space: ForceSpace) -> list[dict[str, float]]:
-    """Give a kind in every shape that makes sense, with a unit of its strength."""
+    """Parameters of a kind in every shape that is tried, with unit strength."""
     unit = 1.0 if kind.strength is None else _strength_sign(kind)
     shapes = _shapes(kind, space, [latent.motion for latent in space.latents])
     return [dict(shape) | _with_strength(kind, shape, unit) for shape in shapes]
 
 
 def scale_to_strength(kind: Kind, parameters: Shape, strength: float) -> dict[str, float]:
-    """Give a kind so many times its strength, with all that goes with that."""
+    """Multiply the strength of a kind, and the parameters that scale with it."""
     scaled = (kind.strength, *kind.scales)
     return {n: strength * value if n in scaled else value for n, value in parameters.items()}
 
 
 def has_strength(kind: Kind) -> bool:
-    """Whether a kind is a force that one number, and no phase, makes stronger."""
+    """Whether a kind is a force with a strength and without a phase."""
     law = isinstance(kind.action, Law | Friction | Hidden)
     return law and bool(kind.strength) and not kind.quadrature
 
@@ -170,13 +182,13 @@ def effects_of_strength(
 
 
 def is_possible(kind: Kind, parameters: Shape, description: Description, place: Place) -> bool:
-    """Whether a kind may have such parameters at a place."""
+    """Whether parameters are within the bounds of a kind at a place."""
     least = lowest(description, place, kind)
     return not any(kind.parameter(n).refuses(v) or v <= least for n, v in parameters.items())
 
 
 def effect_forces(kind: Kind, effect: Effect, space: ForceSpace) -> list[Column]:
-    """Give what an effect does at its place, along the motion recovered there."""
+    """Force of an effect along the motion recovered at its place (time, 1), by trial."""
     action = kind.action
     if not isinstance(action, SensorChange | InputChange):
         return [force_along(kind, effect.parameters, x.motion)[:, None] for x in space.latents]
@@ -188,12 +200,12 @@ def effect_forces(kind: Kind, effect: Effect, space: ForceSpace) -> list[Column]
 
 
 def gain_of(found: tuple[Effect, float]) -> float:
-    """Second of a pair: what an effect gains."""
+    """Second of a pair: the chi squared that an effect explains."""
     return found[1]
 
 
 def _shapes(kind: Kind, space: ForceSpace, motions: list[Motion]) -> list[Shape]:
-    """Shapes that make sense: frequencies of one record at a time, all else of the campaign."""
+    """Shapes to try: frequencies of one record at a time, all else of the campaign."""
     if not any(parameter.unit == "Hz" for parameter in kind.parameters):
         return kind.shapes(concatenate_motions(motions))
     longest = max(range(len(motions)), key=lambda i: len(motions[i].times))
@@ -204,7 +216,7 @@ def _shapes(kind: Kind, space: ForceSpace, motions: list[Motion]) -> list[Shape]
 
 
 def _modulated_shapes(kind: Kind, shapes: list[Shape], space: ForceSpace) -> list[Shape]:
-    """Frequencies of a clock that is none of the motion's."""
+    """Shapes whose frequencies are found by demodulation, independent of the motion."""
     assert kind.quadrature is not None
     assert kind.strength is not None
     others = dict(shapes[0]) if shapes else {}
@@ -228,7 +240,7 @@ def _modulated_shapes(kind: Kind, shapes: list[Shape], space: ForceSpace) -> lis
 
 
 def _strongest_lines_hz(located: Localization) -> list[float]:
-    """Lines that are loudest over the noise of the sensors, those of each record."""
+    """Frequencies of the strongest lines over the noise, of each record [Hz]."""
     found: list[float] = []
     for one in located.lines:
         loud = np.sum(np.abs(one.residual) ** 2 / one.noise, axis=1)
@@ -239,7 +251,7 @@ def _strongest_lines_hz(located: Localization) -> list[float]:
 def _refine_frequency(
     kind: Kind, found: tuple[Effect, float], space: ForceSpace, motions: list[Motion]
 ) -> tuple[Effect, float]:
-    """Give a better frequency: one over the campaign is how far a phase holds."""
+    """Refine a frequency in steps of a fraction of one over the campaign."""
     span = max(float(m.times[-1]) for m in motions) - min(float(m.times[0]) for m in motions)
     step = COARSE_TURN / span
     for _ in range(FREQUENCY_REFINEMENTS):
@@ -261,7 +273,7 @@ def _refine_frequency(
 def _refine_resonance(
     kind: Kind, found: tuple[Effect, float], space: ForceSpace, motions: list[Motion]
 ) -> tuple[Effect, float]:
-    """Give a better resonance: a light one is far narrower than the first look is fine."""
+    """Refine a resonance, which is narrower than the steps of the first scan."""
     assert kind.strength is not None
     wide = RESONANCE_STEP
     for _ in range(REFINEMENTS):
@@ -285,7 +297,7 @@ def _refine_resonance(
 
 
 def _refined_shapes(name: str, found: Effect, shapes: list[Shape]) -> list[Shape]:
-    """Values of one shape parameter between the neighbours of the one that was best."""
+    """Values of one shape parameter between the neighbours of the best one."""
     values = sorted({shape[name] for shape in shapes})
     at = int(np.argmin(np.abs(np.array(values) - found.parameters[name])))
     low, high = values[max(at - 1, 0)], values[min(at + 1, len(values) - 1)]
@@ -317,7 +329,7 @@ def _best_quadrature(
     motions: list[Motion],
     shapes: list[Shape],
 ) -> tuple[Effect, float]:
-    """Of a phase, by its two quadratures; `shapes` must not be empty."""
+    """Fit strength and phase by two quadratures; `shapes` must not be empty."""
     assert kind.quadrature is not None
     assert kind.strength is not None
     whole = [
@@ -348,7 +360,7 @@ def _best_quadrature(
 def _best_change(
     kind: Kind, action: SensorChange | InputChange, space: ForceSpace
 ) -> tuple[Effect, float] | None:
-    """Of a sensor or an input: a parameter that can do nothing does a little."""
+    """Fit the parameter of a change of a sensor or an input, from where it does nothing."""
     fitted = [p for p in kind.parameters if p.fitted]
     if len(fitted) != 1:
         return None
@@ -388,10 +400,10 @@ def _best_change(
 def _best_parameter_value(
     space: ForceSpace, acted: ParameterAction, parameter: Parameter, idle: float, step: float
 ) -> tuple[float, float] | None:
-    """Value that explains most, and its gain: by one step where its action is proportional.
+    """Value that explains most, and its gain: in one step where its action is linear.
 
-    Else by a scan of one record, each value changing the series by half of itself more, and by
-    Gauss's and Newton's steps from the best.
+    Otherwise by a scan of the shortest record, each value changing the series by half of itself
+    more, and by Gauss-Newton steps from the best.
     """
     moved = acted(idle + step)
     double = acted(idle + 2 * step)
@@ -446,7 +458,7 @@ def _scan_saturation(
     fixed: dict[str, float],
     name: str,
 ) -> tuple[Effect, float] | None:
-    """Of a sensor that can only be straight by an endless parameter: a scan."""
+    """Scan the level of a sensor's saturation, which is linear only at an infinite one."""
     top = max(float(np.abs(latent.motion.e).max()) for latent in space.latents)
     best: tuple[Effect, float] | None = None
     for share in np.geomspace(0.25, 0.97, 14):
@@ -464,7 +476,7 @@ def _default_value(default: float | None, space: ForceSpace) -> float:
 
 
 def _unit_factor(space: ForceSpace) -> float:
-    """From the unit of an input to SI; sensors keep theirs."""
+    """Factor from the unit of an input to SI; 1 for sensors."""
     description = space.located.linear.description
     if space.place.kind != "input":
         return 1.0
@@ -488,7 +500,7 @@ def _with_strength(kind: Kind, shape: Shape, unit: float) -> dict[str, float]:
 
 
 def concatenate_motions(motions: list[Motion]) -> Motion:
-    """One motion after the other as the campaign went, for what shapes make sense."""
+    """Concatenate motions in the order of the campaign."""
     motions = sorted(motions, key=lambda motion: float(motion.times[0]))
     return Motion(
         e=np.concatenate([m.e for m in motions]),
@@ -499,10 +511,10 @@ def concatenate_motions(motions: list[Motion]) -> Motion:
 
 
 def best_within_tolerances(kind: Kind, space: ForceSpace) -> tuple[Effect, float] | None:
-    """Of an effect that is to the sensors as if constants had moved: by their own moves.
+    """Fit an effect that changed constants can reproduce, by the priors of these constants.
 
-    They have tolerances, the effect has none; a mass that is added is to a shaken base as if
-    both stiffness and damping were smaller.
+    The constants have tolerances, the effect has none. With a shaken base, an added mass is
+    equivalent to less stiffness and damping.
     """
     if not is_constant_change(kind):
         return None
@@ -517,6 +529,6 @@ def best_within_tolerances(kind: Kind, space: ForceSpace) -> tuple[Effect, float
 
 
 def is_constant_change(kind: Kind) -> bool:
-    """Whether a kind does what a constant of its place does: the constant's tolerance tells."""
+    """Whether a kind is a change of a linear constant of its place."""
     action = kind.action
     return isinstance(action, Hidden) and not action.coordinates and len(kind.names) == 1

@@ -1,4 +1,4 @@
-"""A rig and its records in; experiments that one could make with it out, the easiest first."""
+"""Experiments that a rig allows, in order of effort, and their inputs."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -38,10 +38,17 @@ Series = Float[np.ndarray, " time"]
 def experiment_options(
     description: Description, trials: Sequence[Trial]
 ) -> list[list[Experiment]]:
-    """List experiments that the rig allows, in classes of rising effort.
+    """List experiments that a rig allows, in classes of rising effort.
 
-    Levels and forms of the excitation that is there; another time; more sensors; a force on a
-    node, which is measured.
+    Other levels and waveforms of the excitation; a later repeat; more sensors; a measured force
+    on a node.
+
+    Parameters
+    ----------
+    description
+        The model, with its inputs and sensors.
+    trials
+        Records so far.
     """
     if not description.inputs:
         return [_other_levels(), [*_later_repeats(trials), *_added_sensors(description, None)]]
@@ -61,12 +68,20 @@ def experiment_options(
 
 
 def experiment_trial(option: Experiment, trial: Trial, description: Description) -> Trial:
-    """Give the inputs of an experiment, of the size of those that were measured.
+    """Generate the inputs of an experiment, as strong as those that were measured.
 
     Parameters
     ----------
+    option
+        The experiment.
     trial
-        Whose inputs are repeated.
+        Record whose inputs are repeated, or set the level.
+    description
+        The model.
+
+    Returns
+    -------
+    A record with these inputs in their units, and outputs of zero.
     """
     count = min(len(trial.inputs), int(SIMULATED_S * trial.rate_hz))
     inputs = trial.inputs[:count] * option.level
@@ -109,7 +124,7 @@ def _level_words(level: float) -> str:
 
 
 def _other_excitations(low: float, broad: tuple[float, float], top: float) -> list[Experiment]:
-    """Other forms of the excitation, between frequencies that suit the modes."""
+    """Other waveforms of the excitation, in bands about the modes [Hz]."""
     below = 0.2 * low, 0.7 * low
     options = [
         Experiment(
@@ -142,7 +157,7 @@ def _other_excitations(low: float, broad: tuple[float, float], top: float) -> li
 
 
 def _later_repeats(trials: Sequence[Trial]) -> list[Experiment]:
-    """Once more, after as long again as the campaign has lasted."""
+    """Repeat after as long again as the campaign has lasted."""
     first = min(trial.start_s for trial in trials)
     last = max(trial.start_s + trial.duration_s for trial in trials)
     start = float(math.ceil(2 * last - first))
@@ -156,7 +171,7 @@ def _later_repeats(trials: Sequence[Trial]) -> list[Experiment]:
 def _added_sensors(
     description: Description, band: tuple[float, float] | None
 ) -> list[Experiment]:
-    """Sensors that are not there yet: one at a time, then accelerations everywhere."""
+    """Additional sensors: one at a time, then accelerations everywhere."""
     units = UNITS[description.unit_of_coordinate]
     there = {(s.quantity, s.node) for s in description.sensors}
     missing = [
@@ -183,7 +198,7 @@ def _added_sensors(
 
 
 def _added_forces(description: Description, band: tuple[float, float]) -> list[Experiment]:
-    """Put a shaker with a force cell on a node where there is none."""
+    """Additional shakers with force cells on nodes without one."""
     unit = UNITS[description.unit_of_coordinate]["force"]
     driven = {entry.node for entry in description.inputs if entry.kind == "force"}
     return [
@@ -217,7 +232,7 @@ def _unused_name(name: str, description: Description) -> str:
 
 
 def _waveform(option: Experiment, times: Series) -> Series:
-    """Shape of an excitation, of unit size."""
+    """Waveform of unit root mean square, or of a blow; `times` in seconds."""
     assert option.band_hz is not None
     low, high = option.band_hz
     if option.excitation == "free_decay":
@@ -228,7 +243,7 @@ def _waveform(option: Experiment, times: Series) -> Series:
     if option.excitation == "sine":
         return np.asarray(np.sqrt(2.0) * np.sin(2 * np.pi * low * times))
     lines = np.array(list(_lines(low, high, float(times[-1]))))
-    # Schroeder's phases: no crest stands out, and nothing is left to chance.
+    # Schroeder (1970) phases: a low crest factor without random numbers.
     phases = -np.pi * np.arange(len(lines)) ** 2 / len(lines)
     waves = np.cos(2 * np.pi * np.multiply.outer(times, lines) + phases)
     return np.asarray(waves.sum(axis=1) * np.sqrt(2.0 / len(lines)))

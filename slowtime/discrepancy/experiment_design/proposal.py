@@ -1,14 +1,19 @@
-r"""Models that the records cannot tell apart, in; the measurement that would, out.
+r"""Choice of the experiment that discriminates between rival models.
 
-All are run under each of a menu of experiments. What one could still mimic by moving its
-constants and parameters within what the records allow does not count:
+All are simulated in each of a list of experiments. Differences that one can reproduce by moving
+its parameters within their covariance do not count:
 
 .. math:: \Delta = \tfrac12 \min_\delta \; |(y_1 - y_2 - S \delta) / \sigma|^2
           + \delta^T \Sigma^{-1} \delta ,
 
-with the slopes :math:`S` and the covariance :math:`\Sigma` of the second's refit. Either may be
-true: the lesser of both ways round counts, and of several rivals the two hardest to tell. Where
-nothing parts them all, the least likely are left out, one by one.
+with the sensitivities :math:`S` and the covariance :math:`\Sigma` of the second one's fit.
+Either may be true: the lesser of both directions counts, and of several rivals the least separated
+pair. Where no experiment separates them all, the least likely are left out, one by one.
+
+References
+----------
+.. [1] G. E. P. Box, W. J. Hill, "Discrimination among mechanistic models", Technometrics 9
+   (1967).
 """
 
 import dataclasses
@@ -49,16 +54,17 @@ Series = Float[np.ndarray, "time sensor"]
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
-    """What one rival says of an experiment.
+    """Prediction of an experiment by one rival.
 
     Parameters
     ----------
     outputs, slopes
-        By what is free of it, and by the state it begins in, of which nothing is known.
+        Outputs (time, sensor), and their sensitivities to free parameters and to the initial
+        state, which is unknown.
     noise
-        Of each sensor.
+        Standard deviation of each sensor, in its unit.
     known
-        Inverse covariance of those.
+        Inverse prior covariance of parameters and initial state.
     """
 
     outputs: Series
@@ -70,19 +76,23 @@ class Prediction:
 def propose_experiment(
     rivals: Sequence[FittedCandidate], trials: Sequence[Trial], kinds: Mapping[str, Kind]
 ) -> Experiment | None:
-    """Choose the easiest experiment that parts rivals; None where nothing on the menu would.
+    """Choose the easiest experiment that separates rivals; None where none would.
 
     Parameters
     ----------
     rivals
-        Refitted to the same trials, the likeliest first.
+        Fitted to the same trials, the likeliest first.
+    trials
+        Records so far.
+    kinds
+        Catalogue of effects by name.
     """
     rivals = rivals[:MAX_RIVALS]
     if len(rivals) < 2:
         return None
     efforts = experiment_options(rivals[0].description, trials)
     apart = functools.cache(lambda option: separations(rivals, option, trials, kinds))
-    # Better to part the likeliest than none, where one rival goes with another everywhere.
+    # Better to separate the likeliest than none, where two rivals agree everywhere.
     for number in reversed(range(len(rivals) - 1)):
         found = _easiest(efforts, apart, number)
         if found is not None:
@@ -95,7 +105,7 @@ def _easiest(
     apart: Callable[[Experiment], Sequence[float]],
     number: int,
 ) -> Experiment | None:
-    """Choose the easiest of a menu, by that one of its partings."""
+    """Choose the easiest experiment that separates the first rivals, up to a number."""
     best: Experiment | None = None
     for effort in efforts:
         for option in effort:
@@ -115,15 +125,24 @@ def separations(
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
 ) -> list[float]:
-    """Give the least separation of any two of the first two rivals, three, and so on.
+    """Least separation among the first two rivals, the first three, and so on [nats].
 
-    Whichever of them is true.
+    Parameters
+    ----------
+    rivals
+        The likeliest first.
+    option
+        The experiment.
+    trials
+        Records so far; the strongest is repeated.
+    kinds
+        Catalogue of effects by name.
     """
     trial = max(trials, key=lambda t: float(np.sum(t.inputs.var(axis=0))))
     later = max(t.start_s + t.duration_s for t in trials)
     start = later if option.start_s is None else option.start_s
     acts = experiment_trial(option, trial, rivals[0].description)
-    # What nearly gives way may do so, and no record would come of it.
+    # A rival near an instability may diverge at a slightly higher level.
     repeated = option.excitation is None and not option.add_inputs
     loud = LEVEL_MARGIN * (option.level * trial.inputs if repeated else acts.inputs)
     told: list[Prediction] = []
@@ -148,14 +167,20 @@ def predict(
     start_s: float,
     kinds: Mapping[str, Kind],
 ) -> Prediction | None:
-    """Run one rival through an experiment; None where it grows beyond bounds.
+    """Simulate an experiment with one rival; None where it diverges.
 
     Parameters
     ----------
+    named
+        The rival.
+    option
+        The experiment.
     trial
-        Whose inputs act; its outputs are not looked at.
+        Record whose inputs act; its outputs are not used.
     start_s
         Campaign time of the experiment [s].
+    kinds
+        Catalogue of effects by name.
     """
     plant, fit = _plant_of_rival(named, option, kinds), named.fit
     with np.errstate(all="ignore"):
@@ -166,7 +191,7 @@ def predict(
         return None
     noise = fit.noise.sd(0, trial.rate_hz)
     there = len(noise)
-    # A sensor that is not there yet is taken to be as good as the worst of its neighbours.
+    # An additional sensor is taken to be as good as the worst of those there are.
     relative = float(np.max(noise / np.maximum(outputs[:, :there].std(axis=0), 1e-300)))
     more = min(relative, 0.1) * outputs[:, there:].std(axis=0)
     free = len(fit.prior.names)
@@ -184,7 +209,7 @@ def _stays_bounded(
     trial: Trial,
     kinds: Mapping[str, Kind],
 ) -> bool:
-    """Whether a rival survives inputs: it must not run away."""
+    """Whether the run of a rival stays finite under inputs."""
     plant = _plant_of_rival(named, option, kinds)
     with np.errstate(all="ignore"):
         outputs = plant.simulate(plant.values, inputs, trial.rate_hz)
@@ -192,7 +217,13 @@ def _stays_bounded(
 
 
 def separation(true: Prediction, other: Prediction) -> float:
-    """Give the expected gain of log evidence of one over the other, were the one true."""
+    """Give the expected log evidence of the true model over another [nats].
+
+    Parameters
+    ----------
+    true, other
+        Predictions of the same experiment.
+    """
     apart = ((true.outputs - other.outputs) / other.noise).ravel()
     turned = (other.slopes / other.noise[:, None]).reshape(len(apart), -1)
     matrix, right = turned.T @ turned + other.known, turned.T @ apart
@@ -205,7 +236,7 @@ def separation(true: Prediction, other: Prediction) -> float:
 def _plant_of_rival(
     named: FittedCandidate, option: Experiment, kinds: Mapping[str, Kind]
 ) -> Plant:
-    """Model of a rival on the rig as the experiment changes it."""
+    """Model of a rival with the inputs and sensors of the experiment."""
     values = dict(zip(named.fit.plant.parameters, named.fit.values.tolist(), strict=True))
     description = with_values(named.description, values)
     description = dataclasses.replace(

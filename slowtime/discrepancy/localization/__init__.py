@@ -1,4 +1,4 @@
-"""What a refit leaves, in; where one unknown force would explain it, and what it does, out."""
+"""Residuals of a fit in, places ranked by the likelihood of an unknown force there out."""
 
 from .character import Character, characterise
 from .linear_response import ForceSource, LinearModel

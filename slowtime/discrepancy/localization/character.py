@@ -1,4 +1,4 @@
-"""What a force found at a place is like: when, in which band, at what motion, in what way."""
+"""Description of the force found at a place: when it acts, where in frequency, and how."""
 
 import dataclasses
 import itertools
@@ -55,7 +55,7 @@ Series = Float[np.ndarray, " time"]
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class MotionRange:
-    """Root mean square and largest size of a motion while the force acts."""
+    """Root mean square and peak of a motion while the force acts."""
 
     rms: float
     peak: float
@@ -63,37 +63,39 @@ class MotionRange:
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Character:
-    """Of the force at one place.
+    """Properties of the force at one place.
 
     Parameters
     ----------
     times_s
-        Campaign times between which it acts; empty where it does so throughout.
+        Campaign times between which it acts [s]; empty where it does so throughout.
     bands_hz
-        Where it stands above its noise.
+        Bands in which it exceeds its noise [Hz].
     elongation, rate
         Motion along the place while it acts [m], [m/s]; of sensors and inputs, the reading.
     onset
-        Size of elongation below which there is hardly any force; 0 where there is none such,
-        or the force is in proportion.
+        Elongation below which there is hardly any force [m]; 0 where there is no such gap, or
+        the force is proportional.
     linear_share
-        Of the force's power, what one filter of the motion gives, the same in all trials.
+        Share of the force's power that one linear filter of the motion gives, the same in all
+        trials.
     linear
         Whether that is all of it.
     static_share
-        Of the force's power, what one surface over elongation and rate gives.
+        Share of the force's power that one surface over elongation and rate gives (restoring
+        force surface).
     odd, even
-        Parts of the surface that change, and do not change, sign with the motion; together 1.
+        Shares of the surface that change, and do not change, sign with the motion; together 1.
     offset
-        Part of the force that is the same whatever the motion; none of what follows has it in.
+        Constant part of the force [N]; it is left out of what follows.
     exponent, exponent_sd
-        Of force against motion, from window to window: 1 linear, 3 cubic, 0 friction.
+        Of force against motion from window to window: 1 linear, 3 cubic, 0 friction.
     steady
         Whether the surface has the same height at all times; None where there is no surface.
     heights
-        Of the surface, relative to its mean, in stretches of the campaign.
+        Height of the surface over its mean, in stretches of the campaign.
     heights_s
-        Middle of each stretch.
+        Middle of each stretch [s].
     """
 
     times_s: tuple[tuple[float, float], ...]
@@ -128,7 +130,20 @@ class Character:
 
 
 def characterise(located: Localization, place: Place) -> Character:
-    """Describe the force at a place."""
+    """Describe the force at a place.
+
+    Parameters
+    ----------
+    located
+        Result of `locate`.
+    place
+        One of its places.
+
+    References
+    ----------
+    .. [1] S. F. Masri, T. K. Caughey, "A nonparametric identification technique for nonlinear
+       dynamic problems", J. Appl. Mech. 46 (1979), for the restoring force surface.
+    """
     latents = [located.latent(place, i) for i in range(len(located.trials))]
     lowest = _lowest_frequency_hz(located)
     windows = [
@@ -164,7 +179,7 @@ def characterise(located: Localization, place: Place) -> Character:
 
 
 def _lowest_frequency_hz(located: Localization) -> float:
-    """Lowest natural frequency [Hz], or that of the shortest record for what floats."""
+    """Lowest natural frequency [Hz]; bounded by the shortest record where rigid modes exist."""
     s = np.linalg.eigvals(
         np.linalg.solve(located.linear.structure.mass, located.linear.structure.stiffness)
     )
@@ -182,7 +197,7 @@ def _windows(latent: LatentForce, rate_hz: float, lowest_hz: float) -> list[slic
 def _acting_samples(
     latents: Sequence[LatentForce], windows: Sequence[list[slice]]
 ) -> list[Bool[np.ndarray, " time"]]:
-    """Find samples at which the force stands out, window by window."""
+    """Mask of the samples at which the force exceeds its noise, window by window."""
     powers = [
         np.array([np.mean(latent.force[w] ** 2) for w in ws])
         for latent, ws in zip(latents, windows, strict=True)
@@ -254,7 +269,7 @@ def _motion_range(parts: list[np.ndarray]) -> MotionRange:
 
 
 def _onset(latents: Sequence[LatentForce]) -> float:
-    """Size of elongation below which the force is its noise, and above which it grows."""
+    """Elongation [m] below which the force is its noise, and above which it grows."""
     size = np.concatenate([np.abs(m.motion.e) for m in latents])
     force = np.concatenate([m.force**2 for m in latents])
     noise = np.mean([m.noise_sd**2 for m in latents])
@@ -264,7 +279,7 @@ def _onset(latents: Sequence[LatentForce]) -> float:
     bins = np.clip(np.searchsorted(edges, size, side="right") - 1, 0, len(edges) - 2)
     count = np.bincount(bins, minlength=len(edges) - 1)
     power = np.bincount(bins, force, minlength=len(edges) - 1) / np.maximum(count, 1)
-    # Estimates are blurred in time, so that the quiet part keeps a little of the loud one.
+    # Estimates are smoothed in time: windows without force keep some of their neighbours.
     so_far = np.cumsum(power * count) / np.maximum(np.cumsum(count), 1)
     quiet = np.flatnonzero(so_far < max(2 * noise, THRESHOLDS.onset_power * power.max()))
     below = int(quiet[-1]) + 1 if 0 < len(quiet) < len(so_far) else 0
@@ -274,7 +289,7 @@ def _onset(latents: Sequence[LatentForce]) -> float:
 def _linear_share(
     located: Localization, place: Place, latents: Sequence[LatentForce]
 ) -> tuple[float, bool]:
-    """Share of the force that one gain a band on the motion gives, over all trials."""
+    """Share of the force's power that one gain of the motion per band gives, in all trials."""
     explained = located.group(place).explained
     grid = np.concatenate([lines.frequency_hz for lines in located.lines])
     forces, motions, noises = [], [], []
@@ -308,7 +323,7 @@ def _linear_share(
 
 
 def _band_edges(grid: Float[np.ndarray, " line"]) -> list[float]:
-    """Bands of constant relative width, but for those that would have too few lines."""
+    """Edges of bands of constant relative width, wider where they would have too few lines."""
     lines = np.sort(grid[grid > 0])
     first, *others, last = np.geomspace(lines[0], lines[-1] * 1.001, 60).tolist()
     edges = [first]

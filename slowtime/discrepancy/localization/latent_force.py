@@ -1,14 +1,14 @@
-r"""One unknown stationary force at one place: how likely it makes residuals, and what it is.
+r"""Likelihood and posterior of one unknown stationary force at one place.
 
 .. math:: R_k = g_k w_k + X_k \theta + T_k \delta + n_k , \qquad
           w_k \sim \mathcal{N}_c(0, s_{b(k)}), \; n_k \sim \mathcal{N}_c(0, N_k) ,
 
 with the constants :math:`\theta` (relative, under the model's tolerance) acting along the
-motion that there was with the force in it, so that a model that is far off is no obstacle; with
-:math:`\delta` for initial states and for the transform's being circular. The variance
-:math:`s_b` of the force in each band of each trial is found by scoring, constants by Gauss's
-and Newton's steps, after each of which responses and residuals are made anew; of the force
-itself, no more is believed than :data:`MAX_VARIANCE_RATIO` says.
+motion with the force in it, so that a model that is far off is no obstacle; :math:`\delta` are
+initial states, which also account for the circular transform. The variance :math:`s_b` of the
+force in each band of each trial is found by Fisher scoring, constants by Gauss-Newton steps,
+after each of which responses and residuals are computed anew. The variance of the posterior is
+bounded by :data:`MAX_VARIANCE_RATIO`.
 """
 
 import dataclasses
@@ -61,14 +61,14 @@ PerLine = Float[np.ndarray, " frequency"]
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class WhitenedColumns:
-    """Columns in units of the noise, and the products of them that no force changes.
+    """Regressors and residual in units of the noise, and their inner products.
 
     Parameters
     ----------
     columns
-        Constants first, then free decays, the residual last.
+        Constants first, then free decays, the residual last (frequency, sensor, column).
     inner
-        Real part of their products with each other.
+        Real parts of their inner products.
     """
 
     columns: Columns
@@ -83,7 +83,19 @@ class WhitenedColumns:
         base: Complex[np.ndarray, " frequency"],
         residual: Lines,
     ) -> "WhitenedColumns":
-        """Weigh what constants do along a motion, decays and residual."""
+        """Whiten the effects of constants along a motion, free decays and a residual.
+
+        Parameters
+        ----------
+        tuned
+            Responses of the perturbed reference.
+        known
+            The constants.
+        motion, base
+            Motion of the coordinates, and acceleration of the base [m/s^2].
+        residual
+            Spectrum (frequency, sensor).
+        """
         constants = len(known.sd)
         both = np.empty((*residual.shape, constants + tuned.decays.shape[2] + 1), complex)
         both[:, :, :constants] = tuned.columns(known, motion, base)
@@ -96,7 +108,13 @@ class WhitenedColumns:
 def real_products(
     columns: Complex[np.ndarray, "row column"],
 ) -> Float[np.ndarray, "column column"]:
-    """Real part of the products of columns with each other, by half the work of all of it."""
+    """Real parts of the inner products of complex columns.
+
+    Parameters
+    ----------
+    columns
+        Matrix (row, column).
+    """
     parts = np.ascontiguousarray(columns).view(float)
     both = parts.T @ parts
     return np.asarray(both[0::2, 0::2] + both[1::2, 1::2])
@@ -104,7 +122,7 @@ def real_products(
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TrialForce:
-    """The force in one trial.
+    """Posterior of the force in one trial.
 
     Parameters
     ----------
@@ -113,9 +131,11 @@ class TrialForce:
     mean, posterior_variance
         Posterior mean and variance of the force at each line.
     linear
-        What changed constants explain, but for initial states.
+        Readings that changed constants explain, without initial states.
     left
-        What neither constants nor initial states explain.
+        Residual that neither constants nor initial states explain.
+    transfer
+        Response of the sensors to a unit force.
     signal
         :math:`g^H N^{-1} g`: the force's signal-to-noise ratio per unit of variance.
     state
@@ -133,7 +153,7 @@ class TrialForce:
 
     @property
     def unexplained(self) -> Lines:
-        """What is left when the force is taken away too."""
+        """Residual that the force does not explain either."""
         return np.asarray(self.left - self.transfer * self.mean[:, None])
 
     def noise_power(self) -> Float[np.ndarray, "frequency sensor"]:
@@ -144,19 +164,23 @@ class TrialForce:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Explanation:
-    """How a place explains the residuals.
+    """Force, constants and initial states of greatest likelihood for one place.
 
     Parameters
     ----------
+    source
+        The place; None for no force at all.
     likelihood
-        Log, with constants and initial states at their best.
+        Log likelihood with constants and initial states at their maximum.
     constants
         Relative change of each against the reference.
     linear
-        The reference with its constants changed almost so: that of the free decays.
+        The reference with its constants changed up to the last round, for the free decays.
+    forces
+        Posterior of the force, by trial.
     shifts
         Displacement, velocity and acceleration of all coordinates that force and constants add
-        to the reference's run, but for initial states; by trial.
+        to the reference's run, without initial states; by trial.
     """
 
     source: ForceSource | None
@@ -168,7 +192,17 @@ class Explanation:
 
 
 class LatentForceSolver:
-    """Spectra and noise of all trials; asked for one place at a time."""
+    """Estimates an unknown force at one place after another, for the same residuals.
+
+    Parameters
+    ----------
+    linear
+        The reference.
+    known
+        Constants that may change.
+    trials
+        Spectra and noise of all trials.
+    """
 
     def __init__(
         self, linear: LinearModel, known: LinearConstants, trials: tuple[TrialLines, ...]
@@ -182,13 +216,21 @@ class LatentForceSolver:
         ]
 
     def explain(self, source: ForceSource | None, *, rounds: int = ROUNDS) -> Explanation:
-        """Find force, constants and initial states for one place; None for no force at all."""
+        """Find force, constants and initial states for one place.
+
+        Parameters
+        ----------
+        source
+            The place; None for no force at all.
+        rounds
+            Linearisations at most.
+        """
         return self.iterate(source, rounds=rounds).explained
 
     def iterate(self, source: ForceSource | None, *, rounds: int) -> "PlaceEstimate":
-        """Say how likely one place is, before any account of what it explains.
+        """Maximise the likelihood of a force at one place; its posterior is computed on demand.
 
-        Of all rounds, the likeliest is given; none follows a motion grown beyond bounds.
+        The likeliest of all rounds is given; they end where the motion grows beyond bounds.
         """
         place = _PlaceIteration(self, source)
         best = place.step()
@@ -213,14 +255,24 @@ class LatentForceSolver:
         variances: list[PerLine],
         change: Constants,
     ) -> tuple[Constants, list[Float[np.ndarray, " state"]], float]:
-        """Further change and initial states by least squares, given the force's variance.
+        """Solve for constants and initial states by least squares, given the force's variance.
 
         Parameters
         ----------
+        whites
+            Whitened columns of each trial.
         alongs
             Products of the columns with a unit force, line by line.
         signals
             Signal-to-noise ratio of a unit force.
+        variances
+            Of the force, line by line.
+        change
+            Relative change of the constants so far.
+
+        Returns
+        -------
+        The further change, the initial state of each trial, and the log likelihood.
         """
         constants = len(self.known.sd)
         states = whites[0].columns.shape[2] - 1 - constants
@@ -229,7 +281,7 @@ class LatentForceSolver:
         whole = np.zeros(size)
         for i, trial in enumerate(self.trials):
             rise = 1 + variances[i] * signals[i]
-            # Woodbury: what lies along the force counts less, by one product a line.
+            # Woodbury: components along the force have less weight, by one product per line.
             along = alongs[i] * np.sqrt(variances[i] / rise)[:, None]
             inner = whites[i].inner - real_products(along)
             where = np.r_[0:constants, constants + i * states : constants + (i + 1) * states]
@@ -242,7 +294,7 @@ class LatentForceSolver:
         matrix[known, known] += 1 / self.known.sd**2
         right[known] -= off / self.known.sd
         total -= float(np.sum(off**2)) / 2
-        # Where the force takes all of a column, rounding may leave less than nothing of it.
+        # Where the force explains all of a column, rounding may leave a negative rest.
         matrix[np.diag_indices(size)] += np.maximum(
             ROUNDING_SHARE * whole - np.diag(matrix), 0.0
         )
@@ -254,7 +306,7 @@ class LatentForceSolver:
 
 
 class PlaceEstimate:
-    """One place at one round: how likely it is, and, once asked for, what it explains."""
+    """Likelihood of a force at one place, and its posterior, computed on demand."""
 
     def __init__(self, likelihood: float, account: Callable[[], Explanation]) -> None:
         self.likelihood = likelihood
@@ -262,12 +314,12 @@ class PlaceEstimate:
 
     @functools.cached_property
     def explained(self) -> Explanation:
-        """Force, constants, initial states, and all that hangs on them."""
+        """Force, constants and initial states."""
         return self._account()
 
 
 class _PlaceIteration:
-    """One place on its way to the likeliest force: each step starts where the last ended."""
+    """Iteration for one place: each step linearises where the last one ended."""
 
     def __init__(self, solver: LatentForceSolver, source: ForceSource | None) -> None:
         self.solver, self.source = solver, source
@@ -280,11 +332,11 @@ class _PlaceIteration:
 
     @property
     def is_bounded(self) -> bool:
-        """Whether the motion reached can be worked with."""
+        """Whether the motion is finite and small enough to linearise about."""
         return all((np.abs(white.inner) < MAX_SQUARE).all() for white in self.white)
 
     def step(self) -> PlaceEstimate:
-        """Variance of the force, then constants and states."""
+        """Estimate the variance of the force, then constants and initial states."""
         trials, constants = self.solver.trials, len(self.change)
         roots = [np.sqrt(trial.noise) for trial in trials]
         transfers = [tuned.transfer(self.source) for tuned in self.tuned]
@@ -345,7 +397,7 @@ class _PlaceIteration:
     def _shifts(
         self, forces: tuple[TrialForce, ...], further: Constants
     ) -> tuple[MotionSpectra, ...]:
-        """Motion that the force and the constants add to the reference's."""
+        """Motion that force and constants add to that of the reference."""
         shifts = []
         for i, (tuned, force) in enumerate(zip(self.tuned, forces, strict=True)):
             pushed = np.zeros_like(tuned.shift)
@@ -358,7 +410,7 @@ class _PlaceIteration:
         return tuple(shifts)
 
     def relinearise(self, found: Explanation) -> None:
-        """Go to the motion with the force in it, and to the changed constants."""
+        """Linearise about the motion with the force in it and about the changed constants."""
         solver = self.solver
         stride = np.clip(found.constants - self.change, -MAX_CONSTANT_STEP, MAX_CONSTANT_STEP)
         for i, (trial, force) in enumerate(zip(solver.trials, found.forces, strict=True)):
@@ -375,7 +427,7 @@ class _PlaceIteration:
             _residual_with_gaps_filled(tuned, force)
             for tuned, force in zip(self.tuned, found.forces, strict=True)
         ]
-        with np.errstate(over="ignore", invalid="ignore"):  # then it is not `sound`
+        with np.errstate(over="ignore", invalid="ignore"):  # then it is not `is_bounded`
             self.white = [
                 WhitenedColumns.of(tuned, solver.known, motion, base, residual)
                 for tuned, motion, base, residual in zip(
@@ -385,7 +437,7 @@ class _PlaceIteration:
 
 
 def _residual_with_gaps_filled(tuned: PerturbedReference, force: TrialForce) -> Lines:
-    """Give what is left, with what was found in place of what was not measured."""
+    """Residual with the estimate in place of samples that are not used."""
     if tuned.trial.gaps is None:
         return tuned.residual
     standing = force.linear + tuned.decays @ force.state
@@ -421,14 +473,16 @@ def _force_posterior(
 def _band_variances(
     trial: TrialLines, seen: Complex[np.ndarray, " frequency"], signal: PerLine
 ) -> PerLine:
-    """Variance of the force in each band, of greatest likelihood given what is left along it.
+    """Maximum likelihood variance of the force in each band, by Fisher scoring.
 
     Parameters
     ----------
+    trial
+        Lines and bands.
     seen
-        Product of what is left with a unit force.
+        Product of the residual with a unit force, line by line.
     signal
-        Signal-to-noise ratio of that.
+        Signal-to-noise ratio of a unit force.
     """
     heard = np.where(signal > 1e-12 * signal.max(initial=0.0), signal, 0.0)
     if not heard.any():
@@ -452,9 +506,9 @@ def _capped_variances(
     signals: Sequence[PerLine],
     variances: Sequence[PerLine],
 ) -> list[PerLine]:
-    """Give variances, nowhere far beyond that of the band where the force is heard best.
+    """Bound variances by a multiple of that in the band which determines the force best.
 
-    In whichever trial: in one that tells of no force at all, noise would be heard best.
+    That band is looked for in all trials: in one without any force it would be one of noise.
     """
     best = 0.0, math.inf
     for trial, one, signal, variance in zip(trials, seen, signals, variances, strict=True):
@@ -468,4 +522,5 @@ def _capped_variances(
 
 
 def _sum_by_band(trial: TrialLines, values: PerLine) -> Float[np.ndarray, " band"]:
+    """Sum over the lines of each band."""
     return np.bincount(trial.band, values, minlength=trial.bands)

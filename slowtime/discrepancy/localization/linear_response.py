@@ -1,9 +1,9 @@
-r"""How a force at any place shows at the sensors, line by line of a spectrum.
+r"""Frequency responses of the sensors to a force at any place.
 
 .. math:: q(\omega) = (-\omega^2 M + i \omega C + K)^{-1} \, (l_p w - (M \iota + m_b) a_b) ,
 
-a sensor being :math:`(i \omega)^n` times a coordinate, and the base's own motion on top where
-it measures in space.
+A sensor reads :math:`(i \omega)^n` times a coordinate, plus the motion of the base where it
+measures absolute motion.
 """
 
 import dataclasses
@@ -36,16 +36,18 @@ digits of double precision."""
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ForceSource:
-    """A place where something unknown may act.
+    """A place where an unknown force may act.
 
     Parameters
     ----------
+    place
+        Element, node, base, input or sensor.
     force
-        On each degree of freedom, per unit of what acts [N], or [m/s^2] of the base.
+        On each degree of freedom, per unit force [N], or per acceleration of the base [m/s^2].
     base
-        1 for a motion of the base, which sensors in space feel by themselves; else 0.
+        1 for a motion of the base, which absolute sensors read directly; else 0.
     sensor
-        Number of the sensor that it is added to instead; else None.
+        Number of the sensor to whose reading it is added instead; else None.
     """
 
     place: Place
@@ -56,14 +58,16 @@ class ForceSource:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class FreeDecaySpectra:
-    """Spectra of free motion, from each unit of initial displacement and velocity.
+    """Spectra of free decays from unit initial displacements and velocities.
 
     Parameters
     ----------
+    linear
+        The model.
     modes
-        States by mode.
+        Modal matrix of the state.
     share
-        How much of each mode there is at each line, from each initial state.
+        Modal coordinates at each line, from each unit initial state.
     """
 
     linear: "LinearModel"
@@ -72,7 +76,7 @@ class FreeDecaySpectra:
 
     @property
     def sensor_response(self) -> Complex[np.ndarray, "frequency sensor state"]:
-        """As the sensors tell it."""
+        """Readings of the sensors (frequency, sensor, state)."""
         one = self.linear
         motion = (one.state_to_motion @ self.modes).reshape(3, one.structure.dofs, -1)
         rows = [one.rows[i] @ motion[order] for i, order in enumerate(one.orders)]
@@ -82,7 +86,7 @@ class FreeDecaySpectra:
     def moved(
         self, state: Float[np.ndarray, " state"]
     ) -> Complex[np.ndarray, "order frequency dof"]:
-        """Displacement, velocity and acceleration of all coordinates, from one state."""
+        """Displacement, velocity and acceleration of all coordinates from one initial state."""
         motion = self.linear.state_to_motion @ self.modes @ (self.share @ state)
         shape = (3, self.linear.structure.dofs, motion.shape[1])
         return np.asarray(np.moveaxis(motion.reshape(shape), 1, 2))
@@ -90,7 +94,7 @@ class FreeDecaySpectra:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class LinearModel:
-    """The linear part of a description, ready to be asked for responses.
+    """Linear part of a description, with its sensors.
 
     Parameters
     ----------
@@ -121,7 +125,14 @@ class LinearModel:
         """Take the linear part of a plant, with what its effects add to it.
 
         Hidden coordinates of effects come after those of the description; a factor of a sensor
-        is one of its scale.
+        multiplies its scale.
+
+        Parameters
+        ----------
+        plant
+            The model.
+        values
+            Of all its constants.
         """
         named = dict(zip(plant.parameters, values.tolist(), strict=True))
         kinds = [plant.kinds[effect.kind] for effect in plant.effects]
@@ -138,7 +149,7 @@ class LinearModel:
             base_mass=whole[0, :free, free],
         )
         over = cls._over(with_values(plant.description, linear), structure)
-        # What a sensor tells too much or too little, it tells of a force that is missing too.
+        # The factor of a sensor also scales its response to a missing force.
         scale = over.scale.copy()
         for number, (effect, kind) in enumerate(zip(plant.effects, kinds, strict=True)):
             if kind.where == "sensor" and kind.is_factor:
@@ -166,7 +177,7 @@ class LinearModel:
         )
 
     def compliance(self, frequency_hz: Frequencies) -> Complex[np.ndarray, "frequency dof dof"]:
-        """Displacement per force; zero where a structure that floats has none."""
+        """Displacement per force [m/N]; zero at 0 Hz where rigid modes make it infinite."""
         s = 2j * np.pi * frequency_hz[:, None, None]
         structure = self.structure
         stiffness = s**2 * structure.mass + s * structure.damping + structure.stiffness
@@ -180,7 +191,7 @@ class LinearModel:
         frequency_hz: Frequencies,
         displacement: Complex[np.ndarray, "frequency dof *more"],
     ) -> Complex[np.ndarray, "frequency sensor *more"]:
-        """Give what the sensors tell of a motion relative to the base that has no beginning."""
+        """Convert steady displacement relative to the base to readings of the sensors."""
         s = 2j * np.pi * frequency_hz
         gain = self.scale * s[:, None] ** np.array(self.orders)
         read = np.moveaxis(np.tensordot(self.rows, displacement, axes=(1, 1)), 0, 1)
@@ -189,7 +200,7 @@ class LinearModel:
     def base_response(
         self, frequency_hz: Frequencies
     ) -> Complex[np.ndarray, "frequency sensor"]:
-        """Give what the sensors tell of being carried along by the base, per m/s^2."""
+        """Give the readings of absolute sensors on a rigid structure per m/s^2 of the base."""
         s = 2j * np.pi * np.where(frequency_hz > 0, frequency_hz, 1.0)[:, None]
         order = np.array(self.orders) - 2
         moving = (frequency_hz[:, None] > 0) | (order == 0)
@@ -198,7 +209,21 @@ class LinearModel:
     def free_decay(
         self, samples: int, rate_hz: float, state: Float[np.ndarray, " state"]
     ) -> tuple[Float[np.ndarray, "time sensor"], Float[np.ndarray, "order time dof"]]:
-        """Motion from an initial displacement and velocity: as sensed, and itself."""
+        """Simulate a free decay.
+
+        Parameters
+        ----------
+        samples
+            Length.
+        rate_hz
+            Sampling rate [Hz].
+        state
+            Initial displacements and velocities.
+
+        Returns
+        -------
+        Readings (time, sensor), and displacement, velocity, acceleration of the coordinates.
+        """
         step = scipy.linalg.expm(state_matrix(self.structure) / rate_hz)
         whole = _powers_of_state(step, state, samples) @ self.state_to_motion.T
         motion = whole.reshape(samples, 3, self.structure.dofs)
@@ -208,7 +233,7 @@ class LinearModel:
     def free_decay_spectra(
         self, frequency_hz: Frequencies, samples: int, rate_hz: float
     ) -> "FreeDecaySpectra":
-        r"""Transform `free_decay` without making it: :math:`(I - E^N)(I - E z^{-1})^{-1}`."""
+        r"""Spectra of free decays in closed form: :math:`(I - E^N)(I - E z^{-1})^{-1}`."""
         step = scipy.linalg.expm(state_matrix(self.structure) / rate_hz)
         rest = np.eye(len(step))
         ended = rest - np.linalg.matrix_power(step, samples)
@@ -217,7 +242,7 @@ class LinearModel:
         scale[frequency_hz == 0] /= np.sqrt(2.0)
         scale[np.isclose(frequency_hz, rate_hz / 2)] /= np.sqrt(2.0)
         poles, modes = np.linalg.eig(step)
-        # A motion that does not die has its pole on a line; one part in 1e9 moves it away.
+        # An undamped motion has its pole on a line; one part in 1e9 moves it away.
         if np.linalg.cond(modes) < MAX_MODE_CONDITION:
             gains = scale / (1 + 1e-9 - np.multiply.outer(poles, back))
             starts = np.linalg.solve(modes, ended)
@@ -228,7 +253,7 @@ class LinearModel:
 
     @property
     def state_to_motion(self) -> Float[np.ndarray, "all state"]:
-        """From a free state to displacements, velocities and accelerations."""
+        """Matrix from a free state to displacements, velocities and accelerations."""
         dofs = self.structure.dofs
         inner = np.hstack([self.structure.stiffness, self.structure.damping])
         return np.vstack([np.eye(2 * dofs), -np.linalg.solve(self.structure.mass, inner)])
@@ -239,7 +264,7 @@ class LinearModel:
         damping: Float[np.ndarray, "dof dof"],
         mass: Float[np.ndarray, "dof dof"],
     ) -> "LinearModel":
-        """Add to the matrices."""
+        """Add to the matrices of stiffness, damping and mass."""
         structure = self.structure
         changed = dataclasses.replace(
             structure,
@@ -250,7 +275,7 @@ class LinearModel:
         return dataclasses.replace(self, structure=changed)
 
     def sources(self) -> tuple[ForceSource, ...]:
-        """All places: elements, nodes, base, inputs, sensors."""
+        """List all places: elements, nodes, base, inputs, sensors."""
         return (
             *self._elements(),
             *self._nodes(),
@@ -260,7 +285,7 @@ class LinearModel:
         )
 
     def elongation(self, place: Place) -> Float[np.ndarray, " dof"]:
-        """Coordinate along a place: second node minus first, or the node's own."""
+        """Row that gives the coordinate along a place: second node minus first, or the node."""
         names = [place.id]
         signs = [1.0]
         if place.kind == "element":
@@ -312,7 +337,7 @@ class LinearModel:
 def _powers_of_state(
     step: Float[np.ndarray, "state state"], state: Float[np.ndarray, " state"], samples: int
 ) -> Float[np.ndarray, "time state"]:
-    """Follow a state from step to step, doubling how many are known."""
+    """Apply the powers of a step matrix to a state, doubling their number each time."""
     known, ahead = state[None], step
     while len(known) < samples:
         known = np.concatenate([known, known @ ahead.T])
@@ -323,7 +348,7 @@ def _powers_of_state(
 def parameter_matrices(
     description: Description,
 ) -> dict[tuple[str, str], Float[np.ndarray, "dof dof"]]:
-    """Matrix of each constant, by its name in a plant."""
+    """Give the contribution of each constant to stiffness, damping or mass, by its name."""
     parts = assemble_parts(description)
     found = {("stiffness", name): part for name, part in parts.stiffness_parts.items()}
     found |= {("damping", name): part for name, part in parts.damping_parts.items()}

@@ -1,4 +1,4 @@
-"""Noise heard again once a force has been taken out of the residuals."""
+"""Estimate of the noise after a force has been removed from the residuals."""
 
 import dataclasses
 
@@ -19,14 +19,30 @@ from .spectral_lines import TrialLines
 
 
 def noise_log_likelihood(trials: tuple[TrialLines, ...]) -> float:
-    """Part of the log likelihood that hangs on the noise alone."""
+    """Part of the log likelihood that depends on the noise densities alone."""
     return -float(sum(np.sum(t.weight[:, None] * np.log(t.noise)) for t in trials))
 
 
 def update_noise(
     fit: Fit, records: tuple[Trial, ...], trials: tuple[TrialLines, ...], found: Explanation
 ) -> tuple[TrialLines, ...]:
-    """Estimate the noise from what a force leaves where it was sought, and from the rest."""
+    """Estimate the noise from what a force leaves, and from the residual above its band.
+
+    Parameters
+    ----------
+    fit
+        Of the reference.
+    records
+        Its trials.
+    trials
+        Their lines in the band where the force was estimated.
+    found
+        The force.
+
+    Returns
+    -------
+    The lines with the new noise.
+    """
     powers = []
     for record, residual, trial, force in zip(
         records, fit.residual, trials, found.forces, strict=True

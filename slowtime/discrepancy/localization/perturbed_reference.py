@@ -1,4 +1,4 @@
-"""The reference with its constants changed: responses, free decays, and what it then leaves."""
+"""The reference with changed constants: responses, free decays and residual."""
 
 import dataclasses
 
@@ -19,18 +19,18 @@ Constants = Float[np.ndarray, " constant"]
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class LinearConstants:
-    """The constants that may differ from the reference, and how far it is from nominal.
+    """Constants that may differ from the reference, with their priors.
 
     Parameters
     ----------
     matrices
-        What each adds to stiffness, damping or mass, whole.
+        Contribution of each to stiffness, damping or mass.
     orders
         0 for stiffness, 1 for damping, 2 for mass.
     reference_change
-        By how much the reference already differs from nominal, relative to the reference.
+        Difference of the reference from nominal, relative to the reference.
     sd
-        Tolerance, relative to the reference.
+        Prior standard deviation, relative to the reference.
     """
 
     matrices: Float[np.ndarray, "constant dof dof"]
@@ -46,7 +46,7 @@ class LinearConstants:
         ahead: Constants,
         sd: Constants,
     ) -> "LinearConstants":
-        """Constants by their names in a plant; matrices are those of the reference."""
+        """Read the matrices of constants, by their names in a plant, from the reference."""
         own = parameter_matrices(linear.description)
         order = {"stiffness": 0, "damping": 1, "mass": 2}
         dofs, seen = linear.structure.dofs, len(linear.description.dofs)
@@ -61,33 +61,33 @@ class LinearConstants:
         )
 
     def matrix_changes(self, change: Constants) -> Float[np.ndarray, "order dof dof"]:
-        """Change of stiffness, damping and mass."""
+        """Sum the changes of stiffness, damping and mass."""
         found = np.zeros((3, *self.matrices.shape[1:]))
         for matrix, order, value in zip(self.matrices, self.orders, change, strict=True):
             found[order] += value * matrix
         return found
 
     def within(self, change: Constants) -> Constants:
-        """Hold a change to what leaves every constant its sign."""
+        """Bound a relative change so that every constant keeps its sign."""
         return np.asarray(np.maximum(change, MIN_CONSTANT_SHARE - 1.0))
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PerturbedReference:
-    r"""A trial with some constants changed.
+    r"""Responses and residual of a trial with some constants changed.
 
     Parameters
     ----------
     compliance, sensed
         Displacement, and reading of the sensors, per force on each coordinate.
     free, decays
-        Free motion, and its reading from each unit of initial state.
+        Free decays, and their readings from each unit initial state.
     shift
-        What the change adds to displacement: :math:`-H (\Delta K q + \Delta C \dot q
+        Displacement that the change adds: :math:`-H (\Delta K q + \Delta C \dot q
         + \Delta M \ddot q)`, with the new :math:`H` and the motion of the reference, which is
         exact but for initial states.
     residual
-        What is left then.
+        Of the changed reference (frequency, sensor).
     """
 
     linear: LinearModel
@@ -107,7 +107,7 @@ class PerturbedReference:
         known: LinearConstants,
         change: Constants,
     ) -> "PerturbedReference":
-        """Change the constants of the reference."""
+        """Change the constants of the reference for one trial."""
         sums = known.matrix_changes(change)
         linear = reference.tuned(*sums)
         compliance = linear.compliance(trial.frequency_hz)
@@ -128,7 +128,7 @@ class PerturbedReference:
         )
 
     def transfer(self, source: ForceSource | None) -> Lines:
-        """From a place to the sensors."""
+        """Frequency response from a place to the sensors; zero without a place."""
         found = np.zeros(self.trial.noise.shape, dtype=complex)
         if source is None:
             return found
@@ -141,7 +141,7 @@ class PerturbedReference:
     def columns(
         self, known: LinearConstants, motion: MotionSpectra, base: np.ndarray
     ) -> Columns:
-        """Give what a whole of each constant adds to the sensors along a motion."""
+        """Give the readings that doubling each constant would add along a motion."""
         inner = absolute_motion(self.linear, motion, base)
         pulled = np.empty((*motion.shape[1:], len(known.sd)), dtype=complex)
         for i, (matrix, order) in enumerate(zip(known.matrices, known.orders, strict=True)):
@@ -156,7 +156,7 @@ class PerturbedReference:
         base: np.ndarray,
         force: Complex[np.ndarray, "frequency dof"],
     ) -> MotionSpectra:
-        """Motion with a force and a further small change, but for initial states."""
+        """Motion with a force and a further small change, without initial states."""
         inner = absolute_motion(self.linear, motion, base)
         sums = known.matrix_changes(change)
         pull = force - sum(along @ matrix.T for along, matrix in zip(inner, sums, strict=True))
@@ -168,7 +168,7 @@ class PerturbedReference:
 def absolute_motion(
     linear: LinearModel, motion: MotionSpectra, base: np.ndarray
 ) -> MotionSpectra:
-    """Motion that inner forces and inertia hang on: acceleration with that of the base."""
+    """Motion that internal and inertial forces depend on: acceleration is absolute."""
     influence = linear.structure.influence
     if influence is None:
         return motion

@@ -1,4 +1,4 @@
-"""What locating found: places in order, and the force and motion at any of them."""
+"""Places ranked by likelihood, and the force and motion at any of them."""
 
 import dataclasses
 
@@ -49,7 +49,7 @@ class LatentForce:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PlaceGroup:
-    """Places that are one to the sensors, and how well a force there explains the residuals.
+    """Places that the sensors cannot tell apart, and how well a force there explains residuals.
 
     Parameters
     ----------
@@ -60,14 +60,16 @@ class PlaceGroup:
     p_value
         Probability of such a gain, here or anywhere, where nothing is missing.
     share
-        Of the residual power beyond the noise that the force explains.
+        Share of the residual power beyond the noise that the force explains.
     left
-        What it leaves, over the noise; 1 is as good as can be.
+        Mean square that it leaves, over the noise; 1 is expected of the right place.
     constants
         Relative change of the free linear constants against nominal that goes with it.
+    explained
+        Force, constants and initial states.
     twins
-        Places where another force would do the same to the sensors, line by line: only what
-        the force looks like can speak for one of them.
+        Places whose transfer is parallel at every line: another force there explains the same,
+        and only its spectrum can decide.
     """
 
     places: tuple[Place, ...]
@@ -82,23 +84,25 @@ class PlaceGroup:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Localization:
-    """Where the residuals come from.
+    """Places ranked by the likelihood of an unknown force.
 
     Parameters
     ----------
     groups
         The likeliest first.
+    linear
+        Linear part of the reference.
     trials, lines
-        Records, and their spectra with the noise as it was last heard.
+        Records, and their spectra with the last estimate of the noise.
     runs
         Displacement, velocity, acceleration of the reference in each trial.
     outputs
-        What the reference says the sensors read.
+        Readings of the sensors in the reference's runs.
     nominal, tolerance
-        Values of the free linear constants that the model claims, and how well, in their units.
+        Prior mean and standard deviation of the free linear constants, in their units.
     log_likelihood
-        Of all lines, with the likeliest force and the noise as it was last heard: by it other
-        accounts of the same records, such as of what inputs do between samples, are compared.
+        Of all lines with the likeliest force and the last estimate of the noise. Other models
+        of the same records, such as other holds of the inputs, are compared by it.
     """
 
     groups: tuple[PlaceGroup, ...]
@@ -112,9 +116,9 @@ class Localization:
     log_likelihood: float
 
     def with_base_first(self) -> "Localization":
-        """Put the base before a place where another force would do the same to the sensors.
+        """Put the base before a place whose transfer is parallel to its own.
 
-        Which of the two stands first is then a matter of how smooth their spectra are.
+        Their order is otherwise decided by the smoothness of the force spectra alone.
         """
         first = self.groups[0]
         for group in self.groups[1:]:
@@ -130,24 +134,30 @@ class Localization:
 
     @property
     def best_structural(self) -> Place:
-        """The best place; of the structure itself, where one does as well as the base."""
+        """The best place; one of the structure where that is as good as the base."""
         own = [place for place in self.equivalent_places if place.kind in ("element", "node")]
         return own[0] if own and self.best.kind == "base" else self.best
 
     @property
     def equivalent_places(self) -> tuple[Place, ...]:
-        """Places where a force leaves about as little as at the best, which is one of them."""
+        """Places where a force leaves about as little as at the best, that one included."""
         most = PLACE_MARGIN * self.groups[0].left
         first, *rest = self.groups
         return (*first.places, *(p for g in rest if g.left < most for p in g.places))
 
     @property
     def p_value(self) -> float:
-        """Probability of so large a gain, at the best place, where nothing is missing."""
+        """Probability of so large a gain at the best place if nothing is missing."""
         return self.groups[0].p_value
 
     def group(self, place: Place) -> PlaceGroup:
-        """Give the group that holds a place."""
+        """Find the group that holds a place.
+
+        Raises
+        ------
+        ValueError
+            Where the place was not tried.
+        """
         for group in self.groups:
             if place in group.places:
                 return group
@@ -157,7 +167,15 @@ class Localization:
         )
 
     def latent(self, place: Place, number: int) -> LatentForce:
-        """Force and motion at a place in one trial, as the sensors tell it."""
+        """Posterior mean of force and motion at a place in one trial.
+
+        Parameters
+        ----------
+        place
+            One of the places tried.
+        number
+            Of the trial.
+        """
         explained, lines = self.group(place).explained, self.lines[number]
         found = explained.forces[number]
         assert explained.source is not None
@@ -177,7 +195,7 @@ class Localization:
         )
 
     def _beyond(self, place: Place, what: str) -> float:
-        """Change of an element's constant beyond what its tolerance allows."""
+        """Change of an element's constant beyond the allowed tolerances, in its unit."""
         name = (what, place.id)
         if name not in self.nominal:
             return 0.0
@@ -188,7 +206,7 @@ class Localization:
     def attenuated(
         self, place: Place, number: int, force: Float[np.ndarray, " time"]
     ) -> Float[np.ndarray, " time"]:
-        """Give what `latent` would say of a known force: less, where the noise is strong."""
+        """Attenuate a known force [N] as the posterior mean does where noise is strong."""
         lines = self.lines[number]
         found = self.group(place).explained.forces[number]
         spectrum = transform(force[:, None], lines.rate_hz)[1][: len(found.posterior_variance)]
@@ -213,14 +231,14 @@ class Localization:
     def motion(
         self, explained: Explanation, number: int
     ) -> Float[np.ndarray, "order time dof"]:
-        """Give displacement, velocity, acceleration of all coordinates, as the sensors tell."""
+        """Posterior displacement, velocity and acceleration of all coordinates in one trial."""
         lines, state = self.lines[number], explained.forces[number].state
         decays = explained.linear.free_decay(lines.samples, lines.rate_hz, state)[1]
         shifts = np.stack([lines.series(one) for one in explained.shifts[number]])
         return np.asarray(self.runs[number] + decays + shifts)
 
     def _reading(self, explained: Explanation, number: int) -> Float[np.ndarray, "time sensor"]:
-        """Give what sensors would read without their own fault."""
+        """Give the readings of the sensors without the force that is sought at one of them."""
         lines, found = self.lines[number], explained.forces[number]
         decays = explained.linear.free_decay(lines.samples, lines.rate_hz, found.state)[0]
         return np.asarray(self.outputs[number] + decays + lines.series(found.linear))

@@ -1,4 +1,4 @@
-"""All places tried one by one, ranked by likelihood; the noise looked at again on the way."""
+"""Ranking of all places by the likelihood of an unknown force there."""
 
 from collections.abc import Sequence
 
@@ -51,12 +51,16 @@ def locate(
     Parameters
     ----------
     fit
-        Of the reference: a linear model, or one augmented already. Effects that are linear take
-        part in the responses; others stay as they were in the reference's run.
+        Of the reference: a linear model, or an augmented one. Linear effects take part in the
+        responses; others are kept as in the reference's run.
     trials
         That it was fitted to.
     among
         Places to try; all where not given.
+
+    Returns
+    -------
+    The places, the likeliest first, with force and motion at each.
     """
     linear = LinearModel.of_plant(fit.plant, fit.values)
     records = tuple(trials)
@@ -96,7 +100,7 @@ def _rank_families(
     solver: LatentForceSolver,
     families: list[list[ForceSource]],
 ) -> tuple[LatentForceSolver, list[tuple[list[ForceSource], Explanation]]]:
-    """Try all families, listen again to what the best leaves, and follow the best further."""
+    """Rank all families, update the noise from what the best leaves, and refine the best."""
     order, _ = _sort_by_likelihood(solver, families, len(families), RANKING_ROUNDS)
     for _ in range(NOISE_UPDATES if len(solver.linear.description.sensors) > 1 else 0):
         order, best = _sort_by_likelihood(solver, order, 1, ROUNDS)
@@ -113,7 +117,7 @@ def _rank_families(
 def _likelihood_without_force(
     solver: LatentForceSolver, before: tuple[TrialLines, ...]
 ) -> float:
-    """Log likelihood without any force, under the better of both accounts of the noise."""
+    """Log likelihood without any force, under the better of both estimates of the noise."""
     after = solver.explain(None).likelihood + noise_log_likelihood(solver.trials)
     first = LatentForceSolver(solver.linear, solver.known, before)
     return max(after, first.explain(None).likelihood + noise_log_likelihood(before))
@@ -149,7 +153,7 @@ def _groups(
 def _sort_by_likelihood(
     solver: LatentForceSolver, families: list[list[ForceSource]], keen: int, rounds: int
 ) -> tuple[list[list[ForceSource]], PlaceEstimate]:
-    """Rank families, the first `keen` of them by all rounds; give the likeliest, too."""
+    """Sort families by likelihood, the first `keen` by all rounds; give the likeliest, too."""
     likelihoods, best = [], None
     for i, family in enumerate(families):
         found = solver.iterate(family[0], rounds=rounds if i < keen else 1)
@@ -195,7 +199,7 @@ def _clock_corrected(
 
 
 def _linear_names(fit: Fit) -> list[tuple[int, tuple[str, str]]]:
-    """Free constants of the linear part, and where they stand among the free."""
+    """Free constants of the linear part, with their places among the free ones."""
     return [
         (i, (name[0], str(name[1])))
         for i, name in enumerate(fit.prior.names)
@@ -220,7 +224,7 @@ def _constant_changes(fit: Fit, found: Explanation) -> dict[tuple[str, str], flo
 
 
 def _equivalent_sources(linear: LinearModel, trial: TrialLines) -> list[list[ForceSource]]:
-    """Gather sources whose transfers are proportional."""
+    """Group sources whose transfers are proportional."""
     families: list[tuple[np.ndarray, list[ForceSource]]] = []
     tuned = PerturbedReference.of(
         linear, trial, LinearConstants.of(linear, (), np.zeros(0), np.zeros(0)), np.zeros(0)
@@ -243,7 +247,7 @@ def _equivalent_sources(linear: LinearModel, trial: TrialLines) -> list[list[For
 def _parallel_places(
     family: list[ForceSource], families: list[list[ForceSource]], tuned: PerturbedReference
 ) -> tuple[Place, ...]:
-    """Places of other families that point the same way at every line."""
+    """Places of other families whose transfer is parallel at every line."""
     own = tuned.transfer(family[0]) / np.sqrt(tuned.trial.noise)
     found: list[Place] = []
     for other in families:
@@ -268,14 +272,14 @@ def _explained_share(trials: tuple[TrialLines, ...], found: Explanation) -> floa
 
 
 def _recorded_sensors(trial: TrialLines) -> Bool[np.ndarray, " sensor"]:
-    """Sensors of which any sample is used."""
+    """Mask of the sensors with any used sample."""
     if trial.gaps is None:
         return np.ones(trial.noise.shape[1], dtype=bool)
     return np.asarray(~trial.gaps.all(axis=0))
 
 
 def _remaining_power(trials: tuple[TrialLines, ...], found: Explanation) -> float:
-    """Mean expected power of what is left over that of the noise, of sensors that are heard."""
+    """Mean expected power of the residual over the noise, of sensors with used samples."""
     power = [
         (f.noise_power() / t.noise)[:, _recorded_sensors(t)].mean()
         for t, f in zip(trials, found.forces, strict=True)

@@ -1,4 +1,4 @@
-"""One trial, line by line: residual, noise, and the motion it happened in."""
+"""Spectra of a trial: residual, noise, and the motion of the reference."""
 
 import dataclasses
 
@@ -34,16 +34,16 @@ class TrialLines:
     band
         Number of the band of each line; that at 0 has one of its own.
     noise
-        Density, lowered by the share of samples that are used.
+        Density times the share of samples that are used [unit²/Hz].
     residual
-        What the reference does not explain.
+        Spectrum of the residual of the reference (frequency, sensor).
     motion
         Displacement, velocity, acceleration of every degree of freedom in the reference run,
         relative to the base.
     base
-        Acceleration of the base, as far as it was measured [m/s^2].
+        Measured acceleration of the base [m/s^2].
     gaps
-        Samples that are not used, and what stands there is to be filled in; None without any.
+        Mask of the samples that are not used and are filled by estimates; None without any.
     """
 
     samples: int
@@ -58,7 +58,7 @@ class TrialLines:
     gaps: Bool[np.ndarray, "time sensor"] | None = None
 
     def gap_spectrum(self, explained: Lines) -> Lines:
-        """Spectrum of what is explained at the samples that are not used, zero elsewhere."""
+        """Spectrum of an estimate at the samples that are not used, with zeros elsewhere."""
         if self.gaps is None:
             return np.zeros_like(self.residual)
         standing = np.where(self.gaps, self.series(explained), 0.0)
@@ -66,13 +66,13 @@ class TrialLines:
 
     @property
     def bands(self) -> int:
-        """How many bands there are."""
+        """Number of bands."""
         return int(self.band.max()) + 1
 
     def series(
         self, spectrum: Complex[np.ndarray, "frequency channel"]
     ) -> Float[np.ndarray, "time channel"]:
-        """Give samples whose spectrum is given up to the last line and zero beyond."""
+        """Transform a spectrum, zero beyond the last line, to samples (time, channel)."""
         whole = np.zeros((self.samples // 2 + 1, spectrum.shape[1]), dtype=complex)
         whole[: len(spectrum)] = spectrum / np.sqrt(2.0 / (self.rate_hz * self.samples))
         whole[0] *= np.sqrt(2.0)
@@ -90,7 +90,25 @@ def trial_lines(
     number: int,
     top_hz: float,
 ) -> TrialLines:
-    """Transform a trial; `motion` is the reference run's, `number` the trial's in `noise`."""
+    """Transform a trial.
+
+    Parameters
+    ----------
+    linear
+        The reference.
+    trial
+        The record.
+    residual
+        Of the reference (time, sensor); zero where a sample is not used.
+    motion
+        Displacement, velocity, acceleration of the coordinates in the reference's run.
+    noise
+        Of all trials.
+    number
+        Of the trial in `noise`.
+    top_hz
+        Highest frequency of the lines that are kept [Hz].
+    """
     count = len(residual)
     frequency, spectrum = transform(residual, trial.rate_hz)
     kept = int(np.searchsorted(frequency, top_hz, side="right"))
@@ -121,7 +139,7 @@ def trial_lines(
 def band_numbers(
     frequency_hz: Float[np.ndarray, " frequency"],
 ) -> Int[np.ndarray, " frequency"]:
-    """Give each line its band: that at 0, then bands of constant relative width.
+    """Give each line the number of its band: that at 0, then of constant relative width.
 
     Examples
     --------

@@ -1,20 +1,25 @@
-r"""A fitted model and an element in; what a free force there explains beside all laws, out.
+r"""Score test for a free force at an element, beside all laws of a fitted model.
 
-Beside the laws a force is laid of curves in elongation :math:`e` and its rate :math:`v`, and of
+The free force consists of curves in elongation :math:`e` and its rate :math:`v`, and of
 elongations :math:`z_j` that lag behind,
 
 .. math:: F = \sum_i \beta_i \, \phi_i(e / e_s, v / v_s) + \sum_j \gamma_j z_j / e_s ,
           \quad \tau_j \dot z_j = e - z_j ,
 
-and all constants :math:`\theta`, laws' numbers and initial states among them, are free beside
-it. With :math:`H` and :math:`g` the normal equations of both at what was found, it would take
-from :math:`\chi^2` (Rao 1948)
+while all constants :math:`\theta`, parameters of laws and initial states included, are free.
+With :math:`H` and :math:`g` the normal equations of both at the fit, it would lower
+:math:`\chi^2` by
 
 .. math:: r^T S^+ r, \quad S = H_{\beta\beta} - H_{\beta\theta} H_{\theta\theta}^{-1}
           H_{\theta\beta}, \quad r = g_\beta - H_{\beta\theta} H_{\theta\theta}^{-1} g_\theta .
 
-Were the laws right, this would be distributed as :math:`\chi^2` of as many degrees as :math:`S`
-has rank, however nonlinear they are; nothing is refitted.
+If the laws are right, this is distributed as :math:`\chi^2` with the rank of :math:`S` as
+degrees of freedom, however nonlinear they are; nothing is refitted.
+
+References
+----------
+.. [1] C. R. Rao, "Large sample tests of statistical hypotheses concerning several parameters",
+   Proc. Camb. Phil. Soc. 44 (1948).
 """
 
 import dataclasses
@@ -54,7 +59,7 @@ Unknowns = Float[np.ndarray, " unknown"]
 
 @compiled
 def curve_force(e: float, v: float, p: Any) -> float:
-    """Force of curves in elongation and rate, each over its scale [N]."""
+    """Force [N] of curves in elongation [m] and rate [m/s], each over its scale."""
     x = e / p[0]
     y = v / p[1]
     far = abs(x)
@@ -76,12 +81,12 @@ def curve_and_lag_law(e: float, v: float, t: float, z: Any, p: Any) -> float:
 
 
 def slow_lag_rate(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Rate of an elongation that lags by twice the time of a radian of the motion [m/s]."""
+    """Rate [m/s] of an elongation with a lag of twice the time of one radian of the motion."""
     return float((e - z[0]) * p[1] / (2.0 * p[0]))
 
 
 def fast_lag_rate(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Rate of one that lags by half that time [m/s]."""
+    """Rate [m/s] of an elongation with a lag of half that time."""
     return float((e - z[1]) * p[1] / (0.5 * p[0]))
 
 
@@ -111,22 +116,21 @@ LAG_KIND = _free_force_kind(
     CURVE_TERMS + LAG_TERMS,
     Law(force=curve_and_lag_law, rates=(slow_lag_rate, fast_lag_rate)),
 )
-"""No effects that are ever named: what is laid beside those that are."""
+"""Kinds of free force; they are never named as effects."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class ScoreTest:
-    """What a free force would take, and by what.
+    """Result of the score test of a free force.
 
     Parameters
     ----------
     gain, degrees
-        Chi squared that it would take, and its degrees of freedom.
+        Chi squared that it would explain, and its degrees of freedom.
     spread
-        One standard deviation of its strengths along each direction in which they are known,
-        whatever the others [N].
+        One standard deviation of its strengths along each direction that is determined [N].
     steps
-        Where they are along each of them, in standard deviations.
+        Estimate along each of these directions, in standard deviations.
     """
 
     gain: float
@@ -137,18 +141,20 @@ class ScoreTest:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FreeForce:
-    """Normal equations of a model with a free force beside its laws, scaled.
+    """Scaled normal equations of a model with a free force beside its laws.
 
     Parameters
     ----------
     names, values
-        Of the constants and numbers that are free; initial states come after them.
+        Of the free constants and parameters; initial states come after them.
     curves
-        Which unknowns are strengths of the free force.
+        Mask of the unknowns that are strengths of the free force.
     scale
         From scaled unknowns to unknowns.
+    matrix, gradient
+        Normal equations in scaled unknowns.
     rest
-        Cholesky's factor of the equations without the free force.
+        Cholesky factor of the equations without the free force.
     """
 
     names: tuple[Name, ...]
@@ -163,7 +169,19 @@ class FreeForce:
     def of(
         cls, fit: Fit, free: Effect, trials: Sequence[Trial], kinds: Mapping[str, Kind]
     ) -> "FreeForce":
-        """Lay a free force beside the laws of a fit, and linearise at what was found."""
+        """Add a free force to the model of a fit, and linearise there.
+
+        Parameters
+        ----------
+        fit
+            Of the model.
+        free
+            The free force, all its strengths zero.
+        trials
+            Records of the fit.
+        kinds
+            Catalogue of effects by name.
+        """
         own = {kind.name: kind for kind in (CURVE_KIND, LAG_KIND)}
         both = carry_effect(fit, free, {**kinds, **own})
         prior = prior_of(both.plant)
@@ -196,10 +214,7 @@ class FreeForce:
         )
 
     def step_without(self, name: Name) -> tuple[float, float]:
-        """Where a number would be by the next step without the free force, and its error.
-
-        What other numbers make up for wholly is not known at all.
-        """
+        """Value of a parameter after one more step without the free force, and its sd."""
         at = self.names.index(name)
         unit = np.zeros(int((~self.curves).sum()))
         unit[at] = 1.0
@@ -208,7 +223,7 @@ class FreeForce:
         return float(self.values[at]) + step, float(self.scale[at]) * math.sqrt(row[at])
 
     def score_test(self) -> ScoreTest:
-        """Ask what the free force would take."""
+        """Compute the score statistic of the free force."""
         free = self.curves
         cross = scipy.linalg.cho_solve(self.rest, self.matrix[np.ix_(~free, free)])
         inner = self.matrix[np.ix_(free, free)] - self.matrix[np.ix_(free, ~free)] @ cross

@@ -1,9 +1,9 @@
-"""Laws that were named, in; the place at which the records refute them, out.
+"""Refutation of named laws by a free force beside them.
 
-A law close to the right one leaves little, too little to be seen among all that sensors tell;
-it is seen where one looks for it, by a free force laid beside the law. What is missing there is
-then none of the effects known. A law of several numbers near an end of its range is another
-there: van der Pol's without its negative part. Which of the two it is, is then undecided.
+A law close to the right one leaves too little to be seen in the whole residual, but a free
+force at the same place shows it. The law that acts there is then not in the library. A law of
+several parameters may be another one at an end of its range, as van der Pol's without its
+negative part; which of the two it is, is then undecided.
 """
 
 import dataclasses
@@ -37,13 +37,15 @@ docs/decisions/0026; one in twenty."""
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class LawDoubt:
-    """What speaks against the laws that were named at an element.
+    """Evidence against the laws that were named at an element.
 
     Parameters
     ----------
+    place
+        The element.
     idle
-        Numbers of those that do nothing of their own beside the others, which refutes none;
-        where there are none, what is there follows another curve.
+        Numbers of the laws that the others make needless, which refutes none of them; where
+        there are none, the laws are refuted.
     """
 
     place: Place
@@ -56,18 +58,22 @@ def refuted_by_free_force(
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
 ) -> LawDoubt | None:
-    """Find an element at which what was named cannot be, or need not be, what is there.
+    """Find an element at which the named laws are refuted, or one of them is needless.
 
     Parameters
     ----------
     fit
-        Of the whole model, which leaves but noise.
+        Of the whole model, which leaves noise only.
     first
-        Number of the first of its effects that was named; those before were given.
+        Number of the first effect that was named; those before belong to the given model.
+    trials
+        Records of the fit.
+    kinds
+        Catalogue of effects by name.
 
     Returns
     -------
-    None where all may stand, or where friction follows what was measured and no free run does.
+    None where no law is doubted, or where friction acts along the measured motion.
     """
     if needs_measured_friction(fit.plant, fit.noise):
         return None
@@ -85,7 +91,7 @@ def refuted_by_free_force(
 
 
 def _named_elements(fit: Fit, first: int) -> tuple[Place, ...]:
-    """Elements with effects that were named, and those that end at nodes with such."""
+    """Elements with named effects, and elements that end at nodes with such."""
     named = [effect.place for effect in fit.plant.effects[first:]]
     nodes = {place.id for place in named if place.kind == "node"}
     ending = [
@@ -124,7 +130,7 @@ def _test_element(
     idle = tuple(number for number in here if _is_idle(number, fit, beside, wide, kinds))
     several = any(sum(name[:2] == ("effect", n) for name in beside.names) > 1 for n in idle)
     doubt = LawDoubt(place, idle) if several else None
-    # Beside a motion that hardly any other comes near, no other force can be told at all.
+    # Without any direction that is determined, no other force can be tested.
     if not taken.degrees or chance_of(taken.gain / wide**2) > chance:
         return doubt
     laws = [
@@ -150,16 +156,21 @@ def _distance_to_small_force(
     steps: Float[np.ndarray, " direction"],
     most: float,
 ) -> float:
-    """Squared distance from what was found to the nearest force that is small enough.
+    """Squared distance from the estimate to the nearest force that is small enough.
 
     Parameters
     ----------
     power
-        Mean squares and products of forces of one standard deviation each [N^2].
+        Mean products of the forces of one standard deviation along each direction [N^2].
     steps
-        What was found, in standard deviations.
+        Estimate, in standard deviations.
     most
         Root mean square that is small enough [N].
+
+    Returns
+    -------
+    The distance in standard deviations, squared: a quadratic with one quadratic constraint,
+    solved by its Lagrange multiplier.
     """
     squares, turned = np.linalg.eigh(power)
     squares, along = np.maximum(squares, 0.0), turned.T @ steps
@@ -181,20 +192,20 @@ def _curve_force_along(
     strengths: Float[np.ndarray, " curve"],
     motions: Sequence[Motion],
 ) -> Float[np.ndarray, " time"]:
-    """Force of curves of some strengths along the motion of the fit."""
+    """Force [N] of curves with given strengths along the motion of the fit."""
     names = free.names[len(scales) :]
     numbers = {**scales, **dict(zip(names, strengths.tolist(), strict=True))}
     return np.concatenate([force_along(free, numbers, motion) for motion in motions])
 
 
 def _has_memory(fit: Fit, first: int, kinds: Mapping[str, Kind]) -> bool:
-    """Whether something was named that may stand for what lags: all that is linear, or lags."""
+    """Whether a named law, linear or with states, may stand for a force with memory."""
     actions = [kinds[effect.kind].action for effect in fit.plant.effects[first:]]
     return any(isinstance(a, Hidden) or (isinstance(a, Law) and a.rates) for a in actions)
 
 
 def _effects_at_ends(place: Place, fit: Fit, first: int) -> list[int]:
-    """Effects that were named at the ends of an element."""
+    """Numbers of the named effects at the end nodes of an element."""
     ends = next(e.between for e in fit.plant.description.elements if e.id == place.id)
     return [
         number
@@ -206,7 +217,7 @@ def _effects_at_ends(place: Place, fit: Fit, first: int) -> list[int]:
 def _effect_force_along(
     number: int, fit: Fit, runs: Sequence[Mapping[Place, Motion]], kinds: Mapping[str, Kind]
 ) -> Float[np.ndarray, " time"]:
-    """Force of one effect along the motion of the fit."""
+    """Force [N] of one effect along the motion of the fit."""
     values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
     effect = fit.plant.effects[number]
     kind = kinds[effect.kind]
@@ -217,7 +228,7 @@ def _effect_force_along(
 def _is_idle(
     number: int, fit: Fit, beside: FreeForce, wide: float, kinds: Mapping[str, Kind]
 ) -> bool:
-    """Whether a law does nothing of its own, by the next step of the fit."""
+    """Whether the strength of a law is not significant after one more step of the fit."""
     name = ("effect", number, kinds[fit.plant.effects[number].kind].strength)
     if name not in beside.names:
         return False

@@ -1,4 +1,4 @@
-"""Models and records in; how far free runs are from what was measured, out."""
+"""Errors of free runs on records that were held out, and their noise floor."""
 
 import dataclasses
 import math
@@ -37,12 +37,12 @@ Series = Float[np.ndarray, "time sensor"]
 def evaluation_trials(
     trials: tuple[Trial, ...], holdout: tuple[Trial, ...]
 ) -> tuple[Trial, ...]:
-    """Give the records to judge by: those held out, or the last third of each."""
+    """Give the records for evaluation: those held out, or else the last third of each."""
     return holdout or tuple(tail_of(trial) for trial in trials)
 
 
 def tail_of(trial: Trial) -> Trial:
-    """Last third of a record; all of one that is too short for that, as a piece may be."""
+    """Last third of a record; all of it where that is too short."""
     begun = len(trial.outputs) * 2 // 3
     if len(trial.outputs) - begun < MIN_SAMPLES:
         return trial
@@ -50,7 +50,7 @@ def tail_of(trial: Trial) -> Trial:
 
 
 def refit_on_heads(fit: Fit, trials: Sequence[Trial]) -> Fit:
-    """Fit the same model to all but the tails of records; leave it where that cannot be."""
+    """Refit a model to all but the tails of records; the given fit where that diverges."""
     ends = [len(trial.outputs) * 2 // 3 for trial in trials]
     if min(ends) < MIN_SAMPLES:
         return fit
@@ -67,7 +67,19 @@ def refit_on_heads(fit: Fit, trials: Sequence[Trial]) -> Fit:
 
 
 def free_runs(fit: Fit, trials: Sequence[Trial]) -> list[Series]:
-    """Run the model of a fit; initial states are those that the first samples say."""
+    """Simulate the model of a fit on other records.
+
+    Parameters
+    ----------
+    fit
+        Of the model.
+    trials
+        Records; initial states are estimated from the first samples of each.
+
+    Returns
+    -------
+    Outputs (time, sensor) of each trial, in the sensors' units.
+    """
     runs = []
     for trial in trials:
         state = _initial_state(fit, _first_part(trial), _noise_of_first_record(fit))
@@ -84,9 +96,18 @@ def free_runs(fit: Fit, trials: Sequence[Trial]) -> list[Series]:
 
 
 def refit_on_record(fit: Fit, trial: Trial) -> Fit | None:
-    """Fit the same model to another record, from where it is; None where that cannot be.
+    """Refit a model to another record, whose noise is estimated anew.
 
-    That has noise of its own.
+    Parameters
+    ----------
+    fit
+        Of the model, whose values are the start.
+    trial
+        The other record.
+
+    Returns
+    -------
+    None where the free run diverges.
     """
     state = _initial_state(fit, _first_part(trial), _noise_of_first_record(fit))
     try:
@@ -100,17 +121,17 @@ def _first_part(trial: Trial) -> Trial:
 
 
 def _noise_of_first_record(fit: Fit) -> Noise:
-    """Take the noise of the first record that was fitted for that of others."""
+    """Noise of the first fitted record, used for others."""
     drift = fit.noise.drift
     first = None if drift is None else drift.first()
     return dataclasses.replace(fit.noise.for_trials([0]), drift=first)
 
 
 def _initial_state(fit: Fit, part: Trial, noise: Noise) -> Float[np.ndarray, " state"]:
-    """Give the initial state that explains the first samples best.
+    """Estimate the initial state from the first samples.
 
-    What sticks tells nothing of the speed it would have: where there are effects, one begins
-    from the state without them too.
+    A joint that sticks does not determine its speed: with effects, fits start from the state
+    of the model without them, too.
     """
     plant, values = fit.plant, fit.values
     bare = Plant.of(dataclasses.replace(plant.description, effects=()), kinds=plant.kinds)
@@ -138,7 +159,7 @@ def _initial_state(fit: Fit, part: Trial, noise: Noise) -> Float[np.ndarray, " s
 
 
 def _multistart(fit: Fit, part: Trial) -> Fit:
-    """Look farther for an initial state, over the first swings; the better of both."""
+    """Search the initial state by multistart over the first periods; the better of both."""
     (first,) = first_periods(fit.plant, (part,))
     size = motion_amplitude(fit.plant, part, fit.values, fit.states[0])
     state = multistart_initial_state(
@@ -155,10 +176,7 @@ def _fit_initial_state(
     values: Float[np.ndarray, " parameter"],
     states: Sequence[Float[np.ndarray, " state"]] | None,
 ) -> Fit | None:
-    """Fit initial states alone; None where the motion grows beyond bounds from any.
-
-    A law may hold what would run away without it.
-    """
+    """Fit initial states alone; None where the run diverges."""
     try:
         return refit(
             plant, (part,), free=[], noise=noise, values=values, states=states, horizons=(1.0,)
@@ -170,7 +188,19 @@ def _fit_initial_state(
 def relative_errors(
     trials: Sequence[Trial], runs: Sequence[Series]
 ) -> Float[np.ndarray, " sensor"]:
-    """Error of free runs over the scatter of the measurement, by sensor."""
+    """Root mean square error of free runs over the standard deviation of the outputs.
+
+    Parameters
+    ----------
+    trials
+        Records.
+    runs
+        Simulated outputs (time, sensor) of each.
+
+    Returns
+    -------
+    By sensor [1]; 0 for one without variation, 1e6 for a run that is not finite.
+    """
     found = []
     for sensor in range(trials[0].outputs.shape[1]):
         left, all_of = [], []
@@ -186,7 +216,7 @@ def relative_errors(
 
 
 def noise_of_runs(fit: Fit, trials: tuple[Trial, ...], runs: Sequence[Series]) -> Noise:
-    """Hear the noise of records that were not fitted, from what free runs leave of them."""
+    """Estimate the noise of records that were not fitted from the errors of free runs."""
     left = tuple(
         np.where(trial.used & np.isfinite(run), trial.measured - run, 0.0)
         for trial, run in zip(trials, runs, strict=True)
@@ -195,7 +225,19 @@ def noise_of_runs(fit: Fit, trials: tuple[Trial, ...], runs: Sequence[Series]) -
 
 
 def noise_floor_error(trials: Sequence[Trial], noise: Noise) -> float:
-    """Error that the sensors' noise alone would make; `noise` is that of these trials."""
+    """Relative error that the sensors' noise alone causes: see `relative_errors`.
+
+    Parameters
+    ----------
+    trials
+        Records.
+    noise
+        Of these trials.
+
+    Returns
+    -------
+    The mean over the sensors [1].
+    """
     share = np.array([t.used.mean(axis=0) for t in trials])
     power = np.array([noise.sd(i, t.rate_hz) ** 2 for i, t in enumerate(trials)])
     power = np.sum(share * power, axis=0) / np.maximum(share.sum(axis=0), 1e-12)
@@ -210,7 +252,7 @@ def noise_floor_error(trials: Sequence[Trial], noise: Noise) -> float:
 def traces_of(
     trials: Sequence[Trial], nominal: list[Series], refits: list[Series], last: list[Series]
 ) -> tuple[Traces, ...]:
-    """Give records, measured and run."""
+    """Collect measured and simulated outputs of each record."""
     return tuple(
         Traces(t.times_s, t.outputs, a, b, c)
         for t, a, b, c in zip(trials, nominal, refits, last, strict=True)
@@ -220,7 +262,7 @@ def traces_of(
 def spectra_of(
     trials: Sequence[Trial], before: list[Series], after: list[Series], noise: Noise
 ) -> Spectra:
-    """Densities, the mean over records, on one grid: no finer than the shortest can tell."""
+    """Mean densities of outputs, residuals and noise, as fine as the shortest record allows."""
     top = max(trial.rate_hz for trial in trials) / 2
     finest = min(int(len(trial.outputs) * top / trial.rate_hz) for trial in trials)
     points = int(np.clip(finest // 2, 1, SPECTRUM_POINTS))
@@ -250,7 +292,7 @@ def spectra_of(
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class FreeRunResult:
-    """Free runs of one model, with the errors that they make."""
+    """Free runs of one model, with their relative errors by sensor."""
 
     description: Description
     runs: list[Series]
@@ -260,6 +302,6 @@ class FreeRunResult:
 def evaluate_free_run(
     description: Description, fit: Fit, trials: Sequence[Trial]
 ) -> FreeRunResult:
-    """Run a fitted model on the records to judge by."""
+    """Simulate a fitted model on records, and compute its relative errors."""
     runs = free_runs(fit, trials)
     return FreeRunResult(description, runs, relative_errors(trials, runs))

@@ -1,7 +1,8 @@
-"""A fit and records it never saw, in; whether its model and its numbers are true there, out.
+"""Validation of a model and its parameters on records that were held out.
 
-A neighbour of the right law goes its own way where motion is larger than it ever was. So does
-the right one, where a motion tips over and what is left open of its numbers tells when.
+A law close to the right one fails where motion is larger than in the fitted records. So does
+the right one near an instability, where small errors of its parameters decide; there its refit
+to the other record must agree with the first one.
 """
 
 from collections.abc import Sequence
@@ -32,21 +33,25 @@ an instability. Source: judgement; no study is recorded."""
 
 
 def is_confirmed_on_holdout(fit: Fit, error: float, tests: Sequence[Trial]) -> bool:
-    """Whether records that were not fitted say nothing against a model that leaves noise.
+    """Whether held-out records agree with a model that leaves noise only.
 
-    Either the error there is that of noise; or the model, refitted to each, leaves no more, and
-    its numbers are those it had, as far as both are known.
+    Either the error there is that of noise; or the model, refitted to each record, leaves noise
+    only and has the same parameters within their uncertainty.
 
     Parameters
     ----------
+    fit
+        Of the model.
     error
-        On these records, over what the noise alone would be.
+        Of its free runs on these records, over that of noise alone [1].
+    tests
+        The records.
     """
     samples = sum(len(trial.outputs) for trial in tests)
     if error < 1 + max(MAX_EXCESS, MAX_EXCESS_SDS / np.sqrt(2 * samples)):
         return True
     if fit.noise.drift is not None:
-        return True  # what floats goes its own way by whatever pushes it
+        return True  # runs with rigid modes drift by any error of the input
     for trial in tests:
         again = refit_on_record(fit, trial)
         if (
@@ -59,7 +64,7 @@ def is_confirmed_on_holdout(fit: Fit, error: float, tests: Sequence[Trial]) -> b
 
 
 def are_parameters_equal(one: Fit, other: Fit) -> bool:
-    """Whether fits of one model to other records differ by no more than is open of both."""
+    """Whether two fits of one model agree within their covariances (Wald test)."""
     apart = one.free - other.free
     spread = SD_FACTOR**2 * (one.covariance + other.covariance)
     scale = np.sqrt(np.diag(spread))
