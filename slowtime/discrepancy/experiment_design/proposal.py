@@ -7,8 +7,8 @@ its parameters within their covariance do not count:
           + \delta^T \Sigma^{-1} \delta ,
 
 with the sensitivities :math:`S` and the covariance :math:`\Sigma` of the second one's fit.
-Either may be true: the lesser of both directions counts, and of several rivals the least separated
-pair. Where no experiment separates them all, the least likely are left out, one by one.
+Either may be true: the lesser of both directions counts, and of several rivals the least
+separated pair. Where no experiment separates them all, the least likely are left out in turn.
 
 References
 ----------

@@ -142,12 +142,6 @@ class Noise:
         grid = np.linspace(0.0, rate_hz / 2, 513)
         return np.asarray(np.sqrt(np.trapezoid(self.density(trial, grid), grid, axis=0)))
 
-    @property
-    def white(self) -> tuple[bool, ...]:
-        """Whether the noise of each sensor is white, in every trial."""
-        by_sensor = zip(*self.colours, strict=True)
-        return tuple(all(colour.coloured == 0 for colour in row) for row in by_sensor)
-
 
 def white_noise(densities: Sequence[Sequence[float]], relative_sd: float = 0.0) -> Noise:
     """White noise of given densities.

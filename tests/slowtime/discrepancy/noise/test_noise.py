@@ -40,7 +40,8 @@ def test_noise_alone_is_found_with_its_colour(pole):
     noise = estimated(coloured(np.random.default_rng(1), pole), 0.0)
     ratio = noise.density(1, PROBES) / truth(pole)[:, None]
     assert np.all(np.abs(np.log(ratio)) < 0.25)
-    assert noise.white == (pole == 0.0, pole == 0.0)
+    for row in zip(*noise.colours, strict=True):
+        assert all(colour.coloured == 0 for colour in row) is (pole == 0.0)
 
 
 def test_strength_is_each_trials_own_and_has_an_honest_error():
