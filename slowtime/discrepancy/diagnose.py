@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from slowtime.dynamics.effects import Kind, catalogue
 from slowtime.dynamics.plant import Plant
 
-from .ambient.diagnosis import diagnose_undriven
+from .ambient.diagnosis import diagnose_ambient
 from .calibration import refit
 from .data.screening import screen_records
 from .diagnosis import Diagnosis
@@ -75,7 +75,7 @@ def diagnose(
     findings = tuple(finding for one in screened for finding in one.findings)
     if campaign.ambient:
         tell("comparing spectra", 0.1)
-        return diagnose_undriven(campaign, trials, findings, known)
+        return diagnose_ambient(campaign, trials, findings, known)
     tell("refitting the model within its tolerances", 0.05)
     stated = tuple(entry.hold for entry in campaign.description.inputs)
     how = SearchSettings(
@@ -101,7 +101,7 @@ def _refined(
     found = eliminate_needless(found, found.trials, kinds)
     found = with_missing_link(found, own, kinds, monitor)
     found = refute(found, own, kinds)
-    if not monitor.hurries:
+    if not monitor.is_late:
         campaign, found = with_best_holds(campaign, found, stated, how)
         found = converge(found, own, kinds)
         found = converge_stick_slip(found, own, kinds, monitor)

@@ -10,7 +10,7 @@ from .candidates.library_fit import Candidate
 from .diagnosis import NamedEffect, Rival
 from .estimation.candidate_fit import FittedCandidate
 from .estimation.input_hold import Hold
-from .localization import Located
+from .localization import Localization
 from .quoting import requote_all
 from .records import Trial
 
@@ -88,8 +88,8 @@ class Hypothesis:
     fits: tuple[Fit, ...]
     trials: tuple[Trial, ...]
     effects: tuple[NamedEffect, ...] = ()
-    localized: Located | None = None
-    rest: Located | None = None
+    localized: Localization | None = None
+    rest: Localization | None = None
     fitted: tuple[FittedCandidate, ...] = ()
     tried: tuple[Candidate, ...] = ()
     nested: tuple[FittedCandidate, ...] = ()

@@ -1,4 +1,4 @@
-"""How far a diagnosis has come, in; whether to go on, out."""
+"""Progress of a diagnosis, its time limits, and its cancellation."""
 
 import dataclasses
 from collections.abc import Callable
@@ -9,41 +9,68 @@ Progress = Callable[[str, float], None]
 
 @runtime_checkable
 class Stop(Protocol):
-    """What tells that somebody wants it to end, such as `threading.Event`."""
+    """A request to end, such as `threading.Event`."""
 
     def is_set(self) -> bool:
-        """Whether to end."""
+        """Whether the end was requested."""
         ...
 
 
 class Cancelled(Exception):
-    """Somebody asked the diagnosis to stop."""
+    """The diagnosis was stopped on request."""
 
 
 @dataclasses.dataclass(slots=True, eq=False)
 class Monitor:
-    """Tells how far it has come, and stops where asked to."""
+    """Reports progress and checks the time limits of a diagnosis.
+
+    Parameters
+    ----------
+    progress
+        Called with the stage in words and the share done, from 0 to 1.
+    stop
+        Request to end.
+    late
+        Whether only the likeliest candidates should still be tried.
+    over
+        Whether nothing more should be tried at all; as `late` where not given.
+    share_done
+        Largest share that was reported.
+    """
 
     progress: Progress | None = None
     stop: Stop | None = None
     late: Callable[[], bool] | None = None
     over: Callable[[], bool] | None = None
-    far: float = 0.0
+    share_done: float = 0.0
 
     def __call__(self, stage: str, share: float) -> None:
-        """Tell the stage in words and the share done; raise `Cancelled` where asked to end."""
+        """Report a stage.
+
+        Parameters
+        ----------
+        stage
+            What is being done, in words.
+        share
+            Share done, from 0 to 1; a smaller one than before is not reported.
+
+        Raises
+        ------
+        Cancelled
+            Where the end was requested.
+        """
         if self.stop is not None and self.stop.is_set():
             raise Cancelled(f"The diagnosis was stopped: {stage}.")
-        self.far = max(self.far, share)
+        self.share_done = max(self.share_done, share)
         if self.progress is not None:
-            self.progress(stage, self.far)
+            self.progress(stage, self.share_done)
 
     @property
-    def hurries(self) -> bool:
-        """Whether only the likeliest should still be tried."""
+    def is_late(self) -> bool:
+        """Whether only the likeliest candidates should still be tried."""
         return self.late is not None and self.late()
 
     @property
-    def ends(self) -> bool:
+    def is_over(self) -> bool:
         """Whether nothing more should be tried at all."""
-        return self.hurries if self.over is None else self.over()
+        return self.is_late if self.over is None else self.over()

@@ -3,8 +3,8 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
 
-from slowtime.discrepancy.calibration import UNCLAIMED, Fit
-from slowtime.discrepancy.calibration.augmentation import effects_in
+from slowtime.discrepancy.calibration import DEFAULT_RELATIVE_SD, Fit
+from slowtime.discrepancy.calibration.augmentation import fitted_effects
 from slowtime.discrepancy.diagnosis import NamedEffect, Number
 from slowtime.discrepancy.estimation.candidate_fit import undetermined_parameters
 from slowtime.discrepancy.thresholds import LIMITS
@@ -17,7 +17,7 @@ OF_SENSOR = "unit of the sensor"
 
 def numbers_of(fit: Fit, which: int) -> dict[str, Number]:
     """Numbers of one effect, widened by what the model leaves over the noise."""
-    sds = dict(zip(fit.prior.names, fit.widened_sd.tolist(), strict=True))
+    sds = dict(zip(fit.prior.names, fit.inflated_sd.tolist(), strict=True))
     values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
     # Nothing is known of them but that they lie within the campaign.
     sds |= {name: abs(values[name]) for name in undetermined_parameters(fit)}
@@ -43,7 +43,7 @@ def moved_of(fit: Fit) -> dict[str, Number]:
     values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
     return {
         f"{name[0]} {name[1]}": Number(values[name], sds[name], fit.plant.entries[name].unit)
-        for name, pull in fit.bent.items()
+        for name, pull in fit.constant_pulls.items()
         if abs(pull) > LIMITS.moved_tolerances
     }
 
@@ -53,10 +53,10 @@ def renumbered(fit: Fit, given: Description) -> dict[str, Number]:
 
     A model states no tolerance of them: they are held for as well known as the springs are.
     """
-    claimed = given.tolerance.stiffness if given.tolerance else UNCLAIMED["stiffness"]
+    claimed = given.tolerance.stiffness if given.tolerance else DEFAULT_RELATIVE_SD["stiffness"]
     found = {}
     for name, value, mean, sd in zip(
-        fit.prior.names, fit.free, fit.prior.mean, fit.widened_sd, strict=True
+        fit.prior.names, fit.free, fit.prior.mean, fit.inflated_sd, strict=True
     ):
         if name[0] != "effect" or int(name[1]) >= len(given.effects):
             continue
@@ -96,7 +96,7 @@ def requoted(
     answer: NamedEffect, fit: Fit, number: int, kinds: Mapping[str, Kind]
 ) -> NamedEffect:
     """Give an answer the numbers that its effect has in the last fit."""
-    effect = effects_in(fit)[number]
+    effect = fitted_effects(fit)[number]
     numbers = numbers_of(fit, number)
     return dataclasses.replace(
         answer,

@@ -1,4 +1,4 @@
-"""What was measured, in the units and in the order of the description's channels."""
+"""Records of a campaign, in the units and in the order of the description's channels."""
 
 import dataclasses
 
@@ -8,8 +8,9 @@ from jaxtyping import Bool, Float
 
 from slowtime.dynamics.description import Description
 
-FEWEST = 64
-"""Samples below which nothing of what follows has a meaning."""
+MIN_SAMPLES = 64
+"""[samples] Least length of a record; spectra and initial states of shorter ones mean
+nothing. Source: judgement; no study is recorded."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -19,16 +20,22 @@ class Trial:
     Parameters
     ----------
     inputs
-        One column for each input of the description, in its unit; no columns where nobody
-        measured what shakes the structure.
+        Inputs (time, input) in the units of the description; no columns where the excitation
+        was not measured.
     outputs
-        One column for each sensor of the description, in its unit.
+        Outputs (time, sensor) in the units of the description.
     rate_hz
-        Samples per second.
+        Sampling rate [Hz].
     start_s
         Campaign time of the first sample [s], so that slow changes can be dated.
     use
-        False for a sample that is not to be believed; where not given, for what is not finite.
+        False for samples to leave out (time, sensor); where not given, those that are not
+        finite.
+
+    Raises
+    ------
+    ValueError
+        Where the rate is not positive, lengths differ, or the record is too short.
 
     Examples
     --------
@@ -53,9 +60,9 @@ class Trial:
                 f"Inputs have {len(self.inputs)} samples, outputs {len(self.outputs)}. Cut "
                 "both to the time they share."
             )
-        if len(self.outputs) < FEWEST:
+        if len(self.outputs) < MIN_SAMPLES:
             raise ValueError(
-                f"The record has {len(self.outputs)} samples; fewer than {FEWEST} tell "
+                f"The record has {len(self.outputs)} samples; fewer than {MIN_SAMPLES} tell "
                 "nothing. Give a longer one."
             )
         finite = np.isfinite(self.outputs)
@@ -64,13 +71,13 @@ class Trial:
 
     @property
     def used(self) -> Bool[np.ndarray, "time sensor"]:
-        """Which samples are to be believed."""
+        """Mask of the valid samples."""
         assert self.use is not None
         return self.use
 
     @property
     def measured(self) -> Float[np.ndarray, "time sensor"]:
-        """Outputs, with zeros in place of what is not to be believed."""
+        """Outputs, with zeros in place of invalid samples."""
         return np.where(self.used, self.outputs, 0.0)
 
     @property
@@ -79,7 +86,13 @@ class Trial:
         return len(self.outputs) / self.rate_hz
 
     def part(self, first: int, last: int) -> "Trial":
-        """Cut out the samples from `first` on, `last` left out."""
+        """Cut out a part of the record.
+
+        Parameters
+        ----------
+        first, last
+            Numbers of its first sample, and of the first one after it.
+        """
         return Trial(
             inputs=self.inputs[first:last],
             outputs=self.outputs[first:last],
@@ -89,7 +102,7 @@ class Trial:
         )
 
     def trimmed(self) -> "Trial":
-        """Leave out the few last samples without which its transforms are several times faster.
+        """Leave out the last few samples, so that the length suits fast Fourier transforms.
 
         Examples
         --------
@@ -114,9 +127,9 @@ class Campaign:
     description
         The nominal model.
     trials
-        Those to learn from.
+        Records that models are fitted to.
     holdout
-        Those to judge by; nothing is fitted to them.
+        Records that models are judged by; nothing is fitted to them.
 
     Raises
     ------
@@ -134,11 +147,11 @@ class Campaign:
         if not self.description.sensors:
             raise ValueError("The model lists no sensors. Say which channel measures what.")
         for trial in (*self.trials, *self.holdout):
-            _check(self.description, trial)
+            _check_channels(self.description, trial)
 
     @property
     def ambient(self) -> bool:
-        """Whether nothing that shakes the structure was measured."""
+        """Whether no input was measured."""
         return not self.description.inputs
 
     @property
@@ -147,7 +160,7 @@ class Campaign:
         return tuple(sensor.channel for sensor in self.description.sensors)
 
 
-def _check(description: Description, trial: Trial) -> None:
+def _check_channels(description: Description, trial: Trial) -> None:
     for what, given, wanted in (
         ("input", trial.inputs.shape[1], len(description.inputs)),
         ("sensor", trial.outputs.shape[1], len(description.sensors)),

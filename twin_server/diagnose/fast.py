@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from slowtime.discrepancy.diagnose import diagnose
-from slowtime.discrepancy.records import FEWEST
+from slowtime.discrepancy.records import MIN_SAMPLES
 from slowtime.signals.block import Block
 from slowtime_services.diagnose import Source, campaign_of, document_of, write_results
 from slowtime_services.effects import known
@@ -94,12 +94,12 @@ def _blocks(task: Task, path: Path, span: tuple[int | None, int | None]) -> Iter
 
 
 def _long_enough(pieces: list[Piece]) -> list[Piece]:
-    kept = [piece for piece in pieces if len(piece.record.samples) >= FEWEST]
+    kept = [piece for piece in pieces if len(piece.record.samples) >= MIN_SAMPLES]
     if not kept:
         longest = max(len(piece.record.samples) for piece in pieces)
         raise NoSamplesError(
-            f"No {FEWEST} samples follow each other without a hole; {longest} at most. Ask "
-            "for a longer span."
+            f"No {MIN_SAMPLES} samples follow each other without a hole; {longest} at most. "
+            "Ask for a longer span."
         )
     return kept
 

@@ -24,8 +24,8 @@ from scipy.stats import chi2, norm
 
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.calibration.model_values import with_values
-from slowtime.discrepancy.records import FEWEST, Trial
-from slowtime.discrepancy.validation.free_run import errors
+from slowtime.discrepancy.records import MIN_SAMPLES, Trial
+from slowtime.discrepancy.validation.free_run import relative_errors
 from slowtime.dynamics.plant import Plant
 from slowtime_schemas.model_file import ModelFile
 from slowtime_services.diagnose import Source, campaign_of
@@ -144,14 +144,14 @@ def limit_factor(count: int, between: float) -> float:
 
 
 def _gap(plant: Plant, trial: Trial) -> float:
-    count = max(round(START * len(trial.outputs)), FEWEST)
+    count = max(round(START * len(trial.outputs)), MIN_SAMPLES)
     first = refit(plant, (trial.part(0, count),), free=[], horizons=(1.0,))
     run = plant.simulate(
         plant.values, trial.inputs, trial.rate_hz,
         state0=first.states[0], start_s=trial.start_s,
     )  # fmt: skip
     with np.errstate(all="ignore"):
-        return min(float(errors([trial], [run]).mean()), _WORST)
+        return min(float(relative_errors([trial], [run]).mean()), _WORST)
 
 
 def _trial(plant: Plant, record: Record) -> Trial:

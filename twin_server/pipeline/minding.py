@@ -16,7 +16,7 @@ import threading
 from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
-from slowtime.discrepancy.records import FEWEST
+from slowtime.discrepancy.records import MIN_SAMPLES
 from slowtime.dynamics.effects import catalogue
 from slowtime_schemas.model_file import ModelFile
 from slowtime_services.bus import BusClosedError, Sample
@@ -241,7 +241,7 @@ class Minder:
         fresh = within(pieces, mind.until_ns + 1, None)
         for piece in reversed(fresh):
             whole = piece.epoch is not None or piece.seconds >= 0.5 * seconds
-            if whole and len(piece.record.samples) >= FEWEST:
+            if whole and len(piece.record.samples) >= MIN_SAMPLES:
                 excess = len(piece.record.samples) - round(seconds * piece.record.rate_hz)
                 return piece if excess <= 0 else _last(piece, excess)
         return None

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
-from slowtime.discrepancy.records import FEWEST, Campaign, Trial
+from slowtime.discrepancy.records import MIN_SAMPLES, Campaign, Trial
 from slowtime.dynamics.description import Description, Input, Sensor
 from slowtime.dynamics.units import UNITS, Quantity
 from slowtime_services.files import Record, RecordError
@@ -97,13 +97,13 @@ def _heard_of(trials: Iterable[Trial], source: Source, notes: list[str]) -> Iter
 
 def _refuse_short(trials: Sequence[Trial], origins: Sequence[str]) -> None:
     for trial, name in zip(trials, origins, strict=True):
-        if len(trial.outputs) < 3 * FEWEST:
+        if len(trial.outputs) < 3 * MIN_SAMPLES:
             holed = list(origins).count(name) > 1
             why = ", for its clock or inputs have holes" if holed else ""
             raise RecordError(
                 f"{name} has {len(trial.outputs)} samples in a row{why}. Without --holdout "
-                f"the last third is kept to judge by, which takes {3 * FEWEST} at least. Give "
-                "a longer record, or one to judge by with --holdout."
+                f"the last third is kept to judge by, which takes {3 * MIN_SAMPLES} at least. "
+                "Give a longer record, or one to judge by with --holdout."
             )
 
 
@@ -120,7 +120,7 @@ def _refuse_known(learnt: Sequence[Trial], judged: Sequence[Trial]) -> None:
 
 def _holds(one: Float[np.ndarray, "_ s"], other: Float[np.ndarray, "_ s"]) -> bool:
     """Whether the beginning of one stands in the other, or of the other in one."""
-    for few, many in ((one[:FEWEST], other), (other[:FEWEST], one)):
+    for few, many in ((one[:MIN_SAMPLES], other), (other[:MIN_SAMPLES], one)):
         if not np.ptp(few, axis=0).any():
             continue
         for row in np.flatnonzero((many[: len(many) - len(few) + 1] == few[0]).all(axis=1)):
@@ -188,12 +188,12 @@ def _trials(
             "be measured; if it was not, take it out of the model's inputs."
         )
     pieces = list(_pieces(record, known))
-    kept = [piece for piece in pieces if piece[1] - piece[0] >= FEWEST]
+    kept = [piece for piece in pieces if piece[1] - piece[0] >= MIN_SAMPLES]
     if not kept:
         longest = max(last - first for first, last, _ in pieces)
         raise RecordError(
-            f"{source.name} has no {FEWEST} samples in a row: {longest} at most. Fewer tell "
-            "nothing of a structure; give a longer record, or one without holes."
+            f"{source.name} has no {MIN_SAMPLES} samples in a row: {longest} at most. Fewer "
+            "tell nothing of a structure; give a longer record, or one without holes."
         )
     if len(pieces) > 1:
         lost = count - sum(last - first for first, last, _ in kept)

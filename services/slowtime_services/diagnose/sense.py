@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.discrepancy.records import FEWEST, Campaign, Trial
+from slowtime.discrepancy.records import MIN_SAMPLES, Campaign, Trial
 from slowtime.dynamics.description import Description, assemble
 from slowtime.dynamics.effects import Kind
 from slowtime.dynamics.modes import undamped_modes
@@ -141,7 +141,7 @@ def _sizes(series: Float[np.ndarray, "time sensor"], trial: Trial) -> Sizes:
     """Scatter of each sensor over the samples to be believed; 0 where there are too few."""
     return np.array(
         [
-            float(np.std(column[use])) if use.sum() >= FEWEST else 0.0
+            float(np.std(column[use])) if use.sum() >= MIN_SAMPLES else 0.0
             for column, use in zip(series.T, trial.used.T, strict=True)
         ]
     )

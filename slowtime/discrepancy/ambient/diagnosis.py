@@ -1,4 +1,4 @@
-"""A campaign without any input in, what its spectra let one say of the model, out."""
+"""Diagnosis of a campaign without measured inputs, by its spectra."""
 
 from collections.abc import Mapping
 
@@ -12,67 +12,78 @@ from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.selection.probabilities import fault_of, verdict_of
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.discrepancy.validation.free_run import (
-    errors,
-    floor_of,
-    judged,
+    evaluation_trials,
+    noise_floor_error,
+    relative_errors,
     spectra_of,
     traces_of,
 )
 from slowtime.dynamics.effects import Kind
 from slowtime.dynamics.plant import Plant
 
-from .spectra import Ambient, compare_ambient
+from .spectra import AmbientFit, fit_ambient_spectra
 
-MEASURE = Experiment(
+MEASURE_INPUT = Experiment(
     "Measure what drives the structure, a force or the motion of its base, and put it among "
     "the model's inputs: without it nothing can be run, and no effect can be named."
 )
 
 
-def diagnose_undriven(
+def diagnose_ambient(
     campaign: Campaign,
     trials: tuple[Trial, ...],
     findings: tuple[Finding, ...],
     kinds: Mapping[str, Kind],
 ) -> Diagnosis:
-    """Say whether the spectra of ambient records are those of the model; name no effect.
+    """Test whether the spectra of ambient records agree with the model; name no effect.
 
-    Where nobody measured what shakes a structure, a free run is not to be had: errors are
-    those of silence. Constants that moved, and bands in which the model is missed, are.
+    Without measured inputs there is no free run: errors are those of zero outputs. Constants
+    that left their tolerances, and bands in which the model fails, are reported.
+
+    Parameters
+    ----------
+    campaign
+        Model and records.
+    trials
+        Screened records.
+    findings
+        Faults of channels.
+    kinds
+        Catalogue of effects by name.
     """
     plant = Plant.of(campaign.description, kinds=kinds)
-    seen = compare_ambient(plant, trials)
-    tests = judged(trials, tuple(screen(trial).trial for trial in campaign.holdout))
+    seen = fit_ambient_spectra(plant, trials)
+    tests = evaluation_trials(trials, tuple(screen(trial).trial for trial in campaign.holdout))
     silence = [np.zeros_like(trial.outputs) for trial in tests]
     noise = white_noise([seen.noise_density.tolist()] * len(tests))
-    error, worst = errors(tests, silence), float(errors(tests, silence).max())
+    error, worst = relative_errors(tests, silence), float(relative_errors(tests, silence).max())
     whole = float(error.mean())
     values = {name: float(one) for name, one in zip(seen.prior.names, seen.values, strict=True)}
     refitted = with_values(campaign.description, values)
-    moved = _moved(seen, plant)
+    moved = _moved_constants(seen, plant)
     given = campaign.description
     answers = [a for f in findings if (a := fault_of(f, given, kinds)) is not None]
     missed = seen.p_value < LIMITS.false_alarm_p_value
-    verdict, sentence = _word(seen, moved, missed)
+    verdict, sentence = _verdict(seen, moved, missed)
     if answers and not missed:
         verdict, sentence = verdict_of(answers, kinds), " ".join(a.sentence for a in answers)
     return Diagnosis(
         verdict=verdict,
-        sentence=sentence + " " + MEASURE.sentence,
+        sentence=sentence + " " + MEASURE_INPUT.sentence,
         effects=tuple(answers),
         undecided=(),
-        experiment=MEASURE,
+        experiment=MEASURE_INPUT,
         nothing_probability=0.0 if missed else float(min(1.0, 0.5 + seen.p_value)),
         moved=moved,
         where=(),
-        when=When((), seen.missed(), "") if missed else When((), (), ""),
+        when=When((), seen.failed_bands(), "") if missed else When((), (), ""),
         findings=findings,
         gap=Gap(
             nominal=whole,
             refitted_nominal=whole,
             steps=(),
             augmented=whole,
-            noise_floor=floor_of(tests, noise),
+            noise_floor=noise_floor_error(tests, noise),
             on="holdout" if campaign.holdout else "tail",
             worst=worst,
         ),
@@ -89,8 +100,8 @@ def diagnose_undriven(
     )
 
 
-def _moved(seen: Ambient, plant: Plant) -> dict[str, Number]:
-    """Constants that left their tolerance."""
+def _moved_constants(seen: AmbientFit, plant: Plant) -> dict[str, Number]:
+    """Constants that left their tolerance, with value, sd and unit."""
     return {
         f"{name[0]} {name[1]}": Number(float(value), float(sd), plant.entries[name].unit)
         for (name, pull), value, sd in zip(
@@ -100,9 +111,9 @@ def _moved(seen: Ambient, plant: Plant) -> dict[str, Number]:
     }
 
 
-def _word(seen: Ambient, moved: dict[str, Number], missed: bool) -> tuple[Verdict, str]:
+def _verdict(seen: AmbientFit, moved: dict[str, Number], missed: bool) -> tuple[Verdict, str]:
     if missed:
-        bands = ", ".join(f"{low:.3g} to {high:.3g} Hz" for low, high in seen.missed())
+        bands = ", ".join(f"{low:.3g} to {high:.3g} Hz" for low, high in seen.failed_bands())
         return (
             "unknown_effect",
             f"The spectra are not those of the model{' at ' + bands if bands else ''}.",

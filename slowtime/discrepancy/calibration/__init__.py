@@ -1,30 +1,38 @@
-"""A plant and records in; the constants that explain them best, and what is left, out."""
+"""Plant and records in, fitted constants and residuals out."""
 
 from .fit import Fit, refit, try_refit
-from .initial_states import size_of, state_from_many, state_heard
-from .levenberg_marquardt import WRONG, GivenUp
-from .multiple_shooting import begun_by, first_swings, loudest, pieces, shooting_fit, slowest_hz
-from .prior import UNCLAIMED, Prior, prior_of
-from .spectral_weights import Weights, weights_of
+from .initial_states import motion_amplitude, multistart_initial_state, state_from_sensors
+from .levenberg_marquardt import WRONG_MODEL_CHI2, FitAbandoned, FitControl
+from .multiple_shooting import (
+    cut_segments,
+    first_periods,
+    initial_states_of_records,
+    lowest_frequency_hz,
+    shooting_fit,
+    strongest_segments,
+)
+from .prior import DEFAULT_RELATIVE_SD, Prior, prior_of
+from .spectral_weights import SpectralWeights, spectral_weights
 
 __all__ = [
-    "UNCLAIMED",
-    "WRONG",
+    "DEFAULT_RELATIVE_SD",
+    "WRONG_MODEL_CHI2",
     "Fit",
-    "GivenUp",
+    "FitAbandoned",
+    "FitControl",
     "Prior",
-    "Weights",
-    "begun_by",
-    "first_swings",
-    "loudest",
-    "pieces",
+    "SpectralWeights",
+    "cut_segments",
+    "first_periods",
+    "initial_states_of_records",
+    "lowest_frequency_hz",
+    "motion_amplitude",
+    "multistart_initial_state",
     "prior_of",
     "refit",
     "shooting_fit",
-    "size_of",
-    "slowest_hz",
-    "state_from_many",
-    "state_heard",
+    "spectral_weights",
+    "state_from_sensors",
+    "strongest_segments",
     "try_refit",
-    "weights_of",
 ]

@@ -1,4 +1,4 @@
-"""A fit and an effect in; the model that has both, and where its own fit begins, out."""
+"""Fitted models with one effect added or removed, and the start of their own fits."""
 
 import dataclasses
 import math
@@ -14,44 +14,67 @@ from slowtime.dynamics.effects import Effect, Kind, Place
 from slowtime.dynamics.plant import Name, Plant
 
 from .fit import Fit, refit
+from .levenberg_marquardt import FitControl
 from .model_values import with_values
-from .spectral_weights import weights_of
+from .spectral_weights import spectral_weights
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Start:
-    """Constants, and initial state of each trial by its names, that go best with a law.
+class FitStart:
+    """Values to start the fit of a law from.
 
     Parameters
     ----------
-    nearby
-        Whether that was told by parts of the records only: longer runs may lose their way.
+    constants
+        Values of the plant's constants by name, in their units.
+    states
+        Initial state of each trial, by the names of the coordinates.
+    from_segments
+        Whether they were fitted to segments of the records only, so that longer runs may leave
+        the basin of the minimum.
     """
 
     constants: Mapping[tuple[str, str], float]
     states: Sequence[Mapping[tuple[str, str], float]]
-    nearby: bool = False
+    from_segments: bool = False
 
 
 def with_effect(description: Description, effect: Effect) -> Description:
-    """Write one more effect into a description."""
+    """Add an effect to a description."""
     return dataclasses.replace(description, effects=(*description.effects, effect.entry()))
 
 
-def begun_with(
-    before: Fit, effect: Effect, kinds: Mapping[str, Kind], start: Start | None = None
+def augmented_start(
+    before: Fit, effect: Effect, kinds: Mapping[str, Kind], start: FitStart | None = None
 ) -> tuple[Plant, Float[np.ndarray, " parameter"], list[Float[np.ndarray, " state"]]]:
-    """Give a model with one more effect, and the values and states to begin its fit with.
+    """Build a model with one more effect, and the start of its fit.
 
-    Those that the fit has or, where given, those of another `start`.
+    Parameters
+    ----------
+    before
+        Fit of the model without the effect.
+    effect
+        To add, with the parameters to start from.
+    kinds
+        Catalogue of effects by name.
+    start
+        Where to start; as `before` ended where not given.
+
+    Returns
+    -------
+    plant
+        The augmented model; its priors stay those of the nominal constants.
+    values
+        Of all its constants.
+    states
+        Initial state of each trial.
     """
-    # Priors stay those of the nominal constants; what was found so far is where to start.
     plant = Plant.of(with_effect(before.plant.description, effect), kinds=kinds)
     known: dict[Name, float] = dict(
         zip(before.plant.parameters, before.values.tolist(), strict=True)
     )
     if start is None:
-        states = states_in(before, plant)
+        states = map_states(before, plant)
     else:
         known.update(start.constants.items())
         names = plant.state_names
@@ -61,26 +84,26 @@ def begun_with(
 
 
 def carry_effect(before: Fit, effect: Effect, kinds: Mapping[str, Kind]) -> Fit:
-    """Write an effect into the model of a fit, and fit nothing: where other effects begin."""
+    """Add an effect to the model of a fit without fitting anything."""
     plant = Plant.of(with_effect(before.plant.description, effect), kinds=kinds)
     values = np.concatenate([before.values, plant.values[len(before.values) :]])
-    states = tuple(states_in(before, plant))
+    states = tuple(map_states(before, plant))
     return dataclasses.replace(before, plant=plant, values=values, states=states)
 
 
-def free_run(
+def free_run_chi2(
     before: Fit,
     effect: Effect,
-    start: Start | None,
+    start: FitStart | None,
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
 ) -> float:
-    """Chi squared of a free run of a model with one more effect, as it would begin its fit."""
-    plant, values, states = begun_with(before, effect, kinds, start)
-    return run_by(plant, values, states, before.noise, trials)
+    """Chi squared of the free run from which the fit of an added effect would start."""
+    plant, values, states = augmented_start(before, effect, kinds, start)
+    return simulated_chi2(plant, values, states, before.noise, trials)
 
 
-def run_by(
+def simulated_chi2(
     plant: Plant,
     values: Float[np.ndarray, " parameter"],
     states: Sequence[Float[np.ndarray, " state"]],
@@ -88,7 +111,25 @@ def run_by(
     trials: Sequence[Trial],
     numbers: Sequence[int] | None = None,
 ) -> float:
-    """Chi squared of free runs in all trials, or in some; infinite where one runs away."""
+    """Chi squared of free runs.
+
+    Parameters
+    ----------
+    plant, values
+        Model, and values of all its constants.
+    states
+        Initial state of each trial.
+    noise
+        Of the sensors.
+    trials
+        Records.
+    numbers
+        Trials to run; all where not given.
+
+    Returns
+    -------
+    The sum over the trials; infinite where a run grows beyond bounds.
+    """
     total = 0.0
     for number in range(len(trials)) if numbers is None else numbers:
         trial = trials[number]
@@ -99,12 +140,12 @@ def run_by(
             state0=states[number],
             start_s=trial.start_s,
         )
-        total += weights_of(trial, noise, number).chi2(trial.measured - outputs)
+        total += spectral_weights(trial, noise, number).chi2(trial.measured - outputs)
     return total if math.isfinite(total) else math.inf
 
 
-def states_in(before: Fit, plant: Plant) -> list[np.ndarray]:
-    """Give the initial states of a fit to another plant; coordinates that are new rest."""
+def map_states(before: Fit, plant: Plant) -> list[np.ndarray]:
+    """Map the initial states of a fit to another plant; new coordinates are at rest."""
     names = before.plant.state_names
     return [
         np.array(
@@ -119,13 +160,13 @@ def states_in(before: Fit, plant: Plant) -> list[np.ndarray]:
     ]
 
 
-def effects_in(fit: Fit) -> list[Effect]:
-    """Effects of the model of a fit, in order, with the numbers that they have in it."""
+def fitted_effects(fit: Fit) -> list[Effect]:
+    """Effects of the model of a fit, in order, with their fitted parameters."""
     values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
-    return effects_of(with_values(fit.plant.description, values))
+    return described_effects(with_values(fit.plant.description, values))
 
 
-def effects_of(description: Description) -> list[Effect]:
+def described_effects(description: Description) -> list[Effect]:
     """Effects of a description, in order."""
     found = []
     for entry in description.effects:
@@ -136,10 +177,27 @@ def effects_of(description: Description) -> list[Effect]:
     return found
 
 
-def without(
+def refit_without(
     fit: Fit, number: int, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]
 ) -> Fit | None:
-    """Refit a model without one of its effects; None where that cannot be done."""
+    """Refit a model without one of its effects.
+
+    Parameters
+    ----------
+    fit
+        Of the whole model.
+    number
+        Of the effect to leave out.
+    trials
+        Records.
+    kinds
+        Catalogue of effects by name.
+
+    Returns
+    -------
+    The fit, which ends early where it will not reach the cost of the whole model; None where
+    its free run grows beyond bounds.
+    """
     description = fit.plant.description
     effects = tuple(e for i, e in enumerate(description.effects) if i != number)
     plant = Plant.of(dataclasses.replace(description, effects=effects), kinds=kinds)
@@ -157,7 +215,7 @@ def without(
     try:
         found = refit(
             plant, trials, noise=fit.noise, values=values, states=states, horizons=(1.0,),
-            beat=fit.cost,
+            control=FitControl(cost_to_beat=fit.cost),
         )  # fmt: skip
     except (np.linalg.LinAlgError, FloatingPointError):
         return None
@@ -165,7 +223,7 @@ def without(
 
 
 def states_without(fit: Fit, number: int) -> list[Float[np.ndarray, " state"]]:
-    """Give initial states of a model to what is left of it: without those of what went."""
+    """Drop the hidden coordinates of an effect from the initial states of a fit."""
     names = fit.plant.state_names
     gone = f"{fit.plant.effects[number].kind} {number}."
     kept = [i for i, (_, name) in enumerate(names) if not name.startswith(gone)]

@@ -1,8 +1,7 @@
-"""The whole refit: horizons that grow, noise that is looked at again, and its account."""
+"""Fit of a plant to records: growing horizons, noise estimate, and goodness of fit."""
 
 import dataclasses
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,55 +11,73 @@ from scipy.fft import prev_fast_len
 from slowtime.discrepancy.calibration.model_values import with_values
 from slowtime.discrepancy.noise import (
     Noise,
-    drift_of,
-    drifting,
-    noise_of_residual,
-    silent_above,
+    estimate_noise,
+    response_limit_hz,
+    rigid_body_drift,
+    with_drift,
 )
-from slowtime.discrepancy.records import Trial
+from slowtime.discrepancy.records import MIN_SAMPLES, Trial
 from slowtime.dynamics.plant import Name, Plant
 
-from .led_run import Led, leads
-from .levenberg_marquardt import GivenUp, Normal, Point, Problem, costed, descend, outputs_at
+from .levenberg_marquardt import (
+    DEFAULT_CONTROL,
+    FitAbandoned,
+    FitControl,
+    Iterate,
+    LeastSquaresProblem,
+    NormalEquations,
+    minimise,
+    simulate_trial,
+    with_cost,
+)
+from .measured_friction import MeasuredFrictionPlant, needs_measured_friction
 from .prior import Prior, prior_of
-from .spectral_weights import weights_of
+from .spectral_weights import spectral_weights
 
-HORIZONS = (0.15, 0.4, 1.0)
-"""Shares of each record that are fitted one after the other: the whole has more minima."""
+HORIZON_SHARES = (0.15, 0.4, 1.0)
+"""[share of each record] Fitted one after the other, as the misfit of a whole record has more
+minima. Source: judgement; fewer steps ended in more minima."""
 
-FEWEST = 64
-FORLORN = 10.0
-"""Times its share of the cost to beat that a model may leave of the first part of the records.
-"""
-SHORT = 0.1
-"""Share of the records from which on it is compared: less takes no time."""
+HOPELESS_RATIO = 10.0
+"""[1] Times its share of the cost to beat that a model may leave of the first part of the
+records. Source: docs/decisions/0029; 1 lost one right law of nine, 10 none."""
+MIN_COMPARED_SHARE = 0.1
+"""[share of each record] From which on a model is compared with the cost to beat. Source:
+docs/decisions/0029."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Fit:
-    r"""What a refit found.
+    r"""Result of a fit.
 
     Parameters
     ----------
+    plant
+        The model.
     values
-        Of all constants of the plant, in its order.
+        Of all constants of the plant, in its order and units.
     prior
-        Of those that were free, with their names.
+        Of the free constants, with their names.
     covariance
-        Of those that were free, were the model right and the noise as given.
+        Of the free constants, if the model is right and the noise as given.
     states
         Initial state of each trial.
     outputs, residual
-        Of each trial; the residual is zero where a sample is not used.
+        Of each trial (time, sensor), in the sensors' units; the residual is zero where a sample
+        is not used.
+    noise
+        Of the sensors.
     cost
         :math:`\chi^2` of residuals and priors together.
     data
-        How many samples count.
+        Number of samples that are used.
     chi2_per_datum, chi2_sd
-        Mean square of the whitened residual, over the degrees of freedom; what it would
-        scatter by were nothing missing: 1 ± `chi2_sd` is as good as can be.
+        Mean square of the whitened residual over the degrees of freedom, and its standard
+        deviation if nothing is missing: 1 ± `chi2_sd` is expected.
     chi2_in_band, in_band_sd
-        The same of the lines below `silent_above_hz` only, where the structure answers.
+        The same for the lines up to `silent_above_hz`, where the structure answers.
+    silent_above_hz
+        Frequency [Hz] above which the structure hardly answers.
     """
 
     plant: Plant
@@ -81,19 +98,19 @@ class Fit:
 
     @property
     def free(self) -> Float[np.ndarray, " free"]:
-        """Values of those that were free."""
+        """Values of the free constants."""
         return self.values[list(self.prior.index)]
 
     @property
     def sd(self) -> Float[np.ndarray, " free"]:
-        """Standard deviations of those that were free."""
+        """Standard deviations of the free constants."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @property
-    def widened_sd(self) -> Float[np.ndarray, " free"]:
-        """The same, where the model leaves more than noise: the records tell so much less.
+    def inflated_sd(self) -> Float[np.ndarray, " free"]:
+        """Standard deviations, inflated where the model leaves more than noise.
 
-        What is claimed of constants beforehand is as good as it was.
+        The information of the records is divided by `chi2_in_band`; that of the prior is not.
         """
         sd, wide = self.sd, max(self.chi2_in_band, 1.0)
         if not (np.isfinite(sd).all() and (sd > 0).all()):
@@ -105,13 +122,13 @@ class Fit:
 
     @property
     def pulls(self) -> dict[Name, float]:
-        """How far each moved from what the model claims, in units of its tolerance."""
+        """Deviation of each free constant from its prior mean, in prior standard deviations."""
         moved = (self.free - self.prior.mean) / self.prior.sd
         return dict(zip(self.prior.names, moved.tolist(), strict=True))
 
     @property
-    def bent(self) -> dict[Name, float]:
-        """The same of the structure's own constants: numbers of effects have no tolerance."""
+    def constant_pulls(self) -> dict[Name, float]:
+        """The same for constants of the structure; parameters of effects have no tolerance."""
         return {name: pull for name, pull in self.pulls.items() if name[0] != "effect"}
 
 
@@ -123,100 +140,136 @@ def refit(
     noise: Noise | None = None,
     values: Float[np.ndarray, " parameter"] | None = None,
     states: Sequence[Float[np.ndarray, " state"]] | None = None,
-    horizons: Sequence[float] = HORIZONS,
-    beat: float | None = None,
-    within: float = np.inf,
-    late: Callable[[], bool] | None = None,
-    fine: bool = False,
+    horizons: Sequence[float] = HORIZON_SHARES,
+    control: FitControl = DEFAULT_CONTROL,
 ) -> Fit:
-    """Fit constants and initial states to the error of the free run.
+    """Fit constants and initial states to the error of the free run (output error).
 
     Parameters
     ----------
     plant
         Linear or not; its own values and tolerances are the prior.
+    trials
+        Records to fit; outputs (time, sensor) in the units of the description.
     free
         Names of constants that may move; see `prior_of`.
     noise
         Of the sensors. Where not given, it is estimated from what the start leaves, and again
         from what the fit leaves, in doubt where the structure answers.
     values, states
-        To start from: the plant's own, at rest, where not given.
+        To start from: values of all constants, and one initial state for each trial; the
+        plant's own, at rest, where not given.
     horizons
         Growing shares of each record, the last of them 1.
-    beat
-        Cost of another model: what will not come near it is given up; by `GivenUp`, where the
-        first part of the records tells so.
-    within
-        Tolerances by which constants of the structure may move at most.
-    late
-        Once true, `GivenUp` is raised.
-    fine
-        To the very bottom, which takes longer and changes no verdict, only numbers.
+    control
+        When the fit ends, and how far constants may move.
 
     Returns
     -------
     The best point found; by chi squared and priors over the whole records, never worse than
     the start.
+
+    Raises
+    ------
+    FitAbandoned
+        Once it is late, or where the cost to beat is out of reach.
+    FloatingPointError
+        Where the free run from the start grows beyond bounds.
+
+    References
+    ----------
+    .. [1] L. Ljung, "System Identification: Theory for the User", 2nd ed., Prentice Hall
+       (1999), ch. 7 (prediction and output error methods).
     """
     records = tuple(trials)
-    prior = prior_of(plant, free, within)
-    silent = silent_above(plant.description, records)
+    prior = prior_of(plant, free, control.max_tolerances)
+    silent = response_limit_hz(plant.description, records)
     rest = tuple(np.zeros(0) for _ in records)
-    point = Point(
+    start = Iterate(
         values=(plant.values if values is None else values).copy(),
         states=rest if states is None else tuple(states),
     )
-
-    def problem_of(counts: tuple[int, ...], noise: Noise) -> Problem:
-        weights = tuple(
-            weights_of(trial, noise, i, samples=count)
-            for i, (trial, count) in enumerate(zip(records, counts, strict=True))
-        )
-        return Problem(
-            plant=plant, prior=prior, trials=records, weights=weights, samples=counts
-        )
-
-    start = point
-    whole = tuple(len(trial.outputs) for trial in records)
-    heard = noise or _heard(plant, records, point, silent)
-    for horizon in horizons[:-1]:
-        counts = tuple(prev_fast_len(max(int(horizon * n), min(FEWEST, n))) for n in whole)
-        goal = None
-        if beat is not None and horizon >= SHORT:
-            goal = beat * sum(counts) / sum(whole)
-        point = descend(problem_of(counts, heard), point, goal, late)[0]
-        if goal is not None and point.cost > FORLORN * goal:
-            raise GivenUp
+    heard = noise or _estimate_noise(plant, records, start, silent)
+    point = _over_growing_horizons(plant, prior, records, heard, start, horizons, control)
     if noise is None:
-        point = descend(problem_of(whole, heard), point, late=late)[0]
-        heard = _heard(plant, records, point, silent)
-    problem = problem_of(whole, heard)
-    best, normal, spread = descend(problem, point, beat, late, fine=fine)
+        problem = _problem(plant, prior, records, heard)
+        still = dataclasses.replace(control, cost_to_beat=None, to_convergence=False)
+        point = minimise(problem, point, still)[0]
+        heard = _estimate_noise(plant, records, point, silent)
+    problem = _problem(plant, prior, records, heard)
+    best, normal, spread = minimise(problem, point, control)
     # Growing horizons may have led astray; from the start itself there is only down.
     moved = point is not start
-    if moved and costed(problem, _full(start, normal), spread).cost < best.cost:
-        best, normal, spread = descend(problem, start, beat, late, fine=fine)
-    if leads(plant, heard):
-        problem = dataclasses.replace(problem, led=_led(problem, heard))
-        best, normal, _ = descend(problem, best, beat, late, fine=fine)
-    return _account(problem, records, best, normal, heard, silent)
+    if moved and with_cost(problem, _with_full_states(start, normal), spread).cost < best.cost:
+        best, normal, spread = minimise(problem, start, control)
+    if needs_measured_friction(plant, heard):
+        guided = _measured_friction_plants(problem, heard)
+        problem = dataclasses.replace(problem, friction_plants=guided)
+        best, normal, _ = minimise(problem, best, control)
+    return _make_fit(problem, records, best, normal, heard, silent)
 
 
-def _led(problem: Problem, noise: Noise) -> tuple[Led, ...]:
+def _problem(
+    plant: Plant,
+    prior: Prior,
+    records: tuple[Trial, ...],
+    noise: Noise,
+    counts: Sequence[int] | None = None,
+) -> LeastSquaresProblem:
+    """Weigh the first samples of each record, or all of them, by the noise."""
+    samples = tuple(len(trial.outputs) for trial in records) if counts is None else counts
+    weights = tuple(
+        spectral_weights(trial, noise, i, samples=count)
+        for i, (trial, count) in enumerate(zip(records, samples, strict=True))
+    )
+    return LeastSquaresProblem(
+        plant=plant, prior=prior, trials=records, weights=weights, samples=tuple(samples)
+    )
+
+
+def _over_growing_horizons(
+    plant: Plant,
+    prior: Prior,
+    records: tuple[Trial, ...],
+    noise: Noise,
+    start: Iterate,
+    horizons: Sequence[float],
+    control: FitControl,
+) -> Iterate:
+    """Fit growing first parts of the records, the whole of them left out."""
+    point = start
+    whole = [len(trial.outputs) for trial in records]
+    for horizon in horizons[:-1]:
+        counts = [prev_fast_len(max(int(horizon * n), min(MIN_SAMPLES, n))) for n in whole]
+        goal = None
+        if control.cost_to_beat is not None and horizon >= MIN_COMPARED_SHARE:
+            goal = control.cost_to_beat * sum(counts) / sum(whole)
+        problem = _problem(plant, prior, records, noise, counts)
+        part = dataclasses.replace(control, cost_to_beat=goal, to_convergence=False)
+        point = minimise(problem, point, part)[0]
+        if goal is not None and point.cost > HOPELESS_RATIO * goal:
+            raise FitAbandoned
+    return point
+
+
+def _measured_friction_plants(
+    problem: LeastSquaresProblem, noise: Noise
+) -> tuple[MeasuredFrictionPlant, ...]:
     return tuple(
-        Led(plant=problem.plant, trial=trial, noise=noise, number=i)
+        MeasuredFrictionPlant(plant=problem.plant, trial=trial, noise=noise, number=i)
         for i, trial in enumerate(problem.trials)
     )
 
 
-def _full(point: Point, normal: Normal) -> Point:
+def _with_full_states(point: Iterate, normal: NormalEquations) -> Iterate:
     states = tuple(s if s.size else np.zeros(normal.states) for s in point.states)
     return dataclasses.replace(point, states=states)
 
 
-def _heard(plant: Plant, trials: tuple[Trial, ...], point: Point, silent: float) -> Noise:
-    """Estimate the noise from what a point leaves; from the outputs where it leaves nothing."""
+def _estimate_noise(
+    plant: Plant, trials: tuple[Trial, ...], point: Iterate, silent: float
+) -> Noise:
+    """Estimate the noise from the residual at a point; from outputs where a run diverges."""
     residuals = []
     for trial, state in zip(trials, point.states, strict=True):
         outputs = plant.simulate(
@@ -228,36 +281,37 @@ def _heard(plant: Plant, trials: tuple[Trial, ...], point: Point, silent: float)
         )
         left = np.where(trial.used, trial.measured - outputs, 0.0)
         residuals.append(left if np.isfinite(left).all() else trial.measured)
-    noise = noise_of_residual(trials, tuple(residuals), silent_above_hz=silent)
+    noise = estimate_noise(trials, tuple(residuals), silent_above_hz=silent)
     values = dict(zip(plant.parameters, point.values.tolist(), strict=True))
     now = with_values(plant.description, values)
-    drift = drift_of(now, trials)
-    return noise if drift is None else drifting(noise, drift, trials[0].rate_hz)
+    drift = rigid_body_drift(now, trials)
+    return noise if drift is None else with_drift(noise, drift, trials[0].rate_hz)
 
 
-def _account(
-    problem: Problem,
+def _make_fit(
+    problem: LeastSquaresProblem,
     records: tuple[Trial, ...],
-    best: Point,
-    normal: Normal,
+    best: Iterate,
+    normal: NormalEquations,
     noise: Noise,
     silent: float,
 ) -> Fit:
-    outputs = tuple(outputs_at(problem, i, best) for i in range(len(records)))
+    """Collect residuals, covariance and goodness of fit of the best point."""
+    outputs = tuple(simulate_trial(problem, i, best) for i in range(len(records)))
     residual = tuple(
         np.where(trial.used, trial.measured - told, 0.0)
         for trial, told in zip(records, outputs, strict=True)
     )
-    lines = [w.by_line(r) for w, r in zip(problem.weights, residual, strict=True)]
+    lines = [w.chi2_by_line(r) for w, r in zip(problem.weights, residual, strict=True)]
     inside = [w.frequency_hz <= silent for w in problem.weights]
     shares = [np.mean(w.use**2, axis=0) for w in problem.weights]
     free = len(problem.prior.names)
     data = sum(weights.data for weights in problem.weights)
-    fitted = _fitted(problem, normal)
+    fitted = _effective_unknowns(problem, normal)
     whole = float(sum(line.sum() for line in lines))
     band = float(sum(line[i].sum() for line, i in zip(lines, inside, strict=True)))
     members = sum(float(2 * i.sum() * s.sum()) for i, s in zip(inside, shares, strict=True))
-    floor = _floor_sd(problem, noise)
+    floor = _noise_floor_sd(problem, noise)
     return Fit(
         plant=problem.plant,
         values=best.values,
@@ -277,31 +331,31 @@ def _account(
     )
 
 
-def _fitted(problem: Problem, normal: Normal) -> float:
-    """Effective number of unknowns that the data, not the priors, have settled."""
+def _effective_unknowns(problem: LeastSquaresProblem, normal: NormalEquations) -> float:
+    """Effective number of unknowns that the data, not the priors, determine."""
     total = len(normal.gradient)
     free = len(problem.prior.names)
     with np.errstate(invalid="ignore"):
         held = np.diag(normal.covariance)[:free] / problem.prior.sd**2
-    # What neither the data nor a prior tell is infinite over infinite, and not settled.
+    # Infinite over infinite, where neither the data nor a prior determine an unknown.
     return float(total - np.clip(np.nan_to_num(held, nan=1.0), 0, 1).sum())
 
 
-def _floor_sd(problem: Problem, noise: Noise) -> float:
-    """Share in the scatter of chi squared that is due to the floor being an estimate."""
+def _noise_floor_sd(problem: LeastSquaresProblem, noise: Noise) -> float:
+    """Give the standard deviation of chi squared that is due to the estimated noise."""
     counts = np.array([weights.use.sum(axis=0) for weights in problem.weights])
     weighted = counts / counts.sum() * np.array(noise.relative_sd)
     return float(np.sqrt(np.sum(weighted**2)))
 
 
 def try_refit(plant: Plant, trials: Sequence[Trial], **how: Any) -> Fit | None:
-    """Refit as `refit` does; None where the fit breaks down or is given up.
+    """Refit as `refit` does; None where the fit breaks down or is abandoned.
 
     Breaking down is what a wrong law does: its runs grow without bound, or its equations have
     no solution.
     """
     try:
         found = refit(plant, trials, **how)
-    except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
+    except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
         return None
-    return found if math.isfinite(found.cost) else None
+    return found if np.isfinite(found.cost) else None

@@ -1,4 +1,4 @@
-"""How far what a fit leaves is from the noise of the sensors."""
+"""Goodness of fit of a model."""
 
 import scipy.stats
 
@@ -6,6 +6,16 @@ from .fit import Fit
 
 
 def chi2_p_value(fit: Fit) -> float:
-    """Chance of so large a chi squared within the band, were all that is left noise."""
+    """Probability of so large a chi squared in band, if the residual is noise.
+
+    Parameters
+    ----------
+    fit
+        Of any model.
+
+    Returns
+    -------
+    The upper tail of the normal distribution at the standardised mean square.
+    """
     deviation = (fit.chi2_in_band - 1) / fit.in_band_sd
     return float(scipy.stats.norm.sf(deviation))

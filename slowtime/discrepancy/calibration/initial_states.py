@@ -1,7 +1,7 @@
-"""A short record whose run may begin in many ways, in; the initial state that explains it, out.
+"""Initial states of records: read off sensors, fitted, and found by multistart.
 
-In a strong law the misfit of a few swings has several minima in the initial state, though all
-constants are known. So it is looked for from many states.
+With a strongly nonlinear law the misfit of a few periods has several minima in the initial
+state, though all constants are known. A multistart finds the lowest of them.
 """
 
 import dataclasses
@@ -12,24 +12,29 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.discrepancy.noise import Noise
-from slowtime.discrepancy.records import FEWEST, Trial
+from slowtime.discrepancy.records import MIN_SAMPLES, Trial
 from slowtime.dynamics.plant import Plant
-from slowtime.dynamics.plant.sensing import ears_of
+from slowtime.dynamics.plant.sensing import sensor_readouts
 
 from .fit import Fit, refit
-from .spectral_weights import weights_of
+from .spectral_weights import spectral_weights
 
-STARTS, SPREADS = 48, (1.0, 2.0, 4.0)
-"""States that are tried; their spread beside that of the motion, in turn."""
-SHARES = (0.1, 0.3, 1.0)
-"""Of the record, that are fitted one after the other."""
-BEGINNING = 0.2
-"""Share of the first swings that initial states are read off."""
+STARTS = 48
+"""[1] Random initial states that are tried. Source: judgement; no study is recorded."""
+START_SPREADS = (1.0, 2.0, 4.0)
+"""[root mean squares of the motion] Spreads of the random initial states, in turn. Source:
+judgement; no study is recorded."""
+MULTISTART_HORIZONS = (0.1, 0.3, 1.0)
+"""[share of the record] Fitted one after the other from each random state. Source:
+judgement; no study is recorded."""
+BEGINNING_SHARE = 0.2
+"""[share of the first periods] From which initial states are estimated. Source: judgement;
+no study is recorded."""
 
 State = Float[np.ndarray, " state"]
 
 
-def state_from_many(
+def multistart_initial_state(
     plant: Plant,
     trial: Trial,
     noise: Noise,
@@ -37,26 +42,36 @@ def state_from_many(
     known: State,
     size: State,
 ) -> State:
-    """Give the initial state from which a record is explained best, all constants held.
+    """Find the initial state of least cost from many random ones, all constants held.
 
     Parameters
     ----------
+    plant
+        The model.
+    trial
+        A short record.
     noise
         Of this record alone.
+    values
+        Of all constants.
     known
-        To be bettered.
+        Initial state to improve on.
     size
-        Of the motion, in each coordinate: how far from rest one looks.
+        Amplitude of the motion in each coordinate, by which random states are scaled.
+
+    Returns
+    -------
+    The best initial state, or the known one.
     """
-    heard = state_heard(plant, trial, known)
+    heard = state_from_sensors(plant, trial, known)
     drawn = np.random.default_rng(0).standard_normal((STARTS, len(known)))
-    wide = np.resize(SPREADS, STARTS)[:, None]
+    wide = np.resize(START_SPREADS, STARTS)[:, None]
     best, least = known, math.inf
     for number, start in enumerate([known, heard, *(wide * size * drawn)]):
         try:
             told = refit(
                 plant, (trial,), free=[], noise=noise, values=values, states=(start,),
-                horizons=SHARES if number else (1.0,),
+                horizons=MULTISTART_HORIZONS if number else (1.0,),
             )  # fmt: skip
         except (np.linalg.LinAlgError, FloatingPointError):
             continue
@@ -65,10 +80,10 @@ def state_from_many(
     return best
 
 
-def size_of(
+def motion_amplitude(
     plant: Plant, trial: Trial, values: Float[np.ndarray, " parameter"], state: State
 ) -> State:
-    """Give how far from rest a motion goes in each coordinate; from one initial state."""
+    """Amplitude of a free run in each coordinate: root mean square, or a larger start."""
     run = plant.run(
         values, trial.inputs, trial.rate_hz, state0=state, start_s=trial.start_s
     ).states
@@ -76,13 +91,23 @@ def size_of(
     return np.asarray(np.fmax(np.abs(state), np.where(np.isfinite(moved), moved, 0.0)))
 
 
-def state_heard(plant: Plant, trial: Trial, known: State) -> State:
-    """Give a state in which what sensors say of displacement and velocity takes its place."""
+def state_from_sensors(plant: Plant, trial: Trial, known: State) -> State:
+    """Replace displacements and velocities of a state by the first readings of sensors.
+
+    Parameters
+    ----------
+    plant
+        The model, whose sensors are read.
+    trial
+        Record whose first sample is used.
+    known
+        State for coordinates without a sensor.
+    """
     described = plant.description
     moves = any(entry.kind == "base_acceleration" for entry in described.inputs)
     coordinates = len(plant.matrices.names)
     found = known.copy()
-    ears = ears_of(described, plant.matrices.names)
+    ears = sensor_readouts(described, plant.matrices.names)
     for ear, value, used in zip(ears, trial.outputs[0], trial.used[0], strict=True):
         if ear.coordinate is None or ear.order > 1 or not used or (ear.absolute and moves):
             continue
@@ -90,21 +115,29 @@ def state_heard(plant: Plant, trial: Trial, known: State) -> State:
     return found
 
 
-def nearest(
+def best_initial_state(
     plant: Plant,
     trial: Trial,
     noise: Noise,
     values: Float[np.ndarray, " parameter"],
     states: Sequence[State],
 ) -> State:
-    """Give the one of several initial states whose free run comes nearest; the first of equals.
+    """Choose the initial state whose free run has the least chi squared; the first of equals.
 
     Parameters
     ----------
+    plant
+        The model.
+    trial
+        The record.
     noise
         Of this record alone.
+    values
+        Of all constants.
+    states
+        To choose from.
     """
-    weights = weights_of(trial, noise, 0)
+    weights = spectral_weights(trial, noise, 0)
 
     def left(state: State) -> float:
         run = plant.simulate(
@@ -116,12 +149,19 @@ def nearest(
     return min(states, key=left)
 
 
-def begun(before: Fit, heads: Sequence[Trial]) -> Fit:
-    """Give a fit the initial states that the first samples say, whatever comes after them.
+def refit_initial_states(before: Fit, heads: Sequence[Trial]) -> Fit:
+    """Refit the initial states of a fit to the first samples alone.
 
-    Those of a whole record make up for what the model lacks in all of it.
+    Initial states of a whole record make up for what the model lacks in all of it.
+
+    Parameters
+    ----------
+    before
+        The fit.
+    heads
+        First parts of its records.
     """
-    counts = [max(int(BEGINNING * len(head.outputs)), FEWEST) for head in heads]
+    counts = [max(int(BEGINNING_SHARE * len(head.outputs)), MIN_SAMPLES) for head in heads]
     parts = [head.part(0, count) for head, count in zip(heads, counts, strict=True)]
     first = refit(
         before.plant, parts, noise=before.noise, values=before.values, horizons=(1.0,)

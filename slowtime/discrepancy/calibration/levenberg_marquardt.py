@@ -1,4 +1,4 @@
-"""Least squares on the error of the free run, by Levenberg's and Marquardt's method."""
+"""Nonlinear least squares on the error of free runs by the Levenberg-Marquardt method."""
 
 import dataclasses
 from collections.abc import Callable
@@ -8,75 +8,138 @@ import scipy.linalg
 import scipy.optimize
 from jaxtyping import Float
 
-from slowtime.discrepancy.records import FEWEST, Trial
+from slowtime.discrepancy.records import MIN_SAMPLES, Trial
 from slowtime.dynamics.effects import Friction, Law
 from slowtime.dynamics.plant import Plant
 
-from .led_run import Led
+from .measured_friction import MeasuredFrictionPlant
 from .prior import Prior
-from .spectral_weights import Weights
+from .spectral_weights import SpectralWeights
 
-MOST_STEPS = 20
-FINE = 0.02
-"""Expected gain in chi squared below which a step is not worth taking."""
-COARSE = 2e-5
-"""The same, relative to chi squared."""
-WRONG = 3.0
-"""Mean square over the noise from which a model is wrong and not a little off."""
-CREEPING = 1e-3
-"""Expected gain below which a step is not worth taking, as a share of what is beyond noise."""
-SLOW, TWICE = 1e-2, 2
-"""Share of what is beyond a wrong model's least by which a step is slow; so many slow ones in
-turn are the end: a wrong model creeps along its valleys to nowhere, and a right one gains much
-with every step."""
-PATIENCE, LEAPS = 3, 10.0
-"""Steps before a fit may be called hopeless; how many more like the last it may hope for."""
-RAISED, LEAST_DAMPING = 4.0, 1e-5
-"""Times the damping after a step in vain, twice as much after each further; and its least."""
-LITTLE_DAMPING = 1e-6
-"""Damping at the start."""
-STRIDES = 6
-"""Whole steps that are taken, up or down, before one looks whether they led down."""
-CHAOTIC, FIRST_PARTS = 1e3, 2.0 ** np.arange(-5, 1)
-"""Times that what a state makes outgrows the record in chaos, from some first part of it on."""
-BROAD = 3.0
-"""Initial states may, a priori, explain so many times what was measured."""
+MAX_STEPS = 20
+"""[steps] Of one fit at most. Source: judgement; no study is recorded."""
+MIN_GAIN = 0.02
+"""[chi squared] Expected gain below which a step is not worth taking. Source: 0.02 moves a
+parameter by a seventh of its standard deviation at most."""
+RELATIVE_MIN_GAIN = 2e-5
+"""[share of chi squared] The same where models are only compared. Source:
+docs/decisions/0022; of 150,000 samples it is three."""
+WRONG_MODEL_CHI2 = 3.0
+"""[noise variances] Mean square from which a model is wrong rather than a little off.
+Source: judgement; no study is recorded."""
+EXCESS_MIN_GAIN = 1e-3
+"""[share of chi squared beyond noise] Expected gain below which a step is not worth taking.
+Source: docs/decisions/0028."""
+SLOW_GAIN = 1e-2
+"""[share of chi squared beyond that of a wrong model] By which a step is slow: a wrong model
+creeps along its valleys. Source: docs/decisions/0020."""
+MAX_SLOW_STEPS = 2
+"""[steps] Slow ones in a row that end a fit. Source: docs/decisions/0020."""
+MIN_STEPS = 3
+"""[steps] Before a fit may be called hopeless. Source: judgement; no study is recorded."""
+HOPED_STEPS = 10.0
+"""[steps] As large as the last one that a fit may still hope for. Source: judgement; no
+study is recorded."""
+DAMPING_FACTOR = 4.0
+"""[1] On the damping after a step in vain, doubled with each further one. Source: Nielsen
+(1999) doubles in the same way."""
+MIN_RAISED_DAMPING = 1e-5
+"""[1] Damping of the scaled normal equations from which it is raised. Source: judgement; no
+study is recorded."""
+MAX_DAMPING = 1e8
+"""[1] Damping of the scaled normal equations from which no shorter step is tried. Source: steps
+are then a hundred-millionth of the gradient."""
+INITIAL_DAMPING = 1e-6
+"""[1] Damping of the scaled normal equations at the start. Source: Nielsen (1999) recommends
+1e-6 near a minimum."""
+FULL_STEPS = 6
+"""[steps] Undamped ones that are taken, up or down, before the cost is compared. Source:
+docs/decisions/0022."""
+CHAOTIC_GROWTH = 1e3
+"""[1] Growth of the effect of an initial state over that of the record, from which motion
+counts as chaotic. Source: docs/decisions/0031."""
+FIRST_PARTS = 2.0 ** np.arange(-5, 1)
+"""[share of the record] First parts from which that growth is measured. Source: halves of
+halves, down to a thirty-second."""
+INITIAL_STATE_SDS = 3.0
+"""[root mean squares of the record] That one standard deviation of the prior of an initial
+state explains. Source: a weak prior; docs/decisions/0031 on why it is there."""
 
 State = Float[np.ndarray, " state"]
-Moves = Float[np.ndarray, " free"]
+FreeConstants = Float[np.ndarray, " free"]
 
 
-class GivenUp(Exception):
-    """It was too late to go on, or there was nothing to hope for."""
+class FitAbandoned(Exception):
+    """A fit was ended because it was late, or could not reach the cost to beat."""
 
 
-@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Problem:
-    """Records, their weights and the plant that is to explain them.
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class FitControl:
+    """When a fit ends, and how far constants may move in it.
 
     Parameters
     ----------
+    cost_to_beat
+        Cost of another model: a fit ends where its steps have become too small to reach it, and
+        is abandoned where the first part of the records is far from it.
+    is_late
+        Asked before each step; `FitAbandoned` is raised once it is true.
+    max_tolerances
+        Tolerances by which constants of the structure may move at most.
+    to_convergence
+        Whether to step on until nothing is gained. That takes longer and changes parameters
+        that the records hardly determine, but no comparison of models.
+    """
+
+    cost_to_beat: float | None = None
+    is_late: Callable[[], bool] | None = None
+    max_tolerances: float = np.inf
+    to_convergence: bool = False
+
+    def check_time(self) -> None:
+        """Raise `FitAbandoned` once it is late."""
+        if self.is_late is not None and self.is_late():
+            raise FitAbandoned
+
+
+DEFAULT_CONTROL = FitControl()
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class LeastSquaresProblem:
+    """Records, their weights, and the plant to fit to them.
+
+    Parameters
+    ----------
+    plant
+        The model.
+    prior
+        Of its free constants.
+    trials
+        Records.
+    weights
+        Of each trial's residual.
     samples
-        How many of each trial count.
-    led
-        What stands for the plant in each trial, where friction follows what was measured.
+        Number of first samples of each trial that are fitted.
+    friction_plants
+        Of each trial, where friction acts along the measured motion.
     """
 
     plant: Plant
     prior: Prior
     trials: tuple[Trial, ...]
-    weights: tuple[Weights, ...]
+    weights: tuple[SpectralWeights, ...]
     samples: tuple[int, ...]
-    led: tuple[Led, ...] = ()
+    friction_plants: tuple[MeasuredFrictionPlant, ...] = ()
 
-    def plant_in(self, number: int) -> Plant | Led:
-        """Give what runs one trial."""
-        return self.led[number] if self.led else self.plant
+    def plant_of_trial(self, number: int) -> Plant | MeasuredFrictionPlant:
+        """Plant that simulates one trial."""
+        return self.friction_plants[number] if self.friction_plants else self.plant
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Point:
-    """Values of the plant, initial state of each trial (empty for rest), and their cost."""
+class Iterate:
+    """Values of all constants, initial state of each trial (empty for rest), and their cost."""
 
     values: Float[np.ndarray, " parameter"]
     states: tuple[State, ...]
@@ -84,13 +147,19 @@ class Point:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Normal:
+class NormalEquations:
     """Normal equations at a point: free constants first, then the states of each trial.
 
     Parameters
     ----------
     cost
-        Of the point: chi squared of the residuals and of the priors.
+        Chi squared of the residuals and of the priors.
+    matrix
+        Gauss-Newton matrix, half the Hessian of the cost.
+    gradient
+        Half the downward gradient of the cost.
+    states
+        Length of one initial state.
     """
 
     cost: float
@@ -100,17 +169,19 @@ class Normal:
 
     @property
     def covariance(self) -> Float[np.ndarray, "unknown unknown"]:
-        """Of all unknowns."""
+        """Covariance of all unknowns: the inverse of the matrix."""
         scale = 1 / np.sqrt(np.maximum(np.diag(self.matrix), np.finfo(float).tiny))
         inner = self.matrix * np.outer(scale, scale)
         with np.errstate(over="ignore"):  # of what nothing tells
             return np.asarray(scipy.linalg.pinvh(inner) * np.outer(scale, scale))
 
 
-def outputs_at(problem: Problem, number: int, point: Point) -> Float[np.ndarray, "time sensor"]:
-    """Run one trial."""
+def simulate_trial(
+    problem: LeastSquaresProblem, number: int, point: Iterate
+) -> Float[np.ndarray, "time sensor"]:
+    """Simulate one trial from a point; outputs (time, sensor) in the sensors' units."""
     trial, count = problem.trials[number], problem.samples[number]
-    return problem.plant_in(number).simulate(
+    return problem.plant_of_trial(number).simulate(
         point.values,
         trial.inputs[:count],
         trial.rate_hz,
@@ -119,15 +190,27 @@ def outputs_at(problem: Problem, number: int, point: Point) -> Float[np.ndarray,
     )
 
 
-def costed(problem: Problem, point: Point, spread: tuple[State, ...]) -> Point:
-    """Give a point its cost: chi squared of the residuals and of the priors."""
+def with_cost(
+    problem: LeastSquaresProblem, point: Iterate, spread: tuple[State, ...]
+) -> Iterate:
+    """Compute the cost of a point: chi squared of residuals and priors.
+
+    Parameters
+    ----------
+    spread
+        Prior standard deviations of each trial's initial state.
+
+    Returns
+    -------
+    The point with its cost; infinite where a run grows beyond bounds.
+    """
     free = point.values[list(problem.prior.index)]
     cost = problem.prior.cost(free)
     with np.errstate(all="ignore"):
         for number, (trial, weights) in enumerate(
             zip(problem.trials, problem.weights, strict=True)
         ):
-            outputs = outputs_at(problem, number, point)
+            outputs = simulate_trial(problem, number, point)
             residual = trial.measured[: len(outputs)] - outputs
             cost += weights.chi2(residual)
             if point.states[number].size:
@@ -135,11 +218,30 @@ def costed(problem: Problem, point: Point, spread: tuple[State, ...]) -> Point:
     return dataclasses.replace(point, cost=cost if np.isfinite(cost) else np.inf)
 
 
-@np.errstate(all="ignore")  # it is raised in the end
-def normal_at(
-    problem: Problem, point: Point, spread: tuple[State, ...] = ()
-) -> tuple[Normal, tuple[State, ...]]:
-    """Linearise at a point; `spread` of the initial states is made where not given."""
+@np.errstate(all="ignore")  # non-finite results raise at the end
+def normal_equations(
+    problem: LeastSquaresProblem, point: Iterate, spread: tuple[State, ...] = ()
+) -> tuple[NormalEquations, tuple[State, ...]]:
+    """Linearise the residuals at a point.
+
+    Parameters
+    ----------
+    problem
+        Records, weights, plant and priors.
+    point
+        Where to linearise.
+    spread
+        Prior standard deviations of each trial's initial state; chosen here where not given.
+
+    Returns
+    -------
+    The normal equations, and these standard deviations.
+
+    Raises
+    ------
+    FloatingPointError
+        Where the run or a sensitivity grows beyond bounds.
+    """
     prior, made = problem.prior, []
     cost = prior.cost(point.values[list(prior.index)])
     products: list[Float[np.ndarray, "column column"]] = []
@@ -149,7 +251,7 @@ def normal_at(
     for number, (trial, weights) in enumerate(
         zip(problem.trials, problem.weights, strict=True)
     ):
-        outputs, slopes = problem.plant_in(number).sensitivities(
+        outputs, slopes = problem.plant_of_trial(number).sensitivities(
             point.values,
             trial.inputs[: problem.samples[number]],
             trial.rate_hz,
@@ -159,10 +261,10 @@ def normal_at(
         )
         products.append(weights.products(trial.measured[: len(outputs)] - outputs, slopes))
         sizes = np.diag(products[-1])[free:-1]
-        made.append(spread[number] if spread else _spread(sizes, weights, trial))
+        made.append(spread[number] if spread else _initial_state_sd(sizes, weights, trial))
         if bends and not spread:
-            outrun = _grown(slopes[:, :, free:], trial.measured[: len(outputs)])
-            made[-1] = np.where(outrun > CHAOTIC, outrun * made[-1], made[-1])
+            outrun = _sensitivity_growth(slopes[:, :, free:], trial.measured[: len(outputs)])
+            made[-1] = np.where(outrun > CHAOTIC_GROWTH, outrun * made[-1], made[-1])
         cost += float(products[-1][-1, -1])
         if point.states[number].size:
             cost += float(np.sum((point.states[number] / made[-1]) ** 2))
@@ -183,99 +285,143 @@ def normal_at(
     gradient[known] += (prior.mean - point.values[list(prior.index)]) / prior.sd**2
     if not (np.isfinite(matrix).all() and np.isfinite(gradient).all()):
         raise FloatingPointError("The free run, or a slope of it, grew beyond bounds.")
-    return Normal(cost=cost, matrix=matrix, gradient=gradient, states=states), tuple(made)
+    return NormalEquations(cost=cost, matrix=matrix, gradient=gradient, states=states), tuple(
+        made
+    )
 
 
-def descend(
-    problem: Problem,
-    start: Point,
-    beat: float | None = None,
-    late: Callable[[], bool] | None = None,
-    *,
-    fine: bool = False,
-) -> tuple[Point, Normal, tuple[State, ...]]:
-    """Go down from a start until nothing is gained; never end above it.
+def minimise(
+    problem: LeastSquaresProblem, start: Iterate, control: FitControl = DEFAULT_CONTROL
+) -> tuple[Iterate, NormalEquations, tuple[State, ...]]:
+    """Minimise the cost from a start by Levenberg's and Marquardt's method.
 
     Parameters
     ----------
-    beat
-        Cost that is to be reached: where steps have become so small that it will not, that
-        is the end.
-    late
-        Once true, `GivenUp` is raised.
-    fine
-        To where a step gains nothing at all: along what the records hardly tell, a little of
-        chi squared is a standard deviation.
+    problem
+        Records, weights, plant and priors.
+    start
+        Values and initial states to begin with; the result is never above its cost.
+    control
+        When to end.
+
+    Returns
+    -------
+    iterate
+        The best point found, with its cost.
+    normal
+        Normal equations there, or one step before where no more was gained.
+    sd
+        Standard deviations of the prior of each trial's initial state.
+
+    Raises
+    ------
+    FitAbandoned
+        Once it is late.
+    FloatingPointError
+        Where a free run from the start grows beyond bounds.
+
+    References
+    ----------
+    .. [1] J. J. Moré, "The Levenberg-Marquardt algorithm: implementation and theory", Lecture
+       Notes in Mathematics 630 (1978).
+    .. [2] H. B. Nielsen, "Damping parameter in Marquardt's method", IMM-REP-1999-05, Technical
+       University of Denmark (1999).
     """
-    normal, spread = normal_at(problem, start)
+    normal, spread = normal_equations(problem, start)
     full = tuple(state if state.size else np.zeros(normal.states) for state in start.states)
     point = dataclasses.replace(start, states=full, cost=normal.cost)
-    if fine:
-        point, normal = _leapt(problem, point, normal, spread)
-    damping, raised, slow = LITTLE_DAMPING, RAISED, 0
+    if control.to_convergence:
+        point, normal = _full_steps(problem, point, normal, spread)
+    damping, slow = INITIAL_DAMPING, 0
     data = sum(weights.data for weights in problem.weights)
-    for number in range(MOST_STEPS):
-        if late is not None and late():
-            raise GivenUp
-        beyond = point.cost - WRONG * data
-        enough = FINE
-        if not fine:
-            enough += COARSE * point.cost + CREEPING * max(point.cost - data, 0.0)
-        room = _room(problem, point)
-        while True:
-            step, gain = _step(normal, damping, *room)
-            tried = costed(problem, _moved(problem, point, step, normal.states), spread)
-            if tried.cost <= point.cost or gain < enough or damping > 1e8:
-                break
-            damping, raised = max(damping, LEAST_DAMPING) * raised, 2 * raised
+    for number in range(MAX_STEPS):
+        control.check_time()
+        beyond = point.cost - WRONG_MODEL_CHI2 * data
+        enough = MIN_GAIN
+        if not control.to_convergence:
+            enough += RELATIVE_MIN_GAIN * point.cost
+            enough += EXCESS_MIN_GAIN * max(point.cost - data, 0.0)
+        tried, gain, damping = _damped_step(problem, point, normal, spread, damping, enough)
         if not tried.cost < point.cost:
             break
         before, won, point = point, point.cost - tried.cost, tried
-        slow = slow + 1 if won < SLOW * beyond else 0
-        hopeless = beat is not None and number >= PATIENCE and point.cost - LEAPS * won > beat
+        slow = slow + 1 if won < SLOW_GAIN * beyond else 0
+        goal = control.cost_to_beat
+        hoped = point.cost - HOPED_STEPS * won
+        hopeless = goal is not None and number >= MIN_STEPS and hoped > goal
         # Where no more was to be had, slopes are what they were.
-        if max(won, gain) < enough or hopeless or slow == TWICE:
+        if max(won, gain) < enough or hopeless or slow == MAX_SLOW_STEPS:
             break
         try:
-            normal, _ = normal_at(problem, point, spread)
+            normal, _ = normal_equations(problem, point, spread)
         except FloatingPointError:
             return before, normal, spread
         if won < enough:
             break
-        # By how well it was foretold (Nielsen 1999): no more is lost on every other step.
+        # By how well the gain was foretold (Nielsen 1999): no more is lost on every other step.
         damping *= max(1 / 9, 1 - (2 * min(won / gain, 1.0) - 1) ** 3)
-        raised = RAISED
     return point, normal, spread
 
 
-def _leapt(
-    problem: Problem, start: Point, normal: Normal, spread: tuple[State, ...]
-) -> tuple[Point, Normal]:
-    """Follow a narrow valley that bends, where each step by itself leads up its side.
+def _damped_step(
+    problem: LeastSquaresProblem,
+    point: Iterate,
+    normal: NormalEquations,
+    spread: tuple[State, ...],
+    damping: float,
+    enough: float,
+) -> tuple[Iterate, float, float]:
+    """Raise the damping until a step does not raise the cost, or is not worth taking.
 
-    Of two numbers that the records tell only together, such as a factor and a length whose
-    square divides it, the next step puts right by how much they part; after Grippo, Lampariello
-    and Lucidi (1986), what counts is where a few of them end.
+    Gives the point tried, the gain that was foretold, and the damping.
+    """
+    bounds, raised = _step_bounds(problem, point), DAMPING_FACTOR
+    while True:
+        step, gain = _bounded_step(normal, damping, *bounds)
+        tried = with_cost(problem, _apply_step(problem, point, step, normal.states), spread)
+        if tried.cost <= point.cost or gain < enough or damping > MAX_DAMPING:
+            return tried, gain, damping
+        damping, raised = max(damping, MIN_RAISED_DAMPING) * raised, 2 * raised
+
+
+def _full_steps(
+    problem: LeastSquaresProblem,
+    start: Iterate,
+    normal: NormalEquations,
+    spread: tuple[State, ...],
+) -> tuple[Iterate, NormalEquations]:
+    """Take undamped Gauss-Newton steps along a curved valley (nonmonotone search).
+
+    Of two parameters that only their combination determines, such as a factor and a length
+    whose square divides it, one step raises the cost and the next corrects it. So the cost is
+    compared after a few of them.
+
+    References
+    ----------
+    .. [1] L. Grippo, F. Lampariello, S. Lucidi, "A nonmonotone line search technique for
+       Newton's method", SIAM J. Numer. Anal. 23 (1986).
     """
     point, last = start, normal
-    for _ in range(STRIDES):
-        step, gain = _step(last, 0.0, *_room(problem, point))
-        if gain < FINE:
+    for _ in range(FULL_STEPS):
+        step, gain = _bounded_step(last, 0.0, *_step_bounds(problem, point))
+        if gain < MIN_GAIN:
             break
-        point = costed(problem, _moved(problem, point, step, last.states), spread)
+        point = with_cost(problem, _apply_step(problem, point, step, last.states), spread)
         if not np.isfinite(point.cost):
             return start, normal
         try:
-            last, _ = normal_at(problem, point, spread)
+            last, _ = normal_equations(problem, point, spread)
         except FloatingPointError:
             return start, normal
     return (point, last) if point.cost < start.cost else (start, normal)
 
 
-def _room(problem: Problem, point: Point) -> tuple[Moves, Moves]:
-    """Farthest moves of the constants: half way to a bound, and half of a scale or of what is.
+def _step_bounds(
+    problem: LeastSquaresProblem, point: Iterate
+) -> tuple[FreeConstants, FreeConstants]:
+    """Bounds of a step of the constants: half way to a bound, half of the scale or value.
 
-    What began much too small, as a force that was guessed from a wrong motion, grows by halves.
+    So a constant that starts much too small still grows by halves.
     """
     prior = problem.prior
     here = point.values[list(prior.index)]
@@ -283,12 +429,12 @@ def _room(problem: Problem, point: Point) -> tuple[Moves, Moves]:
     return np.maximum((prior.low - here) / 2, -far), np.minimum((prior.high - here) / 2, far)
 
 
-def _step(
-    normal: Normal, damping: float, low: Moves, high: Moves
+def _bounded_step(
+    normal: NormalEquations, damping: float, low: FreeConstants, high: FreeConstants
 ) -> tuple[Float[np.ndarray, " unknown"], float]:
-    """Give the best step within the room of the constants, and the gain that it foretells.
+    """Solve for the step within bounds of the constants; give it and its predicted gain.
 
-    Those that would go too far stop where they have to, and the others where it is best then.
+    Where a bound is active, the others are solved for given that (bounded least squares).
     """
     diagonal = np.maximum(np.diag(normal.matrix), np.finfo(float).tiny)
     scale = 1 / np.sqrt(diagonal)
@@ -305,42 +451,45 @@ def _step(
     return np.asarray(scale * step), float(step @ (2 * down - inner @ step))
 
 
-def _moved(
-    problem: Problem, point: Point, step: Float[np.ndarray, " unknown"], states: int
-) -> Point:
+def _apply_step(
+    problem: LeastSquaresProblem,
+    point: Iterate,
+    step: Float[np.ndarray, " unknown"],
+    states: int,
+) -> Iterate:
     prior, free = problem.prior, len(problem.prior.names)
     values = point.values.copy()
     values[list(prior.index)] += step[:free]
     parts = step[free:].reshape(-1, states) if states else [np.zeros(0)] * len(point.states)
     moved = tuple(old + new for old, new in zip(point.states, parts, strict=True))
-    return Point(values=values, states=moved)
+    return Iterate(values=values, states=moved)
 
 
-def _spread(squares: State, weights: Weights, trial: Trial) -> State:
-    """Let each initial state, by one standard deviation, explain the record several times.
+def _initial_state_sd(squares: State, weights: SpectralWeights, trial: Trial) -> State:
+    """Choose a weak prior of the initial state: one sd explains the record several times.
 
     Parameters
     ----------
     squares
-        Of what a unit of each makes, whitened.
+        Sum of squares of the whitened sensitivity to each coordinate.
     """
     size = np.sqrt(squares)
-    whole = BROAD * np.sqrt(weights.chi2(trial.measured[: len(weights.use)]))
+    whole = INITIAL_STATE_SDS * np.sqrt(weights.chi2(trial.measured[: len(weights.use)]))
     if whole == 0.0:
-        return np.ones_like(size)  # nothing was heard: they may as well be at rest
+        return np.ones_like(size)  # a silent record does not determine them
     return np.asarray(whole / np.maximum(size, 1e-12 * size.max(initial=0.0) + 1e-300))
 
 
-def _grown(
+def _sensitivity_growth(
     slopes: Float[np.ndarray, "time sensor state"], measured: Float[np.ndarray, "time sensor"]
 ) -> State:
-    """Give by how much what a state makes outgrows the record, from some part of it on.
+    """Growth of the sensitivity to initial states over the record, from any first part on.
 
-    Where motion is chaotic, that grows without end, and would hold the state where it is: it is
-    to explain a first part several times. A linear model that is not stable grows as well, and
-    is to be held.
+    Where motion is chaotic, the sensitivity grows without bound, so that a prior made from its
+    end would fix the state; there the prior refers to a first part of the record. A linear
+    model that is unstable keeps its prior.
     """
-    parts = np.maximum((len(measured) * FIRST_PARTS).astype(int), FEWEST)
+    parts = np.maximum((len(measured) * FIRST_PARTS).astype(int), MIN_SAMPLES)
     ends = np.unique(np.minimum(parts, len(measured))) - 1
     scale = np.std(measured, axis=0)
     scale[scale == 0.0] = 1.0

@@ -1,4 +1,4 @@
-"""Numbers of a plant in, the description that has them out."""
+"""Descriptions with values of a plant's constants."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -16,7 +16,14 @@ _BEAM = {
 
 
 def with_values(description: Description, values: Mapping[Name, float]) -> Description:
-    """Copy a description with some of its numbers changed, effects included.
+    """Copy a description with some of its constants changed, effects included.
+
+    Parameters
+    ----------
+    description
+        To copy.
+    values
+        New values by the name of the plant's constant, in its unit.
 
     Examples
     --------

@@ -1,9 +1,15 @@
-"""Records cut into pieces, each with a first state of its own: shooting several times.
+"""Multiple shooting: records cut into segments, each with an initial state of its own.
 
-The error of a long free run has a minimum for every beat by which it may be out of step, and
-where motion is chaotic it has countless. Over a few periods there is one. So a law that is not
-yet well known is fitted to pieces (Bock's multiple shooting, the pieces left apart), and from
-there to the whole.
+The misfit of a long free run has a local minimum for every period by which it may be out of
+phase, and countless ones where motion is chaotic. Over a few periods it has one. So a law that
+is not yet well known is fitted to segments (multiple shooting without continuity constraints),
+and from there to the whole.
+
+References
+----------
+.. [1] H. G. Bock, "Recent advances in parameter identification techniques for O.D.E.", in
+   Numerical Treatment of Inverse Problems in Differential and Integral Equations, Birkhäuser
+   (1983).
 """
 
 import itertools
@@ -13,25 +19,33 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.discrepancy.noise import Noise
-from slowtime.discrepancy.records import FEWEST, Trial
+from slowtime.discrepancy.records import MIN_SAMPLES, Trial
 from slowtime.dynamics.description import assemble
 from slowtime.dynamics.modes import undamped_modes
 from slowtime.dynamics.plant import Plant
 
 from .fit import Fit, refit
-from .initial_states import nearest, state_from_many, state_heard
-from .levenberg_marquardt import GivenUp
+from .initial_states import best_initial_state, multistart_initial_state, state_from_sensors
+from .levenberg_marquardt import FitAbandoned, FitControl
 
-PERIODS = 3.0
-"""Longest periods that a piece lasts."""
-SWINGS = 5.0
-"""Periods of the slowest mode that records are taken to begin with."""
-STRAYS, ASTRAY, ROUNDS = 0.05, 30.0, 3
-"""Share of the pieces whose first states are looked for far and wide; times what is left of
-most, that is left of such as were led astray, by a wrong start or a constant that is off; and
-how often others are asked for the constants."""
-RIGID = 1e-6
-"""Share of the highest natural frequency below which a motion is no vibration."""
+SEGMENT_PERIODS = 3.0
+"""[periods of the slowest mode] That a segment lasts. Source: docs/decisions/0031; over a
+few periods the misfit has one minimum."""
+FIRST_PERIODS = 5.0
+"""[periods of the slowest mode] With which records begin. Source: docs/decisions/0029;
+chosen on hidden cases."""
+MULTISTART_SHARE = 0.05
+"""[share of the segments] Up to which outlying ones are fitted from many initial states.
+Source: judgement; no study is recorded."""
+OUTLYING_RATIO = 30.0
+"""[1] Times the median chi squared per sample from which a segment is outlying. Source:
+judgement; no study is recorded."""
+OUTLIER_ROUNDS = 3
+"""[1] Refits of the constants without the outlying segments at most. Source: judgement; no
+study is recorded."""
+RIGID_FREQUENCY = 1e-6
+"""[share of the highest natural frequency] Below which a motion is rigid. Source: square
+root of the rounding error of an eigenvalue, with margin."""
 
 State = Float[np.ndarray, " state"]
 
@@ -44,57 +58,65 @@ def shooting_fit(
     late: Callable[[], bool] | None = None,
     beat: float | None = None,
 ) -> tuple[Fit, list[State]]:
-    """Fit pieces of records; give that fit, and the first state of each record.
+    """Fit constants to segments of records.
 
     Parameters
     ----------
+    plant
+        The model.
+    trials
+        Records to cut.
     noise
         Of the records.
     values
-        To start from.
+        Of all constants, to start from.
     late
-        Once true, `GivenUp` is raised.
+        Once true, `FitAbandoned` is raised.
     beat
-        A cost to come near; where it will not, that is the end.
+        Cost to beat; the fit ends where it will not.
+
+    Returns
+    -------
+    The fit of the segments, and the initial state of each record.
     """
-    cut, origin = pieces(plant, trials)
-    own = noise.of(origin)
-    starts, left = _followed(plant, cut, origin, own, values, late)
-    strays = _strays(left)
-    for _ in range(ROUNDS):
+    cut, origin = cut_segments(plant, trials)
+    own = noise.for_trials(origin)
+    starts, left = _sequential_initial_states(plant, cut, origin, own, values, late)
+    strays = _outlying_segments(left)
+    for _ in range(OUTLIER_ROUNDS):
         if not strays:
             break
-        # Others say what the constants are; with these, fewer stray.
-        values = _without(strays, plant, cut, own, values, starts, late).values
-        starts, left = _followed(plant, cut, origin, own, values, late)
-        before, strays = strays, _strays(left)
+        # Constants fitted to the other segments leave fewer outliers.
+        values = _fit_without(strays, plant, cut, own, values, starts, late).values
+        starts, left = _sequential_initial_states(plant, cut, origin, own, values, late)
+        before, strays = strays, _outlying_segments(left)
         if not len(strays) < len(before):
             break
-    if len(strays) <= max(STRAYS * len(cut), 1):
+    if len(strays) <= max(MULTISTART_SHARE * len(cut), 1):
         size = np.max(np.abs(starts), axis=0)
         for i in strays:
-            alone = own.of([i])
-            starts[i] = state_from_many(plant, cut[i], alone, values, starts[i], size)
+            alone = own.for_trials([i])
+            starts[i] = multistart_initial_state(plant, cut[i], alone, values, starts[i], size)
     found = refit(
-        plant, cut, noise=own, values=values, states=starts, horizons=(1.0,), beat=beat,
-        late=late,
+        plant, cut, noise=own, values=values, states=starts, horizons=(1.0,),
+        control=FitControl(cost_to_beat=beat, is_late=late),
     )  # fmt: skip
     return found, [found.states[origin.index(i)] for i in range(len(trials))]
 
 
-def _strays(left: Sequence[float]) -> list[int]:
-    """Give pieces that are explained much worse than most: those were led astray.
+def _outlying_segments(left: Sequence[float]) -> list[int]:
+    """Numbers of segments whose misfit is far above the median: they are in a wrong minimum.
 
     Parameters
     ----------
     left
-        Chi squared of each, over its samples. Of a wrong law most are explained badly.
+        Chi squared of each over its samples. Of a wrong law most are large.
     """
-    bar = ASTRAY * max(float(np.median(left)), 1.0)
+    bar = OUTLYING_RATIO * max(float(np.median(left)), 1.0)
     return [i for i, one in enumerate(left) if one > bar]
 
 
-def _without(
+def _fit_without(
     strays: Sequence[int],
     plant: Plant,
     cut: Sequence[Trial],
@@ -103,21 +125,23 @@ def _without(
     states: Sequence[State],
     late: Callable[[], bool] | None,
 ) -> Fit:
-    """Fit all pieces but some."""
+    """Fit all segments but some."""
     rest = [i for i in range(len(cut)) if i not in strays]
     return refit(
-        plant, [cut[i] for i in rest], noise=noise.of(rest), values=values,
-        states=[states[i] for i in rest], horizons=(1.0,), late=late,
+        plant, [cut[i] for i in rest], noise=noise.for_trials(rest), values=values,
+        states=[states[i] for i in rest], horizons=(1.0,), control=FitControl(is_late=late),
     )  # fmt: skip
 
 
-def pieces(plant: Plant, trials: Sequence[Trial]) -> tuple[tuple[Trial, ...], tuple[int, ...]]:
-    """Cut records into parts of a few periods, and tell which record each is of."""
-    lowest = slowest_hz(plant)
+def cut_segments(
+    plant: Plant, trials: Sequence[Trial]
+) -> tuple[tuple[Trial, ...], tuple[int, ...]]:
+    """Cut records into segments of a few periods; give these and their records' numbers."""
+    lowest = lowest_frequency_hz(plant)
     cut, origin = [], []
     for number, trial in enumerate(trials):
         samples = len(trial.outputs)
-        least = _lasting(PERIODS, lowest, trial)
+        least = _samples_of_periods(SEGMENT_PERIODS, lowest, trial)
         edges = np.linspace(0, samples, max(samples // least, 1) + 1).astype(int).tolist()
         for first, last in itertools.pairwise(edges):
             cut.append(trial.part(first, last))
@@ -125,26 +149,34 @@ def pieces(plant: Plant, trials: Sequence[Trial]) -> tuple[tuple[Trial, ...], tu
     return tuple(cut), tuple(origin)
 
 
-def first_swings(plant: Plant, trials: Sequence[Trial]) -> tuple[Trial, ...]:
-    """Cut the first few swings out of each record; all of it, where nothing swings."""
-    lowest = slowest_hz(plant)
-    return tuple(trial.part(0, _lasting(SWINGS, lowest, trial)) for trial in trials)
+def first_periods(plant: Plant, trials: Sequence[Trial]) -> tuple[Trial, ...]:
+    """Cut the first few periods out of each record; all of it without a vibration mode."""
+    lowest = lowest_frequency_hz(plant)
+    return tuple(
+        trial.part(0, _samples_of_periods(FIRST_PERIODS, lowest, trial)) for trial in trials
+    )
 
 
-def loudest(
+def strongest_segments(
     plant: Plant, trials: Sequence[Trial], count: int, share: float = 1.0
 ) -> tuple[Trial, ...]:
-    """Cut the part out of each record in which most moves, as long as so many pieces.
+    """Cut the part of greatest power out of each record.
 
     Parameters
     ----------
+    plant
+        The model, whose slowest mode sets the length of a segment.
+    trials
+        Records.
+    count
+        Length of the part, in segments.
     share
-        Of the power of that part, for one that moves so much less.
+        Share of the greatest power that the part has; 1 for the strongest part.
     """
-    lowest = slowest_hz(plant)
+    lowest = lowest_frequency_hz(plant)
     found = []
     for trial in trials:
-        length = _lasting(count * PERIODS, lowest, trial)
+        length = _samples_of_periods(count * SEGMENT_PERIODS, lowest, trial)
         size = np.maximum(np.std(trial.measured, axis=0), np.finfo(float).tiny)
         moved = np.sum((trial.measured / size) ** 2, axis=1)
         so_far = np.concatenate([[0.0], np.cumsum(moved)])
@@ -154,39 +186,43 @@ def loudest(
     return tuple(found)
 
 
-def _lasting(periods: float, lowest_hz: float, trial: Trial) -> int:
-    """Give the samples that so many periods take; all there are, where it is shorter."""
+def _samples_of_periods(periods: float, lowest_hz: float, trial: Trial) -> int:
+    """Give the samples of so many periods; the whole record where it is shorter."""
     whole = len(trial.outputs)
     length = int(periods / lowest_hz * trial.rate_hz) if lowest_hz else whole
-    return min(max(length, FEWEST), whole)
+    return min(max(length, MIN_SAMPLES), whole)
 
 
-def begun_by(
+def initial_states_of_records(
     plant: Plant,
     trials: Sequence[Trial],
     noise: Noise,
     values: Float[np.ndarray, " parameter"],
 ) -> list[State]:
-    """Give the first state of each record, as its first few periods tell it."""
-    cut, origin = pieces(plant, trials)
+    """Fit the initial state of each record to its first segment, all constants held."""
+    cut, origin = cut_segments(plant, trials)
     firsts = [origin.index(number) for number in range(len(trials))]
     rest = np.zeros(len(plant.state_names))
     return [
-        _told(
-            plant, cut[i], noise.of([number]), values, state_heard(plant, cut[i], rest)
+        _fit_initial_state(
+            plant,
+            cut[i],
+            noise.for_trials([number]),
+            values,
+            state_from_sensors(plant, cut[i], rest),
         ).states[0]
         for number, i in enumerate(firsts)
     ]
 
 
-def slowest_hz(plant: Plant) -> float:
-    """Lowest frequency of a vibration; 0 of a structure that floats and has none."""
+def lowest_frequency_hz(plant: Plant) -> float:
+    """Lowest natural frequency of a vibration mode [Hz]; 0 where there are rigid modes only."""
     frequency = undamped_modes(assemble(plant.description)).frequency_hz
-    own = frequency[frequency > RIGID * frequency[-1]]
+    own = frequency[frequency > RIGID_FREQUENCY * frequency[-1]]
     return float(own[0]) if len(own) else 0.0
 
 
-def _followed(
+def _sequential_initial_states(
     plant: Plant,
     cut: Sequence[Trial],
     origin: Sequence[int],
@@ -194,16 +230,16 @@ def _followed(
     values: Float[np.ndarray, " parameter"],
     late: Callable[[], bool] | None,
 ) -> tuple[list[State], list[float]]:
-    """Go through each record piece by piece: each starts where the last, corrected, has led.
+    """Fit initial states segment by segment, each from where the run of the last one ends.
 
-    Gives the first states of all, and the chi squared of each over its samples.
+    Gives the initial states, and chi squared of each segment over its samples.
     """
     found: list[State] = []
     left: list[float] = []
     rest = np.zeros(len(plant.state_names))
     for number, piece in enumerate(cut):
         if late is not None and late():
-            raise GivenUp
+            raise FitAbandoned
         new = number == 0 or origin[number] != origin[number - 1]
         state = np.zeros(0) if new else found[-1]
         if not new:
@@ -215,23 +251,25 @@ def _followed(
                 state0=state,
                 start_s=before.start_s,
             ).states[-1]
-        own = noise.of([number])
+        own = noise.for_trials([number])
         led = state if np.isfinite(state).all() and state.size else rest
-        begin = nearest(plant, piece, own, values, [led, state_heard(plant, piece, led)])
-        told = _told(plant, piece, own, values, begin)
+        begin = best_initial_state(
+            plant, piece, own, values, [led, state_from_sensors(plant, piece, led)]
+        )
+        told = _fit_initial_state(plant, piece, own, values, begin)
         found.append(told.states[0])
         left.append(told.cost / max(told.data, 1))
     return found, left
 
 
-def _told(
+def _fit_initial_state(
     plant: Plant,
     piece: Trial,
     noise: Noise,
     values: Float[np.ndarray, " parameter"],
     begin: State,
 ) -> Fit:
-    """Fit a piece by its first state, all constants held; from rest, where it runs away."""
+    """Fit the initial state of a segment, constants held; from rest where a run diverges."""
 
     def fitted(state: State) -> Fit:
         return refit(
@@ -242,5 +280,5 @@ def _told(
     try:
         return fitted(begin)
     except FloatingPointError:
-        # Led a little astray, it runs over the edge of a well that it stays in.
+        # A small error of the state may cross the edge of a potential well.
         return fitted(0 * begin)

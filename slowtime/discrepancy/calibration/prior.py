@@ -1,4 +1,4 @@
-"""What is known of a plant's constants before the records: values, and how well they are."""
+"""Priors of a plant's constants, from the tolerances of its description."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -8,26 +8,27 @@ from jaxtyping import Float
 
 from slowtime.dynamics.plant import Name, Plant
 
-UNCLAIMED = {"stiffness": 0.2, "damping": 1.0, "mass": 0.0}
-"""Relative standard deviations where a model states no tolerance: masses are weighed."""
+DEFAULT_RELATIVE_SD = {"stiffness": 0.2, "damping": 1.0, "mass": 0.0}
+"""[1] Relative standard deviations where a model states no tolerance; masses are weighed, and
+damping is hardly ever known. Source: judgement; no study is recorded."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Prior:
-    """Normal priors, and bounds, of the constants that may move.
+    """Normal priors and bounds of the free constants.
 
     Parameters
     ----------
     names
-        Of those that may.
+        Of the free constants.
     index
-        Where they stand among all values of the plant.
+        Their places among all values of the plant.
     mean, sd
-        Infinite where nothing is known.
+        In each one's unit; the standard deviation is infinite where nothing is known.
     low, high
-        Ends of what is allowed.
+        Bounds, in each one's unit.
     scale
-        A change of each that is neither tiny nor huge.
+        Typical size of a change, in each one's unit.
     """
 
     names: tuple[Name, ...]
@@ -39,27 +40,34 @@ class Prior:
     scale: Float[np.ndarray, " free"]
 
     def cost(self, values: Float[np.ndarray, " free"]) -> float:
-        """Sum of squared deviations, in units of their standard deviation."""
+        """Sum of squared deviations from the means, in standard deviations."""
         return float(np.sum(((values - self.mean) / self.sd) ** 2))
 
 
 def prior_of(plant: Plant, free: Sequence[Name] | None = None, within: float = np.inf) -> Prior:
-    """Read the priors of a plant from the tolerance of its description.
+    """Read the priors of a plant from the tolerances of its description.
 
     Parameters
     ----------
+    plant
+        The model.
     free
         Names of the constants that may move; where not given, all that are claimed with a
         tolerance above zero, and all fitted parameters of effects. What the model claims
-        nothing about moves by `UNCLAIMED`.
+        nothing about moves by `DEFAULT_RELATIVE_SD`.
     within
         Tolerances by which constants of the structure may move at most.
+
+    Raises
+    ------
+    ValueError
+        Where the plant has no constant of a given name.
     """
     names, index, sds = [], [], []
     for i, (name, entry) in enumerate(plant.entries.items()):
         sd = entry.sd
         if np.isinf(sd) and name[0] != "effect":
-            sd = UNCLAIMED[str(name[0])] * abs(entry.value)
+            sd = DEFAULT_RELATIVE_SD[str(name[0])] * abs(entry.value)
         wanted = entry.fitted and sd > 0 if free is None else name in free
         if wanted:
             names.append(name)

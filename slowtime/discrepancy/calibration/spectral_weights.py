@@ -1,4 +1,4 @@
-"""Residuals weighed by their noise, line by line of the spectrum: colour is no matter."""
+"""Weights that whiten residuals line by line of their spectra."""
 
 import dataclasses
 
@@ -11,27 +11,32 @@ from slowtime.discrepancy.noise import Noise
 from slowtime.discrepancy.records import Trial
 from slowtime.signals.spectra import transform
 
-EASED = 0.05
-"""Share of a record over which drift is eased in and out."""
+TAPER_SHARE = 0.05
+"""[share of a record] Over which drift is tapered at every end of what is used. Source:
+judgement; no study is recorded."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Weights:
-    r"""Factors that turn the spectrum of a residual into numbers of unit variance.
+class SpectralWeights:
+    r"""Factors that whiten the spectrum of a residual.
 
     With :math:`z_k = Y_k \sqrt{2 / N_k}`, whose real and imaginary parts have unit variance
     each, :math:`\chi^2 = \sum_k |z_k|^2` over the lines from 0 to half the sampling rate.
 
     Parameters
     ----------
+    rate_hz
+        Sampling rate [Hz].
+    frequency_hz
+        Lines [Hz].
     use
-        1 for samples to be believed; 0 otherwise; between where what drifts is eased in and
-        out, lest its ends leak over all lines.
+        1 for valid samples, 0 for others; between 0 and 1 where drift is tapered, so that it
+        does not leak over all lines.
     factors
-        By line and sensor.
+        :math:`\sqrt{2 / N_k}` by line and sensor.
     white
-        Standard deviation of each sensor's noise where all of it is white: then samples do as
-        well as lines.
+        Standard deviation of each sensor's noise where all of it is white: samples then serve
+        instead of lines.
     """
 
     rate_hz: float
@@ -42,7 +47,7 @@ class Weights:
 
     @property
     def data(self) -> int:
-        """How many samples count."""
+        """Number of samples that are used."""
         return int((self.use**2).sum())
 
     def products(
@@ -50,9 +55,19 @@ class Weights:
         left: Float[np.ndarray, "time sensor"],
         slopes: Float[np.ndarray, "time sensor slope"],
     ) -> Float[np.ndarray, "column column"]:
-        """Products with each other of what slopes and, last, a residual are once whitened.
+        """Inner products of whitened sensitivities and residual.
 
-        Sensor by sensor, lest all of it be in memory at once.
+        Parameters
+        ----------
+        left
+            Residual (time, sensor).
+        slopes
+            Sensitivities (time, sensor, parameter).
+
+        Returns
+        -------
+        Matrix of the products; the residual is its last row and column. One sensor is
+        processed at a time to bound memory.
         """
         count, _, columns = slopes.shape
         inner = np.zeros((columns + 1, columns + 1))
@@ -71,14 +86,14 @@ class Weights:
         return inner
 
     def chi2(self, residual: Float[np.ndarray, "time sensor"]) -> float:
-        """Sum of squares of a residual once whitened; infinite for one out of all bounds."""
+        """Sum of squares of the whitened residual; infinite where it overflows."""
         if self.white is not None:
             with np.errstate(over="ignore"):
                 return float(np.sum((residual * self.use / self.white) ** 2))
-        return float(np.sum(self.by_line(residual)))
+        return float(np.sum(self.chi2_by_line(residual)))
 
     def _per_line(self, sensor: int) -> Float[np.ndarray, " frequency"]:
-        """Give what makes a plain transform of a sensor's samples of unit variance."""
+        """Factors that give the plain transform of a sensor's noise unit variance."""
         count = len(self.use)
         scale = np.sqrt(2.0 / (self.rate_hz * count)) * self.factors[:, sensor]
         scale[0] /= np.sqrt(2.0)
@@ -86,35 +101,45 @@ class Weights:
             scale[-1] /= np.sqrt(2.0)
         return np.asarray(scale)
 
-    def by_line(
+    def chi2_by_line(
         self, residual: Float[np.ndarray, "time sensor"]
     ) -> Float[np.ndarray, "frequency sensor"]:
-        """Contribution of each line to chi squared."""
+        """Contribution of each line and sensor to chi squared."""
         spectrum = transform(residual * self.use, self.rate_hz)[1]
         return np.asarray(np.abs(spectrum * self.factors) ** 2)
 
 
-def weights_of(trial: Trial, noise: Noise, number: int, *, samples: int = 0) -> Weights:
+def spectral_weights(
+    trial: Trial, noise: Noise, number: int, *, samples: int = 0
+) -> SpectralWeights:
     """Weights of a trial's residual.
 
     Parameters
     ----------
+    trial
+        The record.
+    noise
+        Of all trials.
     number
-        Of the trial, for its noise.
+        Of the trial in `noise`.
     samples
-        How many of the first samples count; all for 0.
+        Number of first samples that are used; all for 0.
     """
     count = samples or len(trial.outputs)
     use = trial.used[:count].astype(float)
     frequency = np.asarray(np.fft.rfftfreq(count, 1 / trial.rate_hz), dtype=float)
-    density = noise.weighing(number, frequency)
-    white = noise.drift is None and all(colour.low == 0 for colour in noise.colours[number])
+    density = noise.weighting_density(number, frequency)
+    white = noise.drift is None and all(
+        colour.coloured == 0 for colour in noise.colours[number]
+    )
     if noise.drift is not None:
-        use = use * np.stack([_eased(column) for column in use.T], axis=1)
+        use = use * np.stack([_tapered_mask(column) for column in use.T], axis=1)
     elif not white:
-        holes = [_leaked(one, column) for one, column in zip(density.T, use.T, strict=True)]
+        holes = [
+            _masked_density(one, column) for one, column in zip(density.T, use.T, strict=True)
+        ]
         density = np.stack(holes, axis=1)
-    return Weights(
+    return SpectralWeights(
         rate_hz=trial.rate_hz,
         frequency_hz=frequency,
         use=use,
@@ -123,13 +148,13 @@ def weights_of(trial: Trial, noise: Noise, number: int, *, samples: int = 0) -> 
     )
 
 
-def _leaked(
+def _masked_density(
     density: Float[np.ndarray, " frequency"], use: Float[np.ndarray, " time"]
 ) -> Float[np.ndarray, " frequency"]:
-    """Density of noise in which holes are cut: steep noise leaks through them to all lines.
+    """Density of noise with gaps, through which steep noise leaks to all lines.
 
-    What is expected of the squared spectrum of samples :math:`m_t n_t`: the autocovariance of
-    the noise, times that of the mask.
+    The expected squared spectrum of samples :math:`m_t n_t` is the transform of the
+    autocovariance of the noise times that of the mask.
     """
     if use.all() or not use.any():
         return density
@@ -139,12 +164,14 @@ def _leaked(
     return np.asarray(np.maximum(cut / alike[0], np.finfo(float).tiny))
 
 
-def _eased(use: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
-    """Fall towards every end of what is used, and rise from holes, as a sine squared.
+def _tapered_mask(use: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
+    """Taper a mask towards its end and towards gaps by a squared sine.
 
-    Not from the start: initial states are free, and drift begins there from nothing.
+    Not at the start: initial states are free, and drift is zero there.
     """
     before = np.full(len(use), use[0] > 0)
     inside = scipy.ndimage.distance_transform_edt(np.concatenate([before, use > 0, [False]]))
     inside = inside[len(use) : -1]
-    return np.asarray(np.sin(np.pi / 2 * np.minimum(inside / (EASED * len(use)), 1.0)) ** 2)
+    return np.asarray(
+        np.sin(np.pi / 2 * np.minimum(inside / (TAPER_SHARE * len(use)), 1.0)) ** 2
+    )

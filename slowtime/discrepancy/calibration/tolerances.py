@@ -1,24 +1,39 @@
-"""A fit that a wrong model has bent, in; the same model within what is claimed of it, out."""
+"""Refit of a wrong model with its constants held to their tolerances."""
 
 import numpy as np
 
 from slowtime.discrepancy.records import Trial
 
 from .fit import Fit, refit
-from .levenberg_marquardt import WRONG
+from .levenberg_marquardt import WRONG_MODEL_CHI2, FitControl
 
-BENT, WITHIN = 5.0, 3.0
-"""Tolerances by which no constant is off that was claimed in good faith; those it is left."""
+LEFT_TOLERANCES = 5.0
+"""[tolerances] From which a constant counts as bent to make up for what is missing. Source:
+five sigma; no constant claimed in good faith is off by as much (docs/decisions/0017)."""
+HELD_TOLERANCES = 3.0
+"""[tolerances] To which constants are then held. Source: docs/decisions/0017; three-sigma
+rule."""
 
 
 def refit_within_tolerances(fit: Fit, trials: tuple[Trial, ...]) -> Fit:
-    """Hold constants to their tolerances where they make up for what is missing.
+    """Refit within tolerances where constants make up for what is missing.
 
-    Chi squared of a wrong model outweighs every prior, and leads constants to where nothing can
-    be linearised about them: what is missing is looked for from where they are claimed to be.
+    Chi squared of a wrong model outweighs every prior, and moves constants so far that nothing
+    can be linearised about them. What is missing is then located from the claimed constants.
+
+    Parameters
+    ----------
+    fit
+        Of a model that may lack something.
+    trials
+        Its records.
+
+    Returns
+    -------
+    The fit within tolerances, or the given one where no constant is bent.
     """
-    most = max(map(abs, fit.bent.values()), default=0.0)
-    if fit.chi2_in_band < WRONG or most <= BENT:
+    most = max(map(abs, fit.constant_pulls.values()), default=0.0)
+    if fit.chi2_in_band < WRONG_MODEL_CHI2 or most <= LEFT_TOLERANCES:
         return fit
     values = fit.values.copy()
     for name, index, mean in zip(fit.prior.names, fit.prior.index, fit.prior.mean, strict=True):
@@ -32,7 +47,7 @@ def refit_within_tolerances(fit: Fit, trials: tuple[Trial, ...]) -> Fit:
             values=values,
             states=tuple(np.zeros_like(state) for state in fit.states),
             horizons=(1.0,),
-            within=WITHIN,
+            control=FitControl(max_tolerances=HELD_TOLERANCES),
         )
     except FloatingPointError:
         return fit

@@ -1,9 +1,14 @@
-r"""Constants that a fit has bent, in; laws at those elements that would have bent them, out.
+r"""Laws at elements whose constants a fit moved to make up for them.
 
-Where sensors are few, the motion at an element is guessed, and laws fare badly along it. The
-constants that a fit bends to make up for a law tell of it too: what they add at an element,
-:math:`\Delta k \, e + \Delta c \, v`, is what is linear of the law's force along the motion of
-that fit. Each law so has its strength, and a free run says which comes nearest.
+Where sensors are few, the motion at an element is uncertain, and so are laws fitted along it.
+Constants that a fit moves to make up for a law are evidence, too: the force that they add at an
+element, :math:`\Delta k \, e + \Delta c \, v`, is the linear part of the law's force along the
+motion of the fit (equivalent linearisation). That gives each law its strength, and free runs
+rank them.
+
+References
+----------
+.. [1] T. K. Caughey, "Equivalent linearization techniques", J. Acoust. Soc. Am. 35 (1963).
 """
 
 import dataclasses
@@ -13,7 +18,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from slowtime.discrepancy.calibration import Fit
-from slowtime.discrepancy.calibration.augmentation import Start, free_run
+from slowtime.discrepancy.calibration.augmentation import FitStart, free_run_chi2
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import (
@@ -29,27 +34,40 @@ from slowtime.dynamics.effects import (
 from slowtime.dynamics.plant import Name
 
 from .library_fit import Candidate, is_applicable, label_of
-from .parameter_scan import joined, possible, sized
+from .parameter_scan import concatenate_motions, is_possible, scale_to_strength
 
-ALIKE = 0.9
-"""Squared cosine between what constants add and what is linear of a law, from which it may be
-what bent them."""
-SHAPES, ELEMENTS = 12, 2
-"""Shapes of each law of which a free run is made; elements, those first that bent most."""
-INSTEAD = 4
-"""Laws that are given where constants leave nothing, those that come nearest."""
-ASIDE = 4
-"""Changes of other constants that are given beside them, those first that moved most."""
+MIN_COSINE_SQUARED = 0.9
+"""[1] Between what moved constants add and the linear part of a law, from which the law may
+be what moved them. Source: judgement; no study is recorded."""
+MAX_SHAPES = 12
+"""[1] Shapes of each law that are run freely. Source: judgement; no study is recorded."""
+MAX_ELEMENTS = 2
+"""[1] Elements that are looked at, those with the most moved constants first. Source:
+judgement; no study is recorded."""
+MAX_LAWS = 4
+"""[1] Laws that are proposed where constants leave nothing. Source: docs/decisions/0024."""
+MAX_OTHER_CONSTANTS = 4
+"""[1] Changes of other constants that are proposed beside them. Source: docs/decisions/0024."""
 CONSTANTS = {"stiffness_loss": ("stiffness", -1.0), "viscous_damping": ("damping", 1.0)}
 """Kinds that change a constant of an element, which, and in which direction."""
 
 
-def equivalents(
+def equivalent_laws(
     bent: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind]
 ) -> list[Candidate]:
-    """Give laws at elements with bent constants, those first whose free run comes nearest."""
+    """Propose laws at elements with moved constants, the best free run first.
+
+    Parameters
+    ----------
+    bent
+        Fit whose constants left their tolerances.
+    trials
+        Its records.
+    kinds
+        Catalogue of effects by name.
+    """
     pulls = sorted(bent.pulls.items(), key=lambda pair: -abs(pair[1]))
-    elements = list(dict.fromkeys(name[1] for name, pull in pulls if _bends(name, pull)))
+    elements = list(dict.fromkeys(name[1] for name, pull in pulls if _is_moved(name, pull)))
     if not elements:
         return []
     data = bent.data
@@ -60,17 +78,17 @@ def equivalents(
         for trial, state in zip(trials, bent.states, strict=True)
     ]
     found: list[Candidate] = []
-    for element in elements[:ELEMENTS]:
+    for element in elements[:MAX_ELEMENTS]:
         place = Place("element", str(element))
         motions = [run[place] for run in runs]
-        start = _start(bent, place)
+        start = _fit_start(bent, place)
         for kind in kinds.values():
             if not is_applicable(kind, bent.plant.description):
                 continue
             nearest = min(
                 (
-                    (free_run(bent, effect, start, trials, kinds), i, effect)
-                    for i, effect in enumerate(_laws(bent, kind, place, motions))
+                    (free_run_chi2(bent, effect, start, trials, kinds), i, effect)
+                    for i, effect in enumerate(_proportional_laws(bent, kind, place, motions))
                 ),
                 default=None,
             )
@@ -85,56 +103,74 @@ def equivalents(
 def instead_of_constants(
     bent: Fit, labels: Sequence[Candidate], trials: Sequence[Trial], kinds: Mapping[str, Kind]
 ) -> list[Candidate]:
-    """Give laws, not among the labels, that may be what bent constants stand for.
+    """Propose further laws for which moved constants may stand.
 
-    For a fit whose constants leave nothing: along what it leaves, no law shows. They count for
-    as good as the best label, until they are refitted.
+    For a fit whose constants explain everything, so that its residual shows no law. Until they
+    are refitted, they count as good as the best candidate.
+
+    Parameters
+    ----------
+    bent
+        Fit whose constants left their tolerances.
+    labels
+        Candidates there are already.
+    trials
+        Its records.
+    kinds
+        Catalogue of effects by name.
     """
     done = {label_of(one.effect) for one in labels}
-    every = equivalents(bent, trials, kinds)
-    others = [one for one in every if label_of(one.effect) not in done][:INSTEAD]
+    every = equivalent_laws(bent, trials, kinds)
+    others = [one for one in every if label_of(one.effect) not in done][:MAX_LAWS]
     done |= {label_of(one.effect) for one in others}
     named = {one.effect.kind for one in [*labels, *others]}
-    beside = [one for one in _aside(bent, kinds) if one.effect.kind in named]
-    others += [one for one in beside if label_of(one.effect) not in done][:ASIDE]
+    beside = [one for one in _other_constants(bent, kinds) if one.effect.kind in named]
+    others += [one for one in beside if label_of(one.effect) not in done][:MAX_OTHER_CONSTANTS]
     if not labels:
         return others
     best = labels[0]
-    return [dataclasses.replace(one, cost=best.cost, bare=best.bare) for one in others]
+    return [
+        dataclasses.replace(one, cost=best.cost, cost_without=best.cost_without)
+        for one in others
+    ]
 
 
-def _aside(bent: Fit, kinds: Mapping[str, Kind]) -> Iterator[Candidate]:
-    """Give a change of each constant: few sensors do not tell which of them changed."""
+def _other_constants(bent: Fit, kinds: Mapping[str, Kind]) -> Iterator[Candidate]:
+    """Propose a change of each constant; few sensors do not determine which of them changed."""
     for name, _ in sorted(bent.pulls.items(), key=lambda pair: -abs(pair[1])):
         for kind, (what, sign) in CONSTANTS.items():
             if name[0] == what and kind in kinds:
                 place = Place("element", str(name[1]))
-                effect = Effect(kind, place, {kinds[kind].names[0]: sign * _moved(bent, name)})
-                start = _start(bent, place)
+                effect = Effect(
+                    kind, place, {kinds[kind].names[0]: sign * _change_of_constant(bent, name)}
+                )
+                start = _fit_start(bent, place)
                 yield Candidate(effect, bent.cost, -math.inf, bent.cost, start)
 
 
-def _bends(name: tuple[object, ...], pull: float) -> bool:
+def _is_moved(name: tuple[object, ...], pull: float) -> bool:
     return name[0] in ("stiffness", "damping") and abs(pull) > LIMITS.moved_tolerances
 
 
-def alone_off(fit: Fit, effect: Effect) -> bool:
-    """Whether one constant alone is far off, and an effect is that it is so.
+def is_single_changed_constant(fit: Fit, effect: Effect) -> bool:
+    """Whether one constant alone is far off, and an effect is its change.
 
-    That it was claimed too well is then no other answer.
+    A tolerance stated too small is then no alternative.
     """
-    off = [name for name, pull in fit.bent.items() if abs(pull) > LIMITS.moved_tolerances]
+    off = [
+        name for name, pull in fit.constant_pulls.items() if abs(pull) > LIMITS.moved_tolerances
+    ]
     if (
         len(off) != 1
-        or abs(fit.bent[off[0]]) < LIMITS.alone_tolerances
+        or abs(fit.constant_pulls[off[0]]) < LIMITS.alone_tolerances
         or effect.kind not in CONSTANTS
     ):
         return False
     return off[0] == (CONSTANTS[effect.kind][0], effect.place.id)
 
 
-def _start(bent: Fit, place: Place) -> Start:
-    """Give all else as the fit has it, and the element's constants as they were claimed."""
+def _fit_start(bent: Fit, place: Place) -> FitStart:
+    """Start with the constants of an element at their prior means, and all else as fitted."""
     constants = {
         name: float(bent.prior.mean[at] if name[1] == place.id else bent.free[at])
         for at, name in enumerate(bent.prior.names)
@@ -142,20 +178,24 @@ def _start(bent: Fit, place: Place) -> Start:
     }
     names = bent.plant.state_names
     states = [dict(zip(names, state.tolist(), strict=False)) for state in bent.states]
-    return Start(constants, states)  # type: ignore[arg-type]
+    return FitStart(constants, states)  # type: ignore[arg-type]
 
 
-def _laws(bent: Fit, kind: Kind, place: Place, motions: list[Motion]) -> Iterator[Effect]:
-    """Give a law in the shapes whose linear part is what the bent constants add."""
+def _proportional_laws(
+    bent: Fit, kind: Kind, place: Place, motions: list[Motion]
+) -> Iterator[Effect]:
+    """Scale a law, in each shape, so that its linear part is what the constants add."""
     action = kind.action
     if kind.where != "element" or kind.strength is None or kind.quadrature is not None:
         return
     if not isinstance(action, Law | Friction | Hidden):
         return
     motions = sorted(motions, key=lambda motion: float(motion.times[0]))
-    whole = joined(motions)
+    whole = concatenate_motions(motions)
     linear = np.stack([whole.e, whole.v], axis=1)
-    added = linear @ np.array([_added(bent, what, place) for what in ("stiffness", "damping")])
+    added = linear @ np.array(
+        [_added_by_constant(bent, what, place) for what in ("stiffness", "damping")]
+    )
     fits: list[tuple[float, dict[str, float]]] = []
     for shape in kind.shapes(whole):
         unit = dict(shape) | {kind.strength: 1.0}
@@ -164,21 +204,21 @@ def _laws(bent: Fit, kind: Kind, place: Place, motions: list[Motion]) -> Iterato
             continue
         part = linear @ np.linalg.lstsq(linear, force, rcond=None)[0]
         along, size = float(part @ added), float(part @ part)
-        if size > 0 and along**2 > ALIKE * size * float(added @ added):
-            fits.append((along**2 / size, sized(kind, unit, along / size)))
-    for _, parameters in sorted(fits, key=lambda one: -one[0])[:SHAPES]:
-        if possible(kind, parameters, bent.plant.description, place):
+        if size > 0 and along**2 > MIN_COSINE_SQUARED * size * float(added @ added):
+            fits.append((along**2 / size, scale_to_strength(kind, unit, along / size)))
+    for _, parameters in sorted(fits, key=lambda one: -one[0])[:MAX_SHAPES]:
+        if is_possible(kind, parameters, bent.plant.description, place):
             yield Effect(kind.name, place, parameters)
 
 
-def _added(bent: Fit, what: str, place: Place) -> float:
-    """Give what a constant adds; one that stays within its tolerance needs no law for it."""
+def _added_by_constant(bent: Fit, what: str, place: Place) -> float:
+    """Change of a constant that left its tolerance; 0 for others."""
     name = (what, place.id)
-    if name not in bent.prior.names or not _bends(name, bent.pulls[name]):
+    if name not in bent.prior.names or not _is_moved(name, bent.pulls[name]):
         return 0.0
-    return _moved(bent, name)
+    return _change_of_constant(bent, name)
 
 
-def _moved(bent: Fit, name: Name) -> float:
+def _change_of_constant(bent: Fit, name: Name) -> float:
     at = bent.prior.names.index(name)
     return float(bent.free[at] - bent.prior.mean[at])

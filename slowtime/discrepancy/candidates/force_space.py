@@ -1,4 +1,4 @@
-"""A place in; how much any force there would explain at the sensors, out."""
+"""Least squares for the force at one place, with constants and initial states eliminated."""
 
 import functools
 from collections.abc import Iterable
@@ -8,36 +8,56 @@ import scipy.linalg
 from jaxtyping import Complex, Float
 
 from slowtime.discrepancy.calibration import Fit
-from slowtime.discrepancy.localization import Located
-from slowtime.discrepancy.localization.latent_force import products
-from slowtime.discrepancy.localization.tuned_reference import Known, Tuned
+from slowtime.discrepancy.localization import Localization
+from slowtime.discrepancy.localization.latent_force import real_products
+from slowtime.discrepancy.localization.perturbed_reference import (
+    LinearConstants,
+    PerturbedReference,
+)
 from slowtime.dynamics.effects import Place
 from slowtime.signals.spectra import transform
 
 RIDGE = 1e-9
-HEARD = 1e-7
-"""Share of a force that constants may not follow, from which it is told from their moves."""
-BEYOND = 1e60
-"""Force that is none: its square is no number any more."""
-Forces = Complex[np.ndarray, "frequency column"]
+"""[1] Added to the diagonal of the scaled normal equations. Source: well above double
+precision, well below what a prior adds."""
+MIN_DISTINCT_SHARE = 1e-7
+"""[share of a force's power] That constants must not reproduce, for the force to be told
+from them. Source: square root of double precision, with margin."""
+MAX_FORCE = 1e60
+"""[N] Modulus from which a force counts as none. Source: its fourth power still is a number
+in double precision."""
+ForceSpectra = Complex[np.ndarray, "frequency column"]
 
 
-class Space:
-    """Sensors' lines at one place, with constants and initial states taken out."""
+class ForceSpace:
+    """Whitened lines of the residual, projected on forces at one place.
 
-    def __init__(self, fit: Fit, located: Located, place: Place) -> None:
+    Constants, under their priors, and initial states are eliminated from the normal equations
+    (Schur complement).
+
+    Parameters
+    ----------
+    fit
+        Of the reference.
+    located
+        Its ranking of places.
+    place
+        Where forces act.
+    """
+
+    def __init__(self, fit: Fit, located: Localization, place: Place) -> None:
         found = located.group(place).explained
         self.located, self.place = located, place
         self.source = next(s for s in located.linear.sources() if s.place == place)
-        known = _known(fit, located)
+        known = _linear_constants(fit, located)
         change = known.within(found.constants)
-        tuned = [Tuned.of(located.linear, t, known, change) for t in located.lines]
+        tuned = [PerturbedReference.of(located.linear, t, known, change) for t in located.lines]
         self.latents = [located.latent(place, i) for i in range(len(located.trials))]
         constants = len(known.sd)
         states = tuned[0].decays.shape[2]
         size = constants + states * len(tuned)
         matrix, right = np.zeros((size, size)), np.zeros(size)
-        self.along: list[Forces] = []
+        self.along: list[ForceSpectra] = []
         self.signal: list[Float[np.ndarray, " frequency"]] = []
         self.where: list[np.ndarray] = []
         self.square = 0.0
@@ -46,13 +66,13 @@ class Space:
             motion = lines.motion + found.shifts[i] + one.free.moved(force.state)
             base = lines.base + self.source.base * force.mean
             explained = force.linear + force.transfer * force.mean[:, None]
-            residual = one.residual + lines.filling(explained + one.decays @ force.state)
+            residual = one.residual + lines.gap_spectrum(explained + one.decays @ force.state)
             scale = np.sqrt(lines.noise)[:, :, None]
             whole = np.concatenate(
                 [one.columns(known, motion, base), one.decays, residual[:, :, None]], axis=2
             )
             whole /= scale
-            inner = 2 * products(whole.reshape(-1, whole.shape[2]))
+            inner = 2 * real_products(whole.reshape(-1, whole.shape[2]))
             at = np.r_[0:constants, constants + i * states : constants + (i + 1) * states]
             matrix[np.ix_(at, at)] += inner[:-1, :-1]
             right[at] += inner[:-1, -1]
@@ -61,7 +81,7 @@ class Space:
             self.along.append(2 * np.einsum("fs,fsb->fb", unit.conj(), whole))
             self.signal.append(2 * np.sum(np.abs(unit) ** 2, axis=1))
             self.where.append(at)
-        off = (known.ahead + change) / known.sd
+        off = (known.reference_change + change) / known.sd
         own = np.arange(constants)
         matrix[own, own] += 1 / known.sd**2
         right[own] -= off / known.sd
@@ -71,25 +91,37 @@ class Space:
         self.factor = scipy.linalg.cho_factor(inner)
         self.right = right * self.scale
         self.solved = scipy.linalg.cho_solve(self.factor, self.right)
-        self.bare = self.square - float(self.right @ self.solved)
-        """What is left without any force."""
-        self.names, self.reference, self.change = _constants(fit), _values(fit), change
-        deviation = known.ahead + change + (self.solved * self.scale)[:constants]
+        self.cost_without = self.square - float(self.right @ self.solved)
+        """Chi squared without any force at the place."""
+        self.names, self.reference, self.change = (
+            _constant_names(fit),
+            _constant_values(fit),
+            change,
+        )
+        deviation = known.reference_change + change + (self.solved * self.scale)[:constants]
         self.sd, self.pulls = known.sd, deviation / known.sd
 
     @functools.cached_property
     def states(self) -> list[dict[tuple[str, str], float]]:
-        """Initial state of each trial, by its names, that goes with the force found here."""
+        """Initial state of each trial, by coordinate, given the force estimated here."""
         located, names = self.located, self.located.linear.structure.names
         own = [("displacement", n) for n in names] + [("velocity", n) for n in names]
         explained = located.group(self.place).explained
         begun = [located.motion(explained, i)[:2, 0] for i in range(len(located.trials))]
         return [dict(zip(own, one.ravel().tolist(), strict=True)) for one in begun]
 
-    def lines_of(self, series: Iterable[Float[np.ndarray, "time column"]]) -> list[Forces]:
-        """Spectra of forces, trial by trial; of one that grew beyond bounds, nothing."""
+    def lines_of(
+        self, series: Iterable[Float[np.ndarray, "time column"]]
+    ) -> list[ForceSpectra]:
+        """Transform forces (time, column), trial by trial; zero for one that is not finite.
+
+        Parameters
+        ----------
+        series
+            Of each trial [N].
+        """
         whole = list(series)
-        fine = np.all([(np.abs(one) < BEYOND).all(axis=0) for one in whole], axis=0)
+        fine = np.all([(np.abs(one) < MAX_FORCE).all(axis=0) for one in whole], axis=0)
         return [
             transform(one if fine.all() else np.where(fine, one, 0.0), lines.rate_hz)[1][
                 : len(lines.frequency_hz)
@@ -97,10 +129,20 @@ class Space:
             for one, lines in zip(whole, self.located.lines, strict=True)
         ]
 
-    def normal(
-        self, forces: list[Forces]
+    def normal_equations(
+        self, forces: list[ForceSpectra]
     ) -> tuple[Float[np.ndarray, "column column"], Float[np.ndarray, " column"]]:
-        """Products of forces with each other and with the residual, all else taken out."""
+        """Form the normal equations of several forces, all else eliminated.
+
+        Parameters
+        ----------
+        forces
+            Spectra of each trial (frequency, column).
+
+        Returns
+        -------
+        Products of the forces with each other, and with the residual.
+        """
         count = forces[0].shape[1]
         cross, inner = np.zeros((len(self.right), count)), np.zeros((count, count))
         seen = np.zeros(count)
@@ -115,15 +157,15 @@ class Space:
         taken = scipy.linalg.cho_solve(self.factor, cross)
         return inner - cross.T @ taken, seen - cross.T @ self.solved
 
-    def power(self, forces: list[Forces]) -> Float[np.ndarray, " column"]:
-        """Square of each force as the sensors hear it, whatever else could make it."""
+    def power(self, forces: list[ForceSpectra]) -> Float[np.ndarray, " column"]:
+        """Squared response of the sensors to each force, nothing eliminated."""
         heard = [
             one @ np.abs(force) ** 2 for one, force in zip(self.signal, forces, strict=True)
         ]
         return np.asarray(np.sum(heard, axis=0))
 
-    def settled(self, forces: list[Forces]) -> dict[tuple[str, str], float]:
-        """Give the constants that go best with a known force."""
+    def constants_with(self, forces: list[ForceSpectra]) -> dict[tuple[str, str], float]:
+        """Solve for the constants, by name and in their units, given a force."""
         cross = np.zeros(len(self.right))
         for force, along, at in zip(forces, self.along, self.where, strict=True):
             cross[at] += (force[:, 0].conj() @ along).real[:-1]
@@ -133,10 +175,10 @@ class Space:
         whole = self.reference * (1 + self.change + found[:count])
         return dict(zip(self.names, whole.tolist(), strict=True))
 
-    def one(
-        self, forces: list[Forces]
+    def separate_fits(
+        self, forces: list[ForceSpectra]
     ) -> tuple[Float[np.ndarray, " column"], Float[np.ndarray, " column"]]:
-        """Give the strength of each force by itself, and what it gains."""
+        """Fit each force by itself; give its strength and the chi squared that it explains."""
         count = forces[0].shape[1]
         cross, power, seen = (
             np.zeros((len(self.right), count)),
@@ -154,15 +196,15 @@ class Space:
         whole = power.copy()
         power -= np.sum(cross * scipy.linalg.cho_solve(self.factor, cross), axis=0)
         seen -= cross.T @ self.solved
-        heard = power > HEARD * np.maximum(whole, np.finfo(float).tiny)
+        heard = power > MIN_DISTINCT_SHARE * np.maximum(whole, np.finfo(float).tiny)
         strength = np.where(heard, seen / np.where(heard, power, 1.0), 0.0)
         return strength, strength * np.where(heard, seen, 0.0)
 
-    def within_constants(self, forces: list[Forces]) -> tuple[float, float]:
-        """Of one force that constants can do without: what they would claim to be spared most.
+    def fit_within_tolerances(self, forces: list[ForceSpectra]) -> tuple[float, float]:
+        """Fit a force that constants can reproduce, by the priors of these constants.
 
-        Its strength, and by how much their pulls' squares would be less; (0, 0) where sensors
-        tell the force from their moves.
+        Gives its strength, and the decrease of their squared deviations; (0, 0) where the
+        sensors tell the force from changed constants.
         """
         cross, whole = np.zeros(len(self.right)), 0.0
         for force, along, signal, at in zip(
@@ -172,7 +214,7 @@ class Space:
             whole += float(signal @ np.abs(force[:, 0]) ** 2)
         cross *= self.scale
         taken = scipy.linalg.cho_solve(self.factor, cross)
-        if not whole - float(cross @ taken) < HEARD * whole:
+        if not whole - float(cross @ taken) < MIN_DISTINCT_SHARE * whole:
             return 0.0, 0.0
         spared = (taken * self.scale)[: len(self.sd)] / self.sd
         along_pulls = float(spared @ self.pulls)
@@ -180,15 +222,17 @@ class Space:
         return along_pulls / square, along_pulls**2 / square
 
 
-def _constants(fit: Fit) -> tuple[tuple[str, str], ...]:
+def _constant_names(fit: Fit) -> tuple[tuple[str, str], ...]:
     return tuple((name[0], str(name[1])) for name in fit.prior.names if name[0] != "effect")
 
 
-def _values(fit: Fit) -> Float[np.ndarray, " constant"]:
+def _constant_values(fit: Fit) -> Float[np.ndarray, " constant"]:
     return fit.free[[i for i, name in enumerate(fit.prior.names) if name[0] != "effect"]]
 
 
-def _known(fit: Fit, located: Located) -> Known:
+def _linear_constants(fit: Fit, located: Localization) -> LinearConstants:
     index = [i for i, name in enumerate(fit.prior.names) if name[0] != "effect"]
     now, mean, sd = fit.free[index], fit.prior.mean[index], fit.prior.sd[index]
-    return Known.of(located.linear, _constants(fit), (now - mean) / now, sd / np.abs(now))
+    return LinearConstants.of(
+        located.linear, _constant_names(fit), (now - mean) / now, sd / np.abs(now)
+    )

@@ -1,7 +1,7 @@
-r"""Where a force was found, in; which laws would make it, by how much they explain, out.
+r"""Laws of the library ranked by how much they explain along recovered motions.
 
-Each kind is tried at each place that it can sit on, along the motion recovered there, and is
-compared where the noise is known: at the sensors. With whitened lines of the residual
+Each kind is fitted at each place where it may act, along the motion recovered there, and is
+compared at the sensors, where the noise is known. With whitened lines of the residual
 :math:`r`, of the constants' and initial states' columns :math:`B`, and of the force's own
 :math:`c`,
 
@@ -16,32 +16,43 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from slowtime.discrepancy.calibration import Fit
-from slowtime.discrepancy.calibration.augmentation import Start
-from slowtime.discrepancy.localization import Group, Located
-from slowtime.discrepancy.noise import floats
+from slowtime.discrepancy.calibration.augmentation import FitStart
+from slowtime.discrepancy.localization import Localization, PlaceGroup
+from slowtime.discrepancy.noise import has_rigid_motion
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Effect, Kind, Place
 
-from .force_space import Forces, Space
-from .parameter_scan import best_of, gained, made_by, retuned
+from .force_space import ForceSpace, ForceSpectra
+from .parameter_scan import best_effect, best_within_tolerances, effect_forces, gain_of
 
-MORE, LITTLE = 1.5, 0.2
-"""Times what a free force at the best place leaves, and over the noise, from which a place is
-passed over."""
-STARTED, FARTHEST = 40, 20.0
-"""Of how many labels one asks where to start; by what factor a constant may be off then."""
+PLACE_RATIO = 1.5
+"""[1] Times what a free force at the best place leaves, above which a place is passed over.
+Source: judgement; no study is recorded."""
+PLACE_OFFSET = 0.2
+"""[noise variances] Added to that. Source: judgement; no study is recorded."""
+MAX_STARTS = 40
+"""[1] Candidates for which a start of the fit is computed. Source: judgement; no study is
+recorded."""
+MAX_CONSTANT_FACTOR = 20.0
+"""[1] By which a start may change a constant. Source: judgement; no study is recorded."""
 OFFSET, GAIN = "input_bias", "input_gain"
 """Kinds that are no rivals of others where a structure floats: see `floating`."""
-WEAK = 0.1
-"""Share of what a force at the best place explains, below which a place is passed over then;
-where none explains more than it costs, places go by what they leave."""
-ALIKE = 2.0
-"""How many times that, for a place where another force would do the same to the sensors."""
-ONE_LINE, BESIDE = 0.8, 4
-"""Share of what is left from which it is one line, and how many lines beside belong to that."""
-HOPELESS = 5.0
-"""Times the chi squared of the best law that a place must leave, to be passed over."""
+WEAK_SHARE = 0.1
+"""[share of the best place's gain] Below which a place is passed over where several forces
+act. Source: judgement; no study is recorded."""
+TWIN_RATIO = 2.0
+"""[1] Times `PLACE_RATIO` for a place whose transfer is parallel to that of the best.
+Source: judgement; no study is recorded."""
+TONAL_SHARE = 0.8
+"""[share of the residual power] From which the residual is one line. Source: judgement; no
+study is recorded."""
+TONAL_LINES = 4
+"""[lines] On either side that belong to it. Source: main lobe of a rectangular window, with
+margin."""
+HOPELESS_RATIO = 5.0
+"""[1] Times chi squared of the best law that a place must leave to be passed over. Source:
+judgement; no study is recorded."""
 
 
 Label = tuple[str, Place]
@@ -49,7 +60,7 @@ Label = tuple[str, Place]
 
 
 def label_of(effect: Effect) -> Label:
-    """Give an effect without its numbers."""
+    """Kind and place of an effect, without its parameters."""
     return effect.kind, effect.place
 
 
@@ -59,30 +70,51 @@ class Candidate:
 
     Parameters
     ----------
+    effect
+        The law with these parameters.
     cost
-        Chi squared that it leaves, with what the constants' tolerance takes.
+        Chi squared that it leaves, deviations of the constants included.
     score
-        Half of that, and half a log of the data for each parameter, below zero.
-    bare
-        Chi squared without it.
+        Schwarz's criterion: minus half of that, minus half the log of the data for each
+        parameter [nats].
+    cost_without
+        Chi squared without the law.
     start
-        Where the free run may start from.
+        Start of its fit.
+
+    References
+    ----------
+    .. [1] G. Schwarz, "Estimating the dimension of a model", Ann. Stat. 6 (1978).
     """
 
     effect: Effect
     cost: float
     score: float
-    bare: float
-    start: Start | None = None
+    cost_without: float
+    start: FitStart | None = None
 
 
 def library_candidates(
-    fit: Fit, located: Located, kinds: Mapping[str, Kind]
+    fit: Fit, located: Localization, kinds: Mapping[str, Kind]
 ) -> list[Candidate]:
-    """Try every kind at every place, each with its own best shape; the best first."""
+    """Fit every kind at every place that may explain the residual.
+
+    Parameters
+    ----------
+    fit
+        Of the reference.
+    located
+        Its ranking of places.
+    kinds
+        Catalogue of effects by name.
+
+    Returns
+    -------
+    Each kind and place with its best parameters, by falling score.
+    """
     data = sum(2 * t.residual.size for t in located.lines)
     found: list[Candidate] = []
-    spaces: dict[Place, Space] = {}
+    spaces: dict[Place, ForceSpace] = {}
     least = math.inf
     described = located.linear.description
     fits = [kind for kind in kinds.values() if is_applicable(kind, described)]
@@ -92,41 +124,44 @@ def library_candidates(
     one_line = bool(tones) and is_tonal(located)
     for group in located.groups:
         if leaving < LIMITS.several_forces_chi2 or most <= 0:
-            # To one sensor all places are alike, but for how smooth their forces have to be.
+            # To one sensor all places are alike, except for the smoothness of their forces.
             alike = set(group.places) & set(located.groups[0].twins)
-            worse = group.left > no_worse(leaving) * (ALIKE if alike else 1.0)
+            worse = group.left > acceptable_chi2(leaving) * (TWIN_RATIO if alike else 1.0)
         else:
-            worse = group.score < WEAK * most
-        worse = worse or best_outside(located, group) > HOPELESS * least
+            worse = group.score < WEAK_SHARE * most
+        worse = worse or unreachable_chi2(located, group) > HOPELESS_RATIO * least
         if worse and not one_line:
             continue
         for place in group.places:
             own = [k for k in (tones if worse else fits) if k.where == place.kind]
             if not own:
                 continue
-            space = spaces[place] = Space(fit, located, place)
+            space = spaces[place] = ForceSpace(fit, located, place)
             for kind in own:
-                both = (best_of(kind, space), retuned(kind, space))
+                both = (best_effect(kind, space), best_within_tolerances(kind, space))
                 if both == (None, None):
                     continue
-                effect, gain = max((one for one in both if one is not None), key=gained)
-                least = min(least, space.bare - gain)
-                cost = space.bare - gain
+                effect, gain = max((one for one in both if one is not None), key=gain_of)
+                least = min(least, space.cost_without - gain)
+                cost = space.cost_without - gain
                 numbers = sum(p.fitted for p in kind.parameters)
                 score = -cost / 2 - numbers / 2 * math.log(data)
-                found.append(Candidate(effect, cost, score, space.bare))
+                found.append(Candidate(effect, cost, score, space.cost_without))
     found.sort(key=lambda c: -c.score)
     foremost = [
-        dataclasses.replace(c, start=_start(fit, c.effect, kinds, spaces[c.effect.place]))
-        for c in found[:STARTED]
+        dataclasses.replace(
+            c, start=_start_of_effect(fit, c.effect, kinds, spaces[c.effect.place])
+        )
+        for c in found[:MAX_STARTS]
     ]
-    return [*foremost, *found[STARTED:]]
+    return [*foremost, *found[MAX_STARTS:]]
 
 
-def is_tonal(located: Located) -> bool:
-    """Whether nearly all that is left is one line: a tone has a say wherever it may act.
+def is_tonal(located: Localization) -> bool:
+    """Whether nearly all of the residual power is one spectral line.
 
-    A force that may have any spectrum is no measure for one that has a single line.
+    A tone is then tried at every place, as the likelihood of a force of any spectrum does not
+    rank places for it.
     """
     loud = [
         np.maximum(np.sum(np.abs(one.residual) ** 2 / one.noise - 1, axis=1), 0.0)
@@ -137,37 +172,44 @@ def is_tonal(located: Located) -> bool:
     inside = 0.0
     for one, excess in zip(located.lines, loud, strict=True):
         at = int(np.argmin(np.abs(one.frequency_hz - pitch)))
-        inside += float(excess[max(at - BESIDE, 0) : at + BESIDE + 1].sum())
-    return inside > ONE_LINE * sum(float(excess.sum()) for excess in loud)
+        inside += float(excess[max(at - TONAL_LINES, 0) : at + TONAL_LINES + 1].sum())
+    return inside > TONAL_SHARE * sum(float(excess.sum()) for excess in loud)
 
 
-def no_worse(least: float) -> float:
-    """Give what a place may leave, over the noise, beside one that leaves the least.
+def acceptable_chi2(least: float) -> float:
+    """Mean square over the noise up to which a place is not passed over.
 
-    What leaves less than noise explains noise, too, and is no measure.
+    Parameters
+    ----------
+    least
+        Mean square that the best place leaves; less than 1 counts as 1, being overfitted.
     """
-    return MORE * max(least, 1.0) + LITTLE
+    return PLACE_RATIO * max(least, 1.0) + PLACE_OFFSET
 
 
-def _start(fit: Fit, effect: Effect, kinds: Mapping[str, Kind], space: Space) -> Start:
-    """Solve for what else moves, once a law is as it was found."""
-    return start_with(fit, space.lines_of(made_by(kinds[effect.kind], effect, space)), space)
+def _start_of_effect(
+    fit: Fit, effect: Effect, kinds: Mapping[str, Kind], space: ForceSpace
+) -> FitStart:
+    """Solve for constants and initial states, given a fitted law."""
+    return start_with_force(
+        fit, space.lines_of(effect_forces(kinds[effect.kind], effect, space)), space
+    )
 
 
-def start_with(fit: Fit, forces: list[Forces], space: Space) -> Start:
-    """Solve for what else moves, once a force is known."""
-    constants = space.settled(forces)
+def start_with_force(fit: Fit, forces: list[ForceSpectra], space: ForceSpace) -> FitStart:
+    """Solve for constants and initial states, given forces at a place."""
+    constants = space.constants_with(forces)
     means = dict(zip(fit.prior.names, fit.prior.mean.tolist(), strict=True))
     for name, value in constants.items():
-        if not 1 / FARTHEST < value / means[name] < FARTHEST:
+        if not 1 / MAX_CONSTANT_FACTOR < value / means[name] < MAX_CONSTANT_FACTOR:
             constants[name] = means[name]
-    return Start(constants, space.states)
+    return FitStart(constants, space.states)
 
 
-def mirrored(
+def mirrored_factor(
     labels: Sequence[Candidate], tried: Sequence[Candidate], kinds: Mapping[str, Kind]
 ) -> list[Candidate]:
-    """Give what one sensor alone cannot tell from a label: the input's factor or its own."""
+    """Propose the factor of the input for that of a single sensor, and the reverse."""
     known = next((one for one in labels if kinds[one.effect.kind].is_factor), None)
     if known is None:
         return []
@@ -186,8 +228,8 @@ def mirrored(
     ]
 
 
-def best_outside(located: Located, group: Group) -> float:
-    """Chi squared that no force at a place can take away, whatever its course."""
+def unreachable_chi2(located: Localization, group: PlaceGroup) -> float:
+    """Chi squared that no force at the places of a group can explain."""
     total = 0.0
     for lines, force in zip(located.lines, group.explained.forces, strict=True):
         left = float(np.sum(np.abs(force.left) ** 2 / lines.noise))
@@ -199,10 +241,10 @@ def best_outside(located: Located, group: Group) -> float:
 
 
 def is_applicable(kind: Kind, description: Description) -> bool:
-    """Whether a kind can be at all: what is per radian acts on angles."""
+    """Whether a kind may act in a structure: parameters per radian need angles."""
     if kind.name == OFFSET:
-        return False  # one with a bias of sensors, where a structure stands; else fitted anyway
-    if kind.name == GAIN and len(description.inputs) == 1 and floats(description):
-        return False  # one with all masses and dampers being so much smaller
+        return False  # equivalent to a bias of sensors, or fitted anyway with rigid modes
+    if kind.name == GAIN and len(description.inputs) == 1 and has_rigid_motion(description):
+        return False  # equivalent to all masses and dampers being smaller
     angular = any("/rad" in parameter.unit for parameter in kind.parameters)
     return not angular or description.unit_of_coordinate == "rad"

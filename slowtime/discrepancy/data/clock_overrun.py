@@ -1,7 +1,6 @@
-"""Fast clocks of sensors in; records without what those told of times after the end, out.
+"""Masks of samples that a fast sensor clock took after the end of the record.
 
-A run ends with its inputs. What a fast clock has told by then is of later still, and nobody can
-say what that should have been.
+A run ends with its inputs, so that no model can predict what such a sensor read after them.
 """
 
 import dataclasses
@@ -13,19 +12,37 @@ from jaxtyping import Bool, Float
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.effects import Effect, Kind, SensorChange
 
-SPARE = 1.1
-"""Times what a first guess outruns the record by that is left out."""
-REACH = 8
-"""Samples on either side that a value between samples is made of."""
+OVERRUN_MARGIN = 1.1
+"""[1] Times the overrun of a first guess of the clock that is masked, as the guess may be
+low. Source: judgement; no study is recorded."""
+INTERPOLATION_SAMPLES = 8
+"""[samples] On either side from which a value between samples is interpolated. Source: reach
+of the interpolation in `slowtime.signals`."""
 
 
-def within_record(
+def mask_clock_overrun(
     trials: tuple[Trial, ...],
     channels: tuple[str, ...],
     effects: Iterable[Effect],
     kinds: Mapping[str, Kind],
 ) -> tuple[Trial, ...]:
-    """Leave out samples that one of several effects would take from beyond the record."""
+    """Mask samples that effects on sensor clocks take from beyond the record.
+
+    Parameters
+    ----------
+    trials
+        Records.
+    channels
+        Names of the sensors, in the order of the outputs.
+    effects
+        Effects of a model; only changes of sensors are looked at.
+    kinds
+        Catalogue of effects by name.
+
+    Returns
+    -------
+    The records, with `use` False for those samples.
+    """
     found = list(trials)
     for effect in effects:
         kind = kinds[effect.kind]
@@ -34,7 +51,7 @@ def within_record(
         values = kind.values(effect.parameters)
         column = channels.index(effect.place.id)
         for i, trial in enumerate(found):
-            late = beyond(kind.action, trial, values)
+            late = clock_overrun(kind.action, trial, values)
             if late.any():
                 use = trial.used.copy()
                 use[late, column] = False
@@ -42,12 +59,25 @@ def within_record(
     return tuple(found)
 
 
-def beyond(
+def clock_overrun(
     action: SensorChange, trial: Trial, values: Float[np.ndarray, " parameter"]
 ) -> Bool[np.ndarray, " time"]:
-    """Tell which samples a change of the clock takes from after the record's last.
+    """Find samples that a change of the clock takes from after the last one of the record.
 
-    It is one of the clock if it leaves a constant as it is, and a ramp not.
+    A change of the clock leaves a constant series as it is, and a ramp not.
+
+    Parameters
+    ----------
+    action
+        What the effect does to the reading of a sensor.
+    trial
+        The record.
+    values
+        Parameters of the effect.
+
+    Returns
+    -------
+    Mask over the samples; all False where the effect does not change the clock.
     """
     times = trial.times_s
     ramp = times - times[0]
@@ -57,6 +87,6 @@ def beyond(
         return late
     late = action.act(ramp, times, values) > ramp[-1] * (1 + 1e-12)
     if late.any():
-        count = int(SPARE * late.sum()) + REACH
+        count = int(OVERRUN_MARGIN * late.sum()) + INTERPOLATION_SAMPLES
         late[-count:] = True
     return np.asarray(late)

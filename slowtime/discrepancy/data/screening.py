@@ -1,7 +1,7 @@
-"""A record in; the record with what cannot be believed masked, and the reasons, out.
+"""Screening of records for missing, stuck, constant and clipped samples.
 
-Nothing here knows any physics: a value that repeats more often than chance allows, or is no
-number, is a fault of the channel whatever the structure does.
+No physics is needed: a value that repeats more often than chance allows, or is not finite, is a
+fault of the channel whatever the structure does.
 """
 
 import dataclasses
@@ -18,24 +18,33 @@ from slowtime.discrepancy.records import Trial
 
 Fault = Literal["missing", "constant", "stuck", "zero", "clipped"]
 
-RARE = 1e-6
-"""Chance, over a whole channel, of repeats that are called a fault."""
+STUCK_P_VALUE = 1e-6
+"""[probability] That any run of a channel is as long by chance, below which it is a fault.
+Source: one false alarm in a million channels."""
 
-SHORTEST = 6
-"""Equal values in a row that are not yet remarkable in any record."""
+MIN_STUCK_SAMPLES = 6
+"""[samples] Equal values in a row that may be a fault, however fine the resolution. Source:
+judgement; no study is recorded."""
 
-PILE = 4
-"""Clipping puts at least so many samples on the extreme, and so many times its neighbour's."""
+CLIPPED_RATIO = 4
+"""[1] Times the samples on a neighbouring level, and samples, that clipping puts on the
+extreme level at least. Source: judgement; no study is recorded."""
 
-NEAR, MOST, NORMAL = 4.0, 0.1, 0.6745
-"""Standard deviations of a channel's noise within which noise decides whether a sample is cut
-off, and the most of the channel's range that this may be; median of what is normal, by its
-standard deviation."""
+CLIPPED_NOISE_SDS = 4.0
+"""[standard deviations of the channel's noise] Within which of a stop noise decides whether
+a sample is clipped. Source: four sigma holds all but 6e-5 of normal noise."""
+MAX_CLIPPED_MARGIN = 0.1
+"""[share of the channel's range] That this margin may be at most: a fast signal curves more
+than its noise does. Source: judgement; no study is recorded."""
+NORMAL_MAD = 0.6745
+"""[standard deviations] Median of the modulus of a normal variable. Source: 0.75 quantile of
+the normal distribution."""
 
-SAME = 1e-4
-"""Relative difference of two levels of one channel that are one, as files keep them."""
-DIGIT = float(np.finfo(np.float32).eps)
-"""Relative resolution of a level: recorders keep no more."""
+SAME_LEVEL = 1e-4
+"""[1] Relative difference of two levels of one channel that are the same stop. Source: four
+digits, as text files keep them."""
+LEVEL_RESOLUTION = float(np.finfo(np.float32).eps)
+"""[1] Relative resolution of a level. Source: single precision; recorders keep no more."""
 
 SENTENCES = {
     "missing": "has no numbers in",
@@ -52,15 +61,19 @@ class Finding:
 
     Parameters
     ----------
+    fault
+        Kind of fault.
+    channel
+        Name of the sensor.
     spans_s
-        Campaign times between which it lasts, each with its end [s].
+        Campaign times of begin and end of each span [s].
     share
-        Of the samples of the channel.
+        Share of the channel's samples that are concerned.
     level, level_sd
-        Size of the samples concerned, in the channel's unit, and how well that is known; 0
-        where they have none.
+        Modulus of these samples in the channel's unit, and its standard deviation; 0 where
+        they are not finite.
     instant_sd
-        How well an end of a span is known: it lies between two samples [s].
+        Standard deviation of an end of a span, which lies between two samples [s].
     """
 
     fault: Fault
@@ -73,7 +86,7 @@ class Finding:
 
     @property
     def sentence(self) -> str:
-        """The finding in words."""
+        """The fault in words."""
         spans = f"{len(self.spans_s)} span" + "s" * (len(self.spans_s) != 1)
         return (
             f"Channel {self.channel!r} {SENTENCES[self.fault]} {spans}, {self.share:.1%} of it."
@@ -81,15 +94,15 @@ class Finding:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Screened:
+class ScreenedTrial:
     """A record whose `use` leaves out what the findings name."""
 
     trial: Trial
     findings: tuple[Finding, ...]
 
 
-def screen_records(trials: Sequence[Trial], channels: Sequence[str]) -> list[Screened]:
-    """Screen the records of a campaign: where one shows a channel's stop, all have it."""
+def screen_records(trials: Sequence[Trial], channels: Sequence[str]) -> list[ScreenedTrial]:
+    """Screen the records of a campaign; a stop of a channel in one record holds for all."""
     found = [screen(trial, channels) for trial in trials]
     stops: dict[str, set[float]] = {}
     for one in found:
@@ -108,15 +121,21 @@ def screen(
     trial: Trial,
     channels: Sequence[str] = (),
     stops: Mapping[str, Collection[float]] = types.MappingProxyType({}),
-) -> Screened:
+) -> ScreenedTrial:
     """Mask what is missing, stuck or clipped.
 
     Parameters
     ----------
+    trial
+        The record.
     channels
         Names of the sensors for the findings; numbers from 1 where none are given.
     stops
-        Sizes at which channels are known to be cut off.
+        Moduli at which channels are known to be clipped, in their units.
+
+    Returns
+    -------
+    The record with these samples masked, and the findings.
 
     Examples
     --------
@@ -132,17 +151,17 @@ def screen(
     names = channels or [str(i + 1) for i in range(trial.outputs.shape[1])]
     use = trial.used.copy()
     findings: list[Finding] = []
-    still = _still(trial)
+    still = _initial_rest(trial)
     for i, (name, samples) in enumerate(zip(names, trial.outputs.T, strict=True)):
         if not use[:, i].any() and np.isfinite(samples).all():
             continue  # not measured in this record: no fault of the channel
-        for fault, bad in _faults(samples, still, stops.get(name, ())):
-            findings.append(_finding(trial, fault, name, bad, samples))
-            use[:, i] &= ~(_beside(bad, samples) if fault == "clipped" else bad)
-    return Screened(trial=dataclasses.replace(trial, use=use), findings=tuple(findings))
+        for fault, bad in _detect_faults(samples, still, stops.get(name, ())):
+            findings.append(_describe_fault(trial, fault, name, bad, samples))
+            use[:, i] &= ~(_clipped_neighbourhood(bad, samples) if fault == "clipped" else bad)
+    return ScreenedTrial(trial=dataclasses.replace(trial, use=use), findings=tuple(findings))
 
 
-def _faults(
+def _detect_faults(
     samples: Float[np.ndarray, " time"],
     still: Bool[np.ndarray, " time"],
     stops: Collection[float],
@@ -154,8 +173,8 @@ def _faults(
     if there.size and np.ptp(there) == 0:
         yield "constant", ~missing
         return
-    clipped = _clipped(samples, there, stops)
-    stuck = _stuck(samples) & ~still & ~clipped
+    clipped = _clipped_samples(samples, there, stops)
+    stuck = _stuck_samples(samples) & ~still & ~clipped
     for fault, which in (("zero", samples == 0), ("stuck", samples != 0)):
         if (stuck & which).any():
             yield "zero" if fault == "zero" else "stuck", stuck & which
@@ -163,8 +182,8 @@ def _faults(
         yield "clipped", clipped
 
 
-def _still(trial: Trial) -> Bool[np.ndarray, " time"]:
-    """Leading samples during which no input has moved yet: rest, not a fault."""
+def _initial_rest(trial: Trial) -> Bool[np.ndarray, " time"]:
+    """Mask of the first samples before any input changes: rest, not a fault."""
     moved = (trial.inputs != trial.inputs[0]).any(axis=1)
     if trial.inputs.shape[1] == 0:
         return np.zeros(len(moved), dtype=bool)
@@ -172,13 +191,15 @@ def _still(trial: Trial) -> Bool[np.ndarray, " time"]:
     return np.arange(len(moved)) < first + 1
 
 
-def _stuck(samples: Float[np.ndarray, " time"]) -> Bool[np.ndarray, " time"]:
-    """Rows of equal values longer than the record's own habit of repeating itself allows."""
+def _stuck_samples(samples: Float[np.ndarray, " time"]) -> Bool[np.ndarray, " time"]:
+    """Mask of runs of equal values that are longer than the record's own repetitions allow."""
     starts, lengths = _runs(samples)
-    ordinary = lengths[lengths < SHORTEST]
+    ordinary = lengths[lengths < MIN_STUCK_SAMPLES]
     pairs, repeats = ordinary.sum(), (ordinary - 1).sum()
     habit = min(max((repeats + 1) / (pairs + 2), 1e-3), 0.99)
-    longest = max(SHORTEST, math.ceil(math.log(RARE / len(samples)) / math.log(habit)))
+    longest = max(
+        MIN_STUCK_SAMPLES, math.ceil(math.log(STUCK_P_VALUE / len(samples)) / math.log(habit))
+    )
     found = np.zeros(len(samples), dtype=bool)
     for start, length in zip(starts, lengths, strict=True):
         if length >= longest:
@@ -189,51 +210,57 @@ def _stuck(samples: Float[np.ndarray, " time"]) -> Bool[np.ndarray, " time"]:
 def _runs(
     samples: Float[np.ndarray, " time"],
 ) -> tuple[Int[np.ndarray, " run"], Int[np.ndarray, " run"]]:
-    """Where rows of equal values begin, and how long they are."""
+    """First samples, and lengths, of runs of equal values."""
     changes = np.flatnonzero(samples[1:] != samples[:-1]) + 1
     starts = np.concatenate([[0], changes])
     return starts, np.diff(np.concatenate([starts, [len(samples)]]))
 
 
-def _clipped(
+def _clipped_samples(
     samples: Float[np.ndarray, " time"],
     there: Float[np.ndarray, " finite"],
     stops: Collection[float],
 ) -> Bool[np.ndarray, " time"]:
     """Find samples on an extreme value that occurs far more often than the value next to it.
 
-    And not in one row: a channel that is held at its highest once is stuck there, but where it
-    is cut off at its other extreme, or there in other records.
+    A single run at an extreme is a stuck channel, unless the channel is clipped at its other
+    extreme or at that level in other records.
     """
     levels, counts = np.unique(there, return_counts=True)
     piles: list[Bool[np.ndarray, " time"]] = []
     several = False
-    if len(levels) >= 2 * PILE:
-        for extreme, neighbours in ((0, counts[1:PILE]), (-1, counts[-PILE:-1])):
-            if counts[extreme] >= PILE * max(neighbours):
+    if len(levels) >= 2 * CLIPPED_RATIO:
+        for extreme, neighbours in (
+            (0, counts[1:CLIPPED_RATIO]),
+            (-1, counts[-CLIPPED_RATIO:-1]),
+        ):
+            if counts[extreme] >= CLIPPED_RATIO * max(neighbours):
                 at = samples == levels[extreme]
                 size = abs(float(levels[extreme]))
                 rows = int(at[0]) + int(np.count_nonzero(at[1:] & ~at[:-1]))
                 several = (
-                    several or rows > 1 or any(abs(size - stop) < SAME * stop for stop in stops)
+                    several
+                    or rows > 1
+                    or any(abs(size - stop) < SAME_LEVEL * stop for stop in stops)
                 )
                 piles.append(at)
     return np.any(piles, axis=0) if several else np.zeros(len(samples), dtype=bool)
 
 
-def _beside(
+def _clipped_neighbourhood(
     clipped: Bool[np.ndarray, " time"], samples: Float[np.ndarray, " time"]
 ) -> Bool[np.ndarray, " time"]:
-    """Find samples that were cut off, and those beside them as near as noise may bring.
+    """Mask clipped samples, and adjacent ones within the noise of the stop.
 
-    Of these only the ones are there that noise made smaller: what is left would seem to have
-    been pulled down at every peak.
+    Noise decides which of these were clipped, and those that are left are biased towards zero.
     """
     bend = np.diff(samples, 3)
     bend = np.abs(bend[np.isfinite(bend)])
-    noise = np.median(bend) / (NORMAL * math.sqrt(20.0)) if len(bend) else 0.0
+    noise = np.median(bend) / (NORMAL_MAD * math.sqrt(20.0)) if len(bend) else 0.0
     # Where a signal turns within a few samples, it bends more than its noise does.
-    reach = min(NEAR * noise, MOST * np.ptp(samples[np.isfinite(samples)]))
+    reach = min(
+        CLIPPED_NOISE_SDS * noise, MAX_CLIPPED_MARGIN * np.ptp(samples[np.isfinite(samples)])
+    )
     found = np.zeros(len(samples), dtype=bool)
     for level in np.unique(samples[clipped]):
         near = np.abs(samples - level) <= reach
@@ -242,7 +269,7 @@ def _beside(
     return np.asarray(scipy.ndimage.binary_dilation(found))
 
 
-def _finding(
+def _describe_fault(
     trial: Trial,
     fault: Fault,
     channel: str,
@@ -266,6 +293,6 @@ def _finding(
         spans_s=spans,
         share=float(bad.mean()),
         level=level,
-        level_sd=float(np.hypot(column.std(), DIGIT * level)) if told else 0.0,
+        level_sd=float(np.hypot(column.std(), LEVEL_RESOLUTION * level)) if told else 0.0,
         instant_sd=1 / (trial.rate_hz * math.sqrt(3)),
     )

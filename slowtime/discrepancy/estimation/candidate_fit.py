@@ -8,22 +8,23 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from slowtime.discrepancy.calibration import (
-    WRONG,
+    WRONG_MODEL_CHI2,
     Fit,
-    GivenUp,
+    FitAbandoned,
+    FitControl,
     refit,
     shooting_fit,
-    weights_of,
+    spectral_weights,
 )
 from slowtime.discrepancy.calibration.augmentation import (
-    Start,
-    begun_with,
+    FitStart,
+    augmented_start,
     carry_effect,
-    effects_in,
+    fitted_effects,
 )
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.candidates.library_fit import Candidate, Label, label_of
-from slowtime.discrepancy.candidates.parameter_scan import like_constant
+from slowtime.discrepancy.candidates.parameter_scan import is_constant_change
 from slowtime.discrepancy.noise import Noise
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
@@ -130,7 +131,7 @@ def evidence(fit: Fit, kinds: Mapping[str, Kind], noise_scale: float = 1.0) -> f
     against = sum(REARED.get(effect.kind, 0.0) for effect in fit.plant.effects)
     against += numbers / 2 * math.log(fit.data)
     for number, effect in enumerate(fit.plant.effects):
-        if like_constant(kinds[effect.kind]):
+        if is_constant_change(kinds[effect.kind]):
             against -= _spared(fit, ("effect", number, kinds[effect.kind].names[0]))
     return -fit.cost / (2 * noise_scale) - against
 
@@ -168,7 +169,7 @@ def fit_candidate(
     noise: Noise | None,
     beat: float | None = None,
     *,
-    start: Start | None = None,
+    start: FitStart | None = None,
     shooting: bool = False,
     horizons: Sequence[float] = SWIFTLY,
     late: Callable[[], bool] | None = None,
@@ -179,7 +180,7 @@ def fit_candidate(
     records. Not to the end where that will not come near a cost to `beat`; by `shooting`, to
     pieces of the records first.
     """
-    plant, values, states = begun_with(before, effect, kinds, start)
+    plant, values, states = augmented_start(before, effect, kinds, start)
     description = plant.description
     short: Fit | None = None
     try:
@@ -199,14 +200,13 @@ def fit_candidate(
             values=values,
             states=states,
             horizons=horizons,
-            beat=beat,
-            late=late,
+            control=FitControl(cost_to_beat=beat, is_late=late),
         )
         fit = refine_switching_instant(
             fit, trials, kinds, beat, MAIN * before.chi2_in_band, late=late
         )
-    except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
-        if short is None or short.chi2_in_band > WRONG:
+    except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
+        if short is None or short.chi2_in_band > WRONG_MODEL_CHI2:
             return None
         # It explains every piece, and runs away from, or loses its way in, a whole record.
         fit = carry_effect(before, effect, kinds)
@@ -217,7 +217,7 @@ def fit_candidate(
 
 def _growing(label: Candidate, kind: Kind, *, shooting: bool) -> tuple[float, ...]:
     """Give the shares of the records to which a law is fitted one after the other."""
-    if shooting or (label.start is not None and not label.start.nearby):
+    if shooting or (label.start is not None and not label.start.from_segments):
         return SWIFTLY
     sticks = label.start is not None and isinstance(kind.action, Friction)
     return SLOWLY if sticks else GRADUALLY
@@ -330,14 +330,14 @@ class Fitting:
         give_up, reached = self.give_up, self.reached
         fits = [fit for fit in (named.fit, named.shot) if fit is not None]
         if any(chi2_p_value(fit) > LIMITS.white_p_value for fit in fits):
-            little = max(BEHIND * candidate.cost, LITTLE * candidate.bare) + FAR
+            little = max(BEHIND * candidate.cost, LITTLE * candidate.cost_without) + FAR
             give_up = min(give_up, little)
             cost = min(fit.cost for fit in fits)
             if not _straight(kind) or candidate.cost <= BEHIND * cost + FAR:
                 reached = min(reached, cost)  # else what is far off is not told by one step
         else:
             left = misfit(named.fit, self.before.noise, self.trials)
-            if left < MAIN * candidate.bare:
+            if left < MAIN * candidate.cost_without:
                 give_up = min(give_up, LESS * max(left, candidate.cost) + FAR)
         return dataclasses.replace(
             self, found=(*self.found, named), give_up=give_up, reached=reached
@@ -399,7 +399,7 @@ def sds_of(fit: Fit, name: Name, nothing: float) -> float:
     if name not in fit.prior.names:
         return math.inf
     at = fit.prior.names.index(name)
-    return abs(float(fit.free[at]) - nothing) / float(fit.widened_sd[at])
+    return abs(float(fit.free[at]) - nothing) / float(fit.inflated_sd[at])
 
 
 def _only(kind: Kind) -> str:
@@ -450,11 +450,18 @@ def _with_noise_of_best(
     best = found[0]
     plant, values, states = best.fit.plant, best.fit.values, best.fit.states
     try:
-        fit = refit(plant, trials, values=values, states=states, horizons=(1.0,), late=over)
-        if anew and WRONG < fit.chi2_in_band < NEARLY * before.chi2_in_band:
+        fit = refit(
+            plant,
+            trials,
+            values=values,
+            states=states,
+            horizons=(1.0,),
+            control=FitControl(is_late=over),
+        )
+        if anew and WRONG_MODEL_CHI2 < fit.chi2_in_band < NEARLY * before.chi2_in_band:
             # One period off over a long record, the misfit has a minimum too.
             fit = _or_anew(fit, trials, over)
-    except (FloatingPointError, GivenUp):
+    except (FloatingPointError, FitAbandoned):
         return found
     heard = dataclasses.replace(best, fit=fit, score=evidence(fit, kinds))
     if not _shown(heard, trials, kinds):
@@ -466,8 +473,8 @@ def _with_noise_of_best(
 def _or_anew(fit: Fit, trials: Sequence[Trial], over: Callable[[], bool]) -> Fit:
     """Fit a model to ever longer parts from where it stands; the better of both."""
     try:
-        other = refit(fit.plant, trials, values=fit.values, late=over)
-    except GivenUp:
+        other = refit(fit.plant, trials, values=fit.values, control=FitControl(is_late=over))
+    except FitAbandoned:
         return fit
     better = misfit(other, fit.noise, trials) < misfit(fit, fit.noise, trials)
     return other if better else fit
@@ -476,7 +483,7 @@ def _or_anew(fit: Fit, trials: Sequence[Trial], over: Callable[[], bool]) -> Fit
 def misfit(fit: Fit, noise: Noise, trials: Sequence[Trial]) -> float:
     """Chi squared of what a fit leaves, under another noise."""
     return sum(
-        weights_of(trial, noise, i).chi2(left)
+        spectral_weights(trial, noise, i).chi2(left)
         for i, (trial, left) in enumerate(zip(trials, fit.residual, strict=True))
     )
 
@@ -517,4 +524,4 @@ def is_significant(
 
 def fitted_effect(named: FittedCandidate) -> Effect:
     """Give the effect as it was fitted last."""
-    return effects_in(named.fit)[-1]
+    return fitted_effects(named.fit)[-1]

@@ -14,7 +14,7 @@ import numpy as np
 
 from slowtime.discrepancy.calibration.augmentation import with_effect
 from slowtime.discrepancy.calibration.fit import Fit, refit
-from slowtime.discrepancy.localization import Located, locate
+from slowtime.discrepancy.localization import Localization, locate
 from slowtime.discrepancy.noise import Noise
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
@@ -76,7 +76,7 @@ def found_holds(
     count = max(READINGS // len(description.sensors), LEAST)
     trial = trials[number].part(0, count).trimmed()
 
-    def located(described: Description, among: Sequence[Place] | None = None) -> Located:
+    def located(described: Description, among: Sequence[Place] | None = None) -> Localization:
         plant = Plant.of(described, kinds=kinds)
         values = np.concatenate([fit.values, plant.values[len(fit.values) :]])
         again = refit(plant, [trial], values=values, states=[state], horizons=(1.0,))

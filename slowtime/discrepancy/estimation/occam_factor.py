@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.discrepancy.calibration import Fit
-from slowtime.discrepancy.candidates.parameter_scan import like_constant
+from slowtime.discrepancy.candidates.parameter_scan import is_constant_change
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Kind
 
@@ -76,9 +76,9 @@ def _narrowed(named: FittedCandidate, kinds: Mapping[str, Kind]) -> float:
         for at, name in enumerate(fit.prior.names)
         if name[:2] == ("effect", which) and name not in hidden
     ]
-    if like_constant(kind) or not own:
+    if is_constant_change(kind) or not own:
         return 0.0
-    size, sd = np.abs(fit.free[own] - nothing_of(kind)), fit.widened_sd[own]
+    size, sd = np.abs(fit.free[own] - nothing_of(kind)), fit.inflated_sd[own]
     if not (size >= LIMITS.seen_sds * sd).all():
         return 0.0
     scale = sd / fit.sd[own] / size

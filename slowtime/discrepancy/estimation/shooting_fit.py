@@ -57,7 +57,7 @@ def shooting_fits(
     anew = [
         dataclasses.replace(one, start=None)
         for one in astray()
-        if one.start and not one.start.nearby
+        if one.start and not one.start.from_segments
     ]
     found = merge_fits(found, fit_candidates(before, anew, trials, kinds, tick), trials, kinds)
     if found[0].fit.chi2_in_band <= LIMITS.far_off_chi2:

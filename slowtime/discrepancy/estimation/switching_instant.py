@@ -5,8 +5,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import Fit, GivenUp, refit
-from slowtime.discrepancy.calibration.augmentation import run_by
+from slowtime.discrepancy.calibration import Fit, FitAbandoned, FitControl, refit
+from slowtime.discrepancy.calibration.augmentation import simulated_chi2
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
@@ -78,7 +78,7 @@ def _moved(
     def left(number: int, instant: float) -> float:
         values = fit.values.copy()
         values[at] = instant
-        return run_by(fit.plant, values, fit.states, fit.noise, trials, [number])
+        return simulated_chi2(fit.plant, values, fit.states, fit.noise, trials, [number])
 
     def misfit(instant: float) -> float:
         # Before or after a record it is the same whenever that was.
@@ -98,8 +98,8 @@ def _moved(
     try:
         again = refit(
             fit.plant, trials, noise=fit.noise, values=values, states=fit.states,
-            horizons=(1.0,), beat=beat, late=late,
+            horizons=(1.0,), control=FitControl(cost_to_beat=beat, is_late=late),
         )  # fmt: skip
-    except GivenUp:
+    except FitAbandoned:
         return fit
     return again if again.cost < fit.cost else fit

@@ -1,1 +1,1 @@
-"""The experiment that tells hypotheses apart which the records cannot."""
+"""Rival models in, the experiment that discriminates between them out."""

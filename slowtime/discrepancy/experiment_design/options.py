@@ -1,4 +1,4 @@
-"""A rig and its records in; experiments that one could make with it out, the easiest first."""
+"""Experiments that a rig allows, in order of effort, and their inputs."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -13,16 +13,19 @@ from slowtime.dynamics.description import Description, Input, Sensor, assemble
 from slowtime.dynamics.modes import undamped_modes
 from slowtime.dynamics.units import Quantity, UnitOfCoordinate, unit_factor
 
-SECONDS = 12.0
-"""Length of the records that are tried out."""
+SIMULATED_S = 12.0
+"""[s] Length of the records that are simulated. Source: judgement; no study is recorded."""
 LEVELS = (0.5, 2.0, 3.0, 4.0, 0.25, 6.0, 8.0, 0.1)
-"""Factors on the excitation, the mildest first."""
-BROAD = (0.3, 1.6)
-"""Ends of a band that holds all modes, over the lowest and highest of them."""
-STRIKE = 20.0
-"""Peak of a blow, over the root mean square of what was measured."""
-HIGHEST = 0.4
-"""Of the sampling rate, the highest frequency that a record tells of."""
+"""[1] Factors on the excitation, the mildest first. Source: judgement; no study is recorded."""
+BAND_MARGINS = (0.3, 1.6)
+"""[1] Ends of a band that holds all modes, over the lowest and the highest of them. Source:
+judgement; no study is recorded."""
+BLOW_PEAK = 20.0
+"""[root mean squares of the measured input] Peak of a blow. Source: judgement; no study is
+recorded."""
+MAX_FREQUENCY = 0.4
+"""[share of the sampling rate] Of an excitation. Source: usual edge of an anti-aliasing
+filter, 0.39 of the rate."""
 
 UNITS: dict[UnitOfCoordinate, dict[str, str]] = {
     "m": {"acceleration": "m/s^2", "displacement": "m", "force": "N"},
@@ -32,80 +35,101 @@ UNITS: dict[UnitOfCoordinate, dict[str, str]] = {
 Series = Float[np.ndarray, " time"]
 
 
-def menu(description: Description, trials: Sequence[Trial]) -> list[list[Experiment]]:
-    """List experiments that the rig allows, in classes of rising effort.
+def experiment_options(
+    description: Description, trials: Sequence[Trial]
+) -> list[list[Experiment]]:
+    """List experiments that a rig allows, in classes of rising effort.
 
-    Levels and forms of the excitation that is there; another time; more sensors; a force on a
-    node, which is measured.
-    """
-    if not description.inputs:
-        return [_louder(), [*_later(trials), *_heard(description, None)]]
-    frequencies = undamped_modes(assemble(description)).frequency_hz
-    low, high = float(frequencies[0]), float(frequencies[-1])
-    broad = BROAD[0] * low, BROAD[1] * high
-    top = HIGHEST * min(trial.rate_hz for trial in trials)
-    return [
-        _louder(),
-        [*_shaped(low, broad, top), *_later(trials)],
-        [*_heard(description, None), *_heard(description, broad), *_pushed(description, broad)],
-    ]
-
-
-def acted(option: Experiment, trial: Trial, description: Description) -> Trial:
-    """Give the inputs of an experiment, of the size of those that were measured.
+    Other levels and waveforms of the excitation; a later repeat; more sensors; a measured force
+    on a node.
 
     Parameters
     ----------
-    trial
-        Whose inputs are repeated.
+    description
+        The model, with its inputs and sensors.
+    trials
+        Records so far.
     """
-    count = min(len(trial.inputs), int(SECONDS * trial.rate_hz))
+    if not description.inputs:
+        return [_other_levels(), [*_later_repeats(trials), *_added_sensors(description, None)]]
+    frequencies = undamped_modes(assemble(description)).frequency_hz
+    low, high = float(frequencies[0]), float(frequencies[-1])
+    broad = BAND_MARGINS[0] * low, BAND_MARGINS[1] * high
+    top = MAX_FREQUENCY * min(trial.rate_hz for trial in trials)
+    return [
+        _other_levels(),
+        [*_other_excitations(low, broad, top), *_later_repeats(trials)],
+        [
+            *_added_sensors(description, None),
+            *_added_sensors(description, broad),
+            *_added_forces(description, broad),
+        ],
+    ]
+
+
+def experiment_trial(option: Experiment, trial: Trial, description: Description) -> Trial:
+    """Generate the inputs of an experiment, as strong as those that were measured.
+
+    Parameters
+    ----------
+    option
+        The experiment.
+    trial
+        Record whose inputs are repeated, or set the level.
+    description
+        The model.
+
+    Returns
+    -------
+    A record with these inputs in their units, and outputs of zero.
+    """
+    count = min(len(trial.inputs), int(SIMULATED_S * trial.rate_hz))
     inputs = trial.inputs[:count] * option.level
     times = np.arange(count) / trial.rate_hz
     if option.excitation is not None:
         size = option.level * trial.inputs.std(axis=0)
-        inputs = np.outer(_form(option, times), size)
+        inputs = np.outer(_waveform(option, times), size)
     if option.add_inputs:
         # Forces of the size of those of inertia that a shaken base had made.
         masses = [node.mass_kg for node in description.nodes if node.mass_kg]
         mass = float(np.mean(masses)) if masses else 1.0
         size = max(
             float(column.std())
-            * _worth(entry, description)
+            * _si_factor(entry, description)
             * (mass if entry.node is None else 1.0)
             for entry, column in zip(description.inputs, trial.inputs.T, strict=True)
         )
-        wave = _form(option, times)[:, None] * size
+        wave = _waveform(option, times)[:, None] * size
         inputs = np.hstack([np.zeros_like(inputs), np.repeat(wave, len(option.add_inputs), 1)])
     return Trial(inputs=inputs, outputs=np.zeros((count, 1)), rate_hz=trial.rate_hz)
 
 
-def _worth(entry: Input, description: Description) -> float:
+def _si_factor(entry: Input, description: Description) -> float:
     quantity: Quantity = "force" if entry.kind == "force" else "acceleration"
     return unit_factor(entry.unit, quantity, description.unit_of_coordinate)
 
 
-def _louder() -> list[Experiment]:
+def _other_levels() -> list[Experiment]:
     return [
         Experiment(
-            f"Repeat the strongest record at {_times(level)} its level.", level=level
+            f"Repeat the strongest record at {_level_words(level)} its level.", level=level
         )
         for level in LEVELS
     ]  # fmt: skip
 
 
-def _times(level: float) -> str:
+def _level_words(level: float) -> str:
     named = {0.5: "half", 0.25: "a quarter of", 0.1: "a tenth of"}
     return named.get(level, f"{level:g} times")
 
 
-def _shaped(low: float, broad: tuple[float, float], top: float) -> list[Experiment]:
-    """Other forms of the excitation, between frequencies that suit the modes."""
+def _other_excitations(low: float, broad: tuple[float, float], top: float) -> list[Experiment]:
+    """Other waveforms of the excitation, in bands about the modes [Hz]."""
     below = 0.2 * low, 0.7 * low
     options = [
         Experiment(
             f"Shake in a band from {broad[0]:.3g} to {broad[1]:.3g} Hz, all modes in it"
-            + ("." if level == 1 else f", at {_times(level)} the level."),
+            + ("." if level == 1 else f", at {_level_words(level)} the level."),
             level=level, band_hz=broad, excitation="multisine",
         )
         for level in (1.0, 0.5, 2.0, 4.0)
@@ -120,7 +144,7 @@ def _shaped(low: float, broad: tuple[float, float], top: float) -> list[Experime
         options += [
             Experiment(
                 f"Shake in a band from {broad[0]:.3g} to {top:.3g} Hz, far above the modes"
-                + ("." if level == 1 else f", at {_times(level)} the level."),
+                + ("." if level == 1 else f", at {_level_words(level)} the level."),
                 level=level, band_hz=(broad[0], top), excitation="multisine",
             )
             for level in (1.0, 2.0)
@@ -132,8 +156,8 @@ def _shaped(low: float, broad: tuple[float, float], top: float) -> list[Experime
     ]
 
 
-def _later(trials: Sequence[Trial]) -> list[Experiment]:
-    """Once more, after as long again as the campaign has lasted."""
+def _later_repeats(trials: Sequence[Trial]) -> list[Experiment]:
+    """Repeat after as long again as the campaign has lasted."""
     first = min(trial.start_s for trial in trials)
     last = max(trial.start_s + trial.duration_s for trial in trials)
     start = float(math.ceil(2 * last - first))
@@ -144,13 +168,15 @@ def _later(trials: Sequence[Trial]) -> list[Experiment]:
     ]
 
 
-def _heard(description: Description, band: tuple[float, float] | None) -> list[Experiment]:
-    """Sensors that are not there yet: one at a time, then accelerations everywhere."""
+def _added_sensors(
+    description: Description, band: tuple[float, float] | None
+) -> list[Experiment]:
+    """Additional sensors: one at a time, then accelerations everywhere."""
     units = UNITS[description.unit_of_coordinate]
     there = {(s.quantity, s.node) for s in description.sensors}
     missing = [
         Sensor(
-            channel=_fresh(f"{quantity[0].replace('d', 'x')}_{node.id}", description),
+            channel=_unused_name(f"{quantity[0].replace('d', 'x')}_{node.id}", description),
             quantity=quantity, node=node.id, unit=units[quantity],
             frame="absolute" if quantity == "acceleration" else "relative_to_base",
         )
@@ -164,15 +190,15 @@ def _heard(description: Description, band: tuple[float, float] | None) -> list[E
     shaken = "" if band is None else f", and shake from {band[0]:.3g} to {band[1]:.3g} Hz"
     return [
         Experiment(
-            f"Measure the {_listed(sensors)} too{shaken}.",
+            f"Measure the {_sensor_words(sensors)} too{shaken}.",
             band_hz=band, excitation="multisine" if band else None, add_sensors=sensors,
         )
         for sensors in sets
     ]  # fmt: skip
 
 
-def _pushed(description: Description, band: tuple[float, float]) -> list[Experiment]:
-    """Put a shaker with a force cell on a node where there is none."""
+def _added_forces(description: Description, band: tuple[float, float]) -> list[Experiment]:
+    """Additional shakers with force cells on nodes without one."""
     unit = UNITS[description.unit_of_coordinate]["force"]
     driven = {entry.node for entry in description.inputs if entry.kind == "force"}
     return [
@@ -182,8 +208,8 @@ def _pushed(description: Description, band: tuple[float, float]) -> list[Experim
             band_hz=band, excitation="multisine",
             add_inputs=(
                 Input(
-                    channel=_fresh(f"f_{node.id}", description), kind="force", node=node.id,
-                    unit=unit,
+                    channel=_unused_name(f"f_{node.id}", description),
+                    kind="force", node=node.id, unit=unit,
                 ),
             ),
         )
@@ -192,12 +218,12 @@ def _pushed(description: Description, band: tuple[float, float]) -> list[Experim
     ]  # fmt: skip
 
 
-def _listed(sensors: Sequence[Sensor]) -> str:
+def _sensor_words(sensors: Sequence[Sensor]) -> str:
     words = [f"{s.quantity} of {s.node}" for s in sensors]
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and the {words[-1]}"
 
 
-def _fresh(name: str, description: Description) -> str:
+def _unused_name(name: str, description: Description) -> str:
     taken = {entry.channel for entry in description.inputs}
     taken |= {entry.channel for entry in description.sensors}
     while name in taken:
@@ -205,19 +231,19 @@ def _fresh(name: str, description: Description) -> str:
     return name
 
 
-def _form(option: Experiment, times: Series) -> Series:
-    """Shape of an excitation, of unit size."""
+def _waveform(option: Experiment, times: Series) -> Series:
+    """Waveform of unit root mean square, or of a blow; `times` in seconds."""
     assert option.band_hz is not None
     low, high = option.band_hz
     if option.excitation == "free_decay":
         length = max(int(1 / (high * (times[1] - times[0]))), 3)
         pulse = np.zeros(len(times))
-        pulse[:length] = STRIKE * sps.get_window("hann", length, fftbins=False)
+        pulse[:length] = BLOW_PEAK * sps.get_window("hann", length, fftbins=False)
         return pulse
     if option.excitation == "sine":
         return np.asarray(np.sqrt(2.0) * np.sin(2 * np.pi * low * times))
     lines = np.array(list(_lines(low, high, float(times[-1]))))
-    # Schroeder's phases: no crest stands out, and nothing is left to chance.
+    # Schroeder (1970) phases: a low crest factor without random numbers.
     phases = -np.pi * np.arange(len(lines)) ** 2 / len(lines)
     waves = np.cos(2 * np.pi * np.multiply.outer(times, lines) + phases)
     return np.asarray(waves.sum(axis=1) * np.sqrt(2.0 / len(lines)))

@@ -1,14 +1,19 @@
-r"""Models that the records cannot tell apart, in; the measurement that would, out.
+r"""Choice of the experiment that discriminates between rival models.
 
-All are run under each of a menu of experiments. What one could still mimic by moving its
-constants and parameters within what the records allow does not count:
+All are simulated in each of a list of experiments. Differences that one can reproduce by moving
+its parameters within their covariance do not count:
 
 .. math:: \Delta = \tfrac12 \min_\delta \; |(y_1 - y_2 - S \delta) / \sigma|^2
           + \delta^T \Sigma^{-1} \delta ,
 
-with the slopes :math:`S` and the covariance :math:`\Sigma` of the second's refit. Either may be
-true: the lesser of both ways round counts, and of several rivals the two hardest to tell. Where
-nothing parts them all, the least likely are left out, one by one.
+with the sensitivities :math:`S` and the covariance :math:`\Sigma` of the second one's fit.
+Either may be true: the lesser of both directions counts, and of several rivals the least
+separated pair. Where no experiment separates them all, the least likely are left out in turn.
+
+References
+----------
+.. [1] G. E. P. Box, W. J. Hill, "Discrimination among mechanistic models", Technometrics 9
+   (1967).
 """
 
 import dataclasses
@@ -26,36 +31,40 @@ from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.effects import Kind
 from slowtime.dynamics.plant import Plant
 
-from .options import acted, menu
+from .options import experiment_options, experiment_trial
 
-PLENTY = 60.0
-"""Expected log evidence that decides even where the models are only nearly right."""
-DECIDES = 12.0
-"""The least that decides; more effort is not worth more than that."""
-HOPELESS = 1.0
-"""Below this nothing is proposed."""
-MOST = 1e6
-"""Separation beyond which models have parted for good."""
-SPARE = 1.4
-"""Times its level that a louder experiment must leave every rival whole."""
-RIVALS = 6
-"""How many are looked at."""
+AMPLE_SEPARATION = 60.0
+"""[nats] Expected log evidence that decides even where models are only nearly right. Source:
+judgement; no study is recorded."""
+DECISIVE_SEPARATION = 12.0
+"""[nats] Expected log evidence that decides; more effort is not worth more. Source: twice
+`LIMITS.least_log_evidence`."""
+MIN_SEPARATION = 1.0
+"""[nats] Below which nothing is proposed. Source: odds below e."""
+MAX_SEPARATION = 1e6
+"""[nats] Beyond which models have parted for good. Source: a bound for sums and prints."""
+LEVEL_MARGIN = 1.4
+"""[1] Times its level at which a louder experiment must leave every rival bounded. Source:
+judgement; no study is recorded."""
+MAX_RIVALS = 6
+"""[1] Rivals that are compared. Source: judgement; no study is recorded."""
 
 Series = Float[np.ndarray, "time sensor"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Foretold:
-    """What one rival says of an experiment.
+class Prediction:
+    """Prediction of an experiment by one rival.
 
     Parameters
     ----------
     outputs, slopes
-        By what is free of it, and by the state it begins in, of which nothing is known.
+        Outputs (time, sensor), and their sensitivities to free parameters and to the initial
+        state, which is unknown.
     noise
-        Of each sensor.
+        Standard deviation of each sensor, in its unit.
     known
-        Inverse covariance of those.
+        Inverse prior covariance of parameters and initial state.
     """
 
     outputs: Series
@@ -64,22 +73,26 @@ class Foretold:
     known: Float[np.ndarray, "free free"]
 
 
-def propose(
+def propose_experiment(
     rivals: Sequence[FittedCandidate], trials: Sequence[Trial], kinds: Mapping[str, Kind]
 ) -> Experiment | None:
-    """Choose the easiest experiment that parts rivals; None where nothing on the menu would.
+    """Choose the easiest experiment that separates rivals; None where none would.
 
     Parameters
     ----------
     rivals
-        Refitted to the same trials, the likeliest first.
+        Fitted to the same trials, the likeliest first.
+    trials
+        Records so far.
+    kinds
+        Catalogue of effects by name.
     """
-    rivals = rivals[:RIVALS]
+    rivals = rivals[:MAX_RIVALS]
     if len(rivals) < 2:
         return None
-    efforts = menu(rivals[0].description, trials)
-    apart = functools.cache(lambda option: partings(rivals, option, trials, kinds))
-    # Better to part the likeliest than none, where one rival goes with another everywhere.
+    efforts = experiment_options(rivals[0].description, trials)
+    apart = functools.cache(lambda option: separations(rivals, option, trials, kinds))
+    # Better to separate the likeliest than none, where two rivals agree everywhere.
     for number in reversed(range(len(rivals) - 1)):
         found = _easiest(efforts, apart, number)
         if found is not None:
@@ -92,42 +105,53 @@ def _easiest(
     apart: Callable[[Experiment], Sequence[float]],
     number: int,
 ) -> Experiment | None:
-    """Choose the easiest of a menu, by that one of its partings."""
+    """Choose the easiest experiment that separates the first rivals, up to a number."""
     best: Experiment | None = None
     for effort in efforts:
         for option in effort:
             told = dataclasses.replace(option, separation=apart(option)[number])
             if best is None or told.separation > best.separation:
                 best = told
-            if told.separation > PLENTY:
+            if told.separation > AMPLE_SEPARATION:
                 return told
-        if best is not None and best.separation > DECIDES:
+        if best is not None and best.separation > DECISIVE_SEPARATION:
             return best
-    return best if best is not None and best.separation > HOPELESS else None
+    return best if best is not None and best.separation > MIN_SEPARATION else None
 
 
-def partings(
+def separations(
     rivals: Sequence[FittedCandidate],
     option: Experiment,
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
 ) -> list[float]:
-    """Give the least separation of any two of the first two rivals, three, and so on.
+    """Least separation among the first two rivals, the first three, and so on [nats].
 
-    Whichever of them is true.
+    Parameters
+    ----------
+    rivals
+        The likeliest first.
+    option
+        The experiment.
+    trials
+        Records so far; the strongest is repeated.
+    kinds
+        Catalogue of effects by name.
     """
     trial = max(trials, key=lambda t: float(np.sum(t.inputs.var(axis=0))))
     later = max(t.start_s + t.duration_s for t in trials)
     start = later if option.start_s is None else option.start_s
-    acts = acted(option, trial, rivals[0].description)
-    # What nearly gives way may do so, and no record would come of it.
+    acts = experiment_trial(option, trial, rivals[0].description)
+    # A rival near an instability may diverge at a slightly higher level.
     repeated = option.excitation is None and not option.add_inputs
-    loud = SPARE * (option.level * trial.inputs if repeated else acts.inputs)
-    told: list[Foretold] = []
+    loud = LEVEL_MARGIN * (option.level * trial.inputs if repeated else acts.inputs)
+    told: list[Prediction] = []
     least: list[float] = []
     for rival in rivals:
-        one = foretold(rival, option, acts, start, kinds)
-        if one is None or (option.level > 1 and not _whole(rival, option, loud, acts, kinds)):
+        one = predict(rival, option, acts, start, kinds)
+        if one is None or (
+            option.level > 1 and not _stays_bounded(rival, option, loud, acts, kinds)
+        ):
             break
         pairs = ((one, other) for other in told)
         apart = [min(separation(*pair), separation(*pair[::-1])) for pair in pairs]
@@ -136,23 +160,29 @@ def partings(
     return [*least, *[0.0] * (len(rivals) - 1 - len(least))]
 
 
-def foretold(
+def predict(
     named: FittedCandidate,
     option: Experiment,
     trial: Trial,
     start_s: float,
     kinds: Mapping[str, Kind],
-) -> Foretold | None:
-    """Run one rival through an experiment; None where it grows beyond bounds.
+) -> Prediction | None:
+    """Simulate an experiment with one rival; None where it diverges.
 
     Parameters
     ----------
+    named
+        The rival.
+    option
+        The experiment.
     trial
-        Whose inputs act; its outputs are not looked at.
+        Record whose inputs act; its outputs are not used.
     start_s
         Campaign time of the experiment [s].
+    kinds
+        Catalogue of effects by name.
     """
-    plant, fit = _set_up(named, option, kinds), named.fit
+    plant, fit = _plant_of_rival(named, option, kinds), named.fit
     with np.errstate(all="ignore"):
         outputs, slopes = plant.sensitivities(
             plant.values, trial.inputs, trial.rate_hz, fit.prior.names, start_s=start_s
@@ -161,44 +191,52 @@ def foretold(
         return None
     noise = fit.noise.sd(0, trial.rate_hz)
     there = len(noise)
-    # A sensor that is not there yet is taken to be as good as the worst of its neighbours.
+    # An additional sensor is taken to be as good as the worst of those there are.
     relative = float(np.max(noise / np.maximum(outputs[:, :there].std(axis=0), 1e-300)))
     more = min(relative, 0.1) * outputs[:, there:].std(axis=0)
     free = len(fit.prior.names)
     known = np.zeros((slopes.shape[2], slopes.shape[2]))
     known[:free, :free] = scipy.linalg.pinvh(fit.covariance)
-    return Foretold(
+    return Prediction(
         outputs=outputs, slopes=slopes, noise=np.concatenate([noise, more]), known=known
     )
 
 
-def _whole(
+def _stays_bounded(
     named: FittedCandidate,
     option: Experiment,
     inputs: Series,
     trial: Trial,
     kinds: Mapping[str, Kind],
 ) -> bool:
-    """Whether a rival survives inputs: it must not run away."""
-    plant = _set_up(named, option, kinds)
+    """Whether the run of a rival stays finite under inputs."""
+    plant = _plant_of_rival(named, option, kinds)
     with np.errstate(all="ignore"):
         outputs = plant.simulate(plant.values, inputs, trial.rate_hz)
     return bool(np.isfinite(outputs).all())
 
 
-def separation(true: Foretold, other: Foretold) -> float:
-    """Give the expected gain of log evidence of one over the other, were the one true."""
+def separation(true: Prediction, other: Prediction) -> float:
+    """Give the expected log evidence of the true model over another [nats].
+
+    Parameters
+    ----------
+    true, other
+        Predictions of the same experiment.
+    """
     apart = ((true.outputs - other.outputs) / other.noise).ravel()
     turned = (other.slopes / other.noise[:, None]).reshape(len(apart), -1)
     matrix, right = turned.T @ turned + other.known, turned.T @ apart
     size = 1 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
     inner = matrix * np.outer(size, size) + 1e-10 * np.eye(len(matrix))
     mimic = float(right @ (size * scipy.linalg.solve(inner, size * right, assume_a="pos")))
-    return float(np.clip((apart @ apart - mimic) / 2, 0.0, MOST))
+    return float(np.clip((apart @ apart - mimic) / 2, 0.0, MAX_SEPARATION))
 
 
-def _set_up(named: FittedCandidate, option: Experiment, kinds: Mapping[str, Kind]) -> Plant:
-    """Model of a rival on the rig as the experiment changes it."""
+def _plant_of_rival(
+    named: FittedCandidate, option: Experiment, kinds: Mapping[str, Kind]
+) -> Plant:
+    """Model of a rival with the inputs and sensors of the experiment."""
     values = dict(zip(named.fit.plant.parameters, named.fit.values.tolist(), strict=True))
     description = with_values(named.description, values)
     description = dataclasses.replace(

@@ -1,18 +1,18 @@
-"""What a refit leaves, in; where one unknown force would explain it, and what it does, out."""
+"""Residuals of a fit in, places ranked by the likelihood of an unknown force there out."""
 
-from .character import Character, character
-from .linear_response import Linear, Source
-from .located import PLACED, Group, Latent, Located
+from .character import Character, characterise
+from .linear_response import ForceSource, LinearModel
+from .places import PLACE_MARGIN, LatentForce, Localization, PlaceGroup
 from .ranking import locate
 
 __all__ = [
-    "PLACED",
+    "PLACE_MARGIN",
     "Character",
-    "Group",
-    "Latent",
-    "Linear",
-    "Located",
-    "Source",
-    "character",
+    "ForceSource",
+    "LatentForce",
+    "LinearModel",
+    "Localization",
+    "PlaceGroup",
+    "characterise",
     "locate",
 ]

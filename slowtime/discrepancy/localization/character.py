@@ -1,4 +1,4 @@
-"""What a force found at a place is like: when, in which band, at what motion, in what way."""
+"""Description of the force found at a place: when it acts, where in frequency, and how."""
 
 import dataclasses
 import itertools
@@ -10,42 +10,52 @@ from jaxtyping import Bool, Float
 
 from slowtime.dynamics.effects import Place
 
-from .located import Latent, Located
+from .places import LatentForce, Localization
 from .spectral_lines import TrialLines
 
-LOUD = 4.0
-"""Power of the force over that of its noise from which a window counts."""
 
-FAINT = 0.03
-"""Share of the greatest power that a window must have besides."""
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class CharacterThresholds:
+    """Thresholds of the description of a force, each with its unit, meaning and source."""
 
-THROUGHOUT = 0.9
-"""Share of windows from which the force acts all the time."""
+    min_signal_to_noise: float = 4.0
+    """[1] Power of the force over that of its noise from which a window counts. Source: two
+    standard deviations of the noise."""
+    min_window_power: float = 0.03
+    """[share of the greatest power] That a window must have besides. Source: judgement; no
+    study is recorded."""
+    throughout: float = 0.9
+    """[share of samples] From which the force acts all the time. Source: judgement; no study
+    is recorded."""
+    linear_rest: float = 0.015
+    """[share of the force's power] That a linear relation may leave, noise apart. Source:
+    judgement; no study is recorded."""
+    min_band_lines: int = 6
+    """[lines] Of a band at least, over all trials; two go into its relation. Source:
+    judgement; no study is recorded."""
+    onset_power: float = 0.03
+    """[share of the greatest power] Up to which there is hardly any force. Source:
+    judgement; no study is recorded."""
+    exponent_deviation: float = 0.3
+    """[1] Difference of the exponent from 1 that contradicts a linear relation. Source:
+    judgement; no study is recorded."""
+    steady_p_value: float = 1e-4
+    """[probability] p-value below which a force is called changing. Source: one false alarm
+    in ten thousand forces."""
+    height_sd: float = 0.03
+    """[1] Relative standard deviation of a height that is due to the surface itself. Source:
+    judgement; no study is recorded."""
 
-LINEAR = 0.015
-"""Share of a force's power that a linear relation may leave, its noise apart."""
 
-LINES = 6
-"""Lines of a band at least, over all trials, of which two go into its relation."""
+THRESHOLDS = CharacterThresholds()
 
-QUIET = 0.03
-"""Share of the greatest power up to which there is hardly any force."""
-
-BENT = 0.3
-"""Difference of the exponent from 1 that contradicts a linear relation."""
-
-STEADY = 1e-4
-"""Chance at which a steady force is called changing."""
-
-LIKE = 0.03
-"""Relative standard deviation of a height from the surface's own errors."""
 
 Series = Float[np.ndarray, " time"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class Range:
-    """Root mean square and largest size of a motion while the force acts."""
+class MotionRange:
+    """Root mean square and peak of a motion while the force acts."""
 
     rms: float
     peak: float
@@ -53,43 +63,45 @@ class Range:
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Character:
-    """Of the force at one place.
+    """Properties of the force at one place.
 
     Parameters
     ----------
     times_s
-        Campaign times between which it acts; empty where it does so throughout.
+        Campaign times between which it acts [s]; empty where it does so throughout.
     bands_hz
-        Where it stands above its noise.
+        Bands in which it exceeds its noise [Hz].
     elongation, rate
         Motion along the place while it acts [m], [m/s]; of sensors and inputs, the reading.
     onset
-        Size of elongation below which there is hardly any force; 0 where there is none such,
-        or the force is in proportion.
+        Elongation below which there is hardly any force [m]; 0 where there is no such gap, or
+        the force is proportional.
     linear_share
-        Of the force's power, what one filter of the motion gives, the same in all trials.
+        Share of the force's power that one linear filter of the motion gives, the same in all
+        trials.
     linear
         Whether that is all of it.
     static_share
-        Of the force's power, what one surface over elongation and rate gives.
+        Share of the force's power that one surface over elongation and rate gives (restoring
+        force surface).
     odd, even
-        Parts of the surface that change, and do not change, sign with the motion; together 1.
+        Shares of the surface that change, and do not change, sign with the motion; together 1.
     offset
-        Part of the force that is the same whatever the motion; none of what follows has it in.
+        Constant part of the force [N]; it is left out of what follows.
     exponent, exponent_sd
-        Of force against motion, from window to window: 1 linear, 3 cubic, 0 friction.
+        Of force against motion from window to window: 1 linear, 3 cubic, 0 friction.
     steady
         Whether the surface has the same height at all times; None where there is no surface.
     heights
-        Of the surface, relative to its mean, in stretches of the campaign.
+        Height of the surface over its mean, in stretches of the campaign.
     heights_s
-        Middle of each stretch.
+        Middle of each stretch [s].
     """
 
     times_s: tuple[tuple[float, float], ...]
     bands_hz: tuple[tuple[float, float], ...]
-    elongation: Range
-    rate: Range
+    elongation: MotionRange
+    rate: MotionRange
     onset: float
     linear_share: float
     linear: bool
@@ -117,29 +129,43 @@ class Character:
         return ", ".join(words) + below
 
 
-def character(located: Located, place: Place) -> Character:
-    """Describe the force at a place."""
+def characterise(located: Localization, place: Place) -> Character:
+    """Describe the force at a place.
+
+    Parameters
+    ----------
+    located
+        Result of `locate`.
+    place
+        One of its places.
+
+    References
+    ----------
+    .. [1] S. F. Masri, T. K. Caughey, "A nonparametric identification technique for nonlinear
+       dynamic problems", J. Appl. Mech. 46 (1979), for the restoring force surface.
+    """
     latents = [located.latent(place, i) for i in range(len(located.trials))]
-    lowest = _lowest(located)
+    lowest = _lowest_frequency_hz(located)
     windows = [
         _windows(latent, trial.rate_hz, lowest)
         for latent, trial in zip(latents, located.trials, strict=True)
     ]
-    acting = _acting(latents, windows)
-    share, linear = _linear(located, place, latents)
-    surface = _Surface.of(latents)
+    acting = _acting_samples(latents, windows)
+    share, linear = _linear_share(located, place, latents)
+    surface = _ForceSurface.of(latents)
     centred = [dataclasses.replace(m, force=m.force - surface.offset) for m in latents]
     exponent = _exponent(centred, windows)
-    models = [located.seen(place, i, surface.at(m)) for i, m in enumerate(latents)]
-    steady, heights, heights_s = _steadiness(centred, models, surface.share, lowest)
+    models = [located.attenuated(place, i, surface.at(m)) for i, m in enumerate(latents)]
+    steady, heights, heights_s = _surface_heights(centred, models, surface.share, lowest)
     return Character(
-        times_s=_times(latents, acting, located),
+        times_s=_acting_times(latents, acting, located),
         bands_hz=_bands(located, place),
-        elongation=_range([m.motion.e[a] for m, a in zip(latents, acting, strict=True)]),
-        rate=_range([m.motion.v[a] for m, a in zip(latents, acting, strict=True)]),
-        onset=_onset(centred) if exponent[0] > 1 + BENT else 0.0,
+        elongation=_motion_range([m.motion.e[a] for m, a in zip(latents, acting, strict=True)]),
+        rate=_motion_range([m.motion.v[a] for m, a in zip(latents, acting, strict=True)]),
+        onset=_onset(centred) if exponent[0] > 1 + THRESHOLDS.exponent_deviation else 0.0,
         linear_share=share,
-        linear=linear and not abs(exponent[0] - 1) > max(3 * exponent[1], BENT),
+        linear=linear
+        and not abs(exponent[0] - 1) > max(3 * exponent[1], THRESHOLDS.exponent_deviation),
         static_share=surface.share,
         odd=surface.odd,
         even=1.0 - surface.odd,
@@ -152,8 +178,8 @@ def character(located: Located, place: Place) -> Character:
     )
 
 
-def _lowest(located: Located) -> float:
-    """Lowest natural frequency [Hz], or that of the shortest record for what floats."""
+def _lowest_frequency_hz(located: Localization) -> float:
+    """Lowest natural frequency [Hz]; bounded by the shortest record where rigid modes exist."""
     s = np.linalg.eigvals(
         np.linalg.solve(located.linear.structure.mass, located.linear.structure.stiffness)
     )
@@ -161,17 +187,17 @@ def _lowest(located: Located) -> float:
     return max(float(np.sqrt(np.abs(s).min()) / (2 * np.pi)), 2 * least)
 
 
-def _windows(latent: Latent, rate_hz: float, lowest_hz: float) -> list[slice]:
+def _windows(latent: LatentForce, rate_hz: float, lowest_hz: float) -> list[slice]:
     """Stretches of two periods of the lowest mode."""
     length = max(round(2 * rate_hz / lowest_hz), 16)
     count = max(len(latent.force) // length, 1)
     return [slice(i * length, (i + 1) * length) for i in range(count)]
 
 
-def _acting(
-    latents: Sequence[Latent], windows: Sequence[list[slice]]
+def _acting_samples(
+    latents: Sequence[LatentForce], windows: Sequence[list[slice]]
 ) -> list[Bool[np.ndarray, " time"]]:
-    """Find samples at which the force stands out, window by window."""
+    """Mask of the samples at which the force exceeds its noise, window by window."""
     powers = [
         np.array([np.mean(latent.force[w] ** 2) for w in ws])
         for latent, ws in zip(latents, windows, strict=True)
@@ -179,7 +205,10 @@ def _acting(
     greatest = max(float(power.max()) for power in powers)
     found = []
     for latent, ws, power in zip(latents, windows, powers, strict=True):
-        loud = power > max(LOUD * latent.noise_sd**2, FAINT * greatest)
+        loud = power > max(
+            THRESHOLDS.min_signal_to_noise * latent.noise_sd**2,
+            THRESHOLDS.min_window_power * greatest,
+        )
         at = np.zeros(len(latent.force), dtype=bool)
         for window, is_loud in zip(ws, loud, strict=True):
             at[window] = is_loud
@@ -188,11 +217,13 @@ def _acting(
     return found
 
 
-def _times(
-    latents: Sequence[Latent], acting: Sequence[Bool[np.ndarray, " time"]], located: Located
+def _acting_times(
+    latents: Sequence[LatentForce],
+    acting: Sequence[Bool[np.ndarray, " time"]],
+    located: Localization,
 ) -> tuple[tuple[float, float], ...]:
     whole = np.concatenate(list(acting))
-    if whole.mean() > THROUGHOUT:
+    if whole.mean() > THRESHOLDS.throughout:
         return ()
     spans = []
     for trial, at in zip(located.trials, acting, strict=True):
@@ -202,7 +233,7 @@ def _times(
     return tuple(sorted(spans))
 
 
-def _bands(located: Located, place: Place) -> tuple[tuple[float, float], ...]:
+def _bands(located: Localization, place: Place) -> tuple[tuple[float, float], ...]:
     """Bands in which the force is stronger than the noise of its estimate, joined."""
     explained = located.group(place).explained
     found: list[tuple[float, float]] = []
@@ -213,10 +244,14 @@ def _bands(located: Located, place: Place) -> tuple[tuple[float, float], ...]:
             if heard[own].mean() > 1:
                 spread = lines.frequency_hz[own]
                 found.append((float(spread[0]), float(spread[-1])))
-    return _joined(found, 1.5 * max(float(lines.frequency_hz[1]) for lines in located.lines))
+    return _merge_bands(
+        found, 1.5 * max(float(lines.frequency_hz[1]) for lines in located.lines)
+    )
 
 
-def _joined(spans: list[tuple[float, float]], gap: float) -> tuple[tuple[float, float], ...]:
+def _merge_bands(
+    spans: list[tuple[float, float]], gap: float
+) -> tuple[tuple[float, float], ...]:
     joined: list[tuple[float, float]] = []
     for low, high in sorted(spans):
         if joined and low <= joined[-1][1] + gap:
@@ -226,15 +261,15 @@ def _joined(spans: list[tuple[float, float]], gap: float) -> tuple[tuple[float, 
     return tuple(joined)
 
 
-def _range(parts: list[np.ndarray]) -> Range:
+def _motion_range(parts: list[np.ndarray]) -> MotionRange:
     whole = np.concatenate(parts)
     if not whole.size:
-        return Range(rms=0.0, peak=0.0)
-    return Range(rms=float(np.sqrt(np.mean(whole**2))), peak=float(np.abs(whole).max()))
+        return MotionRange(rms=0.0, peak=0.0)
+    return MotionRange(rms=float(np.sqrt(np.mean(whole**2))), peak=float(np.abs(whole).max()))
 
 
-def _onset(latents: Sequence[Latent]) -> float:
-    """Size of elongation below which the force is its noise, and above which it grows."""
+def _onset(latents: Sequence[LatentForce]) -> float:
+    """Elongation [m] below which the force is its noise, and above which it grows."""
     size = np.concatenate([np.abs(m.motion.e) for m in latents])
     force = np.concatenate([m.force**2 for m in latents])
     noise = np.mean([m.noise_sd**2 for m in latents])
@@ -244,29 +279,31 @@ def _onset(latents: Sequence[Latent]) -> float:
     bins = np.clip(np.searchsorted(edges, size, side="right") - 1, 0, len(edges) - 2)
     count = np.bincount(bins, minlength=len(edges) - 1)
     power = np.bincount(bins, force, minlength=len(edges) - 1) / np.maximum(count, 1)
-    # Estimates are blurred in time, so that the quiet part keeps a little of the loud one.
+    # Estimates are smoothed in time: windows without force keep some of their neighbours.
     so_far = np.cumsum(power * count) / np.maximum(np.cumsum(count), 1)
-    quiet = np.flatnonzero(so_far < max(2 * noise, QUIET * power.max()))
+    quiet = np.flatnonzero(so_far < max(2 * noise, THRESHOLDS.onset_power * power.max()))
     below = int(quiet[-1]) + 1 if 0 < len(quiet) < len(so_far) else 0
     return float(edges[below]) if below >= 3 else 0.0
 
 
-def _linear(located: Located, place: Place, latents: Sequence[Latent]) -> tuple[float, bool]:
-    """Share of the force that one gain a band on the motion gives, over all trials."""
+def _linear_share(
+    located: Localization, place: Place, latents: Sequence[LatentForce]
+) -> tuple[float, bool]:
+    """Share of the force's power that one gain of the motion per band gives, in all trials."""
     explained = located.group(place).explained
     grid = np.concatenate([lines.frequency_hz for lines in located.lines])
     forces, motions, noises = [], [], []
     for lines, found, latent in zip(located.lines, explained.forces, latents, strict=True):
-        forces.append(_tapered(latent.force, lines))
+        forces.append(_tapered_spectrum(latent.force, lines))
         series = latent.motion.a if place.kind == "base" else latent.motion.e
-        motions.append(_tapered(series, lines))
-        noises.append(found.spread**2 * found.signal)
+        motions.append(_tapered_spectrum(series, lines))
+        noises.append(found.posterior_variance**2 * found.signal)
     force, motion = np.concatenate(forces), np.concatenate(motions)
     scale = latents[0].noise_sd / max(
         float(np.sqrt(noises[0].sum() * located.lines[0].frequency_hz[1])), 1e-300
     )
     noise = float(np.concatenate(noises).sum()) * scale**2
-    edges = _edges(grid)
+    edges = _band_edges(grid)
     left = used = 0.0
     for low, high in itertools.pairwise(edges):
         own = (grid >= low) & (grid < high)
@@ -282,22 +319,22 @@ def _linear(located: Located, place: Place, latents: Sequence[Latent]) -> tuple[
     true = max(total - noise, 1e-12 * total, 1e-300)
     excess = max(left - noise, 0.0)
     share = float(np.clip(1 - excess / true, 0, 1))
-    return share, bool(excess < max(LINEAR * true, 0.1 * noise))
+    return share, bool(excess < max(THRESHOLDS.linear_rest * true, 0.1 * noise))
 
 
-def _edges(grid: Float[np.ndarray, " line"]) -> list[float]:
-    """Bands of constant relative width, but for those that would have too few lines."""
+def _band_edges(grid: Float[np.ndarray, " line"]) -> list[float]:
+    """Edges of bands of constant relative width, wider where they would have too few lines."""
     lines = np.sort(grid[grid > 0])
     first, *others, last = np.geomspace(lines[0], lines[-1] * 1.001, 60).tolist()
     edges = [first]
     for edge in others:
         below = np.searchsorted(lines, [edges[-1], edge])
-        if min(below[1] - below[0], len(lines) - below[1]) >= LINES:
+        if min(below[1] - below[0], len(lines) - below[1]) >= THRESHOLDS.min_band_lines:
             edges.append(edge)
     return [*edges, last]
 
 
-def _tapered(series: Series, lines: TrialLines) -> np.ndarray:
+def _tapered_spectrum(series: Series, lines: TrialLines) -> np.ndarray:
     """Spectrum of a tapered series, in the scale of the lines."""
     taper = np.hanning(len(series)) * np.sqrt(8 / 3)
     scale = np.sqrt(2.0 / (lines.rate_hz * len(series)))
@@ -305,7 +342,7 @@ def _tapered(series: Series, lines: TrialLines) -> np.ndarray:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class _Surface:
+class _ForceSurface:
     """Force as a sum of simple functions of elongation and rate."""
 
     scales: tuple[float, float]
@@ -315,35 +352,39 @@ class _Surface:
     offset: float
 
     @classmethod
-    def of(cls, latents: Sequence[Latent]) -> "_Surface":
+    def of(cls, latents: Sequence[LatentForce]) -> "_ForceSurface":
         e = np.concatenate([m.motion.e for m in latents])
         v = np.concatenate([m.motion.v for m in latents])
         force = np.concatenate([m.force for m in latents])
-        scales = (_size(e), _size(v))
-        basis = _functions(e / scales[0], v / scales[1])
+        scales = (_rms_or_one(e), _rms_or_one(v))
+        basis = _surface_functions(e / scales[0], v / scales[1])
         weights = np.linalg.lstsq(basis, force, rcond=1e-8)[0]
-        odd, even = basis[:, :ODD] @ weights[:ODD], basis[:, ODD:] @ weights[ODD:]
+        odd, even = (
+            basis[:, :ODD_FUNCTIONS] @ weights[:ODD_FUNCTIONS],
+            basis[:, ODD_FUNCTIONS:] @ weights[ODD_FUNCTIONS:],
+        )
         total = float(np.sum(force**2))
         left = float(np.sum((force - odd - even) ** 2))
-        even = even - weights[ODD]
+        even = even - weights[ODD_FUNCTIONS]
         parts = float(np.sum(odd**2)), float(np.sum(even**2))
         return cls(
             scales=scales,
             weights=weights,
             share=max(0.0, 1 - left / total) if total > 0 else 0.0,
             odd=parts[0] / sum(parts) if sum(parts) > 0 else 1.0,
-            offset=float(weights[ODD]),
+            offset=float(weights[ODD_FUNCTIONS]),
         )
 
-    def at(self, latent: Latent) -> Series:
+    def at(self, latent: LatentForce) -> Series:
         e, v = latent.motion.e / self.scales[0], latent.motion.v / self.scales[1]
-        return np.asarray(_functions(e, v) @ self.weights - self.offset)
+        return np.asarray(_surface_functions(e, v) @ self.weights - self.offset)
 
 
-ODD = 10
+ODD_FUNCTIONS = 10
+"""[1] Surface functions that change sign with the motion. Source: `_surface_functions`."""
 
 
-def _functions(e: Series, v: Series) -> Float[np.ndarray, "time function"]:
+def _surface_functions(e: Series, v: Series) -> Float[np.ndarray, "time function"]:
     """Ten odd functions of the motion, then seven even ones."""
     sign = np.tanh(10 * v)
     odd = [e, v, e**3, v**3, e**2 * v, e * v**2, sign, v * np.abs(v), e * np.abs(e), e**5]
@@ -351,18 +392,20 @@ def _functions(e: Series, v: Series) -> Float[np.ndarray, "time function"]:
     return np.stack(odd + even, axis=1)
 
 
-def _size(series: Series) -> float:
+def _rms_or_one(series: Series) -> float:
     return float(np.sqrt(np.mean(series**2))) or 1.0
 
 
-def _exponent(latents: Sequence[Latent], windows: Sequence[list[slice]]) -> tuple[float, float]:
+def _exponent(
+    latents: Sequence[LatentForce], windows: Sequence[list[slice]]
+) -> tuple[float, float]:
     """Slope of log force against log motion from window to window, and its sd."""
     force, motion = [], []
     for latent, ws in zip(latents, windows, strict=True):
         for w in ws:
             power = np.mean(latent.force[w] ** 2) - latent.noise_sd**2
             size = np.mean(latent.motion.e[w] ** 2)
-            if power > LOUD * latent.noise_sd**2 and size > 0:
+            if power > THRESHOLDS.min_signal_to_noise * latent.noise_sd**2 and size > 0:
                 force.append(np.log(power) / 2)
                 motion.append(np.log(size) / 2)
     if len(force) < 4 or np.ptp(motion) < 0.2:
@@ -371,8 +414,8 @@ def _exponent(latents: Sequence[Latent], windows: Sequence[list[slice]]) -> tupl
     return float(found.slope), float(found.stderr)
 
 
-def _steadiness(
-    latents: Sequence[Latent], models: Sequence[Series], share: float, lowest_hz: float
+def _surface_heights(
+    latents: Sequence[LatentForce], models: Sequence[Series], share: float, lowest_hz: float
 ) -> tuple[bool | None, tuple[float, ...], tuple[float, ...]]:
     """Height of the surface in stretches of the campaign, and whether they differ."""
     if share < 0.3:
@@ -396,8 +439,10 @@ def _steadiness(
         return None, (), ()
     # A height is no better than the surface it is the height of.
     values = np.array(heights)
-    sds = np.maximum(np.array(errors), LIKE)
+    sds = np.maximum(np.array(errors), THRESHOLDS.height_sd)
     mean = float(np.sum(values / sds**2) / np.sum(1 / sds**2))
     spread = float(np.sum(((values - mean) / sds) ** 2))
-    steady = bool(scipy.stats.chi2.sf(spread, max(len(values) - 1, 1)) > STEADY)
+    steady = bool(
+        scipy.stats.chi2.sf(spread, max(len(values) - 1, 1)) > THRESHOLDS.steady_p_value
+    )
     return steady, tuple((values / mean).tolist()), tuple(middles)

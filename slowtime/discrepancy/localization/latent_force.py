@@ -1,14 +1,14 @@
-r"""One unknown stationary force at one place: how likely it makes residuals, and what it is.
+r"""Likelihood and posterior of one unknown stationary force at one place.
 
 .. math:: R_k = g_k w_k + X_k \theta + T_k \delta + n_k , \qquad
           w_k \sim \mathcal{N}_c(0, s_{b(k)}), \; n_k \sim \mathcal{N}_c(0, N_k) ,
 
 with the constants :math:`\theta` (relative, under the model's tolerance) acting along the
-motion that there was with the force in it, so that a model that is far off is no obstacle; with
-:math:`\delta` for initial states and for the transform's being circular. The variance
-:math:`s_b` of the force in each band of each trial is found by scoring, constants by Gauss's
-and Newton's steps, after each of which responses and residuals are made anew; of the force
-itself, no more is believed than :data:`BELIEVED` says.
+motion with the force in it, so that a model that is far off is no obstacle; :math:`\delta` are
+initial states, which also account for the circular transform. The variance :math:`s_b` of the
+force in each band of each trial is found by Fisher scoring, constants by Gauss-Newton steps,
+after each of which responses and residuals are computed anew. The variance of the posterior is
+bounded by :data:`MAX_VARIANCE_RATIO`.
 """
 
 import dataclasses
@@ -20,37 +20,55 @@ import numpy as np
 import scipy.linalg
 from jaxtyping import Complex, Float
 
-from .linear_response import Linear, Source
+from .linear_response import ForceSource, LinearModel
+from .perturbed_reference import (
+    Columns,
+    Constants,
+    LinearConstants,
+    MotionSpectra,
+    PerturbedReference,
+)
 from .spectral_lines import Lines, TrialLines
-from .tuned_reference import Columns, Constants, Known, Moved, Tuned
 
-ROUNDS, SCORINGS = 6, 6
-ENOUGH = 0.5
-"""Gain of log likelihood below which another round is not worth its while."""
-STRIDE = 0.3
-"""Largest change of a constant in one round."""
+ROUNDS = 6
+"""[1] Linearisations about the motion with the force in it, at most. Source: judgement; no
+study is recorded."""
+SCORING_STEPS = 6
+"""[steps] Of Fisher scoring for the variances of the force. Source: judgement; no study is
+recorded."""
+MIN_GAIN = 0.5
+"""[nats] Gain of log likelihood below which another round is not worth its while. Source:
+half of chi squared's 1, one standard deviation."""
+MAX_CONSTANT_STEP = 0.3
+"""[1] Largest relative change of a constant in one round. Source: judgement; no study is
+recorded."""
 RIDGE = 1e-9
-BELIEVED = 10.0
-"""Times the variance of a force where it is heard best that is believed elsewhere: where the
-sensors hardly hear it, as accelerometers do at low frequency, noise would be taken for more."""
-UNSOUND = 1e100
-"""Sum of squares over the noise, of a motion that nothing can be learnt from."""
-ROUNDED = 1e-12
-"""Share of a sum of squares that its difference from another as large cannot tell from none."""
+"""[1] Added to the diagonal of the scaled normal equations. Source: well above double
+precision, well below what a prior adds."""
+MAX_VARIANCE_RATIO = 10.0
+"""[1] Times the variance of a force in the band where it is sensed best that is accepted in
+other bands: where sensors hardly sense the force, as accelerometers do at low frequency,
+noise would be taken for force. Source: docs/decisions/0026."""
+MAX_SQUARE = 1e100
+"""[1] Sum of squares over the noise of a motion from which nothing can be estimated. Source:
+far below the overflow of double precision."""
+ROUNDING_SHARE = 1e-12
+"""[share of a sum of squares] Which its difference from another as large cannot resolve.
+Source: double precision, with margin for long sums."""
 
-OfLine = Float[np.ndarray, " frequency"]
+PerLine = Float[np.ndarray, " frequency"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Whitened:
-    """Columns in units of the noise, and the products of them that no force changes.
+class WhitenedColumns:
+    """Regressors and residual in units of the noise, and their inner products.
 
     Parameters
     ----------
     columns
-        Constants first, then free decays, the residual last.
+        Constants first, then free decays, the residual last (frequency, sensor, column).
     inner
-        Real part of their products with each other.
+        Real parts of their inner products.
     """
 
     columns: Columns
@@ -59,26 +77,44 @@ class Whitened:
     @classmethod
     def of(
         cls,
-        tuned: Tuned,
-        known: Known,
-        motion: Moved,
+        tuned: PerturbedReference,
+        known: LinearConstants,
+        motion: MotionSpectra,
         base: Complex[np.ndarray, " frequency"],
         residual: Lines,
-    ) -> "Whitened":
-        """Weigh what constants do along a motion, decays and residual."""
+    ) -> "WhitenedColumns":
+        """Whiten the effects of constants along a motion, free decays and a residual.
+
+        Parameters
+        ----------
+        tuned
+            Responses of the perturbed reference.
+        known
+            The constants.
+        motion, base
+            Motion of the coordinates, and acceleration of the base [m/s^2].
+        residual
+            Spectrum (frequency, sensor).
+        """
         constants = len(known.sd)
         both = np.empty((*residual.shape, constants + tuned.decays.shape[2] + 1), complex)
         both[:, :, :constants] = tuned.columns(known, motion, base)
         both[:, :, constants:-1] = tuned.decays
         both[:, :, -1] = residual
         both /= np.sqrt(tuned.trial.noise)[:, :, None]
-        return cls(both, products(both.reshape(-1, both.shape[2])))
+        return cls(both, real_products(both.reshape(-1, both.shape[2])))
 
 
-def products(
+def real_products(
     columns: Complex[np.ndarray, "row column"],
 ) -> Float[np.ndarray, "column column"]:
-    """Real part of the products of columns with each other, by half the work of all of it."""
+    """Real parts of the inner products of complex columns.
+
+    Parameters
+    ----------
+    columns
+        Matrix (row, column).
+    """
     parts = np.ascontiguousarray(columns).view(float)
     both = parts.T @ parts
     return np.asarray(both[0::2, 0::2] + both[1::2, 1::2])
@@ -86,121 +122,157 @@ def products(
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TrialForce:
-    """The force in one trial.
+    """Posterior of the force in one trial.
 
     Parameters
     ----------
     variance
         :math:`s` at each line.
-    mean, spread
+    mean, posterior_variance
         Posterior mean and variance of the force at each line.
     linear
-        What changed constants explain, but for initial states.
+        Readings that changed constants explain, without initial states.
     left
-        What neither constants nor initial states explain.
+        Residual that neither constants nor initial states explain.
+    transfer
+        Response of the sensors to a unit force.
     signal
         :math:`g^H N^{-1} g`: the force's signal-to-noise ratio per unit of variance.
     state
         Initial state added to the reference's.
     """
 
-    variance: OfLine
+    variance: PerLine
     mean: Complex[np.ndarray, " frequency"]
-    spread: OfLine
+    posterior_variance: PerLine
     linear: Lines
     left: Lines
     transfer: Lines
-    signal: OfLine
+    signal: PerLine
     state: Float[np.ndarray, " state"]
 
     @property
     def unexplained(self) -> Lines:
-        """What is left when the force is taken away too."""
+        """Residual that the force does not explain either."""
         return np.asarray(self.left - self.transfer * self.mean[:, None])
 
     def noise_power(self) -> Float[np.ndarray, "frequency sensor"]:
         """Give the expected squared modulus of the noise, given the residuals."""
-        doubt = np.abs(self.transfer) ** 2 * self.spread[:, None]
+        doubt = np.abs(self.transfer) ** 2 * self.posterior_variance[:, None]
         return np.asarray(np.abs(self.unexplained) ** 2 + doubt)
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Explained:
-    """How a place explains the residuals.
+class Explanation:
+    """Force, constants and initial states of greatest likelihood for one place.
 
     Parameters
     ----------
+    source
+        The place; None for no force at all.
     likelihood
-        Log, with constants and initial states at their best.
+        Log likelihood with constants and initial states at their maximum.
     constants
         Relative change of each against the reference.
     linear
-        The reference with its constants changed almost so: that of the free decays.
+        The reference with its constants changed up to the last round, for the free decays.
+    forces
+        Posterior of the force, by trial.
     shifts
         Displacement, velocity and acceleration of all coordinates that force and constants add
-        to the reference's run, but for initial states; by trial.
+        to the reference's run, without initial states; by trial.
     """
 
-    source: Source | None
+    source: ForceSource | None
     likelihood: float
     constants: Constants
-    linear: Linear
+    linear: LinearModel
     forces: tuple[TrialForce, ...]
-    shifts: tuple[Moved, ...]
+    shifts: tuple[MotionSpectra, ...]
 
 
-class Solver:
-    """Spectra and noise of all trials; asked for one place at a time."""
+class LatentForceSolver:
+    """Estimates an unknown force at one place after another, for the same residuals.
 
-    def __init__(self, linear: Linear, known: Known, trials: tuple[TrialLines, ...]) -> None:
+    Parameters
+    ----------
+    linear
+        The reference.
+    known
+        Constants that may change.
+    trials
+        Spectra and noise of all trials.
+    """
+
+    def __init__(
+        self, linear: LinearModel, known: LinearConstants, trials: tuple[TrialLines, ...]
+    ) -> None:
         self.linear, self.known, self.trials = linear, known, trials
         still = np.zeros(len(known.sd))
-        self.tuned = [Tuned.of(linear, trial, known, still) for trial in trials]
+        self.tuned = [PerturbedReference.of(linear, trial, known, still) for trial in trials]
         self.white = [
-            Whitened.of(tuned, known, trial.motion, trial.base, tuned.residual)
+            WhitenedColumns.of(tuned, known, trial.motion, trial.base, tuned.residual)
             for tuned, trial in zip(self.tuned, trials, strict=True)
         ]
 
-    def explain(self, source: Source | None, *, rounds: int = ROUNDS) -> Explained:
-        """Find force, constants and initial states for one place; None for no force at all."""
-        return self.follow(source, rounds=rounds).explained
+    def explain(self, source: ForceSource | None, *, rounds: int = ROUNDS) -> Explanation:
+        """Find force, constants and initial states for one place.
 
-    def follow(self, source: Source | None, *, rounds: int) -> "Followed":
-        """Say how likely one place is, before any account of what it explains.
-
-        Of all rounds, the likeliest is given; none follows a motion grown beyond bounds.
+        Parameters
+        ----------
+        source
+            The place; None for no force at all.
+        rounds
+            Linearisations at most.
         """
-        place = _Place(self, source)
+        return self.iterate(source, rounds=rounds).explained
+
+    def iterate(self, source: ForceSource | None, *, rounds: int) -> "PlaceEstimate":
+        """Maximise the likelihood of a force at one place; its posterior is computed on demand.
+
+        The likeliest of all rounds is given; they end where the motion grows beyond bounds.
+        """
+        place = _PlaceIteration(self, source)
         best = place.step()
         found = best
         for _ in range(rounds - 1):
-            place.go_to(found.explained)
-            if not place.sound:
+            place.relinearise(found.explained)
+            if not place.is_bounded:
                 break
             found = place.step()
             gain = found.likelihood - best.likelihood
             if gain > 0:
                 best = found
-            if abs(gain) < ENOUGH:
+            if abs(gain) < MIN_GAIN:
                 break
         return best
 
     def solve(
         self,
-        whites: list[Whitened],
+        whites: list[WhitenedColumns],
         alongs: list[Complex[np.ndarray, "frequency column"]],
-        signals: list[OfLine],
-        variances: list[OfLine],
+        signals: list[PerLine],
+        variances: list[PerLine],
         change: Constants,
     ) -> tuple[Constants, list[Float[np.ndarray, " state"]], float]:
-        """Further change and initial states by least squares, given the force's variance.
+        """Solve for constants and initial states by least squares, given the force's variance.
 
         Parameters
         ----------
+        whites
+            Whitened columns of each trial.
         alongs
             Products of the columns with a unit force, line by line.
         signals
             Signal-to-noise ratio of a unit force.
+        variances
+            Of the force, line by line.
+        change
+            Relative change of the constants so far.
+
+        Returns
+        -------
+        The further change, the initial state of each trial, and the log likelihood.
         """
         constants = len(self.known.sd)
         states = whites[0].columns.shape[2] - 1 - constants
@@ -209,21 +281,23 @@ class Solver:
         whole = np.zeros(size)
         for i, trial in enumerate(self.trials):
             rise = 1 + variances[i] * signals[i]
-            # Woodbury: what lies along the force counts less, by one product a line.
+            # Woodbury: components along the force have less weight, by one product per line.
             along = alongs[i] * np.sqrt(variances[i] / rise)[:, None]
-            inner = whites[i].inner - products(along)
+            inner = whites[i].inner - real_products(along)
             where = np.r_[0:constants, constants + i * states : constants + (i + 1) * states]
             matrix[np.ix_(where, where)] += 2 * inner[:-1, :-1]
             right[where] += 2 * inner[:-1, -1]
             whole[where] += 2 * np.diag(whites[i].inner)[:-1]
             total -= inner[-1, -1] + float(trial.weight @ np.log(rise))
         known = np.arange(constants)
-        off = (self.known.ahead + change) / self.known.sd
+        off = (self.known.reference_change + change) / self.known.sd
         matrix[known, known] += 1 / self.known.sd**2
         right[known] -= off / self.known.sd
         total -= float(np.sum(off**2)) / 2
-        # Where the force takes all of a column, rounding may leave less than nothing of it.
-        matrix[np.diag_indices(size)] += np.maximum(ROUNDED * whole - np.diag(matrix), 0.0)
+        # Where the force explains all of a column, rounding may leave a negative rest.
+        matrix[np.diag_indices(size)] += np.maximum(
+            ROUNDING_SHARE * whole - np.diag(matrix), 0.0
+        )
         scale = 1 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
         inner = matrix * np.outer(scale, scale) + RIDGE * np.eye(size)
         found = scale * scipy.linalg.solve(inner, scale * right, assume_a="pos")
@@ -231,23 +305,23 @@ class Solver:
         return found[:constants], list(found[constants:].reshape(-1, states)), total
 
 
-class Followed:
-    """One place at one round: how likely it is, and, once asked for, what it explains."""
+class PlaceEstimate:
+    """Likelihood of a force at one place, and its posterior, computed on demand."""
 
-    def __init__(self, likelihood: float, account: Callable[[], Explained]) -> None:
+    def __init__(self, likelihood: float, account: Callable[[], Explanation]) -> None:
         self.likelihood = likelihood
         self._account = account
 
     @functools.cached_property
-    def explained(self) -> Explained:
-        """Force, constants, initial states, and all that hangs on them."""
+    def explained(self) -> Explanation:
+        """Force, constants and initial states."""
         return self._account()
 
 
-class _Place:
-    """One place on its way to the likeliest force: each step starts where the last ended."""
+class _PlaceIteration:
+    """Iteration for one place: each step linearises where the last one ended."""
 
-    def __init__(self, solver: Solver, source: Source | None) -> None:
+    def __init__(self, solver: LatentForceSolver, source: ForceSource | None) -> None:
         self.solver, self.source = solver, source
         self.change = np.zeros(len(solver.known.sd))
         self.tuned, self.white = solver.tuned, solver.white
@@ -257,12 +331,12 @@ class _Place:
         self.residuals = [tuned.residual for tuned in self.tuned]
 
     @property
-    def sound(self) -> bool:
-        """Whether the motion reached can be worked with."""
-        return all((np.abs(white.inner) < UNSOUND).all() for white in self.white)
+    def is_bounded(self) -> bool:
+        """Whether the motion is finite and small enough to linearise about."""
+        return all((np.abs(white.inner) < MAX_SQUARE).all() for white in self.white)
 
-    def step(self) -> Followed:
-        """Variance of the force, then constants and states."""
+    def step(self) -> PlaceEstimate:
+        """Estimate the variance of the force, then constants and initial states."""
         trials, constants = self.solver.trials, len(self.change)
         roots = [np.sqrt(trial.noise) for trial in trials]
         transfers = [tuned.transfer(self.source) for tuned in self.tuned]
@@ -277,7 +351,7 @@ class _Place:
         for _ in range(1 if self.source is None else 2):
             found = [np.concatenate([further, state]) for state in self.states]
             variances = [
-                _variance(trial, along[:, -1] - along[:, :-1] @ taken, signal)
+                _band_variances(trial, along[:, -1] - along[:, :-1] @ taken, signal)
                 for trial, along, taken, signal in zip(
                     trials, alongs, found, signals, strict=True
                 )
@@ -288,7 +362,7 @@ class _Place:
         states, residuals = self.states, self.residuals
         tuneds, whites, change = self.tuned, self.white, self.change
 
-        def account() -> Explained:
+        def account() -> Explanation:
             numbers = range(len(trials))
             bent = [roots[i] * (whites[i].columns[:, :, :constants] @ further) for i in numbers]
             left = [residuals[i] - bent[i] - tuneds[i].decays @ states[i] for i in numbers]
@@ -296,9 +370,9 @@ class _Place:
                 np.einsum("fs,fs->f", transfer.conj() / trial.noise, one)
                 for transfer, trial, one in zip(transfers, trials, left, strict=True)
             ]
-            believed = _believed(trials, seen, signals, variances)
+            believed = _capped_variances(trials, seen, signals, variances)
             forces = tuple(
-                _force(
+                _force_posterior(
                     trials[i].residual - tuneds[i].residual + bent[i],
                     left[i],
                     seen[i],
@@ -309,7 +383,7 @@ class _Place:
                 )
                 for i in numbers
             )
-            return Explained(
+            return Explanation(
                 source=self.source,
                 likelihood=likelihood,
                 constants=change + further,
@@ -318,25 +392,27 @@ class _Place:
                 shifts=self._shifts(forces, further),
             )
 
-        return Followed(likelihood, account)
+        return PlaceEstimate(likelihood, account)
 
-    def _shifts(self, forces: tuple[TrialForce, ...], further: Constants) -> tuple[Moved, ...]:
-        """Motion that the force and the constants add to the reference's."""
+    def _shifts(
+        self, forces: tuple[TrialForce, ...], further: Constants
+    ) -> tuple[MotionSpectra, ...]:
+        """Motion that force and constants add to that of the reference."""
         shifts = []
         for i, (tuned, force) in enumerate(zip(self.tuned, forces, strict=True)):
             pushed = np.zeros_like(tuned.shift)
             if self.source is not None:
                 pushed = np.multiply.outer(force.mean, self.source.force)
-            moved = tuned.moving(
+            moved = tuned.motion_with(
                 self.solver.known, further, self.motions[i], self.bases[i], pushed
             )
             shifts.append(moved - self.solver.trials[i].motion)
         return tuple(shifts)
 
-    def go_to(self, found: Explained) -> None:
-        """Go to the motion with the force in it, and to the changed constants."""
+    def relinearise(self, found: Explanation) -> None:
+        """Linearise about the motion with the force in it and about the changed constants."""
         solver = self.solver
-        stride = np.clip(found.constants - self.change, -STRIDE, STRIDE)
+        stride = np.clip(found.constants - self.change, -MAX_CONSTANT_STEP, MAX_CONSTANT_STEP)
         for i, (trial, force) in enumerate(zip(solver.trials, found.forces, strict=True)):
             free = self.tuned[i].free.moved(force.state)
             self.motions[i] = trial.motion + found.shifts[i] + free
@@ -344,37 +420,40 @@ class _Place:
                 self.bases[i] = trial.base + self.source.base * force.mean
         self.change = solver.known.within(self.change + stride)
         self.tuned = [
-            Tuned.of(solver.linear, trial, solver.known, self.change) for trial in solver.trials
+            PerturbedReference.of(solver.linear, trial, solver.known, self.change)
+            for trial in solver.trials
         ]
         self.residuals = [
-            _filled(tuned, force) for tuned, force in zip(self.tuned, found.forces, strict=True)
+            _residual_with_gaps_filled(tuned, force)
+            for tuned, force in zip(self.tuned, found.forces, strict=True)
         ]
-        with np.errstate(over="ignore", invalid="ignore"):  # then it is not `sound`
+        with np.errstate(over="ignore", invalid="ignore"):  # then it is not `is_bounded`
             self.white = [
-                Whitened.of(tuned, solver.known, motion, base, residual)
+                WhitenedColumns.of(tuned, solver.known, motion, base, residual)
                 for tuned, motion, base, residual in zip(
                     self.tuned, self.motions, self.bases, self.residuals, strict=True
                 )
             ]
 
 
-def _filled(tuned: Tuned, force: TrialForce) -> Lines:
-    """Give what is left, with what was found in place of what was not measured."""
+def _residual_with_gaps_filled(tuned: PerturbedReference, force: TrialForce) -> Lines:
+    """Residual with the estimate in place of samples that are not used."""
     if tuned.trial.gaps is None:
         return tuned.residual
     standing = force.linear + tuned.decays @ force.state
     return np.asarray(
-        tuned.residual + tuned.trial.filling(standing + force.transfer * force.mean[:, None])
+        tuned.residual
+        + tuned.trial.gap_spectrum(standing + force.transfer * force.mean[:, None])
     )
 
 
-def _force(
+def _force_posterior(
     linear: Lines,
     left: Lines,
     seen: Complex[np.ndarray, " frequency"],
     transfer: Lines,
-    signal: OfLine,
-    variance: OfLine,
+    signal: PerLine,
+    variance: PerLine,
     state: Float[np.ndarray, " state"],
 ) -> TrialForce:
     """Posterior of the force, line by line."""
@@ -382,7 +461,7 @@ def _force(
     return TrialForce(
         variance=variance,
         mean=spread * seen,
-        spread=spread,
+        posterior_variance=spread,
         linear=linear,
         left=left,
         transfer=transfer,
@@ -391,17 +470,19 @@ def _force(
     )
 
 
-def _variance(
-    trial: TrialLines, seen: Complex[np.ndarray, " frequency"], signal: OfLine
-) -> OfLine:
-    """Variance of the force in each band, of greatest likelihood given what is left along it.
+def _band_variances(
+    trial: TrialLines, seen: Complex[np.ndarray, " frequency"], signal: PerLine
+) -> PerLine:
+    """Maximum likelihood variance of the force in each band, by Fisher scoring.
 
     Parameters
     ----------
+    trial
+        Lines and bands.
     seen
-        Product of what is left with a unit force.
+        Product of the residual with a unit force, line by line.
     signal
-        Signal-to-noise ratio of that.
+        Signal-to-noise ratio of a unit force.
     """
     heard = np.where(signal > 1e-12 * signal.max(initial=0.0), signal, 0.0)
     if not heard.any():
@@ -409,36 +490,37 @@ def _variance(
     power = np.abs(seen) ** 2 / np.where(signal > 0, signal, 1.0)
     lines = np.where(trial.weight < 1, 2 * power, power)
     variance = np.zeros(trial.bands)
-    for _ in range(SCORINGS):
+    for _ in range(SCORING_STEPS):
         rise = 1 + variance[trial.band] * heard
         pull = heard / rise
-        score = _sum(trial, trial.weight * pull * (lines / rise - 1))
-        sharp = _sum(trial, trial.weight * pull**2)
+        score = _sum_by_band(trial, trial.weight * pull * (lines / rise - 1))
+        sharp = _sum_by_band(trial, trial.weight * pull**2)
         step = np.where(sharp > 0, score / np.where(sharp > 0, sharp, 1.0), 0.0)
         variance = np.maximum(variance + step, 0.0)
     return np.where(heard > 0, variance[trial.band], 0.0)
 
 
-def _believed(
+def _capped_variances(
     trials: Sequence[TrialLines],
     seen: Sequence[Complex[np.ndarray, " frequency"]],
-    signals: Sequence[OfLine],
-    variances: Sequence[OfLine],
-) -> list[OfLine]:
-    """Give variances, nowhere far beyond that of the band where the force is heard best.
+    signals: Sequence[PerLine],
+    variances: Sequence[PerLine],
+) -> list[PerLine]:
+    """Bound variances by a multiple of that in the band which determines the force best.
 
-    In whichever trial: in one that tells of no force at all, noise would be heard best.
+    That band is looked for in all trials: in one without any force it would be one of noise.
     """
     best = 0.0, math.inf
     for trial, one, signal, variance in zip(trials, seen, signals, variances, strict=True):
         rise = 1 + variance * signal
         told = variance * np.abs(one) ** 2 / rise - np.log(rise)
-        gain = _sum(trial, trial.weight * told)
+        gain = _sum_by_band(trial, trial.weight * told)
         band = int(np.argmax(gain))
         loudest = float(variance[trial.band == band].max())
         best = max(best, (float(gain[band]), loudest))
-    return [np.minimum(variance, BELIEVED * best[1]) for variance in variances]
+    return [np.minimum(variance, MAX_VARIANCE_RATIO * best[1]) for variance in variances]
 
 
-def _sum(trial: TrialLines, values: OfLine) -> Float[np.ndarray, " band"]:
+def _sum_by_band(trial: TrialLines, values: PerLine) -> Float[np.ndarray, " band"]:
+    """Sum over the lines of each band."""
     return np.bincount(trial.band, values, minlength=trial.bands)

@@ -1,9 +1,9 @@
-r"""How a force at any place shows at the sensors, line by line of a spectrum.
+r"""Frequency responses of the sensors to a force at any place.
 
 .. math:: q(\omega) = (-\omega^2 M + i \omega C + K)^{-1} \, (l_p w - (M \iota + m_b) a_b) ,
 
-a sensor being :math:`(i \omega)^n` times a coordinate, and the base's own motion on top where
-it measures in space.
+A sensor reads :math:`(i \omega)^n` times a coordinate, plus the motion of the base where it
+measures absolute motion.
 """
 
 import dataclasses
@@ -29,22 +29,25 @@ from slowtime.dynamics.units import unit_factor
 
 Frequencies = Float[np.ndarray, " frequency"]
 
-APART = 1e6
-"""Condition of a matrix of modes up to which they are told apart."""
+MAX_MODE_CONDITION = 1e6
+"""[1] Condition number of the modal matrix up to which modes are used. Source: leaves ten
+digits of double precision."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Source:
-    """A place where something unknown may act.
+class ForceSource:
+    """A place where an unknown force may act.
 
     Parameters
     ----------
+    place
+        Element, node, base, input or sensor.
     force
-        On each degree of freedom, per unit of what acts [N], or [m/s^2] of the base.
+        On each degree of freedom, per unit force [N], or per acceleration of the base [m/s^2].
     base
-        1 for a motion of the base, which sensors in space feel by themselves; else 0.
+        1 for a motion of the base, which absolute sensors read directly; else 0.
     sensor
-        Number of the sensor that it is added to instead; else None.
+        Number of the sensor to whose reading it is added instead; else None.
     """
 
     place: Place
@@ -54,26 +57,28 @@ class Source:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class FreeSpectra:
-    """Spectra of free motion, from each unit of initial displacement and velocity.
+class FreeDecaySpectra:
+    """Spectra of free decays from unit initial displacements and velocities.
 
     Parameters
     ----------
+    linear
+        The model.
     modes
-        States by mode.
+        Modal matrix of the state.
     share
-        How much of each mode there is at each line, from each initial state.
+        Modal coordinates at each line, from each unit initial state.
     """
 
-    linear: "Linear"
+    linear: "LinearModel"
     modes: Complex[np.ndarray, "state mode"]
     share: Complex[np.ndarray, "mode frequency state"]
 
     @property
-    def sensed(self) -> Complex[np.ndarray, "frequency sensor state"]:
-        """As the sensors tell it."""
+    def sensor_response(self) -> Complex[np.ndarray, "frequency sensor state"]:
+        """Readings of the sensors (frequency, sensor, state)."""
         one = self.linear
-        motion = (one.by_state @ self.modes).reshape(3, one.structure.dofs, -1)
+        motion = (one.state_to_motion @ self.modes).reshape(3, one.structure.dofs, -1)
         rows = [one.rows[i] @ motion[order] for i, order in enumerate(one.orders)]
         told = one.scale[:, None] * np.stack(rows)
         return np.asarray(np.moveaxis(np.tensordot(told, self.share, axes=1), 0, 1))
@@ -81,15 +86,15 @@ class FreeSpectra:
     def moved(
         self, state: Float[np.ndarray, " state"]
     ) -> Complex[np.ndarray, "order frequency dof"]:
-        """Displacement, velocity and acceleration of all coordinates, from one state."""
-        motion = self.linear.by_state @ self.modes @ (self.share @ state)
+        """Displacement, velocity and acceleration of all coordinates from one initial state."""
+        motion = self.linear.state_to_motion @ self.modes @ (self.share @ state)
         shape = (3, self.linear.structure.dofs, motion.shape[1])
         return np.asarray(np.moveaxis(motion.reshape(shape), 1, 2))
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Linear:
-    """The linear part of a description, ready to be asked for responses.
+class LinearModel:
+    """Linear part of a description, with its sensors.
 
     Parameters
     ----------
@@ -111,16 +116,23 @@ class Linear:
     scale: Float[np.ndarray, " sensor"]
 
     @classmethod
-    def of(cls, description: Description) -> "Linear":
+    def of(cls, description: Description) -> "LinearModel":
         """Take the linear part of a description; its effects are left out."""
         return cls._over(description, assemble(description))
 
     @classmethod
-    def of_plant(cls, plant: Plant, values: Float[np.ndarray, " parameter"]) -> "Linear":
+    def of_plant(cls, plant: Plant, values: Float[np.ndarray, " parameter"]) -> "LinearModel":
         """Take the linear part of a plant, with what its effects add to it.
 
         Hidden coordinates of effects come after those of the description; a factor of a sensor
-        is one of its scale.
+        multiplies its scale.
+
+        Parameters
+        ----------
+        plant
+            The model.
+        values
+            Of all its constants.
         """
         named = dict(zip(plant.parameters, values.tolist(), strict=True))
         kinds = [plant.kinds[effect.kind] for effect in plant.effects]
@@ -137,7 +149,7 @@ class Linear:
             base_mass=whole[0, :free, free],
         )
         over = cls._over(with_values(plant.description, linear), structure)
-        # What a sensor tells too much or too little, it tells of a force that is missing too.
+        # The factor of a sensor also scales its response to a missing force.
         scale = over.scale.copy()
         for number, (effect, kind) in enumerate(zip(plant.effects, kinds, strict=True)):
             if kind.where == "sensor" and kind.is_factor:
@@ -146,7 +158,7 @@ class Linear:
         return dataclasses.replace(over, scale=scale)
 
     @classmethod
-    def _over(cls, description: Description, structure: Structure) -> "Linear":
+    def _over(cls, description: Description, structure: Structure) -> "LinearModel":
         rows = np.zeros((len(description.sensors), structure.dofs))
         for i, sensor in enumerate(description.sensors):
             if sensor.node in structure.names:
@@ -165,7 +177,7 @@ class Linear:
         )
 
     def compliance(self, frequency_hz: Frequencies) -> Complex[np.ndarray, "frequency dof dof"]:
-        """Displacement per force; zero where a structure that floats has none."""
+        """Displacement per force [m/N]; zero at 0 Hz where rigid modes make it infinite."""
         s = 2j * np.pi * frequency_hz[:, None, None]
         structure = self.structure
         stiffness = s**2 * structure.mass + s * structure.damping + structure.stiffness
@@ -174,38 +186,54 @@ class Linear:
         safe = np.where(held > 0, stiffness, np.eye(structure.dofs))
         return np.asarray(held * np.linalg.inv(safe))
 
-    def sensed(
+    def sensor_response(
         self,
         frequency_hz: Frequencies,
         displacement: Complex[np.ndarray, "frequency dof *more"],
     ) -> Complex[np.ndarray, "frequency sensor *more"]:
-        """Give what the sensors tell of a motion relative to the base that has no beginning."""
+        """Convert steady displacement relative to the base to readings of the sensors."""
         s = 2j * np.pi * frequency_hz
         gain = self.scale * s[:, None] ** np.array(self.orders)
         read = np.moveaxis(np.tensordot(self.rows, displacement, axes=(1, 1)), 0, 1)
         return np.asarray(gain.reshape(gain.shape + (1,) * (read.ndim - 2)) * read)
 
-    def carried(self, frequency_hz: Frequencies) -> Complex[np.ndarray, "frequency sensor"]:
-        """Give what the sensors tell of being carried along by the base, per m/s^2."""
+    def base_response(
+        self, frequency_hz: Frequencies
+    ) -> Complex[np.ndarray, "frequency sensor"]:
+        """Give the readings of absolute sensors on a rigid structure per m/s^2 of the base."""
         s = 2j * np.pi * np.where(frequency_hz > 0, frequency_hz, 1.0)[:, None]
         order = np.array(self.orders) - 2
         moving = (frequency_hz[:, None] > 0) | (order == 0)
         return np.asarray(np.where(moving, self.absolute * self.scale * s**order, 0.0))
 
-    def free(
+    def free_decay(
         self, samples: int, rate_hz: float, state: Float[np.ndarray, " state"]
     ) -> tuple[Float[np.ndarray, "time sensor"], Float[np.ndarray, "order time dof"]]:
-        """Motion from an initial displacement and velocity: as sensed, and itself."""
+        """Simulate a free decay.
+
+        Parameters
+        ----------
+        samples
+            Length.
+        rate_hz
+            Sampling rate [Hz].
+        state
+            Initial displacements and velocities.
+
+        Returns
+        -------
+        Readings (time, sensor), and displacement, velocity, acceleration of the coordinates.
+        """
         step = scipy.linalg.expm(state_matrix(self.structure) / rate_hz)
-        whole = _followed(step, state, samples) @ self.by_state.T
+        whole = _powers_of_state(step, state, samples) @ self.state_to_motion.T
         motion = whole.reshape(samples, 3, self.structure.dofs)
         sensed = [motion[:, order] @ self.rows[i] for i, order in enumerate(self.orders)]
         return np.stack(sensed, axis=1) * self.scale, np.asarray(np.moveaxis(motion, 1, 0))
 
-    def free_spectra(
+    def free_decay_spectra(
         self, frequency_hz: Frequencies, samples: int, rate_hz: float
-    ) -> "FreeSpectra":
-        r"""Transform `free` without making it: :math:`(I - E^N)(I - E z^{-1})^{-1}`."""
+    ) -> "FreeDecaySpectra":
+        r"""Spectra of free decays in closed form: :math:`(I - E^N)(I - E z^{-1})^{-1}`."""
         step = scipy.linalg.expm(state_matrix(self.structure) / rate_hz)
         rest = np.eye(len(step))
         ended = rest - np.linalg.matrix_power(step, samples)
@@ -214,18 +242,18 @@ class Linear:
         scale[frequency_hz == 0] /= np.sqrt(2.0)
         scale[np.isclose(frequency_hz, rate_hz / 2)] /= np.sqrt(2.0)
         poles, modes = np.linalg.eig(step)
-        # A motion that does not die has its pole on a line; one part in 1e9 moves it away.
-        if np.linalg.cond(modes) < APART:
+        # An undamped motion has its pole on a line; one part in 1e9 moves it away.
+        if np.linalg.cond(modes) < MAX_MODE_CONDITION:
             gains = scale / (1 + 1e-9 - np.multiply.outer(poles, back))
             starts = np.linalg.solve(modes, ended)
-            return FreeSpectra(self, modes + 0j, gains[:, :, None] * starts[:, None, :])
+            return FreeDecaySpectra(self, modes + 0j, gains[:, :, None] * starts[:, None, :])
         inner = (1 + 1e-9) * rest - step * back[:, None, None]
         states = np.linalg.solve(inner, ended[None]) * scale[:, None, None]
-        return FreeSpectra(self, rest + 0j, np.moveaxis(states, 1, 0))
+        return FreeDecaySpectra(self, rest + 0j, np.moveaxis(states, 1, 0))
 
     @property
-    def by_state(self) -> Float[np.ndarray, "all state"]:
-        """From a free state to displacements, velocities and accelerations."""
+    def state_to_motion(self) -> Float[np.ndarray, "all state"]:
+        """Matrix from a free state to displacements, velocities and accelerations."""
         dofs = self.structure.dofs
         inner = np.hstack([self.structure.stiffness, self.structure.damping])
         return np.vstack([np.eye(2 * dofs), -np.linalg.solve(self.structure.mass, inner)])
@@ -235,8 +263,8 @@ class Linear:
         stiffness: Float[np.ndarray, "dof dof"],
         damping: Float[np.ndarray, "dof dof"],
         mass: Float[np.ndarray, "dof dof"],
-    ) -> "Linear":
-        """Add to the matrices."""
+    ) -> "LinearModel":
+        """Add to the matrices of stiffness, damping and mass."""
         structure = self.structure
         changed = dataclasses.replace(
             structure,
@@ -246,8 +274,8 @@ class Linear:
         )
         return dataclasses.replace(self, structure=changed)
 
-    def sources(self) -> tuple[Source, ...]:
-        """All places: elements, nodes, base, inputs, sensors."""
+    def sources(self) -> tuple[ForceSource, ...]:
+        """List all places: elements, nodes, base, inputs, sensors."""
         return (
             *self._elements(),
             *self._nodes(),
@@ -257,7 +285,7 @@ class Linear:
         )
 
     def elongation(self, place: Place) -> Float[np.ndarray, " dof"]:
-        """Coordinate along a place: second node minus first, or the node's own."""
+        """Row that gives the coordinate along a place: second node minus first, or the node."""
         names = [place.id]
         signs = [1.0]
         if place.kind == "element":
@@ -269,47 +297,47 @@ class Linear:
                 along[self.structure.dof(name)] += sign
         return along
 
-    def _elements(self) -> list[Source]:
+    def _elements(self) -> list[ForceSource]:
         places = [
             Place("element", e.id) for e in self.description.elements if isinstance(e, Spring)
         ]
-        return [Source(place=p, force=-self.elongation(p)) for p in places]
+        return [ForceSource(place=p, force=-self.elongation(p)) for p in places]
 
-    def _nodes(self) -> list[Source]:
+    def _nodes(self) -> list[ForceSource]:
         names = [n.id for n in self.description.nodes if n.id in self.structure.names]
         places = [Place("node", name) for name in names]
-        return [Source(place=p, force=self.elongation(p)) for p in places]
+        return [ForceSource(place=p, force=self.elongation(p)) for p in places]
 
-    def _base(self) -> list[Source]:
-        return [Source(place=Place("base", BASE), force=self.base_pull(), base=1.0)]
+    def _base(self) -> list[ForceSource]:
+        return [ForceSource(place=Place("base", BASE), force=self.base_force(), base=1.0)]
 
-    def base_pull(self) -> Float[np.ndarray, " dof"]:
+    def base_force(self) -> Float[np.ndarray, " dof"]:
         """Force on each coordinate per m/s^2 of the base."""
         return np.asarray(self.structure.base_force(np.ones(1))[0])
 
-    def _inputs(self) -> list[Source]:
+    def _inputs(self) -> list[ForceSource]:
         found = []
         for entry in self.description.inputs:
             place = Place("input", entry.channel)
             if entry.node is None:
-                found.append(Source(place=place, force=self.base_pull(), base=1.0))
+                found.append(ForceSource(place=place, force=self.base_force(), base=1.0))
             else:
                 force = self.elongation(Place("node", entry.node))
-                found.append(Source(place=place, force=force))
+                found.append(ForceSource(place=place, force=force))
         return found
 
-    def _sensors(self) -> list[Source]:
+    def _sensors(self) -> list[ForceSource]:
         rest = np.zeros(self.structure.dofs)
         return [
-            Source(place=Place("sensor", sensor.channel), force=rest, sensor=i)
+            ForceSource(place=Place("sensor", sensor.channel), force=rest, sensor=i)
             for i, sensor in enumerate(self.description.sensors)
         ]
 
 
-def _followed(
+def _powers_of_state(
     step: Float[np.ndarray, "state state"], state: Float[np.ndarray, " state"], samples: int
 ) -> Float[np.ndarray, "time state"]:
-    """Follow a state from step to step, doubling how many are known."""
+    """Apply the powers of a step matrix to a state, doubling their number each time."""
     known, ahead = state[None], step
     while len(known) < samples:
         known = np.concatenate([known, known @ ahead.T])
@@ -320,7 +348,7 @@ def _followed(
 def parameter_matrices(
     description: Description,
 ) -> dict[tuple[str, str], Float[np.ndarray, "dof dof"]]:
-    """Matrix of each constant, by its name in a plant."""
+    """Give the contribution of each constant to stiffness, damping or mass, by its name."""
     parts = assemble_parts(description)
     found = {("stiffness", name): part for name, part in parts.stiffness_parts.items()}
     found |= {("damping", name): part for name, part in parts.damping_parts.items()}

@@ -1,4 +1,4 @@
-"""All places tried one by one, ranked by likelihood; the noise looked at again on the way."""
+"""Ranking of all places by the likelihood of an unknown force there."""
 
 from collections.abc import Sequence
 
@@ -10,30 +10,39 @@ from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.effects import Place, SensorChange
 
 from .gain_probability import gain_probability
-from .latent_force import ROUNDS, Explained, Followed, Solver
-from .linear_response import Linear, Source
-from .located import Group, Located
-from .noise_update import heard_again, likelihood_of_noise
-from .spectral_lines import TrialLines, lines_of
-from .tuned_reference import Known, Tuned
+from .latent_force import ROUNDS, Explanation, LatentForceSolver, PlaceEstimate
+from .linear_response import ForceSource, LinearModel
+from .noise_update import noise_log_likelihood, update_noise
+from .perturbed_reference import LinearConstants, PerturbedReference
+from .places import Localization, PlaceGroup
+from .spectral_lines import TrialLines, trial_lines
 
-REACH = 1.5
-"""Lines are looked at up to so many times the frequency above which there is silence."""
+BAND_MARGIN = 1.5
+"""[1] Times the frequency above which the structure is silent up to which lines are used.
+Source: judgement; no study is recorded."""
 
-ALIKE = 1e-9
-"""Two places whose transfers differ by less, squared and relative, are one to the sensors."""
+SAME_TRANSFER = 1e-9
+"""[1] One minus the squared cosine between whole transfers, below which two places are one
+to the sensors. Source: well above rounding errors (1e-16)."""
 
-TWIN = 1e-6
-"""One minus the cosine of the angle between transfers below which they point the same way."""
+PARALLEL_TRANSFER = 1e-6
+"""[1] One minus the cosine between transfers at every line, below which two places differ by
+the spectrum of their force only. Source: well above rounding errors (1e-16)."""
 
-HEARINGS = 2
-"""How often the noise is estimated again from what the best place leaves."""
+NOISE_UPDATES = 2
+"""[1] Times the noise is estimated again from what the best place leaves. Source: judgement;
+no study is recorded."""
 
-KEPT, BRIEF = 5, 2
-"""How many places are followed to the end, and how many rounds settle which."""
+REFINED_PLACES = 5
+"""[places] That are refined to convergence. Source: judgement; no study is recorded."""
+RANKING_ROUNDS = 2
+"""[1] Linearisations that decide which places these are. Source: judgement; no study is
+recorded."""
 
 
-def locate(fit: Fit, trials: Sequence[Trial], among: Sequence[Place] | None = None) -> Located:
+def locate(
+    fit: Fit, trials: Sequence[Trial], among: Sequence[Place] | None = None
+) -> Localization:
     """Rank all places by the likelihood of one unknown force there.
 
     The force is random, of any strength in every band of every trial; constants may move within
@@ -42,29 +51,37 @@ def locate(fit: Fit, trials: Sequence[Trial], among: Sequence[Place] | None = No
     Parameters
     ----------
     fit
-        Of the reference: a linear model, or one augmented already. Effects that are linear take
-        part in the responses; others stay as they were in the reference's run.
+        Of the reference: a linear model, or an augmented one. Linear effects take part in the
+        responses; others are kept as in the reference's run.
     trials
         That it was fitted to.
     among
         Places to try; all where not given.
+
+    Returns
+    -------
+    The places, the likeliest first, with force and motion at each.
     """
-    linear = Linear.of_plant(fit.plant, fit.values)
+    linear = LinearModel.of_plant(fit.plant, fit.values)
     records = tuple(trials)
     runs = tuple(_motion(fit, trial, i) for i, trial in enumerate(records))
     lines = tuple(
-        lines_of(linear, trial, residual, run, fit.noise, i, REACH * fit.silent_above_hz)
+        trial_lines(
+            linear, trial, residual, run, fit.noise, i, BAND_MARGIN * fit.silent_above_hz
+        )
         for i, (trial, residual, run) in enumerate(
-            zip(records, _timely(fit, records), runs, strict=True)
+            zip(records, _clock_corrected(fit, records), runs, strict=True)
         )
     )
-    families = _families(linear, lines[0])
+    families = _equivalent_sources(linear, lines[0])
     if among is not None:
         families = [f for f in families if any(source.place in among for source in f)]
-    solver, order = _order(fit, records, Solver(linear, _known(fit, linear), lines), families)
-    none = _likelihood_of_none(solver, lines)
+    solver, order = _rank_families(
+        fit, records, LatentForceSolver(linear, _linear_constants(fit, linear), lines), families
+    )
+    none = _likelihood_without_force(solver, lines)
     groups = _groups(fit, solver, order, none)
-    return Located(
+    return Localization(
         groups=groups,
         linear=linear,
         trials=records,
@@ -77,61 +94,69 @@ def locate(fit: Fit, trials: Sequence[Trial], among: Sequence[Place] | None = No
     )
 
 
-def _order(
-    fit: Fit, records: tuple[Trial, ...], solver: Solver, families: list[list[Source]]
-) -> tuple[Solver, list[tuple[list[Source], Explained]]]:
-    """Try all families, listen again to what the best leaves, and follow the best further."""
-    order, _ = _ranked(solver, families, len(families), BRIEF)
-    for _ in range(HEARINGS if len(solver.linear.description.sensors) > 1 else 0):
-        order, best = _ranked(solver, order, 1, ROUNDS)
-        quiet = heard_again(fit, records, solver.trials, best.explained)
-        solver = Solver(solver.linear, solver.known, quiet)
-        order, _ = _ranked(solver, order, KEPT, BRIEF)
+def _rank_families(
+    fit: Fit,
+    records: tuple[Trial, ...],
+    solver: LatentForceSolver,
+    families: list[list[ForceSource]],
+) -> tuple[LatentForceSolver, list[tuple[list[ForceSource], Explanation]]]:
+    """Rank all families, update the noise from what the best leaves, and refine the best."""
+    order, _ = _sort_by_likelihood(solver, families, len(families), RANKING_ROUNDS)
+    for _ in range(NOISE_UPDATES if len(solver.linear.description.sensors) > 1 else 0):
+        order, best = _sort_by_likelihood(solver, order, 1, ROUNDS)
+        quiet = update_noise(fit, records, solver.trials, best.explained)
+        solver = LatentForceSolver(solver.linear, solver.known, quiet)
+        order, _ = _sort_by_likelihood(solver, order, REFINED_PLACES, RANKING_ROUNDS)
     found = [
-        (family, solver.explain(family[0], rounds=ROUNDS if i < KEPT else 1))
+        (family, solver.explain(family[0], rounds=ROUNDS if i < REFINED_PLACES else 1))
         for i, family in enumerate(order)
     ]
     return solver, sorted(found, key=lambda pair: -pair[1].likelihood)
 
 
-def _likelihood_of_none(solver: Solver, before: tuple[TrialLines, ...]) -> float:
-    """Log likelihood without any force, under the better of both accounts of the noise."""
-    after = solver.explain(None).likelihood + likelihood_of_noise(solver.trials)
-    first = Solver(solver.linear, solver.known, before)
-    return max(after, first.explain(None).likelihood + likelihood_of_noise(before))
+def _likelihood_without_force(
+    solver: LatentForceSolver, before: tuple[TrialLines, ...]
+) -> float:
+    """Log likelihood without any force, under the better of both estimates of the noise."""
+    after = solver.explain(None).likelihood + noise_log_likelihood(solver.trials)
+    first = LatentForceSolver(solver.linear, solver.known, before)
+    return max(after, first.explain(None).likelihood + noise_log_likelihood(before))
 
 
 def _groups(
-    fit: Fit, solver: Solver, order: list[tuple[list[Source], Explained]], none: float
-) -> tuple[Group, ...]:
-    constant = likelihood_of_noise(solver.trials)
+    fit: Fit,
+    solver: LatentForceSolver,
+    order: list[tuple[list[ForceSource], Explanation]],
+    none: float,
+) -> tuple[PlaceGroup, ...]:
+    constant = noise_log_likelihood(solver.trials)
     bands = sum(trial.bands for trial in solver.trials)
     families = [family for family, _ in order]
     groups = []
     for family, found in order:
         score = found.likelihood + constant - none
         groups.append(
-            Group(
+            PlaceGroup(
                 places=tuple(source.place for source in family),
                 score=score,
                 p_value=gain_probability(score, bands, len(families)),
-                share=_share(solver.trials, found),
-                left=_left(solver.trials, found),
-                constants=_constants(fit, found),
+                share=_explained_share(solver.trials, found),
+                left=_remaining_power(solver.trials, found),
+                constants=_constant_changes(fit, found),
                 explained=found,
-                twins=_twins(family, families, solver.tuned[0]),
+                twins=_parallel_places(family, families, solver.tuned[0]),
             )
         )
     return tuple(groups)
 
 
-def _ranked(
-    solver: Solver, families: list[list[Source]], keen: int, rounds: int
-) -> tuple[list[list[Source]], Followed]:
-    """Rank families, the first `keen` of them by all rounds; give the likeliest, too."""
+def _sort_by_likelihood(
+    solver: LatentForceSolver, families: list[list[ForceSource]], keen: int, rounds: int
+) -> tuple[list[list[ForceSource]], PlaceEstimate]:
+    """Sort families by likelihood, the first `keen` by all rounds; give the likeliest, too."""
     likelihoods, best = [], None
     for i, family in enumerate(families):
-        found = solver.follow(family[0], rounds=rounds if i < keen else 1)
+        found = solver.iterate(family[0], rounds=rounds if i < keen else 1)
         likelihoods.append(found.likelihood)
         if best is None or found.likelihood > best.likelihood:
             best = found
@@ -154,7 +179,9 @@ def _motion(fit: Fit, trial: Trial, number: int) -> Float[np.ndarray, "order tim
     )
 
 
-def _timely(fit: Fit, trials: tuple[Trial, ...]) -> list[Float[np.ndarray, "time sensor"]]:
+def _clock_corrected(
+    fit: Fit, trials: tuple[Trial, ...]
+) -> list[Float[np.ndarray, "time sensor"]]:
     """Residual of each trial; where a clock was found wrong, as a right one tells it."""
     values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
     channels = [sensor.channel for sensor in fit.plant.description.sensors]
@@ -172,7 +199,7 @@ def _timely(fit: Fit, trials: tuple[Trial, ...]) -> list[Float[np.ndarray, "time
 
 
 def _linear_names(fit: Fit) -> list[tuple[int, tuple[str, str]]]:
-    """Free constants of the linear part, and where they stand among the free."""
+    """Free constants of the linear part, with their places among the free ones."""
     return [
         (i, (name[0], str(name[1])))
         for i, name in enumerate(fit.prior.names)
@@ -180,24 +207,28 @@ def _linear_names(fit: Fit) -> list[tuple[int, tuple[str, str]]]:
     ]
 
 
-def _known(fit: Fit, linear: Linear) -> Known:
+def _linear_constants(fit: Fit, linear: LinearModel) -> LinearConstants:
     chosen = _linear_names(fit)
     index = [i for i, _ in chosen]
     now, mean, sd = fit.free[index], fit.prior.mean[index], fit.prior.sd[index]
-    return Known.of(linear, tuple(name for _, name in chosen), (now - mean) / now, sd / now)
+    return LinearConstants.of(
+        linear, tuple(name for _, name in chosen), (now - mean) / now, sd / now
+    )
 
 
-def _constants(fit: Fit, found: Explained) -> dict[tuple[str, str], float]:
+def _constant_changes(fit: Fit, found: Explanation) -> dict[tuple[str, str], float]:
     return {
         name: float(fit.free[i] * (1 + change) / fit.prior.mean[i] - 1)
         for (i, name), change in zip(_linear_names(fit), found.constants, strict=True)
     }
 
 
-def _families(linear: Linear, trial: TrialLines) -> list[list[Source]]:
-    """Gather sources whose transfers are proportional."""
-    families: list[tuple[np.ndarray, list[Source]]] = []
-    tuned = Tuned.of(linear, trial, Known.of(linear, (), np.zeros(0), np.zeros(0)), np.zeros(0))
+def _equivalent_sources(linear: LinearModel, trial: TrialLines) -> list[list[ForceSource]]:
+    """Group sources whose transfers are proportional."""
+    families: list[tuple[np.ndarray, list[ForceSource]]] = []
+    tuned = PerturbedReference.of(
+        linear, trial, LinearConstants.of(linear, (), np.zeros(0), np.zeros(0)), np.zeros(0)
+    )
     for source in linear.sources():
         seen = (tuned.transfer(source) / np.sqrt(trial.noise)).ravel()
         size = np.linalg.norm(seen)
@@ -205,7 +236,7 @@ def _families(linear: Linear, trial: TrialLines) -> list[list[Source]]:
             continue
         seen = seen / size
         for direction, family in families:
-            if 1 - abs(np.vdot(direction, seen)) ** 2 < ALIKE:
+            if 1 - abs(np.vdot(direction, seen)) ** 2 < SAME_TRANSFER:
                 family.append(source)
                 break
         else:
@@ -213,10 +244,10 @@ def _families(linear: Linear, trial: TrialLines) -> list[list[Source]]:
     return [family for _, family in families]
 
 
-def _twins(
-    family: list[Source], families: list[list[Source]], tuned: Tuned
+def _parallel_places(
+    family: list[ForceSource], families: list[list[ForceSource]], tuned: PerturbedReference
 ) -> tuple[Place, ...]:
-    """Places of other families that point the same way at every line."""
+    """Places of other families whose transfer is parallel at every line."""
     own = tuned.transfer(family[0]) / np.sqrt(tuned.trial.noise)
     found: list[Place] = []
     for other in families:
@@ -225,33 +256,33 @@ def _twins(
         seen = tuned.transfer(other[0]) / np.sqrt(tuned.trial.noise)
         both = np.linalg.norm(own, axis=1) * np.linalg.norm(seen, axis=1)
         apart = both - np.abs(np.sum(own.conj() * seen, axis=1))
-        if np.all(apart <= TWIN * both):
+        if np.all(apart <= PARALLEL_TRANSFER * both):
             found.extend(source.place for source in other)
     return tuple(found)
 
 
-def _share(trials: tuple[TrialLines, ...], found: Explained) -> float:
+def _explained_share(trials: tuple[TrialLines, ...], found: Explanation) -> float:
     """Share of the power beyond noise that the force explains."""
     before = after = 0.0
     for trial, force in zip(trials, found.forces, strict=True):
-        heard = _heard(trial)
+        heard = _recorded_sensors(trial)
         before += float(np.sum((np.abs(force.left) ** 2 / trial.noise - 1)[:, heard]))
         after += float(np.sum((force.noise_power() / trial.noise - 1)[:, heard]))
     return float(np.clip(1 - after / before, 0, 1)) if before > 0 else 0.0
 
 
-def _heard(trial: TrialLines) -> Bool[np.ndarray, " sensor"]:
-    """Sensors of which any sample is used."""
+def _recorded_sensors(trial: TrialLines) -> Bool[np.ndarray, " sensor"]:
+    """Mask of the sensors with any used sample."""
     if trial.gaps is None:
         return np.ones(trial.noise.shape[1], dtype=bool)
     return np.asarray(~trial.gaps.all(axis=0))
 
 
-def _left(trials: tuple[TrialLines, ...], found: Explained) -> float:
-    """Mean expected power of what is left over that of the noise, of sensors that are heard."""
+def _remaining_power(trials: tuple[TrialLines, ...], found: Explanation) -> float:
+    """Mean expected power of the residual over the noise, of sensors with used samples."""
     power = [
-        (f.noise_power() / t.noise)[:, _heard(t)].mean()
+        (f.noise_power() / t.noise)[:, _recorded_sensors(t)].mean()
         for t, f in zip(trials, found.forces, strict=True)
-        if _heard(t).any()
+        if _recorded_sensors(t).any()
     ]
     return float(np.mean(power)) if power else 1.0

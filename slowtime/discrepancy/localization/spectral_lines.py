@@ -1,4 +1,4 @@
-"""One trial, line by line: residual, noise, and the motion it happened in."""
+"""Spectra of a trial: residual, noise, and the motion of the reference."""
 
 import dataclasses
 
@@ -10,16 +10,17 @@ from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.units import unit_factor
 from slowtime.signals.spectra import transform
 
-from .linear_response import Linear
+from .linear_response import LinearModel
 
-WIDTH = 1.12
-"""Ends of a band of frequency, last over first, unless that makes it too short."""
+BAND_RATIO = 1.12
+"""[1] Last frequency of a band over its first, unless that has too few lines. Source:
+judgement; no study is recorded."""
 
-FEWEST = 10
-"""Lines that a band has at least."""
+MIN_BAND_LINES = 10
+"""[lines] Of a band at least. Source: judgement; no study is recorded."""
 
 Lines = Complex[np.ndarray, "frequency sensor"]
-Moved = Complex[np.ndarray, "order frequency dof"]
+MotionSpectra = Complex[np.ndarray, "order frequency dof"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -33,16 +34,16 @@ class TrialLines:
     band
         Number of the band of each line; that at 0 has one of its own.
     noise
-        Density, lowered by the share of samples that are used.
+        Density times the share of samples that are used [unit²/Hz].
     residual
-        What the reference does not explain.
+        Spectrum of the residual of the reference (frequency, sensor).
     motion
         Displacement, velocity, acceleration of every degree of freedom in the reference run,
         relative to the base.
     base
-        Acceleration of the base, as far as it was measured [m/s^2].
+        Measured acceleration of the base [m/s^2].
     gaps
-        Samples that are not used, and what stands there is to be filled in; None without any.
+        Mask of the samples that are not used and are filled by estimates; None without any.
     """
 
     samples: int
@@ -52,12 +53,12 @@ class TrialLines:
     band: Int[np.ndarray, " frequency"]
     noise: Float[np.ndarray, "frequency sensor"]
     residual: Lines
-    motion: Moved
+    motion: MotionSpectra
     base: Complex[np.ndarray, " frequency"]
     gaps: Bool[np.ndarray, "time sensor"] | None = None
 
-    def filling(self, explained: Lines) -> Lines:
-        """Spectrum of what is explained at the samples that are not used, zero elsewhere."""
+    def gap_spectrum(self, explained: Lines) -> Lines:
+        """Spectrum of an estimate at the samples that are not used, with zeros elsewhere."""
         if self.gaps is None:
             return np.zeros_like(self.residual)
         standing = np.where(self.gaps, self.series(explained), 0.0)
@@ -65,13 +66,13 @@ class TrialLines:
 
     @property
     def bands(self) -> int:
-        """How many bands there are."""
+        """Number of bands."""
         return int(self.band.max()) + 1
 
     def series(
         self, spectrum: Complex[np.ndarray, "frequency channel"]
     ) -> Float[np.ndarray, "time channel"]:
-        """Give samples whose spectrum is given up to the last line and zero beyond."""
+        """Transform a spectrum, zero beyond the last line, to samples (time, channel)."""
         whole = np.zeros((self.samples // 2 + 1, spectrum.shape[1]), dtype=complex)
         whole[: len(spectrum)] = spectrum / np.sqrt(2.0 / (self.rate_hz * self.samples))
         whole[0] *= np.sqrt(2.0)
@@ -80,8 +81,8 @@ class TrialLines:
         return np.asarray(np.fft.irfft(whole, self.samples, axis=0))
 
 
-def lines_of(
-    linear: Linear,
+def trial_lines(
+    linear: LinearModel,
     trial: Trial,
     residual: Float[np.ndarray, "time sensor"],
     motion: Float[np.ndarray, "order time dof"],
@@ -89,7 +90,25 @@ def lines_of(
     number: int,
     top_hz: float,
 ) -> TrialLines:
-    """Transform a trial; `motion` is the reference run's, `number` the trial's in `noise`."""
+    """Transform a trial.
+
+    Parameters
+    ----------
+    linear
+        The reference.
+    trial
+        The record.
+    residual
+        Of the reference (time, sensor); zero where a sample is not used.
+    motion
+        Displacement, velocity, acceleration of the coordinates in the reference's run.
+    noise
+        Of all trials.
+    number
+        Of the trial in `noise`.
+    top_hz
+        Highest frequency of the lines that are kept [Hz].
+    """
     count = len(residual)
     frequency, spectrum = transform(residual, trial.rate_hz)
     kept = int(np.searchsorted(frequency, top_hz, side="right"))
@@ -108,35 +127,37 @@ def lines_of(
         rate_hz=trial.rate_hz,
         frequency_hz=frequency[:kept],
         weight=weight,
-        band=bands(frequency[:kept]),
-        noise=noise.weighing(number, frequency[:kept]) * share,
+        band=band_numbers(frequency[:kept]),
+        noise=noise.weighting_density(number, frequency[:kept]) * share,
         residual=spectrum[:kept],
         motion=np.stack([lines(one) for one in motion]),
-        base=lines(_base(linear, trial)[:, None])[:, 0],
+        base=lines(_base_acceleration(linear, trial)[:, None])[:, 0],
         gaps=None if trial.used.all() else ~trial.used,
     )
 
 
-def bands(frequency_hz: Float[np.ndarray, " frequency"]) -> Int[np.ndarray, " frequency"]:
-    """Give each line its band: that at 0, then bands of constant relative width.
+def band_numbers(
+    frequency_hz: Float[np.ndarray, " frequency"],
+) -> Int[np.ndarray, " frequency"]:
+    """Give each line the number of its band: that at 0, then of constant relative width.
 
     Examples
     --------
-    >>> np.bincount(bands(np.linspace(0.0, 10.0, 41))).tolist()
+    >>> np.bincount(band_numbers(np.linspace(0.0, 10.0, 41))).tolist()
     [1, 10, 10, 10, 10]
     """
     edges = [0, 1]
     while edges[-1] < len(frequency_hz):
         first = edges[-1]
-        wide = int(np.searchsorted(frequency_hz, frequency_hz[first] * WIDTH)) - first
-        edges.append(first + max(wide, FEWEST))
-    if len(edges) > 3 and len(frequency_hz) - edges[-2] < FEWEST:
+        wide = int(np.searchsorted(frequency_hz, frequency_hz[first] * BAND_RATIO)) - first
+        edges.append(first + max(wide, MIN_BAND_LINES))
+    if len(edges) > 3 and len(frequency_hz) - edges[-2] < MIN_BAND_LINES:
         del edges[-2]
     edges[-1] = len(frequency_hz)
     return np.repeat(np.arange(len(edges) - 1), np.diff(edges))
 
 
-def _base(linear: Linear, trial: Trial) -> Float[np.ndarray, " time"]:
+def _base_acceleration(linear: LinearModel, trial: Trial) -> Float[np.ndarray, " time"]:
     total = np.zeros(len(trial.outputs))
     coordinate = linear.description.unit_of_coordinate
     for series, entry in zip(trial.inputs.T, linear.description.inputs, strict=True):

@@ -1,16 +1,16 @@
-"""Residuals in; what of them is the sensors' own noise, white or coloured, out."""
+"""Residuals in, noise model of the sensors out."""
 
-from .colour import Colour, Noise, drifting
-from .drift import Drift, drift_of, floats
-from .estimate import noise_of_residual, silent_above
+from .colour import Colour, Noise, with_drift
+from .drift import Drift, has_rigid_motion, rigid_body_drift
+from .estimate import estimate_noise, response_limit_hz
 
 __all__ = [
     "Colour",
     "Drift",
     "Noise",
-    "drift_of",
-    "drifting",
-    "floats",
-    "noise_of_residual",
-    "silent_above",
+    "estimate_noise",
+    "has_rigid_motion",
+    "response_limit_hz",
+    "rigid_body_drift",
+    "with_drift",
 ]

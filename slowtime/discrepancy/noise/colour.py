@@ -1,7 +1,6 @@
-"""The law of a sensor's noise: flat, with a part that falls, rises, or has one broad hump.
+"""Spectral densities of sensor noise: white, with a power law or one broad resonance.
 
-A structure answers in peaks. Noise that may not have any cannot pass for a structure, nor a
-structure for it.
+A structure answers in sharp peaks. Noise that may not have any is not mistaken for a structure.
 """
 
 import dataclasses
@@ -28,26 +27,26 @@ class Colour:
 
     White for :math:`n_1 = 0`, first-order low-pass for :math:`\beta = 2`, flicker for
     :math:`\beta = 1` and a small :math:`f_c`, differentiated for :math:`\beta = -2`; the last
-    factor is the hump that a pair of poles makes.
+    factor is the broad resonance of a second-order autoregressive process (a pair of poles).
 
     Parameters
     ----------
     white
         :math:`n_0`, one-sided [unit²/Hz].
-    low
+    coloured
         :math:`n_1` [unit²/Hz].
     corner_hz
         :math:`f_c` [Hz].
     slope
         :math:`\beta` [1].
     radius, angle
-        :math:`r` [1], :math:`\varphi` [rad] of the poles; no hump for 0.
+        :math:`r` [1], :math:`\varphi` [rad] of the poles; no resonance for a radius of 0.
     rate_hz
         Sampling rate :math:`f_s` that the poles belong to.
     """
 
     white: float
-    low: float = 0.0
+    coloured: float = 0.0
     corner_hz: float = 1.0
     slope: float = 0.0
     radius: float = 0.0
@@ -55,26 +54,46 @@ class Colour:
     rate_hz: float = 1.0
 
     def density(self, frequency_hz: Frequencies) -> Frequencies:
-        """One-sided density at `frequency_hz`.
+        """One-sided density [unit²/Hz] at frequencies.
+
+        Parameters
+        ----------
+        frequency_hz
+            Frequencies [Hz], of any shape.
 
         Examples
         --------
-        >>> Colour(white=1.0, low=8.0, corner_hz=1.0, slope=2.0).density(np.array([0.0, 1.0]))
+        >>> low_pass = Colour(white=1.0, coloured=8.0, corner_hz=1.0, slope=2.0)
+        >>> low_pass.density(np.array([0.0, 1.0]))
         array([9., 5.])
         """
         ratio = np.log1p((frequency_hz / self.corner_hz) ** 2)
-        part = self.low * np.exp(-self.slope / 2 * ratio)
+        part = self.coloured * np.exp(-self.slope / 2 * ratio)
         if self.radius > 0:
-            part = part * hump(frequency_hz / self.rate_hz, self.radius, self.angle)
+            part = part * pole_pair_gain(frequency_hz / self.rate_hz, self.radius, self.angle)
         return np.asarray(self.white + part)
 
     def scaled(self, factor: float) -> "Colour":
-        """Give the same colour, `factor` times as strong in power."""
-        return dataclasses.replace(self, white=self.white * factor, low=self.low * factor)
+        """Multiply the density by a factor."""
+        return dataclasses.replace(
+            self, white=self.white * factor, coloured=self.coloured * factor
+        )
 
 
-def hump(turns: Frequencies, radius: float, angle: float) -> Frequencies:
-    """Power of a pair of poles along the unit circle, at parts of a turn."""
+def pole_pair_gain(turns: Frequencies, radius: float, angle: float) -> Frequencies:
+    """Squared gain of a pair of complex poles along the unit circle.
+
+    Parameters
+    ----------
+    turns
+        Frequencies over the sampling rate [1].
+    radius, angle
+        Of the poles [1], [rad].
+
+    Returns
+    -------
+    The squared gain, of the shape of `turns`.
+    """
     pole = radius * np.exp(1j * angle)
     back = np.exp(-2j * np.pi * turns)
     return np.asarray(1 / np.abs((1 - pole * back) * (1 - np.conj(pole) * back)) ** 2)
@@ -90,19 +109,16 @@ class Noise:
         By trial, then by sensor.
     relative_sd
         How well the density is known, relative; by trial, then by sensor.
-    alone
-        By sensor, whether all that was seen passes for noise.
     drift
-        What else a run may be off by, of a structure that floats; no noise of the sensors.
+        Error of free runs of a structure with rigid motions; no noise of the sensors.
     """
 
     colours: tuple[tuple[Colour, ...], ...]
     relative_sd: tuple[tuple[float, ...], ...]
-    alone: tuple[bool, ...] = ()
     drift: Drift | None = None
 
-    def of(self, trials: Sequence[int]) -> "Noise":
-        """Give that of some trials, each as often as it is named, without the drift."""
+    def for_trials(self, trials: Sequence[int]) -> "Noise":
+        """Select the noise of trials, each as often as it is named, without the drift."""
         return Noise(
             colours=tuple(self.colours[i] for i in trials),
             relative_sd=tuple(self.relative_sd[i] for i in trials),
@@ -111,30 +127,36 @@ class Noise:
     def density(
         self, trial: int, frequency_hz: Frequencies
     ) -> Float[np.ndarray, "frequency sensor"]:
-        """One-sided density of each sensor in one trial."""
+        """One-sided density of each sensor in one trial [unit²/Hz]."""
         return np.stack([c.density(frequency_hz) for c in self.colours[trial]], axis=1)
 
-    def weighing(
+    def weighting_density(
         self, trial: int, frequency_hz: Frequencies
     ) -> Float[np.ndarray, "frequency sensor"]:
-        """One-sided density by which residuals are weighed: drift is no reason to bend."""
+        """One-sided density by which residuals are weighted, drift included [unit²/Hz]."""
         own = self.density(trial, frequency_hz)
         return own if self.drift is None else own + self.drift.density(trial, frequency_hz)
 
     def sd(self, trial: int, rate_hz: float) -> Float[np.ndarray, " sensor"]:
-        """Give the standard deviation of the samples of each sensor in one trial."""
+        """Give the standard deviation of the samples of each sensor, in its unit."""
         grid = np.linspace(0.0, rate_hz / 2, 513)
         return np.asarray(np.sqrt(np.trapezoid(self.density(trial, grid), grid, axis=0)))
 
-    @property
-    def white(self) -> tuple[bool, ...]:
-        """Whether the noise of each sensor is white, in every trial."""
-        by_sensor = zip(*self.colours, strict=True)
-        return tuple(all(colour.low == 0 for colour in row) for row in by_sensor)
-
 
 def white_noise(densities: Sequence[Sequence[float]], relative_sd: float = 0.0) -> Noise:
-    """Flat noise of given one-sided densities, by trial, then by sensor.
+    """White noise of given densities.
+
+    Parameters
+    ----------
+    densities
+        One-sided [unit²/Hz], by trial, then by sensor.
+    relative_sd
+        Relative standard deviation of the densities.
+
+    Raises
+    ------
+    ValueError
+        Where a density is not positive and finite.
 
     Examples
     --------
@@ -148,10 +170,18 @@ def white_noise(densities: Sequence[Sequence[float]], relative_sd: float = 0.0) 
     return Noise(colours=colours, relative_sd=tuple((relative_sd,) * len(r) for r in colours))
 
 
-def drifting(noise: Noise, drift: Drift, rate_hz: float) -> Noise:
-    """Add drift, which is no colour of a sensor: its noise is that of the highest lines.
+def with_drift(noise: Noise, drift: Drift, rate_hz: float) -> Noise:
+    """Add drift to a noise model.
 
-    Sensors that do not drift keep theirs.
+    What a drifting sensor leaves at low frequency is drift and no colour of its noise, which is
+    taken to be white at the level of the highest line. Other sensors keep their colour.
+
+    Parameters
+    ----------
+    drift
+        Of free runs of the structure.
+    rate_hz
+        Sampling rate [Hz].
     """
     top = np.array([rate_hz / 2])
     loose = [bool(row.any()) for row in drift.shapes]

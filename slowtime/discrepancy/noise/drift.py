@@ -1,14 +1,13 @@
-r"""What an error of the force makes of a structure that nothing holds, to weigh its runs by.
+r"""Drift of free runs along rigid-body motions, caused by errors of the measured inputs.
 
-Along a rigid motion without stiffness a free run adds up all errors of the force since it
-began, and is as far off as it has run for: no reason to follow that drift to the last digit of
-the sensor. To the noise of sensors of displacement and velocity,
+Along a motion without stiffness a free run integrates all errors of the force, and so drifts
+away from the record. To the noise of sensors of displacement and velocity,
 
 .. math:: \sum_j |h_{sj}|^2 S_j , \qquad h_{sj} = (i \omega)^{n_s} \Phi_s
           (-\omega^2 M_r + i \omega C_r)^{-1} \Phi^T b_j
 
-is therefore added, the density of what a white error of each input makes, :math:`S_j` being
-that of `DOUBT` times what was recorded, over the band in which it lies.
+is therefore added: the density of the response to a white error of each input. Its density
+:math:`S_j` is that of `INPUT_ERROR` standard deviations over the band of the input.
 """
 
 import dataclasses
@@ -26,84 +25,116 @@ from slowtime.dynamics.transfer import derivative_order
 from slowtime.dynamics.units import unit_factor
 from slowtime.signals.spectra import detrended, periodogram
 
-DOUBT = 0.05
-"""Error of a force over its own scatter: no gain of a drive, no load cell in use is better
-known."""
-MOST_POWER = 0.98
-LOOSE = 1e-9
-"""Stiffness of a motion over that of the stiffest, by mass, that is none."""
+INPUT_ERROR = 0.05
+"""[standard deviations of the input] Error of a measured input: no gain of a drive and no
+load cell in use is better known. Source: judgement on the calibration of drives and load
+cells."""
+BAND_POWER = 0.98
+"""[share of power] Of an input that lies below the upper end of the band it drives. Source:
+judgement; no study is recorded."""
+RIGID_STIFFNESS = 1e-9
+"""[share of the largest eigenvalue] Up to which a motion counts as rigid. Source: well above
+rounding errors of the eigenvalues (1e-16), well below any vibration."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Drift:
-    """Rigid motions of a structure that floats, and by how much its forces are in doubt.
+    """Rigid-body motions of a structure, and densities of the errors of its inputs.
 
     Parameters
     ----------
     mass, damping
-        Of the rigid motions.
+        Modal matrices of the rigid motions.
     shapes
-        What each sensor reads of each, in its unit; zero for accelerations, which add up
-        nothing.
+        Reading of each sensor per unit of each motion, in its unit; zero for accelerations,
+        which do not drift.
     orders
-        How often each sensor differentiates.
-    pushes
-        What each input, in its unit, is to each of them.
-    doubt
-        By trial: density of the error of each input, in its unit.
-    least_hz
-        By trial: one over its length.
+        Order of the time derivative that each sensor measures.
+    participation
+        Modal force per unit of each input.
+    error_density
+        By trial: one-sided density of the error of each input [unit²/Hz].
+    min_hz
+        By trial: one over its length [Hz], by which 0 Hz is replaced.
     """
 
     mass: Float[np.ndarray, "rigid rigid"]
     damping: Float[np.ndarray, "rigid rigid"]
     shapes: Float[np.ndarray, "sensor rigid"]
     orders: tuple[int, ...]
-    pushes: Float[np.ndarray, "rigid input"]
-    doubt: tuple[Float[np.ndarray, " input"], ...]
-    least_hz: tuple[float, ...]
+    participation: Float[np.ndarray, "rigid input"]
+    error_density: tuple[Float[np.ndarray, " input"], ...]
+    min_hz: tuple[float, ...]
 
     def transfer(
         self, trial: int, frequency_hz: Float[np.ndarray, " frequency"]
     ) -> Complex[np.ndarray, "frequency sensor input"]:
-        """From an error of each input to what the sensors read."""
-        held = np.where(frequency_hz > 0, frequency_hz, self.least_hz[trial])
+        """Frequency response from an error of each input to the sensors.
+
+        Parameters
+        ----------
+        trial
+            Number of the trial.
+        frequency_hz
+            Frequencies [Hz].
+        """
+        held = np.where(frequency_hz > 0, frequency_hz, self.min_hz[trial])
         s = 2j * np.pi * held[:, None, None]
         inner = s**2 * self.mass + s * self.damping
         order = np.array(self.orders)[:, None]
-        return np.asarray(s**order * (self.shapes @ np.linalg.solve(inner, self.pushes[None])))
+        return np.asarray(
+            s**order * (self.shapes @ np.linalg.solve(inner, self.participation[None]))
+        )
 
     def density(
         self, trial: int, frequency_hz: Float[np.ndarray, " frequency"]
     ) -> Float[np.ndarray, "frequency sensor"]:
-        """One-sided density of what each sensor reads of it."""
-        return np.asarray(np.abs(self.transfer(trial, frequency_hz)) ** 2 @ self.doubt[trial])
+        """One-sided density of the drift of each sensor in one trial [unit²/Hz]."""
+        return np.asarray(
+            np.abs(self.transfer(trial, frequency_hz)) ** 2 @ self.error_density[trial]
+        )
 
-    def blamed(
+    def input_errors(
         self,
         trial: int,
         frequency_hz: Float[np.ndarray, " frequency"],
         residual: Complex[np.ndarray, "frequency sensor"],
         noise: Float[np.ndarray, "frequency sensor"],
     ) -> Complex[np.ndarray, "frequency input"]:
-        """Errors of the inputs that a residual most probably comes from, beside the noise.
+        """Posterior mean of the input errors that cause a residual.
 
-        None at 0 Hz: where what is left begins and ends at nothing, no constant made it.
+        Parameters
+        ----------
+        trial
+            Number of the trial.
+        frequency_hz
+            Frequencies [Hz].
+        residual
+            Spectrum of the residual (frequency, sensor).
+        noise
+            Densities of the sensors' noise, in the scale of the residual's squared spectrum.
+
+        Returns
+        -------
+        Spectrum of the errors (frequency, input); zero at 0 Hz, as a residual that begins and
+        ends at zero has no constant cause.
         """
         along = self.transfer(trial, frequency_hz)
-        loud = along * self.doubt[trial]
+        loud = along * self.error_density[trial]
         both = loud @ along.conj().swapaxes(1, 2) + noise[:, :, None] * np.eye(noise.shape[1])
         seen = np.linalg.solve(both, residual[:, :, None])
         errors = (loud.conj().swapaxes(1, 2) @ seen)[:, :, 0]
         return np.asarray(np.where(frequency_hz[:, None] > 0, errors, 0.0))
 
     def first(self) -> "Drift":
-        """Give that of the first trial alone."""
-        return dataclasses.replace(self, doubt=self.doubt[:1], least_hz=self.least_hz[:1])
+        """Select the first trial."""
+        return dataclasses.replace(
+            self, error_density=self.error_density[:1], min_hz=self.min_hz[:1]
+        )
 
 
 def rigid_motions(structure: Structure) -> Float[np.ndarray, "dof rigid"]:
-    """Motions that meet no stiffness, by mass.
+    """Rigid-body motions of a structure, normalised by mass.
 
     Examples
     --------
@@ -112,16 +143,16 @@ def rigid_motions(structure: Structure) -> Float[np.ndarray, "dof rigid"]:
     array([[0.5]])
     """
     value, vector = scipy.linalg.eigh(structure.stiffness, structure.mass)
-    return np.asarray(vector[:, value <= LOOSE * np.abs(value).max(initial=0.0)])
+    return np.asarray(vector[:, value <= RIGID_STIFFNESS * np.abs(value).max(initial=0.0)])
 
 
-def floats(description: Description) -> bool:
-    """Whether a structure has a motion that meets no stiffness."""
+def has_rigid_motion(description: Description) -> bool:
+    """Whether a structure has a rigid-body motion, one without stiffness."""
     return bool(rigid_motions(assemble(description)).shape[1])
 
 
-def drift_of(description: Description, trials: Sequence[Trial]) -> Drift | None:
-    """Drift of a structure that floats; None for one that is held."""
+def rigid_body_drift(description: Description, trials: Sequence[Trial]) -> Drift | None:
+    """Describe the drift of a structure with rigid motions; None for one that is supported."""
     structure = assemble(description)
     motions = rigid_motions(structure)
     if not motions.shape[1]:
@@ -138,15 +169,16 @@ def drift_of(description: Description, trials: Sequence[Trial]) -> Drift | None:
         damping=motions.T @ structure.damping @ motions,
         shapes=shapes,
         orders=orders,
-        pushes=_pushes(description, structure, motions),
-        doubt=tuple(_doubt(trial) for trial in trials),
-        least_hz=tuple(1 / trial.duration_s for trial in trials),
+        participation=_input_participation(description, structure, motions),
+        error_density=tuple(_input_error_density(trial) for trial in trials),
+        min_hz=tuple(1 / trial.duration_s for trial in trials),
     )
 
 
-def _pushes(
+def _input_participation(
     description: Description, structure: Structure, motions: Float[np.ndarray, "dof rigid"]
 ) -> Float[np.ndarray, "rigid input"]:
+    """Modal force of each rigid motion per unit of each input."""
     found = np.zeros((motions.shape[1], len(description.inputs)))
     for i, entry in enumerate(description.inputs):
         quantity: Literal["force", "acceleration"]
@@ -159,12 +191,12 @@ def _pushes(
     return found
 
 
-def _doubt(trial: Trial) -> Float[np.ndarray, " input"]:
-    """Density of the error of each input, were it white in the band that is driven."""
+def _input_error_density(trial: Trial) -> Float[np.ndarray, " input"]:
+    """One-sided density of the error of each input, white over the band of the input."""
     if not trial.inputs.shape[1]:
         return np.zeros(0)
     spectrum = periodogram(detrended(trial.inputs), trial.rate_hz)
     below = np.cumsum(spectrum.density, axis=0)
-    top = np.argmax(below >= MOST_POWER * below[-1], axis=0)
+    top = np.argmax(below >= BAND_POWER * below[-1], axis=0)
     band = np.maximum(spectrum.frequency_hz[top], 1 / trial.duration_s)
-    return np.asarray((DOUBT * trial.inputs.std(axis=0)) ** 2 / band)
+    return np.asarray((INPUT_ERROR * trial.inputs.std(axis=0)) ** 2 / band)

@@ -1,4 +1,4 @@
-"""Residuals of all trials in, the noise of every sensor out, whatever else is in them."""
+"""Estimation of sensor noise from residuals that hold more than noise."""
 
 import dataclasses
 import math
@@ -16,53 +16,92 @@ from slowtime.dynamics.modes import undamped_modes
 from slowtime.signals.spectra import detrended, periodogram
 
 from .colour import Colour, Noise
-from .fisher_scoring import FALLING, HUMPED, WIDEST, climbed
-from .incoherent import incoherent_power
+from .fisher_scoring import MAX_POLE_RADIUS, POLE_PAIR, POWER_LAW, maximise_likelihood
+from .incoherent_power import incoherent_power
 
-ABOVE = 1.7
-"""Times the highest natural frequency: beyond it a structure hardly answers."""
 
-PAINT = 15.0
-"""Gain of log likelihood that a colour must bring over white noise, for three more numbers."""
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class NoiseThresholds:
+    """Thresholds of the noise estimate, each with its unit, meaning and source."""
 
-FEWEST_LINES, MOST_LINES = 8, 200
-WIDTH = 1.1
-"""Ends of a block of lines, last over first, unless that makes it too short or too long."""
+    response_margin: float = 1.7
+    """[1] Times the highest natural frequency above which a structure hardly answers.
+    Source: judgement; a mode answers there with half of its static response."""
+    colour_gain: float = 15.0
+    """[nats] Gain of log likelihood that a coloured density must bring over a white one, for
+    three more parameters. Source: judgement; Schwarz's criterion would ask for 7 at a
+    hundred blocks."""
+    min_block_lines: int = 8
+    """[lines] Of the periodogram in one block at least. Source: judgement; no study is
+    recorded."""
+    max_block_lines: int = 200
+    """[lines] Of the periodogram in one block at most. Source: judgement; no study is
+    recorded."""
+    block_ratio: float = 1.1
+    """[1] Last frequency of a block over its first, within the limits of its lines. Source:
+    judgement; no study is recorded."""
+    signal_probability: float = 0.99
+    """[probability] That a block where the structure answers holds more than noise, before
+    it is looked at. Source: judgement; no study is recorded."""
+    tone_probability: float = 1e-5
+    """[probability] The same of a block where the structure is silent: a tone of the mains.
+    Source: judgement; no study is recorded."""
+    no_signal_probability: float = 1e-200
+    """[probability] The same in the first pass of a fit, in which no silent block is
+    dismissed. Source: so small that no block is, and above the least number of double
+    precision."""
+    noise_only_p_value: float = 1e-3
+    """[probability] p-value below which a residual that is noise alone is suspected of more.
+    Source: one false alarm in a thousand sensors."""
+    min_periods: float = 4.0
+    """[periods] Of a mode in a record below which it is no vibration. Source: judgement; no
+    study is recorded."""
+    band_power: float = 0.98
+    """[share of power] Of what drives a floating structure that lies in its band. Source:
+    judgement; no study is recorded."""
+    white_part_loss: float = 1.0
+    """[nats] Log likelihood that a larger white part of a rising colour may cost. Source:
+    docs/decisions/0027; what rises with frequency says nothing of the noise below."""
+    tonal_share: float = 0.15
+    """[share of blocks] Of a silent band that may hold tones. Source: judgement; no study is
+    recorded."""
+    min_used_share: float = 0.05
+    """[share of samples] By which a channel with fewer used samples counts. Source:
+    judgement; no study is recorded."""
+    instrument_floor: float = 1e-5
+    """[standard deviations of the reading] Noise of the best sensor there is. Source: 100
+    dB, the dynamic range of a good 24-bit recorder."""
 
-SUSPECT, TRUSTED = 0.99, 1e-5
-"""Probability that a block of lines holds more than noise, before it is looked at."""
-INNOCENT = 1e-200
 
-NO_NOISE = 1e-3
-"""Chance at which a residual that is noise alone is still suspected of more."""
+THRESHOLDS = NoiseThresholds()
 
-STRENGTHS, SLOPES = ((-14.0, 6.0), (-14.0, 14.0)), (-4.0, 4.0)
-"""Bounds of the logarithms of both strengths, and of the slope."""
-ODDS, ANGLES = (-1.0, 6.0), (0.01, 3.13)
-"""The same of a hump: of the odds of its radius, and of its angle."""
+LOG_STRENGTH_BOUNDS = ((-14.0, 6.0), (-14.0, 14.0))
+"""[log of the mean density] Bounds of the white and of the coloured part. Source:
+judgement; six decades below the mean density to well above it."""
+SLOPE_BOUNDS = (-4.0, 4.0)
+"""[1] Bounds of the exponent of a power law. Source: noise integrated or differentiated
+twice has slopes of 4 and -4."""
+RADIUS_LOGIT_BOUNDS = (-1.0, 6.0)
+"""[log odds] Bounds of the radius of a pole pair, over `MAX_POLE_RADIUS`. Source: judgement;
+no study is recorded."""
+ANGLE_BOUNDS = (0.01, 3.13)
+"""[rad] Bounds of the angle of a pole pair. Source: just inside 0 and pi, where the pair
+becomes a double real pole."""
 
-GRID = np.linspace(-4.0, 4.0, 41)
-"""Of the logarithm of a strength, about a first guess."""
+STRENGTH_GRID = np.linspace(-4.0, 4.0, 41)
+"""[log of the density] Offsets from a first guess at which a strength is tried before it is
+refined. Source: judgement; factors of 55 either way in steps of 22 %."""
 
-FEWEST_PERIODS = 4.0
-"""Periods of a mode in a record below which it is no vibration."""
+WHITE_PART_GRID = np.logspace(0, -8, 81)
+"""[share of the density at the highest line] White parts tried of a colour that rises.
+Source: ten per decade, over the dynamic range of a recorder."""
 
-MOST_POWER = 0.98
-
-WHITER = np.logspace(0, -8, 81)
-"""White parts tried of a colour that rises, against its density at the highest line."""
-SPARED = 1.0
-"""Log likelihood that a whiter colour may cost."""
-
-SPARKS = 0.15
-"""Share of the blocks of a silent band that may hold tones."""
-
-LEAST = 0.05
-"""Share of samples below which a channel counts as if it had so many."""
-BEST = 1e-5
-"""Noise of the best sensor there is over the scatter of what it measures: 100 dB."""
-UNHEARD, DEAF = 1e-6, 1e12
-"""What a channel without any sample counts by, and the density of its noise."""
+UNMEASURED_WEIGHT = 1e-6
+"""[share of the lines] By which a channel without any used sample counts. Source: small
+beside one line of one record, yet not zero."""
+UNMEASURED_DENSITY = 1e12
+"""[unit²/Hz] Density of the noise of a channel without any used sample. Source: so large
+that the channel weighs nothing in any fit."""
 
 # Shapes are checked at the door, not in what is called ten thousand times.
 Blocks = np.ndarray[Any, np.dtype[np.float64]]
@@ -75,40 +114,57 @@ Power = tuple[
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Means:
-    """Mean density of blocks of lines, over how many lines, and how suspect each is."""
+class BlockMeans:
+    """Mean densities over blocks of lines.
+
+    Parameters
+    ----------
+    frequency_hz
+        Mean frequency of each block [Hz].
+    power
+        Mean density [unit²/Hz].
+    lines
+        Independent lines in each block.
+    signal_probability
+        Probability, beforehand, that a block holds more than noise.
+    """
 
     frequency_hz: Blocks
     power: Blocks
     lines: Blocks
-    suspect: Blocks
+    signal_probability: Blocks
 
-    def over(self, level: float) -> "Means":
-        """Give the same in units of `level`."""
+    def relative_to(self, level: float) -> "BlockMeans":
+        """Divide the densities by a level."""
         return dataclasses.replace(self, power=self.power / level)
 
-    def known(self, share: float) -> "Means":
-        """Count lines that go together, since a share of the samples made them, as fewer."""
+    def with_independent_share(self, share: float) -> "BlockMeans":
+        """Multiply the lines by the share of them that is independent."""
         return dataclasses.replace(self, lines=self.lines * share)
 
 
-def silent_above(description: Description, trials: Sequence[Trial] = ()) -> float:
-    """Frequency [Hz] above which a structure is taken to be silent.
+def response_limit_hz(description: Description, trials: Sequence[Trial] = ()) -> float:
+    """Frequency [Hz] above which the response of a structure is negligible.
 
-    That of its modes; of a structure that floats, and has none, that of what drives it in the
-    `trials`.
+    Parameters
+    ----------
+    description
+        The model, whose highest natural frequency decides.
+    trials
+        Records; where they hold fewer than a few periods of that mode, as of a structure with
+        rigid motions only, the band of their excitation decides.
     """
     highest = float(undamped_modes(assemble(description)).frequency_hz[-1])
     for trial in trials:
-        if highest * trial.duration_s < FEWEST_PERIODS:
-            highest = max(highest, _driven_to(trial))
-    return ABOVE * highest
+        if highest * trial.duration_s < THRESHOLDS.min_periods:
+            highest = max(highest, _excitation_limit_hz(trial))
+    return THRESHOLDS.response_margin * highest
 
 
-def _driven_to(trial: Trial) -> float:
-    """Frequency below which nearly all power of inputs lies; of outputs, where there is none.
+def _excitation_limit_hz(trial: Trial) -> float:
+    """Frequency [Hz] below which nearly all power of the inputs lies, or else of the outputs.
 
-    0 where nothing was heard either.
+    0 where both are silent.
     """
     series = trial.inputs if np.ptp(trial.inputs, axis=0).any() else trial.measured
     spectrum = periodogram(detrended(series), trial.rate_hz)
@@ -116,16 +172,16 @@ def _driven_to(trial: Trial) -> float:
     if not power.any():
         return 0.0
     below = np.cumsum(power.sum(axis=1)) / float(power.sum())
-    return float(spectrum.frequency_hz[int(np.searchsorted(below, MOST_POWER))])
+    return float(spectrum.frequency_hz[int(np.searchsorted(below, THRESHOLDS.band_power))])
 
 
-def noise_of_residual(
+def estimate_noise(
     trials: tuple[Trial, ...],
     residuals: tuple[Float[np.ndarray, "time sensor"], ...],
     *,
     silent_above_hz: float,
 ) -> Noise:
-    r"""Noise of each sensor in each trial, from residuals that may hold more than noise.
+    r"""Estimate the noise of each sensor from residuals that hold more than noise.
 
     The mean :math:`m` of a block of :math:`n` lines of the periodogram is of noise alone, or
     of noise with something unknown on top, which can only add:
@@ -133,38 +189,48 @@ def noise_of_residual(
     .. math:: \log p = \log \left[ (1 - \pi) e^{-n (\log N + m / N)}
               + \pi e^{-n (\log \max(N, m) + m / \max(N, m))} \right] .
 
-    With :math:`\pi \approx 1` where the structure answers, a residual may be as strong as it
-    likes there without lifting the floor, but the floor cannot lie above it. The colour is of
-    all trials; its strength is each trial's own. Where one law of noise fits the whole
-    residual of a sensor to within its scatter, or one for each trial does, nothing is
-    suspected, and the noise is that law.
+    With :math:`\pi \approx 1` where the structure answers, a strong residual there does not
+    raise the noise, but the noise cannot exceed it. The colour is common to all trials; its
+    strength is each trial's own. Where one density fits the whole residual of a sensor within
+    its scatter, or one for each trial does, the whole residual is taken for noise.
 
     Parameters
     ----------
+    trials
+        Records.
     residuals
-        Zero where a sample is not used.
+        Of each trial (time, sensor), in the sensors' units; zero where a sample is not used.
     silent_above_hz
-        Frequency above which the structure hardly answers; 0 to trust the residual throughout.
+        Frequency [Hz] above which the structure hardly answers; 0 where the whole residual is
+        noise.
+
+    Returns
+    -------
+    The noise of every sensor in every trial.
     """
     powers = []
     for trial, residual in zip(trials, residuals, strict=True):
         frequency, power, spare = incoherent_power(
             residual, trial.inputs, trial.rate_hz, trial.used
         )
-        share = np.maximum(trial.used.mean(axis=0), LEAST)
-        # A sensor that says nothing in a trial is all noise there, and counts for nothing.
+        share = np.maximum(trial.used.mean(axis=0), THRESHOLDS.min_used_share)
+        # A sensor without any sample in a trial weighs nothing there.
         heard = trial.used.any(axis=0)
-        known = np.where(heard, share * spare, UNHEARD)
-        powers.append((frequency, np.where(heard, power / share, DEAF), known))
-    noise = noise_of_power(powers, rate_hz=trials[0].rate_hz, silent_above_hz=silent_above_hz)
-    return no_better(noise, trials)
+        known = np.where(heard, share * spare, UNMEASURED_WEIGHT)
+        powers.append((frequency, np.where(heard, power / share, UNMEASURED_DENSITY), known))
+    noise = estimate_noise_of_spectra(
+        powers, rate_hz=trials[0].rate_hz, silent_above_hz=silent_above_hz
+    )
+    return with_instrument_floor(noise, trials)
 
 
-def no_better(noise: Noise, trials: Sequence[Trial]) -> Noise:
-    """Add the noise of the best sensor there is: what was smoothed afterwards seems quieter."""
+def with_instrument_floor(noise: Noise, trials: Sequence[Trial]) -> Noise:
+    """Add the noise of the best instrument, as records that were smoothed seem quieter."""
     colours = []
     for row, trial in zip(noise.colours, trials, strict=True):
-        least = (BEST * trial.measured.std(axis=0)) ** 2 / (trial.rate_hz / 2)
+        least = (THRESHOLDS.instrument_floor * trial.measured.std(axis=0)) ** 2 / (
+            trial.rate_hz / 2
+        )
         colours.append(
             tuple(
                 dataclasses.replace(colour, white=colour.white + float(more))
@@ -174,35 +240,50 @@ def no_better(noise: Noise, trials: Sequence[Trial]) -> Noise:
     return dataclasses.replace(noise, colours=tuple(colours))
 
 
-def noise_of_power(powers: Sequence[Power], *, rate_hz: float, silent_above_hz: float) -> Noise:
-    """Estimate noise from spectra that may hold more than noise: see `noise_of_residual`.
+def estimate_noise_of_spectra(
+    powers: Sequence[Power], *, rate_hz: float, silent_above_hz: float
+) -> Noise:
+    """Estimate the noise from power spectra that hold more than noise.
 
     Parameters
     ----------
     powers
-        By trial: frequencies, density of each sensor, and which share of the lines of each
-        sensor is independent of the others.
+        By trial: frequencies [Hz], density of each sensor [unit²/Hz], and the share of its
+        lines that is independent.
     rate_hz
-        Sampling rate, for colours with a hump.
+        Sampling rate [Hz], for densities with a pair of poles.
+    silent_above_hz
+        Frequency [Hz] above which the structure hardly answers.
+
+    See Also
+    --------
+    estimate_noise : The likelihood that is maximised.
     """
-    found, believed = [], []
+    found = []
     for sensor in range(powers[0][1].shape[1]):
         means = [
-            block_means(frequency, power[:, sensor], silent_above_hz).known(share[sensor])
+            block_means(frequency, power[:, sensor], silent_above_hz).with_independent_share(
+                share[sensor]
+            )
             for frequency, power, share in powers
         ]
         plain = [
-            dataclasses.replace(m, suspect=np.full_like(m.suspect, TRUSTED)) for m in means
+            dataclasses.replace(
+                m,
+                signal_probability=np.full_like(
+                    m.signal_probability, THRESHOLDS.tone_probability
+                ),
+            )
+            for m in means
         ]
-        trusted = own_colours(plain, rate_hz)
-        believed.append(passes_for_noise(plain, [colour for colour, _ in trusted]))
-        doubtless = believed[-1] or silent_above_hz == 0
+        trusted = select_colours(plain, rate_hz)
+        only_noise = is_noise_only(plain, [colour for colour, _ in trusted])
+        doubtless = only_noise or silent_above_hz == 0
         found.append(trusted if doubtless else fit_colours(means, rate_hz))
     by_trial = tuple(zip(*found, strict=True))
     return Noise(
         colours=tuple(tuple(colour for colour, _ in row) for row in by_trial),
         relative_sd=tuple(tuple(error for _, error in row) for row in by_trial),
-        alone=tuple(believed),
     )
 
 
@@ -210,91 +291,104 @@ def block_means(
     frequency_hz: Float[np.ndarray, " frequency"],
     power: Float[np.ndarray, " frequency"],
     silent_above_hz: float,
-) -> Means:
-    """Average lines over blocks of constant relative width."""
+) -> BlockMeans:
+    """Average a periodogram over blocks of constant relative width.
+
+    Parameters
+    ----------
+    frequency_hz, power
+        Lines [Hz] and their densities [unit²/Hz].
+    silent_above_hz
+        Frequency [Hz] above which blocks are taken to be noise; the upper half of the band
+        where too few lines lie above it.
+    """
     edges = [0]
     while edges[-1] < len(power):
         first = edges[-1]
-        wide = np.searchsorted(frequency_hz, frequency_hz[first] * WIDTH) - first
-        edges.append(first + int(np.clip(wide, FEWEST_LINES, MOST_LINES)))
+        wide = (
+            np.searchsorted(frequency_hz, frequency_hz[first] * THRESHOLDS.block_ratio) - first
+        )
+        edges.append(
+            first + int(np.clip(wide, THRESHOLDS.min_block_lines, THRESHOLDS.max_block_lines))
+        )
     edges[-1] = len(power)
-    if len(edges) > 2 and edges[-1] - edges[-2] < FEWEST_LINES:
+    if len(edges) > 2 and edges[-1] - edges[-2] < THRESHOLDS.min_block_lines:
         del edges[-2]
     starts, lines = np.array(edges[:-1]), np.diff(edges).astype(float)
     centre = np.add.reduceat(frequency_hz, starts) / lines
     silent = centre > silent_above_hz
-    if lines[silent].sum() < 4 * FEWEST_LINES:
+    if lines[silent].sum() < 4 * THRESHOLDS.min_block_lines:
         silent = centre > frequency_hz[-1] / 2
-    return Means(
+    return BlockMeans(
         centre,
         np.add.reduceat(power, starts) / lines,
         lines,
-        np.where(silent, TRUSTED, SUSPECT),
+        np.where(silent, THRESHOLDS.tone_probability, THRESHOLDS.signal_probability),
     )
 
 
-def passes_for_noise(means: Sequence[Means], colours: Sequence[Colour]) -> bool:
-    """Whether blocks that are not suspect scatter about the colours as noise does.
+def is_noise_only(means: Sequence[BlockMeans], colours: Sequence[Colour]) -> bool:
+    """Whether blocks outside the structure's band scatter about the densities as noise does.
 
-    Twice the deficit of log likelihood is close to chi squared with a degree for each block.
-    Where some blocks are suspect, a few of the others may be so too: of tones.
+    Twice the deficit of log likelihood is close to chi squared with a degree of freedom for
+    each block. Where some blocks lie in the structure's band, a few others may hold tones.
     """
     deficit, blocks = 0.0, 0
     for one, colour in zip(means, colours, strict=True):
-        seen = one.suspect < SUSPECT
-        clean = _mixed(one, colour.density(one.frequency_hz))[1] > 0.5
-        if not seen.all() and np.mean(clean[seen]) > 1 - SPARKS:
+        seen = one.signal_probability < THRESHOLDS.signal_probability
+        clean = _mixture_log_likelihood(one, colour.density(one.frequency_hz))[1] > 0.5
+        if not seen.all() and np.mean(clean[seen]) > 1 - THRESHOLDS.tonal_share:
             seen = seen & clean
         relative = np.maximum(one.power / colour.density(one.frequency_hz), 1e-300)[seen]
         deficit += float(2 * one.lines[seen] @ (relative - 1 - np.log(relative)))
         blocks += len(relative)
-    return bool(scipy.stats.chi2.sf(deficit, blocks) > NO_NOISE)
+    return bool(scipy.stats.chi2.sf(deficit, blocks) > THRESHOLDS.noise_only_p_value)
 
 
-def own_colours(means: Sequence[Means], rate_hz: float) -> list[tuple[Colour, float]]:
-    """Colour of all trials together; of each by itself where only such pass for noise."""
+def select_colours(means: Sequence[BlockMeans], rate_hz: float) -> list[tuple[Colour, float]]:
+    """Fit a colour common to all trials, or one for each where only that explains them."""
     common = fit_colours(means, rate_hz)
-    if len(means) == 1 or passes_for_noise(means, [colour for colour, _ in common]):
+    if len(means) == 1 or is_noise_only(means, [colour for colour, _ in common]):
         return common
     own = [fit_colours([one], rate_hz)[0] for one in means]
-    return own if passes_for_noise(means, [colour for colour, _ in own]) else common
+    return own if is_noise_only(means, [colour for colour, _ in own]) else common
 
 
-def fit_colours(means: Sequence[Means], rate_hz: float) -> list[tuple[Colour, float]]:
-    """Colour of all trials together, at the strength of each, with its relative sd."""
+def fit_colours(means: Sequence[BlockMeans], rate_hz: float) -> list[tuple[Colour, float]]:
+    """Fit the colour common to all trials, and its strength in each with its relative sd."""
     white = Colour(white=1.0)
-    plain = [_strength(one, white) for one in means]
+    plain = [_fit_strength(one, white) for one in means]
     found = [(white.scaled(level), error) for level, error in plain]
-    if passes_for_noise(means, [colour for colour, _ in found]):
+    if is_noise_only(means, [colour for colour, _ in found]):
         return found
-    scaled = [one.over(level) for one, (level, _) in zip(means, plain, strict=True)]
-    whole = Means(
+    scaled = [one.relative_to(level) for one, (level, _) in zip(means, plain, strict=True)]
+    whole = BlockMeans(
         *(
             np.concatenate([getattr(one, field.name) for one in scaled])
-            for field in dataclasses.fields(Means)
+            for field in dataclasses.fields(BlockMeans)
         )
     )
-    colour = _colour(whole, rate_hz)
-    strengths = [_strength(one, colour) for one in means]
+    colour = _select_family(whole, rate_hz)
+    strengths = [_fit_strength(one, colour) for one in means]
     return [(colour.scaled(level), error) for level, error in strengths]
 
 
-def _strength(means: Means, colour: Colour) -> tuple[float, float]:
-    """Factor on a colour that fits the means, and its relative standard deviation."""
+def _fit_strength(means: BlockMeans, colour: Colour) -> tuple[float, float]:
+    """Fit a factor on a colour to the means; give it and its relative standard deviation."""
     relative = dataclasses.replace(
         means, power=np.maximum(means.power, 1e-300) / colour.density(means.frequency_hz)
     )
-    trusted = relative.suspect < SUSPECT
+    trusted = relative.signal_probability < THRESHOLDS.signal_probability
     centre = float(np.log(np.median(relative.power[trusted])))
 
     one = np.ones(len(relative.power))
 
     def cost(log_level: float) -> float:
-        return -float(_mixed(relative, np.exp(log_level) * one)[0].sum())
+        return -float(_mixture_log_likelihood(relative, np.exp(log_level) * one)[0].sum())
 
-    grid = centre + GRID
+    grid = centre + STRENGTH_GRID
     nearest = float(grid[int(np.argmin([cost(float(level)) for level in grid]))])
-    step = float(GRID[1] - GRID[0])
+    step = float(STRENGTH_GRID[1] - STRENGTH_GRID[0])
     found = scipy.optimize.minimize_scalar(
         cost,
         bounds=(nearest - step, nearest + step),
@@ -302,80 +396,92 @@ def _strength(means: Means, colour: Colour) -> tuple[float, float]:
         options={"xatol": 1e-5},
     )
     level = float(np.exp(found.x))
-    clean = _mixed(relative, level * one)[1]
+    clean = _mixture_log_likelihood(relative, level * one)[1]
     known = float(clean @ relative.lines)
     return level, 1 / math.sqrt(known if known > 1 else 1.0)
 
 
-def _colour(means: Means, rate_hz: float) -> Colour:
-    """White unless a colour is much better; the first that passes for noise is taken."""
+def _select_family(means: BlockMeans, rate_hz: float) -> Colour:
+    """Choose a white density unless a coloured one is much more likely."""
     best = Colour(white=1.0)
-    least = _score(means, best) + PAINT
+    least = _log_likelihood(means, best) + THRESHOLDS.colour_gain
     top = float(means.frequency_hz[-1])
     falling = [
-        (FALLING, [-1.0, 0.0, np.log(corner * top), slope])
+        (POWER_LAW, [-1.0, 0.0, np.log(corner * top), slope])
         for slope, corner in ((2.0, 0.1), (-2.0, 0.5), (1.0, 0.01))
     ]
-    humped = [(HUMPED, [-1.0, 0.0, 2.0, turn * np.pi]) for turn in (0.1, 0.3, 0.6)]
+    humped = [(POLE_PAIR, [-1.0, 0.0, 2.0, turn * np.pi]) for turn in (0.1, 0.3, 0.6)]
     for family, at in falling + humped:
-        colour = _painted(means, family, np.array(at), rate_hz)
-        score = _score(means, colour)
+        colour = _fit_family(means, family, np.array(at), rate_hz)
+        score = _log_likelihood(means, colour)
         if score > least:
             best, least = colour, score
-            if passes_for_noise([means], [colour]):
+            if is_noise_only([means], [colour]):
                 break
-    return _no_quieter(means, best)
+    return _raise_white_part(means, best)
 
 
-def _no_quieter(means: Means, colour: Colour) -> Colour:
-    """Raise the white part of a colour that rises as far as nothing speaks against it.
+def _raise_white_part(means: BlockMeans, colour: Colour) -> Colour:
+    """Raise the white part of a rising density as far as the likelihood hardly falls.
 
-    What rises above the structure's answers says nothing of how quiet it is among them.
+    Noise that rises above the structure's band says nothing of the noise within it.
     """
     ends = colour.density(means.frequency_hz[[0, -1]])
     if ends[0] >= ends[1]:
         return colour
-    least = _score(means, colour) - SPARED
-    for white in float(ends[1]) * WHITER:
+    least = _log_likelihood(means, colour) - THRESHOLDS.white_part_loss
+    for white in float(ends[1]) * WHITE_PART_GRID:
         raised = dataclasses.replace(colour, white=float(white))
-        if white > colour.white and _score(means, raised) > least:
+        if white > colour.white and _log_likelihood(means, raised) > least:
             return raised
     return colour
 
 
 def _colour_at(at: At, family: int, rate_hz: float) -> Colour:
-    """Colour by the numbers that are climbed along: see `climb`."""
+    """Colour by the parameters of `maximise_likelihood`."""
     white, low = np.exp(at[:2]).tolist()
-    if family == FALLING:
-        return Colour(white=white, low=low, corner_hz=float(np.exp(at[2])), slope=float(at[3]))
-    radius = float(WIDEST / (1 + np.exp(-at[2])))
-    return Colour(white=white, low=low, radius=radius, angle=float(at[3]), rate_hz=rate_hz)
+    if family == POWER_LAW:
+        return Colour(
+            white=white, coloured=low, corner_hz=float(np.exp(at[2])), slope=float(at[3])
+        )
+    radius = float(MAX_POLE_RADIUS / (1 + np.exp(-at[2])))
+    return Colour(white=white, coloured=low, radius=radius, angle=float(at[3]), rate_hz=rate_hz)
 
 
-def _painted(means: Means, family: int, at: At, rate_hz: float) -> Colour:
-    """Climb to the colour of greatest likelihood."""
+def _fit_family(means: BlockMeans, family: int, at: At, rate_hz: float) -> Colour:
+    """Fit the parameters of one family by Fisher scoring."""
     lowest, top = float(means.frequency_hz[0]), float(means.frequency_hz[-1])
     corners = (np.log(lowest / 2), np.log(4 * top))
-    own = (corners, SLOPES) if family == FALLING else (ODDS, ANGLES)
-    low, high = np.array([*STRENGTHS, *own], dtype=float).T.copy()
-    # First without suspicion of the silent band: a block dismissed there pulls no more.
-    innocent = np.where(means.suspect < SUSPECT, INNOCENT, means.suspect)
-    for suspect in (innocent, means.suspect):
+    own = (
+        (corners, SLOPE_BOUNDS) if family == POWER_LAW else (RADIUS_LOGIT_BOUNDS, ANGLE_BOUNDS)
+    )
+    low, high = np.array([*LOG_STRENGTH_BOUNDS, *own], dtype=float).T.copy()
+    # First with the silent band as noise: a block dismissed there would have no more weight.
+    innocent = np.where(
+        means.signal_probability < THRESHOLDS.signal_probability,
+        THRESHOLDS.no_signal_probability,
+        means.signal_probability,
+    )
+    for suspect in (innocent, means.signal_probability):
         odds = np.log1p(-suspect), np.log(suspect)
         blocks = np.stack([means.frequency_hz, means.power, means.lines, *odds])
-        at = climbed(blocks, at, low, high, family, rate_hz)
+        at = maximise_likelihood(blocks, at, low, high, family, rate_hz)
     return _colour_at(at, family, rate_hz)
 
 
-def _score(means: Means, colour: Colour) -> float:
-    return float(_mixed(means, colour.density(means.frequency_hz))[0].sum())
+def _log_likelihood(means: BlockMeans, colour: Colour) -> float:
+    """Log likelihood of all blocks."""
+    return float(_mixture_log_likelihood(means, colour.density(means.frequency_hz))[0].sum())
 
 
-def _mixed(means: Means, density: Blocks) -> tuple[Blocks, Blocks]:
+def _mixture_log_likelihood(means: BlockMeans, density: Blocks) -> tuple[Blocks, Blocks]:
     """Log likelihood of each block, and its probability to be noise alone."""
     noise = -means.lines * (np.log(density) + means.power / density)
     more = np.maximum(density, means.power)
     above = -means.lines * (np.log(more) + means.power / more)
-    one, other = np.log1p(-means.suspect) + noise, np.log(means.suspect) + above
+    one, other = (
+        np.log1p(-means.signal_probability) + noise,
+        np.log(means.signal_probability) + above,
+    )
     total = np.logaddexp(one, other)
     return total, np.exp(one - total)

@@ -30,7 +30,7 @@ def alternative_starts(
 
     def tick(effect: Effect, _: int) -> bool:
         tell(f"refitting {effect.kind} at {effect.place}", 0.85)
-        return tell.hurries
+        return tell.is_late
 
     first, *rest = found.fitted
     second = [answer.effect for answer in found.effects[1:2]]

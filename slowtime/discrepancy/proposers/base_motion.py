@@ -9,7 +9,12 @@ from slowtime.discrepancy.calibration import Fit, refit
 from slowtime.discrepancy.candidates.library_fit import Candidate, label_of
 from slowtime.discrepancy.diagnosis import NamedEffect, Number
 from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate
-from slowtime.discrepancy.localization import PLACED, Character, Located, character
+from slowtime.discrepancy.localization import (
+    PLACE_MARGIN,
+    Character,
+    Localization,
+    characterise,
+)
 from slowtime.discrepancy.quoting import sentence_of
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
@@ -37,7 +42,7 @@ where that is not all that is missing."""
 
 
 def base_motion(
-    located: Located, tried: Sequence[Candidate], kinds: Mapping[str, Kind], *, first: bool
+    located: Localization, tried: Sequence[Candidate], kinds: Mapping[str, Kind], *, first: bool
 ) -> NamedEffect | None:
     """Name a motion of the base that nobody measured, where it beats all else.
 
@@ -72,8 +77,8 @@ def base_motion(
         if made > likelihood - (1 - share) * group.score:
             return None
     if group.twins or several:
-        elements = [near for near in located.near if near.kind == "element"]
-        if any(_made(character(located, place)) for place in elements):
+        elements = [near for near in located.equivalent_places if near.kind == "element"]
+        if any(_made(characterise(located, place)) for place in elements):
             return None
     if _grows(located, place):
         return None
@@ -91,7 +96,7 @@ def base_motion(
     )
 
 
-def _size(located: Located, place: Place, unit: str) -> Number:
+def _size(located: Localization, place: Place, unit: str) -> Number:
     """Root mean square of a random force, each record counting as far as it tells of it.
 
     How much of the recovered power is the sensors' noise is what is not known of it.
@@ -104,7 +109,7 @@ def _size(located: Located, place: Place, unit: str) -> Number:
     return Number(size, math.hypot(SIZE_SD * size, noise / (2 * size)), unit)
 
 
-def _grows(located: Located, place: Place) -> bool:
+def _grows(located: Localization, place: Place) -> bool:
     """Whether a force grows with what drives the structure, as none from outside does."""
     driven = [float(np.sum(np.var(trial.inputs, axis=0))) for trial in located.trials]
     least, most = int(np.argmin(driven)), int(np.argmax(driven))
@@ -124,7 +129,7 @@ def _made(there: Character) -> bool:
     return curved and not there.linear
 
 
-def placed(located: Located, tried: Sequence[Candidate]) -> bool:
+def placed(located: Localization, tried: Sequence[Candidate]) -> bool:
     """Whether no force but one on the base could be what is missing, and it is all.
 
     What a fault of the measured motion explains of it has to be seen in a free run first.
@@ -135,11 +140,11 @@ def placed(located: Located, tried: Sequence[Candidate]) -> bool:
     return apart(located) and all(little)
 
 
-def apart(located: Located) -> bool:
+def apart(located: Localization) -> bool:
     """Whether a force at the foremost place is all that is missing, and none elsewhere is."""
     first, *rest = located.groups
     alone = not first.twins and first.left < LIMITS.several_forces_chi2
-    return alone and all(group.left > PLACED * first.left for group in rest)
+    return alone and all(group.left > PLACE_MARGIN * first.left for group in rest)
 
 
 def by_a_law(
@@ -147,7 +152,7 @@ def by_a_law(
     labels: Sequence[Candidate],
     before: Fit,
     trials: tuple[Trial, ...],
-    located: Located,
+    located: Localization,
 ) -> bool:
     """Whether a law explains much of what may be a motion of the base.
 
@@ -160,7 +165,11 @@ def by_a_law(
     named, labels
         What was refitted, the best first; and with what each explains along the force.
     """
-    along = {label_of(one.effect): 1 - one.cost / one.bare for one in labels if one.bare}
+    along = {
+        label_of(one.effect): 1 - one.cost / one.cost_without
+        for one in labels
+        if one.cost_without
+    }
     law = next((one.fit for one in named if along.get(label_of(one.effect), 1.0) > NONE), None)
     if law is None or (apart(located) and law.chi2_in_band > LIMITS.far_off_chi2):
         return False

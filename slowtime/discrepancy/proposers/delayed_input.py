@@ -86,7 +86,7 @@ def pairs_with_delayed_input(given: Round) -> Iterator[tuple[Candidate, Candidat
         place = Place("input", entry.channel)
         if (LATE, place) in there:
             continue
-        if given.monitor.hurries:
+        if given.monitor.is_late:
             return
         begin = Effect(LATE, place, {kinds[LATE].names[0]: 0.5 / trials[0].rate_hz})
         named = fit_candidate(before, begin, trials, kinds, None)
@@ -99,13 +99,15 @@ def pairs_with_delayed_input(given: Round) -> Iterator[tuple[Candidate, Candidat
         except (np.linalg.LinAlgError, FloatingPointError):
             continue
         for law in seen[:MOST]:
-            if law.cost < CLEARLY * law.bare and label_of(law.effect) != label_of(delay):
-                yield Candidate(delay, law.cost, law.score, law.bare), law
+            if law.cost < CLEARLY * law.cost_without and label_of(law.effect) != label_of(
+                delay
+            ):
+                yield Candidate(delay, law.cost, law.score, law.cost_without), law
 
 
 def _opaque(tried: Sequence[Candidate]) -> bool:
     """Whether the best law explains little of the force."""
-    return bool(tried) and tried[0].cost >= OPAQUE * tried[0].bare
+    return bool(tried) and tried[0].cost >= OPAQUE * tried[0].cost_without
 
 
 def _outstanding(asked: Sequence[FittedCandidate], before: Fit) -> bool:

@@ -12,11 +12,19 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import Fit, GivenUp, first_swings, refit
-from slowtime.discrepancy.calibration.augmentation import begun_with, effects_in, free_run
-from slowtime.discrepancy.calibration.initial_states import begun
+from slowtime.discrepancy.calibration import Fit, FitAbandoned, FitControl, first_periods, refit
+from slowtime.discrepancy.calibration.augmentation import (
+    augmented_start,
+    fitted_effects,
+    free_run_chi2,
+)
+from slowtime.discrepancy.calibration.initial_states import refit_initial_states
 from slowtime.discrepancy.candidates.library_fit import Candidate, is_applicable
-from slowtime.discrepancy.candidates.parameter_scan import as_strong, has_strength, joined
+from slowtime.discrepancy.candidates.parameter_scan import (
+    concatenate_motions,
+    effects_of_strength,
+    has_strength,
+)
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.description import Spring
 from slowtime.dynamics.effects import Effect, Kind, Place
@@ -52,8 +60,8 @@ def initial_segment_candidates(
     among
         Places of these elements; of all, where not given.
     """
-    heads = first_swings(before.plant, trials)
-    before = begun(before, heads)
+    heads = first_periods(before.plant, trials)
+    before = refit_initial_states(before, heads)
     bare = refit(
         before.plant, heads, noise=before.noise, values=before.values, states=before.states,
         horizons=GROWING,
@@ -68,7 +76,7 @@ def initial_segment_candidates(
         fit = _fitted(before, effect, heads, kinds, beat, late)
         if fit is not None:
             cost = fit.chi2_in_band * before.data
-            found.append(Candidate(effects_in(fit)[-1], cost, -cost / 2, bare))
+            found.append(Candidate(fitted_effects(fit)[-1], cost, -cost / 2, bare))
             least = fit.cost if least is None else min(least, fit.cost)
     found.sort(key=lambda one: one.cost)
     return found[:FOREMOST]
@@ -92,16 +100,18 @@ def _started(
         place = Place("element", element.id)
         if not isinstance(element, Spring) or (among is not None and place not in among):
             continue
-        motion = joined([run[place] for run in runs])
+        motion = concatenate_motions([run[place] for run in runs])
         spring = stiffness["stiffness", element.id] * motion.e
         for kind in kinds.values():
             there = kind.where == "element" and has_strength(kind)
             if not there or not is_applicable(kind, before.plant.description):
                 continue
-            laws = as_strong(kind, place, motion, spring, before.plant.description, STRENGTHS)
+            laws = effects_of_strength(
+                kind, place, motion, spring, before.plant.description, STRENGTHS
+            )
             nearest = min(
                 (
-                    (free_run(before, effect, None, heads, kinds), number, effect)
+                    (free_run_chi2(before, effect, None, heads, kinds), number, effect)
                     for number, effect in enumerate(laws)
                 ),
                 default=None,
@@ -118,12 +128,12 @@ def _fitted(
     beat: float | None,
     late: Callable[[], bool],
 ) -> Fit | None:
-    plant, values, states = begun_with(before, effect, kinds)
+    plant, values, states = augmented_start(before, effect, kinds)
     try:
         fit = refit(
             plant, heads, noise=before.noise, values=values, states=states,
-            horizons=GROWING, beat=beat, late=late,
+            horizons=GROWING, control=FitControl(cost_to_beat=beat, is_late=late),
         )  # fmt: skip
-    except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
+    except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
         return None
     return fit if math.isfinite(fit.cost) else None

@@ -103,7 +103,7 @@ class JointPairs:
         """
         good: list[tuple[Candidate, FittedCandidate]] = []
         for one, other in pairs:
-            if given.monitor.hurries:
+            if given.monitor.is_late:
                 break
             given.monitor(f"refitting {one.effect.kind} and {other.effect.kind}", 0.35)
             both = _fit_pair(given, one, other, good, NEAR * reached)
@@ -170,7 +170,7 @@ def _fit_pair(
     enough = LIMITS.explained_chi2 * given.before.data
     both = fit_candidate(
         known, other.effect, given.trials, given.kinds, noise, enough,
-        start=other.start, late=lambda: given.monitor.hurries,
+        start=other.start, late=lambda: given.monitor.is_late,
     )  # fmt: skip
     if both is None or not LIMITS.explained_chi2 < both.fit.chi2_in_band < near:
         return both

@@ -12,12 +12,18 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from scipy.fft import prev_fast_len
 
-from slowtime.discrepancy.calibration import WRONG, Fit, GivenUp, refit
-from slowtime.discrepancy.calibration.initial_states import begun
+from slowtime.discrepancy.calibration import (
+    WRONG_MODEL_CHI2,
+    Fit,
+    FitAbandoned,
+    FitControl,
+    refit,
+)
+from slowtime.discrepancy.calibration.initial_states import refit_initial_states
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.candidates.library_fit import Candidate, label_of, library_candidates
 from slowtime.discrepancy.localization import locate
-from slowtime.discrepancy.records import FEWEST, Trial
+from slowtime.discrepancy.records import MIN_SAMPLES, Trial
 from slowtime.dynamics.effects import Kind
 
 from .initial_segments import GROWING, initial_segment_candidates
@@ -42,16 +48,16 @@ def later_segment_candidates(
     fit = before
     horizons: tuple[float, ...] = GROWING
     for share in SHARES:
-        counts = [max(prev_fast_len(int(share * len(t.outputs))), FEWEST) for t in trials]
+        counts = [max(prev_fast_len(int(share * len(t.outputs))), MIN_SAMPLES) for t in trials]
         parts = tuple(t.part(0, count) for t, count in zip(trials, counts, strict=True))
         try:
-            fit = begun(fit, parts) if fit is before else fit
+            fit = refit_initial_states(fit, parts) if fit is before else fit
             fit = refit(
                 before.plant, parts, noise=before.noise, values=fit.values,
-                states=fit.states, horizons=horizons, late=late,
+                states=fit.states, horizons=horizons, control=FitControl(is_late=late),
             )  # fmt: skip
             horizons = (1.0,)
-            if fit.chi2_in_band > WRONG:
+            if fit.chi2_in_band > WRONG_MODEL_CHI2:
                 held = refit_within_tolerances(fit, parts)
                 located = locate(held, parts)
                 along = library_candidates(held, located, kinds)
@@ -62,6 +68,6 @@ def later_segment_candidates(
                 others = (one for one in along if label_of(one.effect) not in done)
                 both = sorted([*opened, *others], key=lambda one: one.cost)
                 return held, [dataclasses.replace(one, start=None) for one in both]
-        except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
+        except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
             break
     return before, []

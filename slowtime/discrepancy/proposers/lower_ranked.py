@@ -15,11 +15,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import WRONG, Fit
-from slowtime.discrepancy.calibration.augmentation import free_run
-from slowtime.discrepancy.candidates.constant_equivalents import equivalents
+from slowtime.discrepancy.calibration import WRONG_MODEL_CHI2, Fit
+from slowtime.discrepancy.calibration.augmentation import free_run_chi2
+from slowtime.discrepancy.candidates.constant_equivalents import equivalent_laws
 from slowtime.discrepancy.candidates.library_fit import Candidate, Label, label_of
-from slowtime.discrepancy.candidates.parameter_scan import possible, sized
+from slowtime.discrepancy.candidates.parameter_scan import is_possible, scale_to_strength
 from slowtime.discrepancy.estimation.candidate_fit import misfit
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.description import assemble
@@ -92,7 +92,9 @@ class InitialSegments:
         if not late():
             # What explains some may be right in a minimum of its own, or the first of two; to
             # few sensors several elements are as likely.
-            likeliest = [place for place in given.localized.near if place.kind == "element"]
+            likeliest = [
+                place for place in given.localized.equivalent_places if place.kind == "element"
+            ]
             among = likeliest or None if _explains_some(given, best) else None
             opened = initial_segment_candidates(
                 given.before, given.trials, given.kinds, late, among
@@ -171,8 +173,8 @@ def _explains_alone(given: Round, opened: Sequence[Candidate]) -> Label | None:
     if not opened:
         return None
     best, noise = opened[0], given.before.data
-    most = MUCH if best.cost < WRONG * noise else NEXT_TO_ALL
-    right = best.cost - noise < most * (best.bare - noise)
+    most = MUCH if best.cost < WRONG_MODEL_CHI2 * noise else NEXT_TO_ALL
+    right = best.cost - noise < most * (best.cost_without - noise)
     return label_of(best.effect) if right else None
 
 
@@ -217,7 +219,7 @@ def _scaled(given: Round) -> Iterator[Candidate]:
     strong.sort(key=lambda one: one.effect.place not in here)
     for one in strong[:SCALED]:
         runs = [
-            (free_run(before, effect, None, trials, kinds), i, effect)
+            (free_run_chi2(before, effect, None, trials, kinds), i, effect)
             for i, effect in enumerate(_strengths(given, one.effect))
         ]
         left, i, effect = min(runs)
@@ -228,12 +230,12 @@ def _scaled(given: Round) -> Iterator[Candidate]:
 def _strengths(given: Round, effect: Effect) -> list[Effect]:
     kind = given.kinds[effect.kind]
     factors = 10.0 ** np.arange(*TENFOLD, HALF_TEN)
-    every = [sized(kind, effect.parameters, factor) for factor in factors.tolist()]
+    every = [scale_to_strength(kind, effect.parameters, factor) for factor in factors.tolist()]
     described = given.before.plant.description
     return [
         dataclasses.replace(effect, parameters=parameters)
         for parameters in every
-        if possible(kind, parameters, described, effect.place)
+        if is_possible(kind, parameters, described, effect.place)
     ]
 
 
@@ -252,7 +254,7 @@ def _guessed(given: Round) -> list[Candidate]:
 
 
 def _equivalents(given: Round) -> list[Candidate]:
-    return equivalents(given.hypothesis.last, given.trials, given.kinds)[:NEAREST]
+    return equivalent_laws(given.hypothesis.last, given.trials, given.kinds)[:NEAREST]
 
 
 def _as_good(given: Round, others: Sequence[Candidate]) -> list[Candidate]:
@@ -260,8 +262,11 @@ def _as_good(given: Round, others: Sequence[Candidate]) -> list[Candidate]:
     if not given.shortlist:
         return list(others)
     best = given.shortlist[0]
-    return [dataclasses.replace(one, cost=best.cost, bare=best.bare) for one in others]
+    return [
+        dataclasses.replace(one, cost=best.cost, cost_without=best.cost_without)
+        for one in others
+    ]
 
 
 def _run_with(given: Round, one: Candidate) -> float:
-    return free_run(given.before, one.effect, one.start, given.trials, given.kinds)
+    return free_run_chi2(given.before, one.effect, one.start, given.trials, given.kinds)

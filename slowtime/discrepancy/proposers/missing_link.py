@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from slowtime.discrepancy.calibration import Fit
-from slowtime.discrepancy.calibration.augmentation import free_run, without
+from slowtime.discrepancy.calibration.augmentation import free_run_chi2, refit_without
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.estimation.candidate_fit import (
@@ -62,7 +62,7 @@ def with_missing_link(
             return dataclasses.replace(found, link=link, undecided=(), pair=None)
         if lead > -LIMITS.least_log_evidence and not found.undecided:
             found = doubt(found, number)
-    if _explained(found, kinds) or tell.hurries or found.undecided:
+    if _explained(found, kinds) or tell.is_late or found.undecided:
         return found
     held = refit_within_tolerances(found.first, found.trials)
     link = best_link(held, None, found.trials, kinds, tell)
@@ -119,7 +119,7 @@ def link_instead_of(
     pairs = [pair for pair in _unjoined(fit.plant.description) if effect.place.id in pair]
     if effect.place.kind != "node" or not pairs:
         return None
-    less = before or without(fit, number, trials, kinds)
+    less = before or refit_without(fit, number, trials, kinds)
     if less is None:
         return None
     known = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
@@ -154,7 +154,7 @@ def best_link(
     for pair in _unjoined(fit.plant.description) if pairs is None else pairs:
         if tell is not None:
             tell(f"trying a spring between {pair[0]} and {pair[1]}", 0.9)
-            if tell.hurries:
+            if tell.is_late:
                 break
         link = _linked(fit, pair, stiffness, trials, kinds, found, tell)
         found += [link] if link is not None else []
@@ -184,19 +184,19 @@ def _linked(
     place, strength = Place("element", LINK), kinds[LOSS].names[0]
     effect = min(
         (Effect(LOSS, place, {strength: -begin}) for begin in begins),
-        key=lambda one: free_run(before, one, None, trials, kinds),
+        key=lambda one: free_run_chi2(before, one, None, trials, kinds),
     )
     least = min((other.named.fit.cost for other in others), default=None)
 
     def late() -> bool:
-        return tell is not None and tell.hurries
+        return tell is not None and tell.is_late
 
     named = fit_candidate(before, effect, trials, kinds, fit.noise, least, late=late)
     if named is None:
         return None
     name = ("effect", len(plant.effects), strength)
     at = named.fit.prior.names.index(name)
-    found, sd = -float(named.fit.free[at]), float(named.fit.widened_sd[at])
+    found, sd = -float(named.fit.free[at]), float(named.fit.inflated_sd[at])
     unit = named.fit.plant.entries["stiffness", LINK].unit
     if not (math.isfinite(sd) and found > sd):
         return None

@@ -8,7 +8,7 @@ from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.candidates.library_fit import Candidate, Label
 from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate
 from slowtime.discrepancy.hypothesis import Hypothesis
-from slowtime.discrepancy.localization import Located
+from slowtime.discrepancy.localization import Localization
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.effects import Kind
@@ -71,7 +71,7 @@ class Round:
 
     hypothesis: Hypothesis
     before: Fit
-    localized: Located
+    localized: Localization
     tried: tuple[Candidate, ...]
     shortlist: tuple[Candidate, ...]
     trials: tuple[Trial, ...]
@@ -107,7 +107,7 @@ class Round:
     def is_late(self, stage: str, further: float) -> bool:
         """Say what is being done; return whether the budget allows the likeliest only."""
         self.monitor(stage, self.share + further)
-        return self.monitor.hurries
+        return self.monitor.is_late
 
 
 @runtime_checkable

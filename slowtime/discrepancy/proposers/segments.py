@@ -17,20 +17,28 @@ import numpy as np
 
 from slowtime.discrepancy.calibration import (
     Fit,
-    GivenUp,
-    begun_by,
-    loudest,
-    pieces,
+    FitAbandoned,
+    cut_segments,
+    initial_states_of_records,
     shooting_fit,
+    strongest_segments,
 )
-from slowtime.discrepancy.calibration.augmentation import Start, begun_with, effects_in
+from slowtime.discrepancy.calibration.augmentation import (
+    FitStart,
+    augmented_start,
+    fitted_effects,
+)
 from slowtime.discrepancy.candidates.library_fit import (
     Candidate,
     Label,
     is_applicable,
     label_of,
 )
-from slowtime.discrepancy.candidates.parameter_scan import as_strong, has_strength, joined
+from slowtime.discrepancy.candidates.parameter_scan import (
+    concatenate_motions,
+    effects_of_strength,
+    has_strength,
+)
 from slowtime.discrepancy.estimation.switching_instant import refine_switching_instant
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
@@ -86,7 +94,7 @@ class Segments:
             return nothing
         search = _SegmentSearch(given, late)
         told: list[Candidate] = []
-        with contextlib.suppress(np.linalg.LinAlgError, FloatingPointError, GivenUp):
+        with contextlib.suppress(np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
             told = search.best()
         if not told:
             return dataclasses.replace(nothing, only=self.only)
@@ -166,8 +174,8 @@ class _SegmentSearch:
             if kind.name in tried or not is_applicable(kind, described):
                 continue
             laws = list(
-                as_strong(
-                    kind, place, joined([one.motion for one in latents]),
+                effects_of_strength(
+                    kind, place, concatenate_motions([one.motion for one in latents]),
                     np.concatenate([one.force for one in latents]), described, (ABOUT, -ABOUT),
                 )
             )  # fmt: skip
@@ -191,7 +199,7 @@ class _SegmentSearch:
             fits = []
             for effect in _begun(label.effect, parts, self._kinds):
                 if self._late():
-                    raise GivenUp
+                    raise FitAbandoned
                 try:
                     fit = self._shot(effect, parts, BESIDE * least)
                 except (np.linalg.LinAlgError, FloatingPointError):
@@ -205,12 +213,14 @@ class _SegmentSearch:
             least = min(least, fit.cost)
             one = dataclasses.replace(
                 label,
-                effect=effects_in(fit)[-1],
+                effect=fitted_effects(fit)[-1],
                 cost=fit.chi2_in_band * data,
-                bare=bare.chi2_in_band * data,
+                cost_without=bare.chi2_in_band * data,
             )
             found[label_of(one.effect)] = one, fit
-        telling = (pair for pair in found.values() if pair[0].cost < most * pair[0].bare)
+        telling = (
+            pair for pair in found.values() if pair[0].cost < most * pair[0].cost_without
+        )
         return sorted(telling, key=lambda pair: pair[0].cost)
 
     def _quiet(self) -> tuple[tuple[Trial, ...], Fit]:
@@ -222,7 +232,7 @@ class _SegmentSearch:
         return parts, bare
 
     def _parts(self, count: int, share: float = 1.0) -> tuple[tuple[Trial, ...], Fit]:
-        parts = loudest(self._before.plant, self._trials, count, share)
+        parts = strongest_segments(self._before.plant, self._trials, count, share)
         return parts, self._shot(None, parts)
 
     def _shot(
@@ -230,23 +240,25 @@ class _SegmentSearch:
     ) -> Fit:
         """Fit pieces, with one more effect or none, from what the model itself claims."""
         before = self._before
-        plant = before.plant if effect is None else begun_with(before, effect, self._kinds)[0]
+        plant = (
+            before.plant if effect is None else augmented_start(before, effect, self._kinds)[0]
+        )
         values = np.array([entry.value for entry in plant.entries.values()])
         return shooting_fit(plant, parts, before.noise, values, self._late, beat)[0]
 
     def _switched(self, fit: Fit, parts: Sequence[Trial]) -> Fit:
         """Look for a better instant of a switch, in all pieces."""
-        cut, _ = pieces(fit.plant, parts)
+        cut, _ = cut_segments(fit.plant, parts)
         return refine_switching_instant(fit, cut, self._kinds, None, math.inf, late=self._late)
 
     def _started(self, one: Candidate, fit: Fit) -> Candidate:
         """Say where the free run may begin."""
         plant = fit.plant
         values = dict(zip(plant.parameters, fit.values.tolist(), strict=True))
-        states = begun_by(plant, self._trials, self._before.noise, fit.values)
+        states = initial_states_of_records(plant, self._trials, self._before.noise, fit.values)
         begun = [dict(zip(plant.state_names, s.tolist(), strict=True)) for s in states]
         constants = {name: value for name, value in values.items() if len(name) == 2}
-        return dataclasses.replace(one, start=Start(constants, begun, nearby=True))
+        return dataclasses.replace(one, start=FitStart(constants, begun, from_segments=True))
 
 
 def _rides(kind: Kind) -> bool:

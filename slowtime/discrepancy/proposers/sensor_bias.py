@@ -10,12 +10,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import Fit, slowest_hz
-from slowtime.discrepancy.candidates.force_space import Space
-from slowtime.discrepancy.candidates.parameter_scan import best_of
+from slowtime.discrepancy.calibration import Fit, lowest_frequency_hz
+from slowtime.discrepancy.candidates.force_space import ForceSpace
+from slowtime.discrepancy.candidates.parameter_scan import best_effect
 from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, fit_candidate
-from slowtime.discrepancy.localization import Located
-from slowtime.discrepancy.noise import floats
+from slowtime.discrepancy.localization import Localization
+from slowtime.discrepancy.noise import has_rigid_motion
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.effects import Kind, Place
 from slowtime.signals.spectra import transform
@@ -30,7 +30,7 @@ STANDS, PUT_RIGHT = 100.0, 10.0
 
 def biased_accelerometer(fit: Fit, trials: Sequence[Trial]) -> Place | None:
     """Say which accelerometer stands off the most, if one does."""
-    if len(fit.states) != len(trials) or floats(fit.plant.description):
+    if len(fit.states) != len(trials) or has_rigid_motion(fit.plant.description):
         return None
     heights = [_height(fit, trials, i) for i in range(len(fit.plant.description.sensors))]
     best = int(np.argmax(heights))
@@ -42,13 +42,13 @@ def biased_accelerometer(fit: Fit, trials: Sequence[Trial]) -> Place | None:
 def sensor_bias_candidate(
     before: Fit,
     place: Place,
-    located: Located,
+    located: Localization,
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
 ) -> FittedCandidate | None:
     """Refit a constant error or a drift there; None where it stands off all the same."""
-    space = Space(before, located, place)
-    laws = [best_of(kinds[name], space) for name in KINDS if name in kinds]
+    space = ForceSpace(before, located, place)
+    laws = [best_effect(kinds[name], space) for name in KINDS if name in kinds]
     every = [
         fit_candidate(before, law[0], trials, kinds, None, horizons=(1.0,))
         for law in laws
@@ -65,7 +65,7 @@ def _height(fit: Fit, trials: Sequence[Trial], sensor: int) -> float:
     """Power of the mean over that of the slow lines beside it, where it is most."""
     if fit.plant.description.sensors[sensor].quantity != "acceleration":
         return 0.0
-    lowest = slowest_hz(fit.plant)
+    lowest = lowest_frequency_hz(fit.plant)
     found = 0.0
     for residual, trial in zip(fit.residual, trials, strict=True):
         if not trial.used[:, sensor].all() or not lowest:

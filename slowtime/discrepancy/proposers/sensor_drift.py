@@ -8,7 +8,7 @@ import numpy as np
 
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.diagnosis import NamedEffect, Number
-from slowtime.discrepancy.localization import Located
+from slowtime.discrepancy.localization import Localization
 from slowtime.discrepancy.quoting import sentence_of, unit_at
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
@@ -28,7 +28,7 @@ record, below which all of them are held for one."""
 
 
 def sensor_drift(
-    before: Fit, located: Located, kinds: Mapping[str, Kind]
+    before: Fit, located: Localization, kinds: Mapping[str, Kind]
 ) -> NamedEffect | None:
     """Name the drift of a sensor whose error is slow, where no law of a drift explains it.
 
@@ -100,7 +100,7 @@ def _rate(left: np.ndarray, used: np.ndarray, rate_hz: float) -> float:
     return float(np.polyfit(times, left[used], 1)[0]) if len(times) > 1 else 0.0
 
 
-def _accelerometer(located: Located, place: Place) -> bool:
+def _accelerometer(located: Localization, place: Place) -> bool:
     sensors = located.linear.description.sensors
     return next(s for s in sensors if s.channel == place.id).quantity == "acceleration"
 

@@ -39,7 +39,7 @@ class Refiner:
         self, hypothesis: Hypothesis, kinds: Mapping[str, Kind], monitor: Monitor
     ) -> Hypothesis:
         """Take the step, if the budget allows."""
-        if monitor.hurries and not self.while_late:
+        if monitor.is_late and not self.while_late:
             return hypothesis
         return self.refine(hypothesis, kinds, monitor)
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from slowtime.discrepancy.calibration import Fit, try_refit
-from slowtime.discrepancy.calibration.augmentation import effects_of
+from slowtime.discrepancy.calibration.augmentation import described_effects
 from slowtime.discrepancy.calibration.model_values import with_values
 from slowtime.discrepancy.candidates.constant_equivalents import CONSTANTS
 from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, misfit
@@ -43,7 +43,7 @@ def release_constants(
     if best is None or best.chi2_in_band > PAST * bent.chi2_in_band:
         return None
     values = dict(zip(best.plant.parameters, best.values.tolist(), strict=True))
-    (law,) = effects_of(with_values(named[0].description, values))[-1:]
+    (law,) = described_effects(with_values(named[0].description, values))[-1:]
     if not moved_of(best) and law.kind not in CONSTANTS:
         return None
     _take_over(values, law)

@@ -12,7 +12,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import WRONG, Fit, GivenUp, refit, try_refit
+from slowtime.discrepancy.calibration import (
+    WRONG_MODEL_CHI2,
+    Fit,
+    FitAbandoned,
+    FitControl,
+    refit,
+    try_refit,
+)
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.records import Trial
@@ -37,7 +44,7 @@ def converge(hypothesis: Hypothesis, own: int, kinds: Mapping[str, Kind]) -> Hyp
         return hypothesis
     fit = try_refit(
         last.plant, hypothesis.trials, noise=last.noise, values=last.values,
-        states=last.states, horizons=(1.0,), fine=True,
+        states=last.states, horizons=(1.0,), control=FitControl(to_convergence=True),
     )  # fmt: skip
     return hypothesis if fit is None else _with_last(hypothesis, fit, own, kinds)
 
@@ -66,7 +73,7 @@ def converge_stick_slip(
 
     def late() -> bool:
         tell("looking beside where friction ended", 0.9)
-        return tell.hurries
+        return tell.is_late
 
     best, ends = last, [last]
     try:
@@ -78,10 +85,11 @@ def converge_stick_slip(
                 break
             best = refit(
                 last.plant, trials, noise=last.noise, values=least.values,
-                states=least.states, horizons=(1.0,), fine=True, late=late,
+                states=least.states, horizons=(1.0,),
+                control=FitControl(to_convergence=True, is_late=late),
             )  # fmt: skip
             ends.append(best)
-    except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
+    except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
         pass
     off = np.array([end.values - best.values for end in ends])[:, list(best.prior.index)]
     share = np.exp(np.minimum([best.cost - end.cost for end in ends], 0.0) / 2)
@@ -113,7 +121,7 @@ def _held(
             continue  # no friction at all is another model
         yield refit(
             best.plant, trials, free=free, noise=best.noise, values=values,
-            states=best.states, horizons=(1.0,), late=late,
+            states=best.states, horizons=(1.0,), control=FitControl(is_late=late),
         )  # fmt: skip
 
 
@@ -123,7 +131,7 @@ def _is_explained(hypothesis: Hypothesis, kinds: Mapping[str, Kind]) -> bool:
     actions = (kinds[effect.kind].action for effect in last.plant.effects)
     moving = not any(isinstance(action, Unmeasured) for action in actions)
     whole = hypothesis.last_fits_whole_records and not hypothesis.final
-    return whole and moving and last.chi2_in_band <= WRONG
+    return whole and moving and last.chi2_in_band <= WRONG_MODEL_CHI2
 
 
 def _with_last(

@@ -9,9 +9,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import WRONG, Fit, refit
-from slowtime.discrepancy.calibration.augmentation import carry_effect, effects_of, without
-from slowtime.discrepancy.candidates.constant_equivalents import alone_off
+from slowtime.discrepancy.calibration import WRONG_MODEL_CHI2, Fit, refit
+from slowtime.discrepancy.calibration.augmentation import (
+    carry_effect,
+    described_effects,
+    refit_without,
+)
+from slowtime.discrepancy.candidates.constant_equivalents import is_single_changed_constant
 from slowtime.discrepancy.diagnosis import NamedEffect
 from slowtime.discrepancy.estimation.candidate_fit import GRADUALLY, evidence, sds_of_strength
 from slowtime.discrepancy.hypothesis import Hypothesis
@@ -31,7 +35,7 @@ def eliminate_needless(
     if found.final and places[-1].kind == "sensor" and places.count(places[-1]) == 1:
         # A drift without a law is in the model by name only, explains nothing, and stays;
         # unless another fault of its sensor was named, which a drift may make needless.
-        drift, last = found.effects[-1], effects_of(found.last.plant.description)[-1]
+        drift, last = found.effects[-1], described_effects(found.last.plant.description)[-1]
         fits, effects = eliminate(found.fits[:-1], found.effects[:-1], trials, kinds)
         found = found.with_effects(
             [*fits, carry_effect(fits[-1], last, kinds)], [*effects, drift]
@@ -70,12 +74,12 @@ def eliminate(
     own = len(fits[0].plant.effects)
     number = 0
     while number < len(kept) and len(kept) > 1:
-        less = without(chain[-1], own + number, trials, kinds)
+        less = refit_without(chain[-1], own + number, trials, kinds)
         if less is not None and _lost(less, chain[-1], own + number, kinds):
             less = _regrown(less, trials)
         if (
             less is None
-            or alone_off(less, kept[number].effect)
+            or is_single_changed_constant(less, kept[number].effect)
             or _gain(chain[-1], less, trials, kinds) >= LIMITS.least_log_evidence
         ):
             number += 1
@@ -94,7 +98,7 @@ def _lost(less: Fit, more: Fit, number: int, kinds: Mapping[str, Kind]) -> bool:
     """
     kind = kinds[more.plant.effects[number].kind]
     faint = sds_of_strength(more, number, kind) < LIMITS.clear_sds
-    return faint and more.chi2_in_band < WRONG < less.chi2_in_band
+    return faint and more.chi2_in_band < WRONG_MODEL_CHI2 < less.chi2_in_band
 
 
 def _regrown(fit: Fit, trials: tuple[Trial, ...]) -> Fit:
@@ -135,7 +139,7 @@ def left_out(
     good = chain[1 : min(number + 1, count)]
     missing: list[Fit] = [less]
     while len(good) + len(missing) < count:
-        shorter = without(missing[0], len(missing[0].plant.effects) - 1, trials, kinds)
+        shorter = refit_without(missing[0], len(missing[0].plant.effects) - 1, trials, kinds)
         if shorter is None:
             break
         missing.insert(0, shorter)

@@ -12,14 +12,14 @@ import numpy as np
 import scipy.optimize
 from jaxtyping import Float
 
-from slowtime.discrepancy.calibration import WRONG, Fit, try_refit
-from slowtime.discrepancy.calibration.augmentation import effects_in
-from slowtime.discrepancy.candidates.force_space import Space
-from slowtime.discrepancy.candidates.parameter_scan import joined
+from slowtime.discrepancy.calibration import WRONG_MODEL_CHI2, Fit, FitControl, try_refit
+from slowtime.discrepancy.calibration.augmentation import fitted_effects
+from slowtime.discrepancy.candidates.force_space import ForceSpace
+from slowtime.discrepancy.candidates.parameter_scan import concatenate_motions
 from slowtime.discrepancy.estimation.candidate_fit import SWIFTLY
 from slowtime.discrepancy.estimation.shooting_fit import unexplained_by
 from slowtime.discrepancy.hypothesis import Hypothesis
-from slowtime.discrepancy.localization import Located
+from slowtime.discrepancy.localization import Localization
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
@@ -41,7 +41,7 @@ Series = Float[np.ndarray, " time"]
 def relearn_force(
     hypothesis: Hypothesis,
     before: Fit,
-    located: Located,
+    located: Localization,
     kinds: Mapping[str, Kind],
     tell: Monitor,
 ) -> Hypothesis:
@@ -61,10 +61,10 @@ def relearn_force(
     last, trials = hypothesis.last, hypothesis.trials
     whole = hypothesis.last_fits_whole_records and hypothesis.holds is None
     number = _incomplete_law(hypothesis, located, kinds)
-    if number is None or not whole or last.chi2_in_band < WRONG or tell.hurries:
+    if number is None or not whole or last.chi2_in_band < WRONG_MODEL_CHI2 or tell.is_late:
         return hypothesis
     own = len(last.plant.effects) - len(hypothesis.effects)
-    effect = effects_in(before)[own + number]
+    effect = fitted_effects(before)[own + number]
     tell(f"learning {effect.kind} at {effect.place} from its force", 0.5)
     force, motion = _recovered(before, effect, located, trials, kinds)
     learnt = law_of(kinds[effect.kind], effect, force, motion)
@@ -72,11 +72,11 @@ def relearn_force(
     for name, value in learnt.items():
         begun[last.plant.parameters.index(("effect", own + number, name))] = value
     names = last.plant.state_names
-    space = Space(before, located, effect.place)
+    space = ForceSpace(before, located, effect.place)
     states = [np.array([one.get(n, 0.0) for n in names]) for one in space.states]
     again = try_refit(
         last.plant, trials, values=begun, states=states, horizons=SWIFTLY,
-        late=lambda: tell.hurries,
+        control=FitControl(is_late=lambda: tell.is_late),
     )  # fmt: skip
     least = unexplained_by(last) - LESS * _channels(last)
     if again is None or unexplained_by(again) > least:
@@ -89,7 +89,7 @@ def _channels(fit: Fit) -> int:
 
 
 def _incomplete_law(
-    hypothesis: Hypothesis, located: Located, kinds: Mapping[str, Kind]
+    hypothesis: Hypothesis, located: Localization, kinds: Mapping[str, Kind]
 ) -> int | None:
     """Say which law it is, where a force at its place is all that is missing."""
     best, *others = located.groups
@@ -113,7 +113,7 @@ def _is_curve(kind: Kind) -> bool:
 def _recovered(
     fit: Fit,
     effect: Effect,
-    located: Located,
+    located: Localization,
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
 ) -> tuple[Series, Motion]:
@@ -129,7 +129,7 @@ def _recovered(
         forces.append(own + latent.force)
         motions.append(latent.motion)
     order = np.argsort([motion.times[0] for motion in motions], kind="stable")
-    return np.concatenate([forces[i] for i in order]), joined(motions)
+    return np.concatenate([forces[i] for i in order]), concatenate_motions(motions)
 
 
 def law_of(kind: Kind, effect: Effect, force: Series, motion: Motion) -> dict[str, float]:

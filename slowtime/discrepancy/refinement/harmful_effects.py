@@ -9,13 +9,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from slowtime.discrepancy.calibration.augmentation import carry_effect, effects_of
+from slowtime.discrepancy.calibration.augmentation import carry_effect, described_effects
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.data.screening import screen
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.records import Campaign
 from slowtime.discrepancy.thresholds import LIMITS
-from slowtime.discrepancy.validation.free_run import judge, judged
+from slowtime.discrepancy.validation.free_run import evaluate_free_run, evaluation_trials
 from slowtime.dynamics.effects import Kind, Unmeasured
 
 WORSE = 1.02
@@ -39,15 +39,17 @@ def drop_harmful_effects(hypothesis: Hypothesis, campaign: Campaign) -> Hypothes
     kinds = last.plant.kinds
     if hypothesis.effects and not (np.any(own) or _moves_nothing(hypothesis, kinds)):
         return hypothesis
-    tests = judged(hypothesis.trials, tuple(screen(trial).trial for trial in campaign.holdout))
+    tests = evaluation_trials(
+        hypothesis.trials, tuple(screen(trial).trial for trial in campaign.holdout)
+    )
     given = dataclasses.replace(first, values=first.plant.values)
-    bar = WORSE * float(judge(campaign.description, given, tests).error.mean())
+    bar = WORSE * float(evaluate_free_run(campaign.description, given, tests).error.mean())
     while chi2_p_value(hypothesis.last) <= LIMITS.coloured_p_value:
         last = hypothesis.last
-        if float(judge(last.plant.description, last, tests).error.mean()) <= bar:
+        if float(evaluate_free_run(last.plant.description, last, tests).error.mean()) <= bar:
             break
         if len(hypothesis.effects) == 1 and _moves_nothing(hypothesis, kinds):
-            effect = effects_of(last.plant.description)[-1]
+            effect = described_effects(last.plant.description)[-1]
             fits = (given, carry_effect(given, effect, kinds))
             return dataclasses.replace(hypothesis, fits=fits)
         rest = hypothesis.rest or hypothesis.localized

@@ -8,9 +8,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import WRONG, GivenUp, first_swings, try_refit
+from slowtime.discrepancy.calibration import (
+    WRONG_MODEL_CHI2,
+    FitAbandoned,
+    first_periods,
+    try_refit,
+)
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
-from slowtime.discrepancy.calibration.initial_states import begun
+from slowtime.discrepancy.calibration.initial_states import refit_initial_states
 from slowtime.discrepancy.estimation.candidate_fit import GRADUALLY, SLOWLY
 from slowtime.discrepancy.estimation.shooting_fit import unexplained_by
 from slowtime.discrepancy.hypothesis import Hypothesis
@@ -21,7 +26,7 @@ from slowtime.dynamics.effects import Friction, Kind
 
 def refit_with_growing_horizon(hypothesis: Hypothesis, kinds: Mapping[str, Kind]) -> Hypothesis:
     """Fit the last model again to ever longer parts, where it leaves more than a right one."""
-    if hypothesis.last.chi2_in_band < WRONG:
+    if hypothesis.last.chi2_in_band < WRONG_MODEL_CHI2:
         return hypothesis
     return _continued(hypothesis, kinds, GRADUALLY)
 
@@ -51,8 +56,8 @@ def _continued(
     if not whole or hypothesis.final:
         return hypothesis
     try:
-        start = begun(last, first_swings(last.plant, trials))
-    except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
+        start = refit_initial_states(last, first_periods(last.plant, trials))
+    except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
         return hypothesis
     again = try_refit(
         last.plant, trials, values=last.values, states=start.states, horizons=horizons

@@ -11,11 +11,11 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.discrepancy.calibration import (
-    WRONG,
+    WRONG_MODEL_CHI2,
     Fit,
-    first_swings,
-    size_of,
-    state_from_many,
+    first_periods,
+    motion_amplitude,
+    multistart_initial_state,
     try_refit,
 )
 from slowtime.discrepancy.estimation.shooting_fit import unexplained_by
@@ -42,9 +42,9 @@ def restarted(fit: Fit, trials: Sequence[Trial]) -> Fit | None:
 
     Looked for in records whose first swings are explained much worse than what follows.
     """
-    if fit.chi2_in_band < WRONG:
+    if fit.chi2_in_band < WRONG_MODEL_CHI2:
         return None
-    heads = first_swings(fit.plant, trials)
+    heads = first_periods(fit.plant, trials)
     states = [
         _elsewhere(fit, trials[number], heads[number], number)
         if _begins_badly(fit, number, heads[number])
@@ -70,5 +70,7 @@ def _begins_badly(fit: Fit, number: int, head: Trial) -> bool:
 def _elsewhere(fit: Fit, trial: Trial, head: Trial, number: int) -> State:
     """Give the initial state from which the first swings are explained best."""
     known = fit.states[number]
-    size = size_of(fit.plant, trial, fit.values, known)
-    return state_from_many(fit.plant, head, fit.noise.of([number]), fit.values, known, size)
+    size = motion_amplitude(fit.plant, trial, fit.values, known)
+    return multistart_initial_state(
+        fit.plant, head, fit.noise.for_trials([number]), fit.values, known, size
+    )

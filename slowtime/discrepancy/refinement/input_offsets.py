@@ -9,10 +9,10 @@ import dataclasses
 from collections.abc import Mapping
 
 from slowtime.discrepancy.calibration import Fit
-from slowtime.discrepancy.calibration.augmentation import effects_in
+from slowtime.discrepancy.calibration.augmentation import fitted_effects
 from slowtime.discrepancy.candidates.library_fit import OFFSET
 from slowtime.discrepancy.diagnosis import NamedEffect
-from slowtime.discrepancy.noise import floats
+from slowtime.discrepancy.noise import has_rigid_motion
 from slowtime.discrepancy.quoting import numbers_of, sentence_of
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Kind
@@ -23,7 +23,7 @@ SEEN = 3.3
 
 def with_offsets(description: Description, kinds: Mapping[str, Kind]) -> Description:
     """Give every input of a structure that floats an offset, zero to begin with."""
-    if OFFSET not in kinds or not floats(description):
+    if OFFSET not in kinds or not has_rigid_motion(description):
         return description
     has = {str(e.get("input")) for e in description.effects if e["effect"] == OFFSET}
     more = tuple(
@@ -37,7 +37,7 @@ def with_offsets(description: Description, kinds: Mapping[str, Kind]) -> Descrip
 def offsets(fit: Fit, given: Description, kinds: Mapping[str, Kind]) -> list[NamedEffect]:
     """Tell of the offsets that were added to what is given, where they are not about zero."""
     found = []
-    for number, effect in enumerate(effects_in(fit)):
+    for number, effect in enumerate(fitted_effects(fit)):
         if effect.kind != OFFSET or number < len(given.effects):
             continue
         numbers = numbers_of(fit, number)

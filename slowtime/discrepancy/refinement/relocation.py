@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.discrepancy.calibration import Fit, GivenUp, refit
-from slowtime.discrepancy.calibration.augmentation import run_by, states_in
+from slowtime.discrepancy.calibration import Fit, FitAbandoned, FitControl, refit
+from slowtime.discrepancy.calibration.augmentation import map_states, simulated_chi2
 from slowtime.discrepancy.estimation.candidate_fit import SWIFTLY
 from slowtime.discrepancy.estimation.switching_instant import refine_switching_instant
 from slowtime.discrepancy.hypothesis import Hypothesis
@@ -41,12 +41,12 @@ def relocate(hypothesis: Hypothesis, kinds: Mapping[str, Kind], tell: Monitor) -
         return hypothesis
     best, which, exhausted = last, -1, hypothesis.exhausted
     for number, place in _other_places(hypothesis):
-        if tell.ends:
+        if tell.is_over:
             exhausted = True
             break
         effect = hypothesis.effects[number].effect
         tell(f"trying {effect.kind} at {place}", 0.8)
-        other = _with(best, number, place, hypothesis, kinds, lambda: tell.ends)
+        other = _with(best, number, place, hypothesis, kinds, lambda: tell.is_over)
         if other is not None and other.cost < best.cost - 2 * LIMITS.least_log_evidence:
             best, which = other, number
     if best is last:
@@ -103,18 +103,18 @@ def _with(
     entry = {**description.effects[at], place.kind: place.id}
     effects = tuple(entry if i == at else e for i, e in enumerate(description.effects))
     plant = Plant.of(dataclasses.replace(description, effects=effects), kinds=kinds)
-    states = states_in(last, plant)
+    states = map_states(last, plant)
     values = min(
         _as_strong(plant, last, at, kinds[str(entry["effect"])]),
-        key=lambda values: run_by(plant, values, states, last.noise, trials),
+        key=lambda values: simulated_chi2(plant, values, states, last.noise, trials),
     )
     try:
         other = refit(
             plant, trials, noise=last.noise, values=values, states=states,
-            horizons=SWIFTLY, beat=fit.cost, late=late,
+            horizons=SWIFTLY, control=FitControl(cost_to_beat=fit.cost, is_late=late),
         )  # fmt: skip
         other = refine_switching_instant(other, trials, kinds, fit.cost, np.inf, at)
-    except (np.linalg.LinAlgError, FloatingPointError, GivenUp):
+    except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
         return None
     return other if np.isfinite(other.cost) else None
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration.augmentation import effects_in, without
+from slowtime.discrepancy.calibration.augmentation import fitted_effects, refit_without
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.candidates.library_fit import label_of, library_candidates
@@ -62,7 +62,7 @@ def substitute(
     for number in _in_turn(hypothesis, weak):
         # What does nothing of its own should not be told, late as it may be.
         needless = number in weak
-        if tell.ends or (tell.hurries and not needless):
+        if tell.is_over or (tell.is_late and not needless):
             return dataclasses.replace(hypothesis, exhausted=True)
         branch = _searched_again(hypothesis, number, kinds, stated, tell)
         if branch is None:
@@ -126,9 +126,9 @@ def _searched_again(
     """Look for one effect again beside the others; the hypothesis with what was found."""
     last, trials = hypothesis.last, hypothesis.trials
     own = hypothesis.given_effects
-    known = effects_in(last)[own + number]
+    known = fitted_effects(last)[own + number]
     tell(f"looking again at {known.kind} at {known.place}", 0.86)
-    less = without(last, own + number, trials, kinds)
+    less = refit_without(last, own + number, trials, kinds)
     if less is None:
         return None
     others = [a for i, a in enumerate(hypothesis.effects) if i != number]
@@ -158,7 +158,7 @@ def _searched_again(
 
     def tick(effect: Effect, _: int) -> bool:
         tell(f"refitting {effect.kind} at {effect.place}", 0.86)
-        return tell.ends
+        return tell.is_over
 
     fitted = fit_candidates(before, list(reversed(labels.values())), trials, kinds, tick)
     step = accept(

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import scipy.stats
 
-from slowtime.discrepancy.calibration import WRONG, Fit
+from slowtime.discrepancy.calibration import WRONG_MODEL_CHI2, Fit
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.calibration.model_values import with_values
-from slowtime.discrepancy.data.clock_overrun import within_record
+from slowtime.discrepancy.data.clock_overrun import mask_clock_overrun
 from slowtime.discrepancy.data.screening import Finding, screen
 from slowtime.discrepancy.diagnosis import (
     Diagnosis,
@@ -23,10 +23,10 @@ from slowtime.discrepancy.diagnosis import (
 )
 from slowtime.discrepancy.estimation.candidate_fit import misfit
 from slowtime.discrepancy.estimation.input_hold import saying_holds, told_of_holds
-from slowtime.discrepancy.experiment_design.proposal import propose
+from slowtime.discrepancy.experiment_design.proposal import propose_experiment
 from slowtime.discrepancy.hypothesis import Hypothesis
-from slowtime.discrepancy.localization import Located, character
-from slowtime.discrepancy.noise import floats
+from slowtime.discrepancy.localization import Localization, characterise
+from slowtime.discrepancy.noise import has_rigid_motion
 from slowtime.discrepancy.quoting import moved_of, renumbered
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.selection.doubts import doubt_laws, doubt_pieces
@@ -34,16 +34,16 @@ from slowtime.discrepancy.selection.many_laws import pieces_of_one, temper_many_
 from slowtime.discrepancy.selection.probabilities import FLAW, fault_of, verdict_of
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.discrepancy.validation.free_run import (
-    Judged,
-    floor_of,
-    judge,
-    judged,
-    noise_on,
-    on_heads,
+    FreeRunResult,
+    evaluate_free_run,
+    evaluation_trials,
+    noise_floor_error,
+    noise_of_runs,
+    refit_on_heads,
     spectra_of,
     traces_of,
 )
-from slowtime.discrepancy.validation.transfer import is_confirmed_elsewhere
+from slowtime.discrepancy.validation.holdout import is_confirmed_on_holdout
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Friction, Kind, Place, force_along
 
@@ -93,16 +93,20 @@ def report(
     """Put an answer together: verdict, sentences, the gap on what was not fitted, pictures."""
     first, last = found.fits[0], found.fits[-1]
     channels = tuple(sensor.channel for sensor in campaign.description.sensors)
-    tests = judged(trials, tuple(screen(t).trial for t in campaign.holdout))
+    tests = evaluation_trials(trials, tuple(screen(t).trial for t in campaign.holdout))
     # What a fast clock told of times after the end, nobody foretells.
-    tests = within_record(tests, channels, (answer.effect for answer in found.effects), kinds)
-    nominal = judge(campaign.description, dataclasses.replace(
+    tests = mask_clock_overrun(
+        tests, channels, (answer.effect for answer in found.effects), kinds
+    )
+    nominal = evaluate_free_run(campaign.description, dataclasses.replace(
         first, values=first.plant.values
     ), tests)  # fmt: skip
-    ahead = found.fits if campaign.holdout else [on_heads(fit, trials) for fit in found.fits]
-    steps = [judge(_described(fit), fit, tests) for fit in ahead]
-    heard = noise_on(last, tests, steps[-1].runs)
-    floor = floor_of(tests, heard)
+    ahead = (
+        found.fits if campaign.holdout else [refit_on_heads(fit, trials) for fit in found.fits]
+    )
+    steps = [evaluate_free_run(_described(fit), fit, tests) for fit in ahead]
+    heard = noise_of_runs(last, tests, steps[-1].runs)
+    floor = noise_floor_error(tests, heard)
     given = campaign.description
     faults = [a for f in findings if (a := fault_of(f, given, kinds)) is not None]
     errors = [float(step.error.mean()) for step in steps]
@@ -112,7 +116,7 @@ def report(
     if not found.undecided and not found.final:
         found = doubt_pieces(found, kinds)
     if campaign.holdout and not found.undecided and not found.final:
-        if chi2_p_value(last) > LIMITS.coloured_p_value and not is_confirmed_elsewhere(
+        if chi2_p_value(last) > LIMITS.coloured_p_value and not is_confirmed_on_holdout(
             last, errors[-1] / floor, tests
         ):
             found = doubt_laws(found, kinds)
@@ -132,7 +136,9 @@ def report(
     # Constants that were bent to make up for what has no name are no better a model.
     useless = unknown and bool(campaign.holdout) and errors[-1] > float(nominal.error.mean())
     kept = nominal if useless else steps[-1]
-    experiment = propose(found.pair, trials, kinds) if found.pair and not unknown else None
+    experiment = (
+        propose_experiment(found.pair, trials, kinds) if found.pair and not unknown else None
+    )
     if experiment is not None:
         sentence += f" What would decide: {experiment.sentence}"
     return Diagnosis(
@@ -164,7 +170,7 @@ def report(
             *((NOT_HELD_OUT,) if not campaign.holdout else ()),
             *((NOT_KEPT,) if useless else ()),
             *told_of_holds(campaign.description),
-            *((FLOATS,) if floats(campaign.description) else ()),
+            *((FLOATS,) if has_rigid_motion(campaign.description) else ()),
             *((HURRIED,) if found.exhausted else ()),
             *(
                 (f"Nearest: {a.sentence}" for a in found.effects)
@@ -193,14 +199,14 @@ def _loud(found: Hypothesis, errors: Sequence[float], floor: float) -> bool:
 
     What is left is then noise of another colour than it was taken to have.
     """
-    little = found.fits[-1].chi2_in_band < WRONG
+    little = found.fits[-1].chi2_in_band < WRONG_MODEL_CHI2
     return not found.effects and little and CLOSED * errors[-1] <= floor
 
 
 def _unknown(found: Hypothesis, kinds: Mapping[str, Kind]) -> bool:
     """Whether what is left is more than what was found, or nothing, could leave."""
     last = found.fits[-1]
-    if not found.effects and last.chi2_in_band > WRONG:
+    if not found.effects and last.chi2_in_band > WRONG_MODEL_CHI2:
         return True  # wherever it is
     if found.exhausted and not found.final and last.chi2_in_band > LIMITS.far_off_chi2:
         return True  # no right law leaves as much, and there was no time for others
@@ -278,7 +284,7 @@ def _as_well(found: Hypothesis, kinds: Mapping[str, Kind]) -> tuple[str, ...]:
 
 def _far(fit: Fit) -> tuple[str, ...]:
     """Tell of constants that kept within their tolerance, and are far off all the same."""
-    pulls = fit.bent
+    pulls = fit.constant_pulls
     chances = {
         name: min(1.0, 2 * len(pulls) * float(scipy.stats.norm.sf(abs(pull))))
         for name, pull in pulls.items()
@@ -342,7 +348,7 @@ def _unnamed(found: Hypothesis, kinds: Mapping[str, Kind]) -> str:
         assert first is not None
         assert rest is not None
         far = _still_left(found) > HALF
-        place, but = (first if far else rest).inside, "leaves more than the noise"
+        place, but = (first if far else rest).best_structural, "leaves more than the noise"
         near = "" if far else near
     return (
         f"Something is missing at {place} that is none of the effects known here; "
@@ -351,7 +357,7 @@ def _unnamed(found: Hypothesis, kinds: Mapping[str, Kind]) -> str:
     )
 
 
-def _closing(kept: Judged, nominal: Judged, floor: float, held: bool) -> str:
+def _closing(kept: FreeRunResult, nominal: FreeRunResult, floor: float, held: bool) -> str:
     """Say how far the gap has closed, and how near it is to the noise."""
     before, after = float(nominal.error.mean()), float(kept.error.mean())
     on = "the record it never saw" if held else "the last third of the records"
@@ -365,13 +371,13 @@ def _percent(share: float) -> str:
     return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"
 
 
-def _nothing(found: Hypothesis, located: Located) -> float:
+def _nothing(found: Hypothesis, located: Localization) -> float:
     if found.effects:
         return float(np.exp(-max(located.groups[0].score, 0.0)))
     return 1.0 - min(0.5, max(0.0, 1e-3 - located.p_value))
 
 
-def _suspects(located: Located) -> tuple[Suspect, ...]:
+def _suspects(located: Localization) -> tuple[Suspect, ...]:
     return tuple(
         Suspect(place, g.score, g.p_value, g.share)
         for g in located.groups
@@ -379,8 +385,8 @@ def _suspects(located: Located) -> tuple[Suspect, ...]:
     )
 
 
-def _when(located: Located) -> When:
-    seen = character(located, located.best)
+def _when(located: Localization) -> When:
+    seen = characterise(located, located.best)
     return When(
         seen.times_s, seen.bands_hz, seen.amplitude, linear=seen.linear, steady=seen.steady
     )
@@ -389,9 +395,9 @@ def _when(located: Located) -> When:
 def _gap(
     campaign: Campaign,
     found: Hypothesis,
-    nominal: Judged,
-    steps: Sequence[Judged],
-    kept: Judged,
+    nominal: FreeRunResult,
+    steps: Sequence[FreeRunResult],
+    kept: FreeRunResult,
     floor: float,
 ) -> Gap:
     return Gap(
@@ -409,13 +415,13 @@ def _gap(
 
 
 def _surface(
-    located: Located,
+    located: Localization,
     answers: Sequence[NamedEffect],
     kinds: Mapping[str, Kind],
     refuted: Place | None,
 ) -> Surface | None:
     """Force at the place of the first effect, or of none, as recovered before any was in."""
-    place = answers[0].effect.place if answers else refuted or located.inside
+    place = answers[0].effect.place if answers else refuted or located.best_structural
     if place.kind not in ("element", "node"):
         return None
     latents = [located.latent(place, i) for i in range(len(located.trials))]

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import Fit, GivenUp, refit
+from slowtime.discrepancy.calibration import Fit, FitAbandoned, FitControl, refit
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.diagnosis import NamedEffect
 from slowtime.discrepancy.hypothesis import Hypothesis, Step
@@ -74,9 +74,9 @@ def _by_the_others(
     try:
         first = refit(
             whole.plant, trials, values=whole.values, states=whole.states,
-            horizons=(1.0,), late=lambda: how.monitor.hurries,
+            horizons=(1.0,), control=FitControl(is_late=lambda: how.monitor.is_late),
         )  # fmt: skip
-    except GivenUp:
+    except FitAbandoned:
         return dataclasses.replace(found, exhausted=True), before
     except (np.linalg.LinAlgError, FloatingPointError):
         return found, before

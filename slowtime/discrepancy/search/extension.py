@@ -12,7 +12,7 @@ from slowtime.discrepancy.candidates.library_fit import (
     label_of,
     library_candidates,
 )
-from slowtime.discrepancy.data.clock_overrun import within_record
+from slowtime.discrepancy.data.clock_overrun import mask_clock_overrun
 from slowtime.discrepancy.diagnosis import NamedEffect
 from slowtime.discrepancy.estimation.candidate_fit import (
     FittedCandidate,
@@ -26,7 +26,7 @@ from slowtime.discrepancy.estimation.shooting_fit import (
     shooting_fits,
 )
 from slowtime.discrepancy.hypothesis import Hypothesis, Step
-from slowtime.discrepancy.localization import Located, locate
+from slowtime.discrepancy.localization import Localization, locate
 from slowtime.discrepancy.proposers import Round
 from slowtime.discrepancy.proposers.base_motion import base_motion, by_a_law, placed
 from slowtime.discrepancy.proposers.delayed_input import pairs_with_delayed_input
@@ -74,7 +74,7 @@ def extend(
     *,
     pulled: bool,
     begun: Sequence[FittedCandidate] = (),
-    localized: Located | None = None,
+    localized: Localization | None = None,
 ) -> Step:
     """Look for one effect more than a hypothesis has.
 
@@ -106,7 +106,7 @@ def extend(
             return _name_sensor_error(hypothesis, before, localized, sensor, how)
     monitor("trying effects", share + 0.05)
     tried = library_candidates(before, localized, how.kinds)
-    based = localized.base_first()
+    based = localized.with_base_first()
     moved_base = base_motion(based, tried, how.kinds, first=number == 0)
     if moved_base is not None and placed(based, tried):
         return end_with(hypothesis, before, moved_base, how.kinds)
@@ -120,7 +120,11 @@ def extend(
 
 
 def _name_sensor_error(
-    hypothesis: Hypothesis, before: Fit, localized: Located, sensor: Place, how: SearchSettings
+    hypothesis: Hypothesis,
+    before: Fit,
+    localized: Localization,
+    sensor: Place,
+    how: SearchSettings,
 ) -> Step:
     """Name what an accelerometer is steadily off by, before all else."""
     named = sensor_bias_candidate(before, sensor, localized, hypothesis.trials, how.kinds)
@@ -135,7 +139,7 @@ def _name_sensor_error(
 def _round(
     hypothesis: Hypothesis,
     before: Fit,
-    localized: Located,
+    localized: Localization,
     tried: Sequence[Candidate],
     how: SearchSettings,
     number: int,
@@ -147,7 +151,9 @@ def _round(
         hypothesis, before, localized, tried, kinds, number=number, quick=how.quick
     )
     channels = tuple(s.channel for s in before.plant.description.sensors)
-    trials = within_record(hypothesis.trials, channels, (one.effect for one in short), kinds)
+    trials = mask_clock_overrun(
+        hypothesis.trials, channels, (one.effect for one in short), kinds
+    )
     return Round(
         hypothesis=hypothesis, before=before, localized=localized, tried=tuple(tried),
         shortlist=tuple(short), trials=trials, kinds=kinds, monitor=how.monitor, number=number,
@@ -172,7 +178,7 @@ def _from_shortlist(
     turn = TrialOrder(monitor, number, len(in_turn), given.share, far)
     fitting = _fitting(given, turn).fit(in_turn)
     given = dataclasses.replace(given, fitted=fitting.found)
-    fitted = fitting.ranked(lambda: monitor.ends)
+    fitted = fitting.ranked(lambda: monitor.is_over)
     turn.must &= not fitted
     if not number:
         released = _with_released_constants(given, fitted, how)
@@ -184,12 +190,12 @@ def _from_shortlist(
     otherwise = _explained_otherwise(given, fitted, moved_base)
     if otherwise is not None:
         return otherwise
-    if number and not (how.quick or monitor.hurries):
+    if number and not (how.quick or monitor.is_late):
         before = given.before
         if not begun and fitted and fitted[0].fit.chi2_in_band > LIMITS.far_off_chi2:
             begun = fit_later_segments(given.hypothesis, before, how)
         fitted = merge_fits(fitted, begun, given.hypothesis.trials, kinds)
-        if not monitor.hurries:
+        if not monitor.is_late:
             likely = first_of_each((), given.shortlist)
             fitted = shooting_fits(before, likely, fitted, given.trials, kinds, turn)
     hypothesis = given.hypothesis
@@ -214,7 +220,7 @@ def _from_proposals(
     )
     if step is not None:
         return _with_tried(step, given)
-    fitted = fitting.ranked(lambda: how.monitor.ends)
+    fitted = fitting.ranked(lambda: how.monitor.is_over)
     turn.must &= not fitted
     released = _with_released_constants(given, fitted, how)
     if released is not None:
@@ -326,7 +332,7 @@ def _explained_otherwise(
     if drift is not None:
         return Step(given.hypothesis, added=0, drift=drift)
     # What is as slow as that is a sensor's, though the base would do the same.
-    based = given.localized.base_first()
+    based = given.localized.with_base_first()
     if moved_base is not None and not by_a_law(
         fitted, given.first_batch, before, given.trials, based
     ):
@@ -381,10 +387,10 @@ def accept_best(
     terms = Terms(
         stated=how.stated, pulled=pulled, asked=how.asked,
         same_place=any(_sits_on(one.effect, hypothesis) for one in fitted[:1]),
-        over=(lambda: monitor.ends) if hypothesis.effects else bool,
+        over=(lambda: monitor.is_over) if hypothesis.effects else bool,
     )  # fmt: skip
     step = accept(hypothesis, before, fitted, trials or hypothesis.trials, kinds, terms)
-    if not step.added or monitor.ends or step.hypothesis.final:
+    if not step.added or monitor.is_over or step.hypothesis.final:
         return step
     found = step.hypothesis
     for refine in how.refiners:
@@ -406,18 +412,18 @@ def fit_later_segments(
 
     def tick(effect: Effect, _: int) -> bool:
         monitor(f"refitting {effect.kind} at {effect.place}", 0.5)
-        return monitor.hurries
+        return monitor.is_late
 
     monitor("looking at how records go on", 0.5)
     part, tried = later_segment_candidates(
-        before, hypothesis.trials, kinds, lambda: monitor.hurries
+        before, hypothesis.trials, kinds, lambda: monitor.is_late
     )
     tried = [one for one in tried if not is_second_curve(one.effect, hypothesis.effects, kinds)]
     more = before.data / max(part.data, 1)
     candidates = [
-        dataclasses.replace(one, cost=more * one.cost, bare=more * one.bare)
+        dataclasses.replace(one, cost=more * one.cost, cost_without=more * one.cost_without)
         for one in best_of_each_place(tried, LATER)
     ]
     return fit_candidates(
-        part, candidates, hypothesis.trials, kinds, tick, over=lambda: monitor.ends
+        part, candidates, hypothesis.trials, kinds, tick, over=lambda: monitor.is_over
     )

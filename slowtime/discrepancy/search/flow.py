@@ -107,7 +107,7 @@ def _next(found: Hypothesis, how: SearchSettings, number: int, held: Fit | None 
     found = step.hypothesis
     # Another effect that is still missing may be what bends constants, and needs them so.
     over = number == 0 or held is before or found.final or found.holds is not None
-    if step.added or over or how.monitor.hurries:
+    if step.added or over or how.monitor.is_late:
         return step
     return _resolved(extend(found, before, how, number, pulled=pulled), before, how, number)
 
@@ -121,9 +121,9 @@ def _resolved(step: Step, before: Fit, how: SearchSettings, number: int) -> Step
 
 def _close(found: Hypothesis, how: SearchSettings, number: int) -> tuple[Hypothesis, bool]:
     """Return whether what was found is to be enough; then with what it leaves."""
-    exhausted = how.monitor.hurries
+    exhausted = how.monitor.is_late
     found = dataclasses.replace(found, exhausted=exhausted)
-    enough = exhausted and (how.monitor.ends or explains_all(found))
+    enough = exhausted and (how.monitor.is_over or explains_all(found))
     if not enough and number < how.most - 1:
         return found, False
     how.monitor("looking at what is left", 0.9)
@@ -136,7 +136,7 @@ def _suggest_holds(found: Hypothesis, how: SearchSettings) -> Hypothesis:
     It is asked after each effect: a step that was taken for a curve looks like one more. Which
     effects there are has to be asked again, under that hold.
     """
-    over = found.final or found.holds is not None or how.monitor.hurries
+    over = found.final or found.holds is not None or how.monitor.is_late
     over = over or not found.fits_whole_records
     if how.stated is None or over or not found.effects or explains_all(found):
         return found
@@ -164,7 +164,7 @@ def _begin_otherwise(
     for other in alternative_starts(found, held, how.kinds, how.monitor):
         if found.suggested_holds is not None or explains_all(found):
             break
-        if how.monitor.hurries:
+        if how.monitor.is_late:
             return dataclasses.replace(found, exhausted=True)
         terms = Terms(stated=how.stated, pulled=bool(moved_of(first)))
         start = Hypothesis((first,), trials, localized=found.localized)

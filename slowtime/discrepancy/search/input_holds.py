@@ -52,7 +52,7 @@ def search_with_holds(
         if kept is not None and found.exhausted and not _leaves_less(found, kept[1]):
             return kept  # there was no budget to come as far under this hold
         suggested = found.suggested_holds
-        if found.final or not (found.effects or suggested) or monitor.ends:
+        if found.final or not (found.effects or suggested) or monitor.is_over:
             return campaign, found
         monitor("looking at what inputs do between samples", 0.88)
         holds = suggested or held_otherwise(found.last, found.trials, kinds, stated)

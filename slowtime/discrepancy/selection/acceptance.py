@@ -5,12 +5,15 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import Fit, GivenUp, pieces, refit
+from slowtime.discrepancy.calibration import Fit, FitAbandoned, FitControl, cut_segments, refit
 from slowtime.discrepancy.calibration.augmentation import carry_effect
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
-from slowtime.discrepancy.candidates.constant_equivalents import CONSTANTS, alone_off
-from slowtime.discrepancy.candidates.parameter_scan import like_constant
-from slowtime.discrepancy.data.clock_overrun import within_record
+from slowtime.discrepancy.candidates.constant_equivalents import (
+    CONSTANTS,
+    is_single_changed_constant,
+)
+from slowtime.discrepancy.candidates.parameter_scan import is_constant_change
+from slowtime.discrepancy.data.clock_overrun import mask_clock_overrun
 from slowtime.discrepancy.diagnosis import NamedEffect
 from slowtime.discrepancy.estimation.candidate_fit import (
     FittedCandidate,
@@ -102,7 +105,7 @@ def accept(
     states = before.states
     if short:
         fitted = short
-        trials = pieces(before.plant, trials)[0]
+        trials = cut_segments(before.plant, trials)[0]
         states = tuple(np.zeros(0) for _ in trials)
     fitted = [one for one in fitted if is_significant(one, trials, kinds)]
     if not fitted:
@@ -111,9 +114,10 @@ def accept(
     try:
         bare = refit(
             before.plant, trials, noise=best.fit.noise, values=before.values,
-            states=states, horizons=(1.0,), late=None if short else terms.over,
+            states=states, horizons=(1.0,),
+            control=FitControl(is_late=None if short else terms.over),
         )  # fmt: skip
-    except GivenUp:
+    except FitAbandoned:
         bare = with_noise(before, best.fit.noise, trials)
     held = _by_another_hold(hypothesis, best, bare, trials, kinds, terms, short=bool(short))
     if held is not None:
@@ -126,7 +130,7 @@ def accept(
     channels = tuple(s.channel for s in before.plant.description.sensors)
     grown = dataclasses.replace(
         hypothesis.with_effect(best.fit, answer_of(fitted, shares, kinds)),
-        trials=within_record(
+        trials=mask_clock_overrun(
             trials if short else hypothesis.trials, channels, (best.effect,), kinds
         ),
     )
@@ -178,7 +182,7 @@ def _least_lead(best: FittedCandidate, kinds: Mapping[str, Kind], terms: Terms) 
 
     Where a constant has left its tolerance, something is missing; the question is what.
     """
-    constant = terms.pulled and like_constant(kinds[best.effect.kind])
+    constant = terms.pulled and is_constant_change(kinds[best.effect.kind])
     return 0.0 if constant else LIMITS.least_log_evidence
 
 
@@ -199,7 +203,7 @@ def _worth_it(
     missing = bare.cost - bare.data
     fitted = _limits_first(fitted, missing)
     best = fitted[0]
-    constant = terms.pulled and like_constant(kinds[best.effect.kind])
+    constant = terms.pulled and is_constant_change(kinds[best.effect.kind])
     least = (
         _least_gain(hypothesis, best, bare, same_place=terms.same_place)
         if hypothesis.effects
@@ -208,7 +212,7 @@ def _worth_it(
     if not (constant or terms.certain) and bare.cost - best.fit.cost < least:
         return None
     # That constants were claimed too well is an answer too, and has its share.
-    alone = terms.pulled and alone_off(bare, best.effect)
+    alone = terms.pulled and is_single_changed_constant(bare, best.effect)
     if alone:
         # What leaves the constant as far off is no other answer either.
         fitted = [one for one in fitted if one is best or not _still_off(one.fit, best.effect)]
@@ -217,7 +221,9 @@ def _worth_it(
     if sum(shares) < 1 - LIMITS.decided_probability:
         return None
     # A constant that is off, and told as such, unless much is left where it is.
-    slightly = max(map(abs, bare.bent.values()), default=0.0) < LIMITS.alone_tolerances
+    slightly = (
+        max(map(abs, bare.constant_pulls.values()), default=0.0) < LIMITS.alone_tolerances
+    )
     slightly &= bare.chi2_in_band < LIMITS.explained_chi2
     if (
         constant
@@ -240,10 +246,10 @@ def _explains_much(
     """Whether a second law at a place takes most of what is left, and bends no curve."""
     own = variable_of(best.effect, kinds)
     there = [a.effect for a in hypothesis.effects if a.effect.place == best.effect.place]
-    pieces = own is not None and any(variable_of(one, kinds) == own for one in there)
+    cut_segments = own is not None and any(variable_of(one, kinds) == own for one in there)
     first, last = hypothesis.first, hypothesis.last
     much = best.fit.chi2_in_band - 1 < MUCH * (last.chi2_in_band - 1)
-    return much and not hardly_any(last, first) and not pieces
+    return much and not hardly_any(last, first) and not cut_segments
 
 
 def _limits_first(named: Sequence[FittedCandidate], missing: float) -> list[FittedCandidate]:
@@ -331,7 +337,7 @@ def _still_off(fit: Fit, effect: Effect) -> bool:
 
 def _retuned(fit: Fit) -> float:
     """Log evidence of constants whose tolerance was stated too small."""
-    return _bare(fit) + float(relief(list(fit.bent.values())).sum())
+    return _bare(fit) + float(relief(list(fit.constant_pulls.values())).sum())
 
 
 def _bare(fit: Fit) -> float:

@@ -4,14 +4,19 @@ from collections.abc import Mapping, Sequence
 
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.candidates.constant_equivalents import instead_of_constants
-from slowtime.discrepancy.candidates.library_fit import Candidate, Label, label_of, mirrored
+from slowtime.discrepancy.candidates.library_fit import (
+    Candidate,
+    Label,
+    label_of,
+    mirrored_factor,
+)
 from slowtime.discrepancy.estimation.candidate_fit import (
     KEPT,
     FittedCandidate,
     best_of_each_place,
 )
 from slowtime.discrepancy.hypothesis import Hypothesis
-from slowtime.discrepancy.localization import Located
+from slowtime.discrepancy.localization import Localization
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Kind
 
@@ -26,7 +31,7 @@ leaves where it is told before the others."""
 def shortlist(
     hypothesis: Hypothesis,
     before: Fit,
-    located: Located,
+    located: Localization,
     tried: Sequence[Candidate],
     kinds: Mapping[str, Kind],
     *,
@@ -49,13 +54,13 @@ def shortlist(
     most = HASTY if quick or several else KEPT
     labels = best_of_each_place(tried, (TWICE if again else LATER) if number else most)
     if len(before.plant.description.sensors) == 1:
-        labels += mirrored(labels, tried, kinds)
+        labels += mirrored_factor(labels, tried, kinds)
     if number == 0 and located.p_value > LIMITS.false_alarm_p_value:
         labels += instead_of_constants(before, labels, hypothesis.trials, kinds)
     return labels
 
 
-def begun_with(named: Sequence[FittedCandidate], before: Fit, located: Located) -> bool:
+def begun_with(named: Sequence[FittedCandidate], before: Fit, located: Localization) -> bool:
     """Whether one of several effects stands out and was told: the others come beside it."""
     best, *others = located.groups
     if (

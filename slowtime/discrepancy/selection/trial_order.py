@@ -40,9 +40,9 @@ class TrialOrder:
         share = self._begun + self._step * turn
         self._tell(f"refitting {effect.kind} at {effect.place}", share)
         if label_of(effect) in self._far:
-            return self._tell.hurries
+            return self._tell.is_late
         must = self.must and turn == 0
-        stop = self._tell.ends if self._number else self._tell.hurries and not must
+        stop = self._tell.is_over if self._number else self._tell.is_late and not must
         self.cut.extend([effect] if stop else [])
         return stop
 

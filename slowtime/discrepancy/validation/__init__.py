@@ -1,1 +1,1 @@
-"""What a model does on data it was not fitted to, and whether a free force does better."""
+"""Fitted models in, free-run errors on other records and tests for missing forces out."""

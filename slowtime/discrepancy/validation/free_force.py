@@ -1,20 +1,25 @@
-r"""A fitted model and an element in; what a free force there explains beside all laws, out.
+r"""Score test for a free force at an element, beside all laws of a fitted model.
 
-Beside the laws a force is laid of curves in elongation :math:`e` and its rate :math:`v`, and of
+The free force consists of curves in elongation :math:`e` and its rate :math:`v`, and of
 elongations :math:`z_j` that lag behind,
 
 .. math:: F = \sum_i \beta_i \, \phi_i(e / e_s, v / v_s) + \sum_j \gamma_j z_j / e_s ,
           \quad \tau_j \dot z_j = e - z_j ,
 
-and all constants :math:`\theta`, laws' numbers and initial states among them, are free beside
-it. With :math:`H` and :math:`g` the normal equations of both at what was found, it would take
-from :math:`\chi^2` (Rao 1948)
+while all constants :math:`\theta`, parameters of laws and initial states included, are free.
+With :math:`H` and :math:`g` the normal equations of both at the fit, it would lower
+:math:`\chi^2` by
 
 .. math:: r^T S^+ r, \quad S = H_{\beta\beta} - H_{\beta\theta} H_{\theta\theta}^{-1}
           H_{\theta\beta}, \quad r = g_\beta - H_{\beta\theta} H_{\theta\theta}^{-1} g_\theta .
 
-Were the laws right, this would be distributed as :math:`\chi^2` of as many degrees as :math:`S`
-has rank, however nonlinear they are; nothing is refitted.
+If the laws are right, this is distributed as :math:`\chi^2` with the rank of :math:`S` as
+degrees of freedom, however nonlinear they are; nothing is refitted.
+
+References
+----------
+.. [1] C. R. Rao, "Large sample tests of statistical hypotheses concerning several parameters",
+   Proc. Camb. Phil. Soc. 44 (1948).
 """
 
 import dataclasses
@@ -26,25 +31,35 @@ import numpy as np
 import scipy.linalg
 from jaxtyping import Bool, Float
 
-from slowtime.discrepancy.calibration import Fit, prior_of, weights_of
+from slowtime.discrepancy.calibration import Fit, prior_of, spectral_weights
 from slowtime.discrepancy.calibration.augmentation import carry_effect
-from slowtime.discrepancy.calibration.levenberg_marquardt import Point, Problem, normal_at
+from slowtime.discrepancy.calibration.levenberg_marquardt import (
+    Iterate,
+    LeastSquaresProblem,
+    normal_equations,
+)
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.effects import Effect, Kind, Law, Parameter
 from slowtime.dynamics.effects.compiled import compiled
 from slowtime.dynamics.plant import Name
 
-RIDGE, OWN = 1e-10, 1e-6
-"""Of scaled normal equations; share of the slope to a curve that all else must leave of it."""
-CURVES, LAGS = 11, 2
-"""How many strengths of curves the free force has, and of elongations that lag."""
+RIDGE = 1e-10
+"""[1] Added to the diagonal of the scaled normal equations. Source: well above double
+precision."""
+MIN_OWN_SHARE = 1e-6
+"""[share of the squared slope to a curve] That all other unknowns must leave of it. Source:
+square root of what double precision resolves, with margin."""
+CURVE_TERMS = 11
+"""[1] Strengths of curves of the free force. Source: terms of `curve_force`."""
+LAG_TERMS = 2
+"""[1] Elongations that lag. Source: terms of `curve_and_lag_law`."""
 
 Unknowns = Float[np.ndarray, " unknown"]
 
 
 @compiled
-def bent(e: float, v: float, p: Any) -> float:
-    """Force of curves in elongation and rate, each over its scale [N]."""
+def curve_force(e: float, v: float, p: Any) -> float:
+    """Force [N] of curves in elongation [m] and rate [m/s], each over its scale."""
     x = e / p[0]
     y = v / p[1]
     far = abs(x)
@@ -55,27 +70,27 @@ def bent(e: float, v: float, p: Any) -> float:
     return float(spring + damper + both)
 
 
-def curved(e: float, v: float, t: float, z: Any, p: Any) -> float:
+def curve_law(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Force along curves [N]."""
-    return float(bent(e, v, p))
+    return float(curve_force(e, v, p))
 
 
-def lagged(e: float, v: float, t: float, z: Any, p: Any) -> float:
+def curve_and_lag_law(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Force along curves, and of elongations that lag [N]."""
-    return float(bent(e, v, p) + (p[13] * z[0] + p[14] * z[1]) / p[0])
+    return float(curve_force(e, v, p) + (p[13] * z[0] + p[14] * z[1]) / p[0])
 
 
-def lagging(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Rate of an elongation that lags by twice the time of a radian of the motion [m/s]."""
+def slow_lag_rate(e: float, v: float, t: float, z: Any, p: Any) -> float:
+    """Rate [m/s] of an elongation with a lag of twice the time of one radian of the motion."""
     return float((e - z[0]) * p[1] / (2.0 * p[0]))
 
 
-def following(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Rate of one that lags by half that time [m/s]."""
+def fast_lag_rate(e: float, v: float, t: float, z: Any, p: Any) -> float:
+    """Rate [m/s] of an elongation with a lag of half that time."""
     return float((e - z[1]) * p[1] / (0.5 * p[0]))
 
 
-def _free(name: str, strengths: int, action: Law) -> Kind:
+def _free_force_kind(name: str, strengths: int, action: Law) -> Kind:
     return Kind(
         name=name,
         family="unknown",
@@ -95,24 +110,27 @@ def _free(name: str, strengths: int, action: Law) -> Kind:
     )
 
 
-CURVED = _free("any_curve", CURVES, Law(force=curved))
-LAGGED = _free("any_lag", CURVES + LAGS, Law(force=lagged, rates=(lagging, following)))
-"""No effects that are ever named: what is laid beside those that are."""
+CURVE_KIND = _free_force_kind("any_curve", CURVE_TERMS, Law(force=curve_law))
+LAG_KIND = _free_force_kind(
+    "any_lag",
+    CURVE_TERMS + LAG_TERMS,
+    Law(force=curve_and_lag_law, rates=(slow_lag_rate, fast_lag_rate)),
+)
+"""Kinds of free force; they are never named as effects."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Taken:
-    """What a free force would take, and by what.
+class ScoreTest:
+    """Result of the score test of a free force.
 
     Parameters
     ----------
     gain, degrees
-        Chi squared that it would take, and its degrees of freedom.
+        Chi squared that it would explain, and its degrees of freedom.
     spread
-        One standard deviation of its strengths along each direction in which they are known,
-        whatever the others [N].
+        One standard deviation of its strengths along each direction that is determined [N].
     steps
-        Where they are along each of them, in standard deviations.
+        Estimate along each of these directions, in standard deviations.
     """
 
     gain: float
@@ -123,18 +141,20 @@ class Taken:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FreeForce:
-    """Normal equations of a model with a free force beside its laws, scaled.
+    """Scaled normal equations of a model with a free force beside its laws.
 
     Parameters
     ----------
     names, values
-        Of the constants and numbers that are free; initial states come after them.
+        Of the free constants and parameters; initial states come after them.
     curves
-        Which unknowns are strengths of the free force.
+        Mask of the unknowns that are strengths of the free force.
     scale
         From scaled unknowns to unknowns.
+    matrix, gradient
+        Normal equations in scaled unknowns.
     rest
-        Cholesky's factor of the equations without the free force.
+        Cholesky factor of the equations without the free force.
     """
 
     names: tuple[Name, ...]
@@ -149,20 +169,34 @@ class FreeForce:
     def of(
         cls, fit: Fit, free: Effect, trials: Sequence[Trial], kinds: Mapping[str, Kind]
     ) -> "FreeForce":
-        """Lay a free force beside the laws of a fit, and linearise at what was found."""
-        own = {kind.name: kind for kind in (CURVED, LAGGED)}
+        """Add a free force to the model of a fit, and linearise there.
+
+        Parameters
+        ----------
+        fit
+            Of the model.
+        free
+            The free force, all its strengths zero.
+        trials
+            Records of the fit.
+        kinds
+            Catalogue of effects by name.
+        """
+        own = {kind.name: kind for kind in (CURVE_KIND, LAG_KIND)}
         both = carry_effect(fit, free, {**kinds, **own})
         prior = prior_of(both.plant)
         more = np.zeros(len(both.plant.state_names) - len(fit.plant.state_names))
-        problem = Problem(
+        problem = LeastSquaresProblem(
             plant=both.plant,
             prior=prior,
             trials=tuple(trials),
-            weights=tuple(weights_of(trial, fit.noise, i) for i, trial in enumerate(trials)),
+            weights=tuple(
+                spectral_weights(trial, fit.noise, i) for i, trial in enumerate(trials)
+            ),
             samples=tuple(len(trial.outputs) for trial in trials),
         )
         states = tuple(np.concatenate([s, more]) if s.size else s for s in fit.states)
-        normal, _ = normal_at(problem, Point(values=both.values, states=states))
+        normal, _ = normal_equations(problem, Iterate(values=both.values, states=states))
         last = ("effect", len(fit.plant.effects))
         curves = np.zeros(len(normal.gradient), dtype=bool)
         curves[: len(prior.names)] = [name[:2] == last for name in prior.names]
@@ -179,11 +213,8 @@ class FreeForce:
             rest=scipy.linalg.cho_factor(inner),
         )
 
-    def without(self, name: Name) -> tuple[float, float]:
-        """Where a number would be by the next step without the free force, and its error.
-
-        What other numbers make up for wholly is not known at all.
-        """
+    def step_without(self, name: Name) -> tuple[float, float]:
+        """Value of a parameter after one more step without the free force, and its sd."""
         at = self.names.index(name)
         unit = np.zeros(int((~self.curves).sum()))
         unit[at] = 1.0
@@ -191,14 +222,14 @@ class FreeForce:
         step = float(self.scale[at]) * float(row @ self.gradient[~self.curves])
         return float(self.values[at]) + step, float(self.scale[at]) * math.sqrt(row[at])
 
-    def taken(self) -> Taken:
-        """Ask what the free force would take."""
+    def score_test(self) -> ScoreTest:
+        """Compute the score statistic of the free force."""
         free = self.curves
         cross = scipy.linalg.cho_solve(self.rest, self.matrix[np.ix_(~free, free)])
         inner = self.matrix[np.ix_(free, free)] - self.matrix[np.ix_(free, ~free)] @ cross
         left = self.gradient[free] - cross.T @ self.gradient[~free]
         values, vectors = np.linalg.eigh(inner)
-        own = values > OWN
+        own = values > MIN_OWN_SHARE
         spread = self.scale[free][:, None] * (vectors[:, own] / np.sqrt(values[own]))
         steps = (vectors[:, own].T @ left) / np.sqrt(values[own])
-        return Taken(float(steps @ steps), int(own.sum()), spread, steps)
+        return ScoreTest(float(steps @ steps), int(own.sum()), spread, steps)

@@ -1,9 +1,9 @@
-"""Laws that were named, in; the place at which the records refute them, out.
+"""Refutation of named laws by a free force beside them.
 
-A law close to the right one leaves little, too little to be seen among all that sensors tell;
-it is seen where one looks for it, by a free force laid beside the law. What is missing there is
-then none of the effects known. A law of several numbers near an end of its range is another
-there: van der Pol's without its negative part. Which of the two it is, is then undecided.
+A law close to the right one leaves too little to be seen in the whole residual, but a free
+force at the same place shows it. The law that acts there is then not in the library. A law of
+several parameters may be another one at an end of its range, as van der Pol's without its
+negative part; which of the two it is, is then undecided.
 """
 
 import dataclasses
@@ -16,31 +16,36 @@ import scipy.stats
 from jaxtyping import Float
 
 from slowtime.discrepancy.calibration import Fit
-from slowtime.discrepancy.calibration.led_run import leads
+from slowtime.discrepancy.calibration.measured_friction import needs_measured_friction
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.description import Spring
 from slowtime.dynamics.effects import Effect, Hidden, Kind, Law, Motion, Place, force_along
 
-from .free_force import CURVED, LAGGED, FreeForce
+from .free_force import CURVE_KIND, LAG_KIND, FreeForce
 
-BY_CHANCE = 1e-3
-"""Chance at which laws that are right are refuted, were the noise as it is taken to be."""
-WITHIN, BY_NOISE = 0.03, 0.05
-"""Share of its force within which a law is right, as of no structure is one quite true; and the
-chance from which what goes beyond that may be noise: records may tell that there is more, and
-hardly how much."""
+REFUTED_P_VALUE = 1e-3
+"""[probability] p-value of the score test below which named laws are refuted. Source:
+docs/decisions/0018; none of 900 right ones was."""
+RIGHT_SHARE = 0.03
+"""[share of its force] Within which a law is right, as no structure follows a law exactly.
+Source: docs/decisions/0018."""
+EXCESS_P_VALUE = 0.05
+"""[probability] p-value from which an excess over `RIGHT_SHARE` may be noise. Source:
+docs/decisions/0026; one in twenty."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Doubt:
-    """What speaks against the laws that were named at an element.
+class LawDoubt:
+    """Evidence against the laws that were named at an element.
 
     Parameters
     ----------
+    place
+        The element.
     idle
-        Numbers of those that do nothing of their own beside the others, which refutes none;
-        where there are none, what is there follows another curve.
+        Numbers of the laws that the others make needless, which refutes none of them; where
+        there are none, the laws are refuted.
     """
 
     place: Place
@@ -52,26 +57,32 @@ def refuted_by_free_force(
     first: int,
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
-) -> Doubt | None:
-    """Find an element at which what was named cannot be, or need not be, what is there.
+) -> LawDoubt | None:
+    """Find an element at which the named laws are refuted, or one of them is needless.
 
     Parameters
     ----------
     fit
-        Of the whole model, which leaves but noise.
+        Of the whole model, which leaves noise only.
     first
-        Number of the first of its effects that was named; those before were given.
+        Number of the first effect that was named; those before belong to the given model.
+    trials
+        Records of the fit.
+    kinds
+        Catalogue of effects by name.
 
     Returns
     -------
-    None where all may stand, or where friction follows what was measured and no free run does.
+    None where no law is doubted, or where friction acts along the measured motion.
     """
-    if leads(fit.plant, fit.noise):
+    if needs_measured_friction(fit.plant, fit.noise):
         return None
-    places = _touched(fit, first)
+    places = _named_elements(fit, first)
     for place in places:
         try:
-            found = _refuted_at(place, BY_CHANCE / len(places), fit, first, trials, kinds)
+            found = _test_element(
+                place, REFUTED_P_VALUE / len(places), fit, first, trials, kinds
+            )
         except (np.linalg.LinAlgError, FloatingPointError):
             continue
         if found is not None:
@@ -79,8 +90,8 @@ def refuted_by_free_force(
     return None
 
 
-def _touched(fit: Fit, first: int) -> tuple[Place, ...]:
-    """Elements with effects that were named, and those that end at nodes with such."""
+def _named_elements(fit: Fit, first: int) -> tuple[Place, ...]:
+    """Elements with named effects, and elements that end at nodes with such."""
     named = [effect.place for effect in fit.plant.effects[first:]]
     nodes = {place.id for place in named if place.kind == "node"}
     ending = [
@@ -91,14 +102,14 @@ def _touched(fit: Fit, first: int) -> tuple[Place, ...]:
     return tuple(dict.fromkeys([*(p for p in named if p.kind == "element"), *ending]))
 
 
-def _refuted_at(
+def _test_element(
     place: Place,
     chance: float,
     fit: Fit,
     first: int,
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
-) -> Doubt | None:
+) -> LawDoubt | None:
     runs = [
         fit.plant.states(
             fit.values, trial.inputs, trial.rate_hz, state0=state, start_s=trial.start_s
@@ -109,45 +120,57 @@ def _refuted_at(
     scales = {"e_m": _rms([m.e for m in motions]), "v_m_per_s": _rms([m.v for m in motions])}
     if min(scales.values()) == 0.0:
         return None
-    free = LAGGED if _remembers(fit, first, kinds) else CURVED
+    free = LAG_KIND if _has_memory(fit, first, kinds) else CURVE_KIND
     flat = scales | dict.fromkeys(free.names[len(scales) :], 0.0)
     beside = FreeForce.of(fit, Effect(free.name, place, flat), trials, kinds)
     wide = math.sqrt(max(fit.chi2_in_band, 1.0))
     here = [n for n, one in enumerate(fit.plant.effects) if n >= first and one.place == place]
-    taken = beside.taken()
+    taken = beside.score_test()
     chance_of = scipy.stats.chi2(taken.degrees).sf
-    idle = tuple(number for number in here if _idles(number, fit, beside, wide, kinds))
+    idle = tuple(number for number in here if _is_idle(number, fit, beside, wide, kinds))
     several = any(sum(name[:2] == ("effect", n) for name in beside.names) > 1 for n in idle)
-    doubt = Doubt(place, idle) if several else None
-    # Beside a motion that hardly any other comes near, no other force can be told at all.
+    doubt = LawDoubt(place, idle) if several else None
+    # Without any direction that is determined, no other force can be tested.
     if not taken.degrees or chance_of(taken.gain / wide**2) > chance:
         return doubt
-    laws = [_along(number, fit, runs, kinds) for number in here or _ending(place, fit, first)]
+    laws = [
+        _effect_force_along(number, fit, runs, kinds)
+        for number in here or _effects_at_ends(place, fit, first)
+    ]
     e, v = np.concatenate([m.e for m in motions]), np.concatenate([m.v for m in motions])
     known = np.stack(
         [x / _rms([x]) for x in (e, v, *(laws if here else ())) if x.any()], axis=1
     )
-    forces = np.stack([_force(free, scales, column, motions) for column in taken.spread.T], 1)
+    forces = np.stack(
+        [_curve_force_along(free, scales, column, motions) for column in taken.spread.T], 1
+    )
     own = forces - known @ np.linalg.lstsq(known, forces, rcond=None)[0]
-    off = _shortest(own.T @ own / len(own), taken.steps, WITHIN * _rms([np.sum(laws, axis=0)]))
-    return doubt if chance_of(off / wide**2) > BY_NOISE else Doubt(place, ())
+    off = _distance_to_small_force(
+        own.T @ own / len(own), taken.steps, RIGHT_SHARE * _rms([np.sum(laws, axis=0)])
+    )
+    return doubt if chance_of(off / wide**2) > EXCESS_P_VALUE else LawDoubt(place, ())
 
 
-def _shortest(
+def _distance_to_small_force(
     power: Float[np.ndarray, "direction direction"],
     steps: Float[np.ndarray, " direction"],
     most: float,
 ) -> float:
-    """Squared distance from what was found to the nearest force that is small enough.
+    """Squared distance from the estimate to the nearest force that is small enough.
 
     Parameters
     ----------
     power
-        Mean squares and products of forces of one standard deviation each [N^2].
+        Mean products of the forces of one standard deviation along each direction [N^2].
     steps
-        What was found, in standard deviations.
+        Estimate, in standard deviations.
     most
         Root mean square that is small enough [N].
+
+    Returns
+    -------
+    The distance in standard deviations, squared: a quadratic with one quadratic constraint,
+    solved by its Lagrange multiplier.
     """
     squares, turned = np.linalg.eigh(power)
     squares, along = np.maximum(squares, 0.0), turned.T @ steps
@@ -163,26 +186,26 @@ def _shortest(
     return float(np.sum((along * weight * squares / (1 + weight * squares)) ** 2))
 
 
-def _force(
+def _curve_force_along(
     free: Kind,
     scales: Mapping[str, float],
     strengths: Float[np.ndarray, " curve"],
     motions: Sequence[Motion],
 ) -> Float[np.ndarray, " time"]:
-    """Force of curves of some strengths along the motion of the fit."""
+    """Force [N] of curves with given strengths along the motion of the fit."""
     names = free.names[len(scales) :]
     numbers = {**scales, **dict(zip(names, strengths.tolist(), strict=True))}
     return np.concatenate([force_along(free, numbers, motion) for motion in motions])
 
 
-def _remembers(fit: Fit, first: int, kinds: Mapping[str, Kind]) -> bool:
-    """Whether something was named that may stand for what lags: all that is linear, or lags."""
+def _has_memory(fit: Fit, first: int, kinds: Mapping[str, Kind]) -> bool:
+    """Whether a named law, linear or with states, may stand for a force with memory."""
     actions = [kinds[effect.kind].action for effect in fit.plant.effects[first:]]
     return any(isinstance(a, Hidden) or (isinstance(a, Law) and a.rates) for a in actions)
 
 
-def _ending(place: Place, fit: Fit, first: int) -> list[int]:
-    """Effects that were named at the ends of an element."""
+def _effects_at_ends(place: Place, fit: Fit, first: int) -> list[int]:
+    """Numbers of the named effects at the end nodes of an element."""
     ends = next(e.between for e in fit.plant.description.elements if e.id == place.id)
     return [
         number
@@ -191,10 +214,10 @@ def _ending(place: Place, fit: Fit, first: int) -> list[int]:
     ]
 
 
-def _along(
+def _effect_force_along(
     number: int, fit: Fit, runs: Sequence[Mapping[Place, Motion]], kinds: Mapping[str, Kind]
 ) -> Float[np.ndarray, " time"]:
-    """Force of one effect along the motion of the fit."""
+    """Force [N] of one effect along the motion of the fit."""
     values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
     effect = fit.plant.effects[number]
     kind = kinds[effect.kind]
@@ -202,14 +225,14 @@ def _along(
     return np.concatenate([force_along(kind, own, run[effect.place]) for run in runs])
 
 
-def _idles(
+def _is_idle(
     number: int, fit: Fit, beside: FreeForce, wide: float, kinds: Mapping[str, Kind]
 ) -> bool:
-    """Whether a law does nothing of its own, by the next step of the fit."""
+    """Whether the strength of a law is not significant after one more step of the fit."""
     name = ("effect", number, kinds[fit.plant.effects[number].kind].strength)
     if name not in beside.names:
         return False
-    value, sd = beside.without(name)
+    value, sd = beside.step_without(name)
     return abs(value) < LIMITS.seen_sds * wide * sd
 
 

@@ -1,4 +1,4 @@
-"""Models and records in; how far free runs are from what was measured, out."""
+"""Errors of free runs on records that were held out, and their noise floor."""
 
 import dataclasses
 import math
@@ -9,46 +9,50 @@ from jaxtyping import Float
 
 from slowtime.discrepancy.calibration import (
     Fit,
-    first_swings,
+    first_periods,
+    motion_amplitude,
+    multistart_initial_state,
     refit,
-    size_of,
-    state_from_many,
-    state_heard,
+    state_from_sensors,
 )
 from slowtime.discrepancy.diagnosis import Spectra, Traces
-from slowtime.discrepancy.noise import Noise, noise_of_residual
-from slowtime.discrepancy.records import FEWEST, Trial
+from slowtime.discrepancy.noise import Noise, estimate_noise
+from slowtime.discrepancy.records import MIN_SAMPLES, Trial
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.plant import Plant
 from slowtime.signals.spectra import transform
 
-START = 0.2
-"""Share of a record from which its initial state is taken."""
-LOST = 30.0
-"""Mean square over the noise, of the first samples, of a run that began in the wrong swing."""
-POINTS = 400
-"""Of spectra, for pictures."""
+START_SHARE = 0.2
+"""[share of a record] From which its initial state is estimated. Source: judgement; no study
+is recorded."""
+LOST_CHI2 = 30.0
+"""[noise variances] Mean square of the first samples from which a run began in the wrong
+minimum. Source: judgement; no study is recorded."""
+SPECTRUM_POINTS = 400
+"""[1] Of spectra that are drawn, at most. Source: points that a screen shows apart."""
 
 Series = Float[np.ndarray, "time sensor"]
 
 
-def judged(trials: tuple[Trial, ...], holdout: tuple[Trial, ...]) -> tuple[Trial, ...]:
-    """Give the records to judge by: those held out, or the last third of each."""
+def evaluation_trials(
+    trials: tuple[Trial, ...], holdout: tuple[Trial, ...]
+) -> tuple[Trial, ...]:
+    """Give the records for evaluation: those held out, or else the last third of each."""
     return holdout or tuple(tail_of(trial) for trial in trials)
 
 
 def tail_of(trial: Trial) -> Trial:
-    """Last third of a record; all of one that is too short for that, as a piece may be."""
+    """Last third of a record; all of it where that is too short."""
     begun = len(trial.outputs) * 2 // 3
-    if len(trial.outputs) - begun < FEWEST:
+    if len(trial.outputs) - begun < MIN_SAMPLES:
         return trial
     return trial.part(begun, len(trial.outputs))
 
 
-def on_heads(fit: Fit, trials: Sequence[Trial]) -> Fit:
-    """Fit the same model to all but the tails of records; leave it where that cannot be."""
+def refit_on_heads(fit: Fit, trials: Sequence[Trial]) -> Fit:
+    """Refit a model to all but the tails of records; the given fit where that diverges."""
     ends = [len(trial.outputs) * 2 // 3 for trial in trials]
-    if min(ends) < FEWEST:
+    if min(ends) < MIN_SAMPLES:
         return fit
     heads = [trial.part(0, end) for trial, end in zip(trials, ends, strict=True)]
     states = fit.states if len(fit.states) == len(heads) else None
@@ -63,10 +67,22 @@ def on_heads(fit: Fit, trials: Sequence[Trial]) -> Fit:
 
 
 def free_runs(fit: Fit, trials: Sequence[Trial]) -> list[Series]:
-    """Run the model of a fit; initial states are those that the first samples say."""
+    """Simulate the model of a fit on other records.
+
+    Parameters
+    ----------
+    fit
+        Of the model.
+    trials
+        Records; initial states are estimated from the first samples of each.
+
+    Returns
+    -------
+    Outputs (time, sensor) of each trial, in the sensors' units.
+    """
     runs = []
     for trial in trials:
-        state = _begun(fit, _first_of(trial), _noise_of(fit))
+        state = _initial_state(fit, _first_part(trial), _noise_of_first_record(fit))
         runs.append(
             fit.plant.simulate(
                 fit.values,
@@ -79,40 +95,49 @@ def free_runs(fit: Fit, trials: Sequence[Trial]) -> list[Series]:
     return runs
 
 
-def on_another(fit: Fit, trial: Trial) -> Fit | None:
-    """Fit the same model to another record, from where it is; None where that cannot be.
+def refit_on_record(fit: Fit, trial: Trial) -> Fit | None:
+    """Refit a model to another record, whose noise is estimated anew.
 
-    That has noise of its own.
+    Parameters
+    ----------
+    fit
+        Of the model, whose values are the start.
+    trial
+        The other record.
+
+    Returns
+    -------
+    None where the free run diverges.
     """
-    state = _begun(fit, _first_of(trial), _noise_of(fit))
+    state = _initial_state(fit, _first_part(trial), _noise_of_first_record(fit))
     try:
         return refit(fit.plant, (trial,), values=fit.values, states=[state], horizons=(1.0,))
     except (np.linalg.LinAlgError, FloatingPointError):
         return None
 
 
-def _first_of(trial: Trial) -> Trial:
-    return trial.part(0, max(int(START * len(trial.outputs)), 64))
+def _first_part(trial: Trial) -> Trial:
+    return trial.part(0, max(int(START_SHARE * len(trial.outputs)), 64))
 
 
-def _noise_of(fit: Fit) -> Noise:
-    """Take the noise of the first record that was fitted for that of others."""
+def _noise_of_first_record(fit: Fit) -> Noise:
+    """Noise of the first fitted record, used for others."""
     drift = fit.noise.drift
     first = None if drift is None else drift.first()
-    return dataclasses.replace(fit.noise.of([0]), drift=first)
+    return dataclasses.replace(fit.noise.for_trials([0]), drift=first)
 
 
-def _begun(fit: Fit, part: Trial, noise: Noise) -> Float[np.ndarray, " state"]:
-    """Give the initial state that explains the first samples best.
+def _initial_state(fit: Fit, part: Trial, noise: Noise) -> Float[np.ndarray, " state"]:
+    """Estimate the initial state from the first samples.
 
-    What sticks tells nothing of the speed it would have: where there are effects, one begins
-    from the state without them too.
+    A joint that sticks does not determine its speed: with effects, fits start from the state
+    of the model without them, too.
     """
     plant, values = fit.plant, fit.values
     bare = Plant.of(dataclasses.replace(plant.description, effects=()), kinds=plant.kinds)
     known = dict(zip(plant.parameters, values.tolist(), strict=True))
     own = np.array([known[name] for name in bare.parameters])
-    straight = _settled(bare, part, noise, own, None)
+    straight = _fit_initial_state(bare, part, noise, own, None)
     found = [straight]
     if plant.effects:
         state = (
@@ -121,38 +146,37 @@ def _begun(fit: Fit, part: Trial, noise: Noise) -> Float[np.ndarray, " state"]:
             else dict(zip(bare.state_names, straight.states[0].tolist(), strict=False))
         )
         begun = np.array([state.get(name, 0.0) for name in plant.state_names])
-        heard = state_heard(plant, part, begun)
+        heard = state_from_sensors(plant, part, begun)
         starts = [None, [begun], *([] if np.array_equal(heard, begun) else [[heard]])]
-        found = [_settled(plant, part, noise, values, start) for start in starts]
+        found = [_fit_initial_state(plant, part, noise, values, start) for start in starts]
     ended = [one for one in found if one is not None]
     if not ended:
         return np.zeros(len(plant.state_names))
     best = min(ended, key=lambda one: one.cost)
-    if plant.effects and best.cost > LOST * best.data:
-        best = _from_elsewhere(best, part)
+    if plant.effects and best.cost > LOST_CHI2 * best.data:
+        best = _multistart(best, part)
     return best.states[0]
 
 
-def _from_elsewhere(fit: Fit, part: Trial) -> Fit:
-    """Look farther for an initial state, over the first swings; the better of both."""
-    (first,) = first_swings(fit.plant, (part,))
-    size = size_of(fit.plant, part, fit.values, fit.states[0])
-    state = state_from_many(fit.plant, first, fit.noise, fit.values, fit.states[0], size)
-    other = _settled(fit.plant, part, fit.noise, fit.values, (state,))
+def _multistart(fit: Fit, part: Trial) -> Fit:
+    """Search the initial state by multistart over the first periods; the better of both."""
+    (first,) = first_periods(fit.plant, (part,))
+    size = motion_amplitude(fit.plant, part, fit.values, fit.states[0])
+    state = multistart_initial_state(
+        fit.plant, first, fit.noise, fit.values, fit.states[0], size
+    )
+    other = _fit_initial_state(fit.plant, part, fit.noise, fit.values, (state,))
     return other if other is not None and other.cost < fit.cost else fit
 
 
-def _settled(
+def _fit_initial_state(
     plant: Plant,
     part: Trial,
     noise: Noise,
     values: Float[np.ndarray, " parameter"],
     states: Sequence[Float[np.ndarray, " state"]] | None,
 ) -> Fit | None:
-    """Fit initial states alone; None where the motion grows beyond bounds from any.
-
-    A law may hold what would run away without it.
-    """
+    """Fit initial states alone; None where the run diverges."""
     try:
         return refit(
             plant, (part,), free=[], noise=noise, values=values, states=states, horizons=(1.0,)
@@ -161,8 +185,22 @@ def _settled(
         return None
 
 
-def errors(trials: Sequence[Trial], runs: Sequence[Series]) -> Float[np.ndarray, " sensor"]:
-    """Error of free runs over the scatter of the measurement, by sensor."""
+def relative_errors(
+    trials: Sequence[Trial], runs: Sequence[Series]
+) -> Float[np.ndarray, " sensor"]:
+    """Root mean square error of free runs over the standard deviation of the outputs.
+
+    Parameters
+    ----------
+    trials
+        Records.
+    runs
+        Simulated outputs (time, sensor) of each.
+
+    Returns
+    -------
+    By sensor [1]; 0 for one without variation, 1e6 for a run that is not finite.
+    """
     found = []
     for sensor in range(trials[0].outputs.shape[1]):
         left, all_of = [], []
@@ -177,17 +215,29 @@ def errors(trials: Sequence[Trial], runs: Sequence[Series]) -> Float[np.ndarray,
     return np.array([e if math.isfinite(e) else 1e6 for e in found])
 
 
-def noise_on(fit: Fit, trials: tuple[Trial, ...], runs: Sequence[Series]) -> Noise:
-    """Hear the noise of records that were not fitted, from what free runs leave of them."""
+def noise_of_runs(fit: Fit, trials: tuple[Trial, ...], runs: Sequence[Series]) -> Noise:
+    """Estimate the noise of records that were not fitted from the errors of free runs."""
     left = tuple(
         np.where(trial.used & np.isfinite(run), trial.measured - run, 0.0)
         for trial, run in zip(trials, runs, strict=True)
     )
-    return noise_of_residual(trials, left, silent_above_hz=fit.silent_above_hz)
+    return estimate_noise(trials, left, silent_above_hz=fit.silent_above_hz)
 
 
-def floor_of(trials: Sequence[Trial], noise: Noise) -> float:
-    """Error that the sensors' noise alone would make; `noise` is that of these trials."""
+def noise_floor_error(trials: Sequence[Trial], noise: Noise) -> float:
+    """Relative error that the sensors' noise alone causes: see `relative_errors`.
+
+    Parameters
+    ----------
+    trials
+        Records.
+    noise
+        Of these trials.
+
+    Returns
+    -------
+    The mean over the sensors [1].
+    """
     share = np.array([t.used.mean(axis=0) for t in trials])
     power = np.array([noise.sd(i, t.rate_hz) ** 2 for i, t in enumerate(trials)])
     power = np.sum(share * power, axis=0) / np.maximum(share.sum(axis=0), 1e-12)
@@ -202,7 +252,7 @@ def floor_of(trials: Sequence[Trial], noise: Noise) -> float:
 def traces_of(
     trials: Sequence[Trial], nominal: list[Series], refits: list[Series], last: list[Series]
 ) -> tuple[Traces, ...]:
-    """Give records, measured and run."""
+    """Collect measured and simulated outputs of each record."""
     return tuple(
         Traces(t.times_s, t.outputs, a, b, c)
         for t, a, b, c in zip(trials, nominal, refits, last, strict=True)
@@ -212,10 +262,10 @@ def traces_of(
 def spectra_of(
     trials: Sequence[Trial], before: list[Series], after: list[Series], noise: Noise
 ) -> Spectra:
-    """Densities, the mean over records, on one grid: no finer than the shortest can tell."""
+    """Mean densities of outputs, residuals and noise, as fine as the shortest record allows."""
     top = max(trial.rate_hz for trial in trials) / 2
     finest = min(int(len(trial.outputs) * top / trial.rate_hz) for trial in trials)
-    points = int(np.clip(finest // 2, 1, POINTS))
+    points = int(np.clip(finest // 2, 1, SPECTRUM_POINTS))
     edges = np.linspace(0.0, top, points + 1)
     middle = (edges[:-1] + edges[1:]) / 2
 
@@ -241,15 +291,17 @@ def spectra_of(
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Judged:
-    """Free runs of one model, with the errors that they make."""
+class FreeRunResult:
+    """Free runs of one model, with their relative errors by sensor."""
 
     description: Description
     runs: list[Series]
     error: Float[np.ndarray, " sensor"]
 
 
-def judge(description: Description, fit: Fit, trials: Sequence[Trial]) -> Judged:
-    """Run a fitted model on the records to judge by."""
+def evaluate_free_run(
+    description: Description, fit: Fit, trials: Sequence[Trial]
+) -> FreeRunResult:
+    """Simulate a fitted model on records, and compute its relative errors."""
     runs = free_runs(fit, trials)
-    return Judged(description, runs, errors(trials, runs))
+    return FreeRunResult(description, runs, relative_errors(trials, runs))

@@ -843,14 +843,14 @@ def march(
     states: Reals,
     rates: Reals,
     held: Reals,
-    ears: Whole,
+    readouts: Whole,
     scale: Reals,
     target: Whole,
     heard: Reals,
 ) -> int:
     """Run over all samples; how many steps it took, negative where it had to give up.
 
-    Of the slopes only those are kept that a sensor hears: `ears` says of each sensor which
+    Of the slopes only those are kept that a sensor hears: `readouts` says of each sensor which
     number of the state (or, where its second column is 1, of the rate) it hears, or -1, with
     `scale` for a factor; `target` into which column of `heard` [sensor, time, column] each
     slope goes. Where `eventful` is None, what events need is left out, and not even compiled.
@@ -862,9 +862,9 @@ def march(
     part = grid(store, PART)
     samples, channels, slopes = len(coefficients), len(laws), len(target)
     quick = plain(0)
-    for k in range(len(ears)):
-        if ears[k, 0] >= 0:
-            quick = max(quick, ears[k, 1])
+    for k in range(len(readouts)):
+        if readouts[k, 0] >= 0:
+            quick = max(quick, readouts[k, 1])
     deepest = len(big) - 1
     whole, level, steps = 1 << deepest, 0 * deepest, 0
     first = matrix.shape[1] - channels
@@ -880,10 +880,10 @@ def march(
         if slopes > 0:
             if quick == 1:
                 slopes_of_flow(store, slope, t, coefficients[sample], 0.0)
-            for k in range(len(ears)):
-                row = ears[k, 0]
+            for k in range(len(readouts)):
+                row = readouts[k, 0]
                 if row >= 0:
-                    told = slope_rate if ears[k, 1] == 1 else slope
+                    told = slope_rate if readouts[k, 1] == 1 else slope
                     for j in range(slopes):
                         heard[k, sample, target[j]] += scale[k] * told[row, j]
         done = whole if sample + 1 == samples else 0

@@ -16,7 +16,7 @@ from .kernel import Now, System, march, padded, places
 from .made import Asked, is_linear, system_of
 from .matrices import Matrices
 from .names import Name
-from .sensing import Ear, acting, base_of, ears_of, held, told
+from .sensing import SensorReadout, acting, base_of, held, sensor_readouts, told
 from .system import Layout
 
 TOLERANCE = 3e-4
@@ -106,10 +106,10 @@ def run(
     states, rates = (np.full((samples, layout.states), np.nan) for _ in range(2))
     forces = np.full((samples, len(layout.laws)), np.nan)
     free_count = len(matrices.names)
-    ears = ears_of(description, matrices.names)
-    factors = np.array([ear.factor for ear in ears])
+    readouts = sensor_readouts(description, matrices.names)
+    factors = np.array([readout.factor for readout in readouts])
     # By sensor, so that what is asked of one stands together in memory.
-    heard = np.zeros((len(ears), samples, len(asked) + layout.states if slopes else 0))
+    heard = np.zeros((len(readouts), samples, len(asked) + layout.states if slopes else 0))
     target = [asked.index(name) for name in order]
     target += range(len(asked), len(asked) + layout.states)
     eventful = True if len(system.jumps) or system.table[:, 0].any() else None
@@ -123,7 +123,7 @@ def run(
         states,
         rates,
         forces,
-        _heard_by(ears, free_count),
+        _read_rows(readouts, free_count),
         factors,
         np.array(target[:slopes], dtype=np.int64),
         heard,
@@ -132,16 +132,20 @@ def run(
     if steps < 0:
         heard[:, -steps:] = np.nan
     shaken, shaking = _base(description, coefficients, driven, base is not None)
-    ground = base_of(shaken, interval).motion if any(ear.absolute for ear in ears) else ()
-    outputs = np.zeros((samples, len(ears)))
-    for k, ear in enumerate(ears):
-        if ear.coordinate is not None:
-            row = ear.coordinate + (free_count if ear.order > 0 else 0)
-            outputs[:, k] = (states if ear.order < 2 else rates)[:, row]
-        if ear.absolute:
-            outputs[:, k] += ground[ear.order][:, 0]
+    ground = (
+        base_of(shaken, interval).motion
+        if any(readout.absolute for readout in readouts)
+        else ()
+    )
+    outputs = np.zeros((samples, len(readouts)))
+    for k, readout in enumerate(readouts):
+        if readout.coordinate is not None:
+            row = readout.coordinate + (free_count if readout.order > 0 else 0)
+            outputs[:, k] = (states if readout.order < 2 else rates)[:, row]
+        if readout.absolute:
+            outputs[:, k] += ground[readout.order][:, 0]
             for i, name in enumerate(shaking if slopes else ()):
-                heard[k, :, asked.index(name)] += factors[k] * ground[ear.order][:, 1 + i]
+                heard[k, :, asked.index(name)] += factors[k] * ground[readout.order][:, 1 + i]
     outputs *= factors
     wanted = heard.transpose(1, 0, 2)
     at = {name: j for j, name in enumerate(asked)}
@@ -246,14 +250,14 @@ def _roomy(values: Float[np.ndarray, " number"]) -> Float[np.ndarray, " number"]
     return found
 
 
-def _heard_by(ears: Sequence[Ear], dofs: int) -> Int[np.ndarray, "sensor 2"]:
+def _read_rows(readouts: Sequence[SensorReadout], dofs: int) -> Int[np.ndarray, "sensor 2"]:
     """Which number of the state or, with a 1 behind it, of its rate each sensor hears."""
     return np.array(
         [
             (-1, 0)
-            if ear.coordinate is None
-            else (ear.coordinate + (dofs if ear.order else 0), int(ear.order == 2))
-            for ear in ears
+            if readout.coordinate is None
+            else (readout.coordinate + (dofs if readout.order else 0), int(readout.order == 2))
+            for readout in readouts
         ],
         dtype=np.int64,
     ).reshape(-1, 2)

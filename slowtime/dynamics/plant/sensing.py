@@ -97,8 +97,8 @@ def base_of(along: Float[np.ndarray, "time power slope"], interval: float) -> Ba
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Ear:
-    """How one sensor hears: coordinate, order of the derivative, frame, unit."""
+class SensorReadout:
+    """Coordinate that one sensor reads, order of its derivative, frame, factor of its unit."""
 
     coordinate: int | None
     order: int
@@ -106,10 +106,12 @@ class Ear:
     factor: float
 
 
-def ears_of(description: Description, names: Sequence[str]) -> tuple[Ear, ...]:
+def sensor_readouts(
+    description: Description, names: Sequence[str]
+) -> tuple[SensorReadout, ...]:
     """Give one for each sensor of a description."""
     return tuple(
-        Ear(
+        SensorReadout(
             coordinate=(
                 names.index(sensor.node)
                 if sensor.node != BASE and sensor.node in names

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from slowtime.discrepancy.calibration import refit
-from slowtime.discrepancy.calibration.augmentation import run_by, with_effect
+from slowtime.discrepancy.calibration.augmentation import simulated_chi2, with_effect
 from slowtime.discrepancy.candidates.library_fit import Candidate
 from slowtime.discrepancy.diagnosis import NamedEffect
 from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, fit_candidates
@@ -99,7 +99,7 @@ def fit_at(fit, trials, values, states=None, **changed):
     left = tuple(
         np.where(t.used, t.measured - run, 0.0) for t, run in zip(trials, runs, strict=True)
     )
-    cost = run_by(fit.plant, values, states, fit.noise, trials)
+    cost = simulated_chi2(fit.plant, values, states, fit.noise, trials)
     known = {"cost": cost, "chi2_in_band": cost / fit.data}
     return dataclasses.replace(
         fit,

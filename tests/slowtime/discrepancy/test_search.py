@@ -5,11 +5,12 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from slowtime.discrepancy.state import Found
 
 from slowtime.discrepancy import search as searching
-from slowtime.discrepancy.calibration import GivenUp, pieces, refit
+from slowtime.discrepancy.calibration import FitAbandoned, FitControl, cut_segments, refit
 from slowtime.discrepancy.calibration.augmentation import carry_effect
-from slowtime.discrepancy.calibration.tolerances import WITHIN, refit_within_tolerances
+from slowtime.discrepancy.calibration.tolerances import HELD_TOLERANCES, refit_within_tolerances
 from slowtime.discrepancy.candidates.law_pairs import law_pairs
 from slowtime.discrepancy.candidates.library_fit import (
     Candidate,
@@ -28,7 +29,6 @@ from slowtime.discrepancy.search import Search, search
 from slowtime.discrepancy.selection import acceptance as accepting
 from slowtime.discrepancy.selection.comparison import better
 from slowtime.discrepancy.selection.probabilities import answer_of
-from slowtime.discrepancy.state import Found
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Input, Sensor, Tolerance
 from slowtime.dynamics.effects import Effect, Place, catalogue
@@ -276,18 +276,18 @@ def test_an_offset_beside_a_law_stays(beside):
     assert found.answers == answers
 
 
-@pytest.mark.parametrize("error", [GivenUp, FloatingPointError])
+@pytest.mark.parametrize("error", [FitAbandoned, FloatingPointError])
 def test_where_the_others_cannot_be_fitted_the_wandering_stands_alone(
     monkeypatch, beside, error
 ):
     def failing(*_, **how):
-        assert not how["late"]()
+        assert not how["control"].is_late()
         raise error
 
     monkeypatch.setattr(searching, "refit", failing)
     found, told = beside(lambda _: pytest.fail("it went on"))
     assert not told
-    assert found.hurried == (error is GivenUp)
+    assert found.hurried == (error is FitAbandoned)
 
 
 def answer_about(effect, kinds):
@@ -301,7 +301,7 @@ def test_constants_that_make_up_for_what_is_missing_are_held_to_their_tolerances
     bent = refit(Plant.of(TWO, kinds=KINDS), trials)
     held = refit_within_tolerances(bent, trials)
     assert max(map(abs, bent.pulls.values())) > 5.0
-    assert max(map(abs, held.pulls.values())) <= WITHIN
+    assert max(map(abs, held.pulls.values())) <= HELD_TOLERANCES
     assert held.prior.names == bent.prior.names
 
 
@@ -475,7 +475,7 @@ def test_once_one_explains_half_those_that_would_leave_more_are_given_up():
     asked: list[Effect] = []
     found = fit_candidates(first, labels, trials, KINDS, lambda effect, _: asked.append(effect))
     left = min(naming.misfit(one.fit, first.noise, trials) for one in found)
-    assert 3 * first.data < left < naming.MAIN * labels[0].bare
+    assert 3 * first.data < left < naming.MAIN * labels[0].cost_without
     far = {label_of(c.effect) for c in labels if c.cost > 2 * max(left, labels[0].cost)}
     assert far
     assert far.isdisjoint(map(label_of, asked))
@@ -512,7 +512,10 @@ def test_where_held_constants_show_no_more_effects_those_that_bent_are_looked_at
     monkeypatch.setattr(searching, "_after", after)
     monkeypatch.setattr(searching, "later_segment_candidates", lambda before, *_: (before, []))
     searching._go_on(Found([bent], trials), Search(KINDS, Monitor()), 1)
-    assert looked == [pytest.approx(WITHIN, rel=0.01), max(map(abs, bent.pulls.values()))]
+    assert looked == [
+        pytest.approx(HELD_TOLERANCES, rel=0.01),
+        max(map(abs, bent.pulls.values())),
+    ]
 
 
 def test_an_account_with_an_effect_is_weighed_against_one_without(shared):
@@ -564,8 +567,8 @@ def test_a_refit_is_given_up_once_it_is_late(shared):
         asked.append(len(asked))
         return len(asked) > 1
 
-    with pytest.raises(GivenUp):
-        refit(first.plant, trials, late=late)
+    with pytest.raises(FitAbandoned):
+        refit(first.plant, trials, control=FitControl(is_late=late))
     assert len(asked) == 2
     label = [Candidate(SOFT, 0.0, 0.0, 0.0)]
     ticks = iter([False, True])  # in time when it begins
@@ -612,9 +615,10 @@ def test_once_it_is_over_the_best_is_left_in_its_minimum(shared, monkeypatch, ov
     before = dataclasses.replace(first, chi2_in_band=1e4)
     better = dataclasses.replace(loud, residual=tuple(0 * r for r in loud.residual))
 
-    def again(*_, late=None, **__):
+    def again(*_, control=None, **__):
+        late = None if control is None else control.is_late
         if late is not None and late():
-            raise GivenUp
+            raise FitAbandoned
         return loud if late is None else better
 
     monkeypatch.setattr(naming, "refit", again)
@@ -703,7 +707,7 @@ def test_what_inputs_do_between_samples_is_not_asked_of_pieces(shared, monkeypat
     late = fit_candidates(
         first, [Candidate(SOFT, 0.0, 0.0, 0.0)], trials, KINDS, lambda *_: False
     )
-    cut, _ = pieces(first.plant, trials)
+    cut, _ = cut_segments(first.plant, trials)
     monkeypatch.setattr(accepting, "held_instead", lambda *_: pytest.fail("it was asked"))
     found = Found([first], cut)
     whole = refit(late[0].fit.plant, cut, values=late[0].fit.values, horizons=(1.0,))

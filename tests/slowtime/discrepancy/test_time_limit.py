@@ -4,6 +4,7 @@ import dataclasses
 import math
 
 import pytest
+from slowtime.discrepancy.state import Found
 
 from slowtime.discrepancy import search as searching
 from slowtime.discrepancy.calibration import refit
@@ -19,7 +20,6 @@ from slowtime.discrepancy.search import Search, search
 from slowtime.discrepancy.selection import shortlist as choosing
 from slowtime.discrepancy.selection import trial_order as turns
 from slowtime.discrepancy.selection.shortlist import labels_of
-from slowtime.discrepancy.state import Found
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
@@ -116,7 +116,7 @@ def test_what_one_sensor_cannot_tell_from_the_best_is_tried_as_early(monkeypatch
     monkeypatch.setattr(turns, "APART", 1.001)
     monkeypatch.setattr(searching, "fit_candidates", heard)
     monkeypatch.setattr(searching, "LOST", math.inf)
-    monkeypatch.setattr(choosing, "mirrored", lambda labels, *_: [labels[0]])
+    monkeypatch.setattr(choosing, "mirrored_factor", lambda labels, *_: [labels[0]])
     first = refit(Plant.of(one, kinds=KINDS), trials := seen((CUBIC, DRAG), of=one))
     search(first, trials, Search(KINDS, Monitor(late=lambda: len(orders) > 1)))
     far = [cost >= 1.001 * min(orders[1]) for cost in orders[1]]

@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from slowtime.discrepancy.ambient.spectra import compare_ambient
+from slowtime.discrepancy.ambient.spectra import fit_ambient_spectra
 from slowtime.discrepancy.calibration.model_values import with_values
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.description import (
@@ -59,7 +59,7 @@ def shaken(seed, change=(1.0, 1.0), tone=0.0):
 
 
 def compared(*trials):
-    return compare_ambient(Plant.of(rig()), trials)
+    return fit_ambient_spectra(Plant.of(rig()), trials)
 
 
 @pytest.fixture(scope="module")
@@ -81,14 +81,14 @@ def test_constants_strengths_and_noise_come_out_within_their_errors(results):
 @pytest.mark.long
 def test_a_model_that_lacks_nothing_is_not_accused(results):
     assert min(r.p_value for r in results) > 1e-3
-    assert [r.missed() for r in results] == [()] * 4
+    assert [r.failed_bands() for r in results] == [()] * 4
 
 
 def test_a_line_that_is_no_mode_is_noticed_in_its_band():
     result = compared(shaken(3, tone=0.1))
     assert result.p_value < 1e-6
-    assert any(low <= 4.0 <= high for low, high in result.missed())
-    assert len(result.missed()) < len(result.bands) / 4
+    assert any(low <= 4.0 <= high for low, high in result.failed_bands())
+    assert len(result.failed_bands()) < len(result.bands) / 4
 
 
 def test_a_stiffness_beyond_its_tolerance_is_pulled_out_of_it():
@@ -102,7 +102,7 @@ def test_records_with_an_input_are_sent_elsewhere():
         rig(), inputs=(Input(channel="u", kind="force", node="m1", unit="N"),)
     )
     with pytest.raises(ValueError, match="Use refit and locate"):
-        compare_ambient(Plant.of(driven), (shaken(0),))
+        fit_ambient_spectra(Plant.of(driven), (shaken(0),))
 
 
 @pytest.mark.slow

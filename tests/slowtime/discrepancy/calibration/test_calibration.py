@@ -8,11 +8,15 @@ from hypothesis import strategies as st
 
 from slowtime.discrepancy.calibration import fit as fitting
 from slowtime.discrepancy.calibration import levenberg_marquardt, prior_of, refit
-from slowtime.discrepancy.calibration.levenberg_marquardt import Normal, _step
+from slowtime.discrepancy.calibration.levenberg_marquardt import (
+    FitControl,
+    NormalEquations,
+    _bounded_step,
+)
 from slowtime.discrepancy.calibration.model_values import with_values
-from slowtime.discrepancy.calibration.spectral_weights import weights_of
+from slowtime.discrepancy.calibration.spectral_weights import spectral_weights
 from slowtime.discrepancy.noise.colour import white_noise
-from slowtime.discrepancy.records import FEWEST
+from slowtime.discrepancy.records import MIN_SAMPLES
 from slowtime.dynamics.description import Tolerance
 from slowtime.dynamics.effects import Effect, Place
 from slowtime.dynamics.plant import Plant
@@ -51,7 +55,8 @@ def test_what_is_left_is_the_noise_whatever_its_colour(clean):
     for _, _, fit in clean:
         assert abs(fit.chi2_per_datum - 1) < 3.5 * fit.chi2_sd
         assert abs(fit.chi2_in_band - 1) < 3.5 * fit.in_band_sd
-    assert [fit.noise.white[0] for _, _, fit in clean] == [True, False, True]
+    white = [all(row[0].coloured == 0 for row in fit.noise.colours) for _, _, fit in clean]
+    assert white == [True, False, True]
 
 
 def test_records_that_do_not_start_from_rest_are_followed_from_the_first_sample(clean):
@@ -90,9 +95,12 @@ def test_what_is_far_from_the_best_on_a_first_part_is_given_up_there(campaign):
     wrong = dataclasses.replace(wrong, tolerance=Tolerance(stiffness=1e-6, damping=0.1))
     rest: dict[str, Any] = {"noise": right.noise, "horizons": (0.4, 1.0)}
     assert refit(Plant.of(wrong), trials, **rest).cost > 100 * right.cost
-    with pytest.raises(levenberg_marquardt.GivenUp):
-        refit(Plant.of(wrong), trials, **rest, beat=right.cost)
-    assert refit(plant, trials, **rest, beat=right.cost).cost <= 1.01 * right.cost
+    with pytest.raises(levenberg_marquardt.FitAbandoned):
+        refit(Plant.of(wrong), trials, **rest, control=FitControl(cost_to_beat=right.cost))
+    assert (
+        refit(plant, trials, **rest, control=FitControl(cost_to_beat=right.cost)).cost
+        <= 1.01 * right.cost
+    )
 
 
 def test_the_very_first_part_is_fitted_to_the_end_before_anything_is_compared(
@@ -103,14 +111,15 @@ def test_the_very_first_part_is_fitted_to_the_end_before_anything_is_compared(
     right = refit(plant_of(rig), trials)
     goals = []
 
-    def noted(problem, start, beat=None, late=None, **how):
-        goals.append((problem.samples[0] / len(trials[0].outputs), beat))
-        return descended(problem, start, beat, late, **how)
+    def noted(problem, start, control):
+        goals.append((problem.samples[0] / len(trials[0].outputs), control.cost_to_beat))
+        return descended(problem, start, control)
 
-    descended = levenberg_marquardt.descend
-    monkeypatch.setattr("slowtime.discrepancy.calibration.fit.descend", noted)
+    descended = levenberg_marquardt.minimise
+    monkeypatch.setattr("slowtime.discrepancy.calibration.fit.minimise", noted)
     parts: dict[str, Any] = {
-        "noise": right.noise, "horizons": (0.09, 0.3, 1.0), "beat": 2 * right.cost
+        "noise": right.noise, "horizons": (0.09, 0.3, 1.0),
+        "control": FitControl(cost_to_beat=2 * right.cost),
     }  # fmt: skip
     refit(plant_of(rig), trials, **parts)
     assert goals[0][1] is None
@@ -118,7 +127,7 @@ def test_the_very_first_part_is_fitted_to_the_end_before_anything_is_compared(
     assert goals[2][1] == 2 * right.cost
     far = with_values(rig.description, {("stiffness", "j0"): 2 * rig.stiffnesses[0]})
     far = dataclasses.replace(far, tolerance=Tolerance(stiffness=1e-6, damping=0.1))
-    with pytest.raises(levenberg_marquardt.GivenUp):
+    with pytest.raises(levenberg_marquardt.FitAbandoned):
         refit(Plant.of(far), trials, **parts)
 
 
@@ -128,30 +137,34 @@ def test_what_a_state_makes_in_chaos_outgrows_the_record(clean, growth):
     times = np.linspace(0.0, 20.0, len(measured))
     swing = np.exp(growth * times) * np.cos(9.0 * times)
     slopes = np.broadcast_to(swing[:, None, None], (*measured.shape, 2))
-    outgrown = levenberg_marquardt._grown(slopes, measured)
+    outgrown = levenberg_marquardt._sensitivity_growth(slopes, measured)
     if growth <= 0:
         assert np.all(outgrown < 30.0)
     else:
         # Of a first part it then explains about as much as elsewhere of a whole record.
-        first = max(int(len(times) * levenberg_marquardt.FIRST_PARTS[0]), FEWEST)
+        first = max(int(len(times) * levenberg_marquardt.FIRST_PARTS[0]), MIN_SAMPLES)
         by = [
             np.linalg.norm(one[:first]) / np.linalg.norm(one)
             for one in (measured / measured.std(axis=0), swing)
         ]
         np.testing.assert_allclose(outgrown, by[0] / by[1], rtol=0.5)
-        assert np.all(outgrown > levenberg_marquardt.CHAOTIC)
+        assert np.all(outgrown > levenberg_marquardt.CHAOTIC_GROWTH)
 
 
 def test_a_sensor_that_hears_nothing_does_not_say_how_a_state_grows(clean):
     measured = clean[1][1][0].measured.copy()
     slopes = np.ones((*measured.shape, 2))
     measured[:, 0] = 0.0
-    assert np.all(levenberg_marquardt._grown(slopes, measured) < 30.0)
+    assert np.all(levenberg_marquardt._sensitivity_growth(slopes, measured) < 30.0)
 
 
 @pytest.mark.parametrize(
     ("bends", "outgrown", "held"),
-    [(True, 1e6, 1e6), (True, 0.9 * levenberg_marquardt.CHAOTIC, 1.0), (False, 1e6, 1.0)],
+    [
+        (True, 1e6, 1e6),
+        (True, 0.9 * levenberg_marquardt.CHAOTIC_GROWTH, 1.0),
+        (False, 1e6, 1.0),
+    ],
 )
 def test_initial_states_are_held_less_where_motion_is_chaotic(
     clean, monkeypatch, bends, outgrown, held
@@ -160,16 +173,16 @@ def test_initial_states_are_held_less_where_motion_is_chaotic(
     law = Effect("cubic_hardening", Place("element", "j0"), {"k3_n_per_m3": 0.0})
     given = dataclasses.replace(rig.description, effects=(law.entry(),) if bends else ())
     plant = Plant.of(given)
-    weights = tuple(weights_of(t, fit.noise, i) for i, t in enumerate(trials))
-    problem = levenberg_marquardt.Problem(
+    weights = tuple(spectral_weights(t, fit.noise, i) for i, t in enumerate(trials))
+    problem = levenberg_marquardt.LeastSquaresProblem(
         plant=plant, prior=prior_of(plant), trials=tuple(trials), weights=weights,
         samples=tuple(len(t.outputs) for t in trials),
     )  # fmt: skip
-    point = levenberg_marquardt.Point(values=plant.values, states=fit.states)
-    _, known = levenberg_marquardt.normal_at(problem, point)
+    point = levenberg_marquardt.Iterate(values=plant.values, states=fit.states)
+    _, known = levenberg_marquardt.normal_equations(problem, point)
     many = np.full(len(fit.states[0]), outgrown)
-    monkeypatch.setattr(levenberg_marquardt, "_grown", lambda *_: many)
-    _, spread = levenberg_marquardt.normal_at(problem, point)
+    monkeypatch.setattr(levenberg_marquardt, "_sensitivity_growth", lambda *_: many)
+    _, spread = levenberg_marquardt.normal_equations(problem, point)
     for one, before in zip(spread, known, strict=True):
         np.testing.assert_allclose(one, before * held)
 
@@ -178,11 +191,11 @@ def test_what_grows_beyond_bounds_is_refused_and_nobody_is_warned(clean, monkeyp
     """Warnings are errors here; to whom diagnoses they would be noise."""
     rig, trials, fit = clean[1]
     plant = Plant.of(rig.description)
-    problem = levenberg_marquardt.Problem(
+    problem = levenberg_marquardt.LeastSquaresProblem(
         plant=plant, prior=prior_of(plant), trials=tuple(trials[:1]),
-        weights=(weights_of(trials[0], fit.noise, 0),), samples=(len(trials[0].outputs),),
+        weights=(spectral_weights(trials[0], fit.noise, 0),), samples=(len(trials[0].outputs),),
     )  # fmt: skip
-    point = levenberg_marquardt.Point(values=plant.values, states=fit.states[:1])
+    point = levenberg_marquardt.Iterate(values=plant.values, states=fit.states[:1])
     far = Plant.sensitivities
 
     def huge(*args, **more):
@@ -191,12 +204,12 @@ def test_what_grows_beyond_bounds_is_refused_and_nobody_is_warned(clean, monkeyp
 
     monkeypatch.setattr(Plant, "sensitivities", huge)
     with pytest.raises(FloatingPointError, match="beyond bounds"):
-        levenberg_marquardt.normal_at(problem, point)
+        levenberg_marquardt.normal_equations(problem, point)
 
 
 def test_of_what_nothing_tells_the_variance_is_without_bound_and_nobody_is_warned():
     matrix = np.diag([1.0, 1e-320, 1e-320])
-    normal = Normal(cost=0.0, matrix=matrix, gradient=np.zeros(3), states=0)
+    normal = NormalEquations(cost=0.0, matrix=matrix, gradient=np.zeros(3), states=0)
     variance = np.diag(normal.covariance)
     assert variance[0] == pytest.approx(1.0)
     assert np.all(variance[1:] > 1e300)
@@ -207,26 +220,26 @@ def test_what_neither_data_nor_a_prior_tell_is_not_settled(clean):
     plant = Plant.of(rig.description)
     prior = prior_of(plant)
     count = len(prior.names)
-    problem = levenberg_marquardt.Problem(
+    problem = levenberg_marquardt.LeastSquaresProblem(
         plant=plant, prior=dataclasses.replace(prior, sd=np.full(count, np.inf)),
-        trials=(trials[0],), weights=(weights_of(trials[0], fit.noise, 0),),
+        trials=(trials[0],), weights=(spectral_weights(trials[0], fit.noise, 0),),
         samples=(len(trials[0].outputs),),
     )  # fmt: skip
     told = np.append(np.ones(count - 1), 1e-320)
-    normal = Normal(cost=0.0, matrix=np.diag(told), gradient=np.zeros(count), states=0)
-    assert fitting._fitted(problem, normal) == count - 1
+    normal = NormalEquations(cost=0.0, matrix=np.diag(told), gradient=np.zeros(count), states=0)
+    assert fitting._effective_unknowns(problem, normal) == count - 1
 
 
 def test_a_point_costs_the_same_with_slopes_and_without(clean):
     for _, trials, fit in clean:
-        weights = tuple(weights_of(t, fit.noise, i) for i, t in enumerate(trials))
-        problem = levenberg_marquardt.Problem(
+        weights = tuple(spectral_weights(t, fit.noise, i) for i, t in enumerate(trials))
+        problem = levenberg_marquardt.LeastSquaresProblem(
             plant=fit.plant, prior=fit.prior, trials=tuple(trials), weights=weights,
             samples=tuple(len(t.outputs) for t in trials),
         )  # fmt: skip
-        point = levenberg_marquardt.Point(values=1.01 * fit.values, states=fit.states)
-        normal, spread = levenberg_marquardt.normal_at(problem, point)
-        alone = levenberg_marquardt.costed(problem, point, spread).cost
+        point = levenberg_marquardt.Iterate(values=1.01 * fit.values, states=fit.states)
+        normal, spread = levenberg_marquardt.normal_equations(problem, point)
+        alone = levenberg_marquardt.with_cost(problem, point, spread).cost
         assert normal.cost == pytest.approx(alone, rel=1e-9)
 
 
@@ -260,7 +273,7 @@ def test_numbers_that_are_told_only_together_end_where_the_claim_of_one_puts_the
     )
     sd = bottom.prior.sd[bottom.prior.names.index(("damping", "j0"))]
     # What is little beside chi squared of so many samples.
-    monkeypatch.setattr(levenberg_marquardt, "COARSE", 10.0 / bottom.cost)
+    monkeypatch.setattr(levenberg_marquardt, "RELATIVE_MIN_GAIN", 10.0 / bottom.cost)
     for away in (-1.5, 1.5):
         values = bottom.values.copy()
         values[damping] += away * sd
@@ -269,7 +282,7 @@ def test_numbers_that_are_told_only_together_end_where_the_claim_of_one_puts_the
         fits = [
             refit(
                 plant, trials, noise=bottom.noise, values=values, states=bottom.states,
-                horizons=(1.0,), fine=fine,
+                horizons=(1.0,), control=FitControl(to_convergence=fine),
             )
             for fine in (False, True)
         ]  # fmt: skip
@@ -293,18 +306,18 @@ def test_a_wrong_model_is_not_followed_to_its_bottom_because_most_data_lie_above
         points.append(args)
         return costed(*args, **more)
 
-    costed = levenberg_marquardt.costed
-    monkeypatch.setattr(levenberg_marquardt, "costed", counted)
+    costed = levenberg_marquardt.with_cost
+    monkeypatch.setattr(levenberg_marquardt, "with_cost", counted)
 
     def tried():
         points.clear()
         return refit(plant_of(rig), trials, horizons=(1.0,)), len(points)
 
     soon, few = tried()
-    monkeypatch.setattr(levenberg_marquardt, "CREEPING", 0.0)
+    monkeypatch.setattr(levenberg_marquardt, "EXCESS_MIN_GAIN", 0.0)
     bottom, many = tried()
     assert soon.chi2_in_band > 2
-    assert soon.chi2_per_datum < levenberg_marquardt.WRONG
+    assert soon.chi2_per_datum < levenberg_marquardt.WRONG_MODEL_CHI2
     assert few < many
     assert soon.cost - bottom.cost < 0.01 * (bottom.cost - bottom.data)
 
@@ -356,13 +369,13 @@ def test_a_record_may_begin_before_its_sensors_hear_anything(campaign):
 def test_what_is_left_widens_what_the_records_tell_and_not_what_is_claimed(clean):
     fit = clean[1][2]
     calm = dataclasses.replace(fit, chi2_in_band=1.0)
-    np.testing.assert_allclose(calm.widened_sd, fit.sd, rtol=1e-6)
+    np.testing.assert_allclose(calm.inflated_sd, fit.sd, rtol=1e-6)
     loud = dataclasses.replace(fit, chi2_in_band=1e6)
-    assert (loud.widened_sd <= 1.001 * fit.prior.sd).all()
-    assert (loud.widened_sd > 5 * fit.sd).any()
+    assert (loud.inflated_sd <= 1.001 * fit.prior.sd).all()
+    assert (loud.inflated_sd > 5 * fit.sd).any()
     free = dataclasses.replace(fit.prior, sd=np.full_like(fit.prior.sd, np.inf))
     unclaimed = dataclasses.replace(fit, prior=free, chi2_in_band=9.0)
-    np.testing.assert_allclose(unclaimed.widened_sd, 3 * fit.sd, rtol=1e-6)
+    np.testing.assert_allclose(unclaimed.inflated_sd, 3 * fit.sd, rtol=1e-6)
 
 
 @hypothesis.given(
@@ -372,9 +385,11 @@ def test_a_step_is_the_best_that_its_room_allows(seed, free, wide):
     rng = np.random.default_rng(seed)
     slopes = rng.standard_normal((2 * free + 4, free + 2)) * rng.uniform(0.01, 100, free + 2)
     left = rng.standard_normal(len(slopes))
-    normal = Normal(cost=0.0, matrix=slopes.T @ slopes, gradient=slopes.T @ left, states=2)
+    normal = NormalEquations(
+        cost=0.0, matrix=slopes.T @ slopes, gradient=slopes.T @ left, states=2
+    )
     room = wide * rng.uniform(0, 1, (2, free)) / np.linalg.norm(slopes[:, :free], axis=0)
-    step, gain = _step(normal, 0.0, -room[0], room[1])
+    step, gain = _bounded_step(normal, 0.0, -room[0], room[1])
     assert (-room[0] * (1 + 1e-9) <= step[:free]).all()
     assert (step[:free] <= room[1] * (1 + 1e-9)).all()
     assert gain == pytest.approx(left @ left - np.sum((left - slopes @ step) ** 2), abs=1e-6)

@@ -6,7 +6,7 @@ import importlib
 import numpy as np
 import pytest
 
-from slowtime.discrepancy.calibration import GivenUp, pieces, refit, shooting_fit
+from slowtime.discrepancy.calibration import FitAbandoned, cut_segments, refit, shooting_fit
 from slowtime.discrepancy.estimation import candidate_fit as naming
 from slowtime.discrepancy.estimation.candidate_fit import (
     FittedCandidate,
@@ -43,7 +43,7 @@ def trials():
 
 
 def test_pieces_make_up_their_records_and_know_when_they_were(trials):
-    cut, origin = pieces(Plant.of(ONE), (trials[0], trials[0]))
+    cut, origin = cut_segments(Plant.of(ONE), (trials[0], trials[0]))
     half = len(cut) // 2
     assert origin == (0,) * half + (1,) * half
     joined = np.concatenate([piece.outputs for piece in cut[:half]])
@@ -123,16 +123,16 @@ def test_a_piece_begins_where_sensors_say_if_that_is_nearer(monkeypatch):
     plant, trials = thrown_over(description, [[0.5, 70.0]], 0.02)
     off = plant.values.copy()
     off[plant.parameters.index(("damping", PLACE.id))] *= 1.2
-    cut, origin = pieces(plant, trials)
+    cut, origin = cut_segments(plant, trials)
     noise = white_noise([[0.02**2 * 2 / 100.0] * 2] * len(cut))
-    states, _ = shooting._followed(plant, cut, origin, noise, off, None)
+    states, _ = shooting._sequential_initial_states(plant, cut, origin, noise, off, None)
     begun = np.array([piece.outputs[0] for piece in cut])
     assert np.abs(np.array(states) - begun)[1:, 0].max() < 1.0
 
 
 def test_a_piece_that_cannot_begin_where_the_last_has_led_begins_at_rest(trials, monkeypatch):
     plant = swung(780.0)
-    cut, origin = pieces(plant, trials)
+    cut, origin = cut_segments(plant, trials)
     noise = white_noise([[SD**2 * 2 / RATE]] * len(cut))
     begun: list[bool] = []
 
@@ -143,17 +143,21 @@ def test_a_piece_that_cannot_begin_where_the_last_has_led_begins_at_rest(trials,
         return refit(*known, **how)
 
     monkeypatch.setattr(shooting, "refit", fitted)
-    states, left = shooting._followed(plant, cut, origin, noise, plant.values, None)
+    states, left = shooting._sequential_initial_states(
+        plant, cut, origin, noise, plant.values, None
+    )
     assert len(states) == len(left) == len(cut)
     assert any(begun)
-    with pytest.raises(GivenUp):
-        shooting._followed(plant, cut, origin, noise, plant.values, lambda: True)
+    with pytest.raises(FitAbandoned):
+        shooting._sequential_initial_states(
+            plant, cut, origin, noise, plant.values, lambda: True
+        )
 
 
 def test_where_it_is_too_late_for_pieces_they_are_given_up(trials):
     noise = white_noise([[SD**2 * 2 / RATE]])
     start = swung(780.0)
-    with pytest.raises(GivenUp):
+    with pytest.raises(FitAbandoned):
         shooting_fit(start, trials, noise, start.values, lambda: True)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from slowtime.discrepancy.data.clock_overrun import REACH, within_record
+from slowtime.discrepancy.data.clock_overrun import INTERPOLATION_SAMPLES, mask_clock_overrun
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.effects import Effect, Place, catalogue
 
@@ -14,7 +14,7 @@ TRIAL = Trial(
 
 def left_out(kind, **parameters):
     effect = Effect(kind, Place("sensor", "b"), parameters)
-    (trial,) = within_record((TRIAL,), ("a", "b"), (effect,), catalogue())
+    (trial,) = mask_clock_overrun((TRIAL,), ("a", "b"), (effect,), catalogue())
     assert trial.used[:, 0].all()
     return np.flatnonzero(~trial.used[:, 1])
 
@@ -22,7 +22,7 @@ def left_out(kind, **parameters):
 def test_a_fast_clock_loses_the_end_of_its_own_channel():
     late = left_out("sensor_clock", skew=0.01)
     assert late[-1] == 999
-    assert 10 <= len(late) <= 1.2 * 10 + REACH
+    assert 10 <= len(late) <= 1.2 * 10 + INTERPOLATION_SAMPLES
     np.testing.assert_array_equal(np.diff(late), 1)
 
 

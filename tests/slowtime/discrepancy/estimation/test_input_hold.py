@@ -6,6 +6,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from slowtime.discrepancy.state import Found
 
 from slowtime.discrepancy import diagnose as diagnosing
 from slowtime.discrepancy.calibration import refit
@@ -28,7 +29,6 @@ from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.search import Search, reheld, search
-from slowtime.discrepancy.state import Found
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Input, Sensor, Tolerance
 from slowtime.dynamics.effects import Effect, Place, catalogue

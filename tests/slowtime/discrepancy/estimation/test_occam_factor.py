@@ -7,6 +7,7 @@ import pytest
 import scipy.stats
 from hypothesis import given
 from hypothesis import strategies as st
+from slowtime.discrepancy.state import Found
 
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, evidence
@@ -14,7 +15,6 @@ from slowtime.discrepancy.estimation.occam_factor import DOUBT, WIDE, doubted, l
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.selection.acceptance import accept
 from slowtime.discrepancy.selection.probabilities import shares_of
-from slowtime.discrepancy.state import Found
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
 from tests.slowtime.discrepancy.rigs import ONE, PLACE, one_mass
@@ -96,7 +96,7 @@ def test_what_a_model_leaves_widens_what_is_known_of_its_numbers(left):
     one = named(TRUTH, 1.0)
     none = dataclasses.replace(one.fit, chi2_in_band=1.0)
     louder = dataclasses.replace(one.fit, chi2_in_band=left)
-    wider = louder.widened_sd / none.sd
+    wider = louder.inflated_sd / none.sd
     known = dataclasses.replace(none, covariance=none.covariance * np.outer(wider, wider))
     told, same, least = (
         leniency(dataclasses.replace(one, fit=fit), KINDS) for fit in (louder, known, none)

@@ -4,16 +4,16 @@ import dataclasses
 
 import numpy as np
 import pytest
+from slowtime.discrepancy.state import Found
 
-from slowtime.discrepancy.calibration import pieces, refit
-from slowtime.discrepancy.calibration.augmentation import Start
+from slowtime.discrepancy.calibration import cut_segments, refit
+from slowtime.discrepancy.calibration.augmentation import FitStart
 from slowtime.discrepancy.candidates.library_fit import Candidate
 from slowtime.discrepancy.estimation import shooting_fit as further
 from slowtime.discrepancy.estimation.candidate_fit import fit_candidates, rescored
 from slowtime.discrepancy.estimation.shooting_fit import in_pieces, shooting_fits
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.selection.acceptance import accept
-from slowtime.discrepancy.state import Found
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
 from tests.slowtime.discrepancy.rigs import ONE, PLACE
@@ -71,7 +71,7 @@ def test_what_pieces_told_begins_where_they_told(before, trials, monkeypatch, ne
         asked.append((shooting, [one.start for one in labels]))
         return []
 
-    told = Start({}, [{}], nearby=nearby)
+    told = FitStart({}, [{}], from_segments=nearby)
     few = dataclasses.replace(label(CUBIC, 300.0), start=told)
     named = fit_candidates(before, [label(OTHER, 1e8)], trials, KINDS, nothing)
     monkeypatch.setattr(further, "fit_candidates", refitted)
@@ -93,7 +93,7 @@ def test_a_free_run_that_went_astray_is_fitted_to_pieces(before, trials):
 @pytest.mark.parametrize("taken", [True, False])
 def test_records_stay_whole_unless_a_law_of_their_pieces_is_taken(before, trials, taken):
     (whole,) = fit_candidates(before, [label(CUBIC, 300.0)], trials, KINDS, nothing)
-    cut, _ = pieces(before.plant, trials)
+    cut, _ = cut_segments(before.plant, trials)
     short = refit(whole.fit.plant, cut, values=whole.fit.values, horizons=(1.0,))
     astray = dataclasses.replace(whole.fit, chi2_in_band=99.0)
     # Where it explains no more than it costs, it is not taken.

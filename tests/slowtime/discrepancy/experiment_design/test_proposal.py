@@ -13,8 +13,16 @@ from slowtime.discrepancy.estimation.candidate_fit import (
     evidence,
     undetermined_parameters,
 )
-from slowtime.discrepancy.experiment_design.options import STRIKE, acted, menu
-from slowtime.discrepancy.experiment_design.proposal import PLENTY, partings, propose
+from slowtime.discrepancy.experiment_design.options import (
+    BLOW_PEAK,
+    experiment_options,
+    experiment_trial,
+)
+from slowtime.discrepancy.experiment_design.proposal import (
+    AMPLE_SEPARATION,
+    propose_experiment,
+    separations,
+)
 from slowtime.discrepancy.quoting import numbers_of, sentence_of
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.builders import chain
@@ -57,34 +65,36 @@ def rivals(trials):
 
 
 def test_mass_and_stiffness_on_a_shaken_base_are_told_by_a_measured_force(rivals, trials):
-    chosen = propose(rivals, trials, KINDS)
+    chosen = propose_experiment(rivals, trials, KINDS)
     assert chosen is not None
-    assert chosen.separation > PLENTY
+    assert chosen.separation > AMPLE_SEPARATION
     assert [entry.kind for entry in chosen.add_inputs] == ["force"]
     assert "force" in chosen.sentence
-    for option in menu(SHAKEN, trials)[0]:
-        assert partings(rivals, option, trials, KINDS)[-1] < 1
+    for option in experiment_options(SHAKEN, trials)[0]:
+        assert separations(rivals, option, trials, KINDS)[-1] < 1
 
 
 def test_of_rivals_each_must_part_from_each(rivals, trials):
-    option = propose(rivals, trials, KINDS)
+    option = propose_experiment(rivals, trials, KINDS)
     assert option is not None
-    two, three = partings([*rivals, rivals[0]], option, trials, KINDS)
+    two, three = separations([*rivals, rivals[0]], option, trials, KINDS)
     assert two == pytest.approx(option.separation)
     assert three == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.long
 def test_a_rival_that_goes_with_another_everywhere_does_not_hinder(rivals, trials):
-    assert propose([*rivals, rivals[1]], trials, KINDS) == propose(rivals, trials, KINDS)
-    assert propose([rivals[0], rivals[0], rivals[1]], trials, KINDS) is None
-    assert propose(rivals[:1], trials, KINDS) is None
+    assert propose_experiment([*rivals, rivals[1]], trials, KINDS) == propose_experiment(
+        rivals, trials, KINDS
+    )
+    assert propose_experiment([rivals[0], rivals[0], rivals[1]], trials, KINDS) is None
+    assert propose_experiment(rivals[:1], trials, KINDS) is None
 
 
 def test_nothing_on_the_menu_is_there_already_or_cannot_be_run(trials):
-    for effort in menu(SHAKEN, trials):
+    for effort in experiment_options(SHAKEN, trials):
         for option in effort:
-            inputs = acted(option, trials[0], SHAKEN).inputs
+            inputs = experiment_trial(option, trials[0], SHAKEN).inputs
             assert np.isfinite(inputs).all()
             assert inputs.any()
             assert inputs.shape[1] == 1 + len(option.add_inputs)
@@ -92,7 +102,7 @@ def test_nothing_on_the_menu_is_there_already_or_cannot_be_run(trials):
                 assert not inputs[:, 0].any()
             assert not {s.channel for s in option.add_sensors} & {"ab", "a1"}
             if option.excitation == "free_decay":
-                peak = STRIKE * trials[0].inputs.std()
+                peak = BLOW_PEAK * trials[0].inputs.std()
                 assert inputs.max() == pytest.approx(peak, rel=0.2)
 
 

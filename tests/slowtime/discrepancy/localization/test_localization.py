@@ -7,12 +7,15 @@ import pytest
 import scipy.stats
 
 from slowtime.discrepancy.calibration import refit
-from slowtime.discrepancy.localization import Linear, character, locate
+from slowtime.discrepancy.localization import LinearModel, characterise, locate
 from slowtime.discrepancy.localization import latent_force as latent
-from slowtime.discrepancy.localization.character import Range
+from slowtime.discrepancy.localization.character import MotionRange
 from slowtime.discrepancy.localization.gain_probability import gain_probability
-from slowtime.discrepancy.localization.spectral_lines import TrialLines, lines_of
-from slowtime.discrepancy.localization.tuned_reference import Known, Tuned
+from slowtime.discrepancy.localization.perturbed_reference import (
+    LinearConstants,
+    PerturbedReference,
+)
+from slowtime.discrepancy.localization.spectral_lines import TrialLines, trial_lines
 from slowtime.discrepancy.noise.colour import white_noise
 from slowtime.discrepancy.proposers.base_motion import _grows, base_motion
 from slowtime.dynamics.description import Description, Input, Node, Sensor
@@ -107,9 +110,9 @@ def test_the_base_comes_before_its_twins_and_before_nothing_else(found):
     twin = next(g for g in others if Place("base", "base") in g.twins)
     rest = tuple(g for g in result.groups if g is not twin)
     behind = dataclasses.replace(result, groups=(twin, *rest))
-    assert Place("base", "base") in behind.base_first().groups[0].places
+    assert Place("base", "base") in behind.with_base_first().groups[0].places
     _, (_, _, whole) = found["cubic"]
-    assert whole.base_first() is whole
+    assert whole.with_base_first() is whole
 
 
 @pytest.mark.long
@@ -122,11 +125,11 @@ def test_a_motion_of_the_base_knows_nothing_of_what_drives_the_structure(found, 
 def test_what_grows_with_the_drive_is_not_named_a_motion_of_the_base(found, monkeypatch):
     _, (_, _, result) = found["base"]
     kinds = catalogue()
-    named = base_motion(result.base_first(), [], kinds, first=True)
+    named = base_motion(result.with_base_first(), [], kinds, first=True)
     assert named is not None
     assert named.effect.kind == "base_motion"
     monkeypatch.setattr("slowtime.discrepancy.proposers.base_motion._grows", lambda *_: True)
-    assert base_motion(result.base_first(), [], kinds, first=True) is None
+    assert base_motion(result.with_base_first(), [], kinds, first=True) is None
 
 
 def test_the_force_is_recovered_with_an_honest_error(found):
@@ -172,13 +175,15 @@ def test_accelerometers_tell_a_motion_and_not_their_noise_at_low_frequency(
 
 
 def test_character_tells_what_kind_of_force_it_is(found):
-    told = {name: character(result, place) for name, (place, (_, _, result)) in found.items()}
+    told = {
+        name: characterise(result, place) for name, (place, (_, _, result)) in found.items()
+    }
     assert told["cubic"].exponent == pytest.approx(3.0, abs=0.6)
     assert told["cubic"].static_share > 0.97
     assert told["cubic"].odd > 0.99
     assert told["cubic"].steady is True
     assert "rms" in told["cubic"].amplitude
-    still = Range(rms=0.0, peak=0.0)
+    still = MotionRange(rms=0.0, peak=0.0)
     assert dataclasses.replace(told["cubic"], elongation=still, rate=still).amplitude == ""
     assert dataclasses.replace(told["cubic"], elongation=still).amplitude.startswith("rate ")
     assert told["friction"].exponent < 0.5
@@ -189,7 +194,7 @@ def test_character_tells_what_kind_of_force_it_is(found):
 
 def test_a_change_is_dated(found):
     place, (_, _, result) = found["jump"]
-    told = character(result, place)
+    told = characterise(result, place)
     assert told.times_s
     assert told.times_s[0][0] == pytest.approx(32.0, abs=1.5)
 
@@ -200,7 +205,7 @@ def test_the_place_is_found_in_other_cases_too(campaign, wrong, name):
     place, lacking, more = MORE[name]
     _, _, result = located(campaign, 5, wrong(**lacking), **more)
     assert place in (*result.groups[0].places, *result.groups[0].twins)
-    told = character(result, place)
+    told = characterise(result, place)
     assert told.linear == (name == "sensor")
     if name == "gap":
         assert 5e-4 < told.onset < 5e-3
@@ -244,12 +249,12 @@ def test_a_sensor_that_says_nothing_does_not_lessen_what_the_others_leave(campai
 
 def test_free_decays_have_the_spectrum_of_what_is_run(campaign):
     rig, _ = campaign(0, masses=2, seconds=1.0, levels=(1.0,))
-    linear = Linear.of(rig.description)
-    spectra = linear.free_spectra(np.fft.rfftfreq(300, 1 / 50.0), 300, 50.0)
+    linear = LinearModel.of(rig.description)
+    spectra = linear.free_decay_spectra(np.fft.rfftfreq(300, 1 / 50.0), 300, 50.0)
     for k, state in enumerate(np.eye(4)):
-        sensed, motion = linear.free(300, 50.0, state)
+        sensed, motion = linear.free_decay(300, 50.0, state)
         plain = transform(sensed, 50.0)[1]
-        assert spectra.sensed[:, :, k] == pytest.approx(plain, rel=1e-6, abs=1e-9)
+        assert spectra.sensor_response[:, :, k] == pytest.approx(plain, rel=1e-6, abs=1e-9)
         for order in range(3):
             plain = transform(motion[order], 50.0)[1]
             assert spectra.moved(state)[order] == pytest.approx(plain, rel=1e-6, abs=1e-9)
@@ -262,20 +267,20 @@ def test_free_decays_of_what_floats_have_the_spectrum_of_what_is_run():
         elements=(),
         sensors=(Sensor(channel="x", quantity="displacement", node="m", unit="m"),),
     )
-    linear = Linear.of(alone)  # both its poles are 1: no matrix of modes has an inverse
-    spectra = linear.free_spectra(np.fft.rfftfreq(300, 1 / 50.0), 300, 50.0)
+    linear = LinearModel.of(alone)  # both its poles are 1: no matrix of modes has an inverse
+    spectra = linear.free_decay_spectra(np.fft.rfftfreq(300, 1 / 50.0), 300, 50.0)
     state = np.array([0.5, 2.0])
-    plain = transform(linear.free(300, 50.0, state)[0], 50.0)[1]
+    plain = transform(linear.free_decay(300, 50.0, state)[0], 50.0)[1]
     # On its own line, at 0, a pole is told of no more.
-    assert (spectra.sensed @ state)[1:] == pytest.approx(plain[1:], rel=1e-5)
+    assert (spectra.sensor_response @ state)[1:] == pytest.approx(plain[1:], rel=1e-5)
 
 
 def test_changed_constants_change_the_residual_as_the_plant_does(campaign):
     rig, trials = campaign(1, masses=2, seconds=20.0, levels=(1.0,), drive="base")
     plant, trial = Plant.of(rig.description), trials[0]
-    linear = Linear.of(rig.description)
+    linear = LinearModel.of(rig.description)
     names = tuple((name[0], str(name[1])) for name in plant.parameters)
-    known = Known.of(linear, names, np.zeros(6), np.ones(6))
+    known = LinearConstants.of(linear, names, np.zeros(6), np.ones(6))
     change = np.array([0.05, -0.04, 0.3, -0.2, 0.02, -0.03])
     residuals, runs = [], []
     for values in (plant.values, plant.values * (1 + change)):
@@ -284,10 +289,10 @@ def test_changed_constants_change_the_residual_as_the_plant_does(campaign):
         runs.append(np.stack([run.states[:, :2], run.states[:, 2:4], run.rates[:, 2:4]]))
     noise = white_noise([[1.0] * 6])
     lines = [
-        lines_of(linear, trial, r, q, noise, 0, 20.0)
+        trial_lines(linear, trial, r, q, noise, 0, 20.0)
         for r, q in zip(residuals, runs, strict=True)
     ]
-    tuned = Tuned.of(linear, lines[0], known, change)
+    tuned = PerturbedReference.of(linear, lines[0], known, change)
     both = np.concatenate([tuned.decays.real, tuned.decays.imag]).reshape(-1, 4)
     for got, wanted in ((tuned.residual, lines[1].residual),):
         miss = np.concatenate([(got - wanted).real, (got - wanted).imag]).reshape(-1)
@@ -300,18 +305,20 @@ def test_changed_constants_change_the_residual_as_the_plant_does(campaign):
 def test_columns_are_the_slopes_of_the_residual(campaign):
     rig, trials = campaign(1, masses=2, seconds=10.0, levels=(1.0,), drive="base")
     plant, trial = Plant.of(rig.description), trials[0]
-    linear = Linear.of(rig.description)
+    linear = LinearModel.of(rig.description)
     names = tuple((name[0], str(name[1])) for name in plant.parameters)
-    known = Known.of(linear, names, np.zeros(6), np.ones(6))
+    known = LinearConstants.of(linear, names, np.zeros(6), np.ones(6))
     run = plant.run(plant.values, trial.inputs, trial.rate_hz)
     motion = np.stack([run.states[:, :2], run.states[:, 2:4], run.rates[:, 2:4]])
     noise = white_noise([[1.0] * 6])
-    lines = lines_of(linear, trial, trial.outputs - run.outputs, motion, noise, 0, 20.0)
-    still = Tuned.of(linear, lines, known, np.zeros(6))
+    lines = trial_lines(linear, trial, trial.outputs - run.outputs, motion, noise, 0, 20.0)
+    still = PerturbedReference.of(linear, lines, known, np.zeros(6))
     columns = still.columns(known, lines.motion, lines.base)
     for i in range(6):
         step = 1e-6 * np.eye(6)[i]
-        slope = (lines.residual - Tuned.of(linear, lines, known, step).residual) / 1e-6
+        slope = (
+            lines.residual - PerturbedReference.of(linear, lines, known, step).residual
+        ) / 1e-6
         assert columns[:, :, i] == pytest.approx(
             slope, rel=1e-3, abs=1e-4 * np.abs(slope).max()
         )
@@ -332,9 +339,9 @@ def test_gains_by_chance_are_as_rare_as_is_said():
 
 def test_a_trial_of_noise_alone_has_series_and_spectrum_of_one_scale(campaign):
     rig, trials = campaign(2, masses=1, seconds=5.0, levels=(1.0,))
-    linear = Linear.of(rig.description)
+    linear = LinearModel.of(rig.description)
     rest = np.zeros((3, len(trials[0].outputs), 1))
-    lines = lines_of(
+    lines = trial_lines(
         linear, trials[0], trials[0].outputs, rest, white_noise([[1.0] * 3]), 0, 50.0
     )
     assert lines.series(lines.residual) == pytest.approx(trials[0].outputs)
@@ -363,14 +370,14 @@ def test_transfers_have_the_linear_effects_of_the_reference_in_them(campaign, ef
     both = np.concatenate([drive, drive], axis=1)
     trial = dataclasses.replace(trials[0], inputs=still)
     runs = [plant.run(plant.values, inputs, 64.0) for inputs in (still, both)]
-    linear = Linear.of_plant(plant, plant.values)
-    known = Known.of(linear, (("stiffness", "j0"),), np.zeros(1), np.ones(1))
+    linear = LinearModel.of_plant(plant, plant.values)
+    known = LinearConstants.of(linear, (("stiffness", "j0"),), np.zeros(1), np.ones(1))
     rest, moving = np.split(runs[0].states, 2, axis=1)
     motion = np.stack([rest, moving, np.split(runs[0].rates, 2, axis=1)[1]])
     more = runs[1].outputs - runs[0].outputs
     noise = white_noise([[1.0] * 2])
-    lines = lines_of(linear, trial, more, motion, noise, 0, 14.0)
-    tuned = Tuned.of(linear, lines, known, np.zeros(1))
+    lines = trial_lines(linear, trial, more, motion, noise, 0, 14.0)
+    tuned = PerturbedReference.of(linear, lines, known, np.zeros(1))
     source = next(s for s in linear.sources() if s.place == Place("node", "m1"))
     force = transform(drive, 64.0)[1][: len(lines.frequency_hz)]
     miss = lines.residual - tuned.transfer(source) * force
@@ -410,7 +417,7 @@ def test_a_motion_that_grows_beyond_bounds_is_followed_no_further(
             dataclasses.replace(one, inner=np.full_like(one.inner, size)) for one in self.white
         ]
 
-    monkeypatch.setattr(latent._Place, "go_to", away)
+    monkeypatch.setattr(latent._PlaceIteration, "go_to", away)
     rubs = wrong(element=1, force=friction)
     _, _, result = located(campaign, 3, rubs, masses=2, seconds=10.0, levels=(1.0,))
     assert Place("element", "j1") in result.groups[0].places
@@ -442,12 +449,12 @@ def test_a_force_is_believed_by_the_record_that_tells_of_it_whichever_that_is():
     seen = [np.sqrt(one).astype(complex) for one in (heard**2 * loud + heard, deaf)]
     for order in ((0, 1), (1, 0)):
         variances = [(loud, quiet)[i] for i in order]
-        believed = latent._believed(
+        believed = latent._capped_variances(
             [trial, trial],
             [seen[i] for i in order],
             [(heard, deaf)[i] for i in order],
             variances,
         )
         assert np.array_equal(believed[order.index(0)], loud)
-        assert believed[order.index(1)].max() == latent.BELIEVED * 1.0
+        assert believed[order.index(1)].max() == latent.MAX_VARIANCE_RATIO * 1.0
         assert np.array_equal(believed[order.index(1)][:50], quiet[:50])

@@ -4,14 +4,14 @@ import scipy.signal as sps
 
 from slowtime.discrepancy.noise import (
     estimate,
-    noise_of_residual,
-    silent_above,
+    estimate_noise,
+    response_limit_hz,
 )
 from slowtime.discrepancy.noise import (
     fisher_scoring as climb,
 )
 from slowtime.discrepancy.noise.colour import Colour, white_noise
-from slowtime.discrepancy.noise.incoherent import incoherent_power
+from slowtime.discrepancy.noise.incoherent_power import incoherent_power
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.description import Description, Node, Spring
 
@@ -32,7 +32,7 @@ def truth(pole):
 def estimated(residuals, silent_hz, inputs=None):
     pushed = np.zeros((SAMPLES, 0)) if inputs is None else inputs
     trials = tuple(Trial(inputs=pushed, outputs=r, rate_hz=RATE) for r in residuals)
-    return noise_of_residual(trials, tuple(residuals), silent_above_hz=silent_hz)
+    return estimate_noise(trials, tuple(residuals), silent_above_hz=silent_hz)
 
 
 @pytest.mark.parametrize("pole", [0.0, 0.6, 0.9, 0.97])
@@ -40,7 +40,8 @@ def test_noise_alone_is_found_with_its_colour(pole):
     noise = estimated(coloured(np.random.default_rng(1), pole), 0.0)
     ratio = noise.density(1, PROBES) / truth(pole)[:, None]
     assert np.all(np.abs(np.log(ratio)) < 0.25)
-    assert noise.white == (pole == 0.0, pole == 0.0)
+    for row in zip(*noise.colours, strict=True):
+        assert all(colour.coloured == 0 for colour in row) is (pole == 0.0)
 
 
 def test_strength_is_each_trials_own_and_has_an_honest_error():
@@ -135,13 +136,13 @@ def test_masked_samples_do_not_lower_the_floor():
         Trial(inputs=np.zeros((SAMPLES, 0)), outputs=r, rate_hz=RATE, use=use)
         for r in residuals
     )
-    noise = noise_of_residual(trials, tuple(residuals), silent_above_hz=20.0)
+    noise = estimate_noise(trials, tuple(residuals), silent_above_hz=20.0)
     assert noise.density(0, PROBES) / truth(0.0)[:, None] == pytest.approx(1, rel=0.08)
 
 
 def test_the_integral_of_a_density_is_the_variance():
     assert white_noise([[0.02, 0.08]]).sd(0, 100.0) == pytest.approx([1.0, 2.0])
-    colour = Colour(white=0.0, low=1.0, corner_hz=1.0, slope=2.0)
+    colour = Colour(white=0.0, coloured=1.0, corner_hz=1.0, slope=2.0)
     grid = np.linspace(0, 100, 100001)
     assert np.trapezoid(colour.density(grid), grid) == pytest.approx(np.arctan(100.0), rel=1e-4)
 
@@ -154,7 +155,7 @@ def test_a_density_must_be_positive():
 def test_a_structure_is_silent_well_above_its_highest_mode():
     spring = Spring(id="j", between=("base", "m"), stiffness_n_per_m=(2 * np.pi * 5) ** 2)
     one = Description(name="one", nodes=(Node(id="m", mass_kg=1.0),), elements=(spring,))
-    assert silent_above(one) == pytest.approx(8.5)
+    assert response_limit_hz(one) == pytest.approx(8.5)
 
 
 @pytest.mark.parametrize("inputs", [0, 1])
@@ -165,7 +166,7 @@ def test_what_nothing_drives_is_silent_above_what_is_heard(inputs, tone_hz, most
     one = Description(name="one", nodes=(Node(id="m", mass_kg=1.0),), elements=(spring,))
     tone = np.sin(2 * np.pi * tone_hz * np.arange(100) / 200.0)[:, None]
     trial = Trial(inputs=np.zeros((100, inputs)), outputs=tone, rate_hz=200.0)
-    assert silent_above(one, (trial,)) == pytest.approx(most, rel=0.1)
+    assert response_limit_hz(one, (trial,)) == pytest.approx(most, rel=0.1)
 
 
 def _blocks(rng):
@@ -179,16 +180,16 @@ def _blocks(rng):
 @pytest.mark.parametrize(
     ("family", "at"),
     [
-        (climb.FALLING, [-1.0, 0.3, 2.0, 1.4]),
-        (climb.FALLING, [-1.0, 0.3, 1.0, -1.7]),
-        (climb.HUMPED, [-1.0, 0.5, 1.2, 0.7]),
+        (climb.POWER_LAW, [-1.0, 0.3, 2.0, 1.4]),
+        (climb.POWER_LAW, [-1.0, 0.3, 1.0, -1.7]),
+        (climb.POLE_PAIR, [-1.0, 0.5, 1.2, 0.7]),
     ],
 )
 def test_slopes_of_the_likelihood_of_a_colour_are_those_of_differences(family, at):
     blocks, at, found = _blocks(np.random.default_rng(3)), np.array(at), np.zeros((4, 6))
 
     def likelihood(numbers):
-        return climb._scored(blocks, numbers, family, 100.0, found)
+        return climb._likelihood_and_information(blocks, numbers, family, 100.0, found)
 
     likelihood(at)
     slopes = found[:, 4].copy()
@@ -201,8 +202,8 @@ def test_slopes_of_the_likelihood_of_a_colour_are_those_of_differences(family, a
 @pytest.mark.parametrize(
     ("family", "truth", "start"),
     [
-        (climb.FALLING, [-1.0, 2.3, 2.0, 1.4], [-1.0, 0.0, 1.6, 2.0]),
-        (climb.HUMPED, [-1.0, 0.5, 1.2, 0.7], [-1.0, 0.0, 2.0, 0.3]),
+        (climb.POWER_LAW, [-1.0, 2.3, 2.0, 1.4], [-1.0, 0.0, 1.6, 2.0]),
+        (climb.POLE_PAIR, [-1.0, 0.5, 1.2, 0.7], [-1.0, 0.0, 2.0, 0.3]),
     ],
 )
 def test_a_climb_ends_at_the_top(family, truth, start):
@@ -210,14 +211,20 @@ def test_a_climb_ends_at_the_top(family, truth, start):
     colour = estimate._colour_at(np.array(truth), family, 100.0)
     blocks[1] *= colour.density(blocks[0])
     low, high = np.array([-14.0, -14.0, -2.0, -4.0]), np.array([6.0, 14.0, 6.0, 4.0])
-    top = climb.climbed(blocks, np.array(start), low, high, family, 100.0)
-    likelihood = climb._scored(blocks, top, family, 100.0, found)
+    top = climb.maximise_likelihood(blocks, np.array(start), low, high, family, 100.0)
+    likelihood = climb._likelihood_and_information(blocks, top, family, 100.0, found)
     for k in range(4):
         for sign in (-0.05, 0.05):
             beside = top + sign * np.eye(4)[k]
-            higher = climb._scored(blocks, beside, family, 100.0, found) - likelihood
-            assert higher < 10 * climb.ENOUGH
-    assert climb._scored(blocks, np.array(truth), family, 100.0, found) < likelihood
+            higher = (
+                climb._likelihood_and_information(blocks, beside, family, 100.0, found)
+                - likelihood
+            )
+            assert higher < 10 * climb.MIN_GAIN
+    assert (
+        climb._likelihood_and_information(blocks, np.array(truth), family, 100.0, found)
+        < likelihood
+    )
 
 
 def test_each_record_has_a_colour_of_its_own_where_one_for_all_does_not_pass():
@@ -241,7 +248,7 @@ def test_records_of_one_colour_share_it(pole):
 
 def test_some_trials_have_their_own_noise_as_often_as_they_are_named():
     noise = white_noise([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
-    some = noise.of([2, 0, 2])
+    some = noise.for_trials([2, 0, 2])
     assert [[c.white for c in trial] for trial in some.colours] == [
         [c.white for c in noise.colours[i]] for i in (2, 0, 2)
     ]

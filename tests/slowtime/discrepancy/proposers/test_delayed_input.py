@@ -79,10 +79,10 @@ def asked(of, effects, seconds=10.0):
 @pytest.mark.long
 def test_a_law_is_seen_once_the_input_that_hides_it_may_be_late():
     before, _, tried, trials = asked(RIG, (LATE, BREAKS))
-    assert tried[0].cost > OPAQUE * tried[0].bare
+    assert tried[0].cost > OPAQUE * tried[0].cost_without
     delay, law = next(seen_beside_late(before, tried, trials, KINDS))
     assert (law.effect.kind, law.effect.place) == (BREAKS.kind, TOP)
-    assert law.cost < CLEARLY * law.bare
+    assert law.cost < CLEARLY * law.cost_without
     assert delay.effect.place == LATE.place
     assert delay.effect.parameters["delay_s"] == pytest.approx(0.019, rel=0.2)
 
@@ -138,12 +138,12 @@ def test_a_clock_that_hides_something_is_told_where_no_law_is_seen():
     before, located, tried, trials = asked(RIG, (clock, breaks), seconds=20.0)
     best = dataclasses.replace(located.groups[0], left=10.0)
     nowhere = dataclasses.replace(located, groups=(best, *located.groups[1:]))
-    opaque = [dataclasses.replace(tried[0], cost=OPAQUE * tried[0].bare)]
+    opaque = [dataclasses.replace(tried[0], cost=OPAQUE * tried[0].cost_without)]
     (label,) = clocks_alone(before, nowhere, opaque, trials, KINDS)
     assert (label.effect.kind, label.effect.place) == (clock.kind, clock.place)
     assert label.effect.parameters["skew"] == pytest.approx(3e-3, rel=0.02)
     assert label.cost > 1.5 * before.data
-    seen = [dataclasses.replace(tried[0], cost=0.5 * OPAQUE * tried[0].bare)]
+    seen = [dataclasses.replace(tried[0], cost=0.5 * OPAQUE * tried[0].cost_without)]
     assert clocks_alone(before, nowhere, seen, trials, KINDS) == []
 
 
@@ -175,7 +175,9 @@ def test_a_clock_is_fitted_as_far_as_it_would_be_told(monkeypatch, opaque):
     before, located, tried, trials = asked(shaken((1, 3)), (SINGS,))
     best = dataclasses.replace(located.groups[0], left=10.0)
     nowhere = dataclasses.replace(located, groups=(best, *located.groups[1:]))
-    one = dataclasses.replace(tried[0], cost=(OPAQUE if opaque else 0.1) * tried[0].bare)
+    one = dataclasses.replace(
+        tried[0], cost=(OPAQUE if opaque else 0.1) * tried[0].cost_without
+    )
     before = dataclasses.replace(before, cost=1e3 * before.data)
     assert clocks_alone(before, nowhere, [one], trials, KINDS) == []
     beat = MOSTLY * before.cost if opaque else LIMITS.explained_chi2 * before.data

@@ -3,9 +3,10 @@
 import dataclasses
 
 import pytest
+from slowtime.discrepancy.state import Found
 
 from slowtime.discrepancy.calibration import refit
-from slowtime.discrepancy.calibration.augmentation import run_by, with_effect
+from slowtime.discrepancy.calibration.augmentation import simulated_chi2, with_effect
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.candidates.library_fit import Candidate, label_of
 from slowtime.discrepancy.estimation.candidate_fit import (
@@ -17,7 +18,6 @@ from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.proposers import joint_pairs as together
 from slowtime.discrepancy.proposers.joint_pairs import NEAR, JointPairs, of_refitted
-from slowtime.discrepancy.state import Found
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
 from tests.slowtime.discrepancy.test_search import CUBIC, DRAG, KINDS, SECOND, TWO, seen
@@ -92,7 +92,7 @@ def test_a_pair_that_is_near_is_fitted_on_from_where_it_was_given_up(monkeypatch
         right = refit(Plant.of(described, kinds=kinds), trials)
         values = right.values.copy()
         values[right.plant.parameters.index(("effect", 1, "t_jump_s"))] -= 0.1
-        left = run_by(right.plant, values, right.states, right.noise, trials)
+        left = simulated_chi2(right.plant, values, right.states, right.noise, trials)
         fit = dataclasses.replace(right, values=values, cost=left, chi2_in_band=20.0)
         return FittedCandidate(effect, described, fit, -left / 2)
 

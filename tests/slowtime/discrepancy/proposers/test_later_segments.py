@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from slowtime.discrepancy.calibration import WRONG, refit
+from slowtime.discrepancy.calibration import WRONG_MODEL_CHI2, refit
 from slowtime.discrepancy.calibration.augmentation import with_effect
 from slowtime.discrepancy.candidates.library_fit import label_of
 from slowtime.discrepancy.progress import Monitor
@@ -52,7 +52,7 @@ def test_the_part_looked_at_is_the_first_of_which_the_law_leaves_something(recor
     before = refit(plant, records)
     assert before.chi2_in_band > 100.0
     part, tried = later_segment_candidates(before, records, KINDS, never)
-    assert WRONG < part.chi2_in_band < before.chi2_in_band
+    assert WRONG_MODEL_CHI2 < part.chi2_in_band < before.chi2_in_band
     longest = max(SHARES) * len(records[0].outputs)
     assert all(len(residual) <= longest for residual in part.residual)
     assert label_of(tried[0].effect) == label_of(CLOCK)

@@ -11,17 +11,17 @@ import scipy.signal
 
 from slowtime.discrepancy import search as searching
 from slowtime.discrepancy.calibration import refit
-from slowtime.discrepancy.calibration.augmentation import Start, free_run
+from slowtime.discrepancy.calibration.augmentation import FitStart, free_run_chi2
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.candidates.constant_equivalents import (
-    equivalents,
+    equivalent_laws,
     instead_of_constants,
 )
 from slowtime.discrepancy.candidates.library_fit import (
     Candidate,
     label_of,
     library_candidates,
-    mirrored,
+    mirrored_factor,
 )
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.estimation.candidate_fit import (
@@ -29,7 +29,7 @@ from slowtime.discrepancy.estimation.candidate_fit import (
     best_of_each_place,
     fit_candidates,
 )
-from slowtime.discrepancy.localization import character, locate
+from slowtime.discrepancy.localization import characterise, locate
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.proposers import lower_ranked as downward
 from slowtime.discrepancy.proposers.base_motion import _made, by_a_law, follows
@@ -188,7 +188,7 @@ def test_bent_constants_tell_the_law_and_about_how_strong_it_is(effect):
     """One sensor, three springs away from the law."""
     trials = recorded(THREE, (effect,))
     bent = refit(Plant.of(THREE, kinds=KINDS), trials)
-    found = equivalents(bent, trials, KINDS)
+    found = equivalent_laws(bent, trials, KINDS)
     own = [one.effect for one in found if one.effect.kind == effect.kind]
     assert own[0].place == effect.place
     (truth,) = effect.parameters.values()
@@ -199,7 +199,7 @@ def test_bent_constants_tell_the_law_and_about_how_strong_it_is(effect):
 
 def test_where_no_constant_is_bent_there_is_nothing_to_be_equivalent_to():
     trials = recorded(THREE, ())
-    assert equivalents(refit(Plant.of(THREE, kinds=KINDS), trials), trials, KINDS) == []
+    assert equivalent_laws(refit(Plant.of(THREE, kinds=KINDS), trials), trials, KINDS) == []
 
 
 @pytest.fixture(scope="module")
@@ -295,10 +295,10 @@ def test_a_free_run_of_the_truth_leaves_the_noise():
     effect = Effect("coulomb", GROUND, {"friction_n": 1.5})
     trials = recorded(THREE, (effect,))
     true = refit(Plant.of(THREE, kinds=KINDS), recorded(THREE, (), seed=9))
-    start = Start({}, [{}, {}])
-    left = free_run(true, effect, start, trials, KINDS)
-    lacking = free_run(true, Effect("viscous_damping", GROUND, {"dc_n_s_per_m": 0.0}), start,
-                       trials, KINDS)  # fmt: skip
+    start = FitStart({}, [{}, {}])
+    left = free_run_chi2(true, effect, start, trials, KINDS)
+    nothing = Effect("viscous_damping", GROUND, {"dc_n_s_per_m": 0.0})
+    lacking = free_run_chi2(true, nothing, start, trials, KINDS)
     assert left < 0.1 * lacking
 
 
@@ -310,7 +310,7 @@ def far_off():
     before = refit_within_tolerances(bent, trials)
     mean = zip(before.prior.names, before.prior.mean.tolist(), strict=True)
     claimed = {(str(name[0]), PLACE.id): value for name, value in mean}
-    start = Start(claimed, [{} for _ in trials])
+    start = FitStart(claimed, [{} for _ in trials])
     tried = [
         Candidate(Effect(name, PLACE, parameters), 1.0, -1.0, 1e9, start)
         for name, parameters in (
@@ -565,7 +565,7 @@ def test_a_law_whose_free_run_follows_has_to_explain_the_force_too(
     """What swings with a mode by itself goes with what shakes it, and makes no such force."""
     _, before, tried, trials = far_off
     named = fit_candidates(before, tried[-1:], trials, KINDS, nothing)
-    label = dataclasses.replace(tried[-1], cost=(1 - share) * tried[-1].bare)
+    label = dataclasses.replace(tried[-1], cost=(1 - share) * tried[-1].cost_without)
     monkeypatch.setattr("slowtime.discrepancy.proposers.base_motion.apart", lambda _: False)
     assert by_a_law(named, [label], before, trials, locate(before, trials)) is law
 
@@ -599,8 +599,8 @@ def test_a_force_that_its_own_motion_makes_is_no_motion_of_the_ground():
     )
     found = search(refit(Plant.of(EVERY, kinds=few), trials), trials, Search(few, Monitor()))
     assert found.located is not None
-    assert found.located.base_first().best.kind == "base"
-    assert found.located.inside == GROUND
+    assert found.located.with_base_first().best.kind == "base"
+    assert found.located.best_structural == GROUND
     assert "base_motion" not in [answer.effect.kind for answer in found.answers]
 
 
@@ -616,7 +616,10 @@ def test_what_bends_with_the_motion_where_it_acts_is_made_there(
     trials = recorded(THREE, (Effect("coulomb", GROUND, {"friction_n": 1.5}),), seconds=4.0)
     located = locate(refit(Plant.of(THREE, kinds=KINDS), trials), trials)
     there = dataclasses.replace(
-        character(located, GROUND), static_share=surface, linear_share=filtered, linear=linear
+        characterise(located, GROUND),
+        static_share=surface,
+        linear_share=filtered,
+        linear=linear,
     )
     assert _made(there) is made
 
@@ -625,7 +628,7 @@ def test_one_sensors_factor_is_a_rival_also_where_it_was_tried_and_fared_badly()
     known = Effect("input_gain", Place("input", "u"), {"gain": 1.4})
     own = Effect("sensor_gain", Place("sensor", "x"), {"gain": 1.1})
     labels = [Candidate(known, 10.0, -5.0, 1e4), Candidate(own, 4e3, -2e3, 1e4)]
-    (mirror,) = mirrored(labels, labels, KINDS)
+    (mirror,) = mirrored_factor(labels, labels, KINDS)
     assert (mirror.effect.kind, mirror.effect.parameters) == ("sensor_gain", {"gain": 1.4})
     assert mirror.cost == 10.0
 
@@ -731,7 +734,7 @@ def test_constants_within_their_tolerance_need_no_law():
     bent = refit(Plant.of(rig, kinds=KINDS), recorded(stiffer, (drag,), level=0.5))
     assert abs(bent.pulls["stiffness", "k1"]) < 3
     assert bent.pulls["damping", "k1"] > 4
-    found = equivalents(bent, recorded(stiffer, (drag,), level=0.5), KINDS)
+    found = equivalent_laws(bent, recorded(stiffer, (drag,), level=0.5), KINDS)
     assert "quadratic_damping" in {one.effect.kind for one in found}
 
 
@@ -761,6 +764,6 @@ def test_a_law_is_begun_with_if_it_alone_explains_how_records_begin(far_off, lef
     bent, before, tried, trials = far_off
     more = LowerRanked(bent, before, tried, tried[:1], trials, KINDS)
     data = before.data
-    one = dataclasses.replace(tried[-1], cost=left * data, bare=whole * data)
+    one = dataclasses.replace(tried[-1], cost=left * data, cost_without=whole * data)
     assert more._alone([one, tried[0]]) == (label_of(one.effect) if told else None)
     assert more._alone([]) is None

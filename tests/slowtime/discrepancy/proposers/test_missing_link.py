@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from slowtime.discrepancy.state import Found
 
 from slowtime.discrepancy import diagnose as diagnosing
 from slowtime.discrepancy.calibration import refit
@@ -13,7 +14,6 @@ from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.proposers.missing_link import best_link, link_instead_of
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.selection.probabilities import answer_of
-from slowtime.discrepancy.state import Found
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Input, Sensor, Spring, Tolerance
 from slowtime.dynamics.effects import Effect, Place, catalogue

@@ -9,14 +9,14 @@ import pytest
 
 from slowtime.discrepancy.calibration import (
     Fit,
-    GivenUp,
-    begun_by,
-    loudest,
-    pieces,
+    FitAbandoned,
+    cut_segments,
+    initial_states_of_records,
     refit,
     shooting_fit,
+    strongest_segments,
 )
-from slowtime.discrepancy.calibration.augmentation import Start, begun_with
+from slowtime.discrepancy.calibration.augmentation import FitStart, augmented_start
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.candidates.library_fit import (
     Candidate,
@@ -32,7 +32,7 @@ from slowtime.discrepancy.estimation.candidate_fit import (
     FittedCandidate,
     fit_candidates,
 )
-from slowtime.discrepancy.localization import Located, locate
+from slowtime.discrepancy.localization import Localization, locate
 from slowtime.discrepancy.proposers import segments as module
 from slowtime.discrepancy.proposers.segments import (
     ABOUT,
@@ -113,7 +113,7 @@ class Lacking:
 
     before: Fit
     trials: tuple[Trial, ...]
-    located: Located
+    located: Localization
     tried: list[Candidate]
 
     def told(self, tried=None, labels=None, late=never):
@@ -161,7 +161,7 @@ def test_pieces_tell_a_strong_law_and_how_strong_it_is(effect, level):
     best, *others = given.told()
     assert label_of(best.effect) == label_of(effect)
     assert best.cost < 1.2 * given.before.data
-    assert best.bare > LIMITS.far_off_chi2 * given.before.data
+    assert best.cost_without > LIMITS.far_off_chi2 * given.before.data
     assert len(others) < KEPT
     for name, value in effect.parameters.items():
         assert best.effect.parameters[name] == pytest.approx(value, rel=0.03)
@@ -169,7 +169,7 @@ def test_pieces_tell_a_strong_law_and_how_strong_it_is(effect, level):
     claimed = dict(zip(given.before.plant.parameters, given.before.plant.values, strict=True))
     for name, value in best.start.constants.items():
         assert value == pytest.approx(claimed[name], rel=0.1)
-    assert best.start.nearby
+    assert best.start.from_segments
     assert len(best.start.states) == len(given.trials)
 
 
@@ -229,7 +229,7 @@ def test_what_swings_by_itself_is_not_tried():
 def test_the_stronger_of_two_is_told_alone(two):
     best = two.told()[0]
     assert label_of(best.effect) == label_of(STOP)
-    assert LIMITS.segment_chi2 * two.before.data < best.cost < TELLS * best.bare
+    assert LIMITS.segment_chi2 * two.before.data < best.cost < TELLS * best.cost_without
 
 
 @pytest.mark.long
@@ -351,9 +351,11 @@ def test_where_motion_turns_over_a_quieter_part_tells_the_law(overturned):
 @pytest.mark.parametrize("share", [*QUIETER, 1.0])
 def test_in_a_quieter_part_a_law_is_found_from_farther_off(overturned, share):
     before, trials = overturned
-    plant, _, _ = begun_with(before, Effect("pendulum_sine", PLACE, {"k": 100.0}), TURNED)
+    plant, _, _ = augmented_start(before, Effect("pendulum_sine", PLACE, {"k": 100.0}), TURNED)
     nominal = np.array([entry.value for entry in plant.entries.values()])
-    found, _ = shooting_fit(plant, loudest(plant, trials, FEW, share), before.noise, nominal)
+    found, _ = shooting_fit(
+        plant, strongest_segments(plant, trials, FEW, share), before.noise, nominal
+    )
     quiet = share < 1.0
     assert (found.chi2_in_band < 1.2) == quiet
     assert (found.values[-1] == pytest.approx(800.0, rel=2e-3)) == quiet
@@ -437,7 +439,10 @@ def test_a_quieter_part_has_so_much_of_the_power_of_the_loudest(share):
     rng = np.random.default_rng(1)
     outputs = rng.standard_normal((8000, 3)) * np.linspace(0.1, 3.0, 8000)[:, None]
     trial = Trial(inputs=np.zeros((8000, 1)), outputs=outputs, rate_hz=80.0)
-    (part,), (loud,) = loudest(plant, (trial,), 4, share), loudest(plant, (trial,), 4)
+    (part,), (loud,) = (
+        strongest_segments(plant, (trial,), 4, share),
+        strongest_segments(plant, (trial,), 4),
+    )
     assert len(part.outputs) == len(loud.outputs)
     power = np.sum(part.outputs**2) / np.sum(loud.outputs**2)
     assert power == pytest.approx(share, rel=0.02)
@@ -449,10 +454,10 @@ def test_the_loudest_part_of_each_record_is_as_long_as_its_pieces():
     outputs = rng.standard_normal((4000, 3))
     outputs[2500:2900] *= 10.0
     trial = Trial(inputs=np.zeros((4000, 1)), outputs=outputs, rate_hz=80.0, start_s=7.0)
-    (part,) = loudest(plant, (trial,), 2)
+    (part,) = strongest_segments(plant, (trial,), 2)
     assert 2500 <= round((part.start_s - 7.0) * 80.0) < 2900
-    assert len(pieces(plant, (part,))[0]) == 2
-    (whole,) = loudest(plant, (trial,), 10**4)
+    assert len(cut_segments(plant, (part,))[0]) == 2
+    (whole,) = strongest_segments(plant, (trial,), 10**4)
     np.testing.assert_array_equal(whole.outputs, outputs)
 
 
@@ -463,13 +468,13 @@ def test_records_begin_as_their_first_periods_tell(stop):
     for trial in stop.trials:
         seen = plant.simulate(plant.values, trial.inputs, trial.rate_hz, state0=moved)
         trials.append(dataclasses.replace(trial, outputs=seen, use=None))
-    for state in begun_by(plant, trials, stop.before.noise, plant.values):
+    for state in initial_states_of_records(plant, trials, stop.before.noise, plant.values):
         np.testing.assert_allclose(state, moved, atol=1e-3)
 
 
 def test_a_law_that_will_not_come_near_is_not_fitted_to_the_end(stop):
     plant = stop.before.plant
-    parts = loudest(plant, stop.trials, 4)
+    parts = strongest_segments(plant, stop.trials, 4)
     full, _ = shooting_fit(plant, parts, stop.before.noise, plant.values)
     cut, _ = shooting_fit(plant, parts, stop.before.noise, plant.values, beat=full.cost / 1e3)
     assert cut.cost > full.cost
@@ -489,7 +494,7 @@ def test_what_parts_of_records_told_is_fitted_to_growing_shares_of_them(
 
     monkeypatch.setattr(naming, "fit_candidate", refitted)
     for nearby in (True, False):
-        label = Candidate(effect, 1.0, -1.0, 9.0, Start({}, [{}, {}], nearby=nearby))
+        label = Candidate(effect, 1.0, -1.0, 9.0, FitStart({}, [{}, {}], from_segments=nearby))
         fit_candidates(stop.before, [label], stop.trials, catalogue(), lambda *_: False)
     assert shares == [slowly, SWIFTLY]
 
@@ -505,7 +510,9 @@ class Scripted:
 
     def __call__(self, plant, parts, noise, values, late, beat):
         kind = plant.effects[-1].kind if plant.effects else ""
-        few = len(parts[0].outputs) == len(loudest(plant, self.given.trials, FEW)[0].outputs)
+        few = len(parts[0].outputs) == len(
+            strongest_segments(plant, self.given.trials, FEW)[0].outputs
+        )
         self.asked.append((kind, few, beat))
         for effect in plant.effects:
             self.begun.setdefault(label_of(effect), dict(effect.parameters))
@@ -540,7 +547,7 @@ def scripted(stop, monkeypatch):
         leaves = {"": (100.0, 100.0)} | leaves
         script = Scripted(stop, {k.replace("bare", ""): v for k, v in leaves.items()})
         monkeypatch.setattr(module, "shooting_fit", script)
-        monkeypatch.setattr(module, "begun_by", lambda *_: [])
+        monkeypatch.setattr(module, "initial_states_of_records", lambda *_: [])
         monkeypatch.setattr(module, "refine_switching_instant", lambda fit, *_, late: fit)
         return script
 
@@ -549,7 +556,7 @@ def scripted(stop, monkeypatch):
 
 @pytest.mark.parametrize(
     ("few", "more", "told"),
-    [(59.0, 44.0, True), (61.0, 1.0, False), (1.0, 46.0, False), (GivenUp(), 1.0, False)],
+    [(59.0, 44.0, True), (61.0, 1.0, False), (1.0, 46.0, False), (FitAbandoned(), 1.0, False)],
     ids=["there", "no hint", "tells nothing", "late"],
 )
 def test_a_law_is_there_that_explains_most_of_few_pieces_and_more_of_more(
@@ -565,7 +572,7 @@ def test_a_law_that_runs_away_from_pieces_does_not_stop_the_others(stop, scripte
     two = laws(stop, "viscous_damping", "cubic_hardening")
     scripted(viscous_damping=(error, error), cubic_hardening=(10.0, 10.0))
     assert [one.effect.kind for one in stop.told(two, [])] == ["cubic_hardening"]
-    scripted(bare=(error, error), cubic_hardening=(10.0, 10.0))
+    scripted(cost_without=(error, error), cubic_hardening=(10.0, 10.0))
     assert stop.told(two, []) == []
 
 
@@ -608,7 +615,7 @@ def test_those_that_come_near_the_best_are_fitted_to_more_pieces_and_the_best_ar
     given = stop.told([], laws(stop, "quadratic_damping", *names))
     assert script.kinds(few=False) == set(names[:AS_WELL])
     assert [one.effect.kind for one in given] == ["stiffness_loss", "viscous_damping"]
-    assert [one.cost / one.bare for one in given] == pytest.approx([0.16, 0.18])
+    assert [one.cost / one.cost_without for one in given] == pytest.approx([0.16, 0.18])
 
 
 def test_once_a_law_comes_near_others_have_to_come_about_as_near(stop, scripted):
@@ -666,7 +673,7 @@ def test_the_quietest_part_is_asked_of_which_much_is_left(
 
     def cut(plant, trials, count, share=1.0):
         asked.append((count, share))
-        return loudest(plant, trials, count, share)
+        return strongest_segments(plant, trials, count, share)
 
     def fitted(plant, parts, noise, values, late, beat):
         left = 1.1 * PLAIN if asked[-1][1] in plain else 0.9 * PLAIN
@@ -677,9 +684,9 @@ def test_the_quietest_part_is_asked_of_which_much_is_left(
         )
         return fit, []
 
-    monkeypatch.setattr(module, "loudest", cut)
+    monkeypatch.setattr(module, "strongest_segments", cut)
     monkeypatch.setattr(module, "shooting_fit", fitted)
-    monkeypatch.setattr(module, "begun_by", lambda *_: [])
+    monkeypatch.setattr(module, "initial_states_of_records", lambda *_: [])
     told = stop.told(laws(stop, "cubic_hardening"), [])
     assert bool(told) == there
     assert asked == [*cuts, *LAST] if there else asked == cuts

@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from slowtime.discrepancy.calibration import WRONG, refit
-from slowtime.discrepancy.calibration.augmentation import run_by
+from slowtime.discrepancy.calibration import WRONG_MODEL_CHI2, refit
+from slowtime.discrepancy.calibration.augmentation import simulated_chi2
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.progress import Monitor
@@ -67,7 +67,7 @@ def test_parameters_are_quoted_where_the_misfit_is_least(beside):
 def test_only_a_model_that_explains_whole_records_is_fitted_to_the_end(beside, changed):
     found = dataclasses.replace(beside, **changed)
     if not changed:
-        found = with_last(found, chi2_in_band=1.1 * WRONG)
+        found = with_last(found, chi2_in_band=1.1 * WRONG_MODEL_CHI2)
     assert converge(found, 0, KINDS) is found
 
 
@@ -101,7 +101,7 @@ def rubbed():
     values = right.values.copy()
     at = right.prior.names.index(FRICTION)
     values[list(right.prior.index)] += 2 * right.covariance[:, at] / right.sd[at]
-    left = run_by(truth, values, right.states, right.noise, tuple(records))
+    left = simulated_chi2(truth, values, right.states, right.noise, tuple(records))
     return tuple(records), right, dataclasses.replace(right, values=values, cost=left)
 
 

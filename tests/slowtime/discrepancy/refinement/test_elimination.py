@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy.calibration import refit
-from slowtime.discrepancy.calibration.augmentation import states_without, without
+from slowtime.discrepancy.calibration.augmentation import refit_without, states_without
 from slowtime.discrepancy.diagnosis import Rival
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.records import Trial
@@ -144,7 +144,7 @@ def test_a_law_that_does_next_to_nothing_is_dropped_though_the_fit_without_it_is
     at = fits[-1].prior.names.index(("effect", 1, "dk_n_per_m"))
     values[fits[-1].prior.index[at]] = strength * fits[-1].sd[at]
     fits[-1] = dataclasses.replace(fits[-1], values=values)
-    less = without(fits[-1], 1, trials, KINDS)
+    less = refit_without(fits[-1], 1, trials, KINDS)
     assert less is not None
     assert less.chi2_in_band > 5.0
     chain, left = eliminate(fits, said, trials, KINDS)

@@ -8,11 +8,11 @@ import pytest
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.calibration.augmentation import carry_effect
 from slowtime.discrepancy.hypothesis import Hypothesis
-from slowtime.discrepancy.localization import Located
+from slowtime.discrepancy.localization import Localization
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.refinement.elimination import eliminate_needless
 from slowtime.discrepancy.refinement.harmful_effects import drop_harmful_effects
-from slowtime.discrepancy.validation.free_run import errors, free_runs, on_heads
+from slowtime.discrepancy.validation.free_run import free_runs, refit_on_heads, relative_errors
 from slowtime.dynamics.effects import Effect, Place, catalogue
 from slowtime.dynamics.plant import Plant
 from tests.slowtime.discrepancy.protocol import named_effect, with_last
@@ -20,7 +20,7 @@ from tests.slowtime.discrepancy.rigs import ONE, PLACE
 
 KINDS = catalogue()
 RATE = 40.0
-BEFORE = object.__new__(Located)
+BEFORE = object.__new__(Localization)
 LOSS = Effect("stiffness_loss", PLACE, {"dk_n_per_m": 200.0})
 
 
@@ -126,7 +126,7 @@ def test_ends_of_records_are_judged_by_parameters_fitted_to_their_beginnings(fou
     spoilt[300:] *= 1.5
     spoilt = dataclasses.replace(trial, outputs=spoilt)
     first = found.first
-    told, same = on_heads(first, (spoilt,)), on_heads(first, (trial,))
+    told, same = refit_on_heads(first, (spoilt,)), refit_on_heads(first, (trial,))
     np.testing.assert_array_equal(told.values, same.values)
     assert refit(first.plant, (spoilt,)).values[0] != pytest.approx(same.values[0], rel=1e-6)
 
@@ -143,5 +143,5 @@ def test_a_free_run_that_diverges_has_a_bounded_error(found, held):
     values[at] -= size
     (run,) = free_runs(dataclasses.replace(first, plant=plant, values=values), (trial,))
     assert np.isfinite(run).all() == held
-    error = float(errors((trial,), [run])[0])
+    error = float(relative_errors((trial,), [run])[0])
     assert error < 0.01 if held else error == 1e6

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from slowtime.discrepancy.calibration import (
-    first_swings,
+    first_periods,
+    motion_amplitude,
+    multistart_initial_state,
     refit,
-    size_of,
-    state_from_many,
-    state_heard,
+    state_from_sensors,
 )
-from slowtime.discrepancy.calibration.initial_states import nearest
+from slowtime.discrepancy.calibration.initial_states import best_initial_state
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate
 from slowtime.discrepancy.hypothesis import Hypothesis
@@ -124,16 +124,18 @@ def test_other_initial_states_that_leave_more_are_not_taken(thrown):
 @pytest.mark.long
 def test_an_initial_state_is_found_from_far_away_and_a_good_one_is_kept(thrown):
     plant, trials, right, _ = thrown
-    (head,) = first_swings(plant, trials[1:])
+    (head,) = first_periods(plant, trials[1:])
     noise = right.noise.of([1])
-    size = size_of(plant, trials[1], right.values, np.array([0.02, 0.5]))
-    found = state_from_many(plant, head, noise, right.values, np.array([-0.03, 0.9]), size)
+    size = motion_amplitude(plant, trials[1], right.values, np.array([0.02, 0.5]))
+    found = multistart_initial_state(
+        plant, head, noise, right.values, np.array([-0.03, 0.9]), size
+    )
     assert found == pytest.approx([0.09, -2.0], abs=0.03)
     known = refit(
         plant, (head,), free=[], noise=noise, values=right.values, states=(found,),
         horizons=(1.0,),
     ).states[0]  # fmt: skip
-    assert state_from_many(plant, head, noise, right.values, known, 0 * size) is known
+    assert multistart_initial_state(plant, head, noise, right.values, known, 0 * size) is known
 
 
 @pytest.mark.long
@@ -155,16 +157,16 @@ def test_initial_states_are_sought_near_what_sensors_read_and_where_runs_stay_bo
     ):
         clean = plant.simulate(plant.values, np.zeros((100, 1)), RATE, state0=begin)
         trial = Trial(inputs=np.zeros((100, 1)), outputs=clean, rate_hz=RATE)
-        found = state_from_many(plant, trial, noise, plant.values, away, size)
+        found = multistart_initial_state(plant, trial, noise, plant.values, away, size)
         assert found == pytest.approx(begin, abs=1e-4)
 
 
 def test_the_size_of_a_motion_is_that_of_its_run_and_at_least_its_initial_state(thrown):
     plant, trials, right, _ = thrown
-    still = size_of(plant, trials[0], right.values, np.array([0.01, 0.0]))
+    still = motion_amplitude(plant, trials[0], right.values, np.array([0.01, 0.0]))
     assert still == pytest.approx([0.0141, 0.0141 * 20.0], rel=0.25)
     far = np.array([0.3, -9.0])
-    assert (size_of(plant, trials[0], right.values, far) >= np.abs(far)).all()
+    assert (motion_amplitude(plant, trials[0], right.values, far) >= np.abs(far)).all()
 
 
 def test_sensors_of_displacement_and_velocity_give_the_initial_state():
@@ -180,10 +182,10 @@ def test_sensors_of_displacement_and_velocity_give_the_initial_state():
     outputs = np.tile([3.0, 0.5, 7.0], (64, 1))
     trial = Trial(inputs=np.zeros((64, 1)), outputs=outputs, rate_hz=RATE)
     known = np.array([0.1, 0.2, 0.3, 0.4])
-    assert state_heard(plant, trial, known) == pytest.approx([0.1, 0.003, 0.5, 0.4])
+    assert state_from_sensors(plant, trial, known) == pytest.approx([0.1, 0.003, 0.5, 0.4])
     outputs[0, 0] = np.nan
     deaf = dataclasses.replace(trial, outputs=outputs, use=np.isfinite(outputs))
-    assert state_heard(plant, deaf, known) == pytest.approx([0.1, 0.2, 0.5, 0.4])
+    assert state_from_sensors(plant, deaf, known) == pytest.approx([0.1, 0.2, 0.5, 0.4])
 
 
 def test_beside_a_moving_base_only_relative_motion_gives_the_initial_state():
@@ -197,7 +199,7 @@ def test_beside_a_moving_base_only_relative_motion_gives_the_initial_state():
         dataclasses.replace(two_masses(1.6), sensors=sensors, inputs=base), kinds=KINDS
     )
     trial = Trial(inputs=np.zeros((64, 1)), outputs=np.full((64, 2), 0.7), rate_hz=RATE)
-    assert state_heard(plant, trial, np.zeros(4)) == pytest.approx([0.0, 0.7, 0.0, 0.0])
+    assert state_from_sensors(plant, trial, np.zeros(4)) == pytest.approx([0.0, 0.7, 0.0, 0.0])
 
 
 def test_the_nearest_initial_state_has_the_nearest_run_and_a_bounded_one():
@@ -206,8 +208,8 @@ def test_the_nearest_initial_state_has_the_nearest_run_and_a_bounded_one():
     noise = white_noise([[SD**2 * 2 / RATE]])
     right, off, away = np.array([0.02, 0.1]), np.array([0.03, 0.0]), np.array([0.3, 0.0])
     assert not np.isfinite(well.simulate(well.values, trial.inputs, RATE, state0=away)).all()
-    assert nearest(well, trial, noise, well.values, [away, off, right]) is right
-    assert nearest(well, trial, noise, well.values, [away, off]) is off
+    assert best_initial_state(well, trial, noise, well.values, [away, off, right]) is right
+    assert best_initial_state(well, trial, noise, well.values, [away, off]) is off
 
 
 @pytest.mark.long

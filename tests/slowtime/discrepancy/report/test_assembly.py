@@ -4,9 +4,10 @@ import dataclasses
 
 import numpy as np
 import pytest
+from slowtime.discrepancy.state import Found
 
 from slowtime.discrepancy.calibration import refit
-from slowtime.discrepancy.data.clock_overrun import within_record
+from slowtime.discrepancy.data.clock_overrun import mask_clock_overrun
 from slowtime.discrepancy.data.screening import Finding
 from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate, evidence
 from slowtime.discrepancy.estimation.occam_factor import leniency
@@ -20,7 +21,6 @@ from slowtime.discrepancy.selection.probabilities import (
     rivals_within,
     shares_of,
 )
-from slowtime.discrepancy.state import Found
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Input, Sensor, Tolerance
 from slowtime.dynamics.effects import Effect, Place, catalogue
@@ -253,7 +253,7 @@ def test_what_a_fast_clock_told_of_times_after_the_end_is_no_error_on_the_record
         return Trial(inputs=push[:1900], outputs=seen[:1900], rate_hz=64.0, start_s=start_s)
 
     trials = (record(0.0), record(60.0))
-    own = within_record(trials, ("x",), (fast,), KINDS)
+    own = mask_clock_overrun(trials, ("x",), (fast,), KINDS)
     first, last = refit(Plant.of(rig), own), refit(plant, own)
     named = FittedCandidate(fast, plant.description, last, evidence(last, KINDS))
     found = Found(

@@ -56,7 +56,7 @@ def extended(lacking, *proposers, monitor=None, **more):
 
 
 def test_a_proposer_of_the_caller_is_asked_and_its_candidate_is_named(lacking):
-    own = StubProposer("own", candidates=(candidate(CUBIC, bare=lacking[1].cost),))
+    own = StubProposer("own", candidates=(candidate(CUBIC, cost_without=lacking[1].cost),))
     step = extended(lacking, own)
     (named,) = step.hypothesis.effects
     assert label_of(named.effect) == label_of(CUBIC)
@@ -71,7 +71,7 @@ def test_a_proposer_of_the_caller_is_asked_and_its_candidate_is_named(lacking):
 
 
 def test_each_proposer_is_told_what_was_proposed_and_fitted_before_it(lacking):
-    first = StubProposer("first", candidates=(candidate(CUBIC, bare=lacking[1].cost),))
+    first = StubProposer("first", candidates=(candidate(CUBIC, cost_without=lacking[1].cost),))
     none, last = StubProposer("none"), StubProposer("last")
     extended(lacking, first, none, last)
     (of_none,), (of_last,) = none.rounds, last.rounds
@@ -99,8 +99,10 @@ def test_where_nothing_is_missing_no_proposer_is_asked():
 
 
 def test_out_of_budget_one_candidate_is_fitted_and_others_are_known_to_be_missing(lacking):
-    other = candidate(DRAG, bare=lacking[1].cost)
-    both = StubProposer("both", candidates=(candidate(CUBIC, bare=lacking[1].cost), other))
+    other = candidate(DRAG, cost_without=lacking[1].cost)
+    both = StubProposer(
+        "both", candidates=(candidate(CUBIC, cost_without=lacking[1].cost), other)
+    )
     late = extended(lacking, both, monitor=Monitor(late=lambda: True))
     assert [one.effect.kind for one in late.hypothesis.fitted] == [CUBIC.kind]
     # What it leaves tells that nothing else is missing.

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from slowtime.discrepancy.calibration import pieces, refit
+from slowtime.discrepancy.calibration import cut_segments, refit
 from slowtime.discrepancy.calibration.augmentation import carry_effect
-from slowtime.discrepancy.candidates.constant_equivalents import alone_off
+from slowtime.discrepancy.candidates.constant_equivalents import is_single_changed_constant
 from slowtime.discrepancy.estimation.candidate_fit import FittedCandidate
 from slowtime.discrepancy.estimation.input_hold import FAINT
 from slowtime.discrepancy.hypothesis import Hypothesis
@@ -73,16 +73,16 @@ def of(fit, element, off):
 def test_one_constant_that_is_far_off_by_itself_is_an_effect(white):
     _, fit = white
     far, near = LIMITS.alone_tolerances + 0.1, LIMITS.alone_tolerances - 0.1
-    assert alone_off(of(fit, SECOND, far), LOSS)
-    assert alone_off(of(fit, SECOND, -far), LOSS)
-    assert not alone_off(of(fit, SECOND, near), LOSS)
-    assert not alone_off(of(fit, FIRST, far), LOSS)
-    assert not alone_off(of(fit, SECOND, far), CUBIC)
+    assert is_single_changed_constant(of(fit, SECOND, far), LOSS)
+    assert is_single_changed_constant(of(fit, SECOND, -far), LOSS)
+    assert not is_single_changed_constant(of(fit, SECOND, near), LOSS)
+    assert not is_single_changed_constant(of(fit, FIRST, far), LOSS)
+    assert not is_single_changed_constant(of(fit, SECOND, far), CUBIC)
     two = {
         f"stiffness_{FIRST.id}": LIMITS.moved_tolerances + 0.1,
         f"stiffness_{SECOND.id}": far,
     }
-    assert not alone_off(pulled(fit, **two), LOSS)
+    assert not is_single_changed_constant(pulled(fit, **two), LOSS)
 
 
 def test_an_accepted_candidate_is_the_last_effect_of_a_new_hypothesis(hardened):
@@ -125,7 +125,7 @@ def test_a_constant_far_off_is_accepted_beside_a_law_that_leaves_something_there
 def test_a_constant_is_refused_beside_a_rival_that_needs_it_no_more(lossy, off):
     found, loss = lossy
     before, trials = found.last, found.trials
-    assert alone_off(before, LOSS)
+    assert is_single_changed_constant(before, LOSS)
     drag = Effect("quadratic_damping", FIRST, {"c2_n_s2_per_m2": 0.1})
     carried = carry_effect(before, drag, KINDS)
     at = carried.plant.parameters.index(("stiffness", SECOND.id))
@@ -260,7 +260,7 @@ def test_a_law_that_explains_next_to_nothing_beyond_its_limit_is_taken_for_that(
 @pytest.mark.long
 def test_no_hold_of_the_inputs_is_suggested_by_segments(hardened):
     trials, first, fitted = hardened
-    cut, _ = pieces(first.plant, trials)
+    cut, _ = cut_segments(first.plant, trials)
     whole = refit(fitted.fit.plant, cut, values=fitted.fit.values, horizons=(1.0,))
     law = dataclasses.replace(fitted, fit=whole)
     before = refit(first.plant, cut, values=first.values, horizons=(1.0,))

@@ -125,7 +125,7 @@ def test_an_effect_that_stands_out_among_several_is_taken_before_the_others(
 @pytest.mark.parametrize("stands_out", [True, False])
 def test_once_an_effect_stands_out_no_other_proposer_is_asked(lacking, stands_out):
     trials, fit, located = lacking
-    first = StubProposer("first", candidates=(candidate(CUBIC, bare=fit.cost),))
+    first = StubProposer("first", candidates=(candidate(CUBIC, cost_without=fit.cost),))
     second = StubProposer("second")
     how = SearchSettings(KINDS, Monitor(), proposers=(first, second))
     shown = ranked(located, 30.0, 100.0 if stands_out else 31.0)

@@ -9,10 +9,10 @@ import scipy.optimize
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.records import Campaign, Trial
-from slowtime.discrepancy.validation.free_force import FreeForce, Taken
+from slowtime.discrepancy.validation.free_force import FreeForce, ScoreTest
 from slowtime.discrepancy.validation.free_force_test import (
-    Doubt,
-    _shortest,
+    LawDoubt,
+    _distance_to_small_force,
     refuted_by_free_force,
 )
 from slowtime.dynamics.effects import Effect, Kind, Law, Parameter, Place, catalogue
@@ -91,7 +91,7 @@ def test_the_right_law_stands():
 
 
 def test_a_law_of_another_curve_is_refuted_where_it_sits():
-    assert doubt(POWER, DRAG) == Doubt(PLACE, ())
+    assert doubt(POWER, DRAG) == LawDoubt(PLACE, ())
 
 
 @pytest.mark.slow
@@ -107,20 +107,20 @@ def test_a_force_of_another_curve_is_unknown_and_drawn_where_the_nearest_law_clo
 
 
 def test_where_no_other_force_can_be_told_a_law_is_asked_for_itself_alone(monkeypatch):
-    nothing = Taken(gain=0.0, degrees=0, spread=np.zeros((3, 0)), steps=np.zeros(0))
-    monkeypatch.setattr(FreeForce, "taken", lambda self: nothing)
+    nothing = ScoreTest(gain=0.0, degrees=0, spread=np.zeros((3, 0)), steps=np.zeros(0))
+    monkeypatch.setattr(FreeForce, "score_test", lambda self: nothing)
     assert doubt(POWER, DRAG) is None
-    assert doubt(DISPLACED, SINGS) == Doubt(PLACE, (0,))
+    assert doubt(DISPLACED, SINGS) == LawDoubt(PLACE, (0,))
 
 
 def test_negative_damping_that_is_nowhere_negative_does_nothing_of_its_own():
-    assert doubt(DISPLACED, SINGS) == Doubt(PLACE, (0,))
+    assert doubt(DISPLACED, SINGS) == LawDoubt(PLACE, (0,))
 
 
 @pytest.mark.long
 def test_what_lags_in_an_element_is_seen_though_something_on_its_node_was_named():
     seen = [doubt(MAXWELL, RIDER, seed, noise=0.005) for seed in range(12)]
-    assert set(seen) <= {None, Doubt(PLACE, ())}
+    assert set(seen) <= {None, LawDoubt(PLACE, ())}
     assert sum(one is not None for one in seen) >= 8
 
 
@@ -132,7 +132,7 @@ def test_the_right_law_is_hardly_ever_refuted(told):
 
 @pytest.mark.long
 def test_noise_alone_takes_no_law_out_of_what_it_may_be_off(monkeypatch):
-    monkeypatch.setattr("slowtime.discrepancy.validation.free_force_test.BY_CHANCE", 0.9)
+    monkeypatch.setattr("slowtime.discrepancy.validation.free_force_test.REFUTED_P_VALUE", 0.9)
     assert sum(doubt(DRAG, DRAG, seed, noise=0.1) is not None for seed in range(20)) <= 1
 
 
@@ -153,4 +153,6 @@ def test_the_nearest_force_that_is_small_enough_is_the_one_a_minimiser_finds(see
 
     small = scipy.optimize.NonlinearConstraint(size, -np.inf, share**2)
     other = scipy.optimize.minimize(far, share * steps, constraints=[small], tol=1e-14)
-    assert _shortest(power, steps, most) == pytest.approx(other.fun, rel=1e-4, abs=1e-6)
+    assert _distance_to_small_force(power, steps, most) == pytest.approx(
+        other.fun, rel=1e-4, abs=1e-6
+    )

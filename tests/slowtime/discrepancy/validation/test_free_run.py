@@ -5,8 +5,13 @@ import pytest
 
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.noise.colour import white_noise
-from slowtime.discrepancy.records import FEWEST, Trial
-from slowtime.discrepancy.validation.free_run import POINTS, judged, on_heads, spectra_of
+from slowtime.discrepancy.records import MIN_SAMPLES, Trial
+from slowtime.discrepancy.validation.free_run import (
+    SPECTRUM_POINTS,
+    evaluation_trials,
+    refit_on_heads,
+    spectra_of,
+)
 from slowtime.dynamics.plant import Plant
 from tests.slowtime.discrepancy.two_mass_chain import TWO, records_of
 
@@ -19,18 +24,18 @@ def trial_of(samples):
 @pytest.mark.parametrize("samples", [64, 90, 191, 192, 500])
 def test_a_tail_is_a_third_where_that_is_a_record_and_else_the_whole(samples):
     trial = trial_of(samples)
-    (tail,) = judged((trial,), ())
+    (tail,) = evaluation_trials((trial,), ())
     third = samples - samples * 2 // 3
-    assert len(tail.outputs) == (third if third >= FEWEST else samples)
+    assert len(tail.outputs) == (third if third >= MIN_SAMPLES else samples)
     np.testing.assert_array_equal(tail.outputs, trial.outputs[-len(tail.outputs) :])
     held = (trial_of(70),)
-    assert judged((trial,), held) is held
+    assert evaluation_trials((trial,), held) is held
 
 
 def test_a_fit_to_short_pieces_is_judged_as_it_is():
     pieces = tuple(one.part(0, 90) for one in records_of(()))
     fit = refit(Plant.of(TWO), pieces)
-    assert on_heads(fit, pieces) is fit
+    assert refit_on_heads(fit, pieces) is fit
 
 
 @pytest.mark.parametrize("lengths", [(64,), (90, 500), (333,), (4096, 900), (5000,)])
@@ -39,8 +44,8 @@ def test_spectra_of_records_however_short_have_power_everywhere(lengths):
     zeros = [np.zeros_like(trial.outputs) for trial in trials]
     noise = white_noise([[0.04]] * 2)
     spectra = spectra_of(trials, zeros, zeros, noise)
-    assert len(spectra.frequency_hz) <= POINTS
-    assert len(spectra.frequency_hz) >= min(*lengths, 4 * POINTS) // 4
+    assert len(spectra.frequency_hz) <= SPECTRUM_POINTS
+    assert len(spectra.frequency_hz) >= min(*lengths, 4 * SPECTRUM_POINTS) // 4
     assert (spectra.measured > 0).all()
     width = spectra.frequency_hz[1] - spectra.frequency_hz[0]
     variance = np.mean([trial.outputs.var() for trial in trials])

@@ -1,51 +1,52 @@
-"""The reference with its constants changed: responses, free decays, and what it then leaves."""
+"""The reference with changed constants: responses, free decays and residual."""
 
 import dataclasses
 
 import numpy as np
 from jaxtyping import Complex, Float
 
-from .linear_response import FreeSpectra, Linear, Source, parameter_matrices
+from .linear_response import ForceSource, FreeDecaySpectra, LinearModel, parameter_matrices
 from .spectral_lines import Lines, TrialLines
 
-LEAST = 0.05
-"""Share of a constant that a change must leave."""
+MIN_CONSTANT_SHARE = 0.05
+"""[share of a constant] That a change must leave. Source: docs/decisions/0021; a node keeps
+a twentieth of its mass."""
 
 Columns = Complex[np.ndarray, "frequency sensor column"]
-Moved = Complex[np.ndarray, "order frequency dof"]
+MotionSpectra = Complex[np.ndarray, "order frequency dof"]
 Constants = Float[np.ndarray, " constant"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Known:
-    """The constants that may differ from the reference, and how far it is from nominal.
+class LinearConstants:
+    """Constants that may differ from the reference, with their priors.
 
     Parameters
     ----------
     matrices
-        What each adds to stiffness, damping or mass, whole.
+        Contribution of each to stiffness, damping or mass.
     orders
         0 for stiffness, 1 for damping, 2 for mass.
-    ahead
-        By how much the reference already differs from nominal, relative to the reference.
+    reference_change
+        Difference of the reference from nominal, relative to the reference.
     sd
-        Tolerance, relative to the reference.
+        Prior standard deviation, relative to the reference.
     """
 
     matrices: Float[np.ndarray, "constant dof dof"]
     orders: tuple[int, ...]
-    ahead: Constants
+    reference_change: Constants
     sd: Constants
 
     @classmethod
     def of(
         cls,
-        linear: Linear,
+        linear: LinearModel,
         names: tuple[tuple[str, str], ...],
         ahead: Constants,
         sd: Constants,
-    ) -> "Known":
-        """Constants by their names in a plant; matrices are those of the reference."""
+    ) -> "LinearConstants":
+        """Read the matrices of constants, by their names in a plant, from the reference."""
         own = parameter_matrices(linear.description)
         order = {"stiffness": 0, "damping": 1, "mass": 2}
         dofs, seen = linear.structure.dofs, len(linear.description.dofs)
@@ -55,60 +56,64 @@ class Known:
         return cls(
             matrices=matrices,
             orders=tuple(order[name[0]] for name in names),
-            ahead=ahead,
+            reference_change=ahead,
             sd=sd,
         )
 
-    def sums(self, change: Constants) -> Float[np.ndarray, "order dof dof"]:
-        """Change of stiffness, damping and mass."""
+    def matrix_changes(self, change: Constants) -> Float[np.ndarray, "order dof dof"]:
+        """Sum the changes of stiffness, damping and mass."""
         found = np.zeros((3, *self.matrices.shape[1:]))
         for matrix, order, value in zip(self.matrices, self.orders, change, strict=True):
             found[order] += value * matrix
         return found
 
     def within(self, change: Constants) -> Constants:
-        """Hold a change to what leaves every constant its sign."""
-        return np.asarray(np.maximum(change, LEAST - 1.0))
+        """Bound a relative change so that every constant keeps its sign."""
+        return np.asarray(np.maximum(change, MIN_CONSTANT_SHARE - 1.0))
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Tuned:
-    r"""A trial with some constants changed.
+class PerturbedReference:
+    r"""Responses and residual of a trial with some constants changed.
 
     Parameters
     ----------
     compliance, sensed
         Displacement, and reading of the sensors, per force on each coordinate.
     free, decays
-        Free motion, and its reading from each unit of initial state.
+        Free decays, and their readings from each unit initial state.
     shift
-        What the change adds to displacement: :math:`-H (\Delta K q + \Delta C \dot q
+        Displacement that the change adds: :math:`-H (\Delta K q + \Delta C \dot q
         + \Delta M \ddot q)`, with the new :math:`H` and the motion of the reference, which is
         exact but for initial states.
     residual
-        What is left then.
+        Of the changed reference (frequency, sensor).
     """
 
-    linear: Linear
+    linear: LinearModel
     trial: TrialLines
     compliance: Complex[np.ndarray, "frequency dof dof"]
     sensed: Complex[np.ndarray, "frequency sensor dof"]
     decays: Complex[np.ndarray, "frequency sensor state"]
-    free: FreeSpectra
+    free: FreeDecaySpectra
     shift: Complex[np.ndarray, "frequency dof"]
     residual: Lines
 
     @classmethod
     def of(
-        cls, reference: Linear, trial: TrialLines, known: Known, change: Constants
-    ) -> "Tuned":
-        """Change the constants of the reference."""
-        sums = known.sums(change)
+        cls,
+        reference: LinearModel,
+        trial: TrialLines,
+        known: LinearConstants,
+        change: Constants,
+    ) -> "PerturbedReference":
+        """Change the constants of the reference for one trial."""
+        sums = known.matrix_changes(change)
         linear = reference.tuned(*sums)
         compliance = linear.compliance(trial.frequency_hz)
-        sensed = linear.sensed(trial.frequency_hz, compliance)
-        free = linear.free_spectra(trial.frequency_hz, trial.samples, trial.rate_hz)
-        inner = in_space(linear, trial.motion, trial.base)
+        sensed = linear.sensor_response(trial.frequency_hz, compliance)
+        free = linear.free_decay_spectra(trial.frequency_hz, trial.samples, trial.rate_hz)
+        inner = absolute_motion(linear, trial.motion, trial.base)
         pull = -sum(along @ matrix.T for along, matrix in zip(inner, sums, strict=True))
         shift = np.einsum("fab,fb->fa", compliance, pull)
         return cls(
@@ -116,50 +121,54 @@ class Tuned:
             trial=trial,
             compliance=compliance,
             sensed=sensed,
-            decays=free.sensed,
+            decays=free.sensor_response,
             free=free,
             shift=shift,
             residual=trial.residual - np.einsum("fsd,fd->fs", sensed, pull),
         )
 
-    def transfer(self, source: Source | None) -> Lines:
-        """From a place to the sensors."""
+    def transfer(self, source: ForceSource | None) -> Lines:
+        """Frequency response from a place to the sensors; zero without a place."""
         found = np.zeros(self.trial.noise.shape, dtype=complex)
         if source is None:
             return found
         if source.sensor is not None:
             found[:, source.sensor] = 1.0
             return found
-        carried = self.linear.carried(self.trial.frequency_hz)
+        carried = self.linear.base_response(self.trial.frequency_hz)
         return np.asarray(self.sensed @ source.force + source.base * carried)
 
-    def columns(self, known: Known, motion: Moved, base: np.ndarray) -> Columns:
-        """Give what a whole of each constant adds to the sensors along a motion."""
-        inner = in_space(self.linear, motion, base)
+    def columns(
+        self, known: LinearConstants, motion: MotionSpectra, base: np.ndarray
+    ) -> Columns:
+        """Give the readings that doubling each constant would add along a motion."""
+        inner = absolute_motion(self.linear, motion, base)
         pulled = np.empty((*motion.shape[1:], len(known.sd)), dtype=complex)
         for i, (matrix, order) in enumerate(zip(known.matrices, known.orders, strict=True)):
             pulled[:, :, i] = -inner[order] @ matrix.T
         return np.asarray(self.sensed @ pulled)
 
-    def moving(
+    def motion_with(
         self,
-        known: Known,
+        known: LinearConstants,
         change: Constants,
-        motion: Moved,
+        motion: MotionSpectra,
         base: np.ndarray,
         force: Complex[np.ndarray, "frequency dof"],
-    ) -> Moved:
-        """Motion with a force and a further small change, but for initial states."""
-        inner = in_space(self.linear, motion, base)
-        sums = known.sums(change)
+    ) -> MotionSpectra:
+        """Motion with a force and a further small change, without initial states."""
+        inner = absolute_motion(self.linear, motion, base)
+        sums = known.matrix_changes(change)
         pull = force - sum(along @ matrix.T for along, matrix in zip(inner, sums, strict=True))
         shift = self.shift + np.einsum("fab,fb->fa", self.compliance, pull)
         s = 2j * np.pi * self.trial.frequency_hz[:, None]
         return np.asarray(self.trial.motion + np.stack([shift, s * shift, s**2 * shift]))
 
 
-def in_space(linear: Linear, motion: Moved, base: np.ndarray) -> Moved:
-    """Motion that inner forces and inertia hang on: acceleration with that of the base."""
+def absolute_motion(
+    linear: LinearModel, motion: MotionSpectra, base: np.ndarray
+) -> MotionSpectra:
+    """Motion that internal and inertial forces depend on: acceleration is absolute."""
     influence = linear.structure.influence
     if influence is None:
         return motion

@@ -7,11 +7,11 @@ import pytest
 
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.records import Trial
-from slowtime.discrepancy.validation.free_run import on_another
-from slowtime.discrepancy.validation.transfer import (
-    ASTRAY,
-    is_confirmed_elsewhere,
-    same_numbers,
+from slowtime.discrepancy.validation.free_run import refit_on_record
+from slowtime.discrepancy.validation.holdout import (
+    MAX_EXCESS,
+    are_parameters_equal,
+    is_confirmed_on_holdout,
 )
 from slowtime.dynamics.description import Spring
 from slowtime.dynamics.effects import Effect, catalogue
@@ -21,7 +21,7 @@ from tests.slowtime.discrepancy.rigs import ONE, PLACE
 KINDS, RATE = catalogue(), 64.0
 HARD = Effect("cubic_hardening", PLACE, {"k3_n_per_m3": 3e4})
 STOPS = Effect("gap_symmetric", PLACE, {"kg_n_per_m": 150.0, "gap_m": 0.02})
-MUCH = 1 + 10 * ASTRAY
+MUCH = 1 + 10 * MAX_EXCESS
 
 
 def model_of(*effects, of=ONE):
@@ -45,7 +45,7 @@ def fitted():
 
 
 def test_an_error_of_noise_needs_no_second_look(fitted):
-    assert is_confirmed_elsewhere(fitted["gap_symmetric"], 1.0, [recorded(HARD, 9.0, 7)])
+    assert is_confirmed_on_holdout(fitted["gap_symmetric"], 1.0, [recorded(HARD, 9.0, 7)])
 
 
 @pytest.mark.long
@@ -56,8 +56,8 @@ def test_an_error_of_noise_needs_no_second_look(fitted):
 )
 def test_the_right_law_has_the_same_numbers_elsewhere(fitted, begun):
     test = recorded(HARD, 9.0, 7, state0=begun)
-    assert is_confirmed_elsewhere(fitted["cubic_hardening"], MUCH, [test])
-    again = on_another(fitted["cubic_hardening"], test)
+    assert is_confirmed_on_holdout(fitted["cubic_hardening"], MUCH, [test])
+    again = refit_on_record(fitted["cubic_hardening"], test)
     assert again is not None
     assert again.values[-1] == pytest.approx(3e4, rel=0.05)
 
@@ -65,9 +65,9 @@ def test_the_right_law_has_the_same_numbers_elsewhere(fitted, begun):
 def test_a_neighbour_of_the_right_law_has_not(fitted):
     last = fitted["gap_symmetric"]
     assert last.chi2_in_band < 1.5
-    assert not is_confirmed_elsewhere(last, MUCH, [recorded(HARD, 9.0, 7)])
+    assert not is_confirmed_on_holdout(last, MUCH, [recorded(HARD, 9.0, 7)])
     # One record that speaks against it is enough.
-    assert not is_confirmed_elsewhere(
+    assert not is_confirmed_on_holdout(
         last, MUCH, [recorded(HARD, 0.8, 9), recorded(HARD, 9.0, 7)]
     )
 
@@ -82,7 +82,7 @@ def test_numbers_are_the_same_as_far_as_both_are_known(fitted):
         values[fit.plant.parameters.index(fit.prior.names[-1])] = free[-1]
         other = dataclasses.replace(fit, values=values)
         assert other.free[-1] == free[-1]
-        assert same_numbers(fit, other) is same
+        assert are_parameters_equal(fit, other) is same
 
 
 def test_what_floats_drifts_on_its_own_and_is_not_judged_by_that():
@@ -92,4 +92,4 @@ def test_what_floats_drifts_on_its_own_and_is_not_judged_by_that():
     trials = (recorded(drag, 2.0, 1, of=free),)
     fit = refit(model_of(drag, of=free), trials)
     assert fit.noise.drift is not None
-    assert is_confirmed_elsewhere(fit, 1e3, [recorded(drag, 9.0, 7, of=free)])
+    assert is_confirmed_on_holdout(fit, 1e3, [recorded(drag, 9.0, 7, of=free)])

@@ -1,13 +1,18 @@
-r"""A plant whose runs drift, and a record, in; runs with friction along what was measured, out.
+r"""Runs of a drifting plant whose friction acts along the measured motion.
 
-Friction asks which way a thing moves: where a free run has drifted by a little, it turns at the
-wrong instant, and is pushed the wrong way, which no error of the force within its doubt would
-do. So friction is taken along the motion that was measured: that of a linear run with the
-errors :math:`w` that its inputs most probably had,
+Friction depends on the sign of the velocity: a free run that has drifted a little reverses at
+the wrong instant, and its friction then acts in the wrong direction, which no error of the
+inputs would explain. So friction acts along the measured motion (a series-parallel model): that
+of a linear run with the most probable errors :math:`w` of its inputs,
 
 .. math:: w = \arg\min \sum_k |W_k|^2 / S + |R_k - h_k W_k|^2 / N_k .
 
-What the run then leaves is as far off as the sum of the errors of the force, and is weighed so.
+The residual then drifts by the integral of the errors of the force, and is weighted so.
+
+References
+----------
+.. [1] K. S. Narendra, K. Parthasarathy, "Identification and control of dynamical systems using
+   neural networks", IEEE Trans. Neural Networks 1 (1990), for series-parallel models.
 """
 
 import dataclasses
@@ -17,7 +22,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from slowtime.discrepancy.calibration.model_values import with_values
-from slowtime.discrepancy.noise import Noise, drift_of
+from slowtime.discrepancy.noise import Noise, rigid_body_drift
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.description import Description, Input
 from slowtime.dynamics.effects import Effect, Friction, Law, Motion, force_along
@@ -25,19 +30,24 @@ from slowtime.dynamics.plant import Name, Plant
 from slowtime.dynamics.plant.running import Run
 from slowtime.signals.spectra import transform
 
-NUDGE = 1e-4
-"""Relative step of central differences of friction along a motion."""
+DIFFERENCE_STEP = 1e-4
+"""[1] Relative step of central differences of friction. Source: near the cube root of the
+double precision, where truncation and rounding errors balance."""
 
-FADING, LAST = 4, 100
-"""Parts of a record over which what is left fades beyond its end, and that give its slope."""
+EXTRAPOLATED_PART = 4
+"""[1] The residual is extrapolated over one part in so many of the record. Source:
+judgement; no study is recorded."""
+SLOPE_PART = 100
+"""[1] Its slope at the end is fitted to one part in so many of the record. Source:
+judgement; no study is recorded."""
 
 Series = Float[np.ndarray, "time channel"]
 Values = Float[np.ndarray, " parameter"]
-Start = Float[np.ndarray, " state"] | None
+InitialState = Float[np.ndarray, " state"] | None
 
 
-def leads(plant: Plant, noise: Noise) -> bool:
-    """Whether runs drift, and ask which way, and nothing else in them bends."""
+def needs_measured_friction(plant: Plant, noise: Noise) -> bool:
+    """Whether a plant has rigid motions and friction, and no other nonlinear law."""
     actions = [plant.kinds[effect.kind].action for effect in plant.effects]
     asks = any(isinstance(action, Friction) for action in actions)
     bends = any(isinstance(action, Law) for action in actions)
@@ -45,13 +55,19 @@ def leads(plant: Plant, noise: Noise) -> bool:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Led:
-    """Stands for a plant in one record.
+class MeasuredFrictionPlant:
+    """A plant in one record, with its friction along the measured motion.
 
     Parameters
     ----------
+    plant
+        The whole model.
+    trial
+        The record.
+    noise
+        Of all trials.
     number
-        Of the trial, for its noise.
+        Of the trial in `noise`.
     """
 
     plant: Plant
@@ -65,12 +81,12 @@ class Led:
         inputs: Series,
         rate_hz: float,
         *,
-        state0: Start = None,
+        state0: InitialState = None,
         start_s: float = 0.0,
     ) -> Float[np.ndarray, "time sensor"]:
-        """Run along what was measured."""
+        """Run the model; see `Plant.simulate`."""
         bare = self._bare(values)
-        push = bare.rubbing(self._seen(bare, inputs, state0))
+        push = bare.friction_forces(self._seen(bare, inputs, state0))
         return bare.run(inputs, push, state0, self.trial).outputs
 
     def sensitivities(
@@ -80,13 +96,13 @@ class Led:
         rate_hz: float,
         free: Sequence[Name],
         *,
-        state0: Start = None,
+        state0: InitialState = None,
         start_s: float = 0.0,
     ) -> tuple[Float[np.ndarray, "time sensor"], Float[np.ndarray, "time sensor slope"]]:
-        """Run, and give slopes to free parameters and to the first state."""
+        """Run with sensitivities to free parameters and initial state; see `Plant`."""
         bare = self._bare(values)
         seen = self._seen(bare, inputs, state0)
-        push = bare.rubbing(seen)
+        push = bare.friction_forces(seen)
         own = [name for name in free if name not in bare.renamed]
         linear = [bare.renamed[name] for name in free if name in bare.renamed]
         outputs, slopes = bare.plant.sensitivities(
@@ -97,12 +113,12 @@ class Led:
         columns = {}
         for name in own:
             at = self.plant.parameters.index(name)
-            step = NUDGE * max(abs(values[at]), NUDGE)
+            step = DIFFERENCE_STEP * max(abs(values[at]), DIFFERENCE_STEP)
             ends = []
             for sign in (1.0, -1.0):
                 moved = values.copy()
                 moved[at] += sign * step
-                ends.append(self._bare(moved).rubbing(seen))
+                ends.append(self._bare(moved).friction_forces(seen))
             slope = (ends[0] - ends[1]) / (2 * step)
             columns[name] = bare.run(0 * inputs, slope, None, self.trial).outputs - rest
         known = dict(zip(linear, np.moveaxis(slopes, 2, 0), strict=False))
@@ -110,34 +126,40 @@ class Led:
         states = list(np.moveaxis(slopes[:, :, len(linear) :], 2, 0))
         return outputs, np.stack([*parts, *states], axis=2)
 
-    def _bare(self, values: Values) -> "_Bare":
-        return _Bare.of(self.plant, values)
+    def _bare(self, values: Values) -> "_FrictionlessPlant":
+        return _FrictionlessPlant.of(self.plant, values)
 
-    def _seen(self, bare: "_Bare", inputs: Series, state0: Start) -> Run:
-        """Give a linear run that is where it was measured to be."""
+    def _seen(self, bare: "_FrictionlessPlant", inputs: Series, state0: InitialState) -> Run:
+        """Run the linear part with the most probable errors of its inputs."""
         rest = np.zeros((len(inputs), len(bare.nodes)))
         run = bare.run(inputs, rest, state0, self.trial)
         own = dataclasses.replace(bare.plant.description, inputs=self.plant.description.inputs)
-        drift = drift_of(own, (self.trial,))
+        drift = rigid_body_drift(own, (self.trial,))
         assert drift is not None
         rate, count = self.trial.rate_hz, len(inputs)
-        left = _faded(self.trial.measured - run.outputs, self.trial.used)
+        left = _extrapolated(self.trial.measured - run.outputs, self.trial.used)
         frequency, spectrum = transform(left, rate)
         noise = self.noise.density(self.number, frequency)
-        lines = drift.blamed(0, frequency, spectrum, noise)
+        lines = drift.input_errors(0, frequency, spectrum, noise)
         scale = np.sqrt(2.0 / (rate * len(left)))
         errors = np.fft.irfft(lines / scale, len(left), axis=0)[:count]
         return bare.run(inputs + errors, rest, state0, self.trial)
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class _Bare:
-    """A plant without its friction, and with a force on every node that friction acts on.
+class _FrictionlessPlant:
+    """A plant without friction, and with an input force on every node that friction acts on.
 
     Parameters
     ----------
+    plant
+        The model without friction.
+    friction
+        Effects that were taken out.
+    nodes
+        On which these act.
     renamed
-        What a parameter of the whole plant is called here; none of friction.
+        Names of the whole plant's parameters here; those of friction are left out.
     """
 
     plant: Plant
@@ -146,7 +168,7 @@ class _Bare:
     renamed: dict[Name, Name]
 
     @classmethod
-    def of(cls, plant: Plant, values: Values) -> "_Bare":
+    def of(cls, plant: Plant, values: Values) -> "_FrictionlessPlant":
         named = dict(zip(plant.parameters, values.tolist(), strict=True))
         whole = with_values(plant.description, named)
         rubs = [isinstance(plant.kinds[e.kind].action, Friction) for e in plant.effects]
@@ -160,7 +182,7 @@ class _Bare:
             for i, (effect, own) in enumerate(zip(plant.effects, rubs, strict=True))
             if own
         )
-        ends = {node for effect in friction for node in _ends(whole, effect)}
+        ends = {node for effect in friction for node in _end_nodes(whole, effect)}
         nodes = tuple(node for node in plant.matrices.names if node in ends)
         unit = "N" if whole.unit_of_coordinate == "m" else "N m"
         pushes = tuple(
@@ -180,20 +202,20 @@ class _Bare:
                 renamed[name] = (name[0], kept.index(name[1]), name[2])
         return cls(Plant.of(bare, kinds=plant.kinds), friction, nodes, renamed)
 
-    def run(self, inputs: Series, push: Series, state0: Start, trial: Trial) -> Run:
-        """Run with forces on the nodes."""
+    def run(self, inputs: Series, push: Series, state0: InitialState, trial: Trial) -> Run:
+        """Run with inputs (time, input) and forces on the nodes (time, node) [N]."""
         both = np.concatenate([inputs, push], axis=1)
         return self.plant.run(
             self.plant.values, both, trial.rate_hz, state0=state0, start_s=trial.start_s
         )
 
-    def rubbing(self, run: Run) -> Series:
-        """Force of friction on each of the nodes, along a run."""
+    def friction_forces(self, run: Run) -> Series:
+        """Friction force on each of the nodes along a run (time, node) [N]."""
         names = self.plant.matrices.names
         dofs = len(names)
         push = np.zeros((len(run.states), len(self.nodes)))
         for effect in self.friction:
-            ends = _ends(self.plant.description, effect)
+            ends = _end_nodes(self.plant.description, effect)
             pair = [
                 (sign, names.index(node), self.nodes.index(node))
                 for sign, node in zip((-1.0, 1.0), ends, strict=True)
@@ -210,26 +232,26 @@ class _Bare:
         return push
 
 
-def _faded(
+def _extrapolated(
     left: Float[np.ndarray, "time sensor"], used: Bool[np.ndarray, "time sensor"]
 ) -> Float[np.ndarray, "longer sensor"]:
-    """Bridge holes, and let what is left go on beyond the record, and fade to nothing.
+    """Interpolate gaps of a residual, and extrapolate it beyond the record to zero.
 
-    The length is odd, so that all lines but the first count alike.
+    The length is odd, so that all lines but the first have equal weight.
     """
     count = len(left)
     times = np.arange(count)
-    more = count // FADING + 1 - (count + count // FADING) % 2
+    more = count // EXTRAPOLATED_PART + 1 - (count + count // EXTRAPOLATED_PART) % 2
     ahead = np.arange(1, more + 1)
     fade = np.cos(np.pi / 2 * ahead / more) ** 2
     columns = []
     for series, use in zip(left.T, used.T, strict=True):
         whole = np.interp(times, times[use], series[use]) if use.any() else 0 * series
-        last = max(count // LAST, 8)
+        last = max(count // SLOPE_PART, 8)
         slope = np.polyfit(np.arange(last), whole[-last:], 1)[0]
         columns.append(np.concatenate([whole, fade * (whole[-1] + slope * ahead)]))
     return np.stack(columns, axis=1)
 
 
-def _ends(description: Description, effect: Effect) -> tuple[str, str]:
+def _end_nodes(description: Description, effect: Effect) -> tuple[str, str]:
     return next(e for e in description.elements if e.id == effect.place.id).between
