@@ -63,8 +63,8 @@ def test_following_in_parts_of_the_readings_expects_the_first_alike(adopted):
 def test_readings_followed_are_those_of_a_history_that_long(adopted):
     """Coefficients learnt one reading at a time are those of least squares over all."""
     report, time, value, sd, warmth = adopted
-    still = next(member for member in report.augmented.members if member.wander.sd == 0.0)
-    one = slow.SlowModel(report.augmented.past, report.augmented.readings, (still,))
+    still = next(member for member in report.augmented.members if member.process.sd == 0.0)
+    one = slow.MixtureModel(report.augmented.past, report.augmented.readings, (still,))
     followed = slow.follow(one, time, value, sd, told(warmth))
     columns = np.column_stack([np.ones(PAST), report.augmented.past.covariates[0].values])
     later = np.column_stack([np.ones(len(time)), warmth])

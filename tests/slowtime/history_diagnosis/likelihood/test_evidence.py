@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from slowtime.history_diagnosis import evidence
-from slowtime.history_diagnosis.whitening import Wander, whiten
+from slowtime.history_diagnosis.likelihood import evidence
+from slowtime.history_diagnosis.likelihood.whitening import MaternProcess, whiten
 
-WANDER = Wander(1.5, 0.3, 0.5)
+WANDER = MaternProcess(1.5, 0.3, 0.5)
 
 
 @pytest.fixture
@@ -34,8 +34,12 @@ def test_evidence_is_the_dense_student_density(series):
     time, reading, columns = series
     variance = np.array([100.0, 1.0, 0.5, 2.0])
     few = np.array([100.0, 1.0])
-    whole = evidence.posterior(filtered(time, reading, columns), variance, 40).log_evidence
-    part = evidence.posterior(filtered(time, reading, columns[:, :2]), few, 40).log_evidence
+    whole = evidence.coefficient_posterior(
+        filtered(time, reading, columns), variance, 40
+    ).log_evidence
+    part = evidence.coefficient_posterior(
+        filtered(time, reading, columns[:, :2]), few, 40
+    ).log_evidence
     dense = dense_log_evidence(time, reading, columns, variance)
     assert whole - part == pytest.approx(
         dense - dense_log_evidence(time, reading, columns[:, :2], few), rel=1e-8
@@ -47,9 +51,9 @@ def test_many_additions_at_once_are_each_as_if_alone(series):
     base = filtered(time, reading, columns[:, :1])
     added = filtered(time, columns[:, 1:]).white.reshape(40, 3, 1)
     prior = np.array([[1.0], [0.5], [2.0]])
-    found = evidence.many(base, np.array([100.0]), added, prior, 40)
+    found = evidence.log_evidence_of_additions(base, np.array([100.0]), added, prior, 40)
     for i in range(3):
-        alone = evidence.posterior(
+        alone = evidence.coefficient_posterior(
             filtered(time, reading, columns[:, 0], columns[:, 1 + i]),
             np.array([100.0, prior[i, 0]]),
             40,
@@ -59,8 +63,8 @@ def test_many_additions_at_once_are_each_as_if_alone(series):
 
 def test_the_factor_of_the_noise_is_found(rng):
     time = np.linspace(0.0, 1.0, 4000)
-    quiet = Wander(0.5, 1.0, 0.0)
+    quiet = MaternProcess(0.5, 1.0, 0.0)
     reading = 1.4 * rng.standard_normal(4000)
     white = whiten(quiet, time, np.ones(4000), np.column_stack([reading, np.ones(4000)]))
-    found = evidence.posterior(white, np.array([100.0]), 4000)
+    found = evidence.coefficient_posterior(white, np.array([100.0]), 4000)
     assert np.sqrt(found.noise_variance) == pytest.approx(1.4, rel=0.03)

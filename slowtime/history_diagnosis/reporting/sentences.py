@@ -1,19 +1,28 @@
-"""What was found, in sentences; and what to record where it cannot be decided."""
+"""Sentences on effects, and on what to record where they cannot be told apart."""
 
+from slowtime.history_diagnosis.data.history import FilledCovariate
 from slowtime.identification.identified import Measured
 
-from .history import Filled
-from .parameters import Parameter
+from .parameters import EffectParameter
 
 
-def number(measured: Measured, unit: str, *, signed: bool = False) -> str:
-    """Value and standard deviation, to the digits that count.
+def format_measured(measured: Measured, unit: str, *, signed: bool = False) -> str:
+    """Format value and standard deviation, rounded to two digits of the latter.
+
+    Parameters
+    ----------
+    measured
+        Value and standard deviation; without the latter if it is 0.
+    unit
+        Of both; "1" for none.
+    signed
+        Whether a plus sign is shown.
 
     Examples
     --------
-    >>> number(Measured(-0.1134, 0.0123), "%/K", signed=True)
+    >>> format_measured(Measured(-0.1134, 0.0123), "%/K", signed=True)
     '−0.113 ± 0.012 %/K'
-    >>> number(Measured(12.0, 0.0), "day")
+    >>> format_measured(Measured(12.0, 0.0), "day")
     '12 day'
     """
     unit = "" if unit == "1" else f" {unit}"
@@ -24,32 +33,35 @@ def number(measured: Measured, unit: str, *, signed: bool = False) -> str:
         return f"{_minus(f'{measured.value:.3g}')} ± {sd}{unit}"
     if measured.sd < 1.0:
         digits = len(f"{float(sd):.10f}".rstrip("0").split(".")[1])
-        sd = f"{measured.sd:.{digits}f}"
     else:
         digits = 1 if measured.sd < 9.5 else 0
-        sd = f"{measured.sd:.{digits}f}"
     value = f"{measured.value:{'+' if signed else ''}.{digits}f}"
-    return f"{_minus(value)} ± {sd}{unit}"
+    return f"{_minus(value)} ± {measured.sd:.{digits}f}{unit}"
 
 
-def sentence(
-    name: str, subject: str, numbers: tuple[Parameter, ...], covariate: Filled | None
+def effect_sentence(
+    name: str,
+    subject: str,
+    numbers: tuple[EffectParameter, ...],
+    covariate: FilledCovariate | None,
 ) -> str:
-    """One effect in words.
+    """Describe one effect.
 
     Parameters
     ----------
     name
         Of the law.
     subject
-        What the values are: "stiffness".
+        Quantity of the history, as "stiffness".
     numbers
-        Its parameters.
+        Parameters of the effect.
     covariate
-        What it follows, if it follows something.
+        That it follows; None for time.
     """
     told = {
-        p.name: number(p.measured, p.unit, signed="slope" in p.name or "change" in p.name)
+        p.name: format_measured(
+            p.measured, p.unit, signed="slope" in p.name or "change" in p.name
+        )
         for p in numbers
     }
     followed = covariate.name if covariate is not None else ""
@@ -62,10 +74,10 @@ def sentence(
             f"{subject} follows {followed}, bilinear at {told['kink']}: "
             f"{told['slope_below']} below, {told['slope_above']} above{_late(told)}"
         )
-    return f"{subject} {_of_time(name, told, followed)}"
+    return f"{subject} {_predicate(name, told, followed)}"
 
 
-def _of_time(name: str, told: dict[str, str], followed: str) -> str:
+def _predicate(name: str, told: dict[str, str], followed: str) -> str:
     match name:
         case "step":
             return f"changes at once by {told['change']} at {told['time']}"
@@ -111,17 +123,17 @@ def _of_time(name: str, told: dict[str, str], followed: str) -> str:
     raise ValueError(f"There are no words for {name!r}. Add them where the law was added.")
 
 
-def experiment(names: list[str], followed: dict[str, str], span: str) -> str:
-    """Say what to record so that laws that cannot be told apart now can be then.
+def suggest_experiment(names: list[str], followed: dict[str, str], span: str) -> str:
+    """Suggest what to record so that undecided laws can be told apart.
 
     Parameters
     ----------
     names
-        Of the laws; "nothing_missing" is one.
+        Of the undecided laws; "nothing_missing" may be one.
     followed
-        Name of the covariate of each law that follows one.
+        Covariate of each law that follows one.
     span
-        Length of the history, told.
+        Length of the history, formatted.
     """
     covariates = sorted({followed[name] for name in names if name in followed})
     timed = [name for name in names if name not in followed and name != "nothing_missing"]

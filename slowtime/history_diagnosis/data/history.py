@@ -1,19 +1,24 @@
-"""A history as it is given, checked and put in order; and in units of its own, to work in."""
+"""Histories of a feature and its covariates: checked, sorted and scaled."""
 
 import dataclasses
 from typing import Literal, TypeAlias
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from slowtime.estimation import hyperparameters, matern
 
 Role = Literal["temperature", "load", "vibration", "other"]
 Series: TypeAlias = Float[np.ndarray, " time"]
 
-FEWEST = 20
-_KNOTS = 400  # readings of a covariate from which its gaps are learnt to be filled
-_HINTS: tuple[tuple[str, Role], ...] = (
+FEWEST_EPOCHS = 20
+"""[epochs] Fewest from which a history is diagnosed. Source: judgement."""
+_FILL_READINGS = 400
+"""[readings] Of a covariate, from which the process that fills its gaps is learnt. Source: a
+bound on computing time."""
+_FILL_NOISE_SD = 0.02
+"""[standard deviations of the covariate] Noise assumed of it then. Source: judgement."""
+_ROLE_HINTS: tuple[tuple[str, Role], ...] = (
     ("temp", "temperature"),
     ("°c", "temperature"),
     ("load", "load"),
@@ -28,16 +33,16 @@ _HINTS: tuple[tuple[str, Role], ...] = (
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Covariate:
-    """What was read beside the value at each epoch, and might drive it.
+    """A quantity measured at each epoch that may drive the feature.
 
     Parameters
     ----------
     name, unit
-        For people.
+        As shown in the report.
     values
-        One for each epoch; NaN where missing.
+        One for each epoch, in `unit`; NaN where missing.
     role
-        What it is: decides which laws are tried. Left out, it is guessed from name and unit.
+        Decides which laws are tried; guessed from name and unit if None.
     """
 
     name: str
@@ -51,19 +56,19 @@ class Covariate:
         if self.role is not None:
             return self.role
         text = f"{self.name} {self.unit}".lower()
-        return next((role for hint, role in _HINTS if hint in text), "other")
+        return next((role for hint, role in _ROLE_HINTS if hint in text), "other")
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class History:
-    """Epochs in ascending order of time, all with a value.
+class FeatureHistory:
+    """Epochs in ascending order of time, each with a finite value.
 
     Parameters
     ----------
     time, value, sd
-        Slow times, values and their stated standard deviations.
+        Slow times, values and their stated standard deviations, in the user's units.
     covariates
-        Of the same epochs.
+        At the same epochs.
     """
 
     time: Series
@@ -73,17 +78,19 @@ class History:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Filled:
-    """A covariate without gaps, scaled to zero mean and unit spread.
+class FilledCovariate:
+    """A covariate without gaps, scaled to zero mean and unit standard deviation.
 
     Parameters
     ----------
+    name, unit, role
+        As of the covariate.
     values
-        As scaled; smoothed across gaps.
+        Scaled values [1]; interpolated where they were missing.
     sd
-        What a filled value may be wrong by; 0 where it was read.
+        Standard deviation of the interpolated values [1]; 0 where they were measured.
     centre, scale
-        ``covariate = centre + scale * values``.
+        ``covariate = centre + scale * values``, in `unit`.
     """
 
     name: str
@@ -96,43 +103,64 @@ class Filled:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Scaled:
-    """A history with time from 0 to 1, and values of zero median and unit spread.
+class ScaledHistory:
+    """A history with time from 0 to 1 and values of zero median and unit scatter.
 
     Parameters
     ----------
     time, value, sd
-        As scaled.
+        Scaled [1].
     covariates
         Filled and scaled.
     start, span
-        ``time in its unit = start + span * time``.
+        ``slow time = start + span * time``, in the unit of slow time.
     centre, scale
         ``value in its unit = centre + scale * value``.
     gap
-        Typical step from epoch to epoch, scaled.
+        Median step between epochs, scaled [1].
     """
 
     time: Series
     value: Series
     sd: Series
-    covariates: tuple[Filled, ...]
+    covariates: tuple[FilledCovariate, ...]
     start: float
     span: float
     centre: float
     scale: float
     gap: float
 
+    @property
+    def steps(self) -> Series:
+        """Time since the epoch before; 0 at the first [1]."""
+        return np.diff(self.time, prepend=self.time[0])
 
-def history(
+
+def checked_history(
     slow_time: Series,
     value: Series,
     sd: Series,
     covariates: tuple[Covariate, ...] = (),
     *,
-    fewest: int = FEWEST,
-) -> History:
-    """Check readings, pass over those that are not finite, and put the rest in order."""
+    fewest: int = FEWEST_EPOCHS,
+) -> FeatureHistory:
+    """Check a history, drop epochs that are not finite, and sort the others by time.
+
+    Parameters
+    ----------
+    slow_time, value, sd
+        One for each epoch, in any order, in the user's units.
+    covariates
+        At the same epochs.
+    fewest
+        Fewest usable epochs that are accepted.
+
+    Raises
+    ------
+    ValueError
+        If lengths differ, names repeat, too few epochs are usable, or no standard deviation
+        is positive.
+    """
     lengths = {"value": len(value), "sd": len(sd)}
     lengths |= {f"covariate {c.name!r}": len(c.values) for c in covariates}
     wrong = {name: length for name, length in lengths.items() if length != len(slow_time)}
@@ -157,7 +185,7 @@ def history(
             "Every standard deviation is 0, so nothing could be called noise. Give that of "
             "each value, as the identification states it."
         )
-    return History(
+    return FeatureHistory(
         slow_time[order],
         value[order],
         sd[order],
@@ -165,8 +193,11 @@ def history(
     )
 
 
-def scaled(past: History) -> Scaled:
-    """Put a history in units of its own."""
+def scale_history(past: FeatureHistory) -> ScaledHistory:
+    """Scale time, values and covariates; drop covariates that are constant or mostly missing.
+
+    The scale of the values is their standard deviation without those beyond six robust ones.
+    """
     start, span = float(past.time[0]), float(past.time[-1] - past.time[0])
     centre = float(np.median(past.value))
     away = np.abs(past.value - centre)
@@ -175,11 +206,11 @@ def scaled(past: History) -> Scaled:
     time = (past.time - start) / span
     steps = np.diff(time)
     sd = past.sd / scale
-    return Scaled(
+    return ScaledHistory(
         time,
         (past.value - centre) / scale,
         np.maximum(sd, 1e-3 * float(np.median(sd[sd > 0.0]))),
-        tuple(filled(time, c) for c in past.covariates if np.ptp(_known(c)) > 0.0),
+        tuple(fill_covariate(time, c) for c in past.covariates if _varies(c)),
         start,
         span,
         centre,
@@ -188,32 +219,35 @@ def scaled(past: History) -> Scaled:
     )
 
 
-def filled(time: Series, covariate: Covariate) -> Filled:
-    """Scale a covariate and fill its gaps, saying how well.
+def fill_covariate(time: Series, covariate: Covariate) -> FilledCovariate:
+    """Scale a covariate and fill its gaps by Gaussian-process regression on itself.
 
-    A gap is filled with what a Matérn process, learnt from the covariate itself, expects there.
+    Parameters
+    ----------
+    time
+        Scaled time [1], ascending.
+    covariate
+        In its unit, with at least one finite value.
     """
     known = np.isfinite(covariate.values)
     centre, scale = float(covariate.values[known].mean()), float(covariate.values[known].std())
     values = (covariate.values - centre) / scale
     sd = np.zeros(len(values))
     if not known.all():
-        every = max(1, int(known.sum()) // _KNOTS)
+        every = max(1, int(known.sum()) // _FILL_READINGS)
         learnt = np.flatnonzero(known)[::every]
+        noise_sd = np.full(len(values), _FILL_NOISE_SD)
         process = hyperparameters.fit(
-            time[learnt], values[learnt], np.full(len(learnt), 0.02), smoothness=0.5
+            time[learnt], values[learnt], noise_sd[learnt], smoothness=0.5
         ).process
-        smooth = matern.smooth(process, time, values, np.full(len(values), 0.02))
+        smooth = matern.smooth(process, time, values, noise_sd)
         values = np.where(known, values, smooth.mean)
         sd = np.where(known, 0.0, np.minimum(smooth.sd, 1.0))
-    return Filled(covariate.name, covariate.unit, covariate.meaning, values, sd, centre, scale)
+    return FilledCovariate(
+        covariate.name, covariate.unit, covariate.meaning, values, sd, centre, scale
+    )
 
 
-def _known(covariate: Covariate) -> Float[np.ndarray, " known"]:
+def _varies(covariate: Covariate) -> bool:
     known = covariate.values[np.isfinite(covariate.values)]
-    return known if len(known) >= FEWEST // 2 else np.zeros(1)
-
-
-def used(mask: Bool[np.ndarray, " time"], variance: Series) -> Series:
-    """Variances, infinite where a reading is not to be used."""
-    return np.where(mask, variance, np.inf)
+    return len(known) >= FEWEST_EPOCHS // 2 and float(np.ptp(known)) > 0.0

@@ -1,4 +1,4 @@
-"""The answer of a diagnosis in slow time in; ``report.json`` and ``report.html`` out."""
+"""Diagnosis of a history as a document, ``report.json``, and as a page, ``report.html``."""
 
 import json
 import time
@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from slowtime import history_diagnosis as slow
-from slowtime.history_diagnosis import SlowEffect, SlowReport
+from slowtime.history_diagnosis import HistoryEffect, HistoryReport, diagnose_history
 from slowtime_schemas.slow_diagnosis_file import SlowDiagnosisFile
 from slowtime_services.reports import Chart, Section, Table, write_page
 
@@ -18,8 +17,8 @@ from .charts import AUGMENTED, MEASURED, NOMINAL
 from .histories import History
 from .words import VERDICTS, named
 
-MOST = 2_000
-"""Readings of a chart."""
+_MOST_POINTS = 2_000
+"""[readings] Of a chart. Source: a bound on the size of the page."""
 
 _SCALES = {"stiffness_change": (100.0, "%"), "frequency_ratio": (100.0, "%"),
            "frequency_hz": (1.0, "Hz")}  # fmt: skip
@@ -27,18 +26,25 @@ _TITLES = {"stiffness_change": "stiffness change", "frequency_ratio": "frequency
            "frequency_hz": "frequency"}  # fmt: skip
 
 
-def diagnose_slowly(
+def diagnose_with_document(
     history: History, *, progress: Callable[[str, float], None] | None = None
-) -> tuple[SlowReport, dict[str, Any]]:
-    """Say what a history follows.
+) -> tuple[HistoryReport, dict[str, Any]]:
+    """Diagnose a history, and return the report and its document.
+
+    Parameters
+    ----------
+    history
+        Of one twin or table.
+    progress
+        Called with the stage and the share that is done.
 
     Raises
     ------
     ValueError
-        Where there are too few epochs; the text says what to do.
+        If there are too few epochs; the text says what to do.
     """
     began = time.monotonic()
-    report = slow.diagnose_history(
+    report = diagnose_history(
         history.time,
         history.value,
         history.sd,
@@ -47,7 +53,7 @@ def diagnose_slowly(
         time_unit=history.time_unit,
         progress=progress,
     )
-    document = slow_document(
+    document = history_document(
         report,
         of=history.of,
         quantity=history.quantity,
@@ -57,10 +63,22 @@ def diagnose_slowly(
     return report, document
 
 
-def slow_document(
-    report: SlowReport, *, of: str, quantity: str, time_unit: str, seconds: float
+def history_document(
+    report: HistoryReport, *, of: str, quantity: str, time_unit: str, seconds: float
 ) -> dict[str, Any]:
-    """Write a report as the object that stands for it; what is not finite is left out."""
+    """Return the document of a report; parameters that are not finite are left out.
+
+    Parameters
+    ----------
+    report
+        Of the diagnosis.
+    of
+        Name of the twin or table.
+    quantity, time_unit
+        Of the history.
+    seconds
+        Time that the diagnosis took.
+    """
     gap = report.gap
     document = {
         "slowtime_slow_diagnosis": 1,
@@ -87,16 +105,26 @@ def slow_document(
         "noise_factor": report.noise_factor,
         "outliers": list(report.outliers),
         "ignored_covariates": list(report.ignored),
-        "readings": len(report.picture.time),
-        "since": float(report.picture.time[0]),
-        "until": float(report.picture.time[-1]),
+        "readings": len(report.plot_series.time),
+        "since": float(report.plot_series.time[0]),
+        "until": float(report.plot_series.time[-1]),
         "seconds": seconds,
     }
     return SlowDiagnosisFile.model_validate_json(json.dumps(document)).model_dump(mode="json")
 
 
-def write_slow_results(folder: Path, report: SlowReport, document: dict[str, Any]) -> None:
-    """Write ``report.json`` and ``report.html``; what is there is replaced."""
+def write_history_results(
+    folder: Path, report: HistoryReport, document: dict[str, Any]
+) -> None:
+    """Write ``report.json`` and ``report.html``, replacing earlier ones.
+
+    Parameters
+    ----------
+    folder
+        Made if it does not exist.
+    report, document
+        Of `diagnose_with_document`.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False)
     (folder / "report.json").write_text(text + "\n", encoding="utf-8")
@@ -105,7 +133,7 @@ def write_slow_results(folder: Path, report: SlowReport, document: dict[str, Any
     write_page(folder / "report.html", title, document["sentence"], sections)
 
 
-def _effect(effect: SlowEffect) -> dict[str, Any]:
+def _effect(effect: HistoryEffect) -> dict[str, Any]:
     return {
         "effect": effect.effect,
         "family": effect.family,
@@ -124,7 +152,7 @@ def _effect(effect: SlowEffect) -> dict[str, Any]:
     }
 
 
-def _sections(report: SlowReport, document: dict[str, Any]) -> Iterator[Section]:
+def _sections(report: HistoryReport, document: dict[str, Any]) -> Iterator[Section]:
     yield Section("The gap", (), [_gap(report)])
     if report.effects:
         rows = [
@@ -156,7 +184,7 @@ def _sections(report: SlowReport, document: dict[str, Any]) -> Iterator[Section]
     yield Section("What is left", [f"What is left {rest}.", noise, outliers])
 
 
-def _gap(report: SlowReport) -> Chart:
+def _gap(report: HistoryReport) -> Chart:
     gap = report.gap
     names = ["as it was", "with the effects", "noise alone"]
     shown = [100 * value for value in (gap.nominal, gap.augmented, gap.noise_floor)]
@@ -172,11 +200,11 @@ def _gap(report: SlowReport) -> Chart:
     )
 
 
-def _history(report: SlowReport, document: dict[str, Any]) -> Chart:
-    picture = report.picture
+def _history(report: HistoryReport, document: dict[str, Any]) -> Chart:
+    series = report.plot_series
     scale, unit = _SCALES[document["quantity"]]
-    step = max(1, len(picture.time) // MOST)
-    time = picture.time[::step]
+    step = max(1, len(series.time) // _MOST_POINTS)
+    time = series.time[::step]
 
     def line(values: Float[np.ndarray, " time"], name: str, colour: str) -> dict[str, Any]:
         return {
@@ -186,25 +214,25 @@ def _history(report: SlowReport, document: dict[str, Any]) -> Chart:
 
     read = {
         "type": "scatter", "mode": "markers", "name": "read", "x": time.tolist(),
-        "y": _plain(scale * picture.value[::step]), "marker": {"color": MEASURED, "size": 4},
+        "y": _plain(scale * series.value[::step]), "marker": {"color": MEASURED, "size": 4},
     }  # fmt: skip
     along = {"title": {"text": f"slow time [{document['slow_time_unit']}]"}}
     up = {"title": {"text": f"{_TITLES[document['quantity']]} [{unit}]"}}
     return Chart(
         [
             read,
-            line(picture.nominal, "expected as it was", NOMINAL),
-            line(picture.augmented, "expected with the effects", AUGMENTED),
+            line(series.nominal, "expected as it was", NOMINAL),
+            line(series.augmented, "expected with the effects", AUGMENTED),
         ],
         {"xaxis": along, "yaxis": up},
         "Readings, and what either model expected of each from all before it.",
     )
 
 
-def _curve(effect: SlowEffect) -> Chart:
+def _curve(effect: HistoryEffect) -> Chart:
     curve = effect.curve
     assert curve is not None
-    step = max(1, len(curve.points_x) // MOST)
+    step = max(1, len(curve.points_x) // _MOST_POINTS)
     band = {
         "type": "scatter", "mode": "lines", "name": "95 % band", "fill": "toself",
         "x": [*curve.x.tolist(), *curve.x[::-1].tolist()],
