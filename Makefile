@@ -13,7 +13,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # Not --quiet: a first installation takes a minute or more, and says what it is at.
 PIP_INSTALL := $(BIN)/python -m pip --disable-pip-version-check install --progress-bar on -c constraints.txt
 
-.PHONY: demo test test-long test-slow blind blind-pairs blind-slow peers peers-torch faults load check bench tutorials gallery surrogates figures docs pictures clean help
+.PHONY: demo test test-long test-slow blind blind-pairs blind-slow peers peers-torch faults load mutation check bench tutorials gallery surrogates figures docs pictures clean help
 
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
@@ -66,6 +66,10 @@ check: .venv/dev  ## format, lint, strict types, import contracts, docs tests
 faults: .venv/dev  ## real processes killed, frozen, cut off and lied to, and the account after; N=200 SEED=1 SECONDS=60 JOBS=4
 	$(BIN)/python -m tests.faults --cases $(or $(N),200) --seed $(or $(SEED),1) --seconds $(or $(SECONDS),60) \
 		--jobs $(or $(JOBS),4) --out var/faults
+
+mutation: .venv/dev  ## lines changed at random, and the tests that run them; survivors; LINES=200 SEED=1 ROOMS="slowtime twin_server edge_agent"
+	$(BIN)/python -m tests.mutation --lines $(or $(LINES),200) --seed $(or $(SEED),1) \
+		--rooms $(or $(ROOMS),slowtime twin_server edge_agent)
 
 load: .venv/dev  ## ten thousand assets on this machine: loss, latencies, memory; DURATION_S=1800
 	$(BIN)/python -m benchmarks.load --seconds $(or $(DURATION_S),1800)

@@ -7,7 +7,10 @@ from pathlib import Path
 import click
 
 from slowtime_services.diagnose.histories import History, read_history
-from slowtime_services.diagnose.slow import diagnose_slowly, write_slow_results
+from slowtime_services.diagnose.history_document import (
+    diagnose_with_document,
+    write_history_results,
+)
 from slowtime_services.files import RecordError
 from twin_server.diagnose.slow import left_in
 from twin_server.persist import Store, WrongStoreError, backup, is_url, open_store
@@ -27,8 +30,8 @@ def look_back(
 ) -> None:
     """Diagnose a history, write the report, and say what was found."""
     history = _history(source, twin)
-    report, document = diagnose_slowly(history, progress=progress)
-    write_slow_results(out, report, document)
+    report, document = diagnose_with_document(history, progress=progress)
+    write_history_results(out, report, document)
     click.echo(f"{report.verdict.replace('_', ' ')}: {report.sentence}")
     rows = []
     for effect in report.effects:

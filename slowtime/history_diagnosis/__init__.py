@@ -1,16 +1,17 @@
-"""A history of frequency or stiffness in; what it follows, named, and a model to adopt, out."""
+"""A history of frequency or stiffness in; the effects that it follows, and a model, out."""
 
+from .data.history import Covariate
 from .diagnose import adopt, diagnose_history
-from .history import Covariate
-from .model import Band, SlowModel, follow, forecast, undo
-from .report import SlowEffect, SlowReport
+from .forecasting.forecast import PredictionBand, follow, forecast
+from .forecasting.mixture import MixtureModel, undo
+from .reporting.report import HistoryEffect, HistoryReport
 
 __all__ = [
-    "Band",
     "Covariate",
-    "SlowEffect",
-    "SlowModel",
-    "SlowReport",
+    "HistoryEffect",
+    "HistoryReport",
+    "MixtureModel",
+    "PredictionBand",
     "adopt",
     "diagnose_history",
     "follow",

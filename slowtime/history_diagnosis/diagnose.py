@@ -1,37 +1,23 @@
-"""A history diagnosed: what it follows, how surely, and what adopting that is worth."""
+"""Diagnosis of a history: selection of effects, and the adoption of a model."""
 
 from collections.abc import Callable, Sequence
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.identification.identified import Measured
-
-from . import model, modes, pictures, words
-from .history import Covariate, Filled, Scaled, Series, history, scaled
-from .kinds import kinds
-from .law import Readings, solve
-from .model import SlowModel
-from .outliers import agreeing, left_over
-from .parameters import Parameter, Units, parameters
-from .report import Alternative, SlowEffect, SlowReport, Verdict
-from .search import Contest, Found, search
-from .swapped import Swap, swapped
-
-Quantity = Literal["stiffness_change", "frequency_ratio", "frequency_hz"]
+from .data.history import Covariate, ScaledHistory, Series, checked_history, scale_history
+from .data.mode_swaps import ModeSwap, find_mode_swap
+from .forecasting.mixture import MixtureModel, build_model, rival_members
+from .laws.catalogue import candidate_laws
+from .laws.terms import ScreenedHistory
+from .reporting.report import HistoryReport
+from .reporting.summary import Quantity, summarize
+from .selection.forward_selection import select_terms
+from .selection.mode_departures import find_departure, mode_average
+from .selection.outliers import covariate_residual, inlier_mask
 
 Readouts: TypeAlias = Float[np.ndarray, " time"] | Float[np.ndarray, "time mode"]
-
-_SUBJECT = {
-    "stiffness_change": ("stiffness", "%", 100.0),
-    "frequency_ratio": ("frequency", "%", 100.0),
-    "frequency_hz": ("frequency", "Hz", 1.0),
-}
-_DECIDED = 0.8  # probability of a family from which on it is named
-_MENTIONED = 0.05
-_POSSIBLE = 0.5  # probability of something from which on nothing is not claimed either
-_WHITE = 0.01
 
 
 def diagnose_history(
@@ -44,36 +30,41 @@ def diagnose_history(
     time_unit: str = "day",
     max_effects: int = 3,
     progress: Callable[[str, float], None] | None = None,
-) -> SlowReport:
-    """Find what a history of features follows that its twin does not know of.
+) -> HistoryReport:
+    """Find the effects that a history of features follows and its twin lacks.
 
-    The twin as it is expects a constant that wanders (a Matérn process whose spread and length
-    are learnt). An effect is named if the readings are much more probable with it, by the
-    state-space likelihood with coefficients integrated out and shapes paid for; and one by
-    one, until nothing more is missing.
+    The nominal model is a constant plus a Matérn process whose variance and length are learnt.
+    Effects are added by forward selection on the marginal likelihood of the state-space model,
+    coefficients integrated out and shapes penalised.
 
     Parameters
     ----------
     slow_time
         Of the epochs, in any order and at any distance.
     value, sd
-        Relative change of stiffness, or frequency, with its stated standard deviation (which
-        may be wrong by a factor that all share); NaN where missing. With several modes, one
-        column each: what they do together is diagnosed, and whether one leaves the others.
+        Relative change of stiffness [1], relative frequency [1] or frequency [Hz], with its
+        stated standard deviation (which may be wrong by a common factor); NaN where missing.
+        With several modes, one column each: their average is diagnosed, and whether one mode
+        departs from the others.
     covariates
-        What was read beside; with gaps.
+        Measured at the same epochs; may have gaps.
     quantity
-        What the values are.
+        Which of the three the values are.
     time_unit
-        Of slow time: "s", "min", "h", "day", "year", or any other name for what is no time.
+        Of slow time: "s", "min", "h", "day", "year", or another name for what is no time.
     max_effects
-        Where to stop.
+        Most effects that are added.
     progress
-        Called with a word and the share that is done.
+        Called with the stage and the share that is done.
 
     Returns
     -------
-    The report; `adopt` makes the model of it that foretells.
+    The report; `adopt` returns the model with which to forecast.
+
+    Raises
+    ------
+    ValueError
+        If the history cannot be used; the text says what to change.
 
     Examples
     --------
@@ -86,58 +77,49 @@ def diagnose_history(
     >>> report.verdict, report.effects[0].effect
     ('missing_effect', 'temperature_linear')
     """
-    tell = progress or (lambda word, share: None)
-    gone = None
+    tell = progress or (lambda stage, share: None)
+    departed = None
     if value.ndim == 2 and value.shape[1] > 1:
         tell("modes", 0.0)
-        gone = modes.departure(slow_time, value, sd)
-        if gone is not None:
-            value, sd = modes.without(value, gone), modes.without(sd, gone)
-        value, sd = modes.together(value, sd)
-    past = history(slow_time, value.reshape(len(value)), sd.reshape(len(sd)), tuple(covariates))
-    inner = scaled(past)
-    readings, swap = _judged(inner)
-    tried = kinds(inner, time_unit)
-    found = search(readings, tried, max_effects, tell)
-    nominal = model.learn(past, found.readings, (), found.nominal.wander)
+        departed = find_departure(slow_time, value, sd)
+        if departed is not None:
+            value, sd = (np.delete(each, departed.mode, axis=1) for each in (value, sd))
+        value, sd = mode_average(value, sd)
+    shape = (len(value),)
+    past = checked_history(
+        slow_time, value.reshape(shape), sd.reshape(shape), tuple(covariates)
+    )
+    inner = scale_history(past)
+    readings, swap = _screen(inner)
+    found = select_terms(readings, candidate_laws(inner, time_unit), max_effects, tell)
+    nominal = build_model(past, found.readings, (), found.nominal.process)
     augmented = nominal
     if terms := found.augmented.terms:
-        augmented = model.learn(
-            past,
-            found.readings,
-            terms,
-            found.augmented.wander,
-            nominal,
-            model.rivals(found.contests),
-        )
+        rivals = rival_members(found.comparisons)
+        process = found.augmented.process
+        augmented = build_model(past, found.readings, terms, process, nominal, rivals)
     tell("done", 1.0)
-    return _report(found, nominal, augmented, quantity, time_unit, swap, gone)
+    return summarize(found, nominal, augmented, quantity, time_unit, swap, departed)
 
 
-def _judged(past: Scaled) -> tuple[Readings, Swap | None]:
-    """Sort out which readings are none of this mode, or outliers."""
-    nothing, barred = np.empty((len(past.time), 0)), np.zeros(len(past.time), dtype=bool)
-    mask = agreeing(past, nothing, barred)
-    swap = swapped(left_over(past, mask))
-    if swap is not None:
-        barred = swap.which
-        mask = agreeing(past, nothing, barred)
-    return Readings(past, mask, past.sd**2, barred), swap
-
-
-def adopt(report: SlowReport, effects: Sequence[int] | None = None) -> SlowModel:
-    """Take effects of a report into the twin: the model with which to foretell.
+def adopt(report: HistoryReport, effects: Sequence[int] | None = None) -> MixtureModel:
+    """Return the model with effects of a report.
 
     Parameters
     ----------
     report
         Of `diagnose_history`.
     effects
-        Indices of those to adopt; left out, all.
+        Indices of those to adopt; None for all.
 
     Returns
     -------
-    For `forecast` and `follow`; `undo` gives back the one before.
+    For `forecast` and `follow`; `undo` returns the one before.
+
+    Raises
+    ------
+    ValueError
+        If an index is not that of an effect.
     """
     count = len(report.effects)
     if wrong := [index for index in effects or () if not 0 <= index < count]:
@@ -146,172 +128,19 @@ def adopt(report: SlowReport, effects: Sequence[int] | None = None) -> SlowModel
             "0, or none for all of them."
         )
     whole = report.augmented
-    laws = range(len(whole.names))
-    chosen = [index for index in laws if effects is None or index in effects]
-    if len(chosen) == len(whole.names):
-        return whole
     best = whole.members[0]
-    terms = tuple(best.terms[index] for index in chosen)
-    return model.learn(whole.past, whole.readings, terms, best.wander, report.nominal)
+    terms = tuple(t for i, t in enumerate(best.terms) if effects is None or i in effects)
+    if len(terms) == len(best.terms):
+        return whole
+    return build_model(whole.past, whole.readings, terms, best.process, report.nominal)
 
 
-def _report(
-    found: Found,
-    nominal: SlowModel,
-    augmented: SlowModel,
-    quantity: Quantity,
-    time_unit: str,
-    swap: Swap | None,
-    gone: modes.Departure | None,
-) -> SlowReport:
-    subject, unit, factor = _SUBJECT[quantity]
-    units = Units(unit, factor, time_unit)
-    past, mask = augmented.readings.past, augmented.readings.mask
-    laws = tuple(
-        _effect(found.contests[i], augmented, i, subject, units)
-        for i in range(len(augmented.names))
-    )
-    effects = (*laws, *_of_sensors(augmented, swap, gone, units))
-    undecided = _undecided(found, len(laws))
-    verdict = _verdict(effects, undecided)
-    best = augmented.members[0]
-    spread = float(
-        np.sqrt(solve(augmented.readings, best.terms, best.wander)[0].noise_variance)
-    )
-    p_value = pictures.whiteness(augmented)
-    followed = {name: who for contest in (*found.contests, found.last)
-                for name, who in _followed(contest, past.covariates)}  # fmt: skip
-    span = f"{past.span:.3g} {time_unit}"
-    return SlowReport(
-        verdict=verdict,
-        sentence=_sentence(verdict, effects, undecided, subject),
-        effects=effects,
-        undecided=undecided,
-        experiment=words.experiment(list(undecided), followed, span) if undecided else "",
-        nothing_probability=found.last.nothing.probability,
-        gap=pictures.gap(nominal, augmented),
-        residual_white=p_value > _WHITE,
-        white_p_value=p_value,
-        wander_sd=past.scale * best.wander.sd * spread,
-        wander_length=past.span * best.wander.length if best.wander.sd > 0.0 else 0.0,
-        noise_factor=spread,
-        outliers=tuple(augmented.past.time[~mask].tolist()),
-        swapped=() if swap is None else tuple(augmented.past.time[swap.which].tolist()),
-        ignored=tuple(
-            c.name
-            for c in augmented.past.covariates
-            if c.name not in {f.name for f in past.covariates}
-        ),
-        picture=pictures.picture(nominal, augmented),
-        nominal=nominal,
-        augmented=augmented,
-    )
-
-
-def _effect(
-    contest: Contest, augmented: SlowModel, place: int, subject: str, units: Units
-) -> SlowEffect:
-    """Tell one law: its numbers, its rivals, its words."""
-    term = augmented.members[0].terms[place]
-    covariates = augmented.readings.past.covariates
-    followed = None if term.kind.covariate is None else covariates[term.kind.covariate]
-    numbers = parameters(augmented.readings, augmented.members, place, units)
-    own = (term.kind.name, term.kind.covariate)
-    probability = sum(p for name, who, p, _ in contest.by_name() if (name, who) == own)
-    rivals = [
-        Alternative(name, None if who is None else covariates[who].name, p)
-        for name, who, p, _ in contest.by_name()
-        if (name, who) != own and p > 0.001
-    ]
-    return SlowEffect(
-        term.kind.name,
-        term.kind.family,
-        None if followed is None else followed.name,
-        numbers,
-        probability,
-        tuple(rivals),
-        words.sentence(term.kind.name, subject, numbers, followed),
-        pictures.curve(augmented, place),
-    )
-
-
-def _of_sensors(
-    augmented: SlowModel,
-    swap: Swap | None,
-    gone: modes.Departure | None,
-    units: Units,
-) -> list[SlowEffect]:
-    """Tell what is no law of the structure: another mode read for it, a mode gone astray."""
-    found = []
+def _screen(past: ScaledHistory) -> tuple[ScreenedHistory, ModeSwap | None]:
+    """Find outliers, and readings of another mode."""
+    nothing, barred = np.empty((len(past.time), 0)), np.zeros(len(past.time), dtype=bool)
+    mask = inlier_mask(past, nothing, barred)
+    swap = find_mode_swap(covariate_residual(past, mask))
     if swap is not None:
-        size = units.factor * augmented.readings.past.scale
-        offset = Measured(size * swap.offset, size * swap.sd)
-        share = Measured(100.0 * float(swap.which.mean()), 0.0)
-        numbers = (Parameter("offset", offset, units.value), Parameter("share", share, "%"))
-        told = (
-            f"{words.number(share, '%')} of the readings lie together at "
-            f"{words.number(offset, units.value)} from the others: another mode is read in "
-            "the place of this one"
-        )
-        found.append(SlowEffect("mode_swap", "sensor", None, numbers, 0.99, (), told, None))
-    if gone is not None:
-        at = Measured(gone.time, 0.0)
-        offset = Measured(units.factor * gone.offset, 0.0)
-        which = (
-            Parameter("mode", Measured(float(gone.mode), 0.0), "1"),
-            Parameter("change", offset, units.value),
-            Parameter("time", at, units.time),
-        )
-        told = (
-            f"mode {gone.mode} alone changes by {words.number(offset, units.value)} at "
-            f"{words.number(at, units.time)}, the others do not: look at its sensor or tracking"
-        )
-        found.append(
-            SlowEffect("sensor_change", "sensor", None, which, gone.probability, (), told, None)
-        )
-    return found
-
-
-def _undecided(found: Found, count: int) -> tuple[str, ...]:
-    """Names that cannot be told apart where no family is sure, or something may be missing."""
-    for contest in found.contests[:count]:
-        families: dict[tuple[str, int | None], float] = {}
-        for name, who, probability, option in contest.by_name():
-            family = option.kind.family if option.kind is not None else name
-            families[family, who] = families.get((family, who), 0.0) + probability
-        if max(families.values()) < _DECIDED:
-            return tuple(dict.fromkeys(n for n, _, p, _ in contest.by_name() if p > _MENTIONED))
-    if not count and found.last.nothing.probability < _POSSIBLE:
-        near = [name for name, _, p, _ in found.last.by_name() if p > _MENTIONED]
-        return ("nothing_missing", *dict.fromkeys(near))
-    return ()
-
-
-def _verdict(effects: tuple[SlowEffect, ...], undecided: tuple[str, ...]) -> Verdict:
-    if undecided:
-        return "undecided"
-    if not effects:
-        return "nothing_missing"
-    if all(effect.family == "sensor" for effect in effects):
-        return "sensor_fault"
-    if any(effect.effect.endswith("_curved") for effect in effects):
-        return "unknown_effect"
-    return "missing_effect"
-
-
-def _followed(contest: Contest, covariates: tuple[Filled, ...]) -> list[tuple[str, str]]:
-    return [
-        (name, covariates[who].name) for name, who, _, _ in contest.by_name() if who is not None
-    ]
-
-
-def _sentence(
-    verdict: Verdict, effects: tuple[SlowEffect, ...], undecided: tuple[str, ...], subject: str
-) -> str:
-    told = "; ".join(effect.sentence for effect in effects)
-    if verdict == "nothing_missing":
-        return f"Nothing is missing: {subject} only wanders as the twin expects."
-    if verdict == "undecided":
-        names = " or ".join(name.replace("_", " ") for name in undecided)
-        return f"It cannot be decided: {names}." + (f" The likeliest: {told}." if told else "")
-    return f"{told[0].upper()}{told[1:]}."
+        barred = swap.which
+        mask = inlier_mask(past, nothing, barred)
+    return ScreenedHistory(past, mask, past.sd**2, barred), swap

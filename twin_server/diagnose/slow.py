@@ -8,7 +8,10 @@ import numpy as np
 
 from slowtime.discrepancy.progress import Cancelled
 from slowtime_services.diagnose.histories import History, Quantity, covariate
-from slowtime_services.diagnose.slow import diagnose_slowly, write_slow_results
+from slowtime_services.diagnose.history_document import (
+    diagnose_with_document,
+    write_history_results,
+)
 
 from .task import HISTORY, Task
 
@@ -43,8 +46,8 @@ def diagnose_history(
         quantity=task.quantity,
         slow_time_unit=task.slow_time_unit,
     )
-    report, document = diagnose_slowly(history, progress=tell)
-    write_slow_results(folder, report, document)
+    report, document = diagnose_with_document(history, progress=tell)
+    write_history_results(folder, report, document)
 
 
 def left_in(folder: Path, *, of: str, quantity: Quantity, slow_time_unit: str) -> History:

@@ -78,6 +78,39 @@ def test_the_weights_stand_for_the_posterior_over_all_processes():
         )
 
 
+def test_the_variance_is_that_within_the_processes_and_that_between_their_means():
+    """The law of total variance: processes that disagree make a forecast less certain."""
+    time, later = np.arange(30.0), np.array([30.0, 45.0, 90.0])
+    history = time, np.sin(time / 8.0), np.full(30, 0.02)
+    weights = np.array([0.3, 0.7])
+    lengths, sds = np.array([3.0, 40.0]), np.array([1.0, 1.0])
+
+    def foretold(which, weights):
+        family = matern.SlowProcess(length=lengths[which], sd=sds[which], level_sd=1.0)
+        return forecast.predict(forecast.Outlook(family, weights), *history, later)
+
+    whole = foretold([0, 1], weights)
+    alone = [foretold([i], np.ones(1)) for i in (0, 1)]
+    means, spreads = (np.array([getattr(one, of) for one in alone]) for of in ("mean", "sd"))
+    assert (np.abs(np.diff(means, axis=0)) > 0.05).any()
+    between = weights @ (means - weights @ means) ** 2
+    np.testing.assert_allclose(whole.mean, weights @ means, rtol=1e-9)
+    np.testing.assert_allclose(whole.sd**2, weights @ spreads**2 + between, rtol=1e-9)
+
+
+@pytest.mark.long
+def test_jumps_to_come_scatter_as_those_that_were_did():
+    rng = np.random.default_rng(8)
+    time, sizes = np.arange(240.0), np.array([1.0, 3.0, 1.4, 2.6])
+    after = np.searchsorted([31.0, 95.0, 140.0, 203.0], time)
+    value = np.concatenate([[0.0], np.cumsum(sizes)])[after] + 0.02 * rng.standard_normal(240)
+    further = forecast.fit(time, value, np.full(240, 0.02), process="smooth").further
+    assert further is not None
+    assert further.count == 4
+    assert further.mean == pytest.approx(np.mean(sizes), rel=0.05)
+    assert further.sd == pytest.approx(np.std(sizes, ddof=1), rel=0.1)
+
+
 def test_the_band_widens_and_the_horizon_lies_ahead():
     rng = np.random.default_rng(94)
     value = matern_path(rng, 1.5, 60.0, 0.03)

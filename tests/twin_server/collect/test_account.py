@@ -160,6 +160,24 @@ def test_a_lost_tail_is_noticed_from_health(world):
     assert [s for _, s in world.order] == list(range(6))
 
 
+@pytest.mark.parametrize("noticed", ["by what came after it", "by what the edge tells"])
+def test_a_hole_is_asked_for_when_its_grace_period_ends_and_not_before(world, noticed):
+    """What is only late comes by itself within that time, and is asked for in vain."""
+    world.spool["b1"] = {0}
+    world.alive()
+    world.arrive(("b1", 0))
+    world.heal(5)
+    if noticed == "by what came after it":
+        world.arrive(("b1", 2))
+    else:
+        world.health("b1", last=2)
+    ends_s = world.now_s + HEALING.grace_s
+    assert world.account.wants(world.now_s) == []
+    assert world.account.wants(ends_s - 0.01) == []
+    (want,) = world.account.wants(ends_s)
+    assert (want.boot, want.first) == ("b1", 1)
+
+
 def test_a_tail_that_is_promised_in_vain_keeps_nothing_up(world):
     world.alive()
     world.spool["b1"] = {0, 1}

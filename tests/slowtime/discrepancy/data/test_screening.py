@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 
@@ -31,6 +33,28 @@ def test_a_sound_channel_has_no_findings(seed):
 @pytest.mark.parametrize("step", [0.3, 0.1, 0.01])
 def test_a_coarse_converter_is_no_fault(step):
     assert found(np.round(wave(1) / step) * step) == []
+
+
+@pytest.mark.parametrize("held", [2, 3, 5])
+def test_a_row_is_stuck_once_the_record_s_own_repeats_make_it_one_in_a_million(held):
+    """A converter that tells each value `held` times repeats itself by a share 1 - 1 / held."""
+    count = 3000
+    coarse = np.repeat(wave(2)[: count // held], held)
+    longest = math.log(1e-6 / count) / math.log(1.0 - 1.0 / held)
+
+    def with_a_row_of(length):
+        samples = coarse.copy()
+        samples[1200 : 1200 + round(length)] = 0.31
+        return found(samples)
+
+    assert with_a_row_of(0.9 * longest) == []
+    assert with_a_row_of(1.1 * longest) == ["stuck"]
+
+
+@pytest.mark.parametrize("held", [6, 7, 12])
+def test_a_slow_converter_that_holds_every_value_alike_is_no_fault(held):
+    """No row is shorter than the rows in question, so that nothing is known of its habit."""
+    assert found(np.repeat(wave(3)[:60], held)) == []
 
 
 @pytest.mark.parametrize(("value", "fault"), [(0.0, "zero"), (0.7, "stuck")])

@@ -1,0 +1,1 @@
+"""Histories of features and covariates, checked, scaled and screened for swapped modes."""

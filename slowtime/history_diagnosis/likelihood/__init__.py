@@ -1,0 +1,1 @@
+"""Readings and regressors in; their marginal likelihood under a linear law out."""

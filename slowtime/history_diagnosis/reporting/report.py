@@ -1,0 +1,180 @@
+"""Report of a diagnosis of a history: effects, probabilities, and series for plots."""
+
+import dataclasses
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from slowtime.history_diagnosis.forecasting.mixture import MixtureModel
+
+from .parameters import EffectParameter
+
+HistoryVerdict = Literal[
+    "missing_effect", "nothing_missing", "sensor_fault", "undecided", "unknown_effect"
+]
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Alternative:
+    """Another law in the place of a named one; `covariate` is None for a law of time."""
+
+    effect: str
+    covariate: str | None
+    probability: float
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class EffectCurve:
+    """An effect as a function of slow time or of its covariate.
+
+    Parameters
+    ----------
+    x, label, unit
+        Of the axis.
+    value, lo, hi
+        Change of the feature by this effect alone, in the unit of the values, zero on average
+        over the history; 95 % band.
+    points_x, points
+        Readings without all other effects.
+    """
+
+    x: Float[np.ndarray, " grid"]
+    label: str
+    unit: str
+    value: Float[np.ndarray, " grid"]
+    lo: Float[np.ndarray, " grid"]
+    hi: Float[np.ndarray, " grid"]
+    points_x: Float[np.ndarray, " used"]
+    points: Float[np.ndarray, " used"]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class HistoryEffect:
+    """An effect that was found.
+
+    Parameters
+    ----------
+    effect, family
+        Name of the law, and group of similar laws.
+    covariate
+        That it follows; None for time alone.
+    parameters
+        Its numbers.
+    probability
+        That this law, and no other, stands in its place.
+    alternatives
+        Other laws that might.
+    sentence
+        The effect in words.
+    curve
+        For plots; None where there is none, as for a change of noise.
+    """
+
+    effect: str
+    family: str
+    covariate: str | None
+    parameters: tuple[EffectParameter, ...]
+    probability: float
+    alternatives: tuple[Alternative, ...]
+    sentence: str
+    curve: EffectCurve | None
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class ScatterGap:
+    """Scatter that remains before and after adoption, over the scatter of the readings [1].
+
+    Parameters
+    ----------
+    nominal, augmented
+        Scatter without constant and effects: the error of a forecast beyond the memory of the
+        random process.
+    nominal_step, augmented_step
+        Root mean square error of predicting each reading from those before it.
+    noise_floor
+        Standard deviation of the noise of readings.
+    """
+
+    nominal: float
+    augmented: float
+    nominal_step: float
+    augmented_step: float
+    noise_floor: float
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class PlotSeries:
+    """The history, and the predictions of the nominal and of the augmented model.
+
+    Parameters
+    ----------
+    time, value
+        Readings in the user's units, outliers included.
+    nominal, augmented
+        Prediction of each reading by each model from those before it.
+    """
+
+    time: Float[np.ndarray, " time"]
+    value: Float[np.ndarray, " time"]
+    nominal: Float[np.ndarray, " time"]
+    augmented: Float[np.ndarray, " time"]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class HistoryReport:
+    """Result of `diagnose_history`.
+
+    Parameters
+    ----------
+    verdict
+        One of five.
+    sentence
+        The result in words.
+    effects
+        In the order in which they were found.
+    undecided
+        Names that the history does not tell apart; "nothing_missing" may be one.
+    experiment
+        What to record to decide; empty where all is decided.
+    nothing_probability
+        Probability that nothing more is missing.
+    gap
+        What adopting the effects is worth.
+    residual_white, white_p_value
+        Whether the prediction errors are uncorrelated (at 1 %), and the p-value [1].
+    wander_sd, wander_length
+        Standard deviation and length scale of the random process, in the units of value and
+        time; 0 if there is none.
+    noise_factor
+        Factor by which the stated standard deviations are too small (above 1) or too large.
+    outliers
+        Slow times of readings that were not used.
+    swapped
+        Those of them that belong to another mode.
+    ignored
+        Covariates that could not be used, being constant or mostly missing.
+    plot_series
+        For plots.
+    nominal, augmented
+        Models to forecast with; see `adopt`.
+    """
+
+    verdict: HistoryVerdict
+    sentence: str
+    effects: tuple[HistoryEffect, ...]
+    undecided: tuple[str, ...]
+    experiment: str
+    nothing_probability: float
+    gap: ScatterGap
+    residual_white: bool
+    white_p_value: float
+    wander_sd: float
+    wander_length: float
+    noise_factor: float
+    outliers: tuple[float, ...]
+    swapped: tuple[float, ...]
+    ignored: tuple[str, ...]
+    plot_series: PlotSeries
+    nominal: MixtureModel
+    augmented: MixtureModel

@@ -1,0 +1,1 @@
+"""A scaled history and candidate laws in; inliers, and the terms of the best law, out."""
