@@ -8,14 +8,18 @@ from typing import Any, TypeVar
 import click
 import numpy as np
 
-from slowtime.identification.automatic import ModalResult, identify_modes
-from slowtime.identification.beside_lines import LINE, Told, modes_beside_lines
-from slowtime.identification.excitation import Excitation, excitation
-from slowtime.identification.first import all_modes
-from slowtime.identification.identified import Identified
+from slowtime.identification.automatic.estimation import ModalResult, identify_modes
+from slowtime.identification.estimates import Identified
 from slowtime.identification.methods import by_method
 from slowtime.identification.modes import Mode
-from slowtime.identification.windows import Epoch, dependence, identify_windows
+from slowtime.identification.single_mode.estimation import all_modes
+from slowtime.identification.single_mode.excitation import Excitation, excitation
+from slowtime.identification.single_mode.machine_lines import LINE, Told, modes_beside_lines
+from slowtime.identification.single_mode.sliding_windows import (
+    Epoch,
+    dependence,
+    identify_windows,
+)
 from slowtime_services.files import MARK, Record, accelerations, bridged, mixed_units
 from slowtime_services.modal import UNIVERSAL, read_geometry
 from slowtime_services.models import read_description

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from slowtime.identification.modal_result import ModalResult, diagram
+from slowtime.identification.automatic.modal_result import ModalResult, diagram
 from slowtime.identification.modes import Mode
 from slowtime.identification.recursive import RecursiveModes
 from slowtime.signals.block import Block

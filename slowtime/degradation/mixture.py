@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import logsumexp
 
-from slowtime.evolution.crossing import Futures
-from slowtime.evolution.outlook import Outlook
-from slowtime.evolution.remaining_life import SHARES, RemainingLife
+from slowtime.evolution.forecasting.outlook import Outlook
+from slowtime.evolution.life.remaining_life import SHARES, RemainingLife
+from slowtime.evolution.life.threshold_crossing import Futures
 
 from .fleet import FleetPrior
 from .gaussian import NAME as GAUSSIAN

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.evolution.crossing import Futures
+from slowtime.evolution.life.threshold_crossing import Futures
 
 from .history import History
 from .wiener import WienerLaw, WienerPosterior

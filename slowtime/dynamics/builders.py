@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from .description import Description, Sensor
-from .parts import BASE, Beam, Element, Node, Spring
+from .elements import BASE, Beam, Element, Node, Spring
 
 SUPPORTS = ("cantilever", "simply supported", "clamped", "propped", "free")
 

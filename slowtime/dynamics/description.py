@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float
 
-from .parts import BASE, ROTATION, Beam, Element, Node, Spring
+from .elements import BASE, ROTATION, Beam, Element, Node, Spring
 from .structure import Structure
 from .units import UnitOfCoordinate, unit_factor
 

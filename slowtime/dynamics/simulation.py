@@ -15,7 +15,7 @@ import scipy.signal as sps
 from jaxtyping import Complex, Float
 
 from .modes import ComplexModes, DefectiveModesError, complex_modes
-from .stepping import FORGOTTEN
+from .sdof.simulation import FORGOTTEN
 from .structure import Structure, state_matrix
 from .transfer import derivative_order
 

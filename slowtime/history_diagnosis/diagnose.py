@@ -6,7 +6,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.identification.identified import Measured
+from slowtime.identification.estimates import Measured
 
 from . import model, modes, pictures, words
 from .history import Covariate, Filled, Scaled, Series, history, scaled

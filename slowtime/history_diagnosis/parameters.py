@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.identification.identified import Measured
+from slowtime.identification.estimates import Measured
 
 from .history import Scaled
 from .law import Readings, Term, solve

@@ -1,6 +1,6 @@
 """What was found, in sentences; and what to record where it cannot be decided."""
 
-from slowtime.identification.identified import Measured
+from slowtime.identification.estimates import Measured
 
 from .history import Filled
 from .parameters import Parameter

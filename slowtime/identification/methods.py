@@ -6,14 +6,14 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from .automatic import ModalResult, identify_modes
+from .automatic.estimation import ModalResult, identify_modes
 from .bayes import bayesian_modes
-from .decomposition import decompose, ordinates
-from .fdd import efdd, fdd
-from .harmonics import Verdict, find_harmonics
-from .identified import Measured
+from .estimates import Measured
+from .fdd.estimation import efdd, fdd
+from .fdd.spectral_decomposition import decompose, ordinates
+from .harmonics.detection import Verdict, find_harmonics
 from .modes import Mode
-from .stabilisation import Stabilisation
+from .subspace.stabilisation import Stabilisation
 
 Method = Literal["modes", "bayes", "fdd", "efdd"]
 

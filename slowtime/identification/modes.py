@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Complex, Float
 
-from .identified import Measured
+from .estimates import Measured
 
 Kind = Literal["structural", "harmonic"]
 

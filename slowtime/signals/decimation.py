@@ -10,7 +10,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from .finite import kaiser_order, windowed_sinc
+from .finite_filters import kaiser_order, windowed_sinc
 
 STOP_DB = 80.0
 """What is folded into the band that is kept is so much weaker than it was [dB]."""

@@ -15,7 +15,7 @@ import math
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .recursion import first_order
+from .recursive_filters import first_order
 
 Series = Float[np.ndarray, " time"]
 

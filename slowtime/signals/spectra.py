@@ -9,7 +9,7 @@ from jaxtyping import Complex, Float
 from scipy.ndimage import percentile_filter
 from scipy.special import gammaincinv
 
-from .finite import taper as _taper
+from .finite_filters import taper as _taper
 
 FLOOR_QUANTILE = 40.0
 """The floor is this percentile of its neighbourhood: below the median, for peaks weigh less."""

@@ -21,7 +21,7 @@ except ModuleNotFoundError as missing:
 
 from .bases import Law
 from .domain import domain
-from .notices import ExtrapolationWarning, FewPointsWarning, IllConditionedWarning
+from .surrogate_warnings import ExtrapolationWarning, FewPointsWarning, IllConditionedWarning
 
 LEAST_POINTS = 3
 EXTRAPOLATIONS = ("warn", "raise", "ignore")

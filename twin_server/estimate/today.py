@@ -10,8 +10,8 @@ from pydantic_core import from_json
 from scipy.linalg import eigh
 
 from slowtime.dynamics.description import Description, assemble
+from slowtime.evolution.predicted_response.scenario import Believed
 from slowtime.evolution.structures import ParametricStructure
-from slowtime.evolution.whatif import Believed
 from slowtime_schemas.messages import Features
 from slowtime_services.models import description_of
 from twin_server.details import Bodies

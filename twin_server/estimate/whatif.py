@@ -12,8 +12,8 @@ from scipy.special import ndtri
 from slowtime.dynamics import loads
 from slowtime.dynamics.description import BASE, Description, Input, Sensor, assemble
 from slowtime.dynamics.effects import Kind
-from slowtime.dynamics.parts import Beam
-from slowtime.evolution.whatif import Bands, Believed, bands, respond
+from slowtime.dynamics.elements import Beam
+from slowtime.evolution.predicted_response.scenario import Bands, Believed, bands, respond
 from slowtime_services.effects import kinds_for
 from slowtime_services.models import description_of, run_model
 from twin_server.model import MASS

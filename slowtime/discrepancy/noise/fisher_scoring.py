@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from slowtime.dynamics.effects.compiled import compiled
+from slowtime.dynamics.effects.compilation import compiled
 
 FALLING, HUMPED = 0, 1
 WIDEST = 0.95

@@ -31,7 +31,7 @@ from slowtime.discrepancy.calibration.augmentation import carry_effect
 from slowtime.discrepancy.calibration.levenberg_marquardt import Point, Problem, normal_at
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.effects import Effect, Kind, Law, Parameter
-from slowtime.dynamics.effects.compiled import compiled
+from slowtime.dynamics.effects.compilation import compiled
 from slowtime.dynamics.plant import Name
 
 RIDGE, OWN = 1e-10, 1e-6

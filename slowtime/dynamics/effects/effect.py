@@ -7,7 +7,7 @@ from typing import Any
 
 from slowtime.dynamics.description import BASE, Beam, Description, DescriptionError
 
-from .families import catalogue
+from .effect_catalogue import catalogue
 from .kind import Kind, Where
 
 Path = tuple[str | int, ...]

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from .compiled import Scalar
+from .compilation import Scalar
 
 Where = Literal["element", "node", "base", "input", "sensor"]
 Series = Float[np.ndarray, " time"]

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from slowtime.dynamics.effects.compiled import ROUND, call_law, compiled, sum_rows, view_of
+from slowtime.dynamics.effects.compilation import ROUND, call_law, compiled, sum_rows, view_of
 
 Reals = np.ndarray[Any, np.dtype[np.float64]]
 Whole = np.ndarray[Any, np.dtype[np.int64]]

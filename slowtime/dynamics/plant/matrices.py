@@ -12,9 +12,9 @@ from jaxtyping import Float
 
 from slowtime.dynamics.description import Beam, Description, places, spread
 from slowtime.dynamics.effects import Effect, Hidden, Kind
-from slowtime.dynamics.parts import ROTATION
+from slowtime.dynamics.elements import ROTATION
 
-from .names import Name
+from .parameter_names import Name
 
 Whole = Float[np.ndarray, "all all"]
 Triple = Float[np.ndarray, "3 all all"]

@@ -11,8 +11,8 @@ from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Effect, Kind, Law, Motion, Place, catalogue, read_effects
 
 from .matrices import Matrices
-from .names import Entry, Name, names_of
-from .running import Run, motions, run
+from .parameter_names import Entry, Name, names_of
+from .simulation_run import Run, motions, run
 from .system import Layout, layout_of
 
 Values = Float[np.ndarray, " parameter"]

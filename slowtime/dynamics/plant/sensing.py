@@ -14,7 +14,7 @@ from slowtime.dynamics.transfer import QUANTITIES
 from slowtime.dynamics.units import unit_factor
 from slowtime.signals.interpolation import polynomials
 
-from .names import Name
+from .parameter_names import Name
 
 Series = Float[np.ndarray, " time"]
 Values = Float[np.ndarray, " parameter"]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from slowtime.dynamics.effects.compiled import call_law, compiled
+from slowtime.dynamics.effects.compilation import call_law, compiled
 
 Rows = Float[np.ndarray, "row _"]
 Vector = Float[np.ndarray, " _"]

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from .wander import Wander
+from .residual_process import Wander
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

@@ -8,10 +8,22 @@ from .experiments import what_would_tell as what_would_tell
 from .fit import Optimum as Optimum
 from .fit import Posterior as Posterior
 from .fit import estimate as estimate
-from .limits import Limit as Limit
-from .limits import what_cannot_be_told as what_cannot_be_told
-from .measured import MeasuredModes as MeasuredModes
-from .naming import Hypothesis as Hypothesis
-from .naming import Named as Named
-from .naming import name_changes as name_changes
-from .parametric import ParametricStructure as ParametricStructure
+from .hypotheses import Hypothesis, Named, name_changes
+from .identifiability import Limit, what_cannot_be_told
+from .measured_modes import MeasuredModes
+from .parametric_structure import ParametricStructure
+
+__all__ = [
+    "Hypothesis",
+    "Limit",
+    "MeasuredModes",
+    "Named",
+    "Optimum",
+    "ParametricStructure",
+    "Posterior",
+    "Remedy",
+    "estimate",
+    "name_changes",
+    "what_cannot_be_told",
+    "what_would_tell",
+]

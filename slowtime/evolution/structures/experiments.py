@@ -7,9 +7,9 @@ from typing import Literal
 import numpy as np
 
 from .fit import Posterior, compare
-from .limits import Limit, ratio_along
-from .measured import MeasuredModes
-from .parametric import ParametricStructure
+from .identifiability import Limit, ratio_along
+from .measured_modes import MeasuredModes
+from .parametric_structure import ParametricStructure
 
 Means = Literal["sensor", "added mass", "measured force"]
 

@@ -20,8 +20,8 @@ from scipy.special import chdtrc
 from slowtime.estimation import hyperparameters
 from slowtime.evolution.change import check_level
 
-from .measured import Gap, MeasuredModes, gap
-from .parametric import ParametricStructure
+from .measured_modes import Gap, MeasuredModes, gap
+from .parametric_structure import ParametricStructure
 
 _ITERATIONS = 40
 _CLOSE = 1e-6  # step in prior standard deviations at which the search has arrived

@@ -5,14 +5,14 @@ import dataclasses
 import numpy as np
 from jaxtyping import Complex, Float
 
-from slowtime.identification.bands import Band
-from slowtime.identification.correlations import block_products
 from slowtime.identification.modes import Mode
+from slowtime.identification.subspace.bands import Band
+from slowtime.identification.subspace.correlations import block_products
 
-from .fading import Fading, Raster
+from .band_solution import Models, modes_of, strongest
+from .forgetting import Fading, Raster
 from .frames import Frame
-from .solving import Models, modes_of, strongest
-from .sums import Stretch, Sums
+from .product_sums import Stretch, Sums
 
 LEARNT = 150
 """Instants of the slow series after which directions are chosen."""

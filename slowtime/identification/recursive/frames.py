@@ -6,7 +6,7 @@ import numpy as np
 import scipy.fft as fft
 from jaxtyping import Complex, Float
 
-from slowtime.identification.bands import EDGE, Band
+from slowtime.identification.subspace.bands import EDGE, Band
 
 FRAME = 24.0
 """A frame lasts so many times as long as the fading edge of its band is narrow [1/Hz]: what the

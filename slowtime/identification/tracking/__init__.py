@@ -7,3 +7,13 @@ from .track import Track as Track
 from .tracker import ModeTracker as ModeTracker
 from .tracker import Tracked as Tracked
 from .tracker import Tracks as Tracks
+
+__all__ = [
+    "Event",
+    "FrequencyBelief",
+    "ModeTracker",
+    "ShapeBelief",
+    "Track",
+    "Tracked",
+    "Tracks",
+]

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Complex
 
-from slowtime.identification.identified import Measured
+from slowtime.identification.estimates import Measured
 from slowtime.identification.modes import Mode
 
 from . import frequency as frequencies

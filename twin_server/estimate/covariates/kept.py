@@ -8,10 +8,10 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.evolution.covariates import Basis, Normal, WatchState
+from slowtime.evolution.covariates.change_onset import Onsets
 from slowtime.evolution.covariates.filter import Belief
-from slowtime.evolution.covariates.onsets import Onsets
-from slowtime.evolution.covariates.wander import Wander
-from slowtime.evolution.covariates.watch import Held
+from slowtime.evolution.covariates.monitor import Held
+from slowtime.evolution.covariates.residual_process import Wander
 
 from .packing import pack, unpack
 

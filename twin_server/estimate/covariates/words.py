@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from slowtime.evolution.covariates import Entry
-from slowtime.identification.identified import Measured
+from slowtime.identification.estimates import Measured
 from twin_server.estimate.notices import Notice
 from twin_server.registration import Covariates, Registration
 

@@ -33,7 +33,7 @@ from slowtime.evolution.structures import (
     estimate,
     name_changes,
 )
-from slowtime.evolution.structures.measured import gap
+from slowtime.evolution.structures.measured_modes import gap
 from slowtime_schemas.messages import Features
 from twin_server import states as st
 from twin_server.estimate.covariates import Removed, Verdict, covariates_of

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from slowtime.evolution import learn_nominal
 from slowtime.evolution.structures import MeasuredModes, estimate
-from slowtime.evolution.structures.measured import gap
+from slowtime.evolution.structures.measured_modes import gap
 from twin_server.estimate.covariates import Condition, NotLearntError, Training
 from twin_server.estimate.covariates import conclude as conclude_training
 from twin_server.estimate.memory import Baseline, Lesson, Memory, Reference

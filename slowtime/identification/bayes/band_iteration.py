@@ -1,0 +1,111 @@
+"""Candidates in; bands laid out and fitted in rounds, until they keep their place, out."""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import chdtrc
+
+from slowtime.identification.estimates import Measured
+
+from .band_layout import Part, Picture, groups, part_of, parts_of
+from .fit import BandFit, fit_band, rough_fit
+from .initial_estimates import Guess, Record, guesses
+from .likelihood import coherence_score
+from .model import Modes, knowing
+
+ROUNDS = 3
+"""Bands are laid out anew with the damping found, until they keep their place."""
+
+SETTLED = 0.2
+"""Change of a half-bandwidth, relative, or of a coherence, that asks for no new round."""
+
+FALSE_ALARM = 0.05
+"""Modes have forces of their own unless they would look as coherent less often than this."""
+
+
+def fit_record(
+    record: Record, candidates_hz: Float[np.ndarray, " mode"], lines: tuple[Measured, ...] = ()
+) -> list[BandFit]:
+    """Fits of all bands, ascending; bands, groups and tails follow what was found before."""
+    found = guesses(record, candidates_hz)
+    first = Picture(found, np.eye(len(found), dtype=complex))
+    picture = _seen(record, first, lines, coherent=False)
+    coherent = common_forces(record, picture, lines) < FALSE_ALARM
+    if coherent:
+        picture = _seen(record, first, lines, coherent=True)
+    parts = parts_of(record, picture, lines, coherent=coherent)
+    return [fit_band(part.band, part.start) for part in parts]
+
+
+def common_forces(record: Record, picture: Picture, lines: tuple[Measured, ...]) -> float:
+    """Probability that modes with forces of their own look as coherent as these, all bands."""
+    alone = Picture(picture.guesses, np.eye(len(picture.guesses), dtype=complex))
+    together = groups(alone.guesses, record.duration_s)
+    parts, asked = (
+        [part_of(record, alone, group, lines, coherent=coherent) for group in together]
+        for coherent in (False, True)
+    )
+    statistic, freedom = 0.0, 0
+    for part, with_guests in zip(parts, asked, strict=True):
+        start = knowing(with_guests.start, rough_fit(part.band, part.start))
+        score, known = coherence_score(with_guests.band, start)
+        statistic, freedom = statistic + score, freedom + known
+    return float(chdtrc(freedom, statistic)) if freedom else 1.0
+
+
+def _seen(
+    record: Record, picture: Picture, lines: tuple[Measured, ...], *, coherent: bool
+) -> Picture:
+    """All modes once their bands keep their place."""
+    for _ in range(ROUNDS):
+        before = picture
+        parts = parts_of(record, picture, lines, coherent=coherent)
+        picture = _pictured(parts, [rough_fit(part.band, part.start) for part in parts])
+        if _settled(before, picture, record.duration_s) or (coherent and len(parts) == 1):
+            break
+    return picture
+
+
+def _pictured(parts: list[Part], fits: list[Modes]) -> Picture:
+    """Put what all bands found together; of two bands' coherences their mean is taken."""
+    number = sum(len(part.group) for part in parts)
+    found: list[Guess | None] = [None] * number
+    coherence = np.zeros((number, number), dtype=complex)
+    told = np.zeros((number, number))
+    for part, modes in zip(parts, fits, strict=True):
+        strength = np.sqrt(np.diag(modes.coherence).real)
+        relative = modes.coherence / np.outer(strength, strength)
+        order = part.guests + part.group
+        for own in range(modes.guests, len(order)):
+            found[order[own]] = Guess(
+                float(np.exp(modes.log_frequency[own])),
+                float(np.exp(modes.log_damping[own])),
+                modes.shapes[:, own] * strength[own],
+            )
+            for other in range(len(order)):
+                if other != own:
+                    coherence[order[own], order[other]] += relative[own, other]
+                    told[order[own], order[other]] += 1.0
+    whole = [guess for guess in found if guess is not None]
+    mean = (coherence + coherence.conj().T) / np.maximum(told + told.T, 1.0)
+    ascending = np.argsort([guess.frequency_hz for guess in whole])
+    mean = _possible(mean + np.eye(number))[np.ix_(ascending, ascending)]
+    return Picture(tuple(whole[i] for i in ascending), mean)
+
+
+def _possible(coherence: np.ndarray) -> np.ndarray:
+    """Nearest matrix, about, that a coherence may be: positive, of unit diagonal."""
+    values, vectors = np.linalg.eigh(coherence)
+    positive = (vectors * np.maximum(values, 0.0)) @ vectors.conj().T
+    scale = np.sqrt(np.diag(positive).real)
+    return np.asarray(positive / np.outer(scale, scale))
+
+
+def _settled(before: Picture, after: Picture, duration_s: float) -> bool:
+    if groups(before.guesses, duration_s) != groups(after.guesses, duration_s):
+        return False
+    old, new = (
+        np.log([guess.half_width_hz(duration_s) for guess in each.guesses])
+        for each in (before, after)
+    )
+    change = np.abs(after.coherence - before.coherence).max(initial=0.0)
+    return bool(np.all(np.abs(new - old) < SETTLED) and change < SETTLED)

@@ -1,0 +1,209 @@
+"""First guesses in; the bands to fit, which modes together and with which guests, out."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Complex
+
+from slowtime.identification.estimates import Measured
+
+from .band import Band, band_from
+from .initial_estimates import Guess, Record
+from .model import Modes
+from .resonances import cross_periodograms
+
+REACH = 16.0
+"""The band of a mode: so many half-bandwidths on either side, where no neighbour is nearer."""
+
+TOGETHER = 14.0
+"""Modes closer than this times the mean of their half-bandwidths are fitted together."""
+
+FEWEST_BINS = 16
+"""... on either side of a mode, if nothing is in the way."""
+
+MOST_TOGETHER = 8
+"""More are parted where the gap between two is widest."""
+
+MOST_GUESTS = 6
+"""Modes outside whose tails are loudest are guests; of the others only the power is known."""
+
+FAINT_TAIL = 1e-3
+"""... if their tails have this share of the amplitude of a mode of the band."""
+
+LINE_BINS = 2
+"""Left out on either side of a machine's line."""
+
+LEAST_OWN = 0.05
+"""Share of a mode's force that a start leaves to itself, however coherent it was found."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """All modes as far as they are known, ascending, and the coherence of their forces."""
+
+    guesses: tuple[Guess, ...]
+    coherence: Complex[np.ndarray, "mode mode"]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """One band: which modes of the picture it is for, its guests, and where to start."""
+
+    group: tuple[int, ...]
+    guests: tuple[int, ...]
+    band: Band
+    start: Modes
+
+
+def parts_of(
+    record: Record, picture: Picture, lines: tuple[Measured, ...], *, coherent: bool
+) -> list[Part]:
+    """Bands of all groups, ascending; guests only where modes may have forces in common."""
+    return [
+        part_of(record, picture, group, lines, coherent=coherent)
+        for group in groups(picture.guesses, record.duration_s, coherent=coherent)
+    ]
+
+
+def groups(
+    found: tuple[Guess, ...], duration_s: float, *, coherent: bool = False
+) -> list[tuple[int, ...]]:
+    """Which guesses, ascending in frequency, are fitted together.
+
+    Where modes have forces in common that is as many as can be, however far apart.
+    """
+    widths = np.array([guess.half_width_hz(duration_s) for guess in found])
+    places = np.array([guess.frequency_hz for guess in found])
+    gaps = np.diff(places) / (0.5 * (widths[1:] + widths[:-1]))
+    reach = np.inf if coherent else TOGETHER
+    chains = np.split(np.arange(len(found)), 1 + np.flatnonzero(gaps >= reach))
+    return [group for chain in chains for group in _parted(chain, gaps)]
+
+
+def _parted(chain: np.ndarray, gaps: np.ndarray) -> list[tuple[int, ...]]:
+    if len(chain) <= MOST_TOGETHER:
+        return [tuple(chain.tolist())] if len(chain) else []
+    cut = 1 + int(np.argmax(gaps[chain[0] : chain[-1]]))
+    return _parted(chain[:cut], gaps) + _parted(chain[cut:], gaps)
+
+
+def part_of(
+    record: Record,
+    picture: Picture,
+    group: tuple[int, ...],
+    lines: tuple[Measured, ...],
+    *,
+    coherent: bool,
+) -> Part:
+    """Band of one group, and where to start in it."""
+    found = picture.guesses
+    use = _use(record, found, group, lines)
+    centres = np.array([guess.frequency_hz for guess in found])
+    band = band_from(
+        record.frequency_hz[use],
+        record.coefficients[use],
+        record.duration_s,
+        record.derivatives,
+        centres,
+    )
+    guests = _guests(band, found, group) if coherent else ()
+    others = [guess for i, guess in enumerate(found) if i not in group + guests]
+    band = dataclasses.replace(band, background=_tails(band, others))
+    start = _start(band, picture, group, guests)
+    return Part(group, guests, band, dataclasses.replace(start, coherent=coherent))
+
+
+def _use(
+    record: Record,
+    found: tuple[Guess, ...],
+    group: tuple[int, ...],
+    lines: tuple[Measured, ...],
+) -> np.ndarray:
+    """Bins as far as the modes reach, or to where a neighbour's reach begins."""
+    duration = record.duration_s
+    first, last = found[group[0]], found[group[-1]]
+    least = FEWEST_BINS / duration
+    low = first.frequency_hz - max(REACH * first.half_width_hz(duration), least)
+    high = last.frequency_hz + max(REACH * last.half_width_hz(duration), least)
+    if group[0] > 0:
+        low = max(low, _border(found[group[0] - 1], first, duration))
+    if group[-1] + 1 < len(found):
+        high = min(high, _border(last, found[group[-1] + 1], duration))
+    f = record.frequency_hz
+    use = (f >= low) & (f <= high) & (f > 0) & (f < 0.98 * record.rate_hz / 2)
+    for line in lines:
+        use &= np.abs(f - line.value) > LINE_BINS / duration + 2.0 * line.sd
+    return use
+
+
+def _border(one: Guess, other: Guess, duration_s: float) -> float:
+    """Between two modes, nearer to the narrower."""
+    left, right = one.half_width_hz(duration_s), other.half_width_hz(duration_s)
+    gap = other.frequency_hz - one.frequency_hz
+    return one.frequency_hz + gap * left / (left + right)
+
+
+def _power(band: Band, guess: Guess) -> np.ndarray:
+    """Periodogram of one mode of unit peak over the band."""
+    poles = np.log([[guess.frequency_hz], [guess.damping_ratio]])
+    return np.asarray(np.maximum(cross_periodograms(band, *poles)[:, 0, 0].real, 0.0))
+
+
+def _guests(band: Band, found: tuple[Guess, ...], group: tuple[int, ...]) -> tuple[int, ...]:
+    """Modes outside that are loudest, in the band, against the faintest mode of it."""
+    least = min(float(np.linalg.norm(found[i].shape)) for i in group)
+    loudness = {
+        i: float(np.sqrt(_power(band, guess).max()) * np.linalg.norm(guess.shape)) / least
+        for i, guess in enumerate(found)
+        if i not in group
+    }
+    loudest = sorted(loudness, key=lambda i: -loudness[i])[:MOST_GUESTS]
+    return tuple(sorted(i for i in loudest if loudness[i] > FAINT_TAIL))
+
+
+def _tails(band: Band, others: list[Guess]) -> np.ndarray | None:
+    """Spectral matrices, in the band, of modes that are each driven by a force of its own."""
+    if not others:
+        return None
+    shapes = np.stack([guess.shape for guess in others], axis=1)
+    power = np.stack([_power(band, guess) for guess in others])
+    return np.asarray(np.einsum("gk,cg,dg->kcd", power, shapes, shapes) + 0j)
+
+
+def _start(
+    band: Band, picture: Picture, group: tuple[int, ...], guests: tuple[int, ...]
+) -> Modes:
+    """Guests and first guesses as the start of a fit, noise told from the quiet bins."""
+    order = list(guests + group)
+    found = [picture.guesses[i] for i in order]
+    coherence = picture.coherence[np.ix_(order, order)]
+    root = np.linalg.cholesky((1 - LEAST_OWN) * coherence + LEAST_OWN * np.eye(len(order)))
+    shapes = np.stack([guess.shape for guess in found], axis=1)
+    shapes[:, len(guests) :] = _apart(shapes[:, len(guests) :])
+    frequency = np.array([guess.frequency_hz for guess in found])
+    frequency[len(guests) :] = np.clip(
+        frequency[len(guests) :], band.frequency_hz[1], band.frequency_hz[-2]
+    )
+    power = np.einsum("kcc->kc", band.scatter).real / band.number[:, None]
+    noise = np.quantile(power, 0.2, axis=0)
+    return Modes(
+        log_frequency=np.log(frequency),
+        log_damping=np.log(np.clip([guess.damping_ratio for guess in found], 1e-4, 0.2)),
+        shapes=shapes,
+        mixing=root,
+        log_noise=np.log(np.maximum(noise, 1e-12 * power.mean())),
+        guests=len(guests),
+    )
+
+
+def _apart(shapes: np.ndarray) -> np.ndarray:
+    """Shapes that are not all the same, for from there no fit would find its way."""
+    moved = shapes.copy()
+    channels, number = shapes.shape
+    unit = shapes / np.linalg.norm(shapes, axis=0)
+    for i in range(1, number):
+        overlap = np.abs(unit[:, :i].T @ unit[:, i])
+        if overlap.max() > 0.95 and channels > 1:
+            tilt = np.cos(np.pi * (np.arange(channels) + 0.5) * i / channels)
+            moved[:, i] += 0.3 * np.linalg.norm(shapes[:, i]) * tilt / np.linalg.norm(tilt)
+    return np.asarray(moved)

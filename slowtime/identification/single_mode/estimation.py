@@ -1,0 +1,319 @@
+"""Record of unknown excitation in, its first mode out, or nothing rather than a guess."""
+
+import dataclasses
+from typing import Literal
+
+import numpy as np
+import scipy.fft as fft
+from jaxtyping import Float
+
+from slowtime.identification import checks
+from slowtime.identification.ambient.estimation import fit_ambient, fit_ambient_steady
+from slowtime.identification.detection.channel_combination import modal_series
+from slowtime.identification.detection.mode_isolation import Isolated, isolate
+from slowtime.identification.detection.record_decimation import LONG, LongRecord
+from slowtime.identification.detection.resonance_peaks import Candidate, candidates, leading
+from slowtime.identification.estimates import Identified, Measured
+from slowtime.identification.free_decay.decay_test import is_random
+from slowtime.identification.free_decay.estimation import FRONT_SHARE, MOST_MODES, fit_blow
+from slowtime.identification.free_decay.segments import best_stretch
+from slowtime.identification.harmonics.detection import LEAST_DAMPING, judge
+from slowtime.signals.spectra import detrended
+
+from .excitation import excitation
+from .spectral_peak import fit_peak
+
+Method = Literal["auto", "ambient", "free_decay", "peak"]
+
+EXPLAINED = 0.9
+"""Share of the power that decays must explain before a record counts as a free decay."""
+
+CLEARLY = 0.99
+"""... and this share where what they leave is no noise: a mode driven at random, seen for less
+than its memory, is explained by decays to 90 or 95 %, and known much worse than they say."""
+
+MAINS_HZ = (50.0, 60.0)
+
+BEGINNING = 128.0
+"""Samples a cycle that are kept of a decay after a blow: less than a quarter of a cycle is lost
+before the first."""
+
+BURST_SHARE = 0.85
+"""Two neighbouring eighths of a record with more of its power than this are a burst."""
+
+HIGHEST_DAMPING = 0.3
+FASTEST_GROWTH = 0.02
+LARGEST_ERROR = 0.1
+"""Beyond these a bump of the spectrum is not taken for a mode."""
+
+
+def first_mode(
+    samples: Float[np.ndarray, "time channel"] | Float[np.ndarray, " time"],
+    rate_hz: float,
+    *,
+    band_hz: tuple[float, float] | None = None,
+    method: Method = "auto",
+    expected_hz: tuple[float, float] | None = None,
+) -> Identified | None:
+    """Lowest mode that stands out of the noise, however it was excited.
+
+    Peaks significant against their own neighbourhood are tried from the lowest up, without the
+    weak companions of close stronger ones. Each is fitted as decay, over the stretch of the
+    record that tells its frequency best, and, where decays do not explain what is there, as
+    ambient response; a record that begins with a blow is fitted whole. A frequency that moves
+    within the stretch widens the error and is flagged.
+
+    Parameters
+    ----------
+    samples
+        Equally spaced samples in any unit; channels are weighted by the noise they carry.
+    rate_hz
+        Samples per second [Hz].
+    band_hz
+        Look only there; by default from four cycles in the record to 0.45 of the rate.
+    method
+        `auto`, or one fit for every record.
+    expected_hz
+        Where the mode was before, and how far it may have moved (one sd) [Hz]: of several
+        candidates the one closest to it within four sd is tried first. Others stay allowed.
+
+    Returns
+    -------
+    None where nothing significant is found.
+    """
+    columns = detrended(checks.series(samples, rate_hz))
+    low, high = checks.band(band_hz, rate_hz, len(columns))
+    record = LongRecord(columns, rate_hz)
+    struck = None
+    if method in ("auto", "free_decay") and expected_hz is None:
+        struck = _after_a_blow(record, low, high)
+        # Something else that happened in the record shows in the residual; stretches can tell.
+        if struck is not None and "coloured_residual" not in struck.flags:
+            return struck
+    found = leading(candidates(columns, rate_hz, low, high), len(columns) / rate_hz)
+    for candidate in _in_order(found, expected_hz):
+        mode = _mode(record, candidate, method)
+        found_out = verdict(mode)
+        if found_out == "mode":
+            return _decaying(_with_force(mode, record))
+        if found_out == "unclear":
+            return None
+    return struck
+
+
+def all_modes(
+    samples: Float[np.ndarray, "time channel"] | Float[np.ndarray, " time"],
+    rate_hz: float,
+    *,
+    band_hz: tuple[float, float] | None = None,
+    method: Method = "auto",
+    most: int = 8,
+) -> tuple[Identified, ...]:
+    """Every clearly separate mode up to `most`, ascending in frequency; the same fits."""
+    columns = detrended(checks.series(samples, rate_hz))
+    low, high = checks.band(band_hz, rate_hz, len(columns))
+    modes: list[Identified] = []
+    record = LongRecord(columns, rate_hz)
+    for candidate in leading(candidates(columns, rate_hz, low, high), len(columns) / rate_hz):
+        mode = _mode(record, candidate, method)
+        if verdict(mode) == "mode":
+            modes.append(_decaying(mode))
+        if len(modes) == most:
+            break
+    return tuple(sorted(modes, key=lambda mode: mode.frequency_hz.value))
+
+
+def _mode(record: LongRecord, candidate: Candidate, method: Method) -> Identified:
+    """Mode behind a candidate, at the rate that it needs; flagged if a machine put it there."""
+    slower, own = record.about(candidate)
+    mode = identify_candidate(slower.samples, slower.rate_hz, own, method)
+    if method == "auto":
+        mode = _flag_machine(mode, slower.samples, slower.rate_hz)
+    return _begun(mode, slower.start_s)
+
+
+def _begun(mode: Identified, start_s: float) -> Identified:
+    """Mode of a series that begins so long after the record."""
+    begin, end = mode.span_s
+    return dataclasses.replace(mode, span_s=(begin + start_s, end + start_s))
+
+
+def verdict(mode: Identified) -> Literal["mode", "no mode", "unclear"]:
+    """Whether a fit is a mode of vibration, a bump or a line, or something it cannot tell.
+
+    Where a significant peak stays unclear, as across a jump or a burst, a higher mode must
+    not be passed off as the first one.
+    """
+    frequency, damping = mode.frequency_hz, mode.damping_ratio
+    numbers = [frequency.value, frequency.sd, damping.value, damping.sd]
+    if "strayed" in mode.flags:
+        return "unclear"
+    if {"below_threshold", "line", "on_edge"} & set(mode.flags) or not np.isfinite(
+        numbers
+    ).all():
+        return "no mode"
+    if frequency.sd > LARGEST_ERROR * frequency.value or damping.value > HIGHEST_DAMPING:
+        return "no mode"
+    if "not_stationary" in mode.flags or (
+        mode.method == "ambient" and "not_converged" in mode.flags
+    ):
+        return "unclear"
+    return "mode" if damping.value > -FASTEST_GROWTH else "unclear"
+
+
+def identify_candidate(
+    columns: Float[np.ndarray, "time channel"],
+    rate_hz: float,
+    candidate: Candidate,
+    method: Method = "auto",
+) -> Identified:
+    """Mode behind one candidate, by the asked method or the one that the record calls for."""
+    if method == "peak":
+        return fit_peak(columns, rate_hz, candidate)
+    if method == "ambient":
+        return fit_ambient(columns, rate_hz, candidate)
+    series = modal_series(columns, rate_hz, candidate)
+    part = isolate(series, rate_hz, candidate)
+    doubtful: Identified | None = None
+    if method == "free_decay" or not is_random(part, candidate):
+        best = best_stretch(part, candidate)
+        coloured = "coloured_residual" in best.identified.flags
+        if method == "free_decay" or best.explained >= (CLEARLY if coloured else EXPLAINED):
+            doubtful = _flag_line(best.identified)
+            if (
+                method == "free_decay"
+                or best.explained >= CLEARLY
+                or not _is_in_doubt(doubtful)
+            ):
+                return doubtful
+    steady = fit_ambient_steady(columns, rate_hz, candidate)
+    is_burst = _is_burst(_in_band(series, rate_hz, part))
+    if doubtful is not None and (is_burst or verdict(steady) != "mode"):
+        return doubtful
+    if is_burst:
+        steady = dataclasses.replace(steady, flags=(*steady.flags, "not_stationary"))
+    return _flag_line(steady)
+
+
+def _is_in_doubt(decay: Identified) -> bool:
+    """Whether a decay may be a mode driven at random, of which a part looks like one.
+
+    Seen for a few times its memory, the best part of a random response is explained by decays
+    to 90 or 97 %, and what they leave is too short to show that it is no noise.
+    """
+    return not {"part_of_record", "not_decaying"}.isdisjoint(decay.flags)
+
+
+def _after_a_blow(record: LongRecord, low: float, high: float) -> Identified | None:
+    """Lowest mode of a record that begins with a blow and says little else, or None."""
+    columns, rate_hz = record.columns, record.rate_hz
+    if not _is_struck(columns):
+        return None
+    # No taper: it would hide the beginning, which is where the decay is.
+    peaks = candidates(columns, rate_hz, low, high, taper="boxcar")
+    found = leading(peaks, len(columns) / rate_hz)
+    if not found:
+        return None
+    slower = record.at_rate_for(max(one.frequency_hz for one in found[:MOST_MODES]), BEGINNING)
+    if not _is_struck(slower.samples):
+        return None
+    blow = fit_blow(slower.samples[:LONG], slower.rate_hz, found)
+    if blow is None or blow.explained < EXPLAINED:
+        return None
+    mode = _begun(blow.identified, slower.start_s)
+    return mode if verdict(mode) == "mode" else None
+
+
+def _is_struck(columns: Float[np.ndarray, "time channel"]) -> bool:
+    """Whether most of the power comes in the first half."""
+    first = columns[: len(columns) // 2]
+    whole = float(np.einsum("tc,tc->", columns, columns))
+    return float(np.einsum("tc,tc->", first, first)) >= FRONT_SHARE * whole
+
+
+def _in_order(
+    found: list[Candidate], expected_hz: tuple[float, float] | None
+) -> list[Candidate]:
+    """From the lowest up, but the one closest to the expected frequency first."""
+    if expected_hz is None:
+        return found
+    mean, sd = expected_hz
+    if not (mean > 0 and sd > 0 and np.isfinite([mean, sd]).all()):
+        raise ValueError(
+            f"{expected_hz=} is not a frequency and its standard deviation. Give two positive "
+            "numbers in Hz, or None."
+        )
+    near = [one for one in found if abs(one.frequency_hz - mean) <= 4 * sd]
+    near.sort(key=lambda one: abs(one.frequency_hz - mean))
+    return near[:1] + [one for one in found if one not in near[:1]]
+
+
+def _flag_line(mode: Identified) -> Identified:
+    """Flag a mode `line` if it could as well be the mains: undamped, at its frequency."""
+    frequency, damping = mode.frequency_hz, mode.damping_ratio
+    duration = mode.span_s[1] - mode.span_s[0]
+    undamped = damping.value < max(2 * damping.sd, 0.2 / (frequency.value * duration))
+    tolerance = 2 * frequency.sd + 0.1
+    at_mains = any(
+        round(frequency.value / mains) >= 1
+        and abs(frequency.value - round(frequency.value / mains) * mains) < tolerance
+        for mains in MAINS_HZ
+    )
+    if undamped and at_mains and damping.sd < 0.02:
+        return dataclasses.replace(mode, flags=(*mode.flags, "line"))
+    return mode
+
+
+def _flag_machine(
+    mode: Identified, columns: Float[np.ndarray, "time channel"], rate_hz: float
+) -> Identified:
+    """Flag a mode `line` that does not decay, and is steadier than a structure can be.
+
+    A decay that was seen to fall off is none, however slowly it does.
+    """
+    damping, duration = mode.damping_ratio, len(columns) / rate_hz
+    falls = mode.method == "free_decay" and damping.value > 4 * damping.sd
+    if verdict(mode) != "mode" or falls or damping.value - 2 * damping.sd > LEAST_DAMPING:
+        return mode
+    if not 4 / duration < mode.frequency_hz.value < rate_hz / 2 - 4 / duration:
+        return mode
+    told = judge(columns, rate_hz, np.array([mode.frequency_hz.value]))[0]
+    if told.kind == "structural":
+        return mode
+    return dataclasses.replace(mode, flags=(*mode.flags, "line"))
+
+
+def _with_force(mode: Identified, record: LongRecord) -> Identified:
+    """Flag an ambient mode whose force plainly was no steady random one."""
+    if mode.method != "ambient":
+        return mode
+    near = record.near(mode.frequency_hz.value)
+    force = excitation(near.samples, near.rate_hz)
+    return dataclasses.replace(mode, flags=(*mode.flags, *force.flags))
+
+
+def _in_band(
+    series: Float[np.ndarray, " time"], rate_hz: float, part: Isolated
+) -> Float[np.ndarray, " _"]:
+    """Part of a series that lies in a band, from its first sample to its last."""
+    if part.shift_hz:
+        return part.series
+    band_hz = part.band_hz
+    frequency, coefficients = fft.rfftfreq(len(series), 1 / rate_hz), fft.rfft(series)
+    coefficients[(frequency < band_hz[0]) | (frequency > band_hz[1])] = 0.0
+    return np.asarray(fft.irfft(coefficients, len(series)))
+
+
+def _is_burst(series: Float[np.ndarray, " time"]) -> bool:
+    """Whether most of the power came at once, as no stationary excitation brings it."""
+    power = np.array([np.sum(eighth**2) for eighth in np.array_split(series, 8)])
+    return bool((power[1:] + power[:-1]).max() > BURST_SHARE * power.sum())
+
+
+def _decaying(mode: Identified) -> Identified:
+    """Put damping at the physical limit 0 where driving hid it."""
+    damping = mode.damping_ratio
+    if damping.value > 0:
+        return mode
+    limit = Measured(0.0, float(np.hypot(damping.sd, damping.value)))
+    return dataclasses.replace(mode, damping_ratio=limit)
