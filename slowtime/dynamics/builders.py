@@ -1,4 +1,4 @@
-"""Ready-made descriptions: chains, shear frames, beams."""
+"""Ready-made descriptions of structures: chains, shear frames, beams."""
 
 from collections.abc import Sequence
 

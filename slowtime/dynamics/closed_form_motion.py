@@ -1,4 +1,4 @@
-r"""Free, step and pulse motion of a structure at any instants, in closed form.
+r"""Free, step and pulse response of a structure in closed form.
 
 With proportional damping each undamped mode moves by itself (eq. 3.137, 3.142); with any other
 viscous damping the complex modes do,

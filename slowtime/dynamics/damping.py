@@ -1,4 +1,4 @@
-r"""Ways to say how a structure is damped when nobody knows its damping matrix.
+r"""Damping matrices: Rayleigh, modal, Caughey, and fitted damping ratios.
 
 Each gives a matrix that the undamped modes :math:`X` make diagonal,
 

@@ -1,4 +1,4 @@
-"""What a structure is made of, in words an engineer would use; and the matrices that follow."""
+"""Descriptions of structures, and the matrices assembled from them."""
 
 import dataclasses
 from collections.abc import Iterable, Iterator, Mapping

@@ -1,4 +1,4 @@
-"""Nodes and elements of a description, and the matrices that each of them brings along."""
+"""Nodes and elements of a description, and their matrices."""
 
 import dataclasses
 from typing import Literal

@@ -1,4 +1,4 @@
-"""Slow time in, changes of stiffness and mass out: the book's two model evolutions."""
+"""The two model evolutions of stiffness and mass used in the book."""
 
 import numpy as np
 import scipy.signal as sps

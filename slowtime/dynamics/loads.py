@@ -1,4 +1,4 @@
-"""Loads by name: how long and how fast in, their values at the samples out."""
+"""Load histories by name: harmonic, step and white noise."""
 
 import math
 

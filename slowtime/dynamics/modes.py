@@ -1,4 +1,4 @@
-r"""Modes of a structure: real ones without damping, complex ones with any viscous damping.
+r"""Real and complex modes of structures with viscous damping.
 
 .. math:: K x_j = \omega_j^2 M x_j, \qquad (s_j^2 M + s_j C + K) z_j = 0 .
 """

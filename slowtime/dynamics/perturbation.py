@@ -1,4 +1,4 @@
-r"""Complex modes without the state space: first order in the damping (section 3.5.1.2).
+r"""Complex modes by first-order perturbation in the damping (section 3.5.1.2).
 
 All of them start from the undamped modes and :math:`C' = X^T C X`. They say how complex modes
 come about; `modes.complex_modes` is exact, and for structures of a size that fits in memory no

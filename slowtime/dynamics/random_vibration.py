@@ -1,4 +1,4 @@
-r"""Random forces in, spectra and covariance of the response out.
+r"""Spectra and covariances of the response to random forces.
 
 Densities are one-sided, per hertz: white force of density :math:`S` has
 

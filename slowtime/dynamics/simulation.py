@@ -1,4 +1,4 @@
-"""Forces sampled in time in, motion at the samples out, without any error of integration.
+"""Exact simulation of structures under sampled forces.
 
 A force that is constant or linear between samples moves each complex mode by one multiplication
 a sample: no step size has to be chosen, and the cost is that of a one-pole filter per mode. The

@@ -1,4 +1,4 @@
-r"""Frequency domain: :math:`H(s) = (s^2 M + s C + K)^{-1}` and what rests on it."""
+r"""Transfer functions :math:`H(s) = (s^2 M + s C + K)^{-1}` and frequency responses."""
 
 import numpy as np
 from jaxtyping import Complex, Float

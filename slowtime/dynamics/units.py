@@ -1,4 +1,4 @@
-"""Units that models and records may be written in, and what each is worth in SI."""
+"""Units of models and records, and their SI values."""
 
 from types import MappingProxyType
 from typing import Literal

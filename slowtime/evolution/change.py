@@ -1,4 +1,4 @@
-"""What every estimator here gives back, and what they all do with a frequency ratio first."""
+"""Series of relative changes, and the checks that all their estimators share."""
 
 import dataclasses
 from typing import Literal, TypeAlias

@@ -1,4 +1,4 @@
-"""Fewer points of a history, chosen so that no extreme is hidden."""
+"""Downsampling of a history that keeps its extremes."""
 
 import numpy as np
 from jaxtyping import Float, Int

@@ -1,4 +1,4 @@
-r"""Drift rates of like assets, pooled: each borrows strength from the others.
+r"""Partial pooling of drift rates over similar assets.
 
 The rate :math:`\hat r_i` that was read off member i has a standard deviation :math:`s_i`, and
 the rates themselves differ from asset to asset,

@@ -1,4 +1,4 @@
-"""Why an estimate is not valid: bit flags that travel with it, sentences with the cure."""
+"""Reasons why an estimate is not valid, as bit flags with a sentence each."""
 
 import enum
 import functools

@@ -1,4 +1,4 @@
-"""Hopeless input is refused here, with the cure, before any arithmetic."""
+"""Input validation: samples, sampling rate and search band of an identification."""
 
 import numpy as np
 from jaxtyping import Bool, Float

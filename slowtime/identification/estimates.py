@@ -1,4 +1,4 @@
-"""What an identification says: values with standard deviations, and what to mistrust."""
+"""Estimates of an identification: values with standard deviations, and warning flags."""
 
 import dataclasses
 import math

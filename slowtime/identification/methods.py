@@ -1,4 +1,4 @@
-"""Record and the name of a method in; all modes and lines of machines by that method out."""
+"""Choice of the multichannel identification method by name."""
 
 import dataclasses
 from typing import Literal

@@ -1,4 +1,4 @@
-"""One mode of vibration: values with standard deviations, a shape, and what to make of it."""
+"""The estimate of one mode of vibration: frequency, damping, shape and flags."""
 
 import dataclasses
 from typing import Literal

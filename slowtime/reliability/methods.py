@@ -1,4 +1,4 @@
-"""All methods by name, and one function that applies any of them."""
+"""All reliability methods by name, and one function to apply them."""
 
 import dataclasses
 import functools

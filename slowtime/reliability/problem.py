@@ -1,4 +1,4 @@
-"""A reliability problem: named random inputs, their dependence, and a limit state."""
+"""Reliability problems: named random inputs, their dependence, a limit state."""
 
 import dataclasses
 from collections.abc import Callable, Mapping

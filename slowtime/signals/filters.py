@@ -1,4 +1,4 @@
-r"""Filters of series in slow time: one reading an epoch in, one filtered reading out.
+r"""Filters of series in slow time, with one value per epoch.
 
 They are for the series of identified frequencies, never for the vibration itself. Before a
 modal identification a moving average or an EWMA changes gain and phase inside the band of

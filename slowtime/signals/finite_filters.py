@@ -1,4 +1,4 @@
-"""Tapers and finite filters: windows of a transform, windowed-sinc designs, fast convolution.
+"""Tapers, windowed-sinc filters and fast convolution.
 
 They answer as `scipy.signal` does, whose import an edge agent is spared; see `peaks`.
 """

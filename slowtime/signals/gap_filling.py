@@ -1,4 +1,4 @@
-r"""Records with short losses in, the samples between estimated from their neighbours out.
+r"""Filling of short gaps by linear prediction from both sides.
 
 A sample :math:`x_k` that is missing is estimated by the best linear predictor from the samples
 around it,

@@ -1,4 +1,4 @@
-r"""Recursive filters in blocks of samples: matrix products in the place of compiled loops.
+r"""Recursive filters applied in blocks of samples by matrix products.
 
 A recursion of few states over a block of samples :math:`x` is linear in block and state,
 

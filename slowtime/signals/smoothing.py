@@ -1,4 +1,4 @@
-r"""Two-stage smoother of slow-time series: a median against outliers, an EWMA against noise.
+r"""Two-stage smoother of slow-time series: running median, then EWMA.
 
 It answers with every reading, and says with it how late it is and how sure. The delay is the
 mean age of the readings it rests on, in full swing :math:`K + (1 - a) / a` readings for a

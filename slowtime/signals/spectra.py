@@ -1,4 +1,4 @@
-"""Samples in, one-sided power spectral densities out; what stands above its neighbourhood."""
+"""One-sided power spectral densities, smoothing and noise floors."""
 
 import dataclasses
 import functools

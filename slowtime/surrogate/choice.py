@@ -1,4 +1,4 @@
-"""Which surrogate suits a design: all foretell points left out, and the answer says why."""
+"""Choice of a surrogate by leave-one-out prediction."""
 
 import dataclasses
 import warnings

@@ -1,4 +1,4 @@
-"""Polynomial chaos: orthonormal polynomials, as many as foretell best, and Sobol indices."""
+"""Sparse polynomial chaos expansions and their Sobol indices."""
 
 import warnings
 from collections.abc import Iterator, Sequence

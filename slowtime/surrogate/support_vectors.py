@@ -1,4 +1,4 @@
-"""Support vectors, with bands that need no law: conformal prediction."""
+"""Support vector regression with conformal prediction bands."""
 
 from typing import Any
 

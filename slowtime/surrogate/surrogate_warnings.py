@@ -1,4 +1,4 @@
-"""What a surrogate warns of. Each is a `SurrogateWarning`, so that one filter catches all."""
+"""Warnings of surrogates, all of them subclasses of `SurrogateWarning`."""
 
 
 class SurrogateWarning(UserWarning):

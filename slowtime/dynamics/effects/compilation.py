@@ -1,4 +1,4 @@
-"""Scalar laws in, machine code out: compiled at first use, and kept on disk.
+"""Compilation of scalar laws to machine code, cached on disk.
 
 Nothing is compiled when a module is imported. Where no folder can be written, neither that of
 the package nor the user's own (NUMBA_CACHE_DIR names another), code is compiled anew each time.

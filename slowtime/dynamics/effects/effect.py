@@ -1,4 +1,4 @@
-"""Effects of a description: what, where and how much; from and to entries of a model file."""
+"""Effects of a description: kind, place and parameter values."""
 
 import dataclasses
 import difflib

@@ -1,4 +1,4 @@
-"""All kinds of effect that are known without being told, by name."""
+"""Catalogue of all built-in kinds of effect, by name."""
 
 import functools
 from collections.abc import Iterable, Mapping

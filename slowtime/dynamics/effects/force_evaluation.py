@@ -1,4 +1,4 @@
-"""A known motion in, the force of an effect along it out."""
+"""Force of an effect along a known motion."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""What a kind of effect is: names, units, bounds, words, and the law that acts."""
+"""Kinds of effect: names, units, bounds, texts, and laws."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-r"""Values of parameters in; mass, damping and stiffness with their slopes out.
+r"""Mass, damping and stiffness matrices with derivatives to the parameters.
 
 All are over the free coordinates, the hidden ones that effects bring, and the base last. Where
 hidden masses are at rest against the base they are carried along, as the nodes are.

@@ -1,4 +1,4 @@
-"""Numbers that a plant has: their names, values, units, and how well they are claimed."""
+"""Parameters of a plant: names, values, units and tolerances."""
 
 import dataclasses
 import math

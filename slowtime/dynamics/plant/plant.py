@@ -1,4 +1,4 @@
-"""The plant: a description that can be run at any values of its parameters."""
+"""The plant: a description that is simulated at any values of its parameters."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""States in, what sensors tell out; and inputs as recorded in, as they act out."""
+"""Sensor outputs from states, and applied inputs from recorded ones."""
 
 import dataclasses
 import functools

@@ -1,4 +1,4 @@
-"""One run of a plant, put together: inputs, matrices, compiled steps, sensors."""
+"""One simulation run of a plant: inputs, matrices, time stepping, sensors."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-r"""A linear system in; what it does over a step, over its half, over its half's half ... out.
+r"""Propagators of a linear system over a step and its halves.
 
 With a force that is a polynomial over the step, :math:`u(\tau) = \sum_j a_j (\tau / T)^j`,
 

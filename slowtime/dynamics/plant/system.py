@@ -1,4 +1,4 @@
-r"""Matrices and laws in; what the compiled steps need, out.
+r"""Assembled coefficients of the compiled time stepping.
 
 State :math:`x = (q, \dot q, z)`, internal states of laws last;
 :math:`\dot x = A x + B_u u + B_y y` with one column of :math:`B_u` for each input and of

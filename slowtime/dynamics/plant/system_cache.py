@@ -1,4 +1,4 @@
-"""What a run asks for in; its system out, made once for all records that ask the same.
+"""Cache of assembled systems, shared by runs with equal settings.
 
 A fit runs every record, and every piece of one, at the same values; what the compiled steps
 need costs about as much to make as a short record to run.

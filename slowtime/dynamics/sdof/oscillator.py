@@ -1,4 +1,4 @@
-"""One mass on a spring beside a dashpot: what it is, and the numbers that say how it moves."""
+"""The single-degree-of-freedom oscillator and its characteristic numbers."""
 
 import cmath
 import dataclasses

@@ -1,4 +1,4 @@
-r"""The pendulum of section 1.2, three ways: small angle, full, and learnt from data.
+r"""The pendulum of section 1.2: small-angle, exact and learnt from data.
 
 .. math:: m L \ddot\theta + m g \sin\theta = 0
 """

@@ -1,4 +1,4 @@
-r"""Oscillator and load in, motion out, in closed form and for every damping.
+r"""Closed-form responses of an oscillator, for every damping.
 
 All of it rests on the free motion :math:`q = q_0 C + v_0 S` with
 

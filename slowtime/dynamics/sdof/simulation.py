@@ -1,4 +1,4 @@
-r"""Force sampled in time in, motion at the samples out, without any error of integration.
+r"""Exact simulation of an oscillator under a sampled force.
 
 Between two samples the state :math:`x = (q, \dot q)` obeys a linear equation whose solution for
 a force that is constant (zero-order hold) or linear (first-order hold) in between is one matrix

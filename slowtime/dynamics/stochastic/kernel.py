@@ -1,4 +1,4 @@
-r"""Compiled steps of springs with laws, one row of numbers for each of many motions.
+r"""Compiled time stepping of springs with nonlinear laws, many motions at once.
 
 A row of `values` holds the stiffnesses of the springs, their dampings, the masses of the nodes,
 and the parameters of laws, in this order. A row of `laws` is (address, 0 on an element or 1 on

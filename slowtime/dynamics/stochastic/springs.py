@@ -1,4 +1,4 @@
-"""A description of springs, point masses and effects, made ready for compiled steps."""
+"""Springs, point masses and effects of a description, prepared for time stepping."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-r"""How a frequency may depend on covariates: functions with Gaussian coefficients.
+r"""Basis functions of the dependence of a frequency on covariates.
 
 Whatever the law, it is
 

@@ -1,4 +1,4 @@
-r"""Since when, and by how much, a level has changed: one bet on each instant, few of them kept.
+r"""Posterior of the onset and size of a change of level.
 
 The bet on an onset k holds the likelihood ratio of all residuals since, for a lasting step of
 unknown size :math:`\delta \sim N(0, \tau^2)`, one-sided if asked for. With b and I the score

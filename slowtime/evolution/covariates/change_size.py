@@ -1,4 +1,4 @@
-"""How large a change is that an alarm speaks of, and since when."""
+"""Size and onset of the change that an alarm reports."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""The recursion that removes what is normal: coefficients and wandering part, step by step."""
+"""Kalman recursion of covariate coefficients and residual process."""
 
 import dataclasses
 

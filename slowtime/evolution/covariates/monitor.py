@@ -1,4 +1,4 @@
-"""Alarm on what temperature and load do not explain, false ones as rarely as asked for."""
+"""Alarm on changes that temperature and load do not explain."""
 
 import dataclasses
 

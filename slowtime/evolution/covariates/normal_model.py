@@ -1,4 +1,4 @@
-"""The normal dependence of a frequency on temperature and load, learnt in a training span."""
+"""Normal dependence of a frequency on temperature and load, learnt from training data."""
 
 import dataclasses
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-r"""What covariates leave: a wandering part that fades, and noise of readings; their likelihood.
+r"""Residual of the covariate model: an autoregressive part and measurement noise.
 
 .. math:: y_t = \phi(c_t)^T \beta + a(t) + \varepsilon_t, \qquad
           \mathrm{E}\, a(t) a(t') = \sigma_a^2 e^{-|t - t'| / \tau}, \quad

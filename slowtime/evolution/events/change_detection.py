@@ -1,4 +1,4 @@
-r"""Has the model changed? Every reading is asked whether the level has gone elsewhere of late.
+r"""Online detection of a sudden change of level at each reading.
 
 Beside the process that was learnt stand rivals of it, one for each recent reading, whose level
 may have jumped just before. If there was no jump, the likelihood of a rival over that of the

@@ -1,4 +1,4 @@
-r"""Which jumps a history has: forward selection on scores, backward elimination.
+r"""Selection of the jumps of a history: forward selection, backward elimination.
 
 A jump after a reading is a shift of the level of a process. Its gain in log-likelihood follows
 for all readings from one pass there and back (`estimation.sweeps.interventions`), so that no

@@ -1,4 +1,4 @@
-r"""Repairs, replacements and inspections that somebody has told: what each does to a belief.
+r"""Repairs, replacements and inspections, and their effect on the state estimate.
 
 With :math:`x` the relative change of a quantity (0 as built, -0.1 once a tenth is gone) and
 :math:`D = -x` its damage, a repair that restores the share :math:`\rho` leaves

@@ -1,4 +1,4 @@
-r"""An outlook and what is believed after the last reading: one step for each reading more.
+r"""Prediction and update of a forecast, reading by reading.
 
 The belief of each process of the outlook is all that a forecast needs of the past, so that
 neither a further reading nor a forecast costs more after many readings than after few.

@@ -1,4 +1,4 @@
-"""Where a change is heading: a drifting trend plus a Matérn process, continued with its doubt.
+"""Forecast of a change: a drifting trend plus a Matérn process.
 
 What is learnt is a handful of processes with weights, spread over what the history allows, not
 the single likeliest one: a band that takes its own length scale for certain is too narrow.

@@ -1,4 +1,4 @@
-"""Quantiles of what several Gaussians say together."""
+"""Quantiles of mixtures of Gaussian distributions."""
 
 import numpy as np
 from jaxtyping import Float

@@ -1,4 +1,4 @@
-"""What a history allows to come: processes with their weights, and jumps that it has had."""
+"""Weighted processes and jump laws that a history supports."""
 
 import dataclasses
 from typing import TypeAlias

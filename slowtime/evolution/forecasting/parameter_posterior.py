@@ -1,4 +1,4 @@
-"""Which parameters a history allows: points with weights, and evidence for the whole kind."""
+"""Posterior of process parameters: weighted points and model evidence."""
 
 import dataclasses
 from collections.abc import Callable

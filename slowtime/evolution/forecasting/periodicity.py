@@ -1,4 +1,4 @@
-"""Histories that repeat themselves: is there a period, and what process has it.
+"""Detection of a period in a history, and a periodic process for it.
 
 A day, a season, a tank that is filled and emptied: trend and Matérn process as ever, and beside
 them a function of any form that comes again and slowly changes.

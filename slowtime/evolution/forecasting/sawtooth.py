@@ -1,4 +1,4 @@
-"""Waves that fall at once: where their edges are, and what process has them.
+"""Sawtooth histories: positions of the edges, and a process with them.
 
 Beside trend, Matérn process and smooth wave stands a sawtooth of the same period. Its edges
 lie between readings, so that what is known of period and edge is a set of places, not a peak.

@@ -1,4 +1,4 @@
-r"""How good a forecast was, once the truth is known.
+r"""Scores of forecasts against the truth: CRPS and coverage.
 
 The continuous ranked probability score (Gneiting and Raftery, 2007) is a distance between what
 was foretold and what came, in the unit of the quantity: smaller is better, and neither too

@@ -1,4 +1,4 @@
-"""Which kind of wave a history has, and what processes of it: smooth, with edges, or teeth."""
+"""Choice between smooth, edged and sawtooth periodic processes."""
 
 from collections.abc import Sequence
 

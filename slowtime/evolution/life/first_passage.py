@@ -1,4 +1,4 @@
-r"""First passages of sampled paths, between grid points too.
+r"""First-passage times of sampled paths, crossings between grid points included.
 
 Between two points of a diffusion with variance rate :math:`\sigma^2`, at distances a and b from
 the threshold, the path is a Brownian bridge: it touches the threshold with probability

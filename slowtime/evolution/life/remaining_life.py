@@ -1,4 +1,4 @@
-"""Remaining life as a distribution: when a threshold is first crossed."""
+"""Remaining life as a distribution of the first crossing of a threshold."""
 
 import dataclasses
 from collections.abc import Mapping

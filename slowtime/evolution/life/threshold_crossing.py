@@ -1,4 +1,4 @@
-"""When will a threshold be crossed: the distribution of the time of the first crossing."""
+"""Distribution of the time at which a forecast first crosses a threshold."""
 
 import dataclasses
 import functools

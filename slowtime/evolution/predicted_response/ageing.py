@@ -1,4 +1,4 @@
-r"""Nonlinear structures over slow time (Chapter 9): constants by epoch in, response out.
+r"""Response of an ageing nonlinear structure at future slow times (Chapter 9).
 
 Each constant that was estimated epoch by epoch (`estimation.epochs`) becomes a process over
 slow time of its logarithm, known errors and all; the processes give the constants at any slow

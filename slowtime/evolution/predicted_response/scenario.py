@@ -1,4 +1,4 @@
-r"""What would the structure of today do: its parameters with their doubt in, bands out.
+r"""Response of the structure of today under a chosen load, with uncertainty bands.
 
 .. math:: \ln \theta \sim N(\mu, \Sigma), \quad \ln \zeta_j \sim N(\nu_j, s_j^2), \qquad
           M(\theta) \ddot q + C(\theta, \zeta) \dot q + K(\theta) q = f(t)

@@ -1,4 +1,4 @@
-"""The formulas of chapter 5 as the book has them, kept apart so that they can be compared.
+"""Formulas of chapter 5 exactly as printed in the book, for comparison.
 
 None of these is what the twin uses. `stiffness`, `mass` and `joint` are: they give the same
 answers for exact data, and for noisy data an unbiased estimate with a standard deviation, an

@@ -1,4 +1,4 @@
-r"""What a reading says once physics bounds the change: a truncated normal law, transformed.
+r"""Posterior of a change within physical bounds: a truncated normal, transformed.
 
 With :math:`\hat r \sim N(r, s^2)` and a prior on :math:`[r_-, r_+]`,
 

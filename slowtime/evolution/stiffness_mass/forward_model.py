@@ -1,4 +1,4 @@
-"""The other way round: what frequency and damping a changed structure would show."""
+"""Frequency and damping of a structure with given changes of stiffness and mass."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-r"""Mass and stiffness from frequency and damping together, and whether the data can say both.
+r"""Joint estimate of stiffness and mass from frequency and damping.
 
 With :math:`x_1 = \ln(1 + \Delta_m)`, :math:`x_2 = \ln(1 + \Delta_k)` and
 :math:`x_3 = \ln(c / c_0)` the readings are linear in the unknowns,

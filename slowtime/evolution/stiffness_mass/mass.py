@@ -1,4 +1,4 @@
-r"""Mass from frequency, stiffness and damping being what they were.
+r"""Change of mass from frequency, with stiffness and damping constant.
 
 .. math:: m_0 (1 + \Delta_m(t_s)) \ddot u + c_0 \dot u + k_0 u = f
    \quad\Rightarrow\quad r = \omega_{ds} / \omega_0 =

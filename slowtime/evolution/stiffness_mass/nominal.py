@@ -1,4 +1,4 @@
-"""What the structure was like to begin with, learnt from its first epochs."""
+"""Nominal frequency and damping, learnt from the first epochs."""
 
 import dataclasses
 

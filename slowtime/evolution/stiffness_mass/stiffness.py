@@ -1,4 +1,4 @@
-r"""Stiffness from frequency, mass and damping being what they were.
+r"""Change of stiffness from frequency, with mass and damping constant.
 
 .. math:: m_0 \ddot u + c_0 \dot u + k_0 (1 + \Delta_k(t_s)) u = f
    \quad\Rightarrow\quad r = \omega_{ds} / \omega_0 = \sqrt{1 + \Delta_k - \zeta_0^2}

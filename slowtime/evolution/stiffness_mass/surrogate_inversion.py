@@ -1,4 +1,4 @@
-"""Frequencies of any structure in; what changed, through surrogates of its frequencies, out.
+"""Bayesian inversion of surrogate models: frequencies to changes of a structure.
 
 Where no formula leads from a change to a frequency, a surrogate learnt from a few runs of the
 model does, and says how well it knows (chapter 6 of the book). Its uncertainty widens the

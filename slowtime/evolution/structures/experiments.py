@@ -1,4 +1,4 @@
-"""What further measurement would tell what this one cannot: a sensor, a mass, a force."""
+"""Proposal of a further measurement: a sensor, an added mass or a force."""
 
 import dataclasses
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-r"""Parameters of a structure from its measured modes: maximum a posteriori, several starts.
+r"""Maximum a posteriori parameters of a structure from measured modes.
 
 With parameters whitened by their prior, :math:`\theta = \sigma \circ \varphi`, residual
 r and slope J in standard deviations, a step of Gauss and Newton solves

@@ -1,4 +1,4 @@
-r"""Which elements have changed: few of them, so hypotheses are few and can be weighed in full.
+r"""Probabilities of hypotheses about which elements have changed.
 
 Damage is sparse. Under the hypothesis that the set S has changed, the parameters in S are
 :math:`N(0, \sigma_1^2)` and all others :math:`N(0, \sigma_0^2)` with the small

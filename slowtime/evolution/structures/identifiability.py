@@ -1,4 +1,4 @@
-r"""What the data cannot tell of the parameters, in words.
+r"""Parameters and combinations of parameters that the data do not determine.
 
 A direction :math:`\varphi` of the parameters, in prior standard deviations, is not told when
 its posterior is hardly narrower than its prior, whatever else were known:

@@ -1,4 +1,4 @@
-r"""What was measured of the modes, and how far a model is from it, in standard deviations.
+r"""Measured modes, and their distance from a model in standard deviations.
 
 A frequency enters by its logarithm. A shape is known up to a factor a, which is fitted:
 

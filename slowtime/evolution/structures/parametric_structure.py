@@ -1,4 +1,4 @@
-r"""A structure whose elements may weaken and whose nodes may gain mass, and its modes.
+r"""Structure with variable element stiffnesses and node masses, and its modes.
 
 .. math:: K(\theta) = K_0 + \sum_e (e^{\theta_e} - 1) K_e, \qquad
           M(\theta) = M_0 + \sum_n (e^{\theta_n} - 1) M_n

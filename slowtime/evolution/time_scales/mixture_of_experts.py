@@ -1,4 +1,4 @@
-r"""A mixture of Gaussian-process experts over slow time, by expectation and maximisation.
+r"""Mixture of Gaussian-process experts over slow time, fitted by EM.
 
 .. math:: p(y | t_s) = \sum_k \pi_k(t_s) \, N(y; m_k(t_s), v_k(t_s) + s^2), \qquad
           \pi_k(t_s) \propto \pi_k N(t_s; c_k, S_k)

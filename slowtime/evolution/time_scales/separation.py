@@ -1,4 +1,4 @@
-r"""Two slow time scales in one series (Chapter 8): what fades, and what comes and goes.
+r"""Separation of a series into two slow time scales (Chapter 8).
 
 .. math:: y(t_s) = \underbrace{a(t_s) + f(t_s)}_{\text{long}} +
           \underbrace{g(t_s)}_{\text{short}} + \varepsilon

@@ -1,4 +1,4 @@
-r"""Fourier coefficients about a resonance in, their likelihood with all correlations, out.
+r"""Likelihood of the Fourier coefficients of one mode, with their leakage correlations.
 
 A record begins and ends in the middle of a vibration. The jump from its end to its beginning
 leaks into every Fourier coefficient alike, so that with few half-bandwidths in the record the

@@ -1,4 +1,4 @@
-r"""Fitted resonance in, what its record says of the damping, as a median and a deviation, out.
+r"""Posterior distribution of the damping ratio of a fitted resonance.
 
 With few half-bandwidths of record the likelihood of the damping is skewed, and curvature at its
 top says little about its tails. Here it is followed along a raster of damping ratios, the other

@@ -1,4 +1,4 @@
-"""Ambient response in, natural frequency and damping by the likelihood of its spectrum out."""
+"""Frequency and damping from ambient response, by the likelihood of its spectrum."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""Mode, level and record length in, the density that a periodogram of it has on average out."""
+"""Expected periodogram of an oscillator under white force, leakage included."""
 
 import numpy as np
 from jaxtyping import Complex, Float

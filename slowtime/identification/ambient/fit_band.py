@@ -1,4 +1,4 @@
-r"""Spectrum about a resonance in, the widest band in which one mode explains it, out.
+r"""Choice of the widest frequency band in which a single mode explains the spectrum.
 
 A wide band knows the damping best, but the model of one mode under a white force with white
 noise ends where a second mode, coloured force or an anti-aliasing filter begins, and what is

@@ -1,4 +1,4 @@
-"""Values at a few places in, a smooth curve through them at any places between them out."""
+"""Cubic spline interpolation with not-a-knot end conditions."""
 
 import numpy as np
 from jaxtyping import Float

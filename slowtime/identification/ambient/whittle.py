@@ -1,4 +1,4 @@
-r"""Ordinates of a raw periodogram in, the resonance most likely to have scattered them out.
+r"""Whittle likelihood of one resonance in a periodogram, maximised by Fisher scoring.
 
 Ordinates :math:`I_k` of a Gaussian record are nearly independent and exponential about their
 expectation :math:`S_k(\theta)`; means of :math:`n_k` of them, gamma distributed. Hence

@@ -1,4 +1,4 @@
-"""Modes at their likeliest in; those that are modes, and no two the same, out."""
+"""Acceptance tests of fitted modes, and removal of duplicates."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Record of many channels in; every mode it shows, with honest errors, and nothing else, out.
+"""Automatic identification of all modes in a multichannel record.
 
 Lines of machines are found and taken out; subspace models of many orders, in bands of a few
 tens of percent, name the candidates; the likelihood of the spectra decides which of them are

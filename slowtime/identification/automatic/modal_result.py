@@ -1,4 +1,4 @@
-"""What identification of many channels says: modes, and what shows where they come from."""
+"""The result of a multichannel identification: modes, stabilisation diagram, spectra."""
 
 import dataclasses
 

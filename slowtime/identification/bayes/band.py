@@ -1,4 +1,4 @@
-"""Fourier coefficients in; what a band of them holds, neighbouring bins taken together, out."""
+"""Grouped Fourier coefficients of one frequency band."""
 
 import dataclasses
 

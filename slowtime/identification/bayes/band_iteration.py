@@ -1,4 +1,4 @@
-"""Candidates in; bands laid out and fitted in rounds, until they keep their place, out."""
+"""Iteration of band layout and fit until the bands no longer change."""
 
 import numpy as np
 from jaxtyping import Float

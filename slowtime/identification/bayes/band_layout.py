@@ -1,4 +1,4 @@
-"""First guesses in; the bands to fit, which modes together and with which guests, out."""
+"""Layout of frequency bands: modes that are fitted together, and nearby modes."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-r"""Record and candidate frequencies in; the most probable modes with their errors out.
+r"""Bayesian FFT modal identification: most probable modes with posterior errors.
 
 Bayesian FFT modal identification: the Fourier coefficients of the whole record in the band of a
 mode, or of a few close ones, are independent complex Gaussians with the spectral matrix that

@@ -1,4 +1,4 @@
-"""A band and a start in; the most probable modes and the covariance of their parameters out."""
+"""Maximum of the posterior of one band, and the covariance of its parameters."""
 
 import dataclasses
 

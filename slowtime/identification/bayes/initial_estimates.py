@@ -1,4 +1,4 @@
-"""Candidate frequencies in; frequency, damping and shape of each by itself out."""
+"""Initial frequency, damping and shape of each candidate mode."""
 
 import dataclasses
 

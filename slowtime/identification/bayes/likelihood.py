@@ -1,4 +1,4 @@
-r"""Coefficients and parameters in; log-posterior, its slope and its information out.
+r"""Log-posterior of the modes of one band, with gradient and Fisher information.
 
 .. math:: \ln p = -\sum_k (n_k \ln \det E_k + \mathrm{tr}\, E_k^{-1} \Sigma_k) + \mathrm{prior},
           \qquad I_{ab} = \sum_k n_k \, \mathrm{tr}\, E_k^{-1} E_{k,a} E_k^{-1} E_{k,b}

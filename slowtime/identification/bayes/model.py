@@ -1,4 +1,4 @@
-r"""Modes and noise in, the spectral matrix that Fourier coefficients scatter about, out.
+r"""Spectral matrix that modes and noise predict for the Fourier coefficients of a band.
 
 In a band that m modes rule, the coefficients of the n channels are
 

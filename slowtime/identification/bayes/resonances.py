@@ -1,4 +1,4 @@
-"""Poles in; cross-periodograms of resonances under one white force, leakage and all, out."""
+"""Cross-periodograms of resonances under one white force, leakage included."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""Streams of several boards on one structure in, one stream on one clock or a reason out.
+"""Alignment of the clocks of several boards on one structure.
 
 Each board's clock model gives its time axis to some milliseconds; the structure's own motion
 gives the rest, since both boards see its modes at the same time (see `common_motion`).

@@ -1,4 +1,4 @@
-"""What boards recorded on clocks of their own, and what became of it on one clock."""
+"""Records of boards with clocks of their own, and the result of their alignment."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""Phases between two boards at their shared modes in, offset and drift of their clocks out."""
+"""Least-squares offset and drift between two clocks from phases at shared modes."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-r"""Two boards' channels on one grid in, how far apart their clocks are by their modes out.
+r"""Phase differences between two boards at the modes that both measure.
 
 Where both boards see the same mode, and the second one's time axis is off by :math:`\delta`,
 the cross-spectra at its frequency f are

@@ -1,4 +1,4 @@
-"""Channels in, the one weighted sum in which a mode stands highest above the noise out."""
+"""Weighted sum of channels with the highest signal-to-noise ratio at one mode."""
 
 import numpy as np
 import scipy.linalg as la

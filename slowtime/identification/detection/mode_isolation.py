@@ -1,4 +1,4 @@
-"""Series in, the same series around one mode, at a rate no higher than that mode needs, out."""
+"""Band-pass filtering and decimation of a series around one mode."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""Long record and one candidate in; the record at a rate that the candidate's mode needs, out.
+"""Decimation of long records to the sampling rate that a mode needs.
 
 A mode is fitted at many places and lags. At 50 kHz a mode of 8 Hz has six thousand samples a
 cycle, of which thirty tell all that there is to know.

@@ -1,4 +1,4 @@
-"""Samples in, the resonances that stand significantly above their neighbourhood out."""
+"""Detection of resonance peaks that are significant above the noise floor."""
 
 import bisect
 import dataclasses

@@ -1,4 +1,4 @@
-r"""Ordinates of one bell in; frequency and damping by the decay of its correlation out.
+r"""Enhanced FDD: frequency and damping from the correlation of one spectral bell.
 
 The bell goes back to time about its own centre,
 :math:`R(\tau) = \sum_k I_k e^{2 \pi i (f_k - f_c) \tau} / (1 - \tau / T)`, and rings like

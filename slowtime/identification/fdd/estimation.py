@@ -1,4 +1,4 @@
-r"""Record in; modes by frequency domain decomposition, plain and enhanced, out.
+r"""Frequency domain decomposition, plain (FDD) and enhanced (EFDD).
 
 Plain (FDD): a peak of the first singular value is a mode, the first vector there its shape.
 Enhanced (EFDD): the part of the spectrum that has this shape, the bell, is turned back into a

@@ -1,4 +1,4 @@
-r"""Record in; singular values and vectors of its spectral matrix, and where they peak, out.
+r"""Singular value decomposition of the spectral matrix, and its peaks.
 
 .. math:: \hat S(f) = \frac{\sum_k w_k F_k F_k^H}{\sum_k w_k} = \sum_i s_i u_i u_i^H, \qquad
           w_k = \Bigl(1 - \Bigl(\frac{f_k - f}{h(f)}\Bigr)^2\Bigr)^3

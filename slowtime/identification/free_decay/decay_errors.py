@@ -1,4 +1,4 @@
-"""Fitted decays in, one mode with its errors and how much of the record it explains out."""
+"""Standard errors of a fitted decay, and the power that it explains."""
 
 import dataclasses
 

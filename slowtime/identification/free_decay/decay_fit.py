@@ -1,4 +1,4 @@
-r"""Samples and starting poles in, the most likely sum of decaying oscillations out.
+r"""Maximum-likelihood fit of a sum of decaying oscillations, started by ESPRIT.
 
 .. math:: y_n = \sum_k e^{-\alpha_k t_n} (a_k \cos \omega_k t_n + b_k \sin \omega_k t_n)
           + \text{drift} + \text{noise}

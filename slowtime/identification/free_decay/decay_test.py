@@ -1,4 +1,4 @@
-"""Series about one mode in, whether it is plainly no free decay out."""
+"""Test whether a series about one mode cannot be a free decay."""
 
 import numpy as np
 import scipy.fft as fft

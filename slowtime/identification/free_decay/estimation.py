@@ -1,4 +1,4 @@
-"""Free decay in, natural frequency and damping by maximum likelihood out."""
+"""Frequency and damping of a free decay by maximum likelihood."""
 
 import dataclasses
 from collections.abc import Sequence

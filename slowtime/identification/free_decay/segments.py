@@ -1,4 +1,4 @@
-"""Eventful record in, the stretch of it that tells a mode's frequency best out."""
+"""Choice of the segment of a record that determines a frequency best."""
 
 import dataclasses
 from itertools import pairwise

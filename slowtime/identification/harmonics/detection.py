@@ -1,4 +1,4 @@
-r"""Peaks of a record in; which of them machines put there, with the chance of being wrong, out.
+r"""Detection of harmonics of machines among the peaks of a record.
 
 A mode under random force is Gaussian and as wide as its damping; a machine's line keeps its
 amplitude, and is narrow or wanders. The null hypothesis is *a mode damped by at least*

@@ -1,4 +1,4 @@
-"""Lines in, the speeds of machines that they are multiples of out."""
+"""Grouping of spectral lines into harmonic series of rotating machines."""
 
 import dataclasses
 from collections.abc import Iterator

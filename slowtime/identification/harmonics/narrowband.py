@@ -1,4 +1,4 @@
-r"""A narrow band of a record in; how steady, and how much one tone, what it holds, out.
+r"""Statistics of narrow frequency bands: steadiness, and share of a single tone.
 
 Two statistics of the complex envelope z tell a machine from a mode:
 

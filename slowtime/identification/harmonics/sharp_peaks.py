@@ -1,4 +1,4 @@
-"""Spectra in, the peaks that stand out of their nearest surroundings out."""
+"""Spectral peaks that stand out of their immediate surroundings."""
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d

@@ -1,4 +1,4 @@
-"""A peak's steadiness in, the probability that a mode would look as steady out.
+"""Monte Carlo p-values of narrow-band statistics under the hypothesis of a mode.
 
 All probabilities come from drawn modes with the noise, band and length of the record; they are
 exact for the number of draws, which stops growing once the answer is clear [1]_.

@@ -1,4 +1,4 @@
-"""Lines of a record in; where they are, how strong, and the record without them, out."""
+"""Frequency, amplitude, shape and removal of spectral lines."""
 
 import numpy as np
 from jaxtyping import Complex, Float

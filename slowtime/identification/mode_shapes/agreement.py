@@ -1,4 +1,4 @@
-"""Several measurements of one quantity in; their mean, and whether they agree, out."""
+"""Weighted mean of several measurements, and a test of their agreement."""
 
 import dataclasses
 

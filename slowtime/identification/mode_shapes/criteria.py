@@ -1,4 +1,4 @@
-"""Mode shapes in; how alike they are, and how nearly one line in the complex plane, out.
+"""Comparison of mode shapes: modal assurance criterion, phase collinearity.
 
 A shape has one number a channel, known up to a complex factor that nobody can see in ambient
 records. Every measure here ignores that factor; `normalised` chooses one.

@@ -1,4 +1,4 @@
-r"""Modes of several set-ups of one structure in; its modes over all their channels out.
+r"""Merging of the modes of several sensor set-ups of one structure.
 
 Sensors that are moved about see a part of a shape each, up to a factor of its own. Reference
 sensors, which stay, tie the parts together: with the shape :math:`\psi` and a factor c for each

@@ -1,4 +1,4 @@
-r"""Parts of one shape in, each up to a factor; the shape, its errors and the factors out.
+r"""Least-squares scaling of partial mode shapes into one shape.
 
 Least squares of :math:`\hat\phi_{sj} = c_s \psi_j + \epsilon_{sj}`, each component weighted by
 its inverse variance, 0 where a part does not have it.

@@ -1,4 +1,4 @@
-"""Frames of one band in; its sums of products, and the modes last read out of them, kept."""
+"""Recursive sums of products of one band, and the modes last read from them."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""What is kept of one band in; its modes as they are known now out.
+"""Modes of one band from its sums of products.
 
 Subspace models of many orders, from the correlations, name the candidates; the likelihood of
 the spectral matrices decides which of them are modes, and says how well each is known.

@@ -1,4 +1,4 @@
-r"""Model of a few combinations in; what all channels show of its modes, with errors, out.
+r"""Mode shapes over all channels from a model of a few combinations of channels.
 
 Given poles, shapes :math:`\phi_m` and forces :math:`g_m` of the combinations m, the densities
 of a channel c with them are linear in what is not known of the channel,

@@ -1,4 +1,4 @@
-r"""Slow series of a band in; its spectral matrices, seen through a window that fades, out.
+r"""Spectral matrices of a band under exponential forgetting.
 
 Fourier coefficients of all that has been, fading with age,
 

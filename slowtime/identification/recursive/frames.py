@@ -1,4 +1,4 @@
-"""Samples of a stream in, frame by frame; a slowly sampled series of one band out."""
+"""Frames of a stream, moved to the middle of a band and decimated."""
 
 import dataclasses
 

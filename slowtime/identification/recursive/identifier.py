@@ -1,4 +1,4 @@
-"""Blocks in, modes out: cuts frames for every band, minds the gaps, solves what is due."""
+"""Recursive identification of all modes in an endless stream of blocks."""
 
 import dataclasses
 import functools

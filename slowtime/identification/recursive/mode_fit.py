@@ -1,4 +1,4 @@
-"""Spectral matrices of a band and candidates in; modes at their likeliest, no others, out.
+"""Maximum-likelihood modes of a band from its spectral matrices.
 
 Candidates that are close share a window of the band and one model. One stays only if leaving it
 out costs more log-likelihood than its parameters are worth.

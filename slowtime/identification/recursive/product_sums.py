@@ -1,4 +1,4 @@
-"""Products of a slow series in, one after the other; their sums over few stretches, kept, out.
+"""Running sums of products of a series, in stretches of equal length.
 
 The mean of all products is what a model is made of; how the sums of stretches scatter about it
 says how well it is known. Of a stream of any length between half of `MOST` stretches and `MOST`

@@ -1,4 +1,4 @@
-"""Blocks in; the last samples of a stream, as far back as they are needed, kept and cut."""
+"""Buffer of the last samples of a stream."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""Spectral matrices of one band in; windows of them, made ready for the likelihood, out."""
+"""Data of frequency windows of a band, scaled for the likelihood."""
 
 import dataclasses
 

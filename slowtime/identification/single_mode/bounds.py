@@ -1,4 +1,4 @@
-"""How well a frequency and a damping ratio can be known at all."""
+"""Cramér–Rao bounds of frequency and damping, for free decay and ambient response."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Record of unknown excitation in, its first mode out, or nothing rather than a guess."""
+"""Modes of a record with unknown excitation, each fitted by itself."""
 
 import dataclasses
 from typing import Literal

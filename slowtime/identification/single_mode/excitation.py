@@ -1,4 +1,4 @@
-r"""Record in, whether the force behind it was plainly no steady random one, out.
+r"""Tests whether the excitation of a record was a steady random force.
 
 Ambient identification takes the force for random and steady. Two others are plain to see.
 

@@ -1,4 +1,4 @@
-"""Record in; its separate modes, and the lines of machines that were taken out first, out."""
+"""Separate modes of a record whose machine lines are removed first."""
 
 import dataclasses
 

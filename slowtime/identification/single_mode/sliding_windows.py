@@ -1,4 +1,4 @@
-"""Long record or endless stream in, one identification per sliding window out."""
+"""Identification in sliding windows of a long record or a stream."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""Samples in, frequency and width of a spectral peak out: quick, model-free, less precise."""
+"""Frequency and width of a spectral peak, without a model of the mode."""
 
 import numpy as np
 from jaxtyping import Float

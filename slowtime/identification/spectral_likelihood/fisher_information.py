@@ -1,4 +1,4 @@
-"""Model of a band in; its Fisher information and score, or one row a parameter of it, out.
+"""Fisher information and score of the spectral likelihood of a band.
 
 Matrices are whitened by the inverse root of the density and packed as real vectors, so that
 information is the product of rows, and the score that of rows and misfit.

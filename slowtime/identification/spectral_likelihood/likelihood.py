@@ -1,4 +1,4 @@
-r"""Spectral matrices of a band in; the state-space model that makes them likeliest, out.
+r"""Maximum-likelihood state-space model of the spectral matrices of a band.
 
 Within a band a structure under random force, or under forces that come all from one place,
 with modes beyond the band and noise besides, has the density

@@ -1,4 +1,4 @@
-"""Spectrum and candidate poles in; the modes that the spectrum needs, at their likeliest, out.
+"""Selection of the modes that a spectrum needs, each at maximum likelihood.
 
 Candidates that are close to each other share a window of the spectrum and one model. A
 candidate stays only if leaving it out costs more log-likelihood than its parameters are worth.

@@ -1,4 +1,4 @@
-r"""Parameters in, the density that they predict for the spectra of a band, out.
+r"""Modal state-space model of a band, and the spectral density that it predicts.
 
 .. math:: S(\omega) = \sum_j \left( \phi_j g_j^H \, h_j(\omega) +
           g_j \phi_j^H \, \bar h_j(\omega) \right) + R_0 + R_1 \omega

@@ -1,4 +1,4 @@
-"""Model of a band in; what one more mode would add to its likelihood, out."""
+"""Score test of one more mode in the model of a band."""
 
 import numpy as np
 from jaxtyping import Complex

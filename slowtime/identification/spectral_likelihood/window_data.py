@@ -1,4 +1,4 @@
-"""Window of a spectrum in; data and first guesses of the likelihood, in its own units, out."""
+"""Data and initial values of the likelihood for one frequency window."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""Spectrum and poles in; windows of it, each with the modes that have a say in it, out."""
+"""Frequency windows of a spectrum, with the modes that are fitted together."""
 
 import dataclasses
 from collections.abc import Callable

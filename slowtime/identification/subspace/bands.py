@@ -1,4 +1,4 @@
-"""Range of frequencies in; overlapping bands, each moved to zero and slowly sampled, out.
+"""Overlapping frequency bands of a record, each demodulated and decimated.
 
 A mode needs neither the rate of the record nor the company of modes an octave away. In a band
 of its own, a few lags reach over its memory and a few states describe it, whatever the rate.

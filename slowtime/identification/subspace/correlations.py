@@ -1,4 +1,4 @@
-r"""Series in, their correlation matrices with independent draws of the estimation error out.
+r"""Correlation matrices of a multichannel series, with draws of their errors.
 
 The error of a mean of products over time is normal, with a covariance set by the density at
 frequency zero of those products. Cosine transforms of the products, one for each of the lowest

@@ -1,4 +1,4 @@
-"""Poles of models of many orders with draws of their errors in; standard deviations out."""
+"""Poles of models of several orders, with standard deviations from error draws."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-r"""Correlations in; poles and shapes at many model orders, each with its uncertainty, out.
+r"""Stochastic subspace identification, covariance-driven and data-driven.
 
 Correlations of a structure under white force obey :math:`R_\tau = C A^{\tau-1} G`. The Hankel
 matrix of their blocks has the rank of the model; its singular vectors give C and A, and a model

@@ -1,4 +1,4 @@
-"""Poles of many orders in; those that are the same physical thing at most orders, out.
+"""Stable poles over model orders: clustering of a stabilisation diagram.
 
 A pole is followed from the highest order downwards for as long as the next order holds one that
 its own standard deviations allow for; nothing is tuned to a structure, and no tolerance is in

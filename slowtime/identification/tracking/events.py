@@ -1,4 +1,4 @@
-"""What happens to identities: who came, went, came back, crossed whom or took whose shape."""
+"""Events of tracked modes: appearance, loss, return, crossing and veering."""
 
 import dataclasses
 import itertools

@@ -1,4 +1,4 @@
-r"""Where a tracked frequency will be at the next epoch: a bank of random walks.
+r"""Prediction of a tracked frequency by a bank of random walks.
 
 .. math:: \ln f_{t+1} = \ln f_t + q_k \, w_t, \qquad
           \ln \hat f_t = \ln f_t + s_t \, e_t, \qquad w \sim N(0, 1),\ e \sim t_4

@@ -1,4 +1,4 @@
-r"""What a tracked mode looks like: a running mean of shapes, and how far the next may be off.
+r"""Running mean of the shape of a tracked mode, and its scatter.
 
 Two shapes are compared by the sine of the angle between them,
 :math:`d^2 = 1 - \mathrm{MAC}`, against the variances that both are said to have. With n

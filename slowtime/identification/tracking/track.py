@@ -1,4 +1,4 @@
-"""One mode followed through the epochs: where it is, what it looks like, how often it shows."""
+"""The state of one tracked mode: frequency, shape and rate of detection."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-r"""Modes of one epoch after the other in, lasting identities out, at a constant cost an epoch.
+r"""Tracking of modes over epochs at constant cost per epoch.
 
 At every epoch the assignment of modes to identities is the likeliest one as a whole, with
 

@@ -1,4 +1,4 @@
-r"""The point of a limit state nearest to the origin, from one start.
+r"""Search of the point of a limit state nearest to the origin, from one start.
 
 Minimises :math:`\|u\|` under :math:`g(u) = 0` by the improved HL-RF iteration of Zhang and Der
 Kiureghian (1995); where that does not converge, as at a corner between two limit states, by

@@ -1,4 +1,4 @@
-"""Unions and intersections of half-spaces by the multivariate normal distribution."""
+"""Probabilities of unions and intersections of half-spaces (multivariate normal)."""
 
 from collections.abc import Sequence
 

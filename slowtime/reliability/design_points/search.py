@@ -1,4 +1,4 @@
-r"""All design points of a limit state.
+r"""Search of all design points of a limit state.
 
 A first descent begins at the origin. Then directional probes are drawn where a plane at the
 distance found would fail one probe in ten. A probe that fails although no tangent plane found

@@ -1,4 +1,4 @@
-r"""SORM: the curvature of the limit state at its design points (Breitung, Tvedt)."""
+r"""Second-order reliability method: curvatures at design points (Breitung, Tvedt)."""
 
 from typing import Literal
 

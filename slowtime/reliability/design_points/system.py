@@ -1,4 +1,4 @@
-r"""System reliability from its parts: bounds, and series or parallel by multivariate normal.
+r"""System reliability: bounds, and series or parallel systems by multivariate normal.
 
 Each part of a `System` is linearised at its design point. With indices :math:`\beta_k` and
 correlations :math:`\rho_{kl} = \alpha_k^T \alpha_l`, a series system fails in the union of the

@@ -1,4 +1,4 @@
-r"""Dependence between inputs: independent normal :math:`u` to dependent scores :math:`z`.
+r"""Copulas: maps from independent normal :math:`u` to dependent scores :math:`z`.
 
 Each copula is a Rosenblatt transformation: the score of an input is drawn from its distribution
 given those before it. With `GaussianCopula` that is the Nataf transformation.

@@ -1,4 +1,4 @@
-"""Marginal distributions by standard names, and their map from standard normal scores."""
+"""Marginal distributions by standard names, mapped from standard normal scores."""
 
 import dataclasses
 import math

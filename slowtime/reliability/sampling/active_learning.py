@@ -1,4 +1,4 @@
-r"""Active learning: few runs of a slow limit state, chosen by a surrogate of it.
+r"""Active learning of a surrogate of a slow limit state.
 
 A Gaussian process of `slowtime.surrogate` learns g in standard normal space. Importance
 sampling on the process tells where failure lies; the next run is made where the sign of g is

@@ -1,4 +1,4 @@
-r"""Cross-entropy method: a sampling density learnt level by level, then importance sampling.
+r"""Cross-entropy method: adaptive importance sampling, level by level.
 
 Each level takes the tenth of the points that do worst and fits the mixture of `polar` to them,
 weighted back to the standard normal distribution. The last density, beside a share of the

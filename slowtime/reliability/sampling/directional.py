@@ -1,4 +1,4 @@
-r"""Directional simulation: the radius is integrated exactly along random directions.
+r"""Directional simulation: exact integration of the radius along random directions.
 
 .. math:: P = E_a \Big[ \sum_{\text{failed } (r_1, r_2)} Q_n(r_1) - Q_n(r_2) \Big], \quad
           Q_n(r) = P(\chi_n^2 > r^2)

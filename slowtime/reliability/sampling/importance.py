@@ -1,4 +1,4 @@
-r"""Importance sampling about all design points, its mixture learnt while it runs.
+r"""Importance sampling about all design points, with an adaptive mixture.
 
 .. math:: P = \frac1N \sum_i \frac{\phi(u_i)}{\bar h(u_i)} [g(u_i) \le 0], \quad
           \bar h = \sum_k \bar\pi_k h_k

@@ -1,4 +1,4 @@
-r"""Sampling densities for importance sampling, as ratios to the standard normal density.
+r"""Mixture densities for importance sampling, as ratios to the standard normal.
 
 Along the axis :math:`a` of a design point the density is a normal one at its distance, or the
 tail of the standard normal one from a little before it; across the axis nothing is changed.

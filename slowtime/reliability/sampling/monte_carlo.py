@@ -1,4 +1,4 @@
-"""Crude Monte Carlo (eq. 4.10), for failures that are not rare."""
+"""Crude Monte Carlo simulation (eq. 4.10)."""
 
 import numpy as np
 from scipy import stats

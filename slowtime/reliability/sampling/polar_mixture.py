@@ -1,4 +1,4 @@
-r"""Mixtures of von Mises–Fisher directions and Nakagami radii, for cross-entropy sampling.
+r"""Mixtures of von Mises–Fisher directions and Nakagami radii.
 
 .. math:: h(r, a) = \sum_k \pi_k \, N(r; m_k, \Omega_k) \, f_{vMF}(a; \mu_k, \kappa_k)
 

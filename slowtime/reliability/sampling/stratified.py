@@ -1,4 +1,4 @@
-r"""Stratified sampling by radius: rings of standard normal space that hold falling shares.
+r"""Stratified sampling in rings of standard normal space.
 
 .. math:: P = \sum_k p_k \bar I_k, \quad \mathrm{var} = \sum_k p_k^2 v_k / n_k
 

@@ -1,4 +1,4 @@
-r"""Subset simulation: a rare failure as a chain of likelier ones.
+r"""Subset simulation: rare failures as a chain of likelier events.
 
 .. math:: P = p_0^{m - 1} \, P(F \mid F_{m-1})
 

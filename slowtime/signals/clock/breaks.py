@@ -1,4 +1,4 @@
-r"""Points of a clock and their line in, where that line breaks, or may break, out.
+r"""Detection of breaks in the line of a clock.
 
 At each of the K places between two points, the line may step by :math:`\delta` or change its
 slope by it. Both are a third regressor beside level and slope; n points give the likelihood

@@ -1,4 +1,4 @@
-"""Messages in, spans of them kept, merged, and begun anew where the clock changes."""
+"""Delay points of a clock, kept, merged and restarted at breaks."""
 
 import dataclasses
 from typing import Literal

@@ -1,4 +1,4 @@
-r"""Spans of late messages in, the line of their clock out.
+r"""Robust line fit of a sampling clock from delayed messages.
 
 A message that holds samples up to sensor time :math:`x_k` (index over nominal rate) arrives at
 

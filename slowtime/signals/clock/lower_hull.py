@@ -1,4 +1,4 @@
-"""Points in, the lower convex hull of them out: the delays that no straight line lies above.
+"""Lower convex hull of points that arrive in order.
 
 Messages arrive late, never early, so that the true clock is a line below all points (sample
 time, arrival). For every slope the lowest point is a vertex of the lower convex hull, which is

@@ -1,4 +1,4 @@
-"""Indices and arrival times of messages in, the true sampling rate and time axis out.
+"""True sampling rate and time axis from the arrival times of messages.
 
 A device that promises 200 Hz samples at 200 Hz times one plus its own error, and every
 frequency read from its samples is wrong by that error. The host's clock shows it: messages

@@ -1,4 +1,4 @@
-"""What is remembered of the messages of one device, and what that says of its clock."""
+"""The state of the clock estimation of one device."""
 
 import dataclasses
 import math

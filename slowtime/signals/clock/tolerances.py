@@ -1,4 +1,4 @@
-"""What is assumed of a sampling clock, of the host's, and of the way between them."""
+"""Assumed tolerances of sampling clocks, host clocks and transport delays."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""Generalised analysis of variance: which inputs, alone or in pairs, make an output vary.
+"""Generalised analysis of variance: contributions of inputs and pairs of inputs.
 
 Inputs may be correlated. Then the share of an input has two parts: what it does itself, and
 what it does by going along with others.

@@ -1,4 +1,4 @@
-r"""Covariance functions over several inputs, each with the slopes of its parameters.
+r"""Covariance functions of several inputs, with derivatives to their parameters.
 
 A slope is never formed as a matrix: what likelihoods need is
 :math:`\sum_{ij} G_{ij} \, \partial K_{ij} / \partial \theta`, which costs one pass over K.

@@ -1,4 +1,4 @@
-"""Surrogates with a homotopy expansion in a few inputs at a time."""
+"""Base of surrogates with a homotopy expansion in a few inputs at a time."""
 
 from collections.abc import Sequence
 from typing import Any

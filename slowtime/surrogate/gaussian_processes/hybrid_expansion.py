@@ -1,4 +1,4 @@
-"""Hybrid polynomial correlated function expansion: a homotopy trend and a Gaussian residual."""
+"""Hybrid polynomial correlated function expansion (H-PCFE)."""
 
 from collections.abc import Sequence
 from typing import Any

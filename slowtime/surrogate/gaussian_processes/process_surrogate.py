@@ -1,4 +1,4 @@
-"""Surrogates that are Gaussian processes: their scales, their noise, what they keep."""
+"""Base of Gaussian-process surrogates: scales, noise and training."""
 
 from typing import Any, TypeVar
 

@@ -1,4 +1,4 @@
-r"""Gaussian-process regression on any covariance: learnt by likelihood, trend taken out.
+r"""Gaussian-process regression by maximum likelihood, with a trend.
 
 .. math:: y = F b + Z + \epsilon, \quad Z \sim N(0, K), \quad
           \epsilon_i \sim N(0, v_i + \nu^2)

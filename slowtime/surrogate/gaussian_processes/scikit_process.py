@@ -1,4 +1,4 @@
-"""The Gaussian process of scikit-learn behind the same interface, to be compared with."""
+"""Gaussian process of scikit-learn behind the surrogate interface, for comparison."""
 
 import warnings
 

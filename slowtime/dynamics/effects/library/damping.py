@@ -1,4 +1,4 @@
-"""Dampers that are not straight lines: drag, and damping of negative sign."""
+"""Nonlinear dampers: drag, and negative damping."""
 
 from typing import Any
 

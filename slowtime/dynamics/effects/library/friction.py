@@ -1,4 +1,4 @@
-"""Dry friction: set-valued laws, which stick."""
+"""Dry friction laws: Coulomb and Stribeck."""
 
 import math
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Forces that do not ask how the structure moves: a tone on a node, a base that shakes."""
+"""Forces independent of the motion: a tone at a node, base motion."""
 
 import math
 from typing import Any

@@ -1,4 +1,4 @@
-"""Forces that remember: the internal state is a displacement of its own."""
+"""Hysteretic forces (Bouc–Wen)."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Inputs with a constant on top: of little matter, unless nothing holds the structure."""
+"""Inputs with a constant offset."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Inputs that are not what was recorded: too large or small, too late."""
+"""Faulty inputs: wrong gain, time delay."""
 
 import numpy as np
 

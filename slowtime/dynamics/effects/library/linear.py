@@ -1,4 +1,4 @@
-"""Linear additions: stiffness lost, damping or mass gained, a hidden oscillator."""
+"""Linear effects: loss of stiffness, added damping or mass, a hidden oscillator."""
 
 import math
 from collections.abc import Mapping, Sequence

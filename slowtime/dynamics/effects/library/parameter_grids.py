@@ -1,4 +1,4 @@
-"""Values of shape parameters that make sense for a motion."""
+"""Grids of shape parameters that are plausible for a motion."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Sensors that do not tell what is there."""
+"""Faulty sensors: bias, drift, gain, clipping, dropout and timing errors."""
 
 import math
 

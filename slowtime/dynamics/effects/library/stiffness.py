@@ -1,4 +1,4 @@
-"""Springs that are not straight lines: hardening, softening, gaps, the sine of a pendulum."""
+"""Nonlinear springs: hardening, softening, gaps, stops, pendulum."""
 
 import math
 from collections.abc import Mapping

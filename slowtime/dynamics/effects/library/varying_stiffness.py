@@ -1,4 +1,4 @@
-"""Stiffness that changes with time: at once, steadily, periodically."""
+"""Stiffness that varies with time: jump, drift, parametric excitation."""
 
 import math
 from typing import Any
