@@ -82,7 +82,7 @@ class GaussianPosterior:
         if not count:
             return Drawn(np.zeros((0, len(later))), np.zeros(0))
         seed = int(rng.integers(2**31))
-        futures = threshold_crossing.draw_at(self.begun, later, paths=count, seed=seed)
+        futures = threshold_crossing.draw_futures_at(self.begun, later, paths=count, seed=seed)
         return Drawn(futures.paths, futures.roughness)
 
     def hyperparameters(self) -> FleetPrior | None:

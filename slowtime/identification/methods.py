@@ -10,8 +10,8 @@ from .automatic.estimation import ModalResult, identify_modes
 from .bayes import bayesian_modes
 from .estimates import Measured
 from .fdd.estimation import efdd, fdd
-from .fdd.spectral_decomposition import decompose, ordinates
-from .harmonics.detection import Verdict, find_harmonics
+from .fdd.spectral_decomposition import decompose_spectrum, scaled_coefficients
+from .harmonics.detection import PeakClass, find_harmonics
 from .modes import Mode
 from .subspace.stabilisation import Stabilisation
 
@@ -41,7 +41,7 @@ def by_method(
     found, _ = find_harmonics(samples, rate_hz, band_hz=band_hz)
     lines = tuple(verdict.frequency_hz for verdict in found)
     modes = (efdd if method == "efdd" else fdd)(samples, rate_hz, band_hz=band_hz, lines=lines)
-    spectra = decompose(ordinates(samples, rate_hz, lines), band_hz=band_hz)
+    spectra = decompose_spectrum(scaled_coefficients(samples, rate_hz, lines), band_hz=band_hz)
     return ModalResult(
         modes=_ascending([*modes, *(_line(verdict) for verdict in found)]),
         stabilisation=_empty(),
@@ -77,7 +77,7 @@ def _bayesian(samples: np.ndarray, rate_hz: float, result: ModalResult) -> Modal
     return dataclasses.replace(result, modes=whole, stabilisation=stabilisation)
 
 
-def _line(verdict: Verdict) -> Mode:
+def _line(verdict: PeakClass) -> Mode:
     """Line of a machine as a mode without damping."""
     error = np.sqrt(1.0 / max(10.0 ** (verdict.snr_db / 10.0), 1e-12))
     return Mode(

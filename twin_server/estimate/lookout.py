@@ -12,7 +12,7 @@ import numpy as np
 from slowtime.estimation import sweeps
 from slowtime.evolution.events import change_detection
 from slowtime.evolution.events.change_detection import RECENT
-from slowtime.evolution.events.known_events import Repair, met
+from slowtime.evolution.events.known_events import Repair, apply_event
 from slowtime.evolution.forecasting import forecast
 
 LEARN = 20
@@ -79,8 +79,8 @@ class Series:
     told: tuple[float, ...] = ()
     past: list[tuple[float, float, float]] = dataclasses.field(default_factory=list)
     learnt_at: int = 0
-    watch: change_detection.Watch | None = None
-    state: change_detection.Watching | None = None
+    watch: change_detection.ChangeDetector | None = None
+    state: change_detection.DetectorState | None = None
 
     def take(self, time: float, value: float, sd: float) -> Noticed | None:
         """Take in the next reading; one that is not later than the last is passed over."""
@@ -113,7 +113,7 @@ class Series:
         for at in self.told:
             if since <= at < until:
                 anywhere = Repair(time=at, share=0.0, level_sd=ANYWHERE)
-                belief = met(self.watch.process, self.state.process, anywhere)
+                belief = apply_event(self.watch.process, self.state.process, anywhere)
                 self.state = self.watch.start(belief, self.state.log_weights)
 
     def _go_on_after(self, since: float) -> None:
@@ -131,7 +131,7 @@ class Series:
         self.learnt_at = len(time)
         told = [Repair(time=at) for at in self.told]
         outlook = forecast.fit(time, value, sd, process="smooth", known=told)
-        self.watch = change_detection.Watch(
+        self.watch = change_detection.ChangeDetector(
             process=outlook.family, jump_sd=JUMP_SD, odds=self.odds
         )
         lifts = [(at, ANYWHERE) for at in self.told if time[0] <= at < time[-1]]

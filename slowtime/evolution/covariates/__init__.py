@@ -1,20 +1,20 @@
 """Frequencies, temperature and load in; what is not normal of their change, and alarms, out."""
 
-from .basis import Basis as Basis
+from .basis import Basis
 from .change_onset import Entered
-from .change_size import Entry, entry
+from .change_size import ChangeEstimate, estimate_change
 from .monitor import Judgement, Watch, WatchState
-from .normal_model import Candidate, Normal, learn_normal
+from .normal_model import CandidateLaw, NormalModel, learn_normal
 
 __all__ = [
     "Basis",
-    "Candidate",
+    "CandidateLaw",
+    "ChangeEstimate",
     "Entered",
-    "Entry",
     "Judgement",
-    "Normal",
+    "NormalModel",
     "Watch",
     "WatchState",
-    "entry",
+    "estimate_change",
     "learn_normal",
 ]

@@ -57,13 +57,13 @@ class Onsets:
         return float(np.logaddexp.reduce(self.log_capital, initial=-np.inf))
 
 
-def none(states: int) -> Onsets:
+def no_onsets(states: int) -> Onsets:
     """No bets yet."""
     empty = np.zeros(0)
     return Onsets(empty, empty, empty, empty, np.zeros((0, states)))
 
 
-def bet(
+def update_onsets(
     onsets: Onsets,
     time: float,
     elapsed: float,
@@ -95,7 +95,7 @@ def bet(
     )
 
 
-def fewer(onsets: Onsets, most: int) -> Onsets:
+def merge_onsets(onsets: Onsets, most: int) -> Onsets:
     """Merge the two neighbours closest for their age, sparing the richest, down to `most`."""
     while len(onsets.time) > most:
         age = onsets.time[-1] - onsets.time
@@ -115,7 +115,7 @@ def fewer(onsets: Onsets, most: int) -> Onsets:
     return onsets
 
 
-def posterior(
+def onset_posterior(
     onsets: Onsets, size: float
 ) -> tuple[
     Float[np.ndarray, " onset"], Float[np.ndarray, " onset"], Float[np.ndarray, " onset"]

@@ -9,11 +9,11 @@ from scipy.special import ndtr
 from slowtime.evolution.change import check_level
 from slowtime.identification.estimates import Measured
 
-from .change_onset import Entered, Onsets, posterior
+from .change_onset import Entered, Onsets, onset_posterior
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Entry:
+class ChangeEstimate:
     """A lasting change: how large, since when.
 
     Parameters
@@ -36,7 +36,9 @@ class Entry:
     since_interval: tuple[float, float]
 
 
-def entry(onsets: Onsets, size: float, entered: Entered, level: float = 0.95) -> Entry:
+def estimate_change(
+    onsets: Onsets, size: float, entered: Entered, level: float = 0.95
+) -> ChangeEstimate:
     """Size and onset of the change, supposing that there is one.
 
     Parameters
@@ -51,7 +53,7 @@ def entry(onsets: Onsets, size: float, entered: Entered, level: float = 0.95) ->
     if not len(onsets.time):
         raise ValueError("Nothing has been judged yet. Step through readings first.")
     quantile = check_level(level)
-    weight, mean, sd = posterior(onsets, size)
+    weight, mean, sd = onset_posterior(onsets, size)
     lower = 0.0 if entered == "gain" else -np.inf
     upper = 0.0 if entered == "loss" else np.inf
     outside = ndtr((lower - mean) / sd)
@@ -68,7 +70,7 @@ def entry(onsets: Onsets, size: float, entered: Entered, level: float = 0.95) ->
     spread = 0.5 * (high - low) / quantile
     places = np.searchsorted(np.cumsum(weight), tails).clip(max=len(weight) - 1)
     first, since, last = onsets.time[places].tolist()
-    return Entry(
+    return ChangeEstimate(
         Measured(float(np.expm1(median)), spread * float(np.exp(median))),
         (float(np.expm1(low)), float(np.expm1(high))),
         Measured(float(np.expm1(2 * median)), 2 * spread * float(np.exp(2 * median))),

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from .residual_process import Wander
+from .residual_process import ResidualProcess
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -40,13 +40,13 @@ class Innovation:
     gain: Float[np.ndarray, " state"]
 
 
-def prior(count: int, wander: Wander, time: float) -> Belief:
+def initial_belief(count: int, wander: ResidualProcess, time: float) -> Belief:
     """Belief before any reading, with `count` coefficients."""
     variances = np.append(np.ones(count), wander.sd**2)
     return Belief(time, np.zeros(count + 1), np.diag(variances))
 
 
-def ahead(belief: Belief, wander: Wander, time: float) -> Belief:
+def predict(belief: Belief, wander: ResidualProcess, time: float) -> Belief:
     """Carry on to a later time: the wandering part fades, and wanders on."""
     kept = float(wander.kept(time - belief.time))
     fade = np.ones(len(belief.mean))
@@ -58,7 +58,7 @@ def ahead(belief: Belief, wander: Wander, time: float) -> Belief:
 
 def innovation(
     belief: Belief,
-    wander: Wander,
+    wander: ResidualProcess,
     value: float,
     sd: float,
     features: Float[np.ndarray, " coefficient"],

@@ -8,9 +8,9 @@ from jaxtyping import Float
 from . import change_onset
 from . import filter as recursion
 from .change_onset import Entered, Onsets
-from .change_size import Entry, entry
+from .change_size import ChangeEstimate, estimate_change
 from .filter import Belief, Innovation
-from .normal_model import Normal
+from .normal_model import NormalModel
 
 DOUBTFUL = 5.0
 """Standard deviations from all that is expected, beyond which a reading is held back."""
@@ -84,7 +84,7 @@ class Watch:
         Number of instants kept as possible onsets.
     """
 
-    normal: Normal
+    normal: NormalModel
     time_between_false_alarms: float
     entered: Entered = "loss"
     size: float = 0.01
@@ -101,11 +101,13 @@ class Watch:
 
     def start(self) -> WatchState:
         """Begin at the end of training, or anew after an alarm was looked into."""
-        return WatchState(self.normal.belief, change_onset.none(len(self.normal.belief.mean)))
+        return WatchState(
+            self.normal.belief, change_onset.no_onsets(len(self.normal.belief.mean))
+        )
 
     def acknowledge(self, state: WatchState) -> WatchState:
         """Go on without the evidence so far, after an alarm that was none."""
-        return WatchState(state.belief, change_onset.none(len(state.belief.mean)))
+        return WatchState(state.belief, change_onset.no_onsets(len(state.belief.mean)))
 
     def step(
         self,
@@ -144,14 +146,14 @@ class Watch:
     def _met(self, state: WatchState, now: Held) -> tuple[Belief, Onsets, Innovation]:
         """Carry belief and bets on to a reading, and compare it with what is expected."""
         wander = self.normal.wander
-        belief = recursion.ahead(state.belief, wander, now.time)
+        belief = recursion.predict(state.belief, wander, now.time)
         reading = recursion.innovation(belief, wander, now.value, now.sd, now.features)
         return belief, self._faded(state.onsets, now.time - state.belief.time), reading
 
     def _taken(self, state: WatchState, now: Held) -> WatchState:
         """Take a reading into belief and bets."""
         belief, onsets, reading = self._met(state, now)
-        onsets = change_onset.bet(
+        onsets = change_onset.update_onsets(
             onsets,
             now.time,
             now.time - state.belief.time,
@@ -163,14 +165,14 @@ class Watch:
             entered=self.entered,
         )
         belief = recursion.update(belief, reading)
-        return WatchState(belief, change_onset.fewer(onsets, self.most), state.held)
+        return WatchState(belief, change_onset.merge_onsets(onsets, self.most), state.held)
 
     def _doubtful(self, onsets: Onsets, reading: Innovation) -> bool:
         """Whether a reading is far from what is normal, and from the change believed in."""
         changed = 0.0
         if len(onsets.time):
             best = int(onsets.log_capital.argmax())
-            _, mean, _ = change_onset.posterior(onsets, self.size)
+            _, mean, _ = change_onset.onset_posterior(onsets, self.size)
             changed = float(mean[best] * (1.0 - onsets.response[best] @ reading.seen))
         off = min(abs(reading.residual), abs(reading.residual - changed))
         return bool(off > DOUBTFUL * np.sqrt(reading.variance))
@@ -187,9 +189,9 @@ class Watch:
         score = reading.residual / spread
         return Judgement(expected, expected * spread, score, evidence, alarm, left_out)
 
-    def entry(self, state: WatchState, level: float = 0.95) -> Entry:
+    def entry(self, state: WatchState, level: float = 0.95) -> ChangeEstimate:
         """Size and onset of the change, supposing that there is one."""
-        return entry(state.onsets, self.size, self.entered, level)
+        return estimate_change(state.onsets, self.size, self.entered, level)
 
     def _faded(self, onsets: Onsets, elapsed: float) -> Onsets:
         """Let what the filter has put down to the wandering part fade as that does."""

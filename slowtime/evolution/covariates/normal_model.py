@@ -12,7 +12,7 @@ from slowtime.evolution.change import PerReading, Series
 from . import filter as recursion
 from .basis import Basis, Law
 from .filter import Belief
-from .residual_process import Wander, log_evidence
+from .residual_process import ResidualProcess, log_evidence
 
 _FEWEST = 30
 _SIDE = 0.05  # share of the training below freezing, and above, that makes a bend worth trying
@@ -26,7 +26,7 @@ _BOUNDED = 4.0  # prior standard deviations that a logarithm may be from its pri
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Candidate:
+class CandidateLaw:
     """A law that was tried, and the logarithm of its evidence.
 
     Each parameter that was fitted rather than integrated over has cost half the logarithm of
@@ -38,7 +38,7 @@ class Candidate:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Normal:
+class NormalModel:
     """What is normal for one frequency.
 
     Parameters
@@ -56,10 +56,10 @@ class Normal:
     """
 
     basis: Basis
-    wander: Wander
+    wander: ResidualProcess
     centre: float
     belief: Belief
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[CandidateLaw, ...]
     rejected: int
 
     @property
@@ -113,7 +113,7 @@ def learn_normal(
     *,
     temperature: int | None = 0,
     freezing: float = 0.0,
-) -> Normal:
+) -> NormalModel:
     """Learn how a frequency depends on covariates while the structure is as it should be.
 
     Parameters
@@ -161,21 +161,21 @@ def _without_outliers(
 def _conclude(
     training: _Training,
     centre: float,
-    fits: dict[Law, tuple[Basis, Wander, float]],
+    fits: dict[Law, tuple[Basis, ResidualProcess, float]],
     rejected: int,
-) -> Normal:
-    candidates = [Candidate(law, evidence) for law, (_, _, evidence) in fits.items()]
+) -> NormalModel:
+    candidates = [CandidateLaw(law, evidence) for law, (_, _, evidence) in fits.items()]
     candidates.sort(key=lambda candidate: -candidate.log_evidence)
     basis, wander, _ = fits[candidates[0].law]
     features = basis.features(training.covariates)
-    belief = recursion.prior(features.shape[1], wander, float(training.time[0]))
+    belief = recursion.initial_belief(features.shape[1], wander, float(training.time[0]))
     for i in range(len(training.time)):
-        belief = recursion.ahead(belief, wander, float(training.time[i]))
+        belief = recursion.predict(belief, wander, float(training.time[i]))
         reading = recursion.innovation(
             belief, wander, float(training.value[i]), float(training.sd[i]), features[i]
         )
         belief = recursion.update(belief, reading)
-    return Normal(basis, wander, centre, belief, tuple(candidates), rejected)
+    return NormalModel(basis, wander, centre, belief, tuple(candidates), rejected)
 
 
 def _usable(
@@ -213,7 +213,7 @@ def _laws(training: _Training, temperature: int | None, freezing: float) -> tupl
 
 def _fit(
     law: Law, training: _Training, temperature: int, freezing: float
-) -> tuple[Basis, Wander, float]:
+) -> tuple[Basis, ResidualProcess, float]:
     """Likeliest of one law, and its evidence."""
     spread = 3.0 * float(np.std(training.value)) + 1e-12
     base = Basis(
@@ -248,7 +248,7 @@ def _fit(
 
 def _parametrised(
     base: Basis, training: _Training
-) -> tuple[np.ndarray, np.ndarray, Callable[[np.ndarray], tuple[Basis, Wander]]]:
+) -> tuple[np.ndarray, np.ndarray, Callable[[np.ndarray], tuple[Basis, ResidualProcess]]]:
     """Prior centres and standard deviations of what is fitted, and what is made of it."""
     scatter, noise = float(np.std(training.value)), float(np.median(training.sd))
     gap = float(np.median(np.diff(training.time))) or 1e-12 * float(training.time[-1])
@@ -261,8 +261,8 @@ def _parametrised(
         centre += [np.log(0.7), np.log(0.5 * scatter)]
         sd += [0.7, 1.0]
 
-    def build(point: np.ndarray) -> tuple[Basis, Wander]:
-        wander = Wander(*np.exp(point[:3]).tolist())
+    def build(point: np.ndarray) -> tuple[Basis, ResidualProcess]:
+        wander = ResidualProcess(*np.exp(point[:3]).tolist())
         if base.law == "bilinear":
             return dataclasses.replace(base, bend=float(point[3])), wander
         if base.law == "Gaussian process":
@@ -274,7 +274,7 @@ def _parametrised(
 
 
 def _agreeing(
-    training: _Training, kept: np.ndarray, basis: Basis, wander: Wander
+    training: _Training, kept: np.ndarray, basis: Basis, wander: ResidualProcess
 ) -> np.ndarray:
     """Which readings are in line with those before them or with those after.
 
@@ -293,14 +293,14 @@ def _agreeing(
 
 
 def _foretold(
-    training: _Training, kept: np.ndarray, basis: Basis, wander: Wander
+    training: _Training, kept: np.ndarray, basis: Basis, wander: ResidualProcess
 ) -> tuple[np.ndarray, np.ndarray]:
     """Residuals of a filter fed with what was kept so far, in their spreads, and these."""
     features = basis.features(training.covariates)
-    belief = recursion.prior(features.shape[1], wander, float(training.time[0]))
+    belief = recursion.initial_belief(features.shape[1], wander, float(training.time[0]))
     score, spread = np.zeros(len(features)), np.zeros(len(features))
     for i in range(len(features)):
-        belief = recursion.ahead(belief, wander, float(training.time[i]))
+        belief = recursion.predict(belief, wander, float(training.time[i]))
         reading = recursion.innovation(
             belief, wander, float(training.value[i]), float(training.sd[i]), features[i]
         )

@@ -18,7 +18,7 @@ _CLOSEST = 1e-9  # least share of the variance of a(t) that is new at the next i
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Wander:
+class ResidualProcess:
     """Memory [slow time] and standard deviation of a(t); sd of noise beyond the stated one."""
 
     memory: float
@@ -31,7 +31,7 @@ class Wander:
 
 
 def log_evidence(
-    wander: Wander,
+    wander: ResidualProcess,
     time: Float[np.ndarray, " time"],
     value: Float[np.ndarray, " time"],
     sd: Float[np.ndarray, " time"],

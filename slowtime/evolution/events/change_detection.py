@@ -31,7 +31,7 @@ _MOST = 2
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Watching:
+class DetectorState:
     """The process, and its rivals, after some readings.
 
     Parameters
@@ -67,7 +67,7 @@ class Watching:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Change:
+class LevelChange:
     """What one reading says of a change of the model.
 
     Parameters
@@ -90,7 +90,7 @@ class Change:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class Watch:
+class ChangeDetector:
     """Look-out for jumps.
 
     Parameters
@@ -117,7 +117,7 @@ class Watch:
 
     def start(
         self, belief: Belief, log_weights: Float[np.ndarray, "*family"] | None = None
-    ) -> Watching:
+    ) -> DetectorState:
         """Begin from a belief after the history, as `matern.run` gives it.
 
         Parameters
@@ -129,11 +129,11 @@ class Watch:
         weights = np.zeros(family) if log_weights is None else log_weights
         weights = np.asarray(weights - _log_sum(weights))
         empty = np.zeros((0, *family))
-        return Watching(belief, None, None, none, none, none, weights, empty, empty)
+        return DetectorState(belief, None, None, none, none, none, weights, empty, empty)
 
     def step(
-        self, state: Watching, time: float, value: float, sd: float
-    ) -> tuple[Watching, Change]:
+        self, state: DetectorState, time: float, value: float, sd: float
+    ) -> tuple[DetectorState, LevelChange]:
         """Take in one reading; a `value` of NaN only moves on in time."""
         # All beliefs are of the same time.
         step = self.process.advance(np.array([time - state.process.time]))
@@ -144,7 +144,7 @@ class Watch:
                 rivals=self._moved(state.rivals, time, step),
                 before=self._moved(state.before, time, step),
             )
-            return state, Change(False, np.nan, 0.0, np.nan, np.nan)
+            return state, LevelChange(False, np.nan, 0.0, np.nan, np.nan)
         kept = slice(int(len(state.since) == RECENT), None)
         old, weights = state.process, state.log_weights
         rivals = _stacked(state.rivals, kept, matern.lifted(old, self.jump_sd))
@@ -154,7 +154,7 @@ class Watch:
         own = np.concatenate([state.own[kept], weights[None]]) + likelihood
         theirs = np.concatenate([state.theirs[kept], weights[None]]) + read.log_likelihood
         told = weights + likelihood
-        watching = Watching(
+        watching = DetectorState(
             process,
             rivals,
             before,
@@ -167,7 +167,7 @@ class Watch:
         )
         return watching, self._judged(watching)
 
-    def taken_over(self, state: Watching, since: float) -> Watching:
+    def taken_over(self, state: DetectorState, since: float) -> DetectorState:
         """Go on from the rival with a jump after `since`, as if it had always been known."""
         assert state.rivals is not None
         best = int(np.flatnonzero(state.since == since)[-1])
@@ -200,20 +200,20 @@ class Watch:
             return None
         return self.process.step(belief, time, np.nan, np.nan, step)[0]
 
-    def _judged(self, state: Watching) -> Change:
+    def _judged(self, state: DetectorState) -> LevelChange:
         assert state.rivals is not None
         assert state.before is not None
         able = np.where(state.readings >= self.fewest, state.log_odds, -np.inf)
         best = int(able.argmax())
         if not able[best] > -np.inf:
-            return Change(False, np.nan, 0.0, np.nan, np.nan)
+            return LevelChange(False, np.nan, 0.0, np.nan, np.nan)
         seen = self.process.observation
         share = np.exp(state.theirs[best] - _log_sum(state.theirs[best]))
         sizes = (state.rivals.mean[best] - state.before.mean[best]) @ seen
         spreads = (state.rivals.covariance[best] + state.before.covariance[best]) @ seen @ seen
         size = float(np.sum(share * sizes))
         spread = float(np.sum(share * (spreads + (sizes - size) ** 2)))
-        return Change(
+        return LevelChange(
             bool(able[best] > np.log(self.odds)),
             float(state.since[best]),
             float(np.exp(min(able[best], 700.0))),
@@ -248,7 +248,7 @@ def _stacked(many: Belief | None, kept: slice, one: Belief) -> Belief:
     )
 
 
-def candidates(time: Usable, value: Usable, sd: Usable) -> tuple[float, ...]:
+def candidate_jump_times(time: Usable, value: Usable, sd: Usable) -> tuple[float, ...]:
     """Slow times after which a history may have jumped, the clearest first; mostly none.
 
     Lines through a few readings on either side, asked for their difference in the middle.

@@ -45,7 +45,7 @@ history, and spread over the scatter from one reading to the next."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Scored:
+class ScoredHistory:
     """Readings as jumps are sought in them.
 
     Parameters
@@ -95,7 +95,7 @@ class Scored:
         steps = float(np.median(np.abs(np.diff(self.value)))) / 0.954
         return max(steps, float(np.median(self.sd)), 1e-6 * self.jump_sd)
 
-    def like_those(self, places: Places) -> "Scored":
+    def like_those(self, places: Places) -> "ScoredHistory":
         """Expect jumps of the size of those at these places, which must not be too small."""
         if not places:
             return self
@@ -117,7 +117,7 @@ class Scored:
         return free
 
 
-def penalty(count: int, jumps: int) -> float:
+def log_prior_odds(count: int, jumps: int) -> float:
     """Logarithm of the odds against so many jumps: against any, and of their places."""
     if not jumps:
         return 0.0
@@ -125,7 +125,7 @@ def penalty(count: int, jumps: int) -> float:
     return float(np.log(JUMP_ODDS) + places)
 
 
-def begin(scored: Scored, base: SlowProcess) -> Places:
+def initial_jumps(scored: ScoredHistory, base: SlowProcess) -> Places:
     """Select jumps by processes that are calm between them; none where none are clear.
 
     A process learnt from a history with many jumps takes them for its own restlessness. So
@@ -142,13 +142,13 @@ def begin(scored: Scored, base: SlowProcess) -> Places:
             sd=np.array([sd * scored.scatter]),
             slope_drift=np.array([0.0]),
         )
-        places, likelihood = select(scored, process, np.zeros(1), scored.seeds)
-        found.append((likelihood - penalty(len(scored.time), len(places)), places))
+        places, likelihood = select_jumps(scored, process, np.zeros(1), scored.seeds)
+        found.append((likelihood - log_prior_odds(len(scored.time), len(places)), places))
     return max(found, key=lambda one: one[0])[1]
 
 
-def select(
-    scored: Scored,
+def select_jumps(
+    scored: ScoredHistory,
     family: SlowProcess,
     log_weights: Float[np.ndarray, " family"],
     places: Sequence[int] = (),
@@ -195,13 +195,15 @@ def _mixed_gain(found: Interventions, log_weights: np.ndarray, sd: float) -> Usa
     return np.asarray(np.logaddexp.reduce(share[:, None] + found.gain(sd), axis=0))
 
 
-def _without_outliers(scored: Scored, found: Interventions, log_weights: np.ndarray) -> Usable:
+def _without_outliers(
+    scored: ScoredHistory, found: Interventions, log_weights: np.ndarray
+) -> Usable:
     """Pass over readings that stand apart from those on either side."""
     apart = np.abs(np.exp(_share(found, log_weights)) @ found.left_out)
     return np.where(apart > _OUTLIER, np.nan, scored.value)
 
 
-def _maxima(scored: Scored, gain: Usable, places: Places) -> list[int]:
+def _maxima(scored: ScoredHistory, gain: Usable, places: Places) -> list[int]:
     """Find the places of largest gain that are apart from each other and from those known."""
     able = np.where(scored.allowed(places), gain, -np.inf)
     around = np.pad(able, _BESIDE, constant_values=-np.inf)
@@ -213,7 +215,7 @@ def _maxima(scored: Scored, gain: Usable, places: Places) -> list[int]:
 
 
 def _eliminated(
-    scored: Scored,
+    scored: ScoredHistory,
     look: Callable[[Places], Interventions],
     log_weights: np.ndarray,
     places: Places,
@@ -239,7 +241,7 @@ def _apart(places: Sequence[int]) -> Places:
     return tuple(kept)
 
 
-def regularity(scored: Scored, places: Places) -> float:
+def regularity(scored: ScoredHistory, places: Places) -> float:
     r"""How regularly jumps come back, as the edges of a wave or of teeth do [1].
 
     Of jumps :math:`\delta_j` at :math:`t_j` it is the greatest

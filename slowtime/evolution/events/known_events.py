@@ -233,7 +233,7 @@ def is_jump(event: KnownEvent) -> bool:
     return isinstance(event, Repair | Replacement)
 
 
-def met(process: Startable, belief: Belief, event: KnownEvent) -> Belief:
+def apply_event(process: Startable, belief: Belief, event: KnownEvent) -> Belief:
     """Belief just after an event, carried on to its time first.
 
     Parameters

@@ -16,7 +16,7 @@ from slowtime.estimation import streaming, sweeps
 from slowtime.estimation.matern import Belief, Jump, SlowProcess
 from slowtime.estimation.processes import Sum
 from slowtime.evolution.change import Series, check_level
-from slowtime.evolution.events.known_events import KnownEvent, met
+from slowtime.evolution.events.known_events import KnownEvent, apply_event
 
 from . import mixture_quantile
 from .outlook import JumpLaw, Outlook, history
@@ -101,9 +101,9 @@ class Continuation:
         due = [event for event in self.known if event.time <= self.time]
         smooth, wave = self.smooth, self.wave
         for event in due:
-            smooth = met(self.outlook.family, smooth, event)
+            smooth = apply_event(self.outlook.family, smooth, event)
             if self.outlook.wave is not None and wave is not None:
-                wave = met(self.outlook.wave, wave, event)
+                wave = apply_event(self.outlook.wave, wave, event)
         return dataclasses.replace(self, smooth=smooth, wave=wave, known=self.known[len(due) :])
 
     def predict(
@@ -142,7 +142,7 @@ class Continuation:
         mean = np.sum(weights.T * means.T, axis=-1)
         spread = np.sqrt(np.sum(weights.T * (spreads**2 + (means - mean) ** 2).T, axis=-1))
         lo, hi = (
-            mixture_quantile.quantile(share, weights, means, spreads)
+            mixture_quantile.mixture_quantile(share, weights, means, spreads)
             for share in (tail, 1.0 - tail)
         )
         return Forecast(mean, spread, lo, hi, float(self.time + self._memory()))
@@ -236,7 +236,7 @@ def _followed(
             belief, _ = sweeps.carried(process, belief, *part, jumps=own)
         if event is None or end == len(time):
             break
-        belief, first = met(process, belief, event), end
+        belief, first = apply_event(process, belief, event), end
     return belief
 
 

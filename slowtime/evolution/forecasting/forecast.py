@@ -23,7 +23,7 @@ from slowtime.evolution.events.known_events import KnownEvent, is_jump
 from . import continuation, wave_choice
 from .continuation import Forecast
 from .outlook import JumpLaw, Outlook, history, member
-from .parameter_posterior import NET, Learnt, learn
+from .parameter_posterior import NET, ParameterPosterior, learn_parameters
 
 Usable: TypeAlias = Float[np.ndarray, " usable"]
 
@@ -121,7 +121,7 @@ def fit(
     sds = np.maximum(sds, 1e-6 * base.sd)
     readings = time, values, sds
     plain = _smooth(readings, prior, base, given)
-    scored = jump_selection.Scored(*readings, jump_sd, known=given)
+    scored = jump_selection.ScoredHistory(*readings, jump_sd, known=given)
     scored = dataclasses.replace(scored, seeds=_seen(scored, suspected))
     stepped = _with_jumps(scored, base)
     if stepped is None:
@@ -131,7 +131,7 @@ def fit(
 
 
 def _weighed(
-    scored: jump_selection.Scored,
+    scored: jump_selection.ScoredHistory,
     plain: "_Smooth",
     stepped: tuple[jump_selection.Places, "_Smooth"],
     process: Choice,
@@ -139,7 +139,7 @@ def _weighed(
     """Take the processes with jumps, or those without, as their evidence says."""
     time, readings = scored.time, (scored.time, scored.value, scored.sd)
     places, smooth = stepped
-    odds = jump_selection.penalty(len(time), len(places))
+    odds = jump_selection.log_prior_odds(len(time), len(places))
     there = _with_waves(readings, smooth, process)
     without = (
         Outlook(plain.family, plain.learnt.weights, jumps=plain.told),
@@ -178,7 +178,9 @@ def _given(time: Usable, known: Sequence[KnownEvent], jump_sd: float) -> tuple[J
     return tuple((float(time[place - 1]), jump_sd) for place in places.tolist())
 
 
-def _seen(scored: jump_selection.Scored, suspected: Sequence[float]) -> jump_selection.Places:
+def _seen(
+    scored: jump_selection.ScoredHistory, suspected: Sequence[float]
+) -> jump_selection.Places:
     """Find the readings before which a jump was seen that nobody has told of."""
     time = scored.time
     seen = np.searchsorted(time, [at for at in suspected if time[0] <= at < time[-1]], "right")
@@ -205,7 +207,7 @@ class _Smooth:
     prior: Prior
     base: SlowProcess
     family: SlowProcess
-    learnt: Learnt
+    learnt: ParameterPosterior
 
 
 def _smooth(
@@ -225,19 +227,21 @@ def _smooth(
     scores = {s: plain(net, s) for s in among}
     density = prior.log_density(net)
     smoothness = max(scores, key=lambda s: float((scores[s] + density).max()))
-    learnt = learn(lambda points: plain(points, smoothness), prior, scores[smoothness])
+    learnt = learn_parameters(
+        lambda points: plain(points, smoothness), prior, scores[smoothness]
+    )
     return _Smooth(told, prior, base, _members(base, smoothness, learnt.points), learnt)
 
 
 def _with_jumps(
-    scored: jump_selection.Scored, base: SlowProcess
+    scored: jump_selection.ScoredHistory, base: SlowProcess
 ) -> tuple[jump_selection.Places, _Smooth] | None:
     """Learn processes with the jumps that are selected; None where none is.
 
     First by processes that are calm between jumps, then by those learnt with these jumps.
     """
     time, values = scored.time, scored.value
-    places = jump_selection.begin(scored, base)
+    places = jump_selection.initial_jumps(scored, base)
     scored = scored.like_those(places)
     best: tuple[float, jump_selection.Places, _Smooth] | None = None
     among: Sequence[float] = kernels.SMOOTHNESSES
@@ -249,7 +253,9 @@ def _with_jumps(
         inner = prior_of(time, _levelled(time, values, [at for at, _ in told]))
         readings, vague = (time, values, scored.sd), _vague(inner[1], base)
         found = _smooth(readings, inner[0], vague, told, among)
-        score = found.learnt.log_evidence - jump_selection.penalty(len(time), len(places))
+        score = found.learnt.log_evidence - jump_selection.log_prior_odds(
+            len(time), len(places)
+        )
         if best is not None and score <= best[0]:
             break
         best = score, places, found
@@ -258,7 +264,7 @@ def _with_jumps(
         before = np.log(found.learnt.weights[top]) - np.asarray(
             sweeps.log_likelihood(family, time, values, scored.sd, jumps=told)
         )
-        again, _ = jump_selection.select(scored, family, before, places)
+        again, _ = jump_selection.select_jumps(scored, family, before, places)
         moved = [abs(one - other) for one, other in zip(again, places, strict=False)]
         if len(again) == len(places) and max(moved) <= _SAME:
             break
@@ -267,7 +273,7 @@ def _with_jumps(
 
 
 def _further(
-    scored: jump_selection.Scored, places: jump_selection.Places, smooth: _Smooth
+    scored: jump_selection.ScoredHistory, places: jump_selection.Places, smooth: _Smooth
 ) -> JumpLaw | None:
     """Tell how further jumps come: as often, and of such sizes, as those that were found.
 
@@ -302,7 +308,7 @@ def _with_waves(
     wave = None
     if process != "smooth":
         levelled = _levelled(time, values, [at for at, _ in told])
-        wave = wave_choice.learn_wave(
+        wave = wave_choice.learn_periodic_process(
             readings, levelled, smooth.prior, smooth.base, told, learnt.best,
             beaten=beaten, edges=edges,
         )  # fmt: skip

@@ -7,7 +7,7 @@ from scipy.special import ndtr, ndtri
 _HALVINGS = 40
 
 
-def quantile(
+def mixture_quantile(
     share: float,
     weights: Float[np.ndarray, " member"] | Float[np.ndarray, "member later"],
     means: Float[np.ndarray, "member later"],
@@ -19,7 +19,7 @@ def quantile(
 
     Examples
     --------
-    >>> quantile(0.975, np.ones(1), np.zeros((1, 1)), np.ones((1, 1))).round(4)
+    >>> mixture_quantile(0.975, np.ones(1), np.zeros((1, 1)), np.ones((1, 1))).round(4)
     array([1.96])
     """
     spreads = np.maximum(spreads, 1e-300)

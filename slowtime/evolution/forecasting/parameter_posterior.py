@@ -21,7 +21,7 @@ _NEGLIGIBLE = 1e-3
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Learnt:
+class ParameterPosterior:
     """Parameters that a history allows.
 
     Parameters
@@ -40,13 +40,13 @@ class Learnt:
     best: Float[np.ndarray, " parameter"]
 
 
-def learn(
+def learn_parameters(
     likelihood: Likelihood,
     prior: Prior,
     net: Float[np.ndarray, " family"] | None = None,
     *,
     iterations: int = 8,
-) -> Learnt:
+) -> ParameterPosterior:
     """Climb from the best point of a net, and sample about the optimum and the net together.
 
     Newton's method, then importance sampling from fixed points: the same history gives the
@@ -79,7 +79,7 @@ def learn(
     evidence = top + np.log(weights.mean()) - np.log(prior.sd).sum()
     kept = weights > _NEGLIGIBLE * weights.sum()
     weights = weights[kept] / weights[kept].sum()
-    return Learnt(points[kept], weights, float(evidence), best.point)
+    return ParameterPosterior(points[kept], weights, float(evidence), best.point)
 
 
 def _about(best: Optimum) -> Points:

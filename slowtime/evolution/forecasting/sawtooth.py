@@ -20,7 +20,7 @@ from slowtime.estimation.processes import Sum
 from slowtime.estimation.sawtooth import Sawtooth
 
 from . import periodicity
-from .parameter_posterior import Learnt, learn
+from .parameter_posterior import ParameterPosterior, learn_parameters
 from .periodicity import Repeating
 
 Usable = Float[np.ndarray, " usable"]
@@ -191,7 +191,7 @@ def learn_teeth(
 
     best = int(of_places(begin).argmax())
     first = where[best : best + 1]
-    learnt = learn(lambda points: likelihood(points, first), prior, iterations=6)
+    learnt = learn_parameters(lambda points: likelihood(points, first), prior, iterations=6)
     logs = of_places(learnt.best) + _log_prior(where, wave_prior, readings[0])
     here = float(likelihood(learnt.best[None], first)[0])
     together = float(logsumexp(logs))
@@ -240,7 +240,10 @@ def _log_prior(where: Places, wave_prior: Prior, time: Usable) -> Float[np.ndarr
 
 
 def _paired(
-    base: SlowProcess, learnt: Learnt, where: Places, share: Float[np.ndarray, " place"]
+    base: SlowProcess,
+    learnt: ParameterPosterior,
+    where: Places,
+    share: Float[np.ndarray, " place"],
 ) -> Sum:
     """Draw sizes and places with their probabilities, the same at every call."""
     even = (np.arange(_PAIRS) + 0.5) / _PAIRS

@@ -11,7 +11,7 @@ from slowtime.estimation.matern import Jump, SlowProcess
 from slowtime.estimation.processes import Sum
 
 from . import periodicity, sawtooth
-from .parameter_posterior import learn
+from .parameter_posterior import learn_parameters
 from .periodicity import Repeating
 
 Usable = Float[np.ndarray, " usable"]
@@ -21,7 +21,7 @@ _HOPE = 20.0
 and teeth of many sizes; its prior mostly takes more than it adds."""
 
 
-def learn_wave(
+def learn_periodic_process(
     readings: tuple[Usable, Usable, Usable],
     levelled: Usable,
     prior: Prior,
@@ -83,7 +83,7 @@ def learn_wave(
     if only_teeth or max(scores) < beaten - _HOPE:
         return None
     kind = kinds[int(np.argmax(scores))]
-    learnt = learn(
+    learnt = learn_parameters(
         lambda points: likelihood(periodicity.members(base, points, kind)),
         wave_prior,
         iterations=6,

@@ -60,12 +60,12 @@ def first_crossing(
         How many futures, and of which random numbers.
     """
     begun = continuation.begin(outlook, slow_time, value, sd)
-    futures = draw(begun, horizon, points=points, paths=paths, seed=seed)
+    futures = draw_futures(begun, horizon, points=points, paths=paths, seed=seed)
     return futures.crossing(threshold, shares=shares, toward=toward, common_sd=common_sd)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Futures:
+class SampledFutures:
     """Futures of a quantity, each a whole path of one process, as often as it is probable.
 
     Readings that come later move together, which bands at single times do not say.
@@ -140,9 +140,9 @@ class Futures:
         )  # fmt: skip
 
 
-def draw(
+def draw_futures(
     begun: Continuation, horizon: float, *, points: int = 200, paths: int = 4000, seed: int = 0
-) -> Futures:
+) -> SampledFutures:
     """Draw futures up to a horizon; the parameters as for `first_crossing`."""
     if not horizon > begun.time:
         raise ValueError(
@@ -150,12 +150,12 @@ def draw(
             "later slow time."
         )
     later = np.linspace(begun.time, horizon, points + 1)
-    return draw_at(begun, later, paths=paths, seed=seed)
+    return draw_futures_at(begun, later, paths=paths, seed=seed)
 
 
-def draw_at(
+def draw_futures_at(
     begun: Continuation, later: Float[np.ndarray, " later"], *, paths: int, seed: int = 0
-) -> Futures:
+) -> SampledFutures:
     """Draw futures at ascending instants, the first of which is that of the last reading."""
     points = len(later) - 1
     kinds = list(begun.kinds())
@@ -175,7 +175,7 @@ def draw_at(
         together += _jumps(begun.outlook.further, later, paths, seed)
     chance = np.random.default_rng([seed, paths]).random(paths)
     common = _shocks(seed, paths, 1, 1)[:, 0, 0]
-    return Futures(later, together, common, np.concatenate(rough), chance)
+    return SampledFutures(later, together, common, np.concatenate(rough), chance)
 
 
 def _roughness(process: SlowProcess | Sum) -> Float[np.ndarray, " member"]:

@@ -25,7 +25,7 @@ Runs = Float[np.ndarray, "draw time output"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Believed:
+class ParameterBelief:
     """A structure as it is believed to be.
 
     Parameters
@@ -94,8 +94,8 @@ class Bands:
     rms: Float[np.ndarray, "output 4"]
 
 
-def respond(
-    believed: Believed,
+def response_runs(
+    believed: ParameterBelief,
     load: Float[np.ndarray, " time"],
     rate_hz: float,
     *,

@@ -111,7 +111,7 @@ class MassScale:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Posterior:
+class ChangePosterior:
     """Posterior of a bounded change: where it peaks, its moments, its densest interval."""
 
     mode: Float[np.ndarray, " time"]
@@ -145,7 +145,7 @@ def posterior(
     *,
     flat_in: FlatIn = "frequency",
     level: float = 0.95,
-) -> Posterior:
+) -> ChangePosterior:
     """Posterior of the change given one reading each of `ratio` with standard deviation `sd`.
 
     Parameters
@@ -184,7 +184,7 @@ def posterior(
     if law.weighted:
         half = law.half_weighted(level)
     ends = scale.change(np.stack([law.low_end(half), law.high_end(half)], axis=1))
-    return Posterior(
+    return ChangePosterior(
         scale.change(nearest), mean, np.sqrt(variance), ends.min(axis=1), ends.max(axis=1)
     )
 

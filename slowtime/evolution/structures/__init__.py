@@ -3,13 +3,10 @@
 What the data cannot tell is said in words, with what would tell it.
 """
 
-from .experiments import Remedy as Remedy
-from .experiments import what_would_tell as what_would_tell
-from .fit import Optimum as Optimum
-from .fit import Posterior as Posterior
-from .fit import estimate as estimate
-from .hypotheses import Hypothesis, Named, name_changes
-from .identifiability import Limit, what_cannot_be_told
+from .experiments import Remedy, propose_measurements
+from .fit import Optimum, StructurePosterior, estimate
+from .hypotheses import Hypothesis, NamedChanges, name_changes
+from .identifiability import Limit, identifiability_limits
 from .measured_modes import MeasuredModes
 from .parametric_structure import ParametricStructure
 
@@ -17,13 +14,13 @@ __all__ = [
     "Hypothesis",
     "Limit",
     "MeasuredModes",
-    "Named",
+    "NamedChanges",
     "Optimum",
     "ParametricStructure",
-    "Posterior",
     "Remedy",
+    "StructurePosterior",
     "estimate",
+    "identifiability_limits",
     "name_changes",
-    "what_cannot_be_told",
-    "what_would_tell",
+    "propose_measurements",
 ]

@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from slowtime.evolution.change import check_level
 
-from .fit import Optimum, check_prior, climb
+from .fit import Optimum, check_prior, optimise_from
 from .measured_modes import MeasuredModes
 from .parametric_structure import ParametricStructure
 
@@ -50,7 +50,7 @@ class Hypothesis:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Named:
+class NamedChanges:
     """Hypotheses on what has changed, most probable first.
 
     Parameters
@@ -76,7 +76,7 @@ def name_changes(
     unchanged_sd: Float[np.ndarray, " parameter"] | float = 0.005,
     changed_share: float = 0.1,
     most: int = 4,
-) -> Named:
+) -> NamedChanges:
     """Name the changed parts, or say between which the data cannot decide.
 
     Parameters
@@ -105,7 +105,7 @@ def name_changes(
 
     def weigh(changed: frozenset[int], start: np.ndarray) -> tuple[float, Optimum]:
         sd = np.array([slab[i] if i in changed else spike[i] for i in range(len(slab))])
-        found = climb(structure, sets, sd, start)
+        found = optimise_from(structure, sets, sd, start)
         return found.log_evidence + odds * len(changed), found
 
     free = [i for i in range(len(slab)) if slab[i] > spike[i]]
@@ -126,7 +126,7 @@ def name_changes(
 
 def _conclude(
     structure: ParametricStructure, weighed: dict[frozenset[int], tuple[float, Optimum]]
-) -> Named:
+) -> NamedChanges:
     ranked = sorted(weighed, key=lambda s: -weighed[s][0])
     scores = np.array([weighed[s][0] for s in ranked])
     weights = np.exp(scores - scores[0])
@@ -140,7 +140,7 @@ def _conclude(
         name: float(sum(w for s, w in zip(ranked, weights, strict=True) if i in s))
         for i, name in enumerate(structure.names)
     }
-    return Named(tuple(hypotheses), inclusion, _sentence(hypotheses))
+    return NamedChanges(tuple(hypotheses), inclusion, _sentence(hypotheses))
 
 
 def _hypothesis(

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from .fit import Posterior
+from .fit import StructurePosterior
 from .parametric_structure import ParametricStructure
 
 Kind = Literal["scale", "unseen", "alike", "mass against stiffness", "combination"]
@@ -49,8 +49,8 @@ class Limit:
     sentence: str
 
 
-def what_cannot_be_told(
-    structure: ParametricStructure, posterior: Posterior
+def identifiability_limits(
+    structure: ParametricStructure, posterior: StructurePosterior
 ) -> tuple[Limit, ...]:
     """Say what the data that led to `posterior` leave open."""
     slope, sd = posterior.optima[0].whitened, posterior.prior_sd

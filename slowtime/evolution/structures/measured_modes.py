@@ -18,7 +18,7 @@ from scipy.optimize import linear_sum_assignment
 from slowtime.identification.mode_shapes.criteria import real_shape
 from slowtime.identification.modes import Mode
 
-from .parametric_structure import Modes, ParametricStructure
+from .parametric_structure import ParametricModes, ParametricStructure
 
 _WIDEST = 0.3  # spread of ln f beyond which a prior says nothing on which mode is which
 
@@ -107,7 +107,7 @@ class MeasuredModes:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Gap:
+class ModeMisfit:
     """Measured minus model over standard deviation, and the slope of the model's part.
 
     Parameters
@@ -126,12 +126,12 @@ class Gap:
     pairs: Int[np.ndarray, " mode"]
 
 
-def gap(
+def mode_misfit(
     structure: ParametricStructure,
     measured: MeasuredModes,
     theta: Float[np.ndarray, " parameter"],
     spread: Float[np.ndarray, " parameter"],
-) -> Gap:
+) -> ModeMisfit:
     """Compare measured modes with those of the structure at `theta`.
 
     Parameters
@@ -158,11 +158,11 @@ def gap(
             residual, slope = _shape_gap(measured, modes, seen, j, int(r))
             residuals.append(residual)
             slopes.append(slope)
-    return Gap(np.concatenate(residuals), np.concatenate(slopes), pairs)
+    return ModeMisfit(np.concatenate(residuals), np.concatenate(slopes), pairs)
 
 
 def _shape_gap(
-    measured: MeasuredModes, modes: Modes, seen: np.ndarray, j: int, r: int
+    measured: MeasuredModes, modes: ParametricModes, seen: np.ndarray, j: int, r: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Residual and slope of one shape, its factor fitted unless it is known."""
     assert measured.shapes is not None
@@ -185,7 +185,7 @@ def _shape_gap(
 
 def _pair(
     measured: MeasuredModes,
-    modes: Modes,
+    modes: ParametricModes,
     seen: np.ndarray,
     spread: Float[np.ndarray, " parameter"],
 ) -> Int[np.ndarray, " mode"]:

@@ -18,7 +18,7 @@ _RIGID = 1e-10  # eigenvalue over the largest, of a motion that strains nothing
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Modes:
+class ParametricModes:
     r"""Undamped modes and how they change with the parameters.
 
     Parameters
@@ -119,7 +119,7 @@ class ParametricStructure:
         self,
         theta: Float[np.ndarray, " parameter"],
         added_mass: Float[np.ndarray, "dof dof"] | None = None,
-    ) -> Modes:
+    ) -> ParametricModes:
         r"""Modes with parameters `theta`, and their slopes in closed form.
 
         .. math:: \frac{\partial \omega_j^2}{\partial p} &= x_j^T
@@ -159,7 +159,7 @@ class ParametricStructure:
         mixing[elements:, which, np.arange(len(which))] -= (
             0.5 * moved[:, which, np.arange(len(which))]
         )
-        return Modes(
+        return ParametricModes(
             eigenvalue,
             x[:, bent],
             (own / (2.0 * eigenvalue)).T,

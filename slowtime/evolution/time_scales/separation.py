@@ -21,7 +21,10 @@ from slowtime.estimation.hyperparameters import Prior
 from slowtime.estimation.processes import Matern, Sum, Trend, quasi_periodic
 from slowtime.evolution.change import Series
 from slowtime.evolution.forecasting import forecast, periodicity, wave_choice
-from slowtime.evolution.forecasting.parameter_posterior import Learnt, learn
+from slowtime.evolution.forecasting.parameter_posterior import (
+    ParameterPosterior,
+    learn_parameters,
+)
 
 from . import mixture_of_experts
 
@@ -33,7 +36,7 @@ _MEMBERS = 6
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Scales:
+class SeparatedScales:
     """A series taken apart.
 
     Parameters
@@ -66,7 +69,7 @@ class Scales:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Choice:
+class SeparationChoice:
     """Both models of a series, and which foretells it better.
 
     Parameters
@@ -79,11 +82,11 @@ class Choice:
 
     best: Literal["additive", "mixture"]
     log_odds: float
-    additive: Scales
+    additive: SeparatedScales
     mixture: mixture_of_experts.Mixture
 
 
-def additive(slow_time: Series, value: Series, sd: Series) -> Scales:
+def additive(slow_time: Series, value: Series, sd: Series) -> SeparatedScales:
     """Take a series apart into a long and a short scale.
 
     Parameters
@@ -100,7 +103,7 @@ def additive(slow_time: Series, value: Series, sd: Series) -> Scales:
     True
     """
     _check(slow_time, value, sd)
-    found: dict[Kind, tuple[Learnt, Prior]] = {}
+    found: dict[Kind, tuple[ParameterPosterior, Prior]] = {}
     rough, waving = _rough_prior(slow_time, value), _repeating_prior(slow_time, value, sd)
     makers: dict[Kind, Callable[[Series, Series, np.ndarray], Sum]] = {
         "rough": _rough,
@@ -111,9 +114,11 @@ def additive(slow_time: Series, value: Series, sd: Series) -> Scales:
         family = makers[kind](slow_time, value, points)
         return np.asarray(sweeps.log_likelihood(family, slow_time, value, sd))
 
-    found["rough"] = learn(lambda points: likelihood("rough", points), rough), rough
+    found["rough"] = learn_parameters(lambda points: likelihood("rough", points), rough), rough
     if waving is not None:
-        learnt = learn(lambda points: likelihood("repeating", points), waving, iterations=6)
+        learnt = learn_parameters(
+            lambda points: likelihood("repeating", points), waving, iterations=6
+        )
         found["repeating"] = learnt, waving
     kind: Kind = max(found, key=lambda name: found[name][0].log_evidence)
     learnt = found[kind][0]
@@ -132,14 +137,16 @@ def additive(slow_time: Series, value: Series, sd: Series) -> Scales:
     )
     foretold, spread = streaming.leave_one_out(members[0], slow_time, value, sd)
     score = mixture_of_experts.log_density(value, foretold, np.hypot(spread, sd))
-    return Scales(slow_time, *whole, *long, *short, kind, members[0], float(np.sum(score)))
+    return SeparatedScales(
+        slow_time, *whole, *long, *short, kind, members[0], float(np.sum(score))
+    )
 
 
-def choose(slow_time: Series, value: Series, sd: Series) -> Choice:
+def choose(slow_time: Series, value: Series, sd: Series) -> SeparationChoice:
     """Fit the additive process and the mixture of experts, and say which foretells better."""
     both = additive(slow_time, value, sd), mixture_of_experts.fit(slow_time, value, sd)
     odds = both[0].log_predictive - both[1].log_predictive
-    return Choice("additive" if odds >= 0.0 else "mixture", float(odds), *both)
+    return SeparationChoice("additive" if odds >= 0.0 else "mixture", float(odds), *both)
 
 
 def _averaged(
@@ -163,7 +170,7 @@ def _averaged(
 def _teeth(slow_time: Series, value: Series, sd: Series) -> periodicity.Repeating | None:
     """Learn a short scale that falls at once; None where least squares find no such."""
     prior, base = forecast.prior_of(slow_time, value)
-    return wave_choice.learn_wave(
+    return wave_choice.learn_periodic_process(
         (slow_time, value, sd), value, prior, base, (), prior.centre, only_teeth=True
     )
 

@@ -24,7 +24,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Complex, Float
 
-from .whittle import COLOUR, COLOUR_PRIOR, FLOOR, FLOOR_PRIOR, Peak
+from .whittle import COLOUR, COLOUR_PRIOR, FLOOR, FLOOR_PRIOR, PosteriorMaximum
 
 STEP = 0.25
 """Differences are taken over this share of a standard deviation."""
@@ -37,7 +37,7 @@ which moves a parameter by more standard deviations than this."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Coefficients:
+class FourierCoefficients:
     """Fourier coefficients of a band; |value|² is a one-sided density.
 
     Parameters
@@ -116,13 +116,13 @@ def _log_density(
     return np.asarray(np.where(np.isfinite(result), result, -np.inf))
 
 
-def climb(
-    data: Coefficients,
+def maximise_posterior(
+    data: FourierCoefficients,
     start: Float[np.ndarray, " parameter"],
     sd: Float[np.ndarray, " parameter"],
     *,
     held: tuple[int, ...] = (),
-) -> Peak:
+) -> PosteriorMaximum:
     """Climb to the top of the posterior by Newton steps, slopes and curvature by differences.
 
     Parameters
@@ -156,11 +156,11 @@ def climb(
     covariance = np.zeros((len(start), len(start)))
     inverse = (vectors / np.maximum(values, 0.05)) @ vectors.T
     covariance[np.ix_(free, free)] = inverse * np.outer(sd[free], sd[free])
-    return Peak(theta, covariance, best)
+    return PosteriorMaximum(theta, covariance, best)
 
 
 def _expanded(
-    data: Coefficients, theta: np.ndarray, sd: np.ndarray, free: np.ndarray
+    data: FourierCoefficients, theta: np.ndarray, sd: np.ndarray, free: np.ndarray
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """Value, slopes and negative curvature in units of `sd`."""
     count = len(free)

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from scipy.special import ndtr, ndtri
 
 from .spline import cubic_spline
-from .whittle import DAMPING, FREQUENCY, PEAK, Peak
+from .whittle import DAMPING, FREQUENCY, PEAK, PosteriorMaximum
 
 STRIDE, WIDENING, MOST_POINTS = 0.6, 1.15, 30
 """The raster begins with so many standard deviations of ln zeta, widens by so much from point
@@ -55,7 +55,8 @@ class DampingPosterior:
 
 
 def damping_posterior(
-    profile: Callable[[Float[np.ndarray, " parameter"]], Peak], top: Peak
+    profile: Callable[[Float[np.ndarray, " parameter"]], PosteriorMaximum],
+    top: PosteriorMaximum,
 ) -> DampingPosterior:
     """Posterior of the damping ratio of a resonance.
 
@@ -93,7 +94,7 @@ def damping_posterior(
     return DampingPosterior(value, sd, float(weight @ (spread + (place - middle) ** 2)))
 
 
-def _gaussian(top: Peak) -> DampingPosterior:
+def _gaussian(top: PosteriorMaximum) -> DampingPosterior:
     """Take the curvature at the top, where the top lies at an end of the prior."""
     damping = float(np.exp(top.parameters[DAMPING]))
     sd = np.sqrt(np.diag(top.covariance))
@@ -101,8 +102,9 @@ def _gaussian(top: Peak) -> DampingPosterior:
 
 
 def _points(
-    profile: Callable[[Float[np.ndarray, " parameter"]], Peak], top: Peak
-) -> list[Peak]:
+    profile: Callable[[Float[np.ndarray, " parameter"]], PosteriorMaximum],
+    top: PosteriorMaximum,
+) -> list[PosteriorMaximum]:
     """Tops along a raster of ln zeta."""
     middle = float(top.parameters[DAMPING])
     points = [profile(top.parameters)]
@@ -127,7 +129,7 @@ def _points(
     return points
 
 
-def _volume(peak: Peak) -> float:
+def _volume(peak: PosteriorMaximum) -> float:
     """Logarithm of the width of the posterior in the other parameters."""
     others = np.delete(np.delete(peak.covariance, DAMPING, 0), DAMPING, 1)
     free = np.diag(others) > 0

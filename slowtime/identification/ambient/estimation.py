@@ -7,25 +7,25 @@ from jaxtyping import Float
 
 from slowtime.identification import checks
 from slowtime.identification.detection.channel_combination import modal_series
-from slowtime.identification.detection.resonance_peaks import Candidate, strongest
+from slowtime.identification.detection.resonance_peaks import PeakCandidate, strongest_peak
 from slowtime.identification.estimates import Identified, Measured
-from slowtime.identification.free_decay.segments import FEWEST_CYCLES, widened
+from slowtime.identification.free_decay.segments import FEWEST_CYCLES, widen_for_change
 from slowtime.signals.spectra import detrended, periodogram, transform
 
-from .coefficient_likelihood import Coefficients, climb
+from .coefficient_likelihood import FourierCoefficients, maximise_posterior
 from .damping_posterior import DampingPosterior, damping_posterior
-from .fit_band import Extent, widest
+from .fit_band import FitBand, widest_fit_band
 from .whittle import (
     COLOUR,
     DAMPING,
     FLOOR,
-    Ordinates,
-    Peak,
-    Resonance,
+    Periodogram,
+    PosteriorMaximum,
+    ResonanceFit,
     fit_resonance,
-    fit_smooth,
-    grouped,
-    log_likelihood,
+    group_ordinates,
+    smooth_log_likelihood,
+    whittle_log_likelihood,
 )
 
 STARTS = np.geomspace(5e-4, 0.15, 12)
@@ -110,13 +110,15 @@ def identify_ambient(
     """
     columns = detrended(checks.series(acceleration, rate_hz))
     low, high = checks.band(band_hz, rate_hz, len(columns))
-    return fit_ambient(columns, rate_hz, strongest(columns, rate_hz, low, high), derivatives)
+    return fit_ambient(
+        columns, rate_hz, strongest_peak(columns, rate_hz, low, high), derivatives
+    )
 
 
 def fit_ambient(
     columns: Float[np.ndarray, "time channel"],
     rate_hz: float,
-    candidate: Candidate,
+    candidate: PeakCandidate,
     derivatives: int | None = None,
 ) -> Identified:
     """Whittle fit of the resonance that `candidate` points at, within its band."""
@@ -125,7 +127,7 @@ def fit_ambient(
 
 
 def fit_ambient_steady(
-    columns: Float[np.ndarray, "time channel"], rate_hz: float, candidate: Candidate
+    columns: Float[np.ndarray, "time channel"], rate_hz: float, candidate: PeakCandidate
 ) -> Identified:
     """Ambient fit of the whole, widened by what the two halves say against each other."""
     series = modal_series(columns, rate_hz, candidate)
@@ -137,15 +139,15 @@ def fit_ambient_steady(
         _of_half(half, rate_hz, extent)
         for half in (series[:middle], series[len(series) - middle :])
     ]
-    return widened(whole, halves[0], halves[1])
+    return widen_for_change(whole, halves[0], halves[1])
 
 
-def _of_half(half: Float[np.ndarray, " time"], rate_hz: float, extent: Extent) -> Measured:
+def _of_half(half: Float[np.ndarray, " time"], rate_hz: float, extent: FitBand) -> Measured:
     """Frequency that half of a record has in the band of the whole."""
     edges = extent.data.frequency_hz[[0, -1]]
     whole = _ordinates(detrended(half[:, None])[:, 0], rate_hz, extent.data.derivatives)
     start = extent.fit.parameters
-    data = grouped(whole.within(*edges), float(np.exp(start[0])))
+    data = group_ordinates(whole.within(*edges), float(np.exp(start[0])))
     fit = fit_resonance(data, start)
     if not fit.converged:
         return Measured(float(np.exp(fit.parameters[0])), float("inf"))
@@ -155,8 +157,8 @@ def _of_half(half: Float[np.ndarray, " time"], rate_hz: float, extent: Extent) -
 
 
 def _posterior(
-    series: Float[np.ndarray, " time"], data: Ordinates, fit: Resonance
-) -> tuple[Peak, DampingPosterior]:
+    series: Float[np.ndarray, " time"], data: Periodogram, fit: ResonanceFit
+) -> tuple[PosteriorMaximum, DampingPosterior]:
     """Top of the posterior in a band, and that of the damping.
 
     Whittle's likelihood, or the one with all correlations where the record is short.
@@ -164,16 +166,16 @@ def _posterior(
     frequency, damping = np.exp(fit.parameters[:2])
     if 2 * np.pi * damping * frequency * data.duration_s > LONG:
 
-        def of_ordinates(theta: np.ndarray) -> Peak:
+        def of_ordinates(theta: np.ndarray) -> PosteriorMaximum:
             held = fit_resonance(data, theta, held=(DAMPING,))
-            return Peak(held.parameters, held.covariance, held.log_likelihood)
+            return PosteriorMaximum(held.parameters, held.covariance, held.log_likelihood)
 
-        top = Peak(fit.parameters, fit.covariance, fit.log_likelihood)
+        top = PosteriorMaximum(fit.parameters, fit.covariance, fit.log_likelihood)
         return top, damping_posterior(of_ordinates, top)
     place, value = transform(series[:, None], data.rate_hz)
     low, high = data.frequency_hz[[0, -1]]
     inside = (place >= max(low, frequency / OCTAVE)) & (place <= high)
-    coefficients = Coefficients(
+    coefficients = FourierCoefficients(
         place[inside],
         value[inside, 0],
         data.duration_s,
@@ -183,19 +185,19 @@ def _posterior(
     sd = np.minimum(np.sqrt(np.diag(fit.covariance)), MOST_SD)
     # A floor far below all else cannot be told, and is no direction to climb in.
     held = (FLOOR,) if np.sqrt(fit.covariance[FLOOR, FLOOR]) > UNSEEN else ()
-    top = climb(coefficients, fit.parameters, sd, held=held)
+    top = maximise_posterior(coefficients, fit.parameters, sd, held=held)
 
-    def of_coefficients(theta: np.ndarray) -> Peak:
-        return climb(coefficients, theta, sd, held=(DAMPING, *held))
+    def of_coefficients(theta: np.ndarray) -> PosteriorMaximum:
+        return maximise_posterior(coefficients, theta, sd, held=(DAMPING, *held))
 
     return top, damping_posterior(of_coefficients, top)
 
 
 def _ordinates(
     series: Float[np.ndarray, " time"], rate_hz: float, derivatives: int
-) -> Ordinates:
+) -> Periodogram:
     spectrum = periodogram(series[:, None], rate_hz)
-    return Ordinates(
+    return Periodogram(
         frequency_hz=spectrum.frequency_hz,
         density=spectrum.density[:, 0],
         number=np.ones(len(spectrum.frequency_hz)),
@@ -208,29 +210,29 @@ def _ordinates(
 def _extent(
     series: Float[np.ndarray, " time"],
     rate_hz: float,
-    candidate: Candidate,
+    candidate: PeakCandidate,
     derivatives: int | None,
-) -> Extent:
+) -> FitBand:
     """Band in which one mode explains the spectrum about a candidate, and the fit to it."""
     whole = _ordinates(series, rate_hz, 2 if derivatives is None else derivatives)
     lowest = max(candidate.low_hz, 2 / whole.duration_s)
     whole = whole.within(lowest, candidate.high_hz)
     whole, start = _measured(whole, candidate, derivatives)
     for _ in range(ROUNDS):
-        extent = widest(whole, start)
+        extent = widest_fit_band(whole, start)
         start = extent.fit.parameters
     return extent
 
 
 def _measured(
-    whole: Ordinates, candidate: Candidate, derivatives: int | None
-) -> tuple[Ordinates, np.ndarray]:
+    whole: Periodogram, candidate: PeakCandidate, derivatives: int | None
+) -> tuple[Periodogram, np.ndarray]:
     """Tell how often a displacement was differentiated; the first guess with it."""
     near = whole.within(candidate.frequency_hz / NEAR, candidate.frequency_hz * NEAR)
     if len(near.frequency_hz) < FEWEST:
         near = whole
-    data = grouped(near, candidate.frequency_hz)
-    best: tuple[float, Ordinates, np.ndarray] | None = None
+    data = group_ordinates(near, candidate.frequency_hz)
+    best: tuple[float, Periodogram, np.ndarray] | None = None
     for tried in (2, 1, 0) if derivatives is None else (derivatives,):
         as_tried = dataclasses.replace(data, derivatives=tried)
         fit = fit_resonance(as_tried, _start(as_tried, candidate))
@@ -242,7 +244,7 @@ def _measured(
     return best[1:]
 
 
-def _start(data: Ordinates, candidate: Candidate) -> np.ndarray:
+def _start(data: Periodogram, candidate: PeakCandidate) -> np.ndarray:
     """Best of a grid over damping and a little frequency, levels from moments."""
     floor = max(np.quantile(data.density, 0.1), 1e-9 * data.density.max(), 1e-300)
     bins = data.rate_hz / data.count
@@ -255,7 +257,7 @@ def _start(data: Ordinates, candidate: Candidate) -> np.ndarray:
     for f, z, row in zip(frequency[inside], damping[inside], shapes, strict=True):
         shape = np.maximum(row, 1e-12)
         peak = max(float(np.mean(data.density / (shape + floor / data.density.max()))), floor)
-        likelihood = log_likelihood(data, peak * shape + floor)
+        likelihood = whittle_log_likelihood(data, peak * shape + floor)
         if best is None or likelihood > best[0]:
             best = likelihood, np.log([f, z, peak, floor])
     if best is None:
@@ -266,7 +268,7 @@ def _start(data: Ordinates, candidate: Candidate) -> np.ndarray:
     return best[1]
 
 
-def _identified(series: Float[np.ndarray, " time"], extent: Extent) -> Identified:
+def _identified(series: Float[np.ndarray, " time"], extent: FitBand) -> Identified:
     data, fit = extent.data, extent.fit
     top, posterior = _posterior(series, data, fit)
     frequency, _, peak, floor = np.exp(top.parameters[:COLOUR])
@@ -284,7 +286,7 @@ def _identified(series: Float[np.ndarray, " time"], extent: Extent) -> Identifie
     flags = []
     if not fit.converged:
         flags.append("not_converged")
-    if fit.log_likelihood - fit_smooth(data) < THRESHOLD:
+    if fit.log_likelihood - smooth_log_likelihood(data) < THRESHOLD:
         flags.append("below_threshold")
     if extent.on_edge:
         flags.append("on_edge")

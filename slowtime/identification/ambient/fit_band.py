@@ -22,7 +22,14 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import chdtrc
 
-from .whittle import DAMPING, FREQUENCY, Ordinates, Resonance, fit_resonance, grouped
+from .whittle import (
+    DAMPING,
+    FREQUENCY,
+    Periodogram,
+    ResonanceFit,
+    fit_resonance,
+    group_ordinates,
+)
 
 INNER = 8.0
 """Half-bandwidths either side from which the band begins to grow: fewer cannot tell a floor
@@ -61,7 +68,7 @@ EXCUSED = 3.84
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Extent:
+class FitBand:
     """Ordinates of the chosen band, the fit to them, and the error of having chosen it.
 
     Parameters
@@ -78,8 +85,8 @@ class Extent:
         Of the spectrum that there was to choose from [Hz].
     """
 
-    data: Ordinates
-    fit: Resonance
+    data: Periodogram
+    fit: ResonanceFit
     choice: Float[np.ndarray, "2"]
     limited: bool
     reach: float
@@ -99,11 +106,11 @@ class _Trial:
     """One band: how far it goes on both sides, in rings, and what was fitted."""
 
     rings: tuple[int, int]
-    data: Ordinates
-    fit: Resonance
+    data: Periodogram
+    fit: ResonanceFit
 
 
-def widest(whole: Ordinates, start: Float[np.ndarray, "5"]) -> Extent:
+def widest_fit_band(whole: Periodogram, start: Float[np.ndarray, "5"]) -> FitBand:
     """Grow the band of a resonance from `start` as far as one mode explains the spectrum."""
     frequency, damping = np.exp(start[[FREQUENCY, DAMPING]])
     distances = _distances(frequency * damping, whole)
@@ -136,14 +143,14 @@ def widest(whole: Ordinates, start: Float[np.ndarray, "5"]) -> Extent:
     return _extent(history, frequency * damping, distances, limited, holds, edges)
 
 
-def _distances(half_width: float, whole: Ordinates) -> np.ndarray:
+def _distances(half_width: float, whole: Periodogram) -> np.ndarray:
     """Distances from the resonance at which rings end [Hz]."""
     inner = max(INNER * half_width, FEWEST_BINS / whole.duration_s)
     rings = int(np.ceil(np.log(max(REACH * half_width / inner, 1.0)) / np.log(GROWTH)))
     return np.asarray(inner * GROWTH ** np.arange(rings + 1))
 
 
-def _room(whole: Ordinates, frequency: float, distances: np.ndarray, side: int) -> bool:
+def _room(whole: Periodogram, frequency: float, distances: np.ndarray, side: int) -> bool:
     """Whether the spectrum goes on beyond the first of the distances, on a side."""
     if len(distances) < 2:
         return False
@@ -153,14 +160,14 @@ def _room(whole: Ordinates, frequency: float, distances: np.ndarray, side: int) 
 
 
 def _trial(
-    whole: Ordinates,
+    whole: Periodogram,
     frequency: float,
     distances: np.ndarray,
     rings: tuple[int, int],
     start: np.ndarray,
 ) -> _Trial:
     low, high = frequency - distances[rings[0]], frequency + distances[rings[1]]
-    data = grouped(whole.within(low, high), float(np.exp(start[FREQUENCY])))
+    data = group_ordinates(whole.within(low, high), float(np.exp(start[FREQUENCY])))
     return _Trial(rings, data, fit_resonance(data, start))
 
 
@@ -177,7 +184,7 @@ def _holds(trial: _Trial, inner: _Trial, frequency: float, distances: np.ndarray
 
 
 def ring_scores(
-    data: Ordinates,
+    data: Periodogram,
     expected: Float[np.ndarray, " frequency"],
     frequency: float,
     distances: Float[np.ndarray, " ring"],
@@ -207,7 +214,7 @@ def ring_scores(
     return np.array(scores) if scores else np.zeros(1)
 
 
-def _contrast(narrow: Resonance, wide: Resonance) -> tuple[np.ndarray, np.ndarray]:
+def _contrast(narrow: ResonanceFit, wide: ResonanceFit) -> tuple[np.ndarray, np.ndarray]:
     """Change of (ln f, ln zeta) from a narrow band to a wide one, and its variance."""
     two = slice(0, 2)
     moved = wide.parameters[two] - narrow.parameters[two]
@@ -223,7 +230,7 @@ def _extent(
     limited: bool,
     holds: bool,
     edges: tuple[float, float],
-) -> Extent:
+) -> FitBand:
     best = history[-1]
     reach = float(distances[max(best.rings)])
     narrower = [t for t in history if distances[max(t.rings)] <= reach / CONTRAST]
@@ -231,4 +238,4 @@ def _extent(
     if narrower:
         moved, gained = _contrast(narrower[-1].fit, best.fit)
         choice = np.maximum(moved**2 - EXCUSED * gained, 0.0)
-    return Extent(best.data, best.fit, choice, limited, reach / half_width, holds, edges)
+    return FitBand(best.data, best.fit, choice, limited, reach / half_width, holds, edges)

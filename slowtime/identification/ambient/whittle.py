@@ -35,7 +35,7 @@ FREQUENCY, DAMPING, PEAK, FLOOR, COLOUR = range(5)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Resonance:
+class ResonanceFit:
     """A fitted resonance: parameters (ln f, ln zeta, ln peak density, ln floor[, colour])."""
 
     parameters: Float[np.ndarray, " parameter"]
@@ -46,7 +46,7 @@ class Resonance:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Peak:
+class PosteriorMaximum:
     """Top of a posterior: where it is, how high, and the covariance that its curvature says."""
 
     parameters: Float[np.ndarray, " parameter"]
@@ -55,10 +55,10 @@ class Peak:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class Ordinates:
+class Periodogram:
     """Part of the raw periodogram of one record, and what shapes its expectation.
 
-    `number` ordinates were averaged to each density; see `grouped`.
+    `number` ordinates were averaged to each density; see `group_ordinates`.
     """
 
     frequency_hz: Float[np.ndarray, " frequency"]
@@ -99,7 +99,7 @@ class Ordinates:
             derivatives=self.derivatives,
         )
 
-    def within(self, low_hz: float, high_hz: float) -> "Ordinates":
+    def within(self, low_hz: float, high_hz: float) -> "Periodogram":
         """Keep the ordinates of a band."""
         inside = (self.frequency_hz >= low_hz) & (self.frequency_hz <= high_hz)
         return dataclasses.replace(
@@ -110,7 +110,7 @@ class Ordinates:
         )
 
 
-def grouped(data: Ordinates, centre_hz: float) -> Ordinates:
+def group_ordinates(data: Periodogram, centre_hz: float) -> Periodogram:
     """Ordinates averaged where the spectrum is smooth: over a twelfth of the way to the peak.
 
     A resonance falls off like the square of that distance, so averaging loses under 0.2 % of
@@ -131,11 +131,11 @@ def grouped(data: Ordinates, centre_hz: float) -> Ordinates:
 
 
 def fit_resonance(
-    data: Ordinates,
+    data: Periodogram,
     start: Float[np.ndarray, " parameter"],
     *,
     held: tuple[int, ...] = (),
-) -> Resonance:
+) -> ResonanceFit:
     """Maximum of Whittle's likelihood by Fisher scoring with step halving from `start`.
 
     Parameters
@@ -151,7 +151,7 @@ def fit_resonance(
     free = np.array([k not in held for k in range(len(start))])
     theta, damping = start.copy(), 1e-3
     expected, slopes = _linearised(data, theta)
-    best = log_likelihood(data, expected) - _priced(prior, theta, start)
+    best = whittle_log_likelihood(data, expected) - _priced(prior, theta, start)
     left = np.inf
     for _ in range(STEPS):
         information = (slopes * data.number) @ slopes.T + np.diag(prior)
@@ -169,7 +169,7 @@ def fit_resonance(
             damping = max(damping, 1e-3) * 8.0
             continue
         trial_expected = _expected(data, trial)
-        likelihood = log_likelihood(data, trial_expected) - _priced(prior, trial, start)
+        likelihood = whittle_log_likelihood(data, trial_expected) - _priced(prior, trial, start)
         if likelihood < best - 1e-9 * abs(best):
             damping = max(damping, 1e-3) * 8.0
             if damping > 1e9:
@@ -178,15 +178,17 @@ def fit_resonance(
         theta, best, damping = trial, likelihood, damping / 8.0
         expected, slopes = _linearised(data, theta)
     information = (slopes * data.number) @ slopes.T + np.diag(prior)
-    return Resonance(theta, _inverse(information, free), best, expected, left < NEARLY**2)
+    return ResonanceFit(theta, _inverse(information, free), best, expected, left < NEARLY**2)
 
 
-def log_likelihood(data: Ordinates, expected: Float[np.ndarray, " frequency"]) -> float:
+def whittle_log_likelihood(
+    data: Periodogram, expected: Float[np.ndarray, " frequency"]
+) -> float:
     """Whittle's, up to a constant."""
     return float(-np.sum(data.number * (np.log(expected) + data.density / expected)))
 
 
-def fit_smooth(data: Ordinates) -> float:
+def smooth_log_likelihood(data: Periodogram) -> float:
     """Greatest likelihood of a spectrum without resonance: a power of frequency."""
     logarithm = np.log(data.frequency_hz / data.frequency_hz.mean())
     rows = np.stack([np.ones_like(logarithm), logarithm])
@@ -198,7 +200,7 @@ def fit_smooth(data: Ordinates) -> float:
         theta = theta + np.clip(step, -1.0, 1.0)
         if np.abs(step).max() < 1e-6:
             break
-    return log_likelihood(data, np.exp(theta @ rows))
+    return whittle_log_likelihood(data, np.exp(theta @ rows))
 
 
 def _prior(start: np.ndarray) -> np.ndarray:
@@ -221,25 +223,25 @@ def _inverse(information: np.ndarray, free: Bool[np.ndarray, " parameter"]) -> n
     return covariance
 
 
-def _possible(data: Ordinates, theta: np.ndarray) -> bool:
+def _possible(data: Periodogram, theta: np.ndarray) -> bool:
     low, high = data.frequency_hz[0], data.frequency_hz[-1]
     return bool(low < np.exp(theta[0]) < high and -12.0 < theta[1] < np.log(0.9))
 
 
-def _coloured(data: Ordinates, theta: np.ndarray) -> Float[np.ndarray, " frequency"]:
+def _coloured(data: Periodogram, theta: np.ndarray) -> Float[np.ndarray, " frequency"]:
     """Density of the force relative to that at the resonance."""
     if len(theta) <= COLOUR:
         return np.ones(len(data.frequency_hz))
     return np.asarray(np.exp(theta[COLOUR] * (np.log(data.frequency_hz) - theta[FREQUENCY])))
 
 
-def _expected(data: Ordinates, theta: np.ndarray) -> np.ndarray:
+def _expected(data: Periodogram, theta: np.ndarray) -> np.ndarray:
     peak, floor = np.exp(theta[[PEAK, FLOOR]])
     shape = np.maximum(data.shape(theta[FREQUENCY], theta[DAMPING]), 1e-12)
     return np.asarray(peak * shape * _coloured(data, theta) + floor)
 
 
-def _linearised(data: Ordinates, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _linearised(data: Periodogram, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Predict ordinates and the slopes of their logarithms, central differences for two."""
     peak, floor = np.exp(theta[[PEAK, FLOOR]])
     move_f, move_z = 1e-3 * float(np.exp(theta[DAMPING])), 1e-3

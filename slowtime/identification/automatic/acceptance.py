@@ -3,9 +3,9 @@
 import numpy as np
 
 from slowtime.identification.mode_shapes.criteria import mac
-from slowtime.identification.spectral_likelihood.mode_selection import Sharp
+from slowtime.identification.spectral_likelihood.mode_selection import FittedMode
 from slowtime.identification.spectral_likelihood.windows import WIDEST
-from slowtime.identification.subspace.stabilisation import Candidate
+from slowtime.identification.subspace.stabilisation import StablePole
 
 MOST_DAMPING = 0.12
 """Beyond it what is found is the colour of the force rather than a mode."""
@@ -33,7 +33,7 @@ FEWEST_TO_TELL = 3
 where so many channels tell, is a part of it."""
 
 
-def is_mode(start: Candidate, sharp: Sharp, edges: tuple[float, float]) -> bool:
+def is_mode(start: StablePole, sharp: FittedMode, edges: tuple[float, float]) -> bool:
     """Within the band, damped like a mode, standing out, and known at all."""
     frequency = abs(sharp.pole) / (2 * np.pi)
     damping = -sharp.pole.real / abs(sharp.pole)
@@ -49,20 +49,20 @@ def is_mode(start: Candidate, sharp: Sharp, edges: tuple[float, float]) -> bool:
     )
 
 
-def distinct(sharp: list[tuple[int, Sharp]]) -> list[tuple[int, Sharp]]:
+def without_duplicates(sharp: list[tuple[int, FittedMode]]) -> list[tuple[int, FittedMode]]:
     """Without those that climbed to where a likelier one already was, and without satellites.
 
     A force that is not white leaves bumps on the skirt of a strong mode. They have its shape:
     what moves is that mode.
     """
-    kept: list[tuple[int, Sharp]] = []
+    kept: list[tuple[int, FittedMode]] = []
     for k, one in sorted(sharp, key=lambda pair: -pair[1].strength):
         if not any(_is_same(one, other) for _, other in kept):
             kept.append((k, one))
     return sorted(kept, key=lambda pair: abs(pair[1].pole))
 
 
-def _is_same(weak: Sharp, strong: Sharp) -> bool:
+def _is_same(weak: FittedMode, strong: FittedMode) -> bool:
     width = max(-weak.pole.real, -strong.pole.real)
     away = abs(weak.pole - strong.pole) / width
     alike = mac(weak.shape, strong.shape)

@@ -13,23 +13,27 @@ from jaxtyping import Complex, Float
 
 from slowtime.identification import checks
 from slowtime.identification.estimates import Measured
-from slowtime.identification.harmonics.detection import Verdict, find_harmonics, judge_spectra
+from slowtime.identification.harmonics.detection import (
+    PeakClass,
+    classify_in_spectra,
+    find_harmonics,
+)
 from slowtime.identification.harmonics.narrowband import Spectra
-from slowtime.identification.harmonics.tones import without_lines
+from slowtime.identification.harmonics.tones import remove_lines
 from slowtime.identification.mode_shapes.criteria import normalised
 from slowtime.identification.modes import Mode
 from slowtime.identification.spectral_likelihood.mode_selection import (
-    Sharp,
-    Start,
-    select,
-    sharpen,
+    FittedMode,
+    InitialMode,
+    fit_modes,
+    select_modes,
 )
 from slowtime.identification.spectral_likelihood.windows import Spectrum
-from slowtime.identification.subspace.bands import EDGE, Band, moved_to_zero, plan
-from slowtime.identification.subspace.correlations import correlate
-from slowtime.identification.subspace.poles import Poles, mixed
-from slowtime.identification.subspace.ssi import identify
-from slowtime.identification.subspace.stabilisation import Candidate, candidates
+from slowtime.identification.subspace.bands import EDGE, Band, demodulate, plan_bands
+from slowtime.identification.subspace.correlations import correlation_matrices
+from slowtime.identification.subspace.poles import Poles, combine_poles
+from slowtime.identification.subspace.ssi import identify_poles
+from slowtime.identification.subspace.stabilisation import StablePole, find_stable_poles
 from slowtime.signals.spectra import detrended
 
 from .acceptance import ALIKE as ALIKE
@@ -39,9 +43,9 @@ from .acceptance import MOST_DAMPING as MOST_DAMPING
 from .acceptance import MOST_DOUBT as MOST_DOUBT
 from .acceptance import MOVED as MOVED
 from .acceptance import PEAK as PEAK
-from .acceptance import distinct, is_mode
+from .acceptance import is_mode, without_duplicates
 from .modal_result import ModalResult as ModalResult
-from .modal_result import diagram, singular_values
+from .modal_result import join_stabilisation, singular_values
 
 FEWEST_CYCLES = 20
 """Nothing is looked for below so many cycles in the record."""
@@ -95,7 +99,7 @@ def identify_modes(
     lines = [line for line in everywhere if edges[0] <= line.frequency_hz.value <= edges[1]]
     count = len(columns)
     if tones:
-        columns = without_lines(columns, rate_hz, tones)
+        columns = remove_lines(columns, rate_hz, tones)
     transform = fft.rfft(columns, axis=0)
     del columns
     frequency, values = singular_values(transform, count, rate_hz)
@@ -115,7 +119,7 @@ def identify_modes(
     places = [next(i for i, m in enumerate(whole) if m is mode) for mode in modes]
     return ModalResult(
         modes=tuple(whole),
-        stabilisation=diagram(poles, members, places),
+        stabilisation=join_stabilisation(poles, members, places),
         spectrum_hz=frequency,
         singular_values=values,
     )
@@ -167,17 +171,17 @@ def _candidates(
     rate_hz: float,
     edges: tuple[float, float],
     order: int,
-) -> tuple[list[Poles], list[Candidate], list[np.ndarray]]:
+) -> tuple[list[Poles], list[StablePole], list[np.ndarray]]:
     """Poles of every band, those that stay over orders, and where all their poles are."""
     poles: list[Poles] = []
-    found: list[Candidate] = []
+    found: list[StablePole] = []
     members: list[np.ndarray] = []
     before = 0
-    for band in plan(*edges, rate_hz, resolution_hz=rate_hz / count):
+    for band in plan_bands(*edges, rate_hz, resolution_hz=rate_hz / count):
         of_band = _poles(transform, count, rate_hz, band, order)
         if of_band is None:
             continue
-        staying = candidates(of_band, low_hz=band.low_hz, high_hz=band.high_hz)
+        staying = find_stable_poles(of_band, low_hz=band.low_hz, high_hz=band.high_hz)
         poles.append(of_band)
         found.extend(staying)
         members.extend(candidate.members + before for candidate in staying)
@@ -189,7 +193,7 @@ def _poles(
     transform: np.ndarray, count: int, rate_hz: float, band: Band, order: int
 ) -> Poles | None:
     """Subspace models of one band, in the strongest combinations of its channels."""
-    series, rate, centre = moved_to_zero(transform, count, rate_hz, band)
+    series, rate, centre = demodulate(transform, count, rate_hz, band)
     scale = np.sqrt(np.mean(np.abs(series) ** 2, axis=0))
     if not (scale > 0).all():
         return None
@@ -201,10 +205,12 @@ def _poles(
     rows = min(MOST_ROWS, len(series) // (SAMPLES_PER_UNKNOWN * number))
     if rows < 3:
         return None
-    correlations = correlate(series, series, lags=2 * rows, rate_hz=rate, centre_hz=centre)
+    correlations = correlation_matrices(
+        series, series, lags=2 * rows, rate_hz=rate, centre_hz=centre
+    )
     orders = range(1, min(order, (rows - 1) * number) + 1)
-    found = identify(correlations, block_rows=rows, orders=orders, weighting="both")
-    return mixed(found, scale[:, None] * directions.conj())
+    found = identify_poles(correlations, block_rows=rows, orders=orders, weighting="both")
+    return combine_poles(found, scale[:, None] * directions.conj())
 
 
 def _spectrum(transform: np.ndarray, spacing: float, lines: tuple[Measured, ...]) -> Spectrum:
@@ -217,19 +223,19 @@ def _spectrum(transform: np.ndarray, spacing: float, lines: tuple[Measured, ...]
 
 
 def _sharp(
-    spectrum: Spectrum, found: list[Candidate], edges: tuple[float, float], highest_hz: float
-) -> list[tuple[int, Sharp]]:
+    spectrum: Spectrum, found: list[StablePole], edges: tuple[float, float], highest_hz: float
+) -> list[tuple[int, FittedMode]]:
     """Choose modes among candidates, then let the spectra say where they are."""
-    low, starts = edges[0], [Start(c.pole, c.shape) for c in found]
-    chosen = select(spectrum, starts, low_hz=low, high_hz=highest_hz)
-    chosen = distinct([(k, s) for k, s in chosen if is_mode(found[k], s, edges)])
-    again = [Start(s.pole, s.shape) for _, s in chosen]
-    final = sharpen(spectrum, again, low_hz=low, high_hz=highest_hz)
+    low, starts = edges[0], [InitialMode(c.pole, c.shape) for c in found]
+    chosen = select_modes(spectrum, starts, low_hz=low, high_hz=highest_hz)
+    chosen = without_duplicates([(k, s) for k, s in chosen if is_mode(found[k], s, edges)])
+    again = [InitialMode(s.pole, s.shape) for _, s in chosen]
+    final = fit_modes(spectrum, again, low_hz=low, high_hz=highest_hz)
     sharp = [(chosen[k][0], s) for k, s in final]
-    return distinct([(k, s) for k, s in sharp if is_mode(found[k], s, edges)])
+    return without_duplicates([(k, s) for k, s in sharp if is_mode(found[k], s, edges)])
 
 
-def _mode(candidate: Candidate, sharp: Sharp, units: _Units) -> Mode:
+def _mode(candidate: StablePole, sharp: FittedMode, units: _Units) -> Mode:
     size = abs(sharp.pole)
     damping = -sharp.pole.real / size
     turning = sharp.pole.imag / size
@@ -258,14 +264,14 @@ def _judged(modes: list[Mode], spectra: Spectra) -> list[Mode]:
     """Modes too steady for a structure called harmonics."""
     if not modes:
         return modes
-    verdicts = judge_spectra(spectra, np.array([_frequency(mode) for mode in modes]))
+    verdicts = classify_in_spectra(spectra, np.array([_frequency(mode) for mode in modes]))
     return [
         dataclasses.replace(mode, kind=verdict.kind)
         for mode, verdict in zip(modes, verdicts, strict=True)
     ]
 
 
-def _line(verdict: Verdict, units: _Units) -> Mode:
+def _line(verdict: PeakClass, units: _Units) -> Mode:
     """Line of a machine as a mode without damping."""
     error = np.sqrt(1.0 / max(10.0 ** (verdict.snr_db / 10.0), 1e-12))
     sd = np.full(len(verdict.shape), min(error, 1.0))

@@ -37,7 +37,9 @@ class ModalResult:
         return tuple(mode for mode in self.modes if mode.kind == "structural")
 
 
-def diagram(poles: list[Poles], members: list[np.ndarray], places: list[int]) -> Stabilisation:
+def join_stabilisation(
+    poles: list[Poles], members: list[np.ndarray], places: list[int]
+) -> Stabilisation:
     """All bands side by side."""
     sd = [p.standard_deviations() for p in poles]
     count = sum(len(p.order) for p in poles)

@@ -6,11 +6,11 @@ from scipy.special import chdtrc
 
 from slowtime.identification.estimates import Measured
 
-from .band_layout import Part, Picture, groups, part_of, parts_of
-from .fit import BandFit, fit_band, rough_fit
-from .initial_estimates import Guess, Record, guesses
+from .band_layout import BandProblem, ModeLayout, band_problem, band_problems, group_modes
+from .fit import BandPosterior, fit_band, rough_fit
+from .initial_estimates import InitialEstimate, RecordSpectrum, initial_estimates
 from .likelihood import coherence_score
-from .model import Modes, knowing
+from .model import BandModes, add_guests
 
 ROUNDS = 3
 """Bands are laid out anew with the damping found, until they keep their place."""
@@ -23,52 +23,56 @@ FALSE_ALARM = 0.05
 
 
 def fit_record(
-    record: Record, candidates_hz: Float[np.ndarray, " mode"], lines: tuple[Measured, ...] = ()
-) -> list[BandFit]:
+    record: RecordSpectrum,
+    candidates_hz: Float[np.ndarray, " mode"],
+    lines: tuple[Measured, ...] = (),
+) -> list[BandPosterior]:
     """Fits of all bands, ascending; bands, groups and tails follow what was found before."""
-    found = guesses(record, candidates_hz)
-    first = Picture(found, np.eye(len(found), dtype=complex))
+    found = initial_estimates(record, candidates_hz)
+    first = ModeLayout(found, np.eye(len(found), dtype=complex))
     picture = _seen(record, first, lines, coherent=False)
     coherent = common_forces(record, picture, lines) < FALSE_ALARM
     if coherent:
         picture = _seen(record, first, lines, coherent=True)
-    parts = parts_of(record, picture, lines, coherent=coherent)
+    parts = band_problems(record, picture, lines, coherent=coherent)
     return [fit_band(part.band, part.start) for part in parts]
 
 
-def common_forces(record: Record, picture: Picture, lines: tuple[Measured, ...]) -> float:
+def common_forces(
+    record: RecordSpectrum, picture: ModeLayout, lines: tuple[Measured, ...]
+) -> float:
     """Probability that modes with forces of their own look as coherent as these, all bands."""
-    alone = Picture(picture.guesses, np.eye(len(picture.guesses), dtype=complex))
-    together = groups(alone.guesses, record.duration_s)
+    alone = ModeLayout(picture.guesses, np.eye(len(picture.guesses), dtype=complex))
+    together = group_modes(alone.guesses, record.duration_s)
     parts, asked = (
-        [part_of(record, alone, group, lines, coherent=coherent) for group in together]
+        [band_problem(record, alone, group, lines, coherent=coherent) for group in together]
         for coherent in (False, True)
     )
     statistic, freedom = 0.0, 0
     for part, with_guests in zip(parts, asked, strict=True):
-        start = knowing(with_guests.start, rough_fit(part.band, part.start))
+        start = add_guests(with_guests.start, rough_fit(part.band, part.start))
         score, known = coherence_score(with_guests.band, start)
         statistic, freedom = statistic + score, freedom + known
     return float(chdtrc(freedom, statistic)) if freedom else 1.0
 
 
 def _seen(
-    record: Record, picture: Picture, lines: tuple[Measured, ...], *, coherent: bool
-) -> Picture:
+    record: RecordSpectrum, picture: ModeLayout, lines: tuple[Measured, ...], *, coherent: bool
+) -> ModeLayout:
     """All modes once their bands keep their place."""
     for _ in range(ROUNDS):
         before = picture
-        parts = parts_of(record, picture, lines, coherent=coherent)
+        parts = band_problems(record, picture, lines, coherent=coherent)
         picture = _pictured(parts, [rough_fit(part.band, part.start) for part in parts])
         if _settled(before, picture, record.duration_s) or (coherent and len(parts) == 1):
             break
     return picture
 
 
-def _pictured(parts: list[Part], fits: list[Modes]) -> Picture:
+def _pictured(parts: list[BandProblem], fits: list[BandModes]) -> ModeLayout:
     """Put what all bands found together; of two bands' coherences their mean is taken."""
     number = sum(len(part.group) for part in parts)
-    found: list[Guess | None] = [None] * number
+    found: list[InitialEstimate | None] = [None] * number
     coherence = np.zeros((number, number), dtype=complex)
     told = np.zeros((number, number))
     for part, modes in zip(parts, fits, strict=True):
@@ -76,7 +80,7 @@ def _pictured(parts: list[Part], fits: list[Modes]) -> Picture:
         relative = modes.coherence / np.outer(strength, strength)
         order = part.guests + part.group
         for own in range(modes.guests, len(order)):
-            found[order[own]] = Guess(
+            found[order[own]] = InitialEstimate(
                 float(np.exp(modes.log_frequency[own])),
                 float(np.exp(modes.log_damping[own])),
                 modes.shapes[:, own] * strength[own],
@@ -89,7 +93,7 @@ def _pictured(parts: list[Part], fits: list[Modes]) -> Picture:
     mean = (coherence + coherence.conj().T) / np.maximum(told + told.T, 1.0)
     ascending = np.argsort([guess.frequency_hz for guess in whole])
     mean = _possible(mean + np.eye(number))[np.ix_(ascending, ascending)]
-    return Picture(tuple(whole[i] for i in ascending), mean)
+    return ModeLayout(tuple(whole[i] for i in ascending), mean)
 
 
 def _possible(coherence: np.ndarray) -> np.ndarray:
@@ -100,8 +104,8 @@ def _possible(coherence: np.ndarray) -> np.ndarray:
     return np.asarray(positive / np.outer(scale, scale))
 
 
-def _settled(before: Picture, after: Picture, duration_s: float) -> bool:
-    if groups(before.guesses, duration_s) != groups(after.guesses, duration_s):
+def _settled(before: ModeLayout, after: ModeLayout, duration_s: float) -> bool:
+    if group_modes(before.guesses, duration_s) != group_modes(after.guesses, duration_s):
         return False
     old, new = (
         np.log([guess.half_width_hz(duration_s) for guess in each.guesses])

@@ -8,8 +8,8 @@ from jaxtyping import Complex
 from slowtime.identification.estimates import Measured
 
 from .band import Band, band_from
-from .initial_estimates import Guess, Record
-from .model import Modes
+from .initial_estimates import InitialEstimate, RecordSpectrum
+from .model import BandModes
 from .resonances import cross_periodograms
 
 REACH = 16.0
@@ -38,35 +38,35 @@ LEAST_OWN = 0.05
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Picture:
+class ModeLayout:
     """All modes as far as they are known, ascending, and the coherence of their forces."""
 
-    guesses: tuple[Guess, ...]
+    guesses: tuple[InitialEstimate, ...]
     coherence: Complex[np.ndarray, "mode mode"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Part:
+class BandProblem:
     """One band: which modes of the picture it is for, its guests, and where to start."""
 
     group: tuple[int, ...]
     guests: tuple[int, ...]
     band: Band
-    start: Modes
+    start: BandModes
 
 
-def parts_of(
-    record: Record, picture: Picture, lines: tuple[Measured, ...], *, coherent: bool
-) -> list[Part]:
+def band_problems(
+    record: RecordSpectrum, picture: ModeLayout, lines: tuple[Measured, ...], *, coherent: bool
+) -> list[BandProblem]:
     """Bands of all groups, ascending; guests only where modes may have forces in common."""
     return [
-        part_of(record, picture, group, lines, coherent=coherent)
-        for group in groups(picture.guesses, record.duration_s, coherent=coherent)
+        band_problem(record, picture, group, lines, coherent=coherent)
+        for group in group_modes(picture.guesses, record.duration_s, coherent=coherent)
     ]
 
 
-def groups(
-    found: tuple[Guess, ...], duration_s: float, *, coherent: bool = False
+def group_modes(
+    found: tuple[InitialEstimate, ...], duration_s: float, *, coherent: bool = False
 ) -> list[tuple[int, ...]]:
     """Which guesses, ascending in frequency, are fitted together.
 
@@ -87,14 +87,14 @@ def _parted(chain: np.ndarray, gaps: np.ndarray) -> list[tuple[int, ...]]:
     return _parted(chain[:cut], gaps) + _parted(chain[cut:], gaps)
 
 
-def part_of(
-    record: Record,
-    picture: Picture,
+def band_problem(
+    record: RecordSpectrum,
+    picture: ModeLayout,
     group: tuple[int, ...],
     lines: tuple[Measured, ...],
     *,
     coherent: bool,
-) -> Part:
+) -> BandProblem:
     """Band of one group, and where to start in it."""
     found = picture.guesses
     use = _use(record, found, group, lines)
@@ -110,12 +110,12 @@ def part_of(
     others = [guess for i, guess in enumerate(found) if i not in group + guests]
     band = dataclasses.replace(band, background=_tails(band, others))
     start = _start(band, picture, group, guests)
-    return Part(group, guests, band, dataclasses.replace(start, coherent=coherent))
+    return BandProblem(group, guests, band, dataclasses.replace(start, coherent=coherent))
 
 
 def _use(
-    record: Record,
-    found: tuple[Guess, ...],
+    record: RecordSpectrum,
+    found: tuple[InitialEstimate, ...],
     group: tuple[int, ...],
     lines: tuple[Measured, ...],
 ) -> np.ndarray:
@@ -136,20 +136,22 @@ def _use(
     return use
 
 
-def _border(one: Guess, other: Guess, duration_s: float) -> float:
+def _border(one: InitialEstimate, other: InitialEstimate, duration_s: float) -> float:
     """Between two modes, nearer to the narrower."""
     left, right = one.half_width_hz(duration_s), other.half_width_hz(duration_s)
     gap = other.frequency_hz - one.frequency_hz
     return one.frequency_hz + gap * left / (left + right)
 
 
-def _power(band: Band, guess: Guess) -> np.ndarray:
+def _power(band: Band, guess: InitialEstimate) -> np.ndarray:
     """Periodogram of one mode of unit peak over the band."""
     poles = np.log([[guess.frequency_hz], [guess.damping_ratio]])
     return np.asarray(np.maximum(cross_periodograms(band, *poles)[:, 0, 0].real, 0.0))
 
 
-def _guests(band: Band, found: tuple[Guess, ...], group: tuple[int, ...]) -> tuple[int, ...]:
+def _guests(
+    band: Band, found: tuple[InitialEstimate, ...], group: tuple[int, ...]
+) -> tuple[int, ...]:
     """Modes outside that are loudest, in the band, against the faintest mode of it."""
     least = min(float(np.linalg.norm(found[i].shape)) for i in group)
     loudness = {
@@ -161,7 +163,7 @@ def _guests(band: Band, found: tuple[Guess, ...], group: tuple[int, ...]) -> tup
     return tuple(sorted(i for i in loudest if loudness[i] > FAINT_TAIL))
 
 
-def _tails(band: Band, others: list[Guess]) -> np.ndarray | None:
+def _tails(band: Band, others: list[InitialEstimate]) -> np.ndarray | None:
     """Spectral matrices, in the band, of modes that are each driven by a force of its own."""
     if not others:
         return None
@@ -171,8 +173,8 @@ def _tails(band: Band, others: list[Guess]) -> np.ndarray | None:
 
 
 def _start(
-    band: Band, picture: Picture, group: tuple[int, ...], guests: tuple[int, ...]
-) -> Modes:
+    band: Band, picture: ModeLayout, group: tuple[int, ...], guests: tuple[int, ...]
+) -> BandModes:
     """Guests and first guesses as the start of a fit, noise told from the quiet bins."""
     order = list(guests + group)
     found = [picture.guesses[i] for i in order]
@@ -186,7 +188,7 @@ def _start(
     )
     power = np.einsum("kcc->kc", band.scatter).real / band.number[:, None]
     noise = np.quantile(power, 0.2, axis=0)
-    return Modes(
+    return BandModes(
         log_frequency=np.log(frequency),
         log_damping=np.log(np.clip([guess.damping_ratio for guess in found], 1e-4, 0.2)),
         shapes=shapes,

@@ -32,14 +32,14 @@ from jaxtyping import Complex, Float
 
 from slowtime.identification import checks
 from slowtime.identification.estimates import Measured
-from slowtime.identification.harmonics.tones import without_lines
+from slowtime.identification.harmonics.tones import remove_lines
 from slowtime.identification.mode_shapes.criteria import normalised
 from slowtime.identification.modes import Mode
 from slowtime.signals.spectra import detrended, transform
 
 from .band_iteration import fit_record
-from .fit import BandFit
-from .initial_estimates import Record
+from .fit import BandPosterior
+from .initial_estimates import RecordSpectrum
 
 FAINTEST_SNR = 4.0
 """Peak density over noise, channels together, below which a mode is flagged."""
@@ -93,7 +93,7 @@ def bayesian_modes(
     orders = _orders(derivatives, moving)
     candidates = _candidates(frequency_hz, rate_hz, len(columns))
     if lines:
-        columns = without_lines(columns, rate_hz, lines)
+        columns = remove_lines(columns, rate_hz, lines)
     record, scale = _record(columns, rate_hz, orders)
     fits = fit_record(record, candidates, lines)
     modes = [
@@ -127,7 +127,7 @@ def _candidates(frequency_hz: np.ndarray, rate_hz: float, count: int) -> np.ndar
 
 def _record(
     columns: np.ndarray, rate_hz: float, orders: np.ndarray
-) -> tuple[Record, np.ndarray]:
+) -> tuple[RecordSpectrum, np.ndarray]:
     """Coefficients of one and the same derivative, channels scaled to the same level."""
     frequency, coefficients = transform(columns, rate_hz)
     common = int(orders.max())
@@ -135,13 +135,13 @@ def _record(
     coefficients = coefficients * omega[:, None] ** (common - orders)
     # The level of a channel between its peaks: a scale that many modes do not move.
     scale = np.median(np.abs(coefficients), axis=0) + 1e-9 * np.abs(coefficients).max(axis=0)
-    return Record(frequency, coefficients / scale, rate_hz, len(columns), common), scale
+    return RecordSpectrum(frequency, coefficients / scale, rate_hz, len(columns), common), scale
 
 
 def _mode(
-    fit: BandFit,
+    fit: BandPosterior,
     i: int,
-    record: Record,
+    record: RecordSpectrum,
     scale: np.ndarray,
     moving: np.ndarray,
     orders: np.ndarray,
@@ -181,7 +181,9 @@ def _unit(
     return normalised(raw), np.sqrt(np.maximum(np.diag(spread).real, 0.0))
 
 
-def _flags(fit: BandFit, i: int, frequency_hz: float, duration_s: float) -> tuple[str, ...]:
+def _flags(
+    fit: BandPosterior, i: int, frequency_hz: float, duration_s: float
+) -> tuple[str, ...]:
     modes = fit.modes
     flags = [] if fit.converged else ["not_converged"]
     if modes.coherent and len(modes.log_frequency) > 1:

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Complex, Float
 
-from slowtime.identification.ambient.whittle import Ordinates, fit_resonance
+from slowtime.identification.ambient.whittle import Periodogram, fit_resonance
 
 NARROWEST_BINS = 1.0
 """No mode is taken for narrower than this when bands are laid out."""
@@ -18,7 +18,7 @@ LOOKED_AT = 0.15
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Record:
+class RecordSpectrum:
     """Fourier coefficients of a whole record, channels scaled alike."""
 
     frequency_hz: Float[np.ndarray, " frequency"]
@@ -34,7 +34,7 @@ class Record:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Guess:
+class InitialEstimate:
     """What a candidate looks like before it is fitted with its neighbours."""
 
     frequency_hz: float
@@ -46,7 +46,9 @@ class Guess:
         return max(self.damping_ratio * self.frequency_hz, NARROWEST_BINS / duration_s)
 
 
-def first_guess(record: Record, frequency_hz: float, low_hz: float, high_hz: float) -> Guess:
+def initial_estimate(
+    record: RecordSpectrum, frequency_hz: float, low_hz: float, high_hz: float
+) -> InitialEstimate:
     """Frequency and damping by a fit of one resonance to the channels' best weighted sum."""
     f = record.frequency_hz
     low = max(low_hz, frequency_hz * (1 - LOOKED_AT), f[1])
@@ -59,7 +61,7 @@ def first_guess(record: Record, frequency_hz: float, low_hz: float, high_hz: flo
     values, vectors = np.linalg.eigh((peak.T @ peak.conj()).real / len(peak))
     direction = vectors[:, -1]
     density = np.abs(record.coefficients[use] @ direction) ** 2
-    data = Ordinates(
+    data = Periodogram(
         frequency_hz=f[use],
         density=density,
         number=np.ones(len(use)),
@@ -73,16 +75,18 @@ def first_guess(record: Record, frequency_hz: float, low_hz: float, high_hz: flo
     fits = [fit_resonance(data, np.log([place, z, top, 0.3 * floor])) for z in FIRST_DAMPINGS]
     found, damping, peak_density, _ = max(fits, key=lambda fit: fit.log_likelihood).parameters
     strength = np.sqrt(np.exp(peak_density))
-    return Guess(float(np.exp(found)), float(np.exp(damping)), direction * strength)
+    return InitialEstimate(float(np.exp(found)), float(np.exp(damping)), direction * strength)
 
 
-def guesses(record: Record, candidates_hz: Float[np.ndarray, " mode"]) -> tuple[Guess, ...]:
+def initial_estimates(
+    record: RecordSpectrum, candidates_hz: Float[np.ndarray, " mode"]
+) -> tuple[InitialEstimate, ...]:
     """First guesses of all candidates, ascending, each up to half way to its neighbours."""
     middles = 0.5 * (candidates_hz[1:] + candidates_hz[:-1])
     lows = np.concatenate([[0.0], middles])
     highs = np.concatenate([middles, [np.inf]])
     found = [
-        first_guess(record, float(f), float(low), float(high))
+        initial_estimate(record, float(f), float(low), float(high))
         for f, low, high in zip(candidates_hz, lows, highs, strict=True)
     ]
     return tuple(sorted(found, key=lambda guess: guess.frequency_hz))

@@ -27,7 +27,7 @@ MOVE = 1e-4
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Modes:
+class BandModes:
     """Modes of one band, and before them as many `guests`.
 
     `shapes` carry the strength; `mixing` is L but for the length of its rows, which are scaled
@@ -72,7 +72,7 @@ class Modes:
         return real + [(row, column, 1j) for row, column in below if row > column]
 
 
-def vector_of(modes: Modes) -> Float[np.ndarray, " parameter"]:
+def parameter_vector(modes: BandModes) -> Float[np.ndarray, " parameter"]:
     """Stack what is looked for: ln f, ln zeta, parts of L, shapes by mode, ln noise."""
     own = slice(modes.guests, None)
     parts = [modes.mixing[row, column] / unit for row, column, unit in modes.free_mixing]
@@ -87,8 +87,8 @@ def vector_of(modes: Modes) -> Float[np.ndarray, " parameter"]:
     )
 
 
-def modes_of(vector: Float[np.ndarray, " parameter"], like: Modes) -> Modes:
-    """Inverse of `vector_of`; what is not in the vector stays as in `like`."""
+def modes_from_vector(vector: Float[np.ndarray, " parameter"], like: BandModes) -> BandModes:
+    """Inverse of `parameter_vector`; what is not in the vector stays as in `like`."""
     number, channels = like.number, len(like.log_noise)
     free = like.free_mixing
     sizes = [number, number, len(free), number * channels]
@@ -110,7 +110,7 @@ def modes_of(vector: Float[np.ndarray, " parameter"], like: Modes) -> Modes:
     )
 
 
-def knowing(start: Modes, found: Modes) -> Modes:
+def add_guests(start: BandModes, found: BandModes) -> BandModes:
     """Start with guests, its forces without anything in common, at a fit without them."""
     before = start.guests
     return dataclasses.replace(
@@ -124,7 +124,7 @@ def knowing(start: Modes, found: Modes) -> Modes:
 
 
 def spectral_slopes(
-    band: Band, modes: Modes
+    band: Band, modes: BandModes
 ) -> tuple[
     Complex[np.ndarray, "frequency mode mode"],
     list[Complex[np.ndarray, "frequency parameter mode"]],
@@ -153,7 +153,7 @@ def spectral_slopes(
     return spectra * coherence, slopes
 
 
-def slope_order(modes: Modes) -> np.ndarray:
+def slope_order(modes: BandModes) -> np.ndarray:
     """Places in the vector of what `spectral_slopes` gives, one mode after the other."""
     free = modes.free_mixing
     return np.array(
@@ -168,7 +168,7 @@ def slope_order(modes: Modes) -> np.ndarray:
     )
 
 
-def _pole_slopes(band: Band, modes: Modes) -> Complex[np.ndarray, "frequency 2 own mode"]:
+def _pole_slopes(band: Band, modes: BandModes) -> Complex[np.ndarray, "frequency 2 own mode"]:
     """Central differences of rows of `cross_periodograms`, the other modes held, by poles."""
     poles = np.stack([modes.log_frequency, modes.log_damping])
     own = poles[:, modes.guests :]

@@ -13,8 +13,14 @@ import numpy as np
 from slowtime.identification import checks
 from slowtime.identification.estimates import Measured
 
-from .boards import Alignment, Board, Evidence
-from .clock_offset import Place, Prior, moves, search, solve
+from .boards import Alignment, Board, ModeEvidence
+from .clock_offset import (
+    ClockPrior,
+    OffsetCandidate,
+    is_measured_by_both,
+    search_offsets,
+    solve_offset,
+)
 from .shared_modes import SharedMode, shared_modes
 
 USABLE = 0.43
@@ -44,7 +50,7 @@ def align(
     ValueError
         Where a channel holds no numbers, or a band is none.
     """
-    ahead = Prior.of(first, second)
+    ahead = ClockPrior.of(first, second)
     if ahead is None:
         return Alignment(
             merged=None,
@@ -56,8 +62,8 @@ def align(
     low, high = checks.band(band_hz, rate_hz, len(one))
     band = low, min(high, USABLE * slower)
     modes, times_s = shared_modes(checks.series(one, rate_hz), two, rate_hz, band)
-    found = search(modes, times_s, ahead) if modes else []
-    known = [mode for mode in modes if found and moves(mode, times_s, found[0])]
+    found = search_offsets(modes, times_s, ahead) if modes else []
+    known = [mode for mode in modes if found and is_measured_by_both(mode, times_s, found[0])]
     if not known:
         return Alignment(
             merged=None,
@@ -84,7 +90,7 @@ def _instants(first: Board, second: Board) -> tuple[np.ndarray, float]:
     return fast.start_s + np.arange(at, last + 1) / fast.rate_hz, fast.rate_hz
 
 
-def _ambiguous(found: list[Place], modes: list[SharedMode]) -> Alignment:
+def _ambiguous(found: list[OffsetCandidate], modes: list[SharedMode]) -> Alignment:
     listed = ", ".join(f"{1e3 * place.offset_s:+.1f}" for place in found[:3])
     return Alignment(
         merged=None,
@@ -95,20 +101,26 @@ def _ambiguous(found: list[Place], modes: list[SharedMode]) -> Alignment:
 
 
 def _refined(
-    first: Board, second: Board, place: Place, ahead: Prior, band: tuple[float, float]
+    first: Board,
+    second: Board,
+    place: OffsetCandidate,
+    ahead: ClockPrior,
+    band: tuple[float, float],
 ) -> Alignment:
     """Offset and drift by least squares on the phases that a first alignment leaves."""
     offset, drift = Measured(place.offset_s, math.inf), Measured(place.drift, math.inf)
-    evidence: tuple[Evidence, ...] = ()
+    evidence: tuple[ModeEvidence, ...] = ()
     for _ in range(3):
         moved = _shifted(second, offset.value, drift.value, ahead.middle_s)
         one, two, rate_hz = _together(first, moved)
         modes, times_s = shared_modes(one, two, rate_hz, band)
-        still = Place(0.0, 0.0, 0.0)
-        modes = tuple(mode for mode in modes if moves(mode, times_s, still))
+        still = OffsetCandidate(0.0, 0.0, 0.0)
+        modes = tuple(mode for mode in modes if is_measured_by_both(mode, times_s, still))
         if not modes:
             break
-        more, drift_left, evidence = solve(modes, times_s, ahead, offset.value, drift.value)
+        more, drift_left, evidence = solve_offset(
+            modes, times_s, ahead, offset.value, drift.value
+        )
         offset = Measured(offset.value + more.value, more.sd)
         drift = Measured(drift.value + drift_left.value, drift_left.sd)
         if abs(more.value) < 0.1 * more.sd and abs(drift_left.value) < 0.1 * drift_left.sd:
@@ -126,8 +138,8 @@ def _verdict(
     second: Board,
     offset: Measured,
     drift: Measured,
-    evidence: tuple[Evidence, ...],
-    ahead: Prior,
+    evidence: tuple[ModeEvidence, ...],
+    ahead: ClockPrior,
 ) -> Alignment:
     whole = Measured(
         offset.value + drift.value * (ahead.middle_s - second.start_s),

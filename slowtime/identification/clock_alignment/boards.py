@@ -53,7 +53,7 @@ class Board:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Evidence:
+class ModeEvidence:
     """One mode that both boards see, and the phase between them that alignment has left.
 
     Parameters
@@ -93,4 +93,4 @@ class Alignment:
     sentence: str
     offset_s: Measured | None = None
     drift: Measured | None = None
-    evidence: tuple[Evidence, ...] = ()
+    evidence: tuple[ModeEvidence, ...] = ()

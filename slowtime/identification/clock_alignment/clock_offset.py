@@ -7,7 +7,7 @@ import numpy as np
 
 from slowtime.identification.estimates import Measured
 
-from .boards import Board, Evidence
+from .boards import Board, ModeEvidence
 from .shared_modes import COMPLEX_RAD, SharedMode
 
 GRID_RAD = 0.4
@@ -17,7 +17,7 @@ MOST_POINTS = 4001
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Prior:
+class ClockPrior:
     """What the clock models say, at the middle of the common time."""
 
     middle_s: float
@@ -26,7 +26,7 @@ class Prior:
     drift_sd: float
 
     @classmethod
-    def of(cls, first: Board, second: Board) -> "Prior | None":
+    def of(cls, first: Board, second: Board) -> "ClockPrior | None":
         """Read it off two boards; None where they share no time."""
         begin = max(first.start_s, second.start_s)
         end = min(first.end_s, second.end_s)
@@ -44,7 +44,7 @@ class Prior:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Place:
+class OffsetCandidate:
     """An offset at the middle [s], a drift, and the logarithm of their probability."""
 
     offset_s: float
@@ -52,11 +52,13 @@ class Place:
     score: float
 
 
-def search(modes: tuple[SharedMode, ...], times_s: np.ndarray, ahead: Prior) -> list[Place]:
+def search_offsets(
+    modes: tuple[SharedMode, ...], times_s: np.ndarray, ahead: ClockPrior
+) -> list[OffsetCandidate]:
     """Offsets that fit the phases at all modes, the most probable first."""
     top = 2 * np.pi * modes[-1].frequency_hz
-    drifts = grid_about(ahead.drift_sd, GRID_RAD / (top * ahead.seconds / 2))
-    offsets = grid_about(ahead.offset_sd_s, GRID_RAD / (2 * top))
+    drifts = symmetric_grid(ahead.drift_sd, GRID_RAD / (top * ahead.seconds / 2))
+    offsets = symmetric_grid(ahead.offset_sd_s, GRID_RAD / (2 * top))
     score = np.tile(-0.5 * (offsets / ahead.offset_sd_s) ** 2, (len(drifts), 1))
     for row, drift in enumerate(drifts):
         score[row] -= 0.5 * (drift / ahead.drift_sd) ** 2
@@ -69,30 +71,32 @@ def search(modes: tuple[SharedMode, ...], times_s: np.ndarray, ahead: Prior) -> 
     best = score.max(axis=0)
     higher = np.r_[True, best[1:] > best[:-1]] & np.r_[best[:-1] >= best[1:], True]
     places = [
-        Place(float(offsets[at]), float(drifts[np.argmax(score[:, at])]), float(best[at]))
+        OffsetCandidate(
+            float(offsets[at]), float(drifts[np.argmax(score[:, at])]), float(best[at])
+        )
         for at in np.flatnonzero(higher)
     ]
     return sorted(places, key=lambda place: -place.score)
 
 
-def grid_about(sd: float, step: float) -> np.ndarray:
+def symmetric_grid(sd: float, step: float) -> np.ndarray:
     """Points to four standard deviations on either side."""
     half = min(math.ceil(4 * sd / step), MOST_POINTS // 2)
     return np.arange(-half, half + 1) * step
 
 
-def moves(mode: SharedMode, times_s: np.ndarray, place: Place) -> bool:
+def is_measured_by_both(mode: SharedMode, times_s: np.ndarray, place: OffsetCandidate) -> bool:
     """Whether a mode moves both boards, more than chance would have it."""
     return mode.along(place.drift, times_s)[2] > mode.least_coherence
 
 
-def solve(
+def solve_offset(
     modes: tuple[SharedMode, ...],
     times_s: np.ndarray,
-    ahead: Prior,
+    ahead: ClockPrior,
     offset_s: float,
     drift: float,
-) -> tuple[Measured, Measured, tuple[Evidence, ...]]:
+) -> tuple[Measured, Measured, tuple[ModeEvidence, ...]]:
     r"""Weighted least squares of :math:`-\theta / 2 \pi f = \delta - \rho t`.
 
     What modes disagree about beyond their own errors widens the error of the offset; it is
@@ -121,7 +125,7 @@ def solve(
         mean = float(share @ left[mine])
         own = float(np.sqrt(share**2 @ sd[mine] ** 2))
         coherence = mode.along(0.0, times_s)[2]
-        evidence.append(Evidence(mode.frequency_hz, Measured(mean, own), coherence))
+        evidence.append(ModeEvidence(mode.frequency_hz, Measured(mean, own), coherence))
         means.append(mean / (2 * np.pi * mode.frequency_hz))
         floors.append((2 * np.pi * mode.frequency_hz) ** 2 / (own**2 + COMPLEX_RAD**2))
     between = np.array(floors)

@@ -16,7 +16,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Complex, Float
 
-from slowtime.identification.detection.resonance_peaks import candidates
+from slowtime.identification.detection.resonance_peaks import detect_peaks
 from slowtime.signals.spectra import detrended
 
 STRETCHES = 8
@@ -101,8 +101,8 @@ def shared_modes(
 ) -> tuple[tuple[SharedMode, ...], Float[np.ndarray, " stretch"]]:
     """Peaks that both boards see, and the times of the stretches about the middle [s]."""
     one, two = detrended(first), detrended(second)
-    ours = [c.frequency_hz for c in candidates(one, rate_hz, *band_hz)]
-    theirs = np.array([c.frequency_hz for c in candidates(two, rate_hz, *band_hz)])
+    ours = [c.frequency_hz for c in detect_peaks(one, rate_hz, *band_hz)]
+    theirs = np.array([c.frequency_hz for c in detect_peaks(two, rate_hz, *band_hz)])
     common = [f for f in ours if len(theirs) and np.min(np.abs(theirs - f)) < REACH * f]
     if not common:
         return (), np.zeros(0)

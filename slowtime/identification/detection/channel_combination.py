@@ -6,11 +6,11 @@ from jaxtyping import Float
 
 from slowtime.signals.spectra import transform
 
-from .resonance_peaks import Candidate
+from .resonance_peaks import PeakCandidate
 
 
 def modal_series(
-    columns: Float[np.ndarray, "time channel"], rate_hz: float, candidate: Candidate
+    columns: Float[np.ndarray, "time channel"], rate_hz: float, candidate: PeakCandidate
 ) -> Float[np.ndarray, " time"]:
     r"""Series :math:`y = w^T x` with the greatest signal to noise at the candidate's peak.
 
@@ -35,7 +35,7 @@ def modal_series(
 
 
 def _bins(
-    frequency: np.ndarray, coefficients: np.ndarray, candidate: Candidate
+    frequency: np.ndarray, coefficients: np.ndarray, candidate: PeakCandidate
 ) -> tuple[np.ndarray, np.ndarray]:
     """Find the bins of the peak, and the quieter half of the others in an octave about it."""
     near = max(0.01 * candidate.frequency_hz, 2.0 * float(frequency[1]))

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from slowtime.signals.decimation import moved_down
 from slowtime.signals.finite_filters import Kind, convolved, kaiser_order, windowed_sinc
 
-from .resonance_peaks import Candidate
+from .resonance_peaks import PeakCandidate
 
 REACH = 2.5
 """The band is from f / REACH to f REACH, where no neighbour limits it."""
@@ -27,7 +27,7 @@ is wider than these is over before it can be told from a blow."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Isolated:
+class IsolatedSeries:
     """What is left of a series around one mode; the first sample was taken at `start_s`."""
 
     series: Float[np.ndarray, " time"]
@@ -45,9 +45,9 @@ class Isolated:
         return self.low_hz, self.high_hz
 
 
-def isolate(
-    series: Float[np.ndarray, " time"], rate_hz: float, candidate: Candidate
-) -> Isolated:
+def isolate_mode(
+    series: Float[np.ndarray, " time"], rate_hz: float, candidate: PeakCandidate
+) -> IsolatedSeries:
     """Keep the candidate's neighbourhood, by filters that leave decaying oscillations exact.
 
     A finite filter whose whole length lies on the record turns a decaying oscillation into
@@ -70,22 +70,22 @@ def isolate(
         series, lost = _filtered(series, rate_hz, high, stop, "lowpass")
         series, start = series[::factor], start + lost
         rate_hz = rate_hz / factor
-    return Isolated(series, rate_hz, start, low, high, drift)
+    return IsolatedSeries(series, rate_hz, start, low, high, drift)
 
 
 def _narrowed(
     series: Float[np.ndarray, " time"],
     rate_hz: float,
-    candidate: Candidate,
+    candidate: PeakCandidate,
     low: float,
     high: float,
-) -> Isolated:
+) -> IsolatedSeries:
     """Nearest bins of a candidate of many cycles, moved down to a rate that suits them."""
     reach = MOST_BINS * rate_hz / len(series)
     low = max(low, candidate.frequency_hz - reach)
     high = min(high, candidate.frequency_hz + reach)
     slow = moved_down(series, rate_hz, (low + high) / 2, (high - low) / 2)
-    return Isolated(
+    return IsolatedSeries(
         slow.samples[:, 0],
         slow.rate_hz,
         slow.start_s,

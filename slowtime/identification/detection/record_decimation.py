@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from slowtime.signals.decimation import PASS, Decimated, decimated, moved_down
 
-from .resonance_peaks import Candidate
+from .resonance_peaks import PeakCandidate
 
 LONG = 131_072
 """Samples up to which a record is worked as it is."""
@@ -69,7 +69,7 @@ class LongRecord:
         """Of the record [s]."""
         return len(self.columns) / self.rate_hz
 
-    def about(self, candidate: Candidate) -> tuple[Decimated, Candidate]:
+    def about(self, candidate: PeakCandidate) -> tuple[Decimated, PeakCandidate]:
         """Record at the rate that a candidate needs, and the candidate with what is left."""
         slower = self.at_rate_for(candidate.frequency_hz)
         if slower.rate_hz == self.rate_hz:

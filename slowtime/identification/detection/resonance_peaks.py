@@ -40,7 +40,7 @@ UNRESOLVED_DB = 3.0
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Candidate:
+class PeakCandidate:
     """A peak, the band that is its own, and how far it stands above the floor."""
 
     frequency_hz: float
@@ -58,14 +58,14 @@ class _Curve:
     worth: Float[np.ndarray, " frequency"]
 
 
-def candidates(
+def detect_peaks(
     columns: Float[np.ndarray, "time channel"],
     rate_hz: float,
     low: float,
     high: float,
     *,
     taper: str = "hann",
-) -> list[Candidate]:
+) -> list[PeakCandidate]:
     """Significant peaks between `low` and `high`, ascending in frequency.
 
     Every channel's Hann periodogram is divided by its own floor; the mean over channels of n
@@ -85,25 +85,25 @@ def candidates(
     return _with_bands(curve, above, low, high)
 
 
-def strongest(
+def strongest_peak(
     columns: Float[np.ndarray, "time channel"],
     rate_hz: float,
     low: float,
     high: float,
     *,
     taper: str = "hann",
-) -> Candidate:
+) -> PeakCandidate:
     """Peak that stands highest above its floor, significant or not."""
-    found = candidates(columns, rate_hz, low, high, taper=taper)
+    found = detect_peaks(columns, rate_hz, low, high, taper=taper)
     if found:
         return max(found, key=lambda c: c.prominence_db)
     curve = _curve(columns, rate_hz, taper, high)
     inside = (curve.frequency_hz >= low) & (curve.frequency_hz <= high)
     top = int(np.argmax(np.where(inside, curve.level_db, -np.inf)))
-    return Candidate(float(curve.frequency_hz[top]), low, high, float(curve.level_db[top]))
+    return PeakCandidate(float(curve.frequency_hz[top]), low, high, float(curve.level_db[top]))
 
 
-def leading(found: list[Candidate], duration_s: float) -> list[Candidate]:
+def without_companions(found: list[PeakCandidate], duration_s: float) -> list[PeakCandidate]:
     """Candidates of a record of `duration_s` without the companions of stronger close ones.
 
     The band of a companion goes to its nearest stronger neighbour, so that both are fitted
@@ -125,7 +125,7 @@ def leading(found: list[Candidate], duration_s: float) -> list[Candidate]:
     return lead
 
 
-def _outshines(other: Candidate, one: Candidate, duration_s: float) -> bool:
+def _outshines(other: PeakCandidate, one: PeakCandidate, duration_s: float) -> bool:
     octaves = abs(float(np.log2(other.frequency_hz / one.frequency_hz)))
     bins = abs(other.frequency_hz - one.frequency_hz) * duration_s
     least = COMPANION_DB if bins > RESOLVED_BINS else UNRESOLVED_DB
@@ -265,7 +265,7 @@ def _add_skirt(curve: _Curve, top: int, background: Float[np.ndarray, " frequenc
         background[low:high] += float(np.median(excess / shape[skirt - low])) * shape
 
 
-def _with_bands(curve: _Curve, tops: list[int], low: float, high: float) -> list[Candidate]:
+def _with_bands(curve: _Curve, tops: list[int], low: float, high: float) -> list[PeakCandidate]:
     """Each peak with the band up to the deepest valley towards its neighbours."""
     edges = [low]
     for left, right in pairwise(tops):
@@ -273,7 +273,7 @@ def _with_bands(curve: _Curve, tops: list[int], low: float, high: float) -> list
         edges.append(float(curve.frequency_hz[valley]))
     edges.append(high)
     return [
-        Candidate(
+        PeakCandidate(
             float(curve.frequency_hz[top]), edges[i], edges[i + 1], float(curve.level_db[top])
         )
         for i, top in enumerate(tops)

@@ -44,7 +44,7 @@ NARROW = 4.0
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class RingDown:
+class CorrelationDecay:
     """Pole of a bell."""
 
     frequency_hz: Measured
@@ -68,7 +68,7 @@ class _Regression:
         return np.asarray((self.weights / (self.turns @ density)) @ self.turns)
 
 
-def ring_down(
+def fit_correlation_decay(
     frequency_hz: Float[np.ndarray, " bin"],
     density: Float[np.ndarray, " bin"],
     *,
@@ -76,7 +76,7 @@ def ring_down(
     rate_hz: float,
     count: int,
     derivatives: int = 2,
-) -> RingDown | None:
+) -> CorrelationDecay | None:
     """Frequency and damping of a bell; None where its correlation does not decay like a mode's.
 
     Parameters
@@ -157,7 +157,7 @@ def _expected(resonance: np.ndarray, density: np.ndarray) -> Float[np.ndarray, "
     return np.asarray(parts[0] * resonance + parts[1])
 
 
-def _told(pole: complex, covariance: np.ndarray, frequency_hz: np.ndarray) -> RingDown:
+def _told(pole: complex, covariance: np.ndarray, frequency_hz: np.ndarray) -> CorrelationDecay:
     """On frequency and damping, from the covariance of real and imaginary part of the pole."""
     size, turning = abs(pole), pole.imag
     frequency, damping = size / (2 * np.pi), -pole.real / size
@@ -170,7 +170,7 @@ def _told(pole: complex, covariance: np.ndarray, frequency_hz: np.ndarray) -> Ri
     both = onto @ covariance @ onto.T
     sd = np.sqrt(np.diag(both))
     seen = min(frequency - frequency_hz[0], frequency_hz[-1] - frequency)
-    return RingDown(
+    return CorrelationDecay(
         Measured(float(frequency), float(sd[0])),
         Measured(float(damping), float(sd[1])),
         float(both[0, 1] / (sd[0] * sd[1])),

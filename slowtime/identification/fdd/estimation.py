@@ -31,15 +31,15 @@ from slowtime.identification.estimates import Measured
 from slowtime.identification.mode_shapes.criteria import mac_matrix
 from slowtime.identification.modes import Mode
 
-from .correlation_decay import ring_down
+from .correlation_decay import fit_correlation_decay
 from .spectral_decomposition import (
     PLACES,
     RESOLUTION,
-    Decomposition,
-    Ordinates,
-    around,
-    decompose,
-    ordinates,
+    ScaledCoefficients,
+    SpectralDecomposition,
+    decompose_spectrum,
+    ordinates_about,
+    scaled_coefficients,
 )
 
 ALIKE = 0.8
@@ -97,8 +97,8 @@ def fdd(
     >>> low < 5.0 < high, mode.shape.real.round(2)
     (True, array([ 0.89, -0.45]))
     """
-    data = ordinates(samples, rate_hz, lines)
-    found = decompose(data, band_hz=band_hz, resolution=resolution)
+    data = scaled_coefficients(samples, rate_hz, lines)
+    found = decompose_spectrum(data, band_hz=band_hz, resolution=resolution)
     modes = []
     for peak in found.peaks:
         top = _top(data, found, peak, resolution)
@@ -141,14 +141,14 @@ def efdd(
     >>> low < 0.01 < high
     True
     """
-    data = ordinates(samples, rate_hz, lines)
-    found = decompose(data, band_hz=band_hz, resolution=resolution)
+    data = scaled_coefficients(samples, rate_hz, lines)
+    found = decompose_spectrum(data, band_hz=band_hz, resolution=resolution)
     modes = []
     for peak in found.peaks:
         top = _top(data, found, peak, resolution)
         use = _bell(data, found, peak, top)
         crest = _crest(data, top, use, derivatives)
-        rung = ring_down(
+        rung = fit_correlation_decay(
             data.frequency_hz[use],
             _projected(data, use, top.shape),
             centre_hz=crest.value,
@@ -175,11 +175,13 @@ class _Top:
     share: float
 
 
-def _top(data: Ordinates, found: Decomposition, peak: int, resolution: float) -> _Top:
+def _top(
+    data: ScaledCoefficients, found: SpectralDecomposition, peak: int, resolution: float
+) -> _Top:
     """Shape at a peak, and by how much each ordinate moved it there; the moves add up to 0."""
     place = float(found.frequency_hz[peak])
     half_width = data.half_width_hz(place, resolution)
-    near, w = around(data, place, half_width)
+    near, w = ordinates_about(data, place, half_width)
     part = data.coefficients[near]
     values, vectors = np.linalg.eigh((part.T * w) @ part.conj())
     shape, others = vectors[:, -1], vectors[:, :-1]
@@ -189,11 +191,13 @@ def _top(data: Ordinates, found: Decomposition, peak: int, resolution: float) ->
     return _Top(place, half_width, shape, moves, float(values[-1] / values.sum()))
 
 
-def _projected(data: Ordinates, use: slice, shape: np.ndarray) -> Float[np.ndarray, " bin"]:
+def _projected(
+    data: ScaledCoefficients, use: slice, shape: np.ndarray
+) -> Float[np.ndarray, " bin"]:
     return np.asarray(np.abs(data.coefficients[use] @ shape.conj()) ** 2)
 
 
-def _crest(data: Ordinates, top: _Top, bell: slice, derivatives: int) -> Measured:
+def _crest(data: ScaledCoefficients, top: _Top, bell: slice, derivatives: int) -> Measured:
     r"""Where the averaged projection is highest, :math:`\hat g'(f) = 0`, and how sure that is.
 
     :math:`\delta f = -\delta g' / g''`, where :math:`g'` has the variance
@@ -221,9 +225,11 @@ def _crest(data: Ordinates, top: _Top, bell: slice, derivatives: int) -> Measure
     return Measured(place, min(float(np.sqrt(variance) / -curvature), half_width))
 
 
-def _slopes(data: Ordinates, top: _Top, place: float) -> tuple[float, float, float, float]:
+def _slopes(
+    data: ScaledCoefficients, top: _Top, place: float
+) -> tuple[float, float, float, float]:
     """Height, slope and curvature of the averaged projection, and the variance of the slope."""
-    near, w = around(data, place, top.half_width_hz)
+    near, w = ordinates_about(data, place, top.half_width_hz)
     away = (data.frequency_hz[near] - place) / top.half_width_hz
     room = np.maximum(1 - away**2, 0.0)
     first = 6 * away * room**2 / top.half_width_hz
@@ -237,7 +243,9 @@ def _slopes(data: Ordinates, top: _Top, place: float) -> tuple[float, float, flo
     )
 
 
-def _bell(data: Ordinates, found: Decomposition, peak: int, top: _Top) -> slice:
+def _bell(
+    data: ScaledCoefficients, found: SpectralDecomposition, peak: int, top: _Top
+) -> slice:
     """Ordinates about a peak whose first vector is its shape, no further than the valleys."""
     alike = mac_matrix(found.vectors.T, top.shape[:, None])[:, 0] >= ALIKE
     left = max((other for other in found.peaks if other < peak), default=None)
@@ -255,7 +263,7 @@ def _bell(data: Ordinates, found: Decomposition, peak: int, top: _Top) -> slice:
 
 
 def _mode(
-    data: Ordinates,
+    data: ScaledCoefficients,
     top: _Top,
     frequency_hz: Measured,
     damping_ratio: Measured,

@@ -15,7 +15,7 @@ from jaxtyping import Complex, Float
 
 from slowtime.identification import checks
 from slowtime.identification.estimates import Measured
-from slowtime.identification.harmonics.tones import without_lines
+from slowtime.identification.harmonics.tones import remove_lines
 from slowtime.identification.subspace.bands import EDGE
 from slowtime.signals.peaks import local_maxima, prominences
 from slowtime.signals.spectra import detrended, transform
@@ -41,7 +41,7 @@ LINE_BINS = 2
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Ordinates:
+class ScaledCoefficients:
     """Fourier coefficients of the channels that move, each channel scaled to the same level."""
 
     frequency_hz: Float[np.ndarray, " bin"]
@@ -63,7 +63,7 @@ class Ordinates:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Decomposition:
+class SpectralDecomposition:
     """Singular values, descending, and first vectors; `number` is of ordinates averaged."""
 
     frequency_hz: Float[np.ndarray, " place"]
@@ -78,16 +78,16 @@ class Decomposition:
         return low + int(np.argmin(self.values[low : high + 1, 0]))
 
 
-def ordinates(
+def scaled_coefficients(
     samples: Float[np.ndarray, "time channel"] | Float[np.ndarray, " time"],
     rate_hz: float,
     lines: tuple[Measured, ...] = (),
-) -> Ordinates:
+) -> ScaledCoefficients:
     """Coefficients of a record, without the lines of machines and the bins about them."""
     columns = detrended(checks.series(samples, rate_hz))
     moving = checks.moving(samples[:, None] if samples.ndim == 1 else samples)
     if lines:
-        columns = without_lines(columns, rate_hz, lines)
+        columns = remove_lines(columns, rate_hz, lines)
     frequency, coefficients = transform(columns, rate_hz)
     size = np.abs(coefficients)
     scale = np.median(size, axis=0) + 1e-9 * size.max(axis=0)
@@ -95,22 +95,22 @@ def ordinates(
     for line in lines:
         reach = LINE_BINS * rate_hz / len(columns) + 2.0 * line.sd
         use &= np.abs(frequency - line.value) > reach
-    return Ordinates(
+    return ScaledCoefficients(
         frequency[use], coefficients[use] / scale, scale, moving, rate_hz, len(columns)
     )
 
 
-def weights(away: Float[np.ndarray, " bin"]) -> Float[np.ndarray, " bin"]:
+def kernel_weights(away: Float[np.ndarray, " bin"]) -> Float[np.ndarray, " bin"]:
     """Of ordinates so many half-widths away."""
     return np.asarray(np.maximum(1 - away**2, 0.0) ** 3)
 
 
-def decompose(
-    data: Ordinates,
+def decompose_spectrum(
+    data: ScaledCoefficients,
     *,
     band_hz: tuple[float, float] | None = None,
     resolution: float = RESOLUTION,
-) -> Decomposition:
+) -> SpectralDecomposition:
     """Singular values and vectors over a band, and the peaks that stand out of their scatter.
 
     Parameters
@@ -127,7 +127,7 @@ def decompose(
         places.append(places[-1] + data.half_width_hz(places[-1], resolution) / PLACES)
     kept, values, vectors, number = [], [], [], []
     for place in places:
-        near, w = around(data, place, data.half_width_hz(place, resolution))
+        near, w = ordinates_about(data, place, data.half_width_hz(place, resolution))
         if len(w) < data.coefficients.shape[1]:
             continue
         part = data.coefficients[near]
@@ -137,7 +137,7 @@ def decompose(
         vectors.append(directions[:, -1])
         number.append(w.sum() ** 2 / (w @ w))
     singular, count = np.array(values), np.array(number)
-    return Decomposition(
+    return SpectralDecomposition(
         frequency_hz=np.array(kept),
         values=singular,
         vectors=np.array(vectors),
@@ -146,17 +146,17 @@ def decompose(
     )
 
 
-def around(
-    data: Ordinates, place_hz: float, half_width_hz: float
+def ordinates_about(
+    data: ScaledCoefficients, place_hz: float, half_width_hz: float
 ) -> tuple[slice, Float[np.ndarray, " bin"]]:
     """Ordinates about a place, and their weights."""
     edges = place_hz - half_width_hz, place_hz + half_width_hz
     first, last = np.searchsorted(data.frequency_hz, edges)
     away = (data.frequency_hz[first:last] - place_hz) / half_width_hz
-    return slice(int(first), int(last)), weights(away)
+    return slice(int(first), int(last)), kernel_weights(away)
 
 
-def _band(band_hz: tuple[float, float] | None, data: Ordinates) -> tuple[float, float]:
+def _band(band_hz: tuple[float, float] | None, data: ScaledCoefficients) -> tuple[float, float]:
     if band_hz is not None:
         return checks.band(band_hz, data.rate_hz, data.count)
     low, high = FEWEST_CYCLES / data.duration_s, 0.95 * EDGE * data.rate_hz / 2

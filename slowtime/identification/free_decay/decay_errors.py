@@ -7,7 +7,7 @@ import numpy as np
 from slowtime.identification.estimates import Identified, Measured
 from slowtime.signals.spectra import periodogram
 
-from .decay_fit import Decays
+from .decay_fit import DecayFit
 
 THRESHOLD = 12.0
 """Gain in log-likelihood over pure noise below which there is no decay to speak of."""
@@ -20,7 +20,7 @@ on the wide ones (or on the mode's own width), a fit that does not fit on the na
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Stretch:
+class SegmentFit:
     """A mode read off one stretch, its pole [1/s, rad/s], and how well decays explain it."""
 
     identified: Identified
@@ -39,14 +39,14 @@ class _Noise:
     near_power: float
 
 
-def describe(
-    fit: Decays,
+def mode_of_fit(
+    fit: DecayFit,
     which: int,
     rate_hz: float,
     start_s: float = 0.0,
     band_hz: tuple[float, float] | None = None,
     shift_hz: float = 0.0,
-) -> Stretch:
+) -> SegmentFit:
     """One mode of a fit, with errors from the information and the noise next to the mode.
 
     Parameters
@@ -91,7 +91,7 @@ def describe(
     # Of what this mode and the noise make up, and of what all modes together leave unexplained.
     own = wave / (wave + noise.near_power)
     explained = float(min(own, 1.0 - noise.unexplained))
-    return Stretch(identified, pole, modes - 1, explained)
+    return SegmentFit(identified, pole, modes - 1, explained)
 
 
 def _mean_square(rate: float, duration: float) -> float:
@@ -101,7 +101,7 @@ def _mean_square(rate: float, duration: float) -> float:
 
 
 def _noise(
-    fit: Decays, pole: complex, rate_hz: float, band_hz: tuple[float, float] | None
+    fit: DecayFit, pole: complex, rate_hz: float, band_hz: tuple[float, float] | None
 ) -> _Noise:
     """Read the residual: white over the band, or denser next to the mode than by chance."""
     count, modes = len(fit.residual), len(fit.poles)

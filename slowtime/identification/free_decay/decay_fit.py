@@ -23,7 +23,7 @@ MOST_DIRECTIONS = 6
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Decays:
+class DecayFit:
     r"""Fitted poles :math:`-\alpha_k + i \omega_k` [1/s, rad/s], amplitudes, what is left."""
 
     poles: Complex[np.ndarray, " mode"]
@@ -53,7 +53,7 @@ def fit_decays(
     drift: Float[np.ndarray, "time term"],
     *,
     steps: int = STEPS,
-) -> Decays:
+) -> DecayFit:
     """Least squares over poles, amplitudes and drift: maximum likelihood in white noise.
 
     Parameters
@@ -86,7 +86,7 @@ def fit_decays(
         damping = max(10 * damping, 1e-3)
         if damping > 1e6:
             break
-    return Decays(
+    return DecayFit(
         state.poles,
         state.amplitudes,
         state.residual,
@@ -162,7 +162,7 @@ def _step(state: _State, damping: float) -> tuple[np.ndarray, float]:
     return move[:modes] + 1j * move[modes:], float(move @ state.gradient)
 
 
-def signal_space(series: Float[np.ndarray, " time"]) -> Float[np.ndarray, "lag direction"]:
+def signal_subspace(series: Float[np.ndarray, " time"]) -> Float[np.ndarray, "lag direction"]:
     """Directions of the Hankel matrix of a series, the strongest first."""
     window = min(len(series) // 3, WIDEST_PENCIL)
     hankel = np.lib.stride_tricks.sliding_window_view(series, window)
@@ -177,8 +177,8 @@ def matrix_pencil(
 ) -> Complex[np.ndarray, " mode"]:
     """Poles with positive frequency of the `order` strongest real oscillations (ESPRIT).
 
-    Rotational invariance of the leading directions of the Hankel matrix (`signal_space`); good
-    enough to start from, and free of starting values itself.
+    Rotational invariance of the leading directions of the Hankel matrix (`signal_subspace`);
+    good enough to start from, and free of starting values itself.
     """
     vectors = space[:, : 2 * order]
     shift = np.linalg.lstsq(vectors[:-1], vectors[1:], rcond=None)[0]

@@ -4,8 +4,8 @@ import numpy as np
 import scipy.fft as fft
 from jaxtyping import Complex, Float
 
-from slowtime.identification.detection.mode_isolation import Isolated
-from slowtime.identification.detection.resonance_peaks import Candidate
+from slowtime.identification.detection.mode_isolation import IsolatedSeries
+from slowtime.identification.detection.resonance_peaks import PeakCandidate
 
 from .segments import PARTS, SHORTEST
 
@@ -23,7 +23,7 @@ CONCENTRATED = 0.6
 """Two neighbouring eighths with more of the power are an event, which is looked at closely."""
 
 
-def is_random(part: Isolated, candidate: Candidate) -> bool:
+def is_random(part: IsolatedSeries, candidate: PeakCandidate) -> bool:
     """Whether no long stretch of a series can be a sum of few decays.
 
     The envelope of a sum of p decays has a Hankel matrix of rank p, over every stretch. A mode
@@ -45,7 +45,9 @@ def is_random(part: Isolated, candidate: Candidate) -> bool:
     return max(shares) < EXPLAINED_AT_MOST
 
 
-def _envelope(part: Isolated, frequency_hz: float) -> Complex[np.ndarray, " instant"] | None:
+def _envelope(
+    part: IsolatedSeries, frequency_hz: float
+) -> Complex[np.ndarray, " instant"] | None:
     """Complex envelope of the bins about a frequency, or None where there are too few."""
     count = len(part.series)
     coefficients = fft.rfft(part.series)

@@ -8,18 +8,18 @@ from jaxtyping import Complex, Float
 
 from slowtime.identification import checks
 from slowtime.identification.detection.channel_combination import modal_series
-from slowtime.identification.detection.mode_isolation import Isolated, isolate
+from slowtime.identification.detection.mode_isolation import IsolatedSeries, isolate_mode
 from slowtime.identification.detection.resonance_peaks import (
-    Candidate,
-    candidates,
-    leading,
-    strongest,
+    PeakCandidate,
+    detect_peaks,
+    strongest_peak,
+    without_companions,
 )
 from slowtime.identification.estimates import Identified
 from slowtime.signals.spectra import detrended
 
-from .decay_errors import Stretch, describe
-from .decay_fit import Decays, drift_basis, fit_decays, matrix_pencil, signal_space
+from .decay_errors import SegmentFit, mode_of_fit
+from .decay_fit import DecayFit, drift_basis, fit_decays, matrix_pencil, signal_subspace
 
 MOST_MODES = 3
 PRICE = 8.0
@@ -74,44 +74,44 @@ def identify_free_decay(
     columns = checks.series(acceleration, rate_hz)
     low, high = checks.band(band_hz, rate_hz, len(columns))
     flat = detrended(columns)
-    found = candidates(flat, rate_hz, low, high, taper="boxcar")
+    found = detect_peaks(flat, rate_hz, low, high, taper="boxcar")
     chosen = (
-        leading(found, len(columns) / rate_hz)
-        or [strongest(flat, rate_hz, low, high, taper="boxcar")]
+        without_companions(found, len(columns) / rate_hz)
+        or [strongest_peak(flat, rate_hz, low, high, taper="boxcar")]
     )[0]
     series = modal_series(columns, rate_hz, chosen)
-    rough = fit_stretch(isolate(series - series.mean(), rate_hz, chosen), chosen)
+    rough = fit_segment(isolate_mode(series - series.mean(), rate_hz, chosen), chosen)
     if len(found) > 1 or band_hz is not None or rough.others:
         return rough.identified
     drift = drift_basis(len(series), 1)
     fit = fit_decays(series, rate_hz, np.array([rough.pole]), drift)
-    return describe(fit, 0, rate_hz).identified
+    return mode_of_fit(fit, 0, rate_hz).identified
 
 
-def fit_stretch(part: Isolated, candidate: Candidate) -> Stretch:
+def fit_segment(part: IsolatedSeries, candidate: PeakCandidate) -> SegmentFit:
     """Fit as many decays together as the likelihood pays for; give the candidate's."""
     count = len(part.series)
     duration = count / part.rate_hz
     drift = drift_basis(count, 1 + int(2 * duration * part.drift_hz))
-    space = signal_space(part.series - drift @ (drift.T @ part.series))
+    space = signal_subspace(part.series - drift @ (drift.T @ part.series))
     fit, worth = _with_modes(1, part, candidate, space, drift)
     for order in range(2, MOST_MODES + 1):
         more, gained = _with_modes(order, part, candidate, space, drift)
         if gained >= worth:
             break
         fit, worth = more, gained
-    which = own_mode(fit, duration, candidate, part.shift_hz)
-    told = describe(fit, which or 0, part.rate_hz, part.start_s, part.band_hz, part.shift_hz)
+    which = index_of_candidate(fit, duration, candidate, part.shift_hz)
+    told = mode_of_fit(fit, which or 0, part.rate_hz, part.start_s, part.band_hz, part.shift_hz)
     if which is None:
         return dataclasses.replace(told, identified=_strayed(told.identified))
     return told
 
 
-def fit_blow(
+def fit_impact_decay(
     columns: Float[np.ndarray, "time channel"],
     rate_hz: float,
-    found: Sequence[Candidate],
-) -> Stretch | None:
+    found: Sequence[PeakCandidate],
+) -> SegmentFit | None:
     """Fit the decay after one blow at the start of a record, all its modes together.
 
     Nothing is filtered away first, since a filter would cost the first and loudest samples.
@@ -127,13 +127,17 @@ def fit_blow(
     rough = [fit_decays(series, rate_hz, poles, drift, steps=0) for poles in starts]
     best = int(np.argmin([fit.cost for fit in rough]))
     fit = fit_decays(series, rate_hz, starts[best], drift)
-    which = own_mode(fit, len(series) / rate_hz, found[0])
-    return None if which is None else describe(fit, which, rate_hz)
+    which = index_of_candidate(fit, len(series) / rate_hz, found[0])
+    return None if which is None else mode_of_fit(fit, which, rate_hz)
 
 
 def _with_modes(
-    order: int, part: Isolated, candidate: Candidate, space: np.ndarray, drift: np.ndarray
-) -> tuple[Decays, float]:
+    order: int,
+    part: IsolatedSeries,
+    candidate: PeakCandidate,
+    space: np.ndarray,
+    drift: np.ndarray,
+) -> tuple[DecayFit, float]:
     """Fit of at most `order` modes, and its criterion: the lower, the better."""
     poles = _started(matrix_pencil(space, part.rate_hz, order), part, candidate)
     fit = fit_decays(part.series, part.rate_hz, poles, drift)
@@ -151,8 +155,8 @@ def _strayed(mode: Identified) -> Identified:
     )
 
 
-def own_mode(
-    fit: Decays, duration: float, candidate: Candidate, shift_hz: float = 0.0
+def index_of_candidate(
+    fit: DecayFit, duration: float, candidate: PeakCandidate, shift_hz: float = 0.0
 ) -> int | None:
     """Index of the most energetic fitted mode near the candidate, if there is one."""
     decay = np.clip(-fit.poles.real, 1e-9, None)
@@ -164,7 +168,7 @@ def own_mode(
 
 
 def _started(
-    poles: Complex[np.ndarray, " mode"], part: Isolated, candidate: Candidate
+    poles: Complex[np.ndarray, " mode"], part: IsolatedSeries, candidate: PeakCandidate
 ) -> Complex[np.ndarray, " started"]:
     """Poles in the band, decaying at least a little; the candidate's own if there are none."""
     hz = poles.imag / (2 * np.pi)

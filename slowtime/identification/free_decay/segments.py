@@ -5,13 +5,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from slowtime.identification.detection.mode_isolation import Isolated
-from slowtime.identification.detection.resonance_peaks import Candidate
+from slowtime.identification.detection.mode_isolation import IsolatedSeries
+from slowtime.identification.detection.resonance_peaks import PeakCandidate
 from slowtime.identification.estimates import Identified, Measured
 
-from .decay_errors import Stretch, describe
-from .decay_fit import drift_basis, fit_decays, matrix_pencil, signal_space
-from .estimation import fit_stretch, own_mode
+from .decay_errors import SegmentFit, mode_of_fit
+from .decay_fit import drift_basis, fit_decays, matrix_pencil, signal_subspace
+from .estimation import fit_segment, index_of_candidate
 
 PARTS = 8
 SHORTEST = 4
@@ -29,7 +29,7 @@ FEWEST_CYCLES = 4.0
 FEWEST_SAMPLES = 24
 
 
-def best_stretch(part: Isolated, candidate: Candidate) -> Stretch:
+def best_segment(part: IsolatedSeries, candidate: PeakCandidate) -> SegmentFit:
     """Decay fit of the stretch with the smallest honest error of its frequency.
 
     An impact, a move or another disturbance inside a stretch is not a decay: it leaves a
@@ -38,7 +38,7 @@ def best_stretch(part: Isolated, candidate: Candidate) -> Stretch:
     options = _stretches(part, candidate)
     ranked = sorted(options, key=lambda one: _quick_error(one, candidate))
     fits = [
-        _with_change(one, fit_stretch(one, candidate), candidate) for one in ranked[:FINALISTS]
+        _with_change(one, fit_segment(one, candidate), candidate) for one in ranked[:FINALISTS]
     ]
     best = min(fits, key=lambda fit: fit.identified.frequency_hz.sd)
     whole = options[0]
@@ -54,7 +54,7 @@ def best_stretch(part: Isolated, candidate: Candidate) -> Stretch:
     return dataclasses.replace(best, identified=mode)
 
 
-def widened(mode: Identified, first: Measured, second: Measured) -> Identified:
+def widen_for_change(mode: Identified, first: Measured, second: Measured) -> Identified:
     """Put the change between two halves of a record into the error of its mode.
 
     A frequency that moves uniformly over a record moves by half its range between the means of
@@ -79,11 +79,11 @@ def widened(mode: Identified, first: Measured, second: Measured) -> Identified:
     )
 
 
-def _seconds(part: Isolated) -> float:
+def _seconds(part: IsolatedSeries) -> float:
     return len(part.series) / part.rate_hz
 
 
-def _stretches(part: Isolated, candidate: Candidate) -> list[Isolated]:
+def _stretches(part: IsolatedSeries, candidate: PeakCandidate) -> list[IsolatedSeries]:
     """List the whole, then every run of eighths that is long enough."""
     count = len(part.series)
     edges = np.linspace(0, count, PARTS + 1).round().astype(int)
@@ -98,16 +98,16 @@ def _stretches(part: Isolated, candidate: Candidate) -> list[Isolated]:
     return found
 
 
-def _cut(part: Isolated, begin: int, end: int) -> Isolated:
+def _cut(part: IsolatedSeries, begin: int, end: int) -> IsolatedSeries:
     return dataclasses.replace(
         part, series=part.series[begin:end], start_s=part.start_s + begin / part.rate_hz
     )
 
 
-def _quick_error(part: Isolated, candidate: Candidate) -> float:
+def _quick_error(part: IsolatedSeries, candidate: PeakCandidate) -> float:
     """Error of the frequency with poles straight from the matrix pencil."""
     drift = drift_basis(len(part.series), 1 + int(2 * _seconds(part) * part.drift_hz))
-    space = signal_space(part.series - drift @ (drift.T @ part.series))
+    space = signal_subspace(part.series - drift @ (drift.T @ part.series))
     poles = matrix_pencil(space, part.rate_hz, 2)
     hz = poles.imag / (2 * np.pi)
     poles = poles[
@@ -119,18 +119,20 @@ def _quick_error(part: Isolated, candidate: Candidate) -> float:
     if len(poles) == 0:
         return float("inf")
     fit = fit_decays(part.series, part.rate_hz, poles, drift, steps=0)
-    which = own_mode(fit, _seconds(part), candidate, part.shift_hz)
+    which = index_of_candidate(fit, _seconds(part), candidate, part.shift_hz)
     if which is None:
         return float("inf")
-    told = describe(fit, which, part.rate_hz, part.start_s, part.band_hz, part.shift_hz)
+    told = mode_of_fit(fit, which, part.rate_hz, part.start_s, part.band_hz, part.shift_hz)
     return told.identified.frequency_hz.sd
 
 
-def _with_change(part: Isolated, fit: Stretch, candidate: Candidate) -> Stretch:
+def _with_change(part: IsolatedSeries, fit: SegmentFit, candidate: PeakCandidate) -> SegmentFit:
     """Put what the frequency does between the halves of a stretch into its error."""
     middle = len(part.series) // 2
     if middle < FEWEST_SAMPLES or _seconds(part) * candidate.frequency_hz < 2 * FEWEST_CYCLES:
         return fit
     cuts = [_cut(part, a, b) for a, b in pairwise((0, middle, len(part.series)))]
-    halves = [fit_stretch(cut, candidate).identified.frequency_hz for cut in cuts]
-    return dataclasses.replace(fit, identified=widened(fit.identified, halves[0], halves[1]))
+    halves = [fit_segment(cut, candidate).identified.frequency_hz for cut in cuts]
+    return dataclasses.replace(
+        fit, identified=widen_for_change(fit.identified, halves[0], halves[1])
+    )

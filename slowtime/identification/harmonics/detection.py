@@ -18,10 +18,17 @@ from slowtime.identification.estimates import Measured
 from slowtime.identification.modes import Kind
 from slowtime.signals.spectra import detrended
 
-from .families import Family, families
-from .narrowband import Narrow, Spectra, narrow, spectra_of, steadiness, untuned
+from .families import HarmonicFamily, group_into_families
+from .narrowband import (
+    NarrowBand,
+    Spectra,
+    fourier_spectra,
+    narrow_band,
+    residual_share,
+    steadiness,
+)
 from .sharp_peaks import sharp_peaks
-from .steadiness_test import noise_rarity, steady_rarity, tone_rarity
+from .steadiness_test import noise_p_value, steadiness_p_value, tone_p_value
 from .tones import SEARCH_BINS, line_amplitude, line_frequency, line_shape, strongest_bin
 
 LEAST_DAMPING = 5e-4
@@ -47,7 +54,7 @@ DECIDABLE = 0.1
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Verdict:
+class PeakClass:
     r"""What one peak is.
 
     Parameters
@@ -86,8 +93,8 @@ class Verdict:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class Doubt:
-    """When a peak is called a harmonic; see `judge`."""
+class DecisionLimits:
+    """When a peak is called a harmonic; see `classify_peaks`."""
 
     least_damping: float = LEAST_DAMPING
     false_alarm: float = FALSE_ALARM
@@ -106,7 +113,7 @@ class Doubt:
             )
 
 
-def judge(
+def classify_peaks(
     samples: Float[np.ndarray, "time channel"] | Float[np.ndarray, " time"],
     rate_hz: float,
     frequency_hz: Float[np.ndarray, " peak"],
@@ -115,7 +122,7 @@ def judge(
     least_damping: float = LEAST_DAMPING,
     false_alarm: float = FALSE_ALARM,
     seed: int = 0,
-) -> tuple[Verdict, ...]:
+) -> tuple[PeakClass, ...]:
     r"""Say of each frequency whether a machine or the structure rings there.
 
     Bands about the peak are looked at for the share that one tone leaves and for steadiness of
@@ -153,21 +160,23 @@ def judge(
     >>> seconds = np.arange(20_000) / 100.0
     >>> noise = np.random.default_rng(1).standard_normal(20_000)
     >>> fan = np.sin(2 * np.pi * 12.34 * seconds)
-    >>> [verdict.kind for verdict in judge(fan + noise, 100.0, np.array([12.34]))]
+    >>> [verdict.kind for verdict in classify_peaks(fan + noise, 100.0, np.array([12.34]))]
     ['harmonic']
     """
-    doubt = Doubt(least_damping=least_damping, false_alarm=false_alarm, seed=seed)
+    doubt = DecisionLimits(least_damping=least_damping, false_alarm=false_alarm, seed=seed)
     spectra, moving = _prepared(samples, rate_hz)
     speeds = tuple(Measured(float(f), 0.0) for f in known_hz)
     return tuple(_verdict(spectra, moving, float(f), doubt, speeds) for f in frequency_hz)
 
 
-def judge_spectra(
+def classify_in_spectra(
     spectra: Spectra, frequency_hz: Float[np.ndarray, " peak"]
-) -> tuple[Verdict, ...]:
-    """Judge as `judge` does, from the spectra of a whole record whose channels all move."""
+) -> tuple[PeakClass, ...]:
+    """Classify peaks as `classify_peaks` does, from spectra whose channels all move."""
     moving = np.ones(spectra.coefficients.shape[1], dtype=bool)
-    return tuple(_verdict(spectra, moving, float(f), Doubt(), ()) for f in frequency_hz)
+    return tuple(
+        _verdict(spectra, moving, float(f), DecisionLimits(), ()) for f in frequency_hz
+    )
 
 
 def find_harmonics(
@@ -179,11 +188,11 @@ def find_harmonics(
     least_damping: float = LEAST_DAMPING,
     false_alarm: float = FALSE_ALARM,
     seed: int = 0,
-) -> tuple[tuple[Verdict, ...], tuple[Family, ...]]:
+) -> tuple[tuple[PeakClass, ...], tuple[HarmonicFamily, ...]]:
     """Find the lines of machines in a record, and the speeds that they are multiples of.
 
-    Every sharp peak is judged as `judge` would; where the lines found are multiples of a base,
-    the other peaks on its multiples are judged again as at a known speed.
+    Every sharp peak is judged as `classify_peaks` would; where the lines found are multiples
+    of a base, the other peaks on its multiples are judged again as at a known speed.
 
     Parameters
     ----------
@@ -204,7 +213,7 @@ def find_harmonics(
     >>> [round(line.frequency_hz.value, 2) for line in lines], speeds[0].orders
     ([7.13, 14.26, 28.52], (1, 2, 4))
     """
-    doubt = Doubt(least_damping=least_damping, false_alarm=false_alarm, seed=seed)
+    doubt = DecisionLimits(least_damping=least_damping, false_alarm=false_alarm, seed=seed)
     spectra, moving = _prepared(samples, rate_hz)
     low, high = checks.band(band_hz, rate_hz, len(samples))
     peaks = sharp_peaks(spectra, low, high)
@@ -212,7 +221,9 @@ def find_harmonics(
     searched = round((high - low) / spectra.spacing_hz)
     found = [_verdict(spectra, moving, f, doubt, speeds, searched) for f in peaks]
     lines = _harmonics(found, spectra.spacing_hz)
-    bases = families(tuple(v.frequency_hz for v in lines), resolution_hz=spectra.spacing_hz)
+    bases = group_into_families(
+        tuple(v.frequency_hz for v in lines), resolution_hz=spectra.spacing_hz
+    )
     if bases:
         speeds = speeds + tuple(family.base_hz for family in bases)
         again = [
@@ -221,7 +232,9 @@ def find_harmonics(
             if verdict.kind == "structural" and _is_multiple(spectra, f, speeds)
         ]
         lines = _harmonics([*lines, *again], spectra.spacing_hz)
-        bases = families(tuple(v.frequency_hz for v in lines), resolution_hz=spectra.spacing_hz)
+        bases = group_into_families(
+            tuple(v.frequency_hz for v in lines), resolution_hz=spectra.spacing_hz
+        )
     return lines, bases
 
 
@@ -229,17 +242,17 @@ def _prepared(samples: np.ndarray, rate_hz: float) -> tuple[Spectra, np.ndarray]
     """Spectra of the channels that move, and which do."""
     columns = checks.series(samples, rate_hz)
     given = samples[:, None] if samples.ndim == 1 else samples
-    return spectra_of(detrended(columns), rate_hz), checks.moving(given)
+    return fourier_spectra(detrended(columns), rate_hz), checks.moving(given)
 
 
 def _verdict(
     spectra: Spectra,
     moving: np.ndarray,
     frequency_hz: float,
-    doubt: Doubt,
+    doubt: DecisionLimits,
     speeds: tuple[Measured, ...],
     searched: int = 2 * SEARCH_BINS + 1,
-) -> Verdict:
+) -> PeakClass:
     centre = strongest_bin(spectra, frequency_hz)
     expected = _is_multiple(spectra, centre * spectra.spacing_hz, speeds)
     level = max(doubt.false_alarm, FALSE_ALARM_AT_A_MULTIPLE if expected else 0.0)
@@ -247,10 +260,10 @@ def _verdict(
     rng = np.random.default_rng(doubt.seed)
     p, line = _least_likely(spectra, centre, least, level, searched, rng)
     harmonic = p < level
-    tone = 1.0 - float(untuned(line.envelope[None])[0])
+    tone = 1.0 - float(residual_share(line.envelope[None])[0])
     shape = np.zeros(len(moving), dtype=complex)
     shape[moving] = line_shape(spectra, centre)
-    return Verdict(
+    return PeakClass(
         frequency_hz=line_frequency(line, spectra.spacing_hz),
         kind="harmonic" if harmonic else "structural",
         p_structural=p,
@@ -270,25 +283,25 @@ def _least_likely(
     level: float,
     searched: int,
     rng: np.random.Generator,
-) -> tuple[float, Narrow]:
+) -> tuple[float, NarrowBand]:
     """Smallest probability of all tests, each paid for, and the band in which it came out."""
     channels, found = spectra.coefficients.shape[1], []
     share = 2.0 * len(TONE_HALF_WIDTHS)
     for half_width in TONE_HALF_WIDTHS:
-        line = narrow(spectra, centre, half_width)
-        p = noise_rarity(line, channels, searched)
+        line = narrow_band(spectra, centre, half_width)
+        p = noise_p_value(line, channels, searched)
         if p < level:
-            p = max(p, share * tone_rarity(line, least, level / share, rng))
+            p = max(p, share * tone_p_value(line, least, level / share, rng))
         found.append((p, line))
     share = 2.0 * len(HALF_WIDTHS)
     for half_width in HALF_WIDTHS:
         settled = min(found, key=lambda pair: pair[0])[0] < level
         if settled or half_width > max(WIDEST * centre, HALF_WIDTHS[0]):
             break
-        line = narrow(spectra, centre, half_width)
-        p = noise_rarity(line, channels, searched)
+        line = narrow_band(spectra, centre, half_width)
+        p = noise_p_value(line, channels, searched)
         if p < level:
-            p = max(p, share * steady_rarity(line, least, level / share, rng))
+            p = max(p, share * steadiness_p_value(line, least, level / share, rng))
         found.append((p, line))
     p, line = min(found, key=lambda pair: pair[0])
     if p >= level:
@@ -305,9 +318,9 @@ def _is_multiple(spectra: Spectra, frequency_hz: float, speeds: tuple[Measured, 
     return False
 
 
-def _harmonics(found: list[Verdict], spacing_hz: float) -> tuple[Verdict, ...]:
+def _harmonics(found: list[PeakClass], spacing_hz: float) -> tuple[PeakClass, ...]:
     """Ascending, without those that two peaks led to."""
-    kept: list[Verdict] = []
+    kept: list[PeakClass] = []
     rarest_first = sorted(found, key=lambda v: (v.p_structural, -v.snr_db))
     for verdict in rarest_first:
         line = verdict.frequency_hz

@@ -23,7 +23,7 @@ REACH = 3.0
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Family:
+class HarmonicFamily:
     """Lines at multiples of one base frequency.
 
     Parameters
@@ -44,7 +44,9 @@ class Family:
     p_chance: float
 
 
-def families(lines: tuple[Measured, ...], *, resolution_hz: float) -> tuple[Family, ...]:
+def group_into_families(
+    lines: tuple[Measured, ...], *, resolution_hz: float
+) -> tuple[HarmonicFamily, ...]:
     """Sort lines into families, the least accidental first; a line belongs to one at most.
 
     Every line over 1, 2, ... and every difference of two lines is tried as a base. Unrelated
@@ -60,7 +62,7 @@ def families(lines: tuple[Measured, ...], *, resolution_hz: float) -> tuple[Fami
 
     Examples
     --------
-    >>> found = families(tuple(Measured(f, 0.001) for f in (9.9, 16.7, 29.7, 49.5)),
+    >>> found = group_into_families(tuple(Measured(f, 0.001) for f in (9.9, 16.7, 29.7, 49.5)),
     ...                  resolution_hz=0.01)
     >>> [(round(family.base_hz.value, 3), family.orders) for family in found]
     [(9.9, (1, 3, 5))]
@@ -68,7 +70,7 @@ def families(lines: tuple[Measured, ...], *, resolution_hz: float) -> tuple[Fami
     value = np.array([line.value for line in lines])
     error = np.array([np.hypot(line.sd, RESOLUTION_SHARE * resolution_hz) for line in lines])
     free = np.arange(len(lines))
-    found: list[Family] = []
+    found: list[HarmonicFamily] = []
     while len(free) >= 2:
         family = _most_surprising(value[free], error[free])
         if family is None or family.p_chance > CHANCE:
@@ -79,7 +81,7 @@ def families(lines: tuple[Measured, ...], *, resolution_hz: float) -> tuple[Fami
     return tuple(found)
 
 
-def _most_surprising(value: np.ndarray, error: np.ndarray) -> Family | None:
+def _most_surprising(value: np.ndarray, error: np.ndarray) -> HarmonicFamily | None:
     bases = [b for b in _bases(value) if b > 2.0 * REACH * error.max()]
     found = [family for base in bases if (family := _family(base, value, error, len(bases)))]
     # Halves of a base explain as much with higher orders, and are more accidental.
@@ -94,7 +96,9 @@ def _bases(value: np.ndarray) -> Iterator[float]:
             yield float(abs(line - other))
 
 
-def _family(base: float, value: np.ndarray, error: np.ndarray, tried: int) -> Family | None:
+def _family(
+    base: float, value: np.ndarray, error: np.ndarray, tried: int
+) -> HarmonicFamily | None:
     """Members within reach of multiples of a base that is fitted to them as they join."""
     order = np.maximum(np.round(value / base), 1.0)
     # A base read off a line carries that line's error, magnified at higher orders.
@@ -114,7 +118,7 @@ def _family(base: float, value: np.ndarray, error: np.ndarray, tried: int) -> Fa
     meets = min(1.0, float(np.mean(2.0 * REACH * error)) / base)
     chance = float(bdtrc(len(members) - 2, len(value) - 1, meets)) * tried
     sd = 1.0 / np.sqrt(np.sum((order[members] / error[members]) ** 2))
-    return Family(
+    return HarmonicFamily(
         Measured(base, float(sd)),
         tuple(int(i) for i in members),
         tuple(int(n) for n in order[members]),

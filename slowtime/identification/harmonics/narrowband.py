@@ -8,7 +8,7 @@ Two statistics of the complex envelope z tell a machine from a mode:
 the first 1 for anything of constant amplitude and 2 for a Gaussian process (the band-passed
 signal has the kurtosis 3/2 of that: 1.5 and 3), the second 0 for a tone that stays put, and
 near 1 for noise. A mode under random force is a Gaussian process; seen for less than its memory
-it too looks like a tone. How often, `envelopes` tells by drawing such modes.
+it too looks like a tone. How often, `draw_envelopes` tells by drawing such modes.
 """
 
 import dataclasses
@@ -38,14 +38,14 @@ class Spectra:
     spacing_hz: float
 
 
-def spectra_of(samples: Float[np.ndarray, "time channel"], rate_hz: float) -> Spectra:
+def fourier_spectra(samples: Float[np.ndarray, "time channel"], rate_hz: float) -> Spectra:
     """Transform of the whole record, without a taper: what drawn modes are cut like."""
     frequency, coefficients = transform(samples, rate_hz)
     return Spectra(coefficients, float(frequency[1]))
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Narrow:
+class NarrowBand:
     """Complex envelope of a band, scaled to unit noise density.
 
     `snr` is the power in the band over that of the noise in it.
@@ -56,7 +56,7 @@ class Narrow:
     centre: int
 
 
-def narrow(spectra: Spectra, centre: int, half_width: int) -> Narrow:
+def narrow_band(spectra: Spectra, centre: int, half_width: int) -> NarrowBand:
     r"""Envelope of the bins `centre` ± `half_width`, in the direction that shows the peak best.
 
     The direction maximises :math:`w^H S_p w / w^H S_n w`, with the spectral matrices of the
@@ -78,7 +78,7 @@ def narrow(spectra: Spectra, centre: int, half_width: int) -> Narrow:
     bins = direction.conj() @ whitened
     envelope = fft.ifft(fft.ifftshift(bins)) * len(bins)
     snr = max(float(np.mean(np.abs(bins) ** 2)) - 1.0, 0.0)
-    return Narrow(np.asarray(envelope), snr, centre)
+    return NarrowBand(np.asarray(envelope), snr, centre)
 
 
 def steadiness(
@@ -96,12 +96,14 @@ def steadiness(
     return np.asarray((power**2).mean(axis=-1) / mean**2)
 
 
-def untuned(envelopes: Complex[np.ndarray, "*draw instant"]) -> Float[np.ndarray, "*draw"]:
+def residual_share(
+    envelopes: Complex[np.ndarray, "*draw instant"],
+) -> Float[np.ndarray, "*draw"]:
     """Share of the power that the best single tone leaves, r.
 
     Examples
     --------
-    >>> untuned(np.exp(0.25j * np.pi * np.arange(64.0))[None]).round(2) + 0
+    >>> residual_share(np.exp(0.25j * np.pi * np.arange(64.0))[None]).round(2) + 0
     array([0.])
     """
     count = envelopes.shape[-1]
@@ -110,7 +112,7 @@ def untuned(envelopes: Complex[np.ndarray, "*draw instant"]) -> Float[np.ndarray
     return np.asarray(1.0 - lines.max(axis=-1) / (count * power))
 
 
-def envelopes(
+def draw_envelopes(
     half_widths_in_record: float,
     snr: float,
     bins: int,

@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.special import gammaincc
 
-from .narrowband import Narrow, envelopes, steadiness, untuned
+from .narrowband import NarrowBand, draw_envelopes, residual_share, steadiness
 
 UNSTEADY = 1.7
 """Gaussian envelopes are rarely steadier than this, so that nothing is gained by drawing."""
@@ -35,8 +35,8 @@ WIDER = 1.4
 """Step of the search for the narrowest mode that the peak may be."""
 
 
-def rarity(
-    seen: Narrow,
+def monte_carlo_p_value(
+    seen: NarrowBand,
     value: float,
     statistic: Callable[[np.ndarray], np.ndarray],
     half_widths: float,
@@ -48,22 +48,24 @@ def rarity(
     while drawn < DRAWS / level:
         chunk = max(FEWEST, min(drawn, MOST))
         drawn += chunk
-        draw = envelopes(half_widths, seen.snr, len(seen.envelope), chunk, rng)
+        draw = draw_envelopes(half_widths, seen.snr, len(seen.envelope), chunk, rng)
         below += int(np.count_nonzero(statistic(draw) <= value))
         if below >= ENOUGH:
             break
     return (below + 1.0) / (drawn + 1.0)
 
 
-def tone_rarity(seen: Narrow, least: float, level: float, rng: np.random.Generator) -> float:
+def tone_p_value(
+    seen: NarrowBand, least: float, level: float, rng: np.random.Generator
+) -> float:
     """Rarity of so little beside one tone among the least damped modes."""
     if seen.snr < LEAST_SNR:
         return 1.0
-    value = float(untuned(seen.envelope[None])[0])
-    return rarity(seen, value, untuned, least, level, rng)
+    value = float(residual_share(seen.envelope[None])[0])
+    return monte_carlo_p_value(seen, value, residual_share, least, level, rng)
 
 
-def noise_rarity(seen: Narrow, channels: int, searched: int) -> float:
+def noise_p_value(seen: NarrowBand, channels: int, searched: int) -> float:
     r"""Probability that noise alone stands so high in one of the bands searched.
 
     The energy of the band over the noise density has a gamma law; its weighting of the channels
@@ -74,20 +76,24 @@ def noise_rarity(seen: Narrow, channels: int, searched: int) -> float:
     return min(1.0, searched * float(gammaincc(count + channels - 1, energy / NOISE_DOUBT)))
 
 
-def steady_rarity(seen: Narrow, least: float, level: float, rng: np.random.Generator) -> float:
+def steadiness_p_value(
+    seen: NarrowBand, least: float, level: float, rng: np.random.Generator
+) -> float:
     """Rarity of such steadiness among the modes that are as wide as what is seen."""
     value = float(steadiness(seen.envelope[None])[0])
     if value > UNSTEADY or seen.snr < LEAST_SNR:
         return 1.0
     width, doubt = _narrowest(seen, least, level / 10.0, rng), level / 10.0
-    return rarity(seen, value, steadiness, width, level, rng) + doubt
+    return monte_carlo_p_value(seen, value, steadiness, width, level, rng) + doubt
 
 
-def _narrowest(seen: Narrow, least: float, doubt: float, rng: np.random.Generator) -> float:
+def _narrowest(seen: NarrowBand, least: float, doubt: float, rng: np.random.Generator) -> float:
     """Least half-bandwidth [bins] of a mode that leaves a tone so little of its power."""
-    value, width = float(untuned(seen.envelope[None])[0]), least
+    value, width = float(residual_share(seen.envelope[None])[0]), least
     while width < len(seen.envelope) / 4:
-        left = untuned(envelopes(width, seen.snr, len(seen.envelope), 4 * FEWEST, rng))
+        left = residual_share(
+            draw_envelopes(width, seen.snr, len(seen.envelope), 4 * FEWEST, rng)
+        )
         # Beyond what was drawn the upper tail of the share falls off faster than this line.
         mean, spread = float(np.mean(left)), float(np.std(left))
         reach = np.sqrt(-2.0 * np.log(doubt))

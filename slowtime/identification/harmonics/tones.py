@@ -6,7 +6,7 @@ from jaxtyping import Complex, Float
 from slowtime.identification.estimates import Measured
 from slowtime.identification.mode_shapes.criteria import normalised
 
-from .narrowband import Narrow, Spectra
+from .narrowband import NarrowBand, Spectra
 
 PADDING = 8
 """Places tried a bin, and again between two of them, `ZOOMS` times."""
@@ -48,7 +48,7 @@ def strongest_bin(spectra: Spectra, frequency_hz: float) -> int:
     return low + int(np.argmax(ratio))
 
 
-def line_frequency(seen: Narrow, spacing_hz: float) -> Measured:
+def line_frequency(seen: NarrowBand, spacing_hz: float) -> Measured:
     r"""Middle of the line, and the error of a tone in noise or how far it wanders.
 
     The coefficients of a tone at place p are :math:`\propto e^{i \pi (p - k)}
@@ -77,7 +77,7 @@ def _matched(bins: np.ndarray, offset: np.ndarray, places: np.ndarray) -> np.nda
     return np.asarray(np.abs(kernel.conj() @ bins) ** 2 / np.sum(np.abs(kernel) ** 2, axis=1))
 
 
-def line_amplitude(spectra: Spectra, seen: Narrow) -> float:
+def line_amplitude(spectra: Spectra, seen: NarrowBand) -> float:
     """Root mean square of a line, noise taken off, in the channel that moves most."""
     half = len(seen.envelope) // 2
     bins = spectra.coefficients[max(0, seen.centre - half) : seen.centre + half + 1]
@@ -92,7 +92,7 @@ def line_shape(spectra: Spectra, centre: int) -> Complex[np.ndarray, " channel"]
     return normalised(left)
 
 
-def without_lines(
+def remove_lines(
     samples: Float[np.ndarray, "time channel"],
     rate_hz: float,
     lines: tuple[Measured, ...],
@@ -112,7 +112,7 @@ def without_lines(
     --------
     >>> seconds = np.arange(3000)[:, None] / 100.0
     >>> sine = np.sin(2 * np.pi * 12.345 * seconds)
-    >>> left = without_lines(sine, 100.0, (Measured(12.345, 0.0),))
+    >>> left = remove_lines(sine, 100.0, (Measured(12.345, 0.0),))
     >>> bool(np.abs(left).max() < 1e-2)
     True
     """

@@ -31,7 +31,7 @@ class Agreement:
         return self.p_value >= DOUBT
 
 
-def judged(chi_square: float, freedom: int) -> Agreement:
+def agreement_of(chi_square: float, freedom: int) -> Agreement:
     """Agreement by a chi-square; without a degree of freedom there is nothing to disagree."""
     p = float(chdtrc(freedom, chi_square)) if freedom > 0 else 1.0
     return Agreement(float(chi_square), freedom, p)
@@ -63,7 +63,7 @@ def weighted_mean(measured: list[Measured]) -> tuple[Measured, Agreement, np.nda
     """
     values = np.array([one.value for one in measured])
     variances = np.array([one.sd**2 for one in measured])
-    agreement = judged(_chi_square(values, variances), len(values) - 1)
+    agreement = agreement_of(_chi_square(values, variances), len(values) - 1)
     if not agreement.holds:
         from scipy.optimize import brentq  # here: an edge agent that never needs it saves 16 MB
 

@@ -20,9 +20,9 @@ from jaxtyping import Complex, Float
 from slowtime.identification.estimates import Measured
 from slowtime.identification.modes import Mode
 
-from .agreement import Agreement, judged, weighted_mean
+from .agreement import Agreement, agreement_of, weighted_mean
 from .criteria import mac
-from .scaling import covariance_of, solved, turned
+from .scaling import normalise_with_errors, scale_shapes, shape_covariance
 
 NEAR = 0.03
 """Frequencies of one mode in two set-ups differ by less than this, relative, ..."""
@@ -222,7 +222,7 @@ def _damping(
     """Mean of the damping ratios that are known, and its correlation with the frequency."""
     known = [k for k, mode in enumerate(modes) if np.isfinite(mode.damping_ratio.sd)]
     if not known:
-        return Measured(np.nan, np.nan), judged(0.0, 0), float("nan")
+        return Measured(np.nan, np.nan), agreement_of(0.0, 0), float("nan")
     damping, agreement, share = weighted_mean([modes[k].damping_ratio for k in known])
     common = sum(
         weight
@@ -246,12 +246,12 @@ def _shape(
         seen[row, at] = mode.shape
         alive = (mode.shape != 0) | (mode.shape_sd > 0)
         weight[row, at] = alive / np.maximum(mode.shape_sd, LEAST_SD) ** 2
-    factors, shape = solved(seen, weight)
+    factors, shape = scale_shapes(seen, weight)
     left = float(np.sum(weight * np.abs(seen - np.outer(factors, shape)) ** 2))
     heard = weight.sum(axis=0) > 0
     unknown = int(heard.sum()) + len(chain) - 1
-    agreement = judged(2 * left, 2 * (int(np.count_nonzero(weight)) - unknown))
-    covariance = covariance_of(factors, shape, weight, heard)
+    agreement = agreement_of(2 * left, 2 * (int(np.count_nonzero(weight)) - unknown))
+    covariance = shape_covariance(factors, shape, weight, heard)
     if not agreement.holds:
         covariance = covariance * (2 * left / agreement.freedom)
-    return (*turned(shape, covariance), agreement)
+    return (*normalise_with_errors(shape, covariance), agreement)

@@ -11,7 +11,7 @@ ROUNDS = 200
 SETTLED = 1e-10
 
 
-def solved(
+def scale_shapes(
     seen: Complex[np.ndarray, "setup channel"], weight: Float[np.ndarray, "setup channel"]
 ) -> tuple[Complex[np.ndarray, " setup"], Complex[np.ndarray, " channel"]]:
     """Factors and shape, the factor of the first set-up held at 1."""
@@ -38,7 +38,7 @@ def _ratio(known: np.ndarray, seen: np.ndarray, weight: np.ndarray) -> complex:
     return complex(np.sum(weight * known.conj() * seen) / power) if power > 0 else 1.0
 
 
-def covariance_of(
+def shape_covariance(
     factors: np.ndarray, shape: np.ndarray, weight: np.ndarray, heard: Bool[np.ndarray, " c"]
 ) -> Complex[np.ndarray, "channel channel"]:
     """Of the shape, the factor of the first set-up held at 1."""
@@ -51,7 +51,7 @@ def covariance_of(
     return np.asarray(np.where(np.outer(heard, heard), found, 0.0))
 
 
-def turned(
+def normalise_with_errors(
     shape: np.ndarray, covariance: np.ndarray
 ) -> tuple[Complex[np.ndarray, " channel"], Float[np.ndarray, " channel"]]:
     """Shape of unit norm, largest component real and positive, and its errors as turned."""

@@ -9,10 +9,10 @@ from slowtime.identification.modes import Mode
 from slowtime.identification.subspace.bands import Band
 from slowtime.identification.subspace.correlations import block_products
 
-from .band_solution import Models, modes_of, strongest
-from .forgetting import Fading, Raster
+from .band_solution import ModelSizes, solve_band, strongest_directions
+from .forgetting import FadingCoefficients, FrequencyGrid
 from .frames import Frame
-from .product_sums import Stretch, Sums
+from .product_sums import ProductSum, ProductSums
 
 LEARNT = 150
 """Instants of the slow series after which directions are chosen."""
@@ -50,8 +50,8 @@ class BandState:
     into: Complex[np.ndarray, "channel direction"] | None = None
     waiting: tuple[Earlier, ...] = ()
     recent: Earlier | None = None
-    sums: Sums = dataclasses.field(default_factory=Sums)
-    fading: Fading | None = None
+    sums: ProductSums = dataclasses.field(default_factory=ProductSums)
+    fading: FadingCoefficients | None = None
     modes: tuple[Mode, ...] = ()
     age: int = 0
 
@@ -61,8 +61,8 @@ class BandStep:
     """How one band takes in its frames."""
 
     band: Band
-    raster: Raster
-    models: Models
+    raster: FrequencyGrid
+    models: ModelSizes
     memory_s: float | None
     every: int
     """Frames after which models are solved anew."""
@@ -117,14 +117,14 @@ class BandStep:
         if state.fading.weight == 0:
             return ()
         seen = self.raster.seen(state.fading, state.into)
-        return modes_of(correlations, seen, self.band, self.models)
+        return solve_band(correlations, seen, self.band, self.models)
 
     def _learning(self, state: BandState, slow: Slow, end_s: float) -> BandState:
         recent = slow if state.recent is None else np.concatenate([state.recent, slow])
         seen = (*state.waiting, recent)
         if sum(map(len, seen)) < LEARNT:
             return dataclasses.replace(state, recent=recent)
-        into = strongest(np.concatenate(seen), self.models.most_directions)
+        into = strongest_directions(np.concatenate(seen), self.models.most_directions)
         fading = self.raster.start(*into.shape)
         state = dataclasses.replace(state, into=into, fading=fading, waiting=())
         for series in seen:
@@ -154,5 +154,5 @@ class BandStep:
         if ready <= 0:
             return state
         made = block_products(series, series, lags=self.models.lags, length=ready)[0]
-        sums = state.sums.added(Stretch(made, float(ready), end_s), self.memory_s)
+        sums = state.sums.added(ProductSum(made, float(ready), end_s), self.memory_s)
         return dataclasses.replace(state, sums=sums, recent=series[ready:])

@@ -14,11 +14,11 @@ from slowtime.identification.mode_shapes.criteria import normalised
 from slowtime.identification.modes import Mode
 from slowtime.identification.subspace.bands import Band
 from slowtime.identification.subspace.correlations import Correlations
-from slowtime.identification.subspace.ssi import Poles, identify
-from slowtime.identification.subspace.stabilisation import Candidate, candidates
+from slowtime.identification.subspace.ssi import Poles, identify_poles
+from slowtime.identification.subspace.stabilisation import StablePole, find_stable_poles
 
-from .mode_fit import is_same, likeliest
-from .window_data import Seen
+from .mode_fit import fit_band_modes, is_same
+from .window_data import FadingSpectra
 
 STEADY = 5e-4
 """A pole whose damping is below this with 95 % probability is a machine's."""
@@ -31,7 +31,7 @@ SHARED = 0.05
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class Models:
+class ModelSizes:
     """Block rows, highest order and combinations of channels of the subspace models."""
 
     rows: int
@@ -44,7 +44,7 @@ class Models:
         return 2 * self.rows
 
 
-def strongest(
+def strongest_directions(
     series: Complex[np.ndarray, "instant channel"], most: int
 ) -> Complex[np.ndarray, "channel direction"]:
     """Choose combinations of channels of like power; nothing of those that are silent."""
@@ -56,11 +56,11 @@ def strongest(
     return np.asarray(inverse[:, None] * turned[:number].conj().T)
 
 
-def modes_of(
-    correlations: Correlations, seen: Seen, band: Band, models: Models
+def solve_band(
+    correlations: Correlations, seen: FadingSpectra, band: Band, models: ModelSizes
 ) -> tuple[Mode, ...]:
     """Modes in and about the core of a band, ascending in frequency."""
-    poles = identify(
+    poles = identify_poles(
         correlations,
         block_rows=models.rows,
         orders=range(1, models.order + 1),
@@ -75,14 +75,14 @@ def modes_of(
     inside = [candidate for candidate in found if first < candidate.frequency_hz < last]
     below = [candidate for candidate in found if candidate.frequency_hz <= first]
     above = [candidate for candidate in found if candidate.frequency_hz >= last]
-    modes.extend(likeliest(seen, inside, [*below[-1:], *above[:1]]))
+    modes.extend(fit_band_modes(seen, inside, [*below[-1:], *above[:1]]))
     low, high = band.low_hz * (1 - SHARED), band.high_hz * (1 + SHARED)
     return tuple(mode for mode in modes if low < mode.frequency_hz.value < high)
 
 
 def _told_apart(
     poles: Poles, edges_hz: tuple[float, float]
-) -> tuple[list[Candidate], list[Candidate]]:
+) -> tuple[list[StablePole], list[StablePole]]:
     """Lines of machines, and the other candidates.
 
     A line has no damping: half of its estimates are below zero, where no candidate is looked
@@ -102,14 +102,14 @@ def _told_apart(
             frequency_sd_hz=float(sd_f[candidate.index]),
             damping_sd=float(sd_z[candidate.index]),
         )
-        for candidate in candidates(looked_at, low_hz=edges_hz[0], high_hz=edges_hz[1])
+        for candidate in find_stable_poles(looked_at, low_hz=edges_hz[0], high_hz=edges_hz[1])
     ]
     lines = [candidate for candidate in found if _is_steady(candidate)]
     others = [c for c in found if c.damping_ratio > 0 and not _is_steady(c)]
     return lines, others
 
 
-def joined(bands: list[tuple[Band, tuple[Mode, ...]]]) -> tuple[Mode, ...]:
+def join_bands(bands: list[tuple[Band, tuple[Mode, ...]]]) -> tuple[Mode, ...]:
     """Modes of all bands, ascending; of two that are one, the one that is further inside."""
     found = [(_inside(band, mode), mode) for band, modes in bands for mode in modes]
     kept: list[Mode] = []
@@ -125,11 +125,11 @@ def _inside(band: Band, mode: Mode) -> float:
     return float(np.log(min(frequency / band.low_hz, band.high_hz / frequency)))
 
 
-def _is_steady(candidate: Candidate) -> bool:
+def _is_steady(candidate: StablePole) -> bool:
     return candidate.damping_ratio + 1.64 * candidate.damping_sd < STEADY
 
 
-def _line(line: Candidate, seen: Seen) -> Mode:
+def _line(line: StablePole, seen: FadingSpectra) -> Mode:
     """Line of a machine, as the subspace models have it: it is narrower than the ordinates."""
     at = int(np.argmin(np.abs(seen.frequency_hz - line.frequency_hz)))
     shared = seen.cross[at] @ line.shape

@@ -15,7 +15,7 @@ from jaxtyping import Complex, Float
 from slowtime.identification.spectral_likelihood.likelihood import BandFit
 from slowtime.identification.spectral_likelihood.model import BandModel
 
-from .window_data import FEWEST_ORDINATES, Case, Seen
+from .window_data import FEWEST_ORDINATES, FadingSpectra, FadingWindow
 
 REACH = 12.0
 """Ordinates within so many half-bandwidths of a mode tell of its shape."""
@@ -23,10 +23,12 @@ REACH = 12.0
 LEAST = 1e-4
 """Share of the median below which a density is not believed."""
 
-Shown = tuple[Complex[np.ndarray, " channel"], Float[np.ndarray, " channel"]]
+ShapeWithErrors = tuple[Complex[np.ndarray, " channel"], Float[np.ndarray, " channel"]]
 
 
-def in_channels(seen: Seen, case: Case, best: BandFit) -> list[Shown]:
+def expand_to_channels(
+    seen: FadingSpectra, case: FadingWindow, best: BandFit
+) -> list[ShapeWithErrors]:
     """Shape of unit norm over all channels, and its standard deviations, of each mode."""
     model = best.model
     omega = (2 * np.pi * seen.frequency_hz[case.inside] - case.middle) / case.unit
@@ -81,7 +83,7 @@ def _explained(
 
 def _shown(
     shape: np.ndarray, regression: np.ndarray, covariance: np.ndarray, own: np.ndarray
-) -> Shown:
+) -> ShapeWithErrors:
     """Of unit norm; what only lengthens or turns a shape is no error of it."""
     length = float(np.linalg.norm(shape))
     unit = shape / length

@@ -17,7 +17,7 @@ import scipy.fft as fft
 from jaxtyping import Complex, Float
 
 from .frames import Frame
-from .window_data import Seen
+from .window_data import FadingSpectra
 
 RESOLVED = 1e-3
 """Damping ratio that the window adds to every mode, and takes away again: a, over the middle
@@ -34,7 +34,7 @@ SEEN = 0.95
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Fading:
+class FadingCoefficients:
     """What is kept: coefficients, sums of their products, and how much went into these.
 
     Products are those of each channel with each direction, and with itself (`powers`).
@@ -50,7 +50,7 @@ class Fading:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Raster:
+class FrequencyGrid:
     """Ordinates of one band, and how they are stepped by one frame."""
 
     frame: Frame
@@ -71,24 +71,24 @@ class Raster:
         """Of the ordinates, ascending [Hz]."""
         return _table(self).frequency_hz
 
-    def start(self, channels: int, directions: int) -> Fading:
+    def start(self, channels: int, directions: int) -> FadingCoefficients:
         """Nothing seen yet."""
         shape = (len(self.frequency_hz), channels)
         products = np.zeros((*shape, directions), complex)
-        return Fading(np.zeros(shape, complex), products, np.zeros(shape))
+        return FadingCoefficients(np.zeros(shape, complex), products, np.zeros(shape))
 
-    def after_gap(self, fading: Fading) -> Fading:
+    def after_gap(self, fading: FadingCoefficients) -> FadingCoefficients:
         """Coefficients begin anew; sums stay."""
         rest = np.zeros_like(fading.coefficients)
         return dataclasses.replace(fading, coefficients=rest, warm_s=0.0)
 
     def step(
         self,
-        fading: Fading,
+        fading: FadingCoefficients,
         slow: Complex[np.ndarray, "instant channel"],
         into: Complex[np.ndarray, "channel direction"],
         memory_s: float | None,
-    ) -> Fading:
+    ) -> FadingCoefficients:
         """Take in the instants of one frame; `into` makes directions of channels."""
         table, count = _table(self), len(slow)
         passed = count / self.frame.rate_hz
@@ -102,7 +102,7 @@ class Raster:
             return dataclasses.replace(fading, coefficients=coefficients, warm_s=warm_s)
         kept = 1.0 if memory_s is None else float(np.exp(-passed / memory_s))
         outer = coefficients[:, :, None] * (coefficients @ into).conj()[:, None, :]
-        return Fading(
+        return FadingCoefficients(
             coefficients,
             kept * fading.products + passed * outer,
             kept * fading.powers + passed * np.abs(coefficients) ** 2,
@@ -111,12 +111,14 @@ class Raster:
             warm_s,
         )
 
-    def seen(self, fading: Fading, into: Complex[np.ndarray, "channel direction"]) -> Seen:
+    def seen(
+        self, fading: FadingCoefficients, into: Complex[np.ndarray, "channel direction"]
+    ) -> FadingSpectra:
         """Mean spectral matrices, up to a factor."""
         seconds = self.frame.hop_s * fading.weight**2 / fading.squares
         gain = fading.weight * self.frame.band.gain(self.frequency_hz) ** 2
         cross = fading.products / gain[:, None, None]
-        return Seen(
+        return FadingSpectra(
             frequency_hz=self.frequency_hz,
             density=into.T @ cross,
             cross=cross,
@@ -136,7 +138,7 @@ class _Table:
 
 
 @functools.lru_cache(maxsize=256)
-def _table(raster: Raster) -> _Table:
+def _table(raster: FrequencyGrid) -> _Table:
     frame = raster.frame
     least = frame.rate_hz * 2 * np.pi / (SPACING * raster.decay)
     size = fft.next_fast_len(int(np.ceil(least)))

@@ -9,13 +9,13 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.identification.modes import Mode
-from slowtime.identification.subspace.bands import EDGE, Band, plan
+from slowtime.identification.subspace.bands import EDGE, Band, plan_bands
 
 from .band import BandState, BandStep
-from .band_solution import Models, joined
-from .forgetting import Raster
+from .band_solution import ModelSizes, join_bands
+from .forgetting import FrequencyGrid
 from .frames import Frame
-from .sample_buffer import Tail
+from .sample_buffer import SampleBuffer
 
 FEWEST_CYCLES = 50
 """A memory of fewer cycles of the lowest frequency holds no mode."""
@@ -37,7 +37,7 @@ class RecursiveState:
         As they are known by now, ascending in frequency.
     """
 
-    tail: Tail
+    tail: SampleBuffer
     lost: int
     bands: tuple[BandState, ...]
     modes: tuple[Mode, ...] = ()
@@ -91,7 +91,7 @@ class RecursiveModes:
 
     def start(self) -> RecursiveState:
         """Nothing seen yet."""
-        return RecursiveState(Tail(), 0, tuple(BandState() for _ in self.bands))
+        return RecursiveState(SampleBuffer(), 0, tuple(BandState() for _ in self.bands))
 
     def step(
         self,
@@ -122,7 +122,7 @@ class RecursiveModes:
     def solved(self, state: RecursiveState) -> tuple[Mode, ...]:
         """Modes as all that has been taken in says, whatever was due."""
         steps = zip(_steps(self), state.bands, strict=True)
-        return joined([(step.band, step.solved(band)) for step, band in steps])
+        return join_bands([(step.band, step.solved(band)) for step, band in steps])
 
     def _after_gap(self, state: RecursiveState, index: int) -> RecursiveState:
         lost = index - state.tail.next_index
@@ -135,7 +135,7 @@ class RecursiveModes:
             return state
         return dataclasses.replace(
             state,
-            tail=Tail(first_index=index),
+            tail=SampleBuffer(first_index=index),
             lost=state.lost + lost,
             bands=tuple(
                 step.after_gap(band, index)
@@ -158,21 +158,21 @@ class RecursiveModes:
             bands.append(band)
         modes = state.modes
         if solved:
-            modes = joined([(b, s.modes) for b, s in zip(self.bands, bands, strict=True)])
+            modes = join_bands([(b, s.modes) for b, s in zip(self.bands, bands, strict=True)])
         needed = min(band.next_frame for band in bands)
         return RecursiveState(tail.from_index(needed), state.lost, tuple(bands), modes)
 
 
 @functools.lru_cache(maxsize=64)
 def _steps(settings: RecursiveModes) -> tuple[BandStep, ...]:
-    models = Models(
+    models = ModelSizes(
         rows=settings.rows, order=settings.order, most_directions=settings.most_directions
     )
     steps = []
-    for band in plan(*settings.band_hz, settings.rate_hz, resolution_hz=0.0):
+    for band in plan_bands(*settings.band_hz, settings.rate_hz, resolution_hz=0.0):
         frame = Frame.of(band, settings.rate_hz)
         every = max(1, math.ceil(settings.every_s / frame.hop_s))
-        steps.append(BandStep(band, Raster(frame), models, settings.memory_s, every))
+        steps.append(BandStep(band, FrequencyGrid(frame), models, settings.memory_s, every))
     return tuple(steps)
 
 

@@ -22,9 +22,9 @@ from slowtime.identification.mode_shapes.criteria import mac, normalised
 from slowtime.identification.modes import Mode
 from slowtime.identification.spectral_likelihood.likelihood import (
     BandFit,
-    fit,
-    log_likelihood,
-    started,
+    band_log_likelihood,
+    fit_band_model,
+    initial_model,
 )
 from slowtime.identification.spectral_likelihood.mode_selection import (
     CLEAR,
@@ -34,10 +34,16 @@ from slowtime.identification.spectral_likelihood.mode_selection import (
 )
 from slowtime.identification.spectral_likelihood.model import BandModel
 from slowtime.identification.spectral_likelihood.windows import WIDEST
-from slowtime.identification.subspace.stabilisation import Candidate
+from slowtime.identification.subspace.stabilisation import StablePole
 
-from .channel_shapes import Shown, in_channels
-from .window_data import Case, Seen, Start, case_of, groups
+from .channel_shapes import ShapeWithErrors, expand_to_channels
+from .window_data import (
+    FadingSpectra,
+    FadingWindow,
+    StartMode,
+    group_start_modes,
+    prepare_fading_window,
+)
 
 CLOSE = 12.0
 """Candidates within so many half-bandwidths of each other share a window."""
@@ -54,36 +60,42 @@ class _Sharp:
     `channels` is what the channels show, with standard deviations.
     """
 
-    start: Start
+    start: StartMode
     pole: complex
     covariance: np.ndarray
     shape: np.ndarray
-    channels: Shown
+    channels: ShapeWithErrors
     prominence: float
     crowded: bool
 
 
-def likeliest(seen: Seen, found: list[Candidate], beside: list[Candidate]) -> tuple[Mode, ...]:
+def fit_band_modes(
+    seen: FadingSpectra, found: list[StablePole], beside: list[StablePole]
+) -> tuple[Mode, ...]:
     """Modes among the candidates, whose shapes are in directions, ascending in frequency.
 
     Those beside the ordinates are held where they are: they send their skirts in.
     """
-    starts = [Start(candidate.pole, candidate.shape, candidate) for candidate in found]
+    starts = [StartMode(candidate.pole, candidate.shape, candidate) for candidate in found]
     chosen = _in_windows(seen, starts, [], SELECTING, CLOSE)
-    again = [Start(sharp.pole, sharp.shape, sharp.start.candidate) for sharp in chosen]
-    held = [Start(candidate.pole, candidate.shape, candidate) for candidate in beside]
+    again = [StartMode(sharp.pole, sharp.shape, sharp.start.candidate) for sharp in chosen]
+    held = [StartMode(candidate.pole, candidate.shape, candidate) for candidate in beside]
     return tuple(_mode(sharp) for sharp in _in_windows(seen, again, held, SHARPENING, np.inf))
 
 
 def _in_windows(
-    seen: Seen, starts: list[Start], held: list[Start], reach: float, close: float
+    seen: FadingSpectra,
+    starts: list[StartMode],
+    held: list[StartMode],
+    reach: float,
+    close: float,
 ) -> list[_Sharp]:
     order = sorted(starts, key=lambda start: start.pole.imag)
     sharp = []
-    for group in groups(order, close):
-        case = case_of(seen, order, group, held, reach)
+    for group in group_start_modes(order, close):
+        case = prepare_fading_window(seen, order, group, held, reach)
         left, best = _needed(case)
-        shown = in_channels(seen, case, best)
+        shown = expand_to_channels(seen, case, best)
         crowded = _is_crowded(order, group)
         sharp += [
             _sharp(seen, case, best, shown[k], k, order[group[i]], crowded)
@@ -92,7 +104,7 @@ def _in_windows(
     return _distinct([one for one in sharp if _is_mode(one)])
 
 
-def _is_crowded(order: list[Start], group: list[int]) -> bool:
+def _is_crowded(order: list[StartMode], group: list[int]) -> bool:
     """Whether a neighbour too close to be left out is in another window."""
     for inner, outer in ((group[0], group[0] - 1), (group[-1], group[-1] + 1)):
         if 0 <= outer < len(order):
@@ -102,33 +114,35 @@ def _is_crowded(order: list[Start], group: list[int]) -> bool:
     return False
 
 
-def _needed(case: Case) -> tuple[list[int], BandFit]:
+def _needed(case: FadingWindow) -> tuple[list[int], BandFit]:
     """Fit all modes of a window, dropping one after the other what it can do without."""
     left = list(range(len(case.poles) - case.held))
-    best = fit(case.data, started(case.data, case.poles, case.shapes, case.held))
+    best = fit_band_model(
+        case.data, initial_model(case.data, case.poles, case.shapes, case.held)
+    )
     while left:
         rests = [_without(case, best, k) for k in range(len(left))]
         losses = [
-            best.log_likelihood - log_likelihood(case.data, rest.predicted(case.data))
+            best.log_likelihood - band_log_likelihood(case.data, rest.predicted(case.data))
             for rest in rests
         ]
         worst = int(np.argmin(losses))
         if losses[worst] >= WORTH * case.price:
             break
         left.pop(worst)
-        best = fit(case.data, rests[worst])
+        best = fit_band_model(case.data, rests[worst])
     return left, best
 
 
-def _without(case: Case, whole: BandFit, mode: int) -> BandModel:
+def _without(case: FadingWindow, whole: BandFit, mode: int) -> BandModel:
     """Model without a mode, refitted as far as it takes to see whether the mode is needed."""
     rest = whole.model.without(mode)
-    rest = started(case.data, rest.pole, rest.shape, rest.held)
-    loss = whole.log_likelihood - log_likelihood(case.data, rest.predicted(case.data))
-    return rest if loss > CLEAR * case.price else fit(case.data, rest).model
+    rest = initial_model(case.data, rest.pole, rest.shape, rest.held)
+    loss = whole.log_likelihood - band_log_likelihood(case.data, rest.predicted(case.data))
+    return rest if loss > CLEAR * case.price else fit_band_model(case.data, rest).model
 
 
-def _misfit(case: Case, model: BandModel, k: int) -> float:
+def _misfit(case: FadingWindow, model: BandModel, k: int) -> float:
     r"""How much further than it should the data is from a model near a mode, at least 1 [1].
 
     Root of the mean, over the ordinates that show the mode, each of which is worth n, of
@@ -153,12 +167,12 @@ def _misfit(case: Case, model: BandModel, k: int) -> float:
 
 
 def _sharp(
-    seen: Seen,
-    case: Case,
+    seen: FadingSpectra,
+    case: FadingWindow,
     best: BandFit,
-    shown: Shown,
+    shown: ShapeWithErrors,
     k: int,
-    start: Start,
+    start: StartMode,
     crowded: bool,
 ) -> _Sharp:
     wider = _misfit(case, best.model, k)

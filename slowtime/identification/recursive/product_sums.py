@@ -10,7 +10,11 @@ import dataclasses
 import numpy as np
 from jaxtyping import Complex
 
-from slowtime.identification.subspace.correlations import BLOCKS_PER_DRAW, Correlations, combine
+from slowtime.identification.subspace.correlations import (
+    BLOCKS_PER_DRAW,
+    Correlations,
+    combine_products,
+)
 
 MOST = 32
 FEWEST = 16
@@ -23,28 +27,28 @@ Products = Complex[np.ndarray, "lag direction direction"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Stretch:
+class ProductSum:
     """Sum of products, of how many pairs, and when the last of them came [s]."""
 
     products: Products
     pairs: float
     end_s: float
 
-    def __add__(self, later: "Stretch") -> "Stretch":
+    def __add__(self, later: "ProductSum") -> "ProductSum":
         """Both as one."""
-        return Stretch(self.products + later.products, self.pairs + later.pairs, later.end_s)
+        return ProductSum(self.products + later.products, self.pairs + later.pairs, later.end_s)
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Sums:
+class ProductSums:
     """Stretches of `length` additions each, and one that is still growing."""
 
-    whole: tuple[Stretch, ...] = ()
-    growing: Stretch | None = None
+    whole: tuple[ProductSum, ...] = ()
+    growing: ProductSum | None = None
     additions: int = 0
     length: int = 1
 
-    def added(self, more: Stretch, memory_s: float | None) -> "Sums":
+    def added(self, more: ProductSum, memory_s: float | None) -> "ProductSums":
         """Take in what came last; drop what has faded, join where there are too many."""
         growing = more if self.growing is None else self.growing + more
         if self.additions + 1 < self.length:
@@ -56,9 +60,9 @@ class Sums:
             oldest = more.end_s - FADED * memory_s
             whole = tuple(stretch for stretch in whole if stretch.end_s >= oldest)
         if len(whole) < MOST:
-            return Sums(whole, length=self.length)
+            return ProductSums(whole, length=self.length)
         joined = (a + b for a, b in zip(whole[::2], whole[1::2], strict=True))
-        return Sums(tuple(joined), length=2 * self.length)
+        return ProductSums(tuple(joined), length=2 * self.length)
 
     def correlations(
         self, *, rate_hz: float, centre_hz: float, memory_s: float | None
@@ -73,7 +77,7 @@ class Sums:
         )
         pairs = weight * np.array([stretch.pairs for stretch in stretches])
         products = np.stack([stretch.products for stretch in stretches]).astype(complex)
-        found = combine(
+        found = combine_products(
             products * weight[:, None, None, None],
             np.repeat(pairs[:, None], products.shape[1], axis=1),
             rate_hz=rate_hz,

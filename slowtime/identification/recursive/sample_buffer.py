@@ -13,7 +13,7 @@ Piece = Float[np.ndarray, "_ channel"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Tail:
+class SampleBuffer:
     """Samples from `first_index` on, in pieces: a long tail is not copied for each block."""
 
     first_index: int = 0
@@ -24,7 +24,7 @@ class Tail:
         """Index of the sample after the last one."""
         return self.first_index + sum(len(piece) for piece in self.pieces)
 
-    def extended(self, rows: Rows) -> "Tail":
+    def extended(self, rows: Rows) -> "SampleBuffer":
         """Tail with more rows, which are copied: a sensor may use its buffer again."""
         if self.pieces and rows.shape[1] != self.pieces[-1].shape[1]:
             raise ValueError(
@@ -34,7 +34,7 @@ class Tail:
         before, last = self.pieces, np.array(rows, dtype=float)
         if before and len(before[-1]) + len(last) <= PIECE:
             before, last = before[:-1], np.concatenate([before[-1], last])
-        return Tail(self.first_index, (*before, last))
+        return SampleBuffer(self.first_index, (*before, last))
 
     def rows(self, first: int, count: int) -> Rows:
         """So many rows from an index on."""
@@ -47,12 +47,12 @@ class Tail:
                 break
         return np.concatenate(parts[::-1])
 
-    def from_index(self, index: int) -> "Tail":
-        """Tail without what lies before an index, as far as it is worth the copying."""
+    def from_index(self, index: int) -> "SampleBuffer":
+        """Buffer without what lies before an index, as far as it is worth the copying."""
         first, kept = self.first_index, list(self.pieces)
         while kept and first + len(kept[0]) <= index:
             first += len(kept.pop(0))
         if kept and index - first > len(kept[0]) // 2:
             kept[0] = kept[0][index - first :].copy()
             first = index
-        return Tail(first, tuple(kept))
+        return SampleBuffer(first, tuple(kept))

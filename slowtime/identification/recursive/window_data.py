@@ -7,7 +7,7 @@ from jaxtyping import Bool, Complex, Float
 
 from slowtime.identification.spectral_likelihood.model import BandData
 from slowtime.identification.spectral_likelihood.windows import WIDEST
-from slowtime.identification.subspace.stabilisation import Candidate
+from slowtime.identification.subspace.stabilisation import StablePole
 
 FEWEST_ORDINATES = 30
 MOST_TOGETHER = 5
@@ -28,7 +28,7 @@ QUIET = 1e-3
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Seen:
+class FadingSpectra:
     """Spectral matrices of a band, and how they were seen.
 
     Parameters
@@ -57,7 +57,7 @@ class Seen:
     decay: float
     spared: Bool[np.ndarray, " ordinate"]
 
-    def without_line(self, frequency_hz: float) -> "Seen":
+    def without_line(self, frequency_hz: float) -> "FadingSpectra":
         """Take out a steady line, which the window shows with skirts that are known.
 
         What is left of its core is spared.
@@ -81,16 +81,16 @@ class Seen:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Start:
+class StartMode:
     """Where a mode is thought to be, and what began it."""
 
     pole: complex
     shape: Complex[np.ndarray, " direction"]
-    candidate: Candidate
+    candidate: StablePole
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Case:
+class FadingWindow:
     """One window made ready: scaled data and where poles and shapes are thought to be.
 
     The last `held` modes are beside the window, and stay where they are.
@@ -111,7 +111,7 @@ class Case:
         return float(2.0 * len(self.shapes) * np.log(max(self.data.number.sum(), 2.0)))
 
 
-def groups(order: list[Start], close: float) -> list[list[int]]:
+def group_start_modes(order: list[StartMode], close: float) -> list[list[int]]:
     """Neighbours that share a window, split at the widest gap where they are too many."""
     poles = [start.pole for start in order]
     groups: list[list[int]] = []
@@ -132,9 +132,13 @@ def _split(group: list[int], poles: list[complex]) -> list[list[int]]:
     return _split(group[:at], poles) + _split(group[at:], poles)
 
 
-def case_of(
-    seen: Seen, order: list[Start], members: list[int], held: list[Start], wide: float
-) -> Case:
+def prepare_fading_window(
+    seen: FadingSpectra,
+    order: list[StartMode],
+    members: list[int],
+    held: list[StartMode],
+    wide: float,
+) -> FadingWindow:
     """Window that reaches `wide` half-bandwidths beyond its members, in few directions."""
     omega = 2 * np.pi * seen.frequency_hz
     poles = np.array([order[k].pole for k in members]) - seen.decay
@@ -158,7 +162,7 @@ def case_of(
     shapes = np.column_stack([shapes, *(start.shape for start in held)])
     start = directions.conj().T @ shapes
     start = start / np.maximum(np.linalg.norm(start, axis=0), 1e-9)
-    return Case(data, scaled, start, unit, middle, directions, inside, len(held))
+    return FadingWindow(data, scaled, start, unit, middle, directions, inside, len(held))
 
 
 def _directions(density: np.ndarray, shapes: np.ndarray) -> np.ndarray:

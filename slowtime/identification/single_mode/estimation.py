@@ -10,14 +10,22 @@ from jaxtyping import Float
 from slowtime.identification import checks
 from slowtime.identification.ambient.estimation import fit_ambient, fit_ambient_steady
 from slowtime.identification.detection.channel_combination import modal_series
-from slowtime.identification.detection.mode_isolation import Isolated, isolate
+from slowtime.identification.detection.mode_isolation import IsolatedSeries, isolate_mode
 from slowtime.identification.detection.record_decimation import LONG, LongRecord
-from slowtime.identification.detection.resonance_peaks import Candidate, candidates, leading
+from slowtime.identification.detection.resonance_peaks import (
+    PeakCandidate,
+    detect_peaks,
+    without_companions,
+)
 from slowtime.identification.estimates import Identified, Measured
 from slowtime.identification.free_decay.decay_test import is_random
-from slowtime.identification.free_decay.estimation import FRONT_SHARE, MOST_MODES, fit_blow
-from slowtime.identification.free_decay.segments import best_stretch
-from slowtime.identification.harmonics.detection import LEAST_DAMPING, judge
+from slowtime.identification.free_decay.estimation import (
+    FRONT_SHARE,
+    MOST_MODES,
+    fit_impact_decay,
+)
+from slowtime.identification.free_decay.segments import best_segment
+from slowtime.identification.harmonics.detection import LEAST_DAMPING, classify_peaks
 from slowtime.signals.spectra import detrended
 
 from .excitation import excitation
@@ -90,10 +98,12 @@ def first_mode(
         # Something else that happened in the record shows in the residual; stretches can tell.
         if struck is not None and "coloured_residual" not in struck.flags:
             return struck
-    found = leading(candidates(columns, rate_hz, low, high), len(columns) / rate_hz)
+    found = without_companions(
+        detect_peaks(columns, rate_hz, low, high), len(columns) / rate_hz
+    )
     for candidate in _in_order(found, expected_hz):
         mode = _mode(record, candidate, method)
-        found_out = verdict(mode)
+        found_out = classify_fit(mode)
         if found_out == "mode":
             return _decaying(_with_force(mode, record))
         if found_out == "unclear":
@@ -114,16 +124,18 @@ def all_modes(
     low, high = checks.band(band_hz, rate_hz, len(columns))
     modes: list[Identified] = []
     record = LongRecord(columns, rate_hz)
-    for candidate in leading(candidates(columns, rate_hz, low, high), len(columns) / rate_hz):
+    for candidate in without_companions(
+        detect_peaks(columns, rate_hz, low, high), len(columns) / rate_hz
+    ):
         mode = _mode(record, candidate, method)
-        if verdict(mode) == "mode":
+        if classify_fit(mode) == "mode":
             modes.append(_decaying(mode))
         if len(modes) == most:
             break
     return tuple(sorted(modes, key=lambda mode: mode.frequency_hz.value))
 
 
-def _mode(record: LongRecord, candidate: Candidate, method: Method) -> Identified:
+def _mode(record: LongRecord, candidate: PeakCandidate, method: Method) -> Identified:
     """Mode behind a candidate, at the rate that it needs; flagged if a machine put it there."""
     slower, own = record.about(candidate)
     mode = identify_candidate(slower.samples, slower.rate_hz, own, method)
@@ -138,7 +150,7 @@ def _begun(mode: Identified, start_s: float) -> Identified:
     return dataclasses.replace(mode, span_s=(begin + start_s, end + start_s))
 
 
-def verdict(mode: Identified) -> Literal["mode", "no mode", "unclear"]:
+def classify_fit(mode: Identified) -> Literal["mode", "no mode", "unclear"]:
     """Whether a fit is a mode of vibration, a bump or a line, or something it cannot tell.
 
     Where a significant peak stays unclear, as across a jump or a burst, a higher mode must
@@ -164,7 +176,7 @@ def verdict(mode: Identified) -> Literal["mode", "no mode", "unclear"]:
 def identify_candidate(
     columns: Float[np.ndarray, "time channel"],
     rate_hz: float,
-    candidate: Candidate,
+    candidate: PeakCandidate,
     method: Method = "auto",
 ) -> Identified:
     """Mode behind one candidate, by the asked method or the one that the record calls for."""
@@ -173,10 +185,10 @@ def identify_candidate(
     if method == "ambient":
         return fit_ambient(columns, rate_hz, candidate)
     series = modal_series(columns, rate_hz, candidate)
-    part = isolate(series, rate_hz, candidate)
+    part = isolate_mode(series, rate_hz, candidate)
     doubtful: Identified | None = None
     if method == "free_decay" or not is_random(part, candidate):
-        best = best_stretch(part, candidate)
+        best = best_segment(part, candidate)
         coloured = "coloured_residual" in best.identified.flags
         if method == "free_decay" or best.explained >= (CLEARLY if coloured else EXPLAINED):
             doubtful = _flag_line(best.identified)
@@ -188,7 +200,7 @@ def identify_candidate(
                 return doubtful
     steady = fit_ambient_steady(columns, rate_hz, candidate)
     is_burst = _is_burst(_in_band(series, rate_hz, part))
-    if doubtful is not None and (is_burst or verdict(steady) != "mode"):
+    if doubtful is not None and (is_burst or classify_fit(steady) != "mode"):
         return doubtful
     if is_burst:
         steady = dataclasses.replace(steady, flags=(*steady.flags, "not_stationary"))
@@ -210,18 +222,18 @@ def _after_a_blow(record: LongRecord, low: float, high: float) -> Identified | N
     if not _is_struck(columns):
         return None
     # No taper: it would hide the beginning, which is where the decay is.
-    peaks = candidates(columns, rate_hz, low, high, taper="boxcar")
-    found = leading(peaks, len(columns) / rate_hz)
+    peaks = detect_peaks(columns, rate_hz, low, high, taper="boxcar")
+    found = without_companions(peaks, len(columns) / rate_hz)
     if not found:
         return None
     slower = record.at_rate_for(max(one.frequency_hz for one in found[:MOST_MODES]), BEGINNING)
     if not _is_struck(slower.samples):
         return None
-    blow = fit_blow(slower.samples[:LONG], slower.rate_hz, found)
+    blow = fit_impact_decay(slower.samples[:LONG], slower.rate_hz, found)
     if blow is None or blow.explained < EXPLAINED:
         return None
     mode = _begun(blow.identified, slower.start_s)
-    return mode if verdict(mode) == "mode" else None
+    return mode if classify_fit(mode) == "mode" else None
 
 
 def _is_struck(columns: Float[np.ndarray, "time channel"]) -> bool:
@@ -232,8 +244,8 @@ def _is_struck(columns: Float[np.ndarray, "time channel"]) -> bool:
 
 
 def _in_order(
-    found: list[Candidate], expected_hz: tuple[float, float] | None
-) -> list[Candidate]:
+    found: list[PeakCandidate], expected_hz: tuple[float, float] | None
+) -> list[PeakCandidate]:
     """From the lowest up, but the one closest to the expected frequency first."""
     if expected_hz is None:
         return found
@@ -273,11 +285,11 @@ def _flag_machine(
     """
     damping, duration = mode.damping_ratio, len(columns) / rate_hz
     falls = mode.method == "free_decay" and damping.value > 4 * damping.sd
-    if verdict(mode) != "mode" or falls or damping.value - 2 * damping.sd > LEAST_DAMPING:
+    if classify_fit(mode) != "mode" or falls or damping.value - 2 * damping.sd > LEAST_DAMPING:
         return mode
     if not 4 / duration < mode.frequency_hz.value < rate_hz / 2 - 4 / duration:
         return mode
-    told = judge(columns, rate_hz, np.array([mode.frequency_hz.value]))[0]
+    told = classify_peaks(columns, rate_hz, np.array([mode.frequency_hz.value]))[0]
     if told.kind == "structural":
         return mode
     return dataclasses.replace(mode, flags=(*mode.flags, "line"))
@@ -293,7 +305,7 @@ def _with_force(mode: Identified, record: LongRecord) -> Identified:
 
 
 def _in_band(
-    series: Float[np.ndarray, " time"], rate_hz: float, part: Isolated
+    series: Float[np.ndarray, " time"], rate_hz: float, part: IsolatedSeries
 ) -> Float[np.ndarray, " _"]:
     """Part of a series that lies in a band, from its first sample to its last."""
     if part.shift_hz:

@@ -8,9 +8,9 @@ from jaxtyping import Float
 from slowtime.identification import checks
 from slowtime.identification.estimates import Identified, Measured
 from slowtime.identification.free_decay.estimation import FRONT_SHARE
-from slowtime.identification.harmonics.detection import LEAST_DAMPING, Verdict, find_harmonics
-from slowtime.identification.harmonics.families import Family
-from slowtime.identification.harmonics.tones import without_lines
+from slowtime.identification.harmonics.detection import LEAST_DAMPING, PeakClass, find_harmonics
+from slowtime.identification.harmonics.families import HarmonicFamily
+from slowtime.identification.harmonics.tones import remove_lines
 
 from .estimation import Method, all_modes
 
@@ -30,21 +30,21 @@ LINE = "harmonic"
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Told:
+class ModesAndLines:
     """Modes, ascending; lines of machines; and the speeds that these are multiples of."""
 
     modes: tuple[Identified, ...]
     lines: tuple[Identified, ...]
-    families: tuple[Family, ...]
+    families: tuple[HarmonicFamily, ...]
 
 
-def modes_beside_lines(
+def modes_and_machine_lines(
     samples: Float[np.ndarray, "time channel"] | Float[np.ndarray, " time"],
     rate_hz: float,
     *,
     band_hz: tuple[float, float] | None = None,
     method: Method = "auto",
-) -> Told:
+) -> ModesAndLines:
     """Separate modes as `all_modes` gives them, in what lines of machines leave of a record.
 
     A record that begins with a blow is left as it is: its decays are no lines, however slow.
@@ -56,11 +56,13 @@ def modes_beside_lines(
     """
     columns = checks.series(samples, rate_hz)
     if _struck(columns):
-        return Told(all_modes(columns, rate_hz, band_hz=band_hz, method=method), (), ())
+        return ModesAndLines(
+            all_modes(columns, rate_hz, band_hz=band_hz, method=method), (), ()
+        )
     everywhere, families = find_harmonics(columns, rate_hz)
     low, high = checks.band(band_hz, rate_hz, len(columns))
     tones = tuple(line.frequency_hz for line in everywhere)
-    cleaned = without_lines(columns, rate_hz, tones) if tones else columns
+    cleaned = remove_lines(columns, rate_hz, tones) if tones else columns
     duration = len(columns) / rate_hz
     modes: list[Identified] = []
     lines = [_line(v, duration) for v in everywhere if low <= v.frequency_hz.value <= high]
@@ -76,10 +78,10 @@ def modes_beside_lines(
         else:
             modes.append(_doubted(mode, everywhere, duration))
     lines.sort(key=lambda line: line.frequency_hz.value)
-    return Told(tuple(modes), tuple(lines), families)
+    return ModesAndLines(tuple(modes), tuple(lines), families)
 
 
-def _line(verdict: Verdict, duration_s: float) -> Identified:
+def _line(verdict: PeakClass, duration_s: float) -> Identified:
     """Put the line of a machine as a mode without damping."""
     return Identified(
         frequency_hz=verdict.frequency_hz,
@@ -92,7 +94,9 @@ def _line(verdict: Verdict, duration_s: float) -> Identified:
     )
 
 
-def _is_multiple(mode: Identified, families: tuple[Family, ...], duration_s: float) -> bool:
+def _is_multiple(
+    mode: Identified, families: tuple[HarmonicFamily, ...], duration_s: float
+) -> bool:
     """Whether a mode sits on a multiple of a machine's speed, and may be undamped."""
     frequency, damping = mode.frequency_hz, mode.damping_ratio
     if damping.value - 2 * damping.sd > LEAST_DAMPING:
@@ -118,7 +122,7 @@ def _struck(columns: Float[np.ndarray, "time channel"]) -> bool:
     return bool(power[: len(power) // 2].sum() > FRONT_SHARE * power.sum())
 
 
-def _doubted(mode: Identified, lines: tuple[Verdict, ...], duration_s: float) -> Identified:
+def _doubted(mode: Identified, lines: tuple[PeakClass, ...], duration_s: float) -> Identified:
     """Flag a mode that the rest of a line may be."""
     frequency = mode.frequency_hz
     width = mode.damping_ratio.value * frequency.value + BESIDE_BINS / duration_s

@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from slowtime.identification import checks
 from slowtime.identification.detection.channel_combination import modal_series
-from slowtime.identification.detection.resonance_peaks import Candidate, strongest
+from slowtime.identification.detection.resonance_peaks import PeakCandidate, strongest_peak
 from slowtime.identification.estimates import Identified, Measured
 from slowtime.signals.spectra import detrended, welch
 
@@ -33,11 +33,11 @@ def peak(
     """
     columns = detrended(checks.series(samples, rate_hz))
     low, high = checks.band(band_hz, rate_hz, len(columns))
-    return fit_peak(columns, rate_hz, strongest(columns, rate_hz, low, high))
+    return fit_peak(columns, rate_hz, strongest_peak(columns, rate_hz, low, high))
 
 
 def fit_peak(
-    columns: Float[np.ndarray, "time channel"], rate_hz: float, candidate: Candidate
+    columns: Float[np.ndarray, "time channel"], rate_hz: float, candidate: PeakCandidate
 ) -> Identified:
     r"""Peak near a candidate: a parabola through the inverse spectrum about half power.
 
@@ -78,7 +78,7 @@ def _parabola(
     series: Float[np.ndarray, "time channel"],
     rate_hz: float,
     segment: float,
-    candidate: Candidate,
+    candidate: PeakCandidate,
 ) -> tuple[float, float, float]:
     """Frequency, half width as it is seen [Hz] and top density."""
     spectrum = welch(series, rate_hz, segment_s=segment)

@@ -15,16 +15,16 @@ GAUGE = 1e-9
 """Directions of less information than this share of the most belong to no parameter."""
 
 
-def information_of(
+def fisher_information(
     data: BandData, model: BandModel, density: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Fisher information and score of all parameters."""
     root = whitener(data, density)
-    rows = slopes(model, data, root)
-    return tied(model, rows @ rows.T, rows @ misfit(data, density, root))
+    rows = density_derivatives(model, data, root)
+    return add_prior(model, rows @ rows.T, rows @ misfit(data, density, root))
 
 
-def tied(
+def add_prior(
     model: BandModel, information: np.ndarray, score: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Add what is known beforehand."""
@@ -51,7 +51,7 @@ def misfit(data: BandData, density: np.ndarray, root: np.ndarray) -> np.ndarray:
     return packed.reshape(-1)
 
 
-def slopes(model: BandModel, data: BandData, root: np.ndarray) -> np.ndarray:
+def density_derivatives(model: BandModel, data: BandData, root: np.ndarray) -> np.ndarray:
     """Differentiate the density by free parameters; whitened, packed, one a row.
 
     All derivatives are outer products, so that vectors are whitened rather than matrices.
@@ -64,17 +64,17 @@ def slopes(model: BandModel, data: BandData, root: np.ndarray) -> np.ndarray:
     force = (root @ model.force).transpose(2, 0, 1)
     heard = gain.conj() * force
     moving = 0 if model.still else free
-    of_poles = pairs(bent[:moving] * plain[:moving], force[:moving])
+    of_poles = outer_product_rows(bent[:moving] * plain[:moving], force[:moving])
     of_poles[::2] *= model.pole[:moving].real[:, None]
-    of_shapes = pairs(unit, heard[:free, None])
-    of_forces = pairs(shape[:, None], unit)
+    of_shapes = outer_product_rows(unit, heard[:free, None])
+    of_forces = outer_product_rows(shape[:, None], unit)
     of_forces[1::2] *= -1.0
     level = _hermitian_pairs(unit)
     slope = level.reshape(directions**2, len(omega), -1) * omega[:, None]
     return np.concatenate([of_poles, of_shapes, of_forces, level, slope.reshape(level.shape)])
 
 
-def pairs(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+def outer_product_rows(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Outer products of vectors plus their adjoints, and the same of i times the first.
 
     Packed, ["2 * pair", "group * direction ** 2"].
@@ -93,7 +93,7 @@ def _hermitian_pairs(unit: np.ndarray) -> np.ndarray:
     """Whitened matrices of the basis of Hermitian ones, packed."""
     directions = len(unit)
     low, high = np.tril_indices(directions)
-    both = pairs(unit[low], unit[high])
+    both = outer_product_rows(unit[low], unit[high])
     own = 2 * np.flatnonzero(low == high)
     both[own] *= 0.5
     return np.delete(both, own + 1, axis=0)
@@ -116,7 +116,7 @@ def _triangle(size: int) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([own, row]), np.concatenate([own, column])
 
 
-def inverse_of(information: np.ndarray) -> np.ndarray:
+def restricted_inverse(information: np.ndarray) -> np.ndarray:
     """Inverse on what the data tell of; length and phase of the shapes are not among it."""
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     power, directions = np.linalg.eigh(information / scale[:, None] / scale)

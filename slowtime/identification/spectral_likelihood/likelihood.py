@@ -23,8 +23,8 @@ import dataclasses
 import numpy as np
 from jaxtyping import Complex, Float
 
-from .fisher_information import information_of, inverse_of
-from .model import BandData, BandModel, moved
+from .fisher_information import fisher_information, restricted_inverse
+from .model import BandData, BandModel, step_parameters
 
 MOST_STEPS = 25
 SOME_STEPS = 12
@@ -77,7 +77,7 @@ class BandFit:
         return np.asarray(moved)
 
 
-def log_likelihood(data: BandData, density: np.ndarray) -> float:
+def band_log_likelihood(data: BandData, density: np.ndarray) -> float:
     """Whittle's, up to a constant; minus infinity where the density is not positive."""
     try:
         root = np.linalg.cholesky(density)
@@ -88,7 +88,7 @@ def log_likelihood(data: BandData, density: np.ndarray) -> float:
     return float(-np.sum(data.number * (logarithm + misfit)))
 
 
-def started(
+def initial_model(
     data: BandData,
     pole: Complex[np.ndarray, " mode"],
     shape: Complex[np.ndarray, "direction mode"],
@@ -97,10 +97,12 @@ def started(
     """Positive model with the given poles and shapes, by expectation-maximisation."""
     none = np.zeros((len(shape), len(shape)), dtype=complex)
     model = BandModel(pole, shape, 0 * shape, none, none, pole, held)
-    return restarted(data, dataclasses.replace(model, length=data.length, turn=data.turn))
+    return expectation_maximisation(
+        data, dataclasses.replace(model, length=data.length, turn=data.turn)
+    )
 
 
-def restarted(data: BandData, model: BandModel) -> BandModel:
+def expectation_maximisation(data: BandData, model: BandModel) -> BandModel:
     """Positive model with the same poles and shapes, by expectation-maximisation.
 
     White forces on the modes and white background are drawn jointly with a covariance W; each
@@ -133,21 +135,21 @@ def restarted(data: BandData, model: BandModel) -> BandModel:
     return dataclasses.replace(model, force=force, level=level, slope=0 * level)
 
 
-def fit(data: BandData, model: BandModel, *, roughly: bool = False) -> BandFit:
+def fit_band_model(data: BandData, model: BandModel, *, roughly: bool = False) -> BandFit:
     """Climb from a positive model to the likeliest one near by, or `roughly` to it.
 
     Poles stay at first; while forces are far off, they would leave for where one is missing.
     """
     enough, most = (ROUGHLY, SOME_STEPS) if roughly else (CONVERGED, MOST_STEPS)
-    model, density, converged = _climbed(data, forced(data, model), enough, most)
+    model, density, converged = _climbed(data, fit_forces(data, model), enough, most)
     free = model.free()
-    information, _ = information_of(data, model, density)
+    information, _ = fisher_information(data, model, density)
     covariance = np.zeros((len(free), len(free)))
-    covariance[np.ix_(free, free)] = inverse_of(information)
-    return BandFit(model, log_likelihood(data, density), covariance, converged)
+    covariance[np.ix_(free, free)] = restricted_inverse(information)
+    return BandFit(model, band_log_likelihood(data, density), covariance, converged)
 
 
-def forced(data: BandData, model: BandModel) -> BandModel:
+def fit_forces(data: BandData, model: BandModel) -> BandModel:
     """Fit forces, shapes and background, roughly, to poles that stay."""
     still = dataclasses.replace(model, still=True)
     found, *_ = _climbed(data, still, ROUGHLY, FEW_STEPS)
@@ -164,7 +166,7 @@ def _climbed(
     free = model.free()
     whole = np.zeros(len(free))
     for _ in range(most):
-        information, score = information_of(data, model, density)
+        information, score = fisher_information(data, model, density)
         scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
         scaled, slope = information / scale[:, None] / scale, score / scale
         accepted = False
@@ -172,7 +174,7 @@ def _climbed(
             step = np.linalg.solve(scaled + damping * np.eye(len(scaled)), slope)
             promised = float(slope @ step)
             whole[free] = step / scale
-            trial = moved(model, whole)
+            trial = step_parameters(model, whole)
             trial_density = trial.predicted(data)
             likelihood = _posterior(data, trial, trial_density)
             if likelihood >= best - 1e-10 * abs(best):
@@ -193,4 +195,4 @@ def _climbed(
 
 def _posterior(data: BandData, model: BandModel, density: np.ndarray) -> float:
     away, wide = model.ties()
-    return log_likelihood(data, density) - 0.5 * float(np.sum((away / wide) ** 2))
+    return band_log_likelihood(data, density) - 0.5 * float(np.sum((away / wide) ** 2))

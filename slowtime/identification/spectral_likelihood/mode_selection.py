@@ -10,11 +10,17 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Complex, Float
 
-from .likelihood import BandFit, fit, forced, log_likelihood, restarted
+from .likelihood import (
+    BandFit,
+    band_log_likelihood,
+    expectation_maximisation,
+    fit_band_model,
+    fit_forces,
+)
 from .model import BandModel
-from .score_test import Prospects
-from .window_data import Case, Frame, case_of
-from .windows import Spectrum, Window, groups, shared
+from .score_test import AddedModeTest
+from .window_data import WindowData, WindowUnits, prepare_window
+from .windows import Spectrum, Window, group_close_poles, shared_windows
 
 SELECTING = 12.0
 SHARPENING = 50.0
@@ -35,7 +41,7 @@ PROMISE = 0.5
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Sharp:
+class FittedMode:
     """One mode at its likeliest.
 
     Parameters
@@ -69,16 +75,16 @@ class Sharp:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Start:
+class InitialMode:
     """Where a mode is thought to be: pole [rad/s] and shape."""
 
     pole: complex
     shape: Complex[np.ndarray, " channel"]
 
 
-def select(
-    spectrum: Spectrum, starts: list[Start], *, low_hz: float, high_hz: float
-) -> list[tuple[int, Sharp]]:
+def select_modes(
+    spectrum: Spectrum, starts: list[InitialMode], *, low_hz: float, high_hz: float
+) -> list[tuple[int, FittedMode]]:
     """Modes among the candidates, each with the index of its start.
 
     Windows are narrow here: little else in them can be mistaken for a mode.
@@ -86,9 +92,9 @@ def select(
     return _in_windows(spectrum, starts, (low_hz, high_hz), SELECTING, 0, _selected)
 
 
-def sharpen(
-    spectrum: Spectrum, starts: list[Start], *, low_hz: float, high_hz: float
-) -> list[tuple[int, Sharp]]:
+def fit_modes(
+    spectrum: Spectrum, starts: list[InitialMode], *, low_hz: float, high_hz: float
+) -> list[tuple[int, FittedMode]]:
     """Modes at their likeliest, each with the index of its start.
 
     Windows are wide here: most is to be learned in them, with the skirts of the modes beyond
@@ -99,22 +105,22 @@ def sharpen(
 
 def _in_windows(
     spectrum: Spectrum,
-    starts: list[Start],
+    starts: list[InitialMode],
     edges: tuple[float, float],
     wide: float,
     beside: int,
     choose: "_Choice",
-) -> list[tuple[int, Sharp]]:
+) -> list[tuple[int, FittedMode]]:
     least = 0.25 * spectrum.spacing_hz * 2 * np.pi
     order = sorted(range(len(starts)), key=lambda k: starts[k].pole.imag)
     poles = np.array([starts[k].pole for k in order])
     poles = np.minimum(poles.real, -least) + 1j * poles.imag
-    found: list[tuple[int, Sharp]] = []
+    found: list[tuple[int, FittedMode]] = []
 
     def about(group: list[int]) -> Window:
         return Window.about(spectrum, poles, group, edges, wide, beside)
 
-    for group, window in shared(groups(poles), about):
+    for group, window in shared_windows(group_close_poles(poles), about):
         modes = window.modes + window.beside
         shapes = np.stack([starts[order[k]].shape for k in modes], axis=1)
         for k, sharp in _fitted(spectrum, window, poles[modes], shapes, choose):
@@ -123,7 +129,7 @@ def _in_windows(
     return sorted(found, key=lambda pair: abs(pair[1].pole))
 
 
-_Choice = Callable[[Case], tuple[list[int], BandFit]]
+_Choice = Callable[[WindowData], tuple[list[int], BandFit]]
 
 
 def _fitted(
@@ -132,14 +138,16 @@ def _fitted(
     poles: np.ndarray,
     shapes: np.ndarray,
     choose: _Choice,
-) -> list[tuple[int, Sharp]]:
+) -> list[tuple[int, FittedMode]]:
     """Fit a window, dropping what it can do without; (index into poles, mode) of the rest."""
-    frame, case = case_of(spectrum, window, poles, shapes)
+    frame, case = prepare_window(spectrum, window, poles, shapes)
     data = case.data
     left, best = choose(case)
     while left:
         rests = [_without(case, best, k) for k in range(len(left))]
-        losses = [best.log_likelihood - log_likelihood(data, r.predicted(data)) for r in rests]
+        losses = [
+            best.log_likelihood - band_log_likelihood(data, r.predicted(data)) for r in rests
+        ]
         worst = int(np.argmin(losses))
         if losses[worst] >= WORTH * case.price:
             return [
@@ -147,17 +155,17 @@ def _fitted(
                 for k, loss in enumerate(losses)
             ]
         left.pop(worst)
-        best = fit(data, rests[worst])
+        best = fit_band_model(data, rests[worst])
     return []
 
 
-def _kept(case: Case) -> tuple[list[int], BandFit]:
+def _kept(case: WindowData) -> tuple[list[int], BandFit]:
     """All modes at once, for they have been chosen."""
     everything = list(range(case.modes))
-    return everything, fit(case.data, case.start(everything))
+    return everything, fit_band_model(case.data, case.start(everything))
 
 
-def _selected(case: Case) -> tuple[list[int], BandFit]:
+def _selected(case: WindowData) -> tuple[list[int], BandFit]:
     """Add candidates, the one that promises most first, as long as they keep the promise.
 
     Poles stay where the candidates have them until all have been added: free ones would leave
@@ -165,10 +173,10 @@ def _selected(case: Case) -> tuple[list[int], BandFit]:
     """
     left: list[int] = []
     waiting = set(range(case.modes))
-    best = forced(case.data, case.start([]))
-    reached = log_likelihood(case.data, best.predicted(case.data))
+    best = fit_forces(case.data, case.start([]))
+    reached = band_log_likelihood(case.data, best.predicted(case.data))
     while waiting:
-        prospects = Prospects(case.data, best)
+        prospects = AddedModeTest(case.data, best)
         gains = {k: prospects.gain(case.poles[k], case.shapes[:, k]) for k in waiting}
         waiting = {k for k in waiting if gains[k][0] >= PROMISE * case.price}
         if not waiting:
@@ -176,24 +184,24 @@ def _selected(case: Case) -> tuple[list[int], BandFit]:
         most = max(waiting, key=lambda k: gains[k][0])
         waiting.remove(most)
         more = best.with_modes(case.poles[[most]], gains[most][1][:, None])
-        for start in (restarted(case.data, more), more):
-            trial = forced(case.data, start)
-            likelihood = log_likelihood(case.data, trial.predicted(case.data))
+        for start in (expectation_maximisation(case.data, more), more):
+            trial = fit_forces(case.data, start)
+            likelihood = band_log_likelihood(case.data, trial.predicted(case.data))
             if likelihood - reached >= WORTH * case.price:
                 best, reached = trial, likelihood
                 left.append(most)
                 break
-    return left, fit(case.data, best, roughly=True)
+    return left, fit_band_model(case.data, best, roughly=True)
 
 
-def _without(case: Case, whole: BandFit, mode: int) -> BandModel:
+def _without(case: WindowData, whole: BandFit, mode: int) -> BandModel:
     """Model without a mode, refitted as far as it takes to see whether the mode is needed."""
-    rest = restarted(case.data, whole.model.without(mode))
-    loss = whole.log_likelihood - log_likelihood(case.data, rest.predicted(case.data))
-    return rest if loss > CLEAR * case.price else fit(case.data, rest).model
+    rest = expectation_maximisation(case.data, whole.model.without(mode))
+    loss = whole.log_likelihood - band_log_likelihood(case.data, rest.predicted(case.data))
+    return rest if loss > CLEAR * case.price else fit_band_model(case.data, rest).model
 
 
-def _sharp(frame: Frame, found: BandFit, mode: int, evidence: float) -> Sharp:
+def _sharp(frame: WindowUnits, found: BandFit, mode: int, evidence: float) -> FittedMode:
     model = found.model
     units = np.array([1.0, frame.unit])
     covariance = found.pole_covariance(mode) * units[:, None] * units
@@ -204,7 +212,7 @@ def _sharp(frame: Frame, found: BandFit, mode: int, evidence: float) -> Sharp:
     shape = shape / size
     across = np.eye(len(shape)) - np.outer(shape, shape.conj())
     variance = np.real(np.diag(across @ moved @ across.conj().T))
-    return Sharp(
+    return FittedMode(
         frame.back(model.pole[mode]),
         covariance,
         shape,

@@ -159,7 +159,7 @@ def _averaged(a: np.ndarray, width: Width) -> tuple[np.ndarray, np.ndarray, np.n
     return np.where(width == 0, 1.0 / a, logarithm), square, a * square**2
 
 
-def moved(model: BandModel, step: Float[np.ndarray, " parameter"]) -> BandModel:
+def step_parameters(model: BandModel, step: Float[np.ndarray, " parameter"]) -> BandModel:
     """Model with all its real parameters changed, in the order of `BandModel.free`."""
     directions, modes = model.shape.shape
     of_poles = np.clip(step[: 2 * modes : 2], -1.0, 1.0), step[1 : 2 * modes : 2]

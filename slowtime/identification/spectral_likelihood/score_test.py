@@ -3,21 +3,30 @@
 import numpy as np
 from jaxtyping import Complex
 
-from .fisher_information import inverse_of, misfit, pairs, slopes, tied, whitener
+from .fisher_information import (
+    add_prior,
+    density_derivatives,
+    misfit,
+    outer_product_rows,
+    restricted_inverse,
+    whitener,
+)
 from .model import BandData, BandModel
 
 
-class Prospects:
+class AddedModeTest:
     """What one more mode would add to a model, to first order (half a score statistic)."""
 
     def __init__(self, data: BandData, model: BandModel) -> None:
         density = model.predicted(data)
         self._data, self._density = data, density
         self._root = whitener(data, density)
-        self._rows = slopes(model, data, self._root)
+        self._rows = density_derivatives(model, data, self._root)
         self._left = misfit(data, density, self._root)
-        information, score = tied(model, self._rows @ self._rows.T, self._rows @ self._left)
-        self._inverse = inverse_of(information)
+        information, score = add_prior(
+            model, self._rows @ self._rows.T, self._rows @ self._left
+        )
+        self._inverse = restricted_inverse(information)
         self._step = self._inverse @ score
 
     def gain(
@@ -35,11 +44,11 @@ class Prospects:
         # With no force as yet, neither pole nor shape of the new mode makes a difference.
         gain = 1.0 / (1j * self._data.omega - pole)
         seen = gain[:, None] * (self._root @ shape)
-        own = pairs(seen[None], self._root.transpose(2, 0, 1))
+        own = outer_product_rows(seen[None], self._root.transpose(2, 0, 1))
         across = self._rows @ own.T
         known = own @ own.T - across.T @ self._inverse @ across
         left = own @ self._left - across.T @ self._step
-        return float(0.5 * left @ inverse_of((known + known.T) / 2) @ left)
+        return float(0.5 * left @ restricted_inverse((known + known.T) / 2) @ left)
 
     def _asked_for(self, pole: complex) -> np.ndarray:
         """Shape along which a little power at a pole would raise the likelihood most."""

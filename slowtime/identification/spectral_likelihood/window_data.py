@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from .likelihood import started
+from .likelihood import initial_model
 from .model import BandData, BandModel
 from .windows import Spectrum, Window
 
@@ -20,7 +20,7 @@ GROUPED = 0.3
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Frame:
+class WindowUnits:
     """Unit of frequency, middle, scale of the channels and directions kept of them."""
 
     unit: float
@@ -38,7 +38,7 @@ class Frame:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Case:
+class WindowData:
     """One window made ready: data, and where poles and shapes are thought to be."""
 
     data: BandData
@@ -60,12 +60,12 @@ class Case:
     def start(self, which: list[int]) -> BandModel:
         """Model of some of the modes and of all that are beside."""
         all_of = [*which, *range(self.modes, len(self.poles))]
-        return started(self.data, self.poles[all_of], self.shapes[:, all_of], self.held)
+        return initial_model(self.data, self.poles[all_of], self.shapes[:, all_of], self.held)
 
 
-def case_of(
+def prepare_window(
     spectrum: Spectrum, window: Window, poles: np.ndarray, shapes: np.ndarray
-) -> tuple[Frame, Case]:
+) -> tuple[WindowUnits, WindowData]:
     """Make a window ready, with the poles and shapes of its modes and of those beside it."""
     index = np.arange(window.first, window.last + 1)
     index = index[~spectrum.spared[index]]
@@ -80,7 +80,7 @@ def case_of(
     data = dataclasses.replace(data, length=frame.unit * seconds, turn=turn)
     start = frame.directions.conj().T @ (shapes / frame.scale[:, None])
     start = start / np.maximum(np.linalg.norm(start, axis=0), 1e-9)
-    return frame, Case(data, guess, start, len(window.beside))
+    return frame, WindowData(data, guess, start, len(window.beside))
 
 
 def _frame(
@@ -89,7 +89,7 @@ def _frame(
     poles: np.ndarray,
     shapes: np.ndarray,
     modes: int,
-) -> Frame:
+) -> WindowUnits:
     """Directions of the candidate shapes first, then of the strongest rest."""
     scale = np.sqrt(np.mean(np.abs(coefficients) ** 2, axis=0))
     scale = np.where(scale > 0, scale, 1.0)
@@ -107,7 +107,7 @@ def _frame(
     directions = np.concatenate([basis, more], axis=1)[:, power >= QUIET * power.max()]
     unit = float(-poles[:modes].real.max())
     middle = float(np.median(poles[:modes].imag))
-    return Frame(unit, middle, scale, directions)
+    return WindowUnits(unit, middle, scale, directions)
 
 
 def _grouped(projected: np.ndarray, omega: np.ndarray, poles: np.ndarray) -> BandData:

@@ -80,7 +80,7 @@ class Window:
         return Window(first, last, sorted(modes), around)
 
 
-def groups(poles: np.ndarray) -> list[list[int]]:
+def group_close_poles(poles: np.ndarray) -> list[list[int]]:
     """Neighbours that are close, split at the widest gaps where they are too many."""
     groups: list[list[int]] = []
     for k in range(len(poles)):
@@ -93,7 +93,7 @@ def groups(poles: np.ndarray) -> list[list[int]]:
     return [part for group in groups for part in _split(group, poles)]
 
 
-def shared(
+def shared_windows(
     groups: list[list[int]], about: Callable[[list[int]], Window]
 ) -> list[tuple[list[int], Window]]:
     """Windows of the groups, one for neighbours whose windows are nearly the same."""

@@ -51,7 +51,7 @@ class Band:
         return np.asarray(0.5 - 0.5 * np.cos(np.pi * inside))
 
 
-def plan(
+def plan_bands(
     low_hz: float, high_hz: float, rate_hz: float, *, resolution_hz: float
 ) -> tuple[Band, ...]:
     """Bands whose cores follow each other from `low_hz` to `high_hz`.
@@ -65,7 +65,7 @@ def plan(
 
     Examples
     --------
-    >>> [round(band.high_hz, 2) for band in plan(1.0, 3.0, 10.0, resolution_hz=0.001)]
+    >>> [round(band.high_hz, 2) for band in plan_bands(1.0, 3.0, 10.0, resolution_hz=0.001)]
     [1.32, 1.73, 2.28, 3.0]
     """
     edges = [low_hz]
@@ -84,7 +84,7 @@ def plan(
     return tuple(bands)
 
 
-def moved_to_zero(
+def demodulate(
     spectrum: Complex[np.ndarray, "frequency channel"], count: int, rate_hz: float, band: Band
 ) -> tuple[Complex[np.ndarray, "time channel"], float, float]:
     """Series of one band, from the real transform of the whole record.

@@ -49,8 +49,8 @@ def block_products(
 ) -> Inexact[np.ndarray, "block lag channel reference"]:
     r"""Sum of :math:`y_{t+\tau} r_t^H` over blocks of `length` instants t, for each lag.
 
-    Pairs that reach beyond the last sample are missing from the last blocks; `correlate` makes
-    good for them. Samples after the last whole block only lend themselves to pairs.
+    Pairs that reach beyond the last sample are missing from the last blocks; `correlation_matrices`
+    makes good for them. Samples after the last whole block only lend themselves to pairs.
     """
     blocks = len(references) // length
     used = blocks * length
@@ -64,7 +64,7 @@ def block_products(
     return np.stack(after, axis=1)
 
 
-def correlate(
+def correlation_matrices(
     series: Inexact[np.ndarray, "time channel"],
     references: Inexact[np.ndarray, "time reference"],
     *,
@@ -87,7 +87,7 @@ def correlate(
     Examples
     --------
     >>> noise = np.random.default_rng(1).standard_normal((100_000, 1))
-    >>> found = correlate(noise, noise, lags=2, rate_hz=1.0)
+    >>> found = correlation_matrices(noise, noise, lags=2, rate_hz=1.0)
     >>> found.mean[:, 0, 0].round(1) + 0
     array([1., 0.])
     >>> bool(abs(np.std(found.draws[:, 1]) * 100_000**0.5 - 1.0) < 0.3)
@@ -104,10 +104,10 @@ def correlate(
     products = block_products(series, references, lags=lags, length=length)
     starts = length * np.arange(len(products))[:, None]
     pairs = np.clip(count - np.arange(lags) - starts, 0, length).astype(float)
-    return combine(products, pairs, rate_hz=rate_hz, centre_hz=centre_hz, draws=draws)
+    return combine_products(products, pairs, rate_hz=rate_hz, centre_hz=centre_hz, draws=draws)
 
 
-def combine(
+def combine_products(
     products: Inexact[np.ndarray, "block lag channel reference"],
     pairs: Float[np.ndarray, "block lag"],
     *,

@@ -92,12 +92,12 @@ class Poles:
         return used, stdtrit(number.astype(float), 0.975) / GAUSSIAN
 
 
-def rescaled(poles: Poles, scale: Float[np.ndarray, " channel"]) -> Poles:
+def rescale_channels(poles: Poles, scale: Float[np.ndarray, " channel"]) -> Poles:
     """Shapes in units in which each channel counts `scale` times as much."""
-    return mixed(poles, np.diag(scale))
+    return combine_poles(poles, np.diag(scale))
 
 
-def mixed(poles: Poles, mixing: Inexact[np.ndarray, "sensor channel"]) -> Poles:
+def combine_poles(poles: Poles, mixing: Inexact[np.ndarray, "sensor channel"]) -> Poles:
     """Shapes of other channels, which are mixtures of those identified; of unit norm."""
     shape = mixing @ poles.shape
     size = np.linalg.norm(shape, axis=0)

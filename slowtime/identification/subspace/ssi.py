@@ -29,9 +29,9 @@ from jaxtyping import Float, Inexact
 
 from slowtime.identification import checks
 
-from .correlations import Correlations, correlate
+from .correlations import Correlations, correlation_matrices
 from .poles import Poles as Poles
-from .poles import rescaled
+from .poles import rescale_channels
 
 Weighting = Literal["none", "past", "both"]
 
@@ -66,8 +66,8 @@ def ssi_covariance(
     shapes
         Whether to compute errors of the shapes as well.
     weighting
-        See `identify`. `both` is the best at orders beyond what there is; it needs all channels
-        as references.
+        See `identify_poles`. `both` is the best at orders beyond what there is; it needs all
+        channels as references.
 
     References
     ----------
@@ -98,7 +98,7 @@ def ssi_data(
     return _of_samples(samples, rate_hz, block_rows, orders, references, shapes, "past")
 
 
-def identify(
+def identify_poles(
     correlations: Correlations,
     *,
     block_rows: int,
@@ -324,7 +324,7 @@ def _joined(parts: list[_Part], duration_s: float) -> Poles:
         shape_draws=np.concatenate(errors, axis=2) if len(errors) == len(parts) else None,
         duration_s=duration_s,
     )
-    return rescaled(found, np.ones(len(found.shape)))
+    return rescale_channels(found, np.ones(len(found.shape)))
 
 
 def _of_samples(
@@ -345,8 +345,10 @@ def _of_samples(
     scale = columns.std(axis=0)
     scaled = columns / scale
     chosen = list(range(columns.shape[1])) if references is None else list(references)
-    found = correlate(scaled, scaled[:, chosen], lags=2 * block_rows, rate_hz=rate_hz)
-    poles = identify(
+    found = correlation_matrices(
+        scaled, scaled[:, chosen], lags=2 * block_rows, rate_hz=rate_hz
+    )
+    poles = identify_poles(
         found,
         block_rows=block_rows,
         orders=orders,
@@ -354,4 +356,4 @@ def _of_samples(
         mixing=np.eye(columns.shape[1])[chosen],
         shapes=shapes,
     )
-    return rescaled(poles, scale)
+    return rescale_channels(poles, scale)

@@ -38,7 +38,7 @@ HALF_ROUNDING = 1e-6
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Candidate:
+class StablePole:
     """One pole that stayed, with how many orders showed it.
 
     Parameters
@@ -92,7 +92,7 @@ class Stabilisation:
     mode: Int[np.ndarray, " pole"]
 
 
-def candidates(poles: Poles, *, low_hz: float, high_hz: float) -> list[Candidate]:
+def find_stable_poles(poles: Poles, *, low_hz: float, high_hz: float) -> list[StablePole]:
     """Poles between two frequencies that stay over orders, ascending in frequency."""
     frequency, damping = poles.frequency_hz, poles.damping_ratio
     sd_f, sd_z, _ = poles.standard_deviations()
@@ -111,7 +111,7 @@ def candidates(poles: Poles, *, low_hz: float, high_hz: float) -> list[Candidate
             continue
         middle = members[np.argsort(frequency[members])[len(members) // 2]]
         found.append(
-            Candidate(
+            StablePole(
                 complex(poles.pole[middle]),
                 poles.shape[:, middle],
                 float(sd_f[middle]),
@@ -155,9 +155,9 @@ def _chains(
     return [np.array(chain) for chain in chains]
 
 
-def _without_doubles(found: list[Candidate]) -> list[Candidate]:
+def _without_doubles(found: list[StablePole]) -> list[StablePole]:
     """Of two candidates within half a half-bandwidth and of one shape the longer-lived."""
-    kept: list[Candidate] = []
+    kept: list[StablePole] = []
     for one in sorted(found, key=lambda c: -c.orders):
         width = abs(one.pole.real)
         near = [c for c in kept if abs(c.pole - one.pole) < 0.5 * max(width, abs(c.pole.real))]

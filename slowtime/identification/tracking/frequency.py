@@ -43,7 +43,7 @@ class FrequencyBelief:
         return float(np.sqrt(weight @ (self.variance + (self.level - self.mean) ** 2)))
 
 
-def first(frequency_hz: float, sd_hz: float) -> FrequencyBelief:
+def initial_belief(frequency_hz: float, sd_hz: float) -> FrequencyBelief:
     """Belief from the first reading alone; all speeds are equally likely."""
     count = len(SPEEDS)
     sd = max(sd_hz / frequency_hz, FLOOR)
@@ -54,7 +54,7 @@ def first(frequency_hz: float, sd_hz: float) -> FrequencyBelief:
     )
 
 
-def ahead(belief: FrequencyBelief, elapsed: float) -> FrequencyBelief:
+def predict_belief(belief: FrequencyBelief, elapsed: float) -> FrequencyBelief:
     """`elapsed` epochs later, nothing read."""
     return dataclasses.replace(belief, variance=belief.variance + SPEEDS**2 * elapsed)
 

@@ -33,14 +33,14 @@ class ShapeBelief:
         return len(self.shape) - 1
 
 
-def first(
+def initial_belief(
     shape: Complex[np.ndarray, " channel"], sd: Float[np.ndarray, " channel"]
 ) -> ShapeBelief:
     """Belief from the first shape alone."""
     return ShapeBelief(shape / np.linalg.norm(shape), _variance(sd))
 
 
-def ahead(belief: ShapeBelief, elapsed: float) -> ShapeBelief:
+def predict_belief(belief: ShapeBelief, elapsed: float) -> ShapeBelief:
     """`elapsed` epochs later, nothing seen."""
     return dataclasses.replace(belief, variance=belief.variance + DRIFT**2 * elapsed)
 

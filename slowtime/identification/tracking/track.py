@@ -60,8 +60,8 @@ class Track:
         """Carry the beliefs on over `elapsed` epochs."""
         return dataclasses.replace(
             self,
-            frequency=frequencies.ahead(self.frequency, elapsed),
-            shape=shapes.ahead(self.shape, elapsed),
+            frequency=frequencies.predict_belief(self.frequency, elapsed),
+            shape=shapes.predict_belief(self.shape, elapsed),
         )
 
     def sighted(self, mode: Mode, epoch: int) -> "Track":
@@ -99,10 +99,10 @@ class Track:
 
 def begin(mode: Mode, epoch: int) -> Track:
     """Start a candidate from its first sight."""
-    shape = shapes.first(mode.shape, mode.shape_sd)
+    shape = shapes.initial_belief(mode.shape, mode.shape_sd)
     return Track(
         identity=None,
-        frequency=frequencies.first(mode.frequency_hz.value, mode.frequency_hz.sd),
+        frequency=frequencies.initial_belief(mode.frequency_hz.value, mode.frequency_hz.sd),
         shape=shape,
         known_by=shape.shape,
         first=epoch,

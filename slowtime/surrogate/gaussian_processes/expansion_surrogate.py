@@ -9,7 +9,7 @@ from slowtime.surrogate.bases import Basis, indices
 
 from .covariances import Expanded, Sum
 from .process_surrogate import ProcessSurrogate
-from .regression import Learnt
+from .regression import TrainedProcess
 
 MOST_TERMS = 400
 HIGHEST = 10
@@ -33,7 +33,7 @@ class ExpansionSurrogate(ProcessSurrogate):
         basis = Basis(self.marginals_, self.terms_, self.domain_.lo, self._width())
         return Expanded(self.terms_, basis)
 
-    def _report(self, process: Learnt) -> None:
+    def _report(self, process: TrainedProcess) -> None:
         whole = process.covariance
         part = whole.parts[0] if isinstance(whole, Sum) else whole
         assert isinstance(part, Expanded)

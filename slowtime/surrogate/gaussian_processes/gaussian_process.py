@@ -10,7 +10,7 @@ from slowtime.surrogate.surrogate_warnings import IllConditionedWarning
 
 from .covariances import Covariance, covariance
 from .process_surrogate import ProcessSurrogate
-from .regression import Learnt
+from .regression import TrainedProcess
 
 TRENDS = ("none", "constant", "linear", "quadratic")
 Trend = Callable[[np.ndarray], np.ndarray]
@@ -97,7 +97,7 @@ class GaussianProcess(ProcessSurrogate):
             columns += [(2.0 * unit[:, i] - 1.0) * (2.0 * unit[:, j] - 1.0) for i, j in pairs]
         return np.stack(columns, axis=1) if columns else np.empty((len(unit), 0))
 
-    def _report(self, process: Learnt) -> None:
+    def _report(self, process: TrainedProcess) -> None:
         ranges = process.covariance.ranges(self.n_features_in_)
         names = [one.name for one in ranges]
         self.parameters_ = dict(zip(names, process.theta.tolist(), strict=False))

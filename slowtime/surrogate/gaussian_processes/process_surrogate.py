@@ -7,7 +7,7 @@ import numpy as np
 from slowtime.surrogate.interface import Surrogate
 
 from .covariances import Covariance
-from .regression import Learnt, Readings, learn, trust
+from .regression import Readings, TrainedProcess, learn, trust
 
 LEAST_LEFT = 6
 """Points without which nothing is learnt anew to see how far a band can be trusted."""
@@ -55,7 +55,7 @@ class ProcessSurrogate(Surrogate):
         mean, variance = self.process_.predict(unit, self._trend(unit))
         return mean, self.inflation_ * np.sqrt(variance)
 
-    def _inflation(self, process: Learnt) -> float:
+    def _inflation(self, process: TrainedProcess) -> float:
         count, columns = process.readings.trend.shape
         left = count - int(np.ceil(count / self.folds)) if self.folds > 1 else 0
         if left < max(LEAST_LEFT, columns + 2):
@@ -77,5 +77,5 @@ class ProcessSurrogate(Surrogate):
         """Columns of the trend; a constant."""
         return np.ones((len(unit), 1))
 
-    def _report(self, process: Learnt) -> None:
+    def _report(self, process: TrainedProcess) -> None:
         """Keep what a user wants to see of the process."""

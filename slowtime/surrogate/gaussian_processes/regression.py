@@ -47,7 +47,7 @@ class Readings:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Learnt:
+class TrainedProcess:
     """A process with its parameters, and all that prediction needs of the design."""
 
     covariance: Covariance
@@ -107,7 +107,7 @@ def _factor(matrix: np.ndarray) -> tuple[np.ndarray, float]:
 
 def condition(
     covariance: Covariance, theta: np.ndarray, nugget: float, readings: Readings
-) -> Learnt:
+) -> TrainedProcess:
     """Solve for the weights and the trend with given parameters."""
     count, columns = readings.trend.shape
     matrix = covariance.between(theta, readings.x, readings.x)
@@ -129,7 +129,7 @@ def condition(
     value = -0.5 * (
         readings.y @ weights + log_determinant + (count - columns) * np.log(2.0 * np.pi)
     )
-    return Learnt(
+    return TrainedProcess(
         covariance=covariance,
         theta=theta,
         nugget=nugget,
@@ -150,8 +150,8 @@ def learn(
     *,
     nugget: float | None = None,
     starts: int = 2,
-    like: Learnt | None = None,
-) -> Learnt:
+    like: TrainedProcess | None = None,
+) -> TrainedProcess:
     """Parameters of most posterior density, from several starts; the nugget too if None.
 
     With `like` the search starts at the parameters of that process only.
@@ -243,7 +243,9 @@ def _with_periods(
     return [tried[k] for k in np.argsort(worth)[::-1][:count]]
 
 
-def trust(learnt: Learnt, *, learn_nugget: bool, folds: int, rng: np.random.Generator) -> float:
+def trust(
+    learnt: TrainedProcess, *, learn_nugget: bool, folds: int, rng: np.random.Generator
+) -> float:
     """Errors over the deviations foretold for them, root mean square, each part left out once.
 
     Parameters are learnt anew without it: that they fit the readings they were learnt from

@@ -6,10 +6,10 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
-from slowtime.evolution.covariates import Basis, Normal, Watch, learn_normal
+from slowtime.evolution.covariates import Basis, NormalModel, Watch, learn_normal
 from slowtime.evolution.covariates import filter as recursion
-from slowtime.evolution.covariates.change_onset import fewer
-from slowtime.evolution.covariates.residual_process import Wander, log_evidence
+from slowtime.evolution.covariates.change_onset import merge_onsets
+from slowtime.evolution.covariates.residual_process import ResidualProcess, log_evidence
 
 A_DECADE = 3650.0
 PER_DAY = 4
@@ -161,8 +161,8 @@ def plain(memory=5.0, sd=1e-3, noise=1e-3):
     """A frequency of 1 Hz that depends on nothing and is known to."""
     empty = np.zeros(0)
     basis = Basis(law="constant", low=empty, high=empty, spread=1e-4)
-    wander = Wander(memory, sd, noise)
-    return Normal(basis, wander, 0.0, recursion.prior(1, wander, 0.0), (), 0)
+    wander = ResidualProcess(memory, sd, noise)
+    return NormalModel(basis, wander, 0.0, recursion.initial_belief(1, wander, 0.0), (), 0)
 
 
 def judged(normal, log, *, limit=1e300, **more):
@@ -211,7 +211,7 @@ def test_merged_bets_hand_over_their_capital():
     log = multivariate_normal(np.zeros(40), dense(normal, 40)).rvs(random_state=3)
     log[20:] -= 0.006
     _, state, _ = judged(normal, log)
-    small = fewer(state.onsets, 8)
+    small = merge_onsets(state.onsets, 8)
     assert len(small.time) == 8
     assert small.log_total == pytest.approx(state.onsets.log_total, abs=1e-12)
     richest = state.onsets.time[state.onsets.log_capital.argmax()]
@@ -238,14 +238,14 @@ def test_the_filter_and_the_banded_likelihood_and_the_dense_one_agree():
     rng = np.random.default_rng(4)
     time = np.sort(rng.uniform(0, 50, 40))
     features, sd = rng.normal(size=(40, 3)), rng.uniform(0.5, 2.0, 40)
-    value, wander = rng.normal(size=40), Wander(3.0, 1.3, 0.4)
+    value, wander = rng.normal(size=40), ResidualProcess(3.0, 1.3, 0.4)
     covariance = 1.3**2 * np.exp(-np.abs(time[:, None] - time) / 3.0)
     covariance += np.diag(sd**2 + 0.4**2) + features @ features.T
     expected = multivariate_normal(np.zeros(40), covariance).logpdf(value)
     assert log_evidence(wander, time, value, sd, features) == pytest.approx(expected, abs=1e-8)
-    belief, total = recursion.prior(3, wander, time[0]), 0.0
+    belief, total = recursion.initial_belief(3, wander, time[0]), 0.0
     for i in range(40):
-        belief = recursion.ahead(belief, wander, time[i])
+        belief = recursion.predict(belief, wander, time[i])
         now = recursion.innovation(belief, wander, value[i], sd[i], features[i])
         total -= 0.5 * (now.residual**2 / now.variance + np.log(2 * np.pi * now.variance))
         belief = recursion.update(belief, now)

@@ -39,13 +39,13 @@ def test_twenty_jumps_are_found_where_they_are(seed):
 def test_twenty_jumps_are_learnt_from_few_more_likelihoods_than_none(monkeypatch):
     """Jumps that are only tried are scored; no process is learnt for them."""
     learnt: list[None] = []
-    plain = parameter_posterior.learn
+    plain = parameter_posterior.learn_parameters
 
     def counted(likelihood, *arguments, **more):
         learnt.append(None)
         return plain(likelihood, *arguments, **more)
 
-    monkeypatch.setattr(forecast, "learn", counted)
+    monkeypatch.setattr(forecast, "learn_parameters", counted)
     spent = []
     for count in (0, 20):
         value, _, _ = history(1, count)
@@ -101,18 +101,18 @@ def test_what_somebody_has_seen_is_taken_as_soon_as_few_readings_show_it():
 
 
 def test_jumps_of_any_number_are_penalised_by_their_places():
-    assert jump_selection.penalty(100, 0) == 0.0
-    assert jump_selection.penalty(100, 1) == pytest.approx(np.log(100.0 * 100))
-    assert jump_selection.penalty(100, 2) == pytest.approx(np.log(100.0 * 100 * 99 / 2))
+    assert jump_selection.log_prior_odds(100, 0) == 0.0
+    assert jump_selection.log_prior_odds(100, 1) == pytest.approx(np.log(100.0 * 100))
+    assert jump_selection.log_prior_odds(100, 2) == pytest.approx(np.log(100.0 * 100 * 99 / 2))
 
 
 def test_jumps_that_come_back_are_told_from_those_at_random():
     value, at, _ = history(2, 12)
-    scored = jump_selection.Scored(TIME, value, np.full(COUNT, SD), 0.1)
+    scored = jump_selection.ScoredHistory(TIME, value, np.full(COUNT, SD), 0.1)
     assert jump_selection.regularity(scored, tuple(at.tolist())) < 0.8
     teeth = 0.1 * (TIME % 37.0 < 18.0) + SD * np.random.default_rng(3).standard_normal(COUNT)
     edges = np.flatnonzero(np.abs(np.diff(0.1 * (TIME % 37.0 < 18.0))) > 0.05) + 1
-    scored = jump_selection.Scored(TIME, teeth, np.full(COUNT, SD), 0.1)
+    scored = jump_selection.ScoredHistory(TIME, teeth, np.full(COUNT, SD), 0.1)
     assert jump_selection.regularity(scored, tuple(edges.tolist())) > 0.95
 
 

@@ -16,7 +16,7 @@ from slowtime.evolution.events.known_events import (
     Measurement,
     Repair,
     Replacement,
-    met,
+    apply_event,
 )
 from slowtime.evolution.forecasting import continuation, forecast
 
@@ -58,7 +58,7 @@ def value_of(belief: Belief) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize(("share", "share_sd"), [(1.0, 0.0), (0.6, 0.1), (0.5, 0.29)])
 def test_a_repair_has_the_moments_of_sampled_repairs(share, share_sd):
     before = damaged()
-    after = met(PROCESS, before, Repair(time=30.0, share=share, share_sd=share_sd))
+    after = apply_event(PROCESS, before, Repair(time=30.0, share=share, share_sd=share_sd))
     rng, count = np.random.default_rng(1), 200_000
     for member in range(2):
         states = rng.multivariate_normal(
@@ -77,7 +77,7 @@ def test_a_repair_has_the_moments_of_sampled_repairs(share, share_sd):
 
 def test_a_measured_value_enters_as_a_reading_does():
     before = damaged()
-    told = met(PROCESS, before, Measurement(time=32.0, value=-0.1, sd=0.01))
+    told = apply_event(PROCESS, before, Measurement(time=32.0, value=-0.1, sd=0.01))
     read, _ = PROCESS.step(before, 32.0, -0.1, 0.01)
     np.testing.assert_allclose(told.mean, read.mean, rtol=1e-9)
     np.testing.assert_allclose(told.covariance, read.covariance, rtol=1e-7, atol=1e-15)
@@ -89,7 +89,7 @@ def test_a_measured_value_enters_as_a_reading_does():
 )
 def test_a_detection_weighs_damage_by_its_likelihood(detected, curve):
     before = damaged()
-    after = met(PROCESS, before, Detection(time=30.0, detected=detected, curve=curve))
+    after = apply_event(PROCESS, before, Detection(time=30.0, detected=detected, curve=curve))
     rng = np.random.default_rng(2)
     for member in range(2):
         mean, variance = (each[member] for each in value_of(before))
@@ -106,12 +106,12 @@ def test_a_detection_weighs_damage_by_its_likelihood(detected, curve):
 def test_finding_damage_where_none_can_be_changes_nothing():
     intact = Belief(0.0, np.zeros((2, 4)), 1e-12 * np.broadcast_to(np.eye(4), (2, 4, 4)))
     shifted = dataclasses.replace(intact, mean=intact.mean + np.array([0.5, 0, 0, 0]))
-    after = met(PROCESS, shifted, Detection(time=0.0, detected=True, curve=CURVE))
+    after = apply_event(PROCESS, shifted, Detection(time=0.0, detected=True, curve=CURVE))
     np.testing.assert_allclose(after.mean, shifted.mean)
 
 
 def test_a_replacement_forgets_the_rate_and_starts_at_its_level():
-    after = met(PROCESS, damaged(), Replacement(time=30.0, level=-0.05, level_sd=0.01))
+    after = apply_event(PROCESS, damaged(), Replacement(time=30.0, level=-0.05, level_sd=0.01))
     mean, variance = value_of(after)
     np.testing.assert_allclose(mean, -0.05)
     np.testing.assert_allclose(variance, 0.01**2, rtol=1e-9)
@@ -123,7 +123,7 @@ def test_a_replacement_forgets_the_rate_and_starts_at_its_level():
 def test_beliefs_stay_symmetric_positive_and_unshared(event):
     before = damaged()
     kept = before.mean.copy(), before.covariance.copy()
-    after = met(PROCESS, before, event)
+    after = apply_event(PROCESS, before, event)
     np.testing.assert_array_equal(before.mean, kept[0])
     np.testing.assert_array_equal(before.covariance, kept[1])
     np.testing.assert_array_equal(after.covariance, np.swapaxes(after.covariance, -1, -2))

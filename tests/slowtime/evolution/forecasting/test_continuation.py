@@ -59,7 +59,7 @@ def test_all_thresholds_are_told_by_the_same_futures(learnt):
     outlook, history = learnt
     time, value, sd = history
     horizon = float(time[-1] + 60.0)
-    futures = threshold_crossing.draw(
+    futures = threshold_crossing.draw_futures(
         continuation.begin(outlook, time, value, sd), horizon, paths=500
     )
     for threshold in (-0.2, 0.0):

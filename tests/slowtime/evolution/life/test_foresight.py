@@ -225,7 +225,7 @@ def test_the_twin_says_within_five_epochs_that_the_model_has_changed(seed):
     learnt = 50
     past = TIME[:learnt], value[:learnt], sd[:learnt]
     process = forecast.fit(*past).likeliest
-    watch = change_detection.Watch(process=process, jump_sd=0.1)
+    watch = change_detection.ChangeDetector(process=process, jump_sd=0.1)
     state = watch.start(matern.run(process, *past)[0])
     for k in range(learnt, len(TIME)):
         state, change = watch.step(state, float(TIME[k]), float(value[k]), float(sd[k]))
@@ -241,7 +241,7 @@ def test_the_twin_says_within_five_epochs_that_the_model_has_changed(seed):
 def test_false_alarms_are_rarer_than_the_odds_say_and_outliers_raise_none():
     rng = np.random.default_rng(55)
     process = SlowProcess(length=30.0, sd=0.02, level_sd=1.0, slope_sd=0.01)
-    watch = change_detection.Watch(process=process, jump_sd=0.1, odds=100.0)
+    watch = change_detection.ChangeDetector(process=process, jump_sd=0.1, odds=100.0)
     alarms = steps = 0
     for _ in range(6):
         state = watch.start(process.start(0.0))
@@ -254,7 +254,7 @@ def test_false_alarms_are_rarer_than_the_odds_say_and_outliers_raise_none():
             state, change = watch.step(state, float(k), value, 0.01)
             alarms, steps = alarms + change.noticed, steps + 1
     assert alarms <= 4 * steps / 100.0
-    watch = change_detection.Watch(process=process, jump_sd=0.1)
+    watch = change_detection.ChangeDetector(process=process, jump_sd=0.1)
     state = watch.start(process.start(0.0))
     for k in range(60):
         value = 0.08 if k == 40 else 0.0
@@ -264,7 +264,7 @@ def test_false_alarms_are_rarer_than_the_odds_say_and_outliers_raise_none():
 
 def test_a_missing_reading_says_nothing_of_a_change():
     process = SlowProcess(length=30.0, sd=0.02, level_sd=1.0)
-    watch = change_detection.Watch(process=process, jump_sd=0.1)
+    watch = change_detection.ChangeDetector(process=process, jump_sd=0.1)
     state, _ = watch.step(watch.start(process.start(0.0)), 0.0, 0.0, 0.01)
     state, _ = watch.step(state, 1.0, 0.0, 0.01)
     after, change = watch.step(state, 2.0, float("nan"), 0.01)

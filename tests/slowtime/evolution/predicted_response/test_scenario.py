@@ -8,7 +8,7 @@ import pytest
 from slowtime.dynamics import loads
 from slowtime.dynamics.sdof.oscillator import Oscillator
 from slowtime.dynamics.sdof.response import harmonic_response, step_response
-from slowtime.evolution.predicted_response.scenario import Believed, bands, respond
+from slowtime.evolution.predicted_response.scenario import ParameterBelief, bands, response_runs
 from slowtime.evolution.structures import ParametricStructure
 
 MASS, STIFFNESS, DAMPING = 2.0, 800.0, 0.03
@@ -18,7 +18,7 @@ TIMES = loads.instants(4.0, 200.0)
 def one(theta=0.0, sd=0.0, damping_sd=0.0):
     """An oscillator whose stiffness is known as well as `sd` says."""
     matrix = np.array([[STIFFNESS]])
-    return Believed(
+    return ParameterBelief(
         structure=ParametricStructure(
             mass=np.array([[MASS]]), stiffness=matrix, stiffness_parts=matrix[None],
             element_names=("k",), dof_names=("m",),
@@ -33,7 +33,7 @@ def one(theta=0.0, sd=0.0, damping_sd=0.0):
 
 def ran(believed, load, *, rate_hz=200.0, on="m", quantity="displacement", draws=2, seed=1):
     rng = np.random.default_rng(seed)
-    return respond(
+    return response_runs(
         believed, load, rate_hz, on=on, outputs=["m"], quantity=quantity, draws=draws, rng=rng
     )
 

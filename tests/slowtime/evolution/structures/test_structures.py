@@ -10,9 +10,9 @@ from slowtime.evolution.structures import (
     MeasuredModes,
     ParametricStructure,
     estimate,
+    identifiability_limits,
     name_changes,
-    what_cannot_be_told,
-    what_would_tell,
+    propose_measurements,
 )
 from slowtime.identification.estimates import Measured
 from slowtime.identification.mode_shapes.criteria import normalised
@@ -126,14 +126,14 @@ def test_the_symmetric_chain_of_example_3_3_answers_spring_1_or_4():
 def test_what_looks_alike_is_said_and_so_is_what_would_tell():
     measured = measure(THREE, np.zeros(4), shape_sd=None)
     posterior = estimate(THREE, measured)
-    limits = what_cannot_be_told(THREE, posterior)
+    limits = identifiability_limits(THREE, posterior)
     assert [(limit.kind, limit.names) for limit in limits] == [
         ("alike", ("spring 1", "spring 4")),
         ("alike", ("spring 2", "spring 3")),
     ]
     assert all(limit.ratio > 0.99 for limit in limits)
     assert limits[0].sentence.startswith("spring 1 or spring 4")
-    remedies = {r.means: r for r in what_would_tell(THREE, measured, posterior, limits)}
+    remedies = {r.means: r for r in propose_measurements(THREE, measured, posterior, limits)}
     assert set(remedies) == {"sensor", "added mass", "measured force"}
     assert all(len(r.tells) == 2 for r in remedies.values())
     # A mass in the middle keeps the mirror; one beside it breaks it.
@@ -146,7 +146,7 @@ def test_two_sensors_break_the_mirror_as_promised():
     damage = np.log([0.8, 1.0, 1.0, 1.0])
     measured = measure(THREE, damage, np.random.default_rng(1), shape_sd=0.02, channels=seen)
     assert name_changes(THREE, measured).hypotheses[0].names == ("spring 1",)
-    assert what_cannot_be_told(THREE, estimate(THREE, measured)) == ()
+    assert identifiability_limits(THREE, estimate(THREE, measured)) == ()
 
 
 def test_a_mirror_shows_as_several_optima_of_equal_probability():
@@ -181,16 +181,16 @@ def test_a_known_mass_on_one_node_tells_even_the_scale():
         measure(TWELVE, np.zeros(12), sd=1e-5, added_mass=heavier),
     ]
     alone, both = estimate(TWELVE, sets[0], starts=0), estimate(TWELVE, sets, starts=0)
-    assert [limit.kind for limit in what_cannot_be_told(TWELVE, alone)] == ["scale"]
-    assert "One common factor" in what_cannot_be_told(TWELVE, alone)[0].sentence
-    assert what_cannot_be_told(TWELVE, both) == ()
+    assert [limit.kind for limit in identifiability_limits(TWELVE, alone)] == ["scale"]
+    assert "One common factor" in identifiability_limits(TWELVE, alone)[0].sentence
+    assert identifiability_limits(TWELVE, both) == ()
     assert alone.ratio.min() > 0.25
     assert both.ratio.max() < 0.01
 
 
 def test_mass_against_stiffness_is_told_as_such_and_counted():
     measured = measure(TWELVE, np.zeros(12), shape_sd=None)
-    limits = what_cannot_be_told(TWELVE, estimate(TWELVE, measured, starts=0))
+    limits = identifiability_limits(TWELVE, estimate(TWELVE, measured, starts=0))
     assert [limit.kind for limit in limits] == ["scale"] + 5 * ["mass against stiffness"]
     directions = np.array([limit.direction for limit in limits])
     np.testing.assert_allclose(directions @ directions.T, np.eye(6), atol=1e-6)
@@ -202,7 +202,7 @@ def test_a_parameter_that_moves_nothing_is_said_to_be_unseen():
         mass=SIX.mass, stiffness=parts.sum(axis=0), stiffness_parts=parts
     )
     posterior = estimate(structure, measure(structure, np.zeros(7)), starts=0)
-    limits = what_cannot_be_told(structure, posterior)
+    limits = identifiability_limits(structure, posterior)
     assert [(limit.kind, limit.names) for limit in limits] == [("unseen", ("spring 7",))]
     assert posterior.ratio[6] == pytest.approx(1.0, abs=1e-6)
 

@@ -11,7 +11,7 @@ from slowtime.dynamics.structure import Structure
 from slowtime.identification.bayes import bayesian_modes
 from slowtime.identification.bayes.band import Band
 from slowtime.identification.bayes.likelihood import coherence_score
-from slowtime.identification.bayes.model import Modes
+from slowtime.identification.bayes.model import BandModes
 from slowtime.identification.bayes.resonances import cross_periodograms
 from slowtime.identification.harmonics.detection import find_harmonics
 from slowtime.identification.mode_shapes.criteria import mac
@@ -158,7 +158,7 @@ def drawn(rng, modes, *, bins=400, spacing_hz=1 / 400):
 def pair(coherence):
     shapes = np.array([[1.0, 0.8], [0.7, -0.9], [0.4, 0.5]])
     root = np.array([[1.0, 0.0], [coherence, np.sqrt(1 - coherence**2)]], dtype=complex)
-    return Modes(
+    return BandModes(
         log_frequency=np.log([3.0, 3.15]),
         log_damping=np.log([0.01, 0.012]),
         shapes=shapes,

@@ -8,11 +8,11 @@ import pytest
 from slowtime.identification.bayes import likelihood
 from slowtime.identification.bayes.band import Band
 from slowtime.identification.bayes.likelihood import (
+    gradient,
+    gradient_and_information,
     log_posterior,
-    slope,
-    slope_and_information,
 )
-from slowtime.identification.bayes.model import Modes, modes_of, vector_of
+from slowtime.identification.bayes.model import BandModes, modes_from_vector, parameter_vector
 from slowtime.identification.bayes.resonances import cross_periodograms
 
 
@@ -24,7 +24,7 @@ def start(*, own=2, guests=1, channels=3, seed=1):
     root[np.diag_indices(count)] = 1.0 + np.abs(np.diag(root))
     if guests == 0:
         root[0] = np.eye(count)[0]
-    return Modes(
+    return BandModes(
         log_frequency=np.log(np.linspace(2.9, 3.1, count)),
         log_damping=np.log(np.linspace(0.008, 0.02, count)),
         shapes=rng.standard_normal((channels, count)),
@@ -62,7 +62,7 @@ CASES = [
 
 def spectral_matrices(vector, modes, data):
     """By the definition, entry by entry."""
-    here = modes_of(vector, modes)
+    here = modes_from_vector(vector, modes)
     crossed = cross_periodograms(data, here.log_frequency, here.log_damping)
     rung = np.einsum("ci,ij,kij,dj->kcd", here.shapes, here.coherence, crossed, here.shapes)
     whole = rung + np.diag(np.exp(here.log_noise))
@@ -81,14 +81,14 @@ def log_prior_by_definition(here, modes):
 def test_the_log_posterior_is_that_of_complex_gaussians(case):
     modes = start(**case)
     data = band(modes)
-    vectors = vector_of(modes), vector_of(modes) + 0.01
+    vectors = parameter_vector(modes), parameter_vector(modes) + 0.01
     expected = []
     for vector in vectors:
         matrices = spectral_matrices(vector, modes, data)
         logs = [np.log(np.linalg.det(m).real) for m in matrices]
         fit = np.trace(np.linalg.inv(matrices) @ data.scatter, axis1=1, axis2=2).real
         expected.append(-data.number @ logs - fit.sum())
-        expected[-1] += log_prior_by_definition(modes_of(vector, modes), modes)
+        expected[-1] += log_prior_by_definition(modes_from_vector(vector, modes), modes)
     found = [log_posterior(data, vector, modes) for vector in vectors]
     assert found[1] - found[0] == pytest.approx(expected[1] - expected[0], rel=1e-8)
 
@@ -98,10 +98,10 @@ def test_the_log_posterior_is_that_of_complex_gaussians(case):
 def test_the_slope_is_that_of_the_log_posterior(case, derivatives):
     modes = start(**case)
     data = band(modes, derivatives=derivatives)
-    at = vector_of(modes) + 0.01 * np.random.default_rng(3).standard_normal(
-        len(vector_of(modes))
+    at = parameter_vector(modes) + 0.01 * np.random.default_rng(3).standard_normal(
+        len(parameter_vector(modes))
     )
-    found = slope(data, at, modes)
+    found = gradient(data, at, modes)
     differences = []
     for i in range(len(at)):
         move = np.zeros_like(at)
@@ -116,7 +116,7 @@ def test_the_slope_is_that_of_the_log_posterior(case, derivatives):
 def test_the_information_is_that_of_dense_matrices(case, background):
     modes = start(**case)
     data = band(modes, background=background)
-    at = vector_of(modes)
+    at = parameter_vector(modes)
     slopes = []
     for i in range(len(at)):
         move = np.zeros_like(at)
@@ -126,7 +126,7 @@ def test_the_information_is_that_of_dense_matrices(case, background):
     inverse = np.linalg.inv(spectral_matrices(at, modes, data))
     turned = inverse @ np.stack(slopes)
     expected = np.einsum("k,akcd,bkdc->ab", data.number, turned, turned).real
-    _, found = slope_and_information(data, at, modes)
+    _, found = gradient_and_information(data, at, modes)
     of_prior = found - expected
     mixed = slice(2 * modes.number, 2 * modes.number + len(modes.free_mixing))
     noise = slice(-len(modes.log_noise), None)
@@ -141,9 +141,9 @@ def test_the_information_is_that_of_dense_matrices(case, background):
 @pytest.mark.parametrize("case", CASES)
 def test_the_vector_and_the_modes_are_two_forms_of_one(case):
     modes = start(**case)
-    vector = vector_of(modes) + np.arange(len(vector_of(modes)))
-    np.testing.assert_allclose(vector_of(modes_of(vector, modes)), vector)
-    unchanged = modes_of(vector, modes)
+    vector = parameter_vector(modes) + np.arange(len(parameter_vector(modes)))
+    np.testing.assert_allclose(parameter_vector(modes_from_vector(vector, modes)), vector)
+    unchanged = modes_from_vector(vector, modes)
     guests = modes.guests
     np.testing.assert_array_equal(
         unchanged.log_frequency[:guests], modes.log_frequency[:guests]

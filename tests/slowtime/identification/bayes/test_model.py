@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from slowtime.identification.bayes.band import Band, band_from
-from slowtime.identification.bayes.band_layout import groups
-from slowtime.identification.bayes.initial_estimates import Guess
+from slowtime.identification.bayes.band_layout import group_modes
+from slowtime.identification.bayes.initial_estimates import InitialEstimate
 from slowtime.identification.bayes.resonances import cross_periodograms
 
 
@@ -50,13 +50,13 @@ def test_bins_taken_together_keep_power_and_number():
 
 
 def chain_of(frequencies):
-    return tuple(Guess(f, 0.01, np.ones(2)) for f in frequencies)
+    return tuple(InitialEstimate(f, 0.01, np.ones(2)) for f in frequencies)
 
 
 def test_modes_are_grouped_by_their_widths_and_parted_at_the_widest_gap():
     apart = chain_of([1.0, 1.05, 2.0, 2.02, 2.04])
-    assert groups(apart, 1e4) == [(0, 1), (2, 3, 4)]
-    assert groups(apart, 1e4, coherent=True) == [(0, 1, 2, 3, 4)]
+    assert group_modes(apart, 1e4) == [(0, 1), (2, 3, 4)]
+    assert group_modes(apart, 1e4, coherent=True) == [(0, 1, 2, 3, 4)]
     crowd = chain_of([1.0, 1.02, 1.04, 1.06, 1.15, 1.17, 1.19, 1.21, 1.23])
-    assert groups(crowd, 1e4) == [(0, 1, 2, 3), (4, 5, 6, 7, 8)]
-    assert groups((), 1e4) == []
+    assert group_modes(crowd, 1e4) == [(0, 1, 2, 3), (4, 5, 6, 7, 8)]
+    assert group_modes((), 1e4) == []

@@ -3,10 +3,10 @@ import pytest
 
 from slowtime.dynamics.sdof.oscillator import Oscillator
 from slowtime.dynamics.sdof.simulation import ambient_acceleration
-from slowtime.identification.detection.mode_isolation import MOST_BINS, isolate
+from slowtime.identification.detection.mode_isolation import MOST_BINS, isolate_mode
 from slowtime.identification.detection.record_decimation import LONG, LongRecord
-from slowtime.identification.detection.resonance_peaks import Candidate
-from slowtime.identification.free_decay.estimation import fit_stretch
+from slowtime.identification.detection.resonance_peaks import PeakCandidate
+from slowtime.identification.free_decay.estimation import fit_segment
 from slowtime.identification.single_mode.estimation import all_modes, first_mode
 
 
@@ -72,10 +72,10 @@ def test_a_decay_of_thousands_of_cycles_is_read_off_its_nearest_bins():
     instants = np.arange(round(rate * seconds)) / rate
     noise = 0.05 * np.random.default_rng(1).standard_normal(len(instants))
     series = np.exp(pole * instants).real + noise
-    candidate = Candidate(700.0, 5.0, 2250.0, 40.0)
-    part = isolate(series, rate, candidate)
+    candidate = PeakCandidate(700.0, 5.0, 2250.0, 40.0)
+    part = isolate_mode(series, rate, candidate)
     assert len(part.series) < 7 * MOST_BINS
-    mode = fit_stretch(part, candidate).identified
+    mode = fit_segment(part, candidate).identified
     assert abs(mode.frequency_hz.value - abs(pole) / (2 * np.pi)) < 3 * mode.frequency_hz.sd
     assert abs(mode.damping_ratio.value - 5e-5) < 3 * mode.damping_ratio.sd
     # Cramér-Rao: nothing that tells of the decay is lost with the rest of the spectrum.

@@ -6,7 +6,7 @@ from scipy.signal import find_peaks
 from slowtime.identification.detection import resonance_peaks
 from slowtime.identification.detection.resonance_peaks import (
     SMOOTHING,
-    candidates,
+    detect_peaks,
     separate_peaks,
 )
 
@@ -67,7 +67,7 @@ def test_peaks_of_a_long_record_are_those_of_its_modes():
     rng = np.random.default_rng(2)
     lines = sum(np.cos(2 * np.pi * hz * seconds) for hz in (7.3, 31.0, 200.5))
     record = 0.3 * lines + rng.standard_normal(len(seconds))
-    found = candidates(record[:, None], 1000.0, 1.0, 450.0)
+    found = detect_peaks(record[:, None], 1000.0, 1.0, 450.0)
     assert len(found) == 3
     for one, hz in zip(found, (7.3, 31.0, 200.5), strict=True):
         assert abs(one.frequency_hz / hz - 1) <= SMOOTHING

@@ -7,9 +7,13 @@ import scipy.signal as sps
 from slowtime.dynamics.sdof.oscillator import Oscillator
 from slowtime.dynamics.sdof.simulation import ambient_acceleration
 from slowtime.identification.ambient.expected_spectrum import expected_resonance
-from slowtime.identification.fdd.correlation_decay import ring_down
+from slowtime.identification.fdd.correlation_decay import fit_correlation_decay
 from slowtime.identification.fdd.estimation import efdd, fdd
-from slowtime.identification.fdd.spectral_decomposition import around, decompose, ordinates
+from slowtime.identification.fdd.spectral_decomposition import (
+    decompose_spectrum,
+    ordinates_about,
+    scaled_coefficients,
+)
 from slowtime.identification.harmonics.detection import find_harmonics
 from slowtime.identification.mode_shapes.criteria import mac
 from slowtime.identification.single_mode.bounds import ambient_law
@@ -140,11 +144,11 @@ def test_units_and_dead_channels_change_shapes_alone():
 
 
 def test_singular_values_are_those_of_the_weighted_spectral_matrix():
-    data = ordinates(record(7, seconds=100.0), RATE)
-    found = decompose(data, band_hz=(4.0, 6.0))
+    data = scaled_coefficients(record(7, seconds=100.0), RATE)
+    found = decompose_spectrum(data, band_hz=(4.0, 6.0))
     for k in (0, len(found.values) // 2, len(found.values) - 1):
         place = found.frequency_hz[k]
-        near, w = around(data, place, data.half_width_hz(place, 0.01))
+        near, w = ordinates_about(data, place, data.half_width_hz(place, 0.01))
         columns = np.sqrt(w / w.sum())[:, None] * data.coefficients[near]
         expected = np.linalg.svd(columns, compute_uv=False) ** 2
         np.testing.assert_allclose(found.values[k], expected, rtol=1e-9)
@@ -162,7 +166,7 @@ def test_of_an_expected_bell_the_pole_is_exact(reach, floor):
     bell = expected_resonance(
         bins, natural_hz=hz, damping_ratio=damping, rate_hz=RATE, count=count
     )
-    found = ring_down(bins, bell + floor, centre_hz=hz, rate_hz=RATE, count=count)
+    found = fit_correlation_decay(bins, bell + floor, centre_hz=hz, rate_hz=RATE, count=count)
     assert found is not None
     assert found.frequency_hz.value == pytest.approx(hz, rel=1e-5)
     assert found.damping_ratio.value == pytest.approx(damping, rel=5e-3)
@@ -175,7 +179,7 @@ def test_a_bell_without_flanks_is_flagged():
     bell = expected_resonance(
         bins, natural_hz=hz, damping_ratio=damping, rate_hz=RATE, count=count
     )
-    found = ring_down(bins, bell, centre_hz=hz, rate_hz=RATE, count=count)
+    found = fit_correlation_decay(bins, bell, centre_hz=hz, rate_hz=RATE, count=count)
     assert found is None or "narrow_bell" in found.flags
 
 

@@ -5,7 +5,7 @@ from slowtime.identification.free_decay.decay_fit import (
     drift_basis,
     fit_decays,
     matrix_pencil,
-    signal_space,
+    signal_subspace,
 )
 
 RATE = 200.0
@@ -16,7 +16,7 @@ SERIES = np.real(np.exp(np.multiply.outer(TIMES, POLES)) @ AMPLITUDES)
 
 
 def test_the_matrix_pencil_finds_the_poles_of_clean_decays():
-    found = matrix_pencil(signal_space(SERIES), RATE, 2)
+    found = matrix_pencil(signal_subspace(SERIES), RATE, 2)
     np.testing.assert_allclose(sorted(found, key=np.imag), POLES, rtol=1e-5)
 
 

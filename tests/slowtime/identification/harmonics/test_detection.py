@@ -4,13 +4,13 @@ import scipy.signal as sps
 
 from slowtime.dynamics.sdof.oscillator import Oscillator
 from slowtime.dynamics.sdof.simulation import ambient_acceleration
-from slowtime.identification.harmonics.detection import find_harmonics, judge
+from slowtime.identification.harmonics.detection import classify_peaks, find_harmonics
 from slowtime.identification.harmonics.narrowband import (
-    envelopes,
-    narrow,
-    spectra_of,
+    draw_envelopes,
+    fourier_spectra,
+    narrow_band,
+    residual_share,
     steadiness,
-    untuned,
 )
 
 RATE = 50.0
@@ -35,7 +35,7 @@ def tone(rng, f, seconds, *, wander=0.0, swell=0.0):
 
 
 def kind(record, f, **settings):
-    return judge(record, RATE, np.array([f]), **settings)[0].kind
+    return classify_peaks(record, RATE, np.array([f]), **settings)[0].kind
 
 
 @pytest.mark.long
@@ -45,13 +45,13 @@ def test_drawn_envelopes_are_scattered_like_those_of_simulated_records(f, z, sec
     width = z * f * seconds
     shares, moments = [], []
     for _ in range(150):
-        spectra = spectra_of(mode(rng, f, z, seconds, snr=1e6)[:, None], RATE)
+        spectra = fourier_spectra(mode(rng, f, z, seconds, snr=1e6)[:, None], RATE)
         centre = round(f * seconds)
-        seen = narrow(spectra, centre, 8).envelope[None]
-        shares.append(untuned(seen)[0])
+        seen = narrow_band(spectra, centre, 8).envelope[None]
+        shares.append(residual_share(seen)[0])
         moments.append(steadiness(seen)[0])
-    drawn = envelopes(width, 1e4, 17, 4000, rng)
-    for found, law in ((shares, untuned(drawn)), (moments, steadiness(drawn))):
+    drawn = draw_envelopes(width, 1e4, 17, 4000, rng)
+    for found, law in ((shares, residual_share(drawn)), (moments, steadiness(drawn))):
         quantiles = np.quantile(law, [0.1, 0.5, 0.9])
         below = np.mean(np.array(found)[:, None] < quantiles, axis=0)
         # A share of 150 scatters by 0.025 to 0.04.
@@ -61,7 +61,7 @@ def test_drawn_envelopes_are_scattered_like_those_of_simulated_records(f, z, sec
 def test_a_mode_just_as_lightly_damped_as_allowed_is_rare_as_often_as_stated():
     rng = np.random.default_rng(2)
     p = [
-        judge(mode(rng, 8.0, 5e-4, 300.0), RATE, np.array([8.0]))[0].p_structural
+        classify_peaks(mode(rng, 8.0, 5e-4, 300.0), RATE, np.array([8.0]))[0].p_structural
         for _ in range(40)
     ]
     assert np.mean(np.array(p) < 0.1) < 0.25
@@ -75,7 +75,7 @@ def test_the_false_alarm_rate_holds_over_hundreds_of_modes(f, z, seconds):
     rng = np.random.default_rng(3)
     p = np.array(
         [
-            judge(mode(rng, f, z, seconds), RATE, np.array([f]))[0].p_structural
+            classify_peaks(mode(rng, f, z, seconds), RATE, np.array([f]))[0].p_structural
             for _ in range(300)
         ]
     )
@@ -99,7 +99,9 @@ def test_a_line_is_one_whether_steady_swelling_or_wandering(line, seconds):
     rng = np.random.default_rng(5)
     for _ in range(4 if seconds < 500 else 2):
         noise = rng.standard_normal(round(seconds * RATE))
-        found = judge(tone(rng, 8.1, seconds, **line) + noise, RATE, np.array([8.1]))[0]
+        found = classify_peaks(tone(rng, 8.1, seconds, **line) + noise, RATE, np.array([8.1]))[
+            0
+        ]
         assert found.kind == "harmonic"
         assert found.kurtosis < 2.1
         assert found.amplitude == pytest.approx(1.0, rel=0.15)
@@ -110,7 +112,7 @@ def test_a_line_as_loud_as_the_mode_it_sits_beside_is_told_from_it(beside):
     rng = np.random.default_rng(6)
     ringing = mode(rng, 8.0, 0.01, 300.0)
     record = ringing / ringing.std() + tone(rng, 8.0 * (1 + beside), 300.0)
-    line, own = judge(record, RATE, np.array([8.0 * (1 + beside), 7.96]))
+    line, own = classify_peaks(record, RATE, np.array([8.0 * (1 + beside), 7.96]))
     assert (line.kind, own.kind) == ("harmonic", "structural")
 
 
@@ -121,7 +123,7 @@ def test_the_frequency_of_a_tone_is_as_good_as_it_says():
     for _ in range(40):
         f = rng.uniform(5, 15)
         record = 0.5 * tone(rng, f, 200.0) + rng.standard_normal(10_000)
-        found = judge(record, RATE, np.array([f]))[0].frequency_hz
+        found = classify_peaks(record, RATE, np.array([f]))[0].frequency_hz
         scores.append((found.value - f) / found.sd)
     # Of 40 scores the rms scatters by 11 %.
     assert 0.67 < np.sqrt(np.mean(np.square(scores))) < 1.33
@@ -130,9 +132,11 @@ def test_the_frequency_of_a_tone_is_as_good_as_it_says():
 def test_too_short_a_record_says_that_it_cannot_tell():
     rng = np.random.default_rng(8)
     record = tone(rng, 2.0, 60.0, swell=0.2) + 0.1 * rng.standard_normal(3000)
-    found = judge(record, RATE, np.array([2.0]))[0]
+    found = classify_peaks(record, RATE, np.array([2.0]))[0]
     assert (found.kind, found.decidable) == ("structural", False)
-    assert judge(record, RATE, np.array([2.0]), least_damping=0.005)[0].kind == "harmonic"
+    assert (
+        classify_peaks(record, RATE, np.array([2.0]), least_damping=0.005)[0].kind == "harmonic"
+    )
 
 
 def test_at_a_known_speed_less_evidence_is_asked_for_but_a_mode_stays_one():
@@ -153,7 +157,7 @@ def test_units_of_channels_do_not_matter_and_their_deflections_are_found(gain):
     line, noise = tone(rng, 8.1, 300.0), 0.1 * rng.standard_normal((15_000, 2))
     still = np.full(15_000, 7.0)
     record = np.stack([line + noise[:, 0], still, -gain * (0.5 * line + noise[:, 1])], axis=1)
-    found = judge(record, RATE, np.array([8.1]))[0]
+    found = classify_peaks(record, RATE, np.array([8.1]))[0]
     ratio = found.shape[2] / found.shape[0]
     assert found.kind == "harmonic"
     assert found.shape[1] == 0
@@ -193,7 +197,7 @@ def test_the_highest_peaks_of_long_noise_in_many_channels_are_no_lines():
 def test_the_record_stays_as_it_was_and_the_answer_the_same():
     record = tone(np.random.default_rng(13), 8.0, 100.0)[:, None]
     kept = record.copy()
-    first, second = (judge(record, RATE, np.array([8.0]))[0] for _ in range(2))
+    first, second = (classify_peaks(record, RATE, np.array([8.0]))[0] for _ in range(2))
     np.testing.assert_array_equal(record, kept)
     assert first.p_structural == second.p_structural
 
@@ -201,11 +205,11 @@ def test_the_record_stays_as_it_was_and_the_answer_the_same():
 def test_senseless_settings_say_what_to_give():
     record = np.random.default_rng(14).standard_normal(5000)
     with pytest.raises(ValueError, match=r"least damping ratio that a mode.*not a percentage"):
-        judge(record, RATE, np.array([8.0]), least_damping=0.5)
+        classify_peaks(record, RATE, np.array([8.0]), least_damping=0.5)
     with pytest.raises(ValueError, match="that you can bear"):
-        judge(record, RATE, np.array([8.0]), false_alarm=0.5)
+        classify_peaks(record, RATE, np.array([8.0]), false_alarm=0.5)
     with pytest.raises(ValueError, match=r"A peak at 30 Hz was given\. Allowed"):
-        judge(record, RATE, np.array([30.0]))
+        classify_peaks(record, RATE, np.array([30.0]))
 
 
 @pytest.mark.data
@@ -215,7 +219,7 @@ def test_no_mode_of_a_real_steel_frame_is_taken_for_a_machine(data, number):
     published = np.array(
         [1.2283, 1.4358, 2.1, 4.0175, 4.7704, 6.6824, 7.6157, 9.6653, 12.1663, 12.5979]
     )
-    verdicts = judge(record, 256.0, published)
+    verdicts = classify_peaks(record, 256.0, published)
     assert {verdict.kind for verdict in verdicts} == {"structural"}
     lines, _ = find_harmonics(record, 256.0, band_hz=(0.5, 16.0))
     assert lines == ()

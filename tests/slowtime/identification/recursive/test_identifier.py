@@ -13,9 +13,9 @@ from slowtime.dynamics.structure import Structure
 from slowtime.identification.automatic.estimation import identify_modes
 from slowtime.identification.mode_shapes.criteria import mac
 from slowtime.identification.recursive import RecursiveModes
-from slowtime.identification.recursive.forgetting import Raster
+from slowtime.identification.recursive.forgetting import FrequencyGrid
 from slowtime.identification.recursive.frames import Frame
-from slowtime.identification.recursive.product_sums import MOST, Stretch, Sums
+from slowtime.identification.recursive.product_sums import MOST, ProductSum, ProductSums
 from slowtime.identification.subspace.correlations import block_products
 
 RATE = 16.0
@@ -269,7 +269,7 @@ def test_a_frame_moves_its_band_to_zero_without_seams():
 
 
 def test_a_window_that_fades_adds_just_its_decay_to_a_mode():
-    raster = Raster(Frame.of(RECURSIVE.bands[1], RATE))
+    raster = FrequencyGrid(Frame.of(RECURSIVE.bands[1], RATE))
     rate = raster.frame.rate_hz
     into = np.ones((1, 1), dtype=complex)
     rng = np.random.default_rng(3)
@@ -296,10 +296,10 @@ def test_a_window_that_fades_adds_just_its_decay_to_a_mode():
 def test_sums_of_stretches_are_those_of_the_whole_series():
     rng = np.random.default_rng(4)
     series = rng.standard_normal((2_003, 2)) + 1j * rng.standard_normal((2_003, 2))
-    sums = Sums()
+    sums = ProductSums()
     for at in range(0, 2_000, 10):
         part = block_products(series[at : at + 13], series[at : at + 13], lags=4, length=10)
-        sums = sums.added(Stretch(part[0], 10.0, float(at)), None)
+        sums = sums.added(ProductSum(part[0], 10.0, float(at)), None)
     found = sums.correlations(rate_hz=1.0, centre_hz=0.0, memory_s=None)
     assert found is not None
     assert found.duration_s == 2_000

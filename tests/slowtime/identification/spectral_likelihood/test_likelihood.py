@@ -3,10 +3,18 @@ import dataclasses
 import numpy as np
 import pytest
 
-from slowtime.identification.spectral_likelihood.fisher_information import information_of
-from slowtime.identification.spectral_likelihood.likelihood import fit, log_likelihood, started
-from slowtime.identification.spectral_likelihood.model import BandData, BandModel, moved
-from slowtime.identification.spectral_likelihood.score_test import Prospects
+from slowtime.identification.spectral_likelihood.fisher_information import fisher_information
+from slowtime.identification.spectral_likelihood.likelihood import (
+    band_log_likelihood,
+    fit_band_model,
+    initial_model,
+)
+from slowtime.identification.spectral_likelihood.model import (
+    BandData,
+    BandModel,
+    step_parameters,
+)
+from slowtime.identification.spectral_likelihood.score_test import AddedModeTest
 
 OMEGA = np.linspace(-30.0, 30.0, 301)
 POLES = np.array([-1.0 - 4.0j, -1.5 + 6.0j])
@@ -41,14 +49,14 @@ def periodogram(rng, truth):
 @pytest.mark.parametrize("length", [np.inf, 5.0])
 def test_the_score_is_the_slope_of_the_likelihood(length):
     data = periodogram(np.random.default_rng(1), model(length=length))
-    start = started(data, POLES * 1.1, model().shape)
-    _, score = information_of(data, start, start.density(OMEGA))
+    start = initial_model(data, POLES * 1.1, model().shape)
+    _, score = fisher_information(data, start, start.density(OMEGA))
     size, step = len(score), 1e-6
     slopes = np.empty(size)
     for k, along in enumerate(step * np.eye(size)):
-        both = [moved(start, sign * along) for sign in (1.0, -1.0)]
+        both = [step_parameters(start, sign * along) for sign in (1.0, -1.0)]
         forth, back = (
-            log_likelihood(data, each.density(OMEGA))
+            band_log_likelihood(data, each.density(OMEGA))
             - 0.5 * np.sum(np.square(np.divide(*each.ties())))
             for each in both
         )
@@ -81,10 +89,10 @@ def test_a_fit_to_what_a_model_predicts_finds_the_model():
     truth = model(length=40.0)
     data = data_of(truth, truth.density(OMEGA), number=10.0)
     near = POLES + np.array([0.4 - 0.3j, -0.5 + 0.6j])
-    found = fit(data, started(data, near, truth.shape + 0.1))
+    found = fit_band_model(data, initial_model(data, near, truth.shape + 0.1))
     assert found.converged
     np.testing.assert_allclose(found.model.pole, POLES, atol=5e-3)
-    lost = log_likelihood(data, truth.density(OMEGA)) - found.log_likelihood
+    lost = band_log_likelihood(data, truth.density(OMEGA)) - found.log_likelihood
     assert lost < 0.05
 
 
@@ -94,7 +102,7 @@ def test_the_poles_scatter_by_what_the_covariance_says():
     errors = []
     for _ in range(60):
         data = periodogram(rng, truth)
-        found = fit(data, started(data, POLES, truth.shape))
+        found = fit_band_model(data, initial_model(data, POLES, truth.shape))
         sd = np.sqrt([np.diag(found.pole_covariance(k)) for k in range(2)])
         log_decay = np.log(found.model.pole.real / POLES.real)
         errors.append(np.column_stack([log_decay, found.model.pole.imag - POLES.imag]) / sd)
@@ -106,9 +114,9 @@ def test_what_a_weak_mode_promises_is_what_it_adds():
     truth = model()
     force = truth.force * np.array([1.0, 0.02])
     data = data_of(truth, dataclasses.replace(truth, force=force).density(OMEGA), number=20.0)
-    one = fit(data, started(data, POLES[:1], truth.shape[:, :1]))
-    promised, shape = Prospects(data, one.model).gain(complex(weak[0]), truth.shape[:, 1])
-    both = fit(data, one.model.with_modes(weak, shape[:, None]))
+    one = fit_band_model(data, initial_model(data, POLES[:1], truth.shape[:, :1]))
+    promised, shape = AddedModeTest(data, one.model).gain(complex(weak[0]), truth.shape[:, 1])
+    both = fit_band_model(data, one.model.with_modes(weak, shape[:, None]))
     gained = both.log_likelihood - one.log_likelihood
     assert gained > 5.0
     assert promised == pytest.approx(gained, rel=0.3)
@@ -117,10 +125,10 @@ def test_what_a_weak_mode_promises_is_what_it_adds():
 def test_a_mode_is_promised_much_however_wrong_the_shape_it_is_asked_with():
     truth = model()
     data = data_of(truth, truth.density(OMEGA), number=5.0)
-    one = fit(data, started(data, POLES[:1], truth.shape[:, :1]))
+    one = fit_band_model(data, initial_model(data, POLES[:1], truth.shape[:, :1]))
     right = truth.shape[:, 1]
     wrong = np.array([right[1].conj(), -right[0].conj()])
-    prospects = Prospects(data, one.model)
+    prospects = AddedModeTest(data, one.model)
     asked = prospects.gain(complex(POLES[1]), wrong)
     assert asked[0] == pytest.approx(prospects.gain(complex(POLES[1]), right)[0], rel=0.2)
     overlap = (
@@ -132,7 +140,7 @@ def test_a_mode_is_promised_much_however_wrong_the_shape_it_is_asked_with():
 def test_poles_that_are_held_stay_and_the_others_move():
     truth = model()
     data = data_of(truth, truth.density(OMEGA))
-    found = fit(data, started(data, POLES + 0.2j, truth.shape, held=1))
+    found = fit_band_model(data, initial_model(data, POLES + 0.2j, truth.shape, held=1))
     assert found.model.pole[1] == POLES[1] + 0.2j
     assert abs(found.model.pole[0] - POLES[0]) < abs(0.2j)
 
@@ -159,5 +167,5 @@ def test_wide_groups_move_no_pole():
     middle = omega.reshape(-1, size).mean(axis=1)
     number = np.full(len(middle), float(size))
     data = BandData(middle, density, number, width=number * (omega[1] - omega[0]))
-    found = fit(data, started(data, POLES + 0.1, truth.shape))
+    found = fit_band_model(data, initial_model(data, POLES + 0.1, truth.shape))
     np.testing.assert_allclose(found.model.pole, POLES, atol=2e-3)

@@ -8,7 +8,7 @@ from slowtime.dynamics.simulation import ambient_structure
 from slowtime.dynamics.structure import Structure
 from slowtime.identification.single_mode.bounds import ambient_law
 from slowtime.identification.subspace.correlations import Correlations
-from slowtime.identification.subspace.ssi import identify, ssi_covariance, ssi_data
+from slowtime.identification.subspace.ssi import identify_poles, ssi_covariance, ssi_data
 
 POLES = np.array([-0.3 + 7j, -0.2 + 11j, -0.5 + 16j])
 SHAPES = np.array([[1.0, 1.0, 1.0], [2.0, -0.5, -1.0], [1.5, 1.2j, 0.7]])
@@ -45,7 +45,7 @@ def structure(frequencies_hz, damping_ratio):
 def test_poles_and_shapes_of_exact_correlations_are_exact(complex_valued):
     given = exact(np.random.default_rng(1), complex_valued=complex_valued)
     order = 3 if complex_valued else 6
-    found = identify(given, block_rows=8, orders=[order])
+    found = identify_poles(given, block_rows=8, orders=[order])
     at = np.argsort(found.pole.imag)
     np.testing.assert_allclose(found.pole[at], POLES, rtol=1e-9)
     for shape, true in zip(found.shape[:, at].T, SHAPES.T, strict=True):
@@ -64,12 +64,16 @@ def test_errors_are_the_derivatives_along_the_draws(complex_valued, weighting):
         given = dataclasses.replace(given, mean=mean)
     order = 3 if complex_valued else 6
     options = {"block_rows": 8, "orders": [order], "weighting": weighting, "shapes": True}
-    found = identify(given, **options)
+    found = identify_poles(given, **options)
     step = 1e-5
     for k, error in enumerate(given.draws):
         error = error * (np.arange(len(error)) > 0)[:, None, None]  # of the whitening: none
-        there = identify(dataclasses.replace(given, mean=given.mean + step * error), **options)
-        back = identify(dataclasses.replace(given, mean=given.mean - step * error), **options)
+        there = identify_poles(
+            dataclasses.replace(given, mean=given.mean + step * error), **options
+        )
+        back = identify_poles(
+            dataclasses.replace(given, mean=given.mean - step * error), **options
+        )
         assert there.shape_draws is not None
         assert found.shape_draws is not None
         for i, pole in enumerate(found.pole):
@@ -133,8 +137,8 @@ def test_poles_are_those_of_the_textbook():
 
 def test_lower_orders_are_part_of_the_same_answer():
     given = exact(np.random.default_rng(4))
-    alone = identify(given, block_rows=8, orders=[4])
-    among = identify(given, block_rows=8, orders=[2, 4, 6])
+    alone = identify_poles(given, block_rows=8, orders=[4])
+    among = identify_poles(given, block_rows=8, orders=[2, 4, 6])
     np.testing.assert_allclose(among.pole[among.order == 4], alone.pole, rtol=1e-10)
     np.testing.assert_allclose(among.draws[:, among.order == 4], alone.draws, rtol=1e-7)
 
@@ -153,7 +157,7 @@ def test_shapes_come_in_the_units_of_the_channels():
 def test_too_few_lags_and_dead_channels_are_refused_with_the_cure():
     given = exact(np.random.default_rng(6))
     with pytest.raises(ValueError, match=r"block_rows=20.*need 40 lags, and 24 were given"):
-        identify(given, block_rows=20, orders=[2])
+        identify_poles(given, block_rows=20, orders=[2])
     moving = np.random.default_rng(7).standard_normal((500, 2))
     moving[:, 1] = 3.0
     with pytest.raises(ValueError, match=r"Of 2 channels 1 move. Leave the others out"):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from slowtime.identification.subspace.ssi import Poles
-from slowtime.identification.subspace.stabilisation import candidates
+from slowtime.identification.subspace.stabilisation import find_stable_poles
 
 ORDERS = 20
 DURATION_S = 500.0
@@ -46,12 +46,12 @@ def scattered(seed=3, each=2):
 
 
 def frequencies(given, **band):
-    return [c.frequency_hz for c in candidates(given, **(BAND | band))]
+    return [c.frequency_hz for c in find_stable_poles(given, **(BAND | band))]
 
 
 def test_what_stays_over_orders_is_a_candidate_and_what_jumps_is_none():
     given = poles(*staying(3.0), *scattered())
-    (only,) = candidates(given, **BAND)
+    (only,) = find_stable_poles(given, **BAND)
     assert only.frequency_hz == pytest.approx(3.0, abs=0.005)
     assert only.damping_ratio == pytest.approx(0.02, rel=1e-6)
     assert only.orders >= ORDERS - 2
@@ -60,7 +60,7 @@ def test_what_stays_over_orders_is_a_candidate_and_what_jumps_is_none():
 
 def test_a_candidate_is_one_of_its_members_and_they_are_the_poles_it_followed():
     given = poles(*staying(3.0), *scattered())
-    (only,) = candidates(given, **BAND)
+    (only,) = find_stable_poles(given, **BAND)
     assert only.index in only.members
     assert only.pole == given.pole[only.index]
     assert len(set(given.order[only.members].tolist())) == len(only.members) == only.orders
@@ -125,4 +125,4 @@ def test_candidates_lie_in_the_band_and_ascend():
 
 
 def test_no_poles_give_no_candidates():
-    assert candidates(poles(*staying(30.0)), **BAND) == []
+    assert find_stable_poles(poles(*staying(30.0)), **BAND) == []
