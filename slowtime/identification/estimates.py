@@ -15,6 +15,15 @@ class Measured:
     def interval(self, level: float = 0.95) -> tuple[float, float]:
         """Symmetric interval of a Gaussian error.
 
+        Parameters
+        ----------
+        level
+            Probability of the interval.
+
+        Returns
+        -------
+        Lower and upper limit, in the unit of the value.
+
         Examples
         --------
         >>> low, high = Measured(10.0, 1.0).interval()
@@ -61,10 +70,19 @@ class Identified:
     flags: tuple[str, ...] = ()
 
     def damping_interval(self, level: float = 0.95) -> tuple[float, float]:
-        """Interval of the damping ratio with a Gaussian error of its logarithm.
+        """Interval of the damping ratio for a Gaussian error of its logarithm.
 
         It stays positive, and is the better one where the damping is known to worse than
         about a fifth. A damping that was not found positive has the plain interval.
+
+        Parameters
+        ----------
+        level
+            Probability of the interval.
+
+        Returns
+        -------
+        Lower and upper limit [1].
         """
         value, sd = self.damping_ratio.value, self.damping_ratio.sd
         if value <= 0:

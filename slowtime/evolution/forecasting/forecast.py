@@ -97,7 +97,7 @@ def fit(
         ``"smooth"`` leaves waves out, ``"repeating"`` takes one for certain where least squares
         finds a period; by default their evidence decides.
     suspected
-        Slow times after which somebody has seen a jump (`jumps.Watch`): tried first, however
+        Slow times after which somebody has seen a jump (`ChangeDetector`): tried first, however
         few readings there are since.
     known
         Events that were told. At those that move the level it may go anywhere here; how far it

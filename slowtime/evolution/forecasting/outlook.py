@@ -82,7 +82,7 @@ class Outlook:
 
     @property
     def likeliest(self) -> SlowProcess:
-        """The most probable process without a wave, to watch by (`jumps.Watch`)."""
+        """The most probable process without a wave, to watch by (`ChangeDetector`)."""
         found = member(self.family, int(self.weights.argmax()))
         assert isinstance(found, SlowProcess)
         return found

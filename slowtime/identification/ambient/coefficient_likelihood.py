@@ -27,13 +27,16 @@ from jaxtyping import Complex, Float
 from .whittle import COLOUR, COLOUR_PRIOR, FLOOR, FLOOR_PRIOR, PosteriorMaximum
 
 STEP = 0.25
-"""Differences are taken over this share of a standard deviation."""
+"""Step of the finite differences [standard deviations]."""
 
 STEPS = 20
+"""Newton steps, at most."""
+
 FARTHEST = 1.5
+"""Longest Newton step of one parameter [standard deviations]."""
+
 CONVERGED = 0.02
-"""Stop when a step promises less than this of log-likelihood, or after so many steps, none of
-which moves a parameter by more standard deviations than this."""
+"""Expected gain of log-likelihood below which the search stops."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -59,9 +62,19 @@ class FourierCoefficients:
     def log_posterior(
         self, parameters: Float[np.ndarray, "case parameter"]
     ) -> Float[np.ndarray, " case"]:
-        """Log-likelihood of parameters (ln f, ln zeta, ln peak, ln floor, colour), and prior.
+        """Log-posterior of (ln f, ln zeta, ln peak, ln floor, colour), up to a constant.
 
         The prior is flat but for that of the floor and of the colour of the force.
+
+        Parameters
+        ----------
+        parameters
+            One row per case: f [Hz], zeta [1], peak and floor of the one-sided density,
+            exponent of the force spectrum.
+
+        Returns
+        -------
+        Log-posterior of each case.
         """
         seconds = self.duration_s
         omega0, damping, peak, floor = np.exp(parameters[:, :COLOUR, None]).transpose(1, 0, 2)
@@ -123,7 +136,7 @@ def maximise_posterior(
     *,
     held: tuple[int, ...] = (),
 ) -> PosteriorMaximum:
-    """Climb to the top of the posterior by Newton steps, slopes and curvature by differences.
+    """Find the maximum of the posterior by Newton steps with finite differences.
 
     Parameters
     ----------
@@ -131,6 +144,10 @@ def maximise_posterior(
         About the standard deviations of the parameters, which scale the differences.
     held
         Places of parameters that stay where they are; their covariance is 0.
+
+    Returns
+    -------
+    Maximum, its value, and the covariance from the curvature.
     """
     free = np.array([k for k in range(len(start)) if k not in held])
     theta, damping = start.copy(), 0.0

@@ -20,21 +20,27 @@ from .spline import cubic_spline
 from .whittle import DAMPING, FREQUENCY, PEAK, PosteriorMaximum
 
 STRIDE, WIDENING, MOST_POINTS = 0.6, 1.15, 30
-"""The raster begins with so many standard deviations of ln zeta, widens by so much from point
-to point, and ends after so many either side."""
+"""Grid of ln zeta: first step [standard deviations], growth of the step per point, and largest
+number of points on either side."""
 
 DROP = 12.0
-"""Fall of the logarithm of the likelihood at which the raster ends."""
+"""Fall of the log-likelihood at which the grid ends."""
 
 LEAST_DAMPING, MOST_DAMPING = 1e-5, 0.8
-"""Range of the prior [1]: no structure is damped less or, being a mode, more."""
+"""Range of the flat prior of the damping ratio [1]."""
 
 FEWEST_POINTS = 4
+"""Grid points below which the Gaussian approximation is used."""
+
 FINE = 801
+"""Points of the interpolated posterior."""
+
 LEVEL = 0.95
+"""Probability of the interval that sets the standard deviation."""
+
 FAR = 4.2
-"""Standard deviations that are to hold all of the posterior but as much as a Gaussian leaves
-beyond them: `value` ± z `sd` is then as rare as it looks, at 95 % and in the tails."""
+"""Second interval that sets the standard deviation, as a Gaussian quantile: it keeps the tails
+of the posterior covered as well as its 95 % interval."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -67,6 +73,10 @@ def damping_posterior(
         from the others of them.
     top
         Where the raster begins: the top over all parameters.
+
+    Returns
+    -------
+    Median and standard deviation of the damping ratio, and the variance of ln f.
     """
     points = _points(profile, top)
     if len(points) < FEWEST_POINTS:

@@ -29,37 +29,41 @@ from .whittle import (
 )
 
 STARTS = np.geomspace(5e-4, 0.15, 12)
+"""Damping ratios of the initial grid [1]."""
+
 NEAR = 1.6
-"""The first guess looks so far about a candidate, in ratios of frequency ..."""
+"""Initial fit: ratio of the band limits to the candidate's frequency."""
 
 FEWEST = 24
-"""... and at so many ordinates at least."""
+"""Initial fit: least number of ordinates."""
 
 ROUNDS = 2
-"""The band is measured in half-bandwidths, which the first round finds."""
+"""Rounds of band choice: the band is measured in half-bandwidths, which the first round
+estimates."""
 
 ACCELERATION = 3.0
-"""Logarithm of the odds that a record is one of acceleration rather than anything else."""
+"""Prior log-odds that a record is one of acceleration."""
 
 LONG = 100.0
-"""Half-bandwidths in the record, times 2 pi, beyond which ordinates are all but independent."""
+"""Value of 2 pi zeta f T above which ordinates are practically independent, and the Whittle
+likelihood is used [1]."""
 
 MOST_SD = 1.0
-"""Differences of the exact likelihood are scaled by no more than this."""
+"""Largest scale of the finite differences [1]."""
 
 OCTAVE = 2.0
-"""Below this share of the frequency coefficients are little but leakage, of which the straight
-line that was taken off the record takes a part."""
+"""Ratio of frequency to lower band limit of the coefficient likelihood; below, coefficients are
+mainly leakage, part of which detrending has removed."""
 
 UNSEEN = 1.0
-"""Standard deviation of the logarithm of the floor beyond which it is not in sight."""
+"""Standard deviation of ln floor above which the floor is held at its initial value."""
 
 FEW = 50.0
-"""Half-bandwidths in the record, times 2 pi, below which the errors are not yet those of the
-uncertainty law, and damping is skewed."""
+"""Value of 2 pi zeta f T below which `few_cycles` is flagged: errors then exceed the
+uncertainty law, and the posterior of the damping is skewed [1]."""
 
 THRESHOLD = 12.0
-"""Gain in log-likelihood over a smooth spectrum below which there is no mode to speak of."""
+"""Gain of log-likelihood over a smooth spectrum below which `below_threshold` is flagged."""
 
 
 def identify_ambient(
@@ -74,7 +78,7 @@ def identify_ambient(
     Likelihood of the raw periodogram of the whole record [1]_: natural frequency, damping
     ratio, level, noise floor and colour of the force are all fitted, leakage is in the model
     (`expected_resonance`), over the band in which one mode explains the spectrum
-    (`extent.widest`). The errors come from the posterior of the damping, and tend to
+    (`widest_fit_band`). The errors come from the posterior of the damping, and tend to
 
     .. math:: \mathrm{sd}(f) / f \to \sqrt{\zeta / (2 \pi N_c B_f)}, \quad
               \mathrm{sd}(\ln \zeta) \to 1 / \sqrt{2 \pi \zeta N_c B_\zeta}
@@ -121,7 +125,23 @@ def fit_ambient(
     candidate: PeakCandidate,
     derivatives: int | None = None,
 ) -> Identified:
-    """Whittle fit of the resonance that `candidate` points at, within its band."""
+    """Fit the resonance of a candidate by the likelihood of the spectrum in its band.
+
+    Parameters
+    ----------
+    columns
+        Samples of all channels, in any unit.
+    rate_hz
+        Sampling rate [Hz].
+    candidate
+        Detected peak, with the band that belongs to it [Hz].
+    derivatives
+        2 acceleration, 1 velocity, 0 displacement; None chooses the likeliest.
+
+    Returns
+    -------
+    Frequency [Hz] and damping ratio [1] of the mode, with flags.
+    """
     series = modal_series(columns, rate_hz, candidate)
     return _identified(series, _extent(series, rate_hz, candidate, derivatives))
 
@@ -129,7 +149,21 @@ def fit_ambient(
 def fit_ambient_steady(
     columns: Float[np.ndarray, "time channel"], rate_hz: float, candidate: PeakCandidate
 ) -> Identified:
-    """Ambient fit of the whole, widened by what the two halves say against each other."""
+    """Fit a whole record, and widen the error by the change between its halves.
+
+    Parameters
+    ----------
+    columns
+        Samples of all channels, in any unit.
+    rate_hz
+        Sampling rate [Hz].
+    candidate
+        Detected peak, with the band that belongs to it [Hz].
+
+    Returns
+    -------
+    Frequency [Hz] and damping ratio [1] of the mode, with flags.
+    """
     series = modal_series(columns, rate_hz, candidate)
     extent = _extent(series, rate_hz, candidate, None)
     whole, middle = _identified(series, extent), len(series) // 2

@@ -32,39 +32,40 @@ from .whittle import (
 )
 
 INNER = 8.0
-"""Half-bandwidths either side from which the band begins to grow: fewer cannot tell a floor
+"""Initial half-width of the band [half-bandwidths]; a narrower band cannot separate the floor
 from the skirts."""
 
 FEWEST_BINS = 12.0
-"""... and ordinates either side at least, for five parameters to be told."""
+"""Initial half-width of the band, at least [ordinates]: five parameters are fitted."""
 
 REACH = 60.0
-"""Half-bandwidths either side where it ends: further ones add under 2 % to what is known."""
+"""Largest half-width of the band [half-bandwidths]: more adds under 2 % of information."""
 
 GROWTH = 1.3
-"""Ratio of successive distances from the resonance."""
+"""Ratio of successive half-widths."""
 
 MISFIT = 5e-4
-"""Probability of a true model's misfit below which it is taken for a wrong one; some ten
-tests are made, and a band that ends too early costs only a little precision."""
+"""Probability of a misfit as large under a true model, below which the band is rejected; about
+ten bands are tested."""
 
 OUTLYING = 3.5
-"""Standard scores of one ring's mean that end the band there."""
+"""Score of one ring above which the band is rejected [standard deviations]."""
 
 MOVED = 3.5
-"""Standard scores of a change of damping or frequency with the band that end it."""
+"""Change of ln f or ln zeta with the band above which it is rejected [standard deviations]."""
 
 SHOWN = 0.5
-"""Half-bandwidths between a resonance and the end of its spectrum, at least."""
+"""Distance of a resonance from the end of the spectrum, at least [half-bandwidths]."""
 
 WORTH = 6.0
-"""Rings of less ordinates are joined to their inner neighbour."""
+"""Rings with fewer ordinates are joined to their inner neighbour."""
 
 CONTRAST = 2.0
-"""The band is compared with one so much narrower for the uncertainty of its choice."""
+"""Ratio of band widths that are compared for the error of the band choice."""
 
 EXCUSED = 3.84
-"""Squared standard score of that comparison which is put down to chance (95 %)."""
+"""Squared score that is attributed to chance in this comparison (95 % quantile of chi-square
+with one degree of freedom)."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -111,7 +112,19 @@ class _Trial:
 
 
 def widest_fit_band(whole: Periodogram, start: Float[np.ndarray, "5"]) -> FitBand:
-    """Grow the band of a resonance from `start` as far as one mode explains the spectrum."""
+    """Grow the band of a resonance as far as a single mode explains the spectrum.
+
+    Parameters
+    ----------
+    whole
+        Periodogram of the search band.
+    start
+        Initial (ln f [Hz], ln zeta, ln peak, ln floor, colour).
+
+    Returns
+    -------
+    Ordinates of the band, the fit to them, and the error of the band choice.
+    """
     frequency, damping = np.exp(start[[FREQUENCY, DAMPING]])
     distances = _distances(frequency * damping, whole)
     last = len(distances) - 1
@@ -189,10 +202,25 @@ def ring_scores(
     frequency: float,
     distances: Float[np.ndarray, " ring"],
 ) -> Float[np.ndarray, " score"]:
-    """Score how far each ring's mean ratio of ordinates to their expectation is from one.
+    """Score the mean ratio of ordinates to their expectation, ring by ring.
 
     Means of n ratios are gamma distributed; their cube roots are Gaussian (Wilson and
     Hilferty), with variance 1 / 9 n about 1 - 1 / 9 n.
+
+    Parameters
+    ----------
+    data
+        Ordinates of the band.
+    expected
+        Expected density of each ordinate.
+    frequency
+        Resonance frequency [Hz].
+    distances
+        Outer radii of the rings [Hz].
+
+    Returns
+    -------
+    Standard normal scores under a true model.
     """
     offset = data.frequency_hz - frequency
     ring = np.searchsorted(distances, np.abs(offset)) + 1

@@ -19,6 +19,10 @@ def cubic_spline(
     places
         Ascending; four at least.
 
+    Returns
+    -------
+    Values of the spline at the given places.
+
     Examples
     --------
     >>> places = np.array([0.0, 1.0, 3.0, 4.0])

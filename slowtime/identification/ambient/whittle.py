@@ -17,21 +17,25 @@ from jaxtyping import Bool, Float
 from .expected_spectrum import expected_resonance, expected_resonances
 
 STEPS = 60
+"""Scoring steps, at most."""
+
 CONVERGED = 1e-3
-"""Stop when a scoring step moves no parameter by more than this many standard deviations."""
+"""Length of a scoring step at which the search stops [standard deviations]."""
 
 NEARLY = 0.05
-"""A search that stalls, on slopes by differences, before a smaller step passes as done."""
+"""Length of the last scoring step below which a stalled search counts as converged [standard
+deviations]."""
 
 FLOOR_PRIOR = 1e-2
-"""Prior information on the logarithm of the floor (sd 10): keeps an invisible one put."""
+"""Prior information on ln floor (sd 10): keeps a floor that is not visible at its initial
+value."""
 
 COLOUR_PRIOR = 0.1
-"""Prior information on the exponent of the force's density about 0 (sd 3): a force whose
-density rises or falls faster than in proportion to frequency is no ambient one."""
+"""Prior information on the exponent of the force spectrum about 0 (sd 3)."""
 
 FREQUENCY, DAMPING, PEAK, FLOOR, COLOUR = range(5)
-"""Places of the parameters: ln f, ln zeta, ln peak density, ln floor, exponent of the force."""
+"""Indices of the parameters: ln f, ln zeta, ln peak density, ln floor, exponent of the force
+spectrum."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -76,7 +80,19 @@ class Periodogram:
     def shape(
         self, log_frequency: float, log_damping: float
     ) -> Float[np.ndarray, " frequency"]:
-        """Predict the periodogram for unit peak density."""
+        """Predict the periodogram for unit peak density.
+
+        Parameters
+        ----------
+        log_frequency
+            Ln f, f in Hz.
+        log_damping
+            Ln zeta.
+
+        Returns
+        -------
+        Expected density of each ordinate.
+        """
         return expected_resonance(
             self.frequency_hz,
             natural_hz=float(np.exp(log_frequency)),
@@ -89,7 +105,19 @@ class Periodogram:
     def shapes(
         self, log_frequency: Float[np.ndarray, " case"], log_damping: Float[np.ndarray, " case"]
     ) -> Float[np.ndarray, "case frequency"]:
-        """Predict several at once."""
+        """Predict the periodograms of several cases for unit peak density.
+
+        Parameters
+        ----------
+        log_frequency
+            Ln f of each case, f in Hz.
+        log_damping
+            Ln zeta of each case.
+
+        Returns
+        -------
+        One row per case.
+        """
         return expected_resonances(
             self.frequency_hz,
             natural_hz=np.exp(log_frequency),
@@ -100,7 +128,17 @@ class Periodogram:
         )
 
     def within(self, low_hz: float, high_hz: float) -> "Periodogram":
-        """Keep the ordinates of a band."""
+        """Ordinates between two frequencies.
+
+        Parameters
+        ----------
+        low_hz, high_hz
+            Limits, both included [Hz].
+
+        Returns
+        -------
+        Part of the periodogram.
+        """
         inside = (self.frequency_hz >= low_hz) & (self.frequency_hz <= high_hz)
         return dataclasses.replace(
             self,
@@ -111,10 +149,21 @@ class Periodogram:
 
 
 def group_ordinates(data: Periodogram, centre_hz: float) -> Periodogram:
-    """Ordinates averaged where the spectrum is smooth: over a twelfth of the way to the peak.
+    """Average neighbouring ordinates over a twelfth of their distance from the peak.
 
     A resonance falls off like the square of that distance, so averaging loses under 0.2 % of
     its shape, and leaves a few hundred ordinates of however long a record.
+
+    Parameters
+    ----------
+    data
+        Ordinates.
+    centre_hz
+        Frequency of the peak [Hz].
+
+    Returns
+    -------
+    Averaged ordinates, with the number in each.
     """
     offset = np.abs(data.frequency_hz - centre_hz) * data.count / data.rate_hz
     # Cumulated 1/width passes a whole number wherever one group ends and the next begins.
@@ -136,7 +185,7 @@ def fit_resonance(
     *,
     held: tuple[int, ...] = (),
 ) -> ResonanceFit:
-    """Maximum of Whittle's likelihood by Fisher scoring with step halving from `start`.
+    """Maximise the Whittle likelihood by Fisher scoring with step halving.
 
     Parameters
     ----------
@@ -146,6 +195,10 @@ def fit_resonance(
         Parameters to start from: four for a white force, five for one of unknown colour.
     held
         Places of parameters that stay where they are; their covariance is 0.
+
+    Returns
+    -------
+    Parameters, their covariance, and the expected density of each ordinate.
     """
     prior = _prior(start)
     free = np.array([k not in held for k in range(len(start))])
@@ -184,12 +237,34 @@ def fit_resonance(
 def whittle_log_likelihood(
     data: Periodogram, expected: Float[np.ndarray, " frequency"]
 ) -> float:
-    """Whittle's, up to a constant."""
+    """Whittle log-likelihood, up to a constant.
+
+    Parameters
+    ----------
+    data
+        Ordinates.
+    expected
+        Expected density of each.
+
+    Returns
+    -------
+    Log-likelihood.
+    """
     return float(-np.sum(data.number * (np.log(expected) + data.density / expected)))
 
 
 def smooth_log_likelihood(data: Periodogram) -> float:
-    """Greatest likelihood of a spectrum without resonance: a power of frequency."""
+    """Largest Whittle log-likelihood of a spectrum without resonance: a power law.
+
+    Parameters
+    ----------
+    data
+        Ordinates.
+
+    Returns
+    -------
+    Log-likelihood.
+    """
     logarithm = np.log(data.frequency_hz / data.frequency_hz.mean())
     rows = np.stack([np.ones_like(logarithm), logarithm])
     theta = np.array([np.log(data.density.mean()), 0.0])

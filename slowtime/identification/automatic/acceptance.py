@@ -8,33 +8,56 @@ from slowtime.identification.spectral_likelihood.windows import WIDEST
 from slowtime.identification.subspace.stabilisation import StablePole
 
 MOST_DAMPING = 0.12
-"""Beyond it what is found is the colour of the force rather than a mode."""
+"""Largest damping ratio of a mode [1]; a wider peak is taken for the colour of the force."""
 
 MOST_DOUBT = 0.8
-"""Standard deviation of log damping, and of frequency in half-bandwidths, at most."""
+"""Largest standard deviation of ln zeta, and of the frequency [half-bandwidths]."""
 
 PEAK = 1.0
-"""A mode stands out of what surrounds it by this ratio of densities at least ..."""
+"""Least prominence: density of the mode over everything else at its peak [1]."""
 
 MOVED = 2.0
+"""Distance from the candidate beyond which `CLEAR_PEAK` applies [half-bandwidths]."""
+
 FLANKS = 6.0
+"""Visible distance on either side below which `CLEAR_PEAK` applies [half-bandwidths]."""
+
 CLEAR_PEAK = 10.0
-"""... and by this one if it climbed further than so many half-bandwidths from its candidate, or
-is so wide that less than so many of them could be seen on either side."""
+"""Least prominence of a mode that moved far from its candidate or whose flanks are hardly
+visible [1]."""
 
 ALIKE = 0.8
-"""MAC of two estimates, less than a half-bandwidth apart, of one mode."""
+"""Least MAC of two estimates of one mode, less than a half-bandwidth apart [1]."""
 
 SKIRT = 12.0
+"""Range of satellites of a mode [half-bandwidths]."""
+
 FAINT = 0.1
+"""Strength of a satellite relative to its mode, at most [1]."""
+
 SAME_SHAPE = 0.95
+"""Least MAC of a satellite with its mode [1]."""
+
 FEWEST_TO_TELL = 3
-"""A bump within so many half-bandwidths of a mode so much stronger, of so much the same shape
-where so many channels tell, is a part of it."""
+"""Least number of channels for a comparison of shapes."""
 
 
 def is_mode(start: StablePole, sharp: FittedMode, edges: tuple[float, float]) -> bool:
-    """Within the band, damped like a mode, standing out, and known at all."""
+    """Whether a fitted pole is accepted as a mode of the band.
+
+    Parameters
+    ----------
+    start
+        Stable pole from which the fit began.
+    sharp
+        Fitted mode.
+    edges
+        Edges of the band [Hz].
+
+    Returns
+    -------
+    Whether damping, prominence and errors are within the limits.
+    """
     frequency = abs(sharp.pole) / (2 * np.pi)
     damping = -sharp.pole.real / abs(sharp.pole)
     sd_of_log_decay, sd_of_omega = np.sqrt(np.diag(sharp.covariance))
@@ -50,10 +73,19 @@ def is_mode(start: StablePole, sharp: FittedMode, edges: tuple[float, float]) ->
 
 
 def without_duplicates(sharp: list[tuple[int, FittedMode]]) -> list[tuple[int, FittedMode]]:
-    """Without those that climbed to where a likelier one already was, and without satellites.
+    """Remove fits that converged to a likelier one, and satellites of stronger modes.
 
     A force that is not white leaves bumps on the skirt of a strong mode. They have its shape:
     what moves is that mode.
+
+    Parameters
+    ----------
+    sharp
+        Fitted modes, each with the index of its start.
+
+    Returns
+    -------
+    Remaining fits.
     """
     kept: list[tuple[int, FittedMode]] = []
     for k, one in sorted(sharp, key=lambda pair: -pair[1].strength):

@@ -10,6 +10,7 @@ from slowtime.identification.subspace.poles import Poles
 from slowtime.identification.subspace.stabilisation import Stabilisation
 
 SPECTRUM_POINTS = 2000
+"""Points of the singular value spectra."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -40,7 +41,21 @@ class ModalResult:
 def join_stabilisation(
     poles: list[Poles], members: list[np.ndarray], places: list[int]
 ) -> Stabilisation:
-    """All bands side by side."""
+    """Join the stabilisation diagrams of all bands.
+
+    Parameters
+    ----------
+    poles
+        Poles of each band.
+    members
+        Indices of the stable poles of each mode.
+    places
+        Band of each mode.
+
+    Returns
+    -------
+    One stabilisation diagram.
+    """
     sd = [p.standard_deviations() for p in poles]
     count = sum(len(p.order) for p in poles)
     mode = np.full(count, -1)
@@ -60,7 +75,21 @@ def join_stabilisation(
 def singular_values(
     transform: np.ndarray, count: int, rate_hz: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Of spectral matrices averaged over neighbouring ordinates, descending."""
+    """Singular values of spectral matrices averaged over neighbouring ordinates.
+
+    Parameters
+    ----------
+    transform
+        Fourier coefficients, frequency by channel.
+    count
+        Number of samples.
+    rate_hz
+        Sampling rate [Hz].
+
+    Returns
+    -------
+    Frequencies [Hz], and singular values in descending order.
+    """
     group = max(transform.shape[1], len(transform) // SPECTRUM_POINTS)
     groups = (len(transform) - 1) // group
     parts = transform[1 : 1 + groups * group].reshape(groups, group, -1)

@@ -13,13 +13,14 @@ from .likelihood import coherence_score
 from .model import BandModes, add_guests
 
 ROUNDS = 3
-"""Bands are laid out anew with the damping found, until they keep their place."""
+"""Rounds of band layout and fit, at most."""
 
 SETTLED = 0.2
-"""Change of a half-bandwidth, relative, or of a coherence, that asks for no new round."""
+"""Change of a half-bandwidth (relative) or of a coherence below which no new round is made
+[1]."""
 
 FALSE_ALARM = 0.05
-"""Modes have forces of their own unless they would look as coherent less often than this."""
+"""Significance level of the test for forces with a common part."""
 
 
 def fit_record(
@@ -27,7 +28,21 @@ def fit_record(
     candidates_hz: Float[np.ndarray, " mode"],
     lines: tuple[Measured, ...] = (),
 ) -> list[BandPosterior]:
-    """Fits of all bands, ascending; bands, groups and tails follow what was found before."""
+    """Fit all bands of a record, in rounds, until their layout no longer changes.
+
+    Parameters
+    ----------
+    record
+        Fourier coefficients of the record.
+    candidates_hz
+        Candidate frequencies [Hz].
+    lines
+        Frequencies of machine lines with their standard deviations [Hz].
+
+    Returns
+    -------
+    Posterior of each band, ascending in frequency.
+    """
     found = initial_estimates(record, candidates_hz)
     first = ModeLayout(found, np.eye(len(found), dtype=complex))
     picture = _seen(record, first, lines, coherent=False)
@@ -41,7 +56,21 @@ def fit_record(
 def common_forces(
     record: RecordSpectrum, picture: ModeLayout, lines: tuple[Measured, ...]
 ) -> float:
-    """Probability that modes with forces of their own look as coherent as these, all bands."""
+    """Probability that modes with independent forces appear as coherent as observed.
+
+    Parameters
+    ----------
+    record
+        Fourier coefficients of the record.
+    picture
+        All modes as known so far, and the coherence of their forces.
+    lines
+        Frequencies of machine lines with their standard deviations [Hz].
+
+    Returns
+    -------
+    p-value over all bands.
+    """
     alone = ModeLayout(picture.guesses, np.eye(len(picture.guesses), dtype=complex))
     together = group_modes(alone.guesses, record.duration_s)
     parts, asked = (

@@ -13,28 +13,28 @@ from .model import BandModes
 from .resonances import cross_periodograms
 
 REACH = 16.0
-"""The band of a mode: so many half-bandwidths on either side, where no neighbour is nearer."""
+"""Half-width of a mode's band [half-bandwidths], where no neighbour is nearer."""
 
 TOGETHER = 14.0
-"""Modes closer than this times the mean of their half-bandwidths are fitted together."""
+"""Distance below which modes are fitted together [mean half-bandwidths]."""
 
 FEWEST_BINS = 16
-"""... on either side of a mode, if nothing is in the way."""
+"""Half-width of a mode's band, at least [bins]."""
 
 MOST_TOGETHER = 8
-"""More are parted where the gap between two is widest."""
+"""Largest number of modes in one band; larger groups are split at the widest gap."""
 
 MOST_GUESTS = 6
-"""Modes outside whose tails are loudest are guests; of the others only the power is known."""
+"""Largest number of outside modes in the model of a band."""
 
 FAINT_TAIL = 1e-3
-"""... if their tails have this share of the amplitude of a mode of the band."""
+"""Least amplitude of an outside mode's tail, relative to a mode of the band [1]."""
 
 LINE_BINS = 2
-"""Left out on either side of a machine's line."""
+"""Bins removed on either side of a machine line."""
 
 LEAST_OWN = 0.05
-"""Share of a mode's force that a start leaves to itself, however coherent it was found."""
+"""Least independent share of a mode's force in the initial values [1]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +58,23 @@ class BandProblem:
 def band_problems(
     record: RecordSpectrum, picture: ModeLayout, lines: tuple[Measured, ...], *, coherent: bool
 ) -> list[BandProblem]:
-    """Bands of all groups, ascending; guests only where modes may have forces in common."""
+    """Fit problems of all bands, ascending in frequency.
+
+    Parameters
+    ----------
+    record
+        Fourier coefficients of the record.
+    picture
+        All modes as known so far, and the coherence of their forces.
+    lines
+        Frequencies of machine lines with their standard deviations [Hz].
+    coherent
+        Whether forces of the modes may have a common part.
+
+    Returns
+    -------
+    One problem per group of modes.
+    """
     return [
         band_problem(record, picture, group, lines, coherent=coherent)
         for group in group_modes(picture.guesses, record.duration_s, coherent=coherent)
@@ -68,9 +84,22 @@ def band_problems(
 def group_modes(
     found: tuple[InitialEstimate, ...], duration_s: float, *, coherent: bool = False
 ) -> list[tuple[int, ...]]:
-    """Which guesses, ascending in frequency, are fitted together.
+    """Group the modes that are fitted together.
 
     Where modes have forces in common that is as many as can be, however far apart.
+
+    Parameters
+    ----------
+    found
+        Initial estimates, ascending in frequency.
+    duration_s
+        Duration of the record [s].
+    coherent
+        Whether forces of the modes may have a common part.
+
+    Returns
+    -------
+    Indices of each group.
     """
     widths = np.array([guess.half_width_hz(duration_s) for guess in found])
     places = np.array([guess.frequency_hz for guess in found])
@@ -95,7 +124,25 @@ def band_problem(
     *,
     coherent: bool,
 ) -> BandProblem:
-    """Band of one group, and where to start in it."""
+    """Fit problem of one group of modes.
+
+    Parameters
+    ----------
+    record
+        Fourier coefficients of the record.
+    picture
+        All modes as known so far, and the coherence of their forces.
+    group
+        Indices of the modes.
+    lines
+        Frequencies of machine lines with their standard deviations [Hz].
+    coherent
+        Whether forces of the modes may have a common part.
+
+    Returns
+    -------
+    Band, outside modes and initial values.
+    """
     found = picture.guesses
     use = _use(record, found, group, lines)
     centres = np.array([guess.frequency_hz for guess in found])

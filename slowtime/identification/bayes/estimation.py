@@ -42,7 +42,7 @@ from .fit import BandPosterior
 from .initial_estimates import RecordSpectrum
 
 FAINTEST_SNR = 4.0
-"""Peak density over noise, channels together, below which a mode is flagged."""
+"""Ratio of peak density to noise, channels together, below which a mode is flagged [1]."""
 
 
 def bayesian_modes(

@@ -10,22 +10,32 @@ from .likelihood import gradient, gradient_and_information, log_posterior
 from .model import BandModes, modes_from_vector, parameter_vector
 
 STEPS = 60
+"""Scoring steps, at most."""
+
 NEAR = 0.1
+"""Length of a step at which Newton's method replaces scoring [standard deviations]."""
+
 CLOSE = 0.02
-"""So many standard deviations from the top scoring hands over to Newton, and Newton stops."""
+"""Length of a step at which the search stops [standard deviations]."""
 
 STALLED = 1e9
+"""Damping of the steps at which the search is given up."""
+
 FIRST_DAMPING = 1e-2
+"""Initial damping of the steps, relative to the information."""
+
 
 ROUNDS = 3
+"""Evaluations of the Hessian, at most."""
+
 MOVED = 0.5
-"""The Hessian is worked out anew, at most so often, after so many standard deviations."""
+"""Distance after which the Hessian is evaluated again [standard deviations]."""
 
 LONGEST_STEP = 0.7
-"""Of ln zeta and of ln f in half-bandwidths; more is a leap into the dark."""
+"""Longest step of ln zeta, and of the frequency [half-bandwidths]."""
 
 DIFFERENCE = 1e-3
-"""Of the numerical Hessian, in standard deviations."""
+"""Step of the numerical Hessian [standard deviations]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -40,11 +50,22 @@ class BandPosterior:
 
 
 def fit_band(band: Band, start: BandModes) -> BandPosterior:
-    """Maximum of the posterior, by Fisher scoring and Newton's steps, and its curvature.
+    """Maximise the posterior by Fisher scoring and Newton steps.
 
     The covariance is the inverse of the Hessian of the negative log-posterior; where that is
     not positive (short records) or there are many parameters (coherences among them), of the
     Fisher information.
+
+    Parameters
+    ----------
+    band
+        Grouped Fourier coefficients of the band.
+    start
+        Initial modes.
+
+    Returns
+    -------
+    Most probable modes, and the covariance of their parameters.
     """
     if start.coherent:
         vector, converged = _climb(band, parameter_vector(start), start, NEAR)
@@ -74,7 +95,19 @@ def _by_newton(band: Band, start: BandModes) -> tuple[np.ndarray, np.ndarray, bo
 
 
 def rough_fit(band: Band, start: BandModes) -> BandModes:
-    """Modes within a fraction of their errors, which are not worked out."""
+    """Most probable modes to within a fraction of their errors, without a covariance.
+
+    Parameters
+    ----------
+    band
+        Grouped Fourier coefficients of the band.
+    start
+        Initial modes.
+
+    Returns
+    -------
+    Modes.
+    """
     vector, _ = _climb(band, parameter_vector(start), start, NEAR)
     return modes_from_vector(vector, start)
 

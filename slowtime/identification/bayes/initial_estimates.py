@@ -8,13 +8,13 @@ from jaxtyping import Complex, Float
 from slowtime.identification.ambient.whittle import Periodogram, fit_resonance
 
 NARROWEST_BINS = 1.0
-"""No mode is taken for narrower than this when bands are laid out."""
+"""Least half-bandwidth in the layout of bands [bins]."""
 
 FIRST_DAMPINGS = (0.002, 0.01, 0.04)
-"""Starts of the first guess; the likeliest of their fits is taken."""
+"""Initial damping ratios; the likeliest fit is kept [1]."""
 
 LOOKED_AT = 0.15
-"""A first guess looks so far about the candidate, relative to its frequency."""
+"""Half-width of the first fit, relative to the candidate's frequency [1]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -42,14 +42,38 @@ class InitialEstimate:
     shape: Float[np.ndarray, " channel"]
 
     def half_width_hz(self, duration_s: float) -> float:
-        """Half-bandwidth, or what the record resolves [Hz]."""
+        """Half-bandwidth, or the resolution of the record if that is larger [Hz].
+
+        Parameters
+        ----------
+        duration_s
+            Duration of the record [s].
+
+        Returns
+        -------
+        Half-bandwidth [Hz].
+        """
         return max(self.damping_ratio * self.frequency_hz, NARROWEST_BINS / duration_s)
 
 
 def initial_estimate(
     record: RecordSpectrum, frequency_hz: float, low_hz: float, high_hz: float
 ) -> InitialEstimate:
-    """Frequency and damping by a fit of one resonance to the channels' best weighted sum."""
+    """Frequency and damping of one resonance in the best weighted sum of channels.
+
+    Parameters
+    ----------
+    record
+        Fourier coefficients of the record.
+    frequency_hz
+        Candidate frequency [Hz].
+    low_hz, high_hz
+        Limits of the band [Hz].
+
+    Returns
+    -------
+    Frequency [Hz], damping ratio [1] and shape.
+    """
     f = record.frequency_hz
     low = max(low_hz, frequency_hz * (1 - LOOKED_AT), f[1])
     high = min(high_hz, frequency_hz * (1 + LOOKED_AT))
@@ -81,7 +105,19 @@ def initial_estimate(
 def initial_estimates(
     record: RecordSpectrum, candidates_hz: Float[np.ndarray, " mode"]
 ) -> tuple[InitialEstimate, ...]:
-    """First guesses of all candidates, ascending, each up to half way to its neighbours."""
+    """Estimate all candidates, each up to half way to its neighbours.
+
+    Parameters
+    ----------
+    record
+        Fourier coefficients of the record.
+    candidates_hz
+        Candidate frequencies [Hz].
+
+    Returns
+    -------
+    Estimates, ascending in frequency.
+    """
     middles = 0.5 * (candidates_hz[1:] + candidates_hz[:-1])
     lows = np.concatenate([[0.0], middles])
     highs = np.concatenate([middles, [np.inf]])

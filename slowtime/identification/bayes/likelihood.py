@@ -24,7 +24,8 @@ from .model import BandModes, modes_from_vector, parameter_vector, slope_order, 
 from .resonances import cross_periodograms
 
 NOISE_PRIOR_SD = 3.0
-"""Of ln noise about where it started: keeps a noise that nothing shows from running away."""
+"""Prior standard deviation of ln noise about its initial value: keeps a noise that the data do
+not determine bounded."""
 
 OWN_FORCES = 0.5
 r"""Exponent :math:`\eta` of the prior :math:`\det(G)^\eta` of coherences: little, but enough
@@ -34,7 +35,21 @@ that forces which are nearly one do not make a singular top."""
 def log_posterior(
     band: Band, vector: Float[np.ndarray, " parameter"], start: BandModes
 ) -> float:
-    """Log-posterior up to a constant; the priors are about `start`."""
+    """Log-posterior up to a constant; the priors are about `start`.
+
+    Parameters
+    ----------
+    band
+        Grouped Fourier coefficients of the band.
+    vector
+        Parameters, in the order of `parameter_vector`.
+    start
+        Modes about which the priors lie.
+
+    Returns
+    -------
+    Log-posterior.
+    """
     modes = modes_from_vector(vector, start)
     crossed = cross_periodograms(band, modes.log_frequency, modes.log_damping)
     matrices = _matrices(band, modes, crossed * modes.coherence)
@@ -48,7 +63,21 @@ def log_posterior(
 def gradient(
     band: Band, vector: Float[np.ndarray, " parameter"], start: BandModes
 ) -> Float[np.ndarray, " parameter"]:
-    """Gradient of the log-posterior."""
+    """Gradient of the log-posterior.
+
+    Parameters
+    ----------
+    band
+        Grouped Fourier coefficients of the band.
+    vector
+        Parameters, in the order of `parameter_vector`.
+    start
+        Modes about which the priors lie.
+
+    Returns
+    -------
+    Derivative to each parameter.
+    """
     parts = _worked_out(band, vector, start)
     return np.asarray(_slope(band, parts) + _prior(parts.modes, start)[0])
 
@@ -56,14 +85,40 @@ def gradient(
 def gradient_and_information(
     band: Band, vector: Float[np.ndarray, " parameter"], start: BandModes
 ) -> tuple[Float[np.ndarray, " parameter"], Float[np.ndarray, "parameter parameter"]]:
-    """Gradient of the log-posterior, and Fisher information plus that of the prior."""
+    """Gradient of the log-posterior, and Fisher information plus that of the prior.
+
+    Parameters
+    ----------
+    band
+        Grouped Fourier coefficients of the band.
+    vector
+        Parameters, in the order of `parameter_vector`.
+    start
+        Modes about which the priors lie.
+
+    Returns
+    -------
+    Gradient, and information matrix.
+    """
     parts = _worked_out(band, vector, start)
     uphill, information = _prior(parts.modes, start)
     return _slope(band, parts) + uphill, _information(band, parts) + information
 
 
 def log_prior(modes: BandModes, start: BandModes) -> float:
-    """Of coherences and noise; the length of the rows, which says nothing, is kept near 1."""
+    """Log-prior of coherences and noise; keeps the length of the rows near 1.
+
+    Parameters
+    ----------
+    modes
+        Modes.
+    start
+        Modes about which the priors lie.
+
+    Returns
+    -------
+    Log-prior.
+    """
     own = np.arange(modes.guests, len(modes.log_frequency))
     length = np.linalg.norm(modes.mixing[own], axis=1)
     itself = modes.mixing[own, own].real
@@ -75,11 +130,22 @@ def log_prior(modes: BandModes, start: BandModes) -> float:
 
 
 def coherence_score(band: Band, start: BandModes) -> tuple[float, int]:
-    r"""Rao's score statistic of coherences that are 0 in `start`, and its degrees of freedom.
+    r"""Rao's score statistic of coherences that are zero in `start`.
 
     :math:`s^T I^{-1} s`, s and I what is left of slope and information when the other
     parameters are free to give way; over the directions in which the record would know a
     coherence to better than 1.
+
+    Parameters
+    ----------
+    band
+        Grouped Fourier coefficients of the band.
+    start
+        Modes with independent forces.
+
+    Returns
+    -------
+    Statistic, and its degrees of freedom.
     """
     parts = _worked_out(band, parameter_vector(start), start)
     uphill, information = _slope(band, parts), _information(band, parts)

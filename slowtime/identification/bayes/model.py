@@ -23,7 +23,7 @@ from .band import Band
 from .resonances import cross_periodograms, crossed
 
 MOVE = 1e-4
-"""Central differences in ln f (times the damping) and ln zeta."""
+"""Steps of the central differences in ln f (times the damping ratio) and in ln zeta."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +73,17 @@ class BandModes:
 
 
 def parameter_vector(modes: BandModes) -> Float[np.ndarray, " parameter"]:
-    """Stack what is looked for: ln f, ln zeta, parts of L, shapes by mode, ln noise."""
+    """Parameters: ln f, ln zeta, parts of L, shapes by mode, ln noise.
+
+    Parameters
+    ----------
+    modes
+        Modes of the band.
+
+    Returns
+    -------
+    Vector of all free parameters.
+    """
     own = slice(modes.guests, None)
     parts = [modes.mixing[row, column] / unit for row, column, unit in modes.free_mixing]
     return np.concatenate(
@@ -88,7 +98,19 @@ def parameter_vector(modes: BandModes) -> Float[np.ndarray, " parameter"]:
 
 
 def modes_from_vector(vector: Float[np.ndarray, " parameter"], like: BandModes) -> BandModes:
-    """Inverse of `parameter_vector`; what is not in the vector stays as in `like`."""
+    """Inverse of `parameter_vector`; what is not in the vector stays as in `like`.
+
+    Parameters
+    ----------
+    vector
+        Parameters.
+    like
+        Modes that give what the vector does not hold.
+
+    Returns
+    -------
+    Modes.
+    """
     number, channels = like.number, len(like.log_noise)
     free = like.free_mixing
     sizes = [number, number, len(free), number * channels]
@@ -111,7 +133,19 @@ def modes_from_vector(vector: Float[np.ndarray, " parameter"], like: BandModes) 
 
 
 def add_guests(start: BandModes, found: BandModes) -> BandModes:
-    """Start with guests, its forces without anything in common, at a fit without them."""
+    """Add outside modes to the initial values, from a fit without them.
+
+    Parameters
+    ----------
+    start
+        Modes and guests.
+    found
+        Fit without guests.
+
+    Returns
+    -------
+    Initial values, guests with independent forces.
+    """
     before = start.guests
     return dataclasses.replace(
         start,
@@ -133,6 +167,17 @@ def spectral_slopes(
 
     A parameter of mode i moves no more than row i of H, by y, and its column by the conjugate;
     those y are given for each mode of the band: by ln f, ln zeta, then its row of L.
+
+    Parameters
+    ----------
+    band
+        Grouped Fourier coefficients of the band.
+    modes
+        Modes of the band.
+
+    Returns
+    -------
+    Spectral matrices, and their derivatives to the parameters of poles and forces.
     """
     spectra = cross_periodograms(band, modes.log_frequency, modes.log_damping)
     unit, coherence = modes.unit_mixing, modes.coherence
@@ -154,7 +199,17 @@ def spectral_slopes(
 
 
 def slope_order(modes: BandModes) -> np.ndarray:
-    """Places in the vector of what `spectral_slopes` gives, one mode after the other."""
+    """Give the indices in the parameter vector of the derivatives of `spectral_slopes`.
+
+    Parameters
+    ----------
+    modes
+        Modes of the band.
+
+    Returns
+    -------
+    Indices, mode by mode.
+    """
     free = modes.free_mixing
     return np.array(
         [

@@ -40,13 +40,35 @@ class Board:
     def at(
         self, times_s: Float[np.ndarray, " instant"]
     ) -> Float[np.ndarray, "instant channel"]:
-        """Band-limited interpolation of the samples."""
+        """Band-limited interpolation of the samples.
+
+        Parameters
+        ----------
+        times_s
+            Times on the board's own axis [s].
+
+        Returns
+        -------
+        Samples of all channels at these times.
+        """
         positions = (times_s - self.start_s) * self.rate_hz
         columns = np.asarray(self.samples, dtype=float).T
         return np.asarray(at_instants(np.ascontiguousarray(columns), positions).T)
 
     def moved(self, offset_s: float, drift: float) -> "Board":
-        """Itself with its first sample later by an offset, and its rate higher by a drift."""
+        """Board with a corrected clock.
+
+        Parameters
+        ----------
+        offset_s
+            Added to the time of the first sample [s].
+        drift
+            Relative increase of the sampling rate [1].
+
+        Returns
+        -------
+        The same samples on the corrected axis.
+        """
         return dataclasses.replace(
             self, start_s=self.start_s + offset_s, rate_hz=self.rate_hz * (1.0 + drift)
         )

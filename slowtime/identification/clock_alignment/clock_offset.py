@@ -11,9 +11,9 @@ from .boards import Board, ModeEvidence
 from .shared_modes import COMPLEX_RAD, SharedMode
 
 GRID_RAD = 0.4
-"""Step of the search, as a phase of the highest mode."""
+"""Step of the grid search, as a phase of the highest mode [rad]."""
 MOST_POINTS = 4001
-"""Of the search along either axis."""
+"""Largest number of grid points along either axis."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -27,7 +27,17 @@ class ClockPrior:
 
     @classmethod
     def of(cls, first: Board, second: Board) -> "ClockPrior | None":
-        """Read it off two boards; None where they share no time."""
+        """Prior from the clock models of two boards; None where they share no time.
+
+        Parameters
+        ----------
+        first, second
+            Boards with their clock errors.
+
+        Returns
+        -------
+        Prior of offset and drift at the middle of the common time.
+        """
         begin = max(first.start_s, second.start_s)
         end = min(first.end_s, second.end_s)
         if end - begin <= 0:
@@ -55,7 +65,21 @@ class OffsetCandidate:
 def search_offsets(
     modes: tuple[SharedMode, ...], times_s: np.ndarray, ahead: ClockPrior
 ) -> list[OffsetCandidate]:
-    """Offsets that fit the phases at all modes, the most probable first."""
+    """Local maxima of the posterior of offset and drift on a grid.
+
+    Parameters
+    ----------
+    modes
+        Modes that both boards measure.
+    times_s
+        Times of the segments [s].
+    ahead
+        Prior of offset and drift.
+
+    Returns
+    -------
+    Candidates, the most probable first.
+    """
     top = 2 * np.pi * modes[-1].frequency_hz
     drifts = symmetric_grid(ahead.drift_sd, GRID_RAD / (top * ahead.seconds / 2))
     offsets = symmetric_grid(ahead.offset_sd_s, GRID_RAD / (2 * top))
@@ -80,13 +104,39 @@ def search_offsets(
 
 
 def symmetric_grid(sd: float, step: float) -> np.ndarray:
-    """Points to four standard deviations on either side."""
+    """Grid of points up to four standard deviations on either side of zero.
+
+    Parameters
+    ----------
+    sd
+        Standard deviation.
+    step
+        Distance of two points.
+
+    Returns
+    -------
+    Grid points.
+    """
     half = min(math.ceil(4 * sd / step), MOST_POINTS // 2)
     return np.arange(-half, half + 1) * step
 
 
 def is_measured_by_both(mode: SharedMode, times_s: np.ndarray, place: OffsetCandidate) -> bool:
-    """Whether a mode moves both boards, more than chance would have it."""
+    """Whether the coherence of two boards at a mode exceeds that of noise.
+
+    Parameters
+    ----------
+    mode
+        Mode.
+    times_s
+        Times of the segments [s].
+    place
+        Candidate offset and drift.
+
+    Returns
+    -------
+    Whether the mode is coherent.
+    """
     return mode.along(place.drift, times_s)[2] > mode.least_coherence
 
 
@@ -101,6 +151,23 @@ def solve_offset(
 
     What modes disagree about beyond their own errors widens the error of the offset; it is
     never less than if each mode's shape were complex by `COMPLEX_RAD`.
+
+    Parameters
+    ----------
+    modes
+        Modes that both boards measure.
+    times_s
+        Times of the segments [s].
+    ahead
+        Prior of offset and drift.
+    offset_s
+        Initial offset [s].
+    drift
+        Initial drift [1].
+
+    Returns
+    -------
+    Offset [s] and drift [1] with standard deviations, and the residual phase of each mode.
     """
     rows = [
         (mode.frequency_hz, time_s, *phase)

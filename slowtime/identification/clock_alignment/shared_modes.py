@@ -99,7 +99,21 @@ def shared_modes(
     rate_hz: float,
     band_hz: tuple[float, float],
 ) -> tuple[tuple[SharedMode, ...], Float[np.ndarray, " stretch"]]:
-    """Peaks that both boards see, and the times of the stretches about the middle [s]."""
+    """Modes that both boards measure, and the times of the segments.
+
+    Parameters
+    ----------
+    first, second
+        Samples of the boards on one grid.
+    rate_hz
+        Sampling rate [Hz].
+    band_hz
+        Search band [Hz].
+
+    Returns
+    -------
+    Modes, and times of the segments about the middle [s]
+    """
     one, two = detrended(first), detrended(second)
     ours = [c.frequency_hz for c in detect_peaks(one, rate_hz, *band_hz)]
     theirs = np.array([c.frequency_hz for c in detect_peaks(two, rate_hz, *band_hz)])

@@ -19,6 +19,19 @@ def modal_series(
     with the real parts of the spectral matrices :math:`\hat S_p` averaged over the peak and
     :math:`\hat S_n` over the quieter half of the rest of its band. The scale is that of the
     channel that moves most, so amplitudes keep their meaning.
+
+    Parameters
+    ----------
+    columns
+        Samples of all channels, in any unit.
+    rate_hz
+        Sampling rate [Hz].
+    candidate
+        Detected peak, with the band that belongs to it [Hz].
+
+    Returns
+    -------
+    Weighted sum, in the unit of the channel that moves most.
     """
     if columns.shape[1] == 1:
         return columns[:, 0]

@@ -11,19 +11,22 @@ from slowtime.signals.finite_filters import Kind, convolved, kaiser_order, windo
 from .resonance_peaks import PeakCandidate
 
 REACH = 2.5
-"""The band is from f / REACH to f REACH, where no neighbour limits it."""
+"""Ratio of the band limits to the candidate's frequency, where no neighbour is nearer."""
 
 MOST_TERMS = 40
-"""Drift takes at most so many cosines; a longer record loses its drift to a filter instead."""
+"""Largest number of cosines that model the drift; a longer record loses its drift to a
+high-pass filter."""
 
 STOP_DB = 70.0
+"""Stop-band attenuation of the filters [dB]."""
+
 
 MOST_SAMPLES = 32_768
-"""A series of more is cut to the nearest bins of its candidate ..."""
+"""Length above which a series is reduced to the nearest bins of its candidate [samples]."""
 
 MOST_BINS = 2500
-"""... so many on either side. A decay that fills an eighth of a record is some bins wide; what
-is wider than these is over before it can be told from a blow."""
+"""Bins on either side that are then kept; a wider decay is over too early to be distinguished
+from an impact."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -48,12 +51,25 @@ class IsolatedSeries:
 def isolate_mode(
     series: Float[np.ndarray, " time"], rate_hz: float, candidate: PeakCandidate
 ) -> IsolatedSeries:
-    """Keep the candidate's neighbourhood, by filters that leave decaying oscillations exact.
+    """Filter and decimate a series to the band of a mode; decays stay exact.
 
     A finite filter whose whole length lies on the record turns a decaying oscillation into
     itself times a constant: frequency and damping stay, and the edges, where it would not, are
     given up. What is slower than the band is left to the fit as drift wherever a filter
     would cost too much of a short record.
+
+    Parameters
+    ----------
+    series
+        Samples of one channel.
+    rate_hz
+        Sampling rate [Hz].
+    candidate
+        Detected peak, with the band that belongs to it [Hz].
+
+    Returns
+    -------
+    Reduced series, with its band, start and frequency shift.
     """
     low = max(candidate.low_hz, candidate.frequency_hz / REACH)
     high = min(candidate.high_hz, candidate.frequency_hz * REACH)

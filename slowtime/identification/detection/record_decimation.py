@@ -14,14 +14,13 @@ from slowtime.signals.decimation import PASS, Decimated, decimated, moved_down
 from .resonance_peaks import PeakCandidate
 
 LONG = 131_072
-"""Samples up to which a record is worked as it is."""
+"""Length up to which a record is used as it is [samples]."""
 
 SAMPLES_PER_CYCLE = 32.0
-"""Least rate that is kept, in units of the candidate's frequency: what is flat then reaches
-beyond 12 times the frequency, and the filter costs less than a cycle at either end."""
+"""Least sampling rate [samples per cycle of the candidate]."""
 
 FEWEST = 8192
-"""Samples that are kept at least: the filter costs less than 1 % of the record."""
+"""Least length after decimation [samples]: the filter then costs under 1 % of the record."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +40,19 @@ class LongRecord:
     _slower: dict[int, Decimated] = dataclasses.field(default_factory=dict)
 
     def at_rate_for(self, frequency_hz: float, cycles: float = SAMPLES_PER_CYCLE) -> Decimated:
-        """Record at no less than `cycles` samples a cycle, where it is long."""
+        """Record decimated to no less than `cycles` samples per cycle, if it is long.
+
+        Parameters
+        ----------
+        frequency_hz
+            Frequency of the mode [Hz].
+        cycles
+            Least number of samples per cycle.
+
+        Returns
+        -------
+        Decimated record.
+        """
         count = len(self.columns)
         most = min(self.rate_hz / (cycles * frequency_hz), count / FEWEST)
         factor = 1
@@ -52,7 +63,17 @@ class LongRecord:
         return self._slower[factor]
 
     def near(self, frequency_hz: float) -> Decimated:
-        """Record no longer than it needs to be to show what drives a mode at a frequency."""
+        """Record reduced to a band about a frequency, as the excitation tests need it.
+
+        Parameters
+        ----------
+        frequency_hz
+            Centre of the band [Hz].
+
+        Returns
+        -------
+        Demodulated record of at most `LONG` samples.
+        """
         slower = self.at_rate_for(frequency_hz)
         if len(slower.samples) <= LONG:
             return slower
@@ -70,7 +91,17 @@ class LongRecord:
         return len(self.columns) / self.rate_hz
 
     def about(self, candidate: PeakCandidate) -> tuple[Decimated, PeakCandidate]:
-        """Record at the rate that a candidate needs, and the candidate with what is left."""
+        """Record at the rate that a candidate needs, and the candidate in its band.
+
+        Parameters
+        ----------
+        candidate
+            Detected peak, with the band that belongs to it [Hz].
+
+        Returns
+        -------
+        Decimated record, and the candidate with its band limited to the new rate.
+        """
         slower = self.at_rate_for(candidate.frequency_hz)
         if slower.rate_hz == self.rate_hz:
             return slower, candidate

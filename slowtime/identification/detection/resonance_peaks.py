@@ -12,31 +12,35 @@ from slowtime.signals.peaks import local_maxima
 from slowtime.signals.spectra import noise_floor, periodogram, smoothed
 
 FALSE_ALARM = 1e-3
-"""Probability that a record of stationary noise shows a candidate at all."""
+"""Probability that stationary noise shows any candidate."""
 
 SMOOTHING = 0.01
-"""Half-width, relative to frequency, over which ordinates are averaged for peaks to be read."""
+"""Half-width of the spectral average, relative to frequency [1]."""
 
 HANN_WORTH = 1.94
-"""Hann correlates neighbours: so many ordinates carry the information of one."""
+"""Number of Hann-tapered ordinates with the information of one independent ordinate."""
 
 VALLEY_DB = 6.0
-"""Two peaks are two modes if the valley between them is this deep, beyond its scatter."""
+"""Depth of the valley between two separate peaks, beyond its scatter [dB]."""
 
 COMPANION_DB = 8.0
+"""Level difference of a companion within a quarter octave of a stronger peak [dB]."""
+
 COMPANION_DB_PER_OCTAVE = 32.0
-"""A peak is another's companion, its side lobe or lesser close mode, if it is weaker by so
-much within a quarter octave, and by so much more an octave further away."""
+"""Additional level difference per octave of distance [dB]."""
 
 SKIRT, SKIRT_FROM = 0.5, 0.08
-"""A mode's skirt reaches as far as e to the first of its frequency, outside of its peak."""
+"""Range of a mode's skirt, in ln frequency, and half-width of its peak relative to frequency,
+which is left out [1]."""
 
 SKIRT_ORDINATES = 8192
-"""Ordinates whose median is the level of a skirt; of more, evenly spaced ones are taken."""
+"""Largest number of ordinates whose median sets the level of a skirt."""
 
 RESOLVED_BINS = 8.0
+"""Distance of two peaks below which they are not resolved [bins]."""
+
 UNRESOLVED_DB = 3.0
-"""Closer than so many bins, being weaker by this is enough."""
+"""Level difference of a companion that is not resolved [dB]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -66,11 +70,26 @@ def detect_peaks(
     *,
     taper: str = "hann",
 ) -> list[PeakCandidate]:
-    """Significant peaks between `low` and `high`, ascending in frequency.
+    """Peaks that are significant above the noise floor, ascending in frequency.
 
     Every channel's Hann periodogram is divided by its own floor; the mean over channels of n
     ordinates exceeds the quantile of a gamma law with probability `FALSE_ALARM` over the whole
     spectrum. What is weak beside a close, stronger peak is left to that one's fit.
+
+    Parameters
+    ----------
+    columns
+        Samples of all channels, in any unit.
+    rate_hz
+        Sampling rate [Hz].
+    low, high
+        Limits of the search [Hz].
+    taper
+        Window of the periodogram.
+
+    Returns
+    -------
+    Candidates with their bands [Hz] and prominences [dB]
     """
     curve = _curve(columns, rate_hz, taper, high)
     inside = (curve.frequency_hz >= low) & (curve.frequency_hz <= high)
@@ -93,7 +112,23 @@ def strongest_peak(
     *,
     taper: str = "hann",
 ) -> PeakCandidate:
-    """Peak that stands highest above its floor, significant or not."""
+    """Peak with the highest prominence, significant or not.
+
+    Parameters
+    ----------
+    columns
+        Samples of all channels, in any unit.
+    rate_hz
+        Sampling rate [Hz].
+    low, high
+        Limits of the search [Hz].
+    taper
+        Window of the periodogram.
+
+    Returns
+    -------
+    Candidate with its band [Hz] and prominence [dB]
+    """
     found = detect_peaks(columns, rate_hz, low, high, taper=taper)
     if found:
         return max(found, key=lambda c: c.prominence_db)
@@ -104,10 +139,21 @@ def strongest_peak(
 
 
 def without_companions(found: list[PeakCandidate], duration_s: float) -> list[PeakCandidate]:
-    """Candidates of a record of `duration_s` without the companions of stronger close ones.
+    """Remove the companions (side lobes, lesser close modes) of stronger peaks.
 
     The band of a companion goes to its nearest stronger neighbour, so that both are fitted
     together.
+
+    Parameters
+    ----------
+    found
+        Candidates, ascending in frequency.
+    duration_s
+        Duration of the record [s].
+
+    Returns
+    -------
+    Remaining candidates, with the bands of their companions.
     """
     lead = [c for c in found if not any(_outshines(other, c, duration_s) for other in found)]
     for companion in found:
@@ -170,7 +216,7 @@ def separate_peaks(
     tops: Int[np.ndarray, " peak"],
     valley_db: Float[np.ndarray, " peak"],
 ) -> list[int]:
-    """From the highest down, the peaks with a valley on the way to every higher one.
+    """Peaks that a valley separates from every higher one.
 
     A valley on the way to the nearest higher peak that is kept, on either side, lies on the way
     to all those behind it as well. With the minima between neighbours in a table of powers of

@@ -15,32 +15,42 @@ from slowtime.identification.ambient.expected_spectrum import expected_resonance
 from slowtime.identification.estimates import Measured
 
 FIRST_LAG = 1.0
+"""First lag of the regression [inverse bell widths]."""
+
 LAGS = 2.0
-"""The first lag, and how many there are to each, in terms of the inverse width of the bell."""
+"""Number of lags per inverse bell width."""
 
 LEAST = 0.2
-"""The regression ends where the correlation has decayed to this part of its first value ..."""
+"""Decay of the correlation at which the regression ends, relative to its first value."""
 
 SURE = 3.0
-"""... or to so many of its standard deviations, ..."""
+"""Ratio of correlation to its standard deviation at which the regression ends."""
 
 LONGEST = 0.25
-"""... or at this part of the record."""
+"""Largest lag, relative to the record."""
 
 FEWEST_LAGS = 4
+"""Least number of lags."""
+
 MOST_LAGS = 60
+"""Largest number of lags."""
+
 
 LEAST_DAMPING, MOST_DAMPING = 1e-6, 0.5
+"""Range of the damping ratio [1]."""
+
 
 GROUPS = 40
-"""Of ordinates, from which resonance and floor are told apart."""
+"""Groups of ordinates from which resonance and floor are separated."""
 
 ROUNDS = 12
+"""Rounds of the bias correction, at most."""
+
 SETTLED = 1e-3
-"""Corrections go on until they change by less than this part of the standard deviation."""
+"""Change at which the bias correction stops [standard deviations]."""
 
 NARROW = 4.0
-"""A bell that shows fewer half-bandwidths on one side is flagged."""
+"""Visible half-bandwidths on one side below which a bell is flagged."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -77,7 +87,7 @@ def fit_correlation_decay(
     count: int,
     derivatives: int = 2,
 ) -> CorrelationDecay | None:
-    """Frequency and damping of a bell; None where its correlation does not decay like a mode's.
+    """Frequency and damping from the correlation of a bell; None if it does not decay.
 
     Parameters
     ----------
@@ -89,6 +99,10 @@ def fit_correlation_decay(
         Of the record.
     derivatives
         2 for acceleration, 1 for velocity, 0 for displacement.
+
+    Returns
+    -------
+    Pole with standard deviations, or None.
     """
     regression = _regression(frequency_hz, density, centre_hz, count / rate_hz)
     if regression is None:

@@ -43,13 +43,13 @@ from .spectral_decomposition import (
 )
 
 ALIKE = 0.8
-"""MAC of vectors with the shape of the mode, as far as its bell reaches ..."""
+"""Least MAC with the mode's shape within its bell [1]."""
 
 REACH = 24
-"""... but not further than so many half-widths of the average."""
+"""Largest half-width of a bell [half-widths of the average]."""
 
 WIDE = 4.0
-"""The crest is read off an average of so many half-bandwidths of the resonance."""
+"""Width of the average that locates the peak [half-bandwidths]."""
 
 NOTHING = Measured(float("nan"), float("nan"))
 

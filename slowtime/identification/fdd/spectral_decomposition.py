@@ -21,23 +21,23 @@ from slowtime.signals.peaks import local_maxima, prominences
 from slowtime.signals.spectra import detrended, transform
 
 RESOLUTION = 0.01
-"""Half-width h of the average, relative to the frequency."""
+"""Half-width of the average, relative to frequency [1]."""
 
 FEWEST_BINS = 6
-"""Half-width of the average in ordinates, at least; and at least so many as channels."""
+"""Half-width of the average, at least [ordinates]; also at least the number of channels."""
 
 PLACES = 4
-"""Frequencies looked at in each half-width."""
+"""Frequencies evaluated per half-width."""
 
 FEWEST_CYCLES = 20
-"""Nothing is looked for below so many cycles in the record."""
+"""Lowest frequency of the search [cycles per record]."""
 
 STANDS_OUT = 7.0
-r"""Prominence of a peak on the logarithm, times :math:`\sqrt{n}` of the n ordinates averaged:
-in noise of one colour few records have one that stands out so far."""
+r"""Least prominence of a peak of the log singular value, times :math:`\sqrt{n}` of the n
+ordinates averaged."""
 
 LINE_BINS = 2
-"""Left out on either side of a machine's line."""
+"""Bins removed on either side of a machine line."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +57,19 @@ class ScaledCoefficients:
         return self.count / self.rate_hz
 
     def half_width_hz(self, frequency_hz: float, resolution: float) -> float:
-        """Half-width h of the average about a frequency [Hz]."""
+        """Half-width of the average about a frequency [Hz].
+
+        Parameters
+        ----------
+        frequency_hz
+            Centre [Hz].
+        resolution
+            Half-width relative to frequency [1].
+
+        Returns
+        -------
+        Half-width [Hz].
+        """
         fewest = max(FEWEST_BINS, self.coefficients.shape[1]) / self.duration_s
         return float(max(resolution * frequency_hz, fewest))
 
@@ -73,7 +85,17 @@ class SpectralDecomposition:
     peaks: tuple[int, ...]
 
     def valley(self, one: int, other: int) -> int:
-        """Where, between two places, the first singular value is least."""
+        """Index of the least first singular value between two places.
+
+        Parameters
+        ----------
+        one, other
+            Indices of the places.
+
+        Returns
+        -------
+        Index.
+        """
         low, high = sorted((one, other))
         return low + int(np.argmin(self.values[low : high + 1, 0]))
 
@@ -83,7 +105,21 @@ def scaled_coefficients(
     rate_hz: float,
     lines: tuple[Measured, ...] = (),
 ) -> ScaledCoefficients:
-    """Coefficients of a record, without the lines of machines and the bins about them."""
+    """Fourier coefficients of a record, without the bins of machine lines.
+
+    Parameters
+    ----------
+    samples
+        Equally spaced samples in any unit, channels in columns.
+    rate_hz
+        Sampling rate [Hz].
+    lines
+        Frequencies of machine lines with their standard deviations [Hz].
+
+    Returns
+    -------
+    Coefficients of the channels that move, scaled to equal level.
+    """
     columns = detrended(checks.series(samples, rate_hz))
     moving = checks.moving(samples[:, None] if samples.ndim == 1 else samples)
     if lines:
@@ -101,7 +137,17 @@ def scaled_coefficients(
 
 
 def kernel_weights(away: Float[np.ndarray, " bin"]) -> Float[np.ndarray, " bin"]:
-    """Of ordinates so many half-widths away."""
+    """Weights of ordinates in the spectral average.
+
+    Parameters
+    ----------
+    away
+        Distance from the centre [half-widths].
+
+    Returns
+    -------
+    Weights [1]
+    """
     return np.asarray(np.maximum(1 - away**2, 0.0) ** 3)
 
 
@@ -111,7 +157,7 @@ def decompose_spectrum(
     band_hz: tuple[float, float] | None = None,
     resolution: float = RESOLUTION,
 ) -> SpectralDecomposition:
-    """Singular values and vectors over a band, and the peaks that stand out of their scatter.
+    """Singular value decomposition over a band, with its significant peaks.
 
     Parameters
     ----------
@@ -120,6 +166,10 @@ def decompose_spectrum(
     resolution
         Half-width of the average, relative to the frequency: two modes nearer to each other
         are seen as one.
+
+    Returns
+    -------
+    Singular values, first singular vectors, and peaks.
     """
     low, high = _band(band_hz, data)
     places = [low]
@@ -149,7 +199,21 @@ def decompose_spectrum(
 def ordinates_about(
     data: ScaledCoefficients, place_hz: float, half_width_hz: float
 ) -> tuple[slice, Float[np.ndarray, " bin"]]:
-    """Ordinates about a place, and their weights."""
+    """Ordinates about a frequency, and their weights.
+
+    Parameters
+    ----------
+    data
+        Scaled coefficients.
+    place_hz
+        Centre [Hz].
+    half_width_hz
+        Half-width of the average [Hz].
+
+    Returns
+    -------
+    Slice of the ordinates, and weights.
+    """
     edges = place_hz - half_width_hz, place_hz + half_width_hz
     first, last = np.searchsorted(data.frequency_hz, edges)
     away = (data.frequency_hz[first:last] - place_hz) / half_width_hz

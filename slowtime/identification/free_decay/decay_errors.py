@@ -10,13 +10,13 @@ from slowtime.signals.spectra import periodogram
 from .decay_fit import DecayFit
 
 THRESHOLD = 12.0
-"""Gain in log-likelihood over pure noise below which there is no decay to speak of."""
+"""Gain of log-likelihood over noise below which `below_threshold` is flagged."""
 
 NEAR_BINS = 12
+"""Half-width for the noise density next to a mode [bins]; at least three half-bandwidths."""
+
 CLOSEST_BINS = 4
-"""What is left next to a mode is judged on so many bins on either side: noise that is not white
-on the wide ones (or on the mode's own width), a fit that does not fit on the narrow ones.
-"""
+"""Half-width for the misfit of the mode itself [bins]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -47,12 +47,16 @@ def mode_of_fit(
     band_hz: tuple[float, float] | None = None,
     shift_hz: float = 0.0,
 ) -> SegmentFit:
-    """One mode of a fit, with errors from the information and the noise next to the mode.
+    """One mode of a fit, with errors from the information and the noise next to it.
 
     Parameters
     ----------
     shift_hz
         What was taken off all frequencies of the series before [Hz].
+
+    Returns
+    -------
+    The mode, its pole [rad/s], and the share of power that decays explain.
     """
     pole, modes, count = complex(fit.poles[which]), len(fit.poles), len(fit.residual)
     noise = _noise(fit, pole, rate_hz, band_hz)

@@ -14,12 +14,20 @@ import scipy.linalg as la
 from jaxtyping import Complex, Float
 
 STEPS = 40
+"""Gauss–Newton steps, at most."""
+
 CONVERGED = 1e-3
+"""Length of a step at which the search stops [standard deviations]."""
+
 NEARLY = 0.1
-"""A search cut short before a step of fewer standard deviations still passes as done."""
+"""Length of the last step below which a search that was cut short counts as converged [standard
+deviations]."""
 
 WIDEST_PENCIL = 96
+"""Largest number of columns of the Hankel matrix."""
+
 MOST_DIRECTIONS = 6
+"""Largest dimension of the signal subspace."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -40,7 +48,19 @@ class DecayFit:
 
 
 def drift_basis(count: int, terms: int) -> Float[np.ndarray, "time term"]:
-    """Orthonormal cosines over the record: a constant, then `terms` - 1 of rising frequency."""
+    """Orthonormal cosines over the record: a constant, then rising frequencies.
+
+    Parameters
+    ----------
+    count
+        Number of samples.
+    terms
+        Number of columns.
+
+    Returns
+    -------
+    Orthonormal columns.
+    """
     instants = (np.arange(count) + 0.5) / count
     basis = np.cos(np.pi * np.outer(instants, np.arange(terms)))
     return np.asarray(basis / np.linalg.norm(basis, axis=0))
@@ -68,6 +88,10 @@ def fit_decays(
         Orthonormal columns that may also be in the series.
     steps
         At most so many Gauss-Newton steps; 0 only solves for the amplitudes.
+
+    Returns
+    -------
+    Poles, amplitudes, residual, and the covariance per unit noise variance.
     """
     times = np.arange(len(series)) / rate_hz
     target = series - drift @ (drift.T @ series)
@@ -163,7 +187,17 @@ def _step(state: _State, damping: float) -> tuple[np.ndarray, float]:
 
 
 def signal_subspace(series: Float[np.ndarray, " time"]) -> Float[np.ndarray, "lag direction"]:
-    """Directions of the Hankel matrix of a series, the strongest first."""
+    """Leading directions of the Hankel matrix of a series, the strongest first.
+
+    Parameters
+    ----------
+    series
+        Equally spaced samples.
+
+    Returns
+    -------
+    Orthonormal directions.
+    """
     window = min(len(series) // 3, WIDEST_PENCIL)
     hankel = np.lib.stride_tricks.sliding_window_view(series, window)
     strongest = la.eigh(
@@ -179,6 +213,19 @@ def matrix_pencil(
 
     Rotational invariance of the leading directions of the Hankel matrix (`signal_subspace`);
     good enough to start from, and free of starting values itself.
+
+    Parameters
+    ----------
+    space
+        Signal subspace.
+    rate_hz
+        Sampling rate [Hz].
+    order
+        Number of real oscillations.
+
+    Returns
+    -------
+    Poles [rad/s], ascending.
     """
     vectors = space[:, : 2 * order]
     shift = np.linalg.lstsq(vectors[:-1], vectors[1:], rcond=None)[0]

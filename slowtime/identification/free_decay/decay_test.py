@@ -10,25 +10,37 @@ from slowtime.identification.detection.resonance_peaks import PeakCandidate
 from .segments import PARTS, SHORTEST
 
 HALF_WIDTH = 16
-"""Bins either side of the candidate that are looked at: a decay is judged on a dozen."""
+"""Half-width of the band about the candidate [bins]."""
 
 ROOTS = 3
-"""A record is explained by so many decays at most."""
+"""Largest number of decays that explain a record."""
 
 EXPLAINED_AT_MOST = 0.8
-"""Share of the envelope's power that so many decays would have to explain in some stretch, less
-a margin for noise and for the ends of the band; what stays below is no decay."""
+"""Share of the envelope's power in `ROOTS` decays below which a segment is no free decay;
+leaves a margin for noise and band edges."""
 
 CONCENTRATED = 0.6
-"""Two neighbouring eighths with more of the power are an event, which is looked at closely."""
+"""Share of the power in two neighbouring eighths above which a record holds an event, and is
+not tested."""
 
 
 def is_random(part: IsolatedSeries, candidate: PeakCandidate) -> bool:
-    """Whether no long stretch of a series can be a sum of few decays.
+    """Whether no long segment of a series can be a sum of few decays.
 
     The envelope of a sum of p decays has a Hankel matrix of rank p, over every stretch. A mode
     under random force is driven anew within its memory, and has full rank. This costs a
     thousandth of fitting decays to all stretches.
+
+    Parameters
+    ----------
+    part
+        Series reduced to one mode.
+    candidate
+        Detected peak, with the band that belongs to it [Hz].
+
+    Returns
+    -------
+    True if the series is no free decay.
     """
     power = np.array([np.sum(eighth**2) for eighth in np.array_split(part.series, PARTS)])
     if (power[1:] + power[:-1]).max() > CONCENTRATED * power.sum():

@@ -22,19 +22,21 @@ from .decay_errors import SegmentFit, mode_of_fit
 from .decay_fit import DecayFit, drift_basis, fit_decays, matrix_pencil, signal_subspace
 
 MOST_MODES = 3
+"""Largest number of decays that are fitted together."""
+
 PRICE = 8.0
-"""Each further mode must gain so many times ln n in n ln(cost): twice the Bayesian criterion's
-four parameters, because noise offers a mode at every frequency to choose from.
-"""
+"""Penalty per mode [ln n]: twice the four parameters of the Bayesian criterion, because noise
+offers a mode at every frequency."""
 
 
 NEIGHBOUR = 2.0**0.25
-"""A fitted mode further from its candidate than this factor is not the candidate's."""
+"""Largest ratio of the frequencies of a fit and of its candidate."""
 
 FRONT_SHARE = 0.9
-"""Share of the power in the first half of a record from which on it is taken for a blow."""
+"""Least share of the power in the first half of the record of an impact."""
 
-BLOW_DAMPINGS = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
+IMPACT_DAMPINGS = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
+"""Initial damping ratios after an impact [1]."""
 
 
 def identify_free_decay(
@@ -89,7 +91,19 @@ def identify_free_decay(
 
 
 def fit_segment(part: IsolatedSeries, candidate: PeakCandidate) -> SegmentFit:
-    """Fit as many decays together as the likelihood pays for; give the candidate's."""
+    """Fit as many decays as the Bayesian criterion allows; return the candidate's.
+
+    Parameters
+    ----------
+    part
+        Series reduced to one mode.
+    candidate
+        Detected peak, with the band that belongs to it [Hz].
+
+    Returns
+    -------
+    Mode of the candidate, flagged `strayed` if none is near it.
+    """
     count = len(part.series)
     duration = count / part.rate_hz
     drift = drift_basis(count, 1 + int(2 * duration * part.drift_hz))
@@ -112,10 +126,23 @@ def fit_impact_decay(
     rate_hz: float,
     found: Sequence[PeakCandidate],
 ) -> SegmentFit | None:
-    """Fit the decay after one blow at the start of a record, all its modes together.
+    """Fit the decay after an impact at the start of a record, all modes together.
 
     Nothing is filtered away first, since a filter would cost the first and loudest samples.
     None where the record does not have most of its power in its first half.
+
+    Parameters
+    ----------
+    columns
+        Samples of all channels, in any unit.
+    rate_hz
+        Sampling rate [Hz].
+    found
+        Candidates, the mode first.
+
+    Returns
+    -------
+    Mode of the first candidate, or None if there was no impact.
     """
     loudness = np.sum(columns**2, axis=1)
     if loudness[: len(loudness) // 2].sum() < FRONT_SHARE * loudness.sum():
@@ -123,7 +150,7 @@ def fit_impact_decay(
     series = modal_series(columns, rate_hz, found[0])
     drift = drift_basis(len(series), 1)
     omegas = 2 * np.pi * np.array([one.frequency_hz for one in found[:MOST_MODES]])
-    starts = [omegas * (1j - damping) for damping in BLOW_DAMPINGS]
+    starts = [omegas * (1j - damping) for damping in IMPACT_DAMPINGS]
     rough = [fit_decays(series, rate_hz, poles, drift, steps=0) for poles in starts]
     best = int(np.argmin([fit.cost for fit in rough]))
     fit = fit_decays(series, rate_hz, starts[best], drift)
@@ -158,7 +185,23 @@ def _strayed(mode: Identified) -> Identified:
 def index_of_candidate(
     fit: DecayFit, duration: float, candidate: PeakCandidate, shift_hz: float = 0.0
 ) -> int | None:
-    """Index of the most energetic fitted mode near the candidate, if there is one."""
+    """Index of the most energetic fitted mode near the candidate, if there is one.
+
+    Parameters
+    ----------
+    fit
+        Fitted decays.
+    duration
+        Duration of the series [s].
+    candidate
+        Detected peak, with the band that belongs to it [Hz].
+    shift_hz
+        Subtracted from all frequencies before [Hz].
+
+    Returns
+    -------
+    Index, or None.
+    """
     decay = np.clip(-fit.poles.real, 1e-9, None)
     energy = np.abs(fit.amplitudes) ** 2 * -np.expm1(-2 * decay * duration) / decay
     poles = fit.poles + 2j * np.pi * shift_hz

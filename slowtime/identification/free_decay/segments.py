@@ -14,26 +14,46 @@ from .decay_fit import drift_basis, fit_decays, matrix_pencil, signal_subspace
 from .estimation import fit_segment, index_of_candidate
 
 PARTS = 8
+"""Number of parts of a record at whose ends segments begin and end."""
+
 SHORTEST = 4
-"""Stretches begin and end at eighths of the record and are at least half of it."""
+"""Least length of a segment [parts]."""
 
 FINALISTS = 3
+"""Number of segments that are fitted in full."""
+
 
 CHOSEN = 1.1
-"""The smallest of many estimated errors is too small by about so much (by simulation)."""
+"""Factor on the smallest of several estimated errors, which is too small on average (from
+simulations)."""
 
 CHANCE = 3.84
-"""Squared standard score of the difference of two halves that is put down to chance (95 %)."""
+"""Squared score of the difference of two halves that is attributed to chance (95 % quantile of
+chi-square with one degree of freedom)."""
 
 FEWEST_CYCLES = 4.0
+"""Least length of a segment [cycles]."""
+
 FEWEST_SAMPLES = 24
+"""Least length of half a segment [samples]."""
 
 
 def best_segment(part: IsolatedSeries, candidate: PeakCandidate) -> SegmentFit:
-    """Decay fit of the stretch with the smallest honest error of its frequency.
+    """Decay fit of the segment with the smallest standard error of the frequency.
 
     An impact, a move or another disturbance inside a stretch is not a decay: it leaves a
     residual, the residual widens the error, and the stretch loses to one without.
+
+    Parameters
+    ----------
+    part
+        Series reduced to one mode.
+    candidate
+        Detected peak, with the band that belongs to it [Hz].
+
+    Returns
+    -------
+    The fit, flagged `part_of_record` if the segment is not the whole.
     """
     options = _stretches(part, candidate)
     ranked = sorted(options, key=lambda one: _quick_error(one, candidate))
@@ -55,11 +75,22 @@ def best_segment(part: IsolatedSeries, candidate: PeakCandidate) -> SegmentFit:
 
 
 def widen_for_change(mode: Identified, first: Measured, second: Measured) -> Identified:
-    """Put the change between two halves of a record into the error of its mode.
+    """Add the change between two halves of a record to the error of its mode.
 
     A frequency that moves uniformly over a record moves by half its range between the means of
     the halves, and its spread about the mean is that over sqrt(3). What the halves' own errors
     explain, with a probability of 95 %, is taken off.
+
+    Parameters
+    ----------
+    mode
+        Mode of the whole.
+    first, second
+        Frequencies of the halves [Hz].
+
+    Returns
+    -------
+    Mode with the wider error, flagged `changes_within_record` beyond three standard deviations.
     """
     if not np.isfinite([mode.frequency_hz.sd, first.sd, second.sd]).all():
         return mode

@@ -32,25 +32,29 @@ from .steadiness_test import noise_p_value, steadiness_p_value, tone_p_value
 from .tones import SEARCH_BINS, line_amplitude, line_frequency, line_shape, strongest_bin
 
 LEAST_DAMPING = 5e-4
+"""Least damping ratio of a structural mode [1]."""
+
 FALSE_ALARM = 1e-3
+"""Probability of classifying a structural mode as harmonic."""
+
 
 FALSE_ALARM_AT_A_MULTIPLE = 0.05
-"""... for a peak that sits on a multiple of a machine's speed which is known or was found."""
+"""The same at a multiple of a machine speed that is known or detected."""
 
 MULTIPLE_BINS = 1.5
-"""So near to the multiple, beyond the error of the speed."""
+"""Distance from a multiple, beyond the error of the speed [bins]."""
 
 TONE_HALF_WIDTHS = (3, 8)
-"""Bands in which the share of one tone is judged [bins]: beside close modes, and in noise."""
+"""Half-widths of the bands of the tone test [bins]: beside close modes, and in noise."""
 
 HALF_WIDTHS = (8, 32, 128)
-"""Bands in which steadiness is judged [bins]: a line wanders by less than one of them."""
+"""Half-widths of the bands of the steadiness test [bins]."""
 
 WIDEST = 0.05
-"""... and by less than this share of its frequency."""
+"""Largest half-width of the steadiness test, relative to frequency [1]."""
 
 DECIDABLE = 0.1
-"""Half-bandwidths of the least damped mode, in bins, below which even a pure tone is none."""
+"""Half-bandwidth of the least damped mode below which a record cannot decide [bins]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -123,7 +127,7 @@ def classify_peaks(
     false_alarm: float = FALSE_ALARM,
     seed: int = 0,
 ) -> tuple[PeakClass, ...]:
-    r"""Say of each frequency whether a machine or the structure rings there.
+    r"""Classify the peak at each frequency as harmonic or structural.
 
     Bands about the peak are looked at for the share that one tone leaves and for steadiness of
     the envelope, against modes drawn with the noise, band and length of the record. The share
@@ -146,6 +150,10 @@ def classify_peaks(
         Probability of calling a mode of that damping, or more, a harmonic, for each peak.
     seed
         Of the drawn modes; each peak is judged by itself, whatever the others.
+
+    Returns
+    -------
+    Class and statistics of each peak.
 
     References
     ----------
@@ -172,7 +180,19 @@ def classify_peaks(
 def classify_in_spectra(
     spectra: Spectra, frequency_hz: Float[np.ndarray, " peak"]
 ) -> tuple[PeakClass, ...]:
-    """Classify peaks as `classify_peaks` does, from spectra whose channels all move."""
+    """Classify peaks as `classify_peaks` does, from spectra whose channels all move.
+
+    Parameters
+    ----------
+    spectra
+        Fourier coefficients of all channels.
+    frequency_hz
+        Frequencies of the peaks [Hz].
+
+    Returns
+    -------
+    Class and statistics of each peak.
+    """
     moving = np.ones(spectra.coefficients.shape[1], dtype=bool)
     return tuple(
         _verdict(spectra, moving, float(f), DecisionLimits(), ()) for f in frequency_hz

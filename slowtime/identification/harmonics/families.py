@@ -9,17 +9,19 @@ from scipy.special import bdtrc
 from slowtime.identification.estimates import Measured
 
 HIGHEST_ORDER = 60
+"""Largest order of a harmonic."""
+
 LOWEST_OF_A_FAMILY = 8
-"""The lowest line found is taken for a multiple of its base no higher than this."""
+"""Largest order of the lowest line of a family."""
 
 CHANCE = 1e-3
-"""A family that chance would make with more than this probability is none."""
+"""Largest probability of a family among unrelated lines."""
 
 RESOLUTION_SHARE = 0.1
-"""No line is known better than this share of the record's resolution, for machines wander."""
+"""Least error of a line, relative to the resolution of the record [1]: machine speeds vary."""
 
 REACH = 3.0
-"""A multiple is met within so many standard deviations."""
+"""Largest distance of a line from its multiple [standard deviations]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -47,7 +49,7 @@ class HarmonicFamily:
 def group_into_families(
     lines: tuple[Measured, ...], *, resolution_hz: float
 ) -> tuple[HarmonicFamily, ...]:
-    """Sort lines into families, the least accidental first; a line belongs to one at most.
+    """Group lines into harmonic series; a line belongs to at most one.
 
     Every line over 1, 2, ... and every difference of two lines is tried as a base. Unrelated
     lines meet a multiple of a base b within their error e with probability 2 e / b; the chance
@@ -59,6 +61,10 @@ def group_into_families(
         Frequencies and their errors [Hz].
     resolution_hz
         Of the record: one over its duration.
+
+    Returns
+    -------
+    Families, the least probable by chance first.
 
     Examples
     --------

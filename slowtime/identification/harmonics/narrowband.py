@@ -21,13 +21,13 @@ from slowtime.signals.recursive_filters import first_order
 from slowtime.signals.spectra import transform
 
 PADDING = 8
-"""The best tone is looked for on a raster so much finer than the record resolves."""
+"""Zero-padding factor of the search for the best tone."""
 
 OVERSAMPLED = 4
-"""Drawn modes are stepped so much faster than the band asks for, then cut to the band."""
+"""Oversampling factor of the drawn modes before they are cut to the band."""
 
 RIDGE = 0.1
-"""Noise of a channel that is believed to be its own, whatever the others do."""
+"""Share of a channel's noise that is assumed independent of the other channels [1]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -39,7 +39,19 @@ class Spectra:
 
 
 def fourier_spectra(samples: Float[np.ndarray, "time channel"], rate_hz: float) -> Spectra:
-    """Transform of the whole record, without a taper: what drawn modes are cut like."""
+    """Fourier coefficients of a whole record, without a taper.
+
+    Parameters
+    ----------
+    samples
+        Equally spaced samples in any unit, channels in columns.
+    rate_hz
+        Sampling rate [Hz].
+
+    Returns
+    -------
+    Coefficients and their spacing [Hz]
+    """
     frequency, coefficients = transform(samples, rate_hz)
     return Spectra(coefficients, float(frequency[1]))
 
@@ -57,10 +69,23 @@ class NarrowBand:
 
 
 def narrow_band(spectra: Spectra, centre: int, half_width: int) -> NarrowBand:
-    r"""Envelope of the bins `centre` ± `half_width`, in the direction that shows the peak best.
+    r"""Envelope of a band in the channel combination with the best signal-to-noise ratio.
 
     The direction maximises :math:`w^H S_p w / w^H S_n w`, with the spectral matrices of the
     peak's bins and of its surroundings.
+
+    Parameters
+    ----------
+    spectra
+        Fourier coefficients of all channels.
+    centre
+        Central bin.
+    half_width
+        Half-width of the band [bins].
+
+    Returns
+    -------
+    Envelope scaled to unit noise density, and its signal-to-noise ratio.
     """
     last = len(spectra.coefficients) - 1
     half_width = max(1, min(half_width, centre - 1, last - centre))
@@ -86,6 +111,15 @@ def steadiness(
 ) -> Float[np.ndarray, "*draw"]:
     r"""Fourth moment of the envelope over its squared second moment, :math:`\rho`.
 
+    Parameters
+    ----------
+    envelopes
+        Complex envelopes, one row per draw.
+
+    Returns
+    -------
+    rho of each row: 1 for constant amplitude, 2 for a Gaussian process.
+
     Examples
     --------
     >>> steadiness(np.exp(1j * np.arange(8.0))[None]).round(9)
@@ -99,7 +133,16 @@ def steadiness(
 def residual_share(
     envelopes: Complex[np.ndarray, "*draw instant"],
 ) -> Float[np.ndarray, "*draw"]:
-    """Share of the power that the best single tone leaves, r.
+    """Share of the power that the best single tone leaves.
+
+    Parameters
+    ----------
+    envelopes
+        Complex envelopes, one row per draw.
+
+    Returns
+    -------
+    r of each row, 0 to 1.
 
     Examples
     --------

@@ -9,20 +9,33 @@ from slowtime.signals.spectra import PIECE
 from .narrowband import Spectra
 
 FALSE_ALARM = 1e-2
-"""Probability that smooth noise shows a peak at all; what it is is judged later."""
+"""Probability that smooth noise shows any peak."""
 
 WIDTHS = (1, 7, 31)
-"""Peaks are looked for in means over so many bins: steady lines, and lines that wander."""
+"""Widths of the averages in which peaks are sought [bins]: steady lines, and lines that
+wander."""
 
 SURROUNDINGS = 20
-"""... against the median over so many times as many bins."""
+"""Width of the median that is the reference level [widths of the average]."""
 
 MOST = 100
-"""The sharpest so many are kept."""
+"""Largest number of peaks."""
 
 
 def sharp_peaks(spectra: Spectra, low_hz: float, high_hz: float) -> list[float]:
-    """Frequencies of peaks no wider than a few tens of bins, ascending [Hz]."""
+    """Frequencies of peaks at most a few tens of bins wide.
+
+    Parameters
+    ----------
+    spectra
+        Fourier coefficients of all channels.
+    low_hz, high_hz
+        Limits of the search [Hz].
+
+    Returns
+    -------
+    Frequencies, ascending [Hz]
+    """
     power = _hann_power(spectra.coefficients)
     index = np.arange(len(power))
     inside = (index * spectra.spacing_hz >= low_hz) & (index * spectra.spacing_hz <= high_hz)

@@ -16,23 +16,25 @@ from scipy.special import gammaincc
 from .narrowband import NarrowBand, draw_envelopes, residual_share, steadiness
 
 UNSTEADY = 1.7
-"""Gaussian envelopes are rarely steadier than this, so that nothing is gained by drawing."""
+"""Steadiness above which no test is needed: Gaussian envelopes exceed it almost always."""
 
 LEAST_SNR = 1.0
-"""What does not stand above the noise in its band is no peak to be judged."""
+"""Least signal-to-noise ratio of a peak [1]."""
 
 DRAWS = 1.5
-"""Most that are drawn, times the probability that is to be told from zero."""
+"""Largest number of draws, times the significance level."""
 
 FEWEST, MOST = 64, 1024
+"""Draws at a time, least and most."""
+
 ENOUGH = 10
-"""Modes drawn at a time, and how many as steady as the peak settle the matter."""
+"""Draws at or below the statistic after which the test stops (Besag and Clifford)."""
 
 NOISE_DOUBT = 1.5
-"""The noise density is told from few bins, and may be so much higher."""
+"""Factor by which the noise density may be underestimated, as it is estimated from few bins."""
 
 WIDER = 1.4
-"""Step of the search for the narrowest mode that the peak may be."""
+"""Step ratio of the search for the narrowest compatible mode."""
 
 
 def monte_carlo_p_value(
@@ -43,7 +45,27 @@ def monte_carlo_p_value(
     level: float,
     rng: np.random.Generator,
 ) -> float:
-    """Probability that a drawn mode has a statistic as small; exact sequential Monte Carlo."""
+    """Sequential Monte Carlo p-value of a statistic of a mode's envelope.
+
+    Parameters
+    ----------
+    seen
+        Narrow band that holds the peak.
+    value
+        Observed statistic.
+    statistic
+        Function of drawn envelopes.
+    half_widths
+        Half-bandwidth of the mode [bins].
+    level
+        Significance level that the p-value is compared with.
+    rng
+        Generator of the drawn modes.
+
+    Returns
+    -------
+    p-value.
+    """
     drawn = below = 0
     while drawn < DRAWS / level:
         chunk = max(FEWEST, min(drawn, MOST))
@@ -58,7 +80,23 @@ def monte_carlo_p_value(
 def tone_p_value(
     seen: NarrowBand, least: float, level: float, rng: np.random.Generator
 ) -> float:
-    """Rarity of so little beside one tone among the least damped modes."""
+    """p-value of the residual share of one tone for the least damped mode.
+
+    Parameters
+    ----------
+    seen
+        Narrow band that holds the peak.
+    least
+        Half-bandwidth of the least damped mode [bins].
+    level
+        Significance level that the p-value is compared with.
+    rng
+        Generator of the drawn modes.
+
+    Returns
+    -------
+    p-value.
+    """
     if seen.snr < LEAST_SNR:
         return 1.0
     value = float(residual_share(seen.envelope[None])[0])
@@ -70,6 +108,19 @@ def noise_p_value(seen: NarrowBand, channels: int, searched: int) -> float:
 
     The energy of the band over the noise density has a gamma law; its weighting of the channels
     was chosen to show the peak, which is worth one degree of freedom a channel.
+
+    Parameters
+    ----------
+    seen
+        Narrow band that holds the peak.
+    channels
+        Number of channels.
+    searched
+        Number of bands searched.
+
+    Returns
+    -------
+    Probability, all bands counted.
     """
     count = len(seen.envelope)
     energy = (1.0 + seen.snr) * count
@@ -79,7 +130,23 @@ def noise_p_value(seen: NarrowBand, channels: int, searched: int) -> float:
 def steadiness_p_value(
     seen: NarrowBand, least: float, level: float, rng: np.random.Generator
 ) -> float:
-    """Rarity of such steadiness among the modes that are as wide as what is seen."""
+    """p-value of the steadiness, over all modes that are as wide as the peak.
+
+    Parameters
+    ----------
+    seen
+        Narrow band that holds the peak.
+    least
+        Half-bandwidth of the least damped mode [bins].
+    level
+        Significance level that the p-value is compared with.
+    rng
+        Generator of the drawn modes.
+
+    Returns
+    -------
+    p-value, an upper limit over the compatible widths.
+    """
     value = float(steadiness(seen.envelope[None])[0])
     if value > UNSTEADY or seen.snr < LEAST_SNR:
         return 1.0

@@ -9,7 +9,7 @@ from scipy.special import chdtrc
 from slowtime.identification.estimates import Measured
 
 DOUBT = 0.05
-"""Measurements disagree if, without a difference, they would be so far apart less often."""
+"""Significance level of the test of agreement."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -32,13 +32,25 @@ class Agreement:
 
 
 def agreement_of(chi_square: float, freedom: int) -> Agreement:
-    """Agreement by a chi-square; without a degree of freedom there is nothing to disagree."""
+    """Agreement from a chi-square statistic; holds without degrees of freedom.
+
+    Parameters
+    ----------
+    chi_square
+        Statistic.
+    freedom
+        Degrees of freedom.
+
+    Returns
+    -------
+    Statistic with its p-value.
+    """
     p = float(chdtrc(freedom, chi_square)) if freedom > 0 else 1.0
     return Agreement(float(chi_square), freedom, p)
 
 
 def weighted_mean(measured: list[Measured]) -> tuple[Measured, Agreement, np.ndarray]:
-    r"""Mean weighted by variances, its agreement, and the weights.
+    r"""Mean weighted by inverse variances, its agreement, and the weights.
 
     Where the measurements disagree each has, beside its own, a variance :math:`\tau^2` from
     measurement to measurement, the one that makes chi-square what it should be:

@@ -25,17 +25,16 @@ from .criteria import mac
 from .scaling import normalise_with_errors, scale_shapes, shape_covariance
 
 NEAR = 0.03
-"""Frequencies of one mode in two set-ups differ by less than this, relative, ..."""
+"""Largest relative difference of the frequencies of one mode in two set-ups [1]."""
 
 ALIKE = 0.8
-"""... and, where there are two references or more, it has this MAC over them at least, but for
-what the errors of the shapes explain."""
+"""Least MAC over two or more reference channels, beyond the errors of the shapes [1]."""
 
 DOUBTS = 3.0
-"""Standard deviations of a shape over the references that are taken for an explanation."""
+"""Standard deviations of a shape that count as its error."""
 
 LEAST_SD = 1e-4
-"""No component of a unit shape is known better than this."""
+"""Least standard deviation of a component of a unit shape [1]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -8,13 +8,28 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float
 
 ROUNDS = 200
+"""Rounds of alternating least squares, at most."""
+
 SETTLED = 1e-10
+"""Relative change of the shape at which the rounds stop [1]."""
 
 
 def scale_shapes(
     seen: Complex[np.ndarray, "setup channel"], weight: Float[np.ndarray, "setup channel"]
 ) -> tuple[Complex[np.ndarray, " setup"], Complex[np.ndarray, " channel"]]:
-    """Factors and shape, the factor of the first set-up held at 1."""
+    """Scale partial shapes into one by alternating least squares.
+
+    Parameters
+    ----------
+    seen
+        Partial shapes, 0 where not measured.
+    weight
+        Inverse variances, 0 where not measured.
+
+    Returns
+    -------
+    Factor of each set-up (the first is 1), and the shape.
+    """
     factors = np.ones(len(seen), dtype=complex)
     for row in range(1, len(seen)):
         both = weight[:row] * weight[row]
@@ -41,7 +56,23 @@ def _ratio(known: np.ndarray, seen: np.ndarray, weight: np.ndarray) -> complex:
 def shape_covariance(
     factors: np.ndarray, shape: np.ndarray, weight: np.ndarray, heard: Bool[np.ndarray, " c"]
 ) -> Complex[np.ndarray, "channel channel"]:
-    """Of the shape, the factor of the first set-up held at 1."""
+    """Covariance of the merged shape, the factor of the first set-up fixed at 1.
+
+    Parameters
+    ----------
+    factors
+        Factor of each set-up.
+    shape
+        Merged shape.
+    weight
+        Inverse variances.
+    heard
+        Channels that were measured.
+
+    Returns
+    -------
+    Complex covariance matrix.
+    """
     cross = (weight * shape.conj()).T[:, 1:] * factors[1:]
     of_shape = np.diag(np.where(heard, np.abs(factors) ** 2 @ weight, 1.0))
     of_factors = np.diag((weight @ np.abs(shape) ** 2)[1:])
@@ -54,7 +85,19 @@ def shape_covariance(
 def normalise_with_errors(
     shape: np.ndarray, covariance: np.ndarray
 ) -> tuple[Complex[np.ndarray, " channel"], Float[np.ndarray, " channel"]]:
-    """Shape of unit norm, largest component real and positive, and its errors as turned."""
+    """Unit-norm shape with real, positive largest component, and its errors.
+
+    Parameters
+    ----------
+    shape
+        Complex deflections.
+    covariance
+        Complex covariance matrix.
+
+    Returns
+    -------
+    Shape, and standard deviations [1].
+    """
     norm, largest = np.linalg.norm(shape), int(np.argmax(np.abs(shape)))
     turn = np.conj(shape[largest]) / np.abs(shape[largest])
     unit = shape * turn / norm

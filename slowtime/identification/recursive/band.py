@@ -15,7 +15,7 @@ from .frames import Frame
 from .product_sums import ProductSum, ProductSums
 
 LEARNT = 150
-"""Instants of the slow series after which directions are chosen."""
+"""Instants after which the combinations of channels are chosen."""
 
 Slow = Complex[np.ndarray, "instant series"]
 Earlier = Complex[np.ndarray, "_ _"]
@@ -75,7 +75,19 @@ class BandStep:
     def step(
         self, state: BandState, samples: Float[np.ndarray, "time channel"]
     ) -> tuple[BandState, bool]:
-        """Take in the next frame; whether the band is due to be solved then."""
+        """Process the next frame.
+
+        Parameters
+        ----------
+        state
+            State of the band.
+        samples
+            Samples of the frame.
+
+        Returns
+        -------
+        New state, and whether the band is due for a solution.
+        """
         slow = self.frame.moved_to_zero(samples, state.frames)
         end_s = (state.next_frame + 0.75 * self.frame.length) / self.frame.sampling_hz
         state = dataclasses.replace(
@@ -92,7 +104,19 @@ class BandStep:
         return dataclasses.replace(state, age=0 if due else state.age), due
 
     def after_gap(self, state: BandState, index: int) -> BandState:
-        """Go on at `index`, with nothing that would join what comes to what was."""
+        """State after a gap in the stream; nothing is joined across it.
+
+        Parameters
+        ----------
+        state
+            State of the band.
+        index
+            Index of the first sample after the gap.
+
+        Returns
+        -------
+        New state.
+        """
         waiting, fading = state.waiting, state.fading
         if state.into is None and state.recent is not None:
             waiting = (*waiting, state.recent)
@@ -106,7 +130,17 @@ class BandStep:
         )
 
     def solved(self, state: BandState) -> tuple[Mode, ...]:
-        """Modes of the band; none while too little is known."""
+        """Modes of the band; none while too little is known.
+
+        Parameters
+        ----------
+        state
+            State of the band.
+
+        Returns
+        -------
+        Modes, ascending in frequency.
+        """
         correlations = state.sums.correlations(
             rate_hz=self.frame.rate_hz,
             centre_hz=self.frame.centre_hz,

@@ -21,13 +21,14 @@ from .mode_fit import fit_band_modes, is_same
 from .window_data import FadingSpectra
 
 STEADY = 5e-4
-"""A pole whose damping is below this with 95 % probability is a machine's."""
+"""Damping ratio below which, with 95 % probability, a pole is a machine line [1]."""
 
 BIASED = 0.05
-"""Half-bandwidths that poles of two orders may differ by, however sure, and be one."""
+"""Least error of a pole between model orders [half-bandwidths]: models of low order are
+biased."""
 
 SHARED = 0.05
-"""Share of its edges by which a band looks beyond them: a mode on an edge is seen by both."""
+"""Overlap of neighbouring bands, relative to the edge frequency [1]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,7 +48,19 @@ class ModelSizes:
 def strongest_directions(
     series: Complex[np.ndarray, "instant channel"], most: int
 ) -> Complex[np.ndarray, "channel direction"]:
-    """Choose combinations of channels of like power; nothing of those that are silent."""
+    """Leading combinations of channels scaled to equal power.
+
+    Parameters
+    ----------
+    series
+        Demodulated series.
+    most
+        Largest number of combinations.
+
+    Returns
+    -------
+    Weights, channel by combination.
+    """
     scale = np.sqrt(np.mean(np.abs(series) ** 2, axis=0))
     moving = scale > 0
     inverse = np.where(moving, 1.0 / np.where(moving, scale, 1.0), 0.0)
@@ -59,7 +72,23 @@ def strongest_directions(
 def solve_band(
     correlations: Correlations, seen: FadingSpectra, band: Band, models: ModelSizes
 ) -> tuple[Mode, ...]:
-    """Modes in and about the core of a band, ascending in frequency."""
+    """Modes in and about the core of a band.
+
+    Parameters
+    ----------
+    correlations
+        Correlation matrices of the series.
+    seen
+        Spectral matrices of the band under forgetting.
+    band
+        Frequency band.
+    models
+        Sizes of the subspace models.
+
+    Returns
+    -------
+    Modes, ascending in frequency.
+    """
     poles = identify_poles(
         correlations,
         block_rows=models.rows,
@@ -110,7 +139,17 @@ def _told_apart(
 
 
 def join_bands(bands: list[tuple[Band, tuple[Mode, ...]]]) -> tuple[Mode, ...]:
-    """Modes of all bands, ascending; of two that are one, the one that is further inside."""
+    """Join the modes of all bands; of duplicates, the one further from an edge remains.
+
+    Parameters
+    ----------
+    bands
+        Bands with their modes.
+
+    Returns
+    -------
+    Modes, ascending in frequency.
+    """
     found = [(_inside(band, mode), mode) for band, modes in bands for mode in modes]
     kept: list[Mode] = []
     for _, mode in sorted(found, key=lambda pair: -pair[0]):

@@ -18,10 +18,10 @@ from slowtime.identification.spectral_likelihood.model import BandModel
 from .window_data import FEWEST_ORDINATES, FadingSpectra, FadingWindow
 
 REACH = 12.0
-"""Ordinates within so many half-bandwidths of a mode tell of its shape."""
+"""Range about a mode from which its shape is estimated [half-bandwidths]."""
 
 LEAST = 1e-4
-"""Share of the median below which a density is not believed."""
+"""Least density of the model, relative to its median [1]."""
 
 ShapeWithErrors = tuple[Complex[np.ndarray, " channel"], Float[np.ndarray, " channel"]]
 
@@ -29,7 +29,21 @@ ShapeWithErrors = tuple[Complex[np.ndarray, " channel"], Float[np.ndarray, " cha
 def expand_to_channels(
     seen: FadingSpectra, case: FadingWindow, best: BandFit
 ) -> list[ShapeWithErrors]:
-    """Shape of unit norm over all channels, and its standard deviations, of each mode."""
+    """Shape over all channels, with standard deviations, of each mode.
+
+    Parameters
+    ----------
+    seen
+        Spectral matrices of the band under forgetting.
+    case
+        Window with its channel combinations.
+    best
+        Fitted model of the window.
+
+    Returns
+    -------
+    Unit-norm shapes, each with standard deviations.
+    """
     model = best.model
     omega = (2 * np.pi * seen.frequency_hz[case.inside] - case.middle) / case.unit
     turned = case.directions.conj().T @ seen.density[case.inside] @ case.directions

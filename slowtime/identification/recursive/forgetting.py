@@ -24,13 +24,13 @@ RESOLVED = 1e-3
 of the band [1]."""
 
 SPACING = 1.25
-"""Between ordinates, in units of a."""
+"""Spacing of the ordinates, in units of a."""
 
 WARM = 1.5
-"""Memories 1 / a after a gap before coefficients count: the window is nearly whole by then."""
+"""Time after a gap before coefficients count, in units of 1 / a."""
 
 SEEN = 0.95
-"""Gain of the band below which its ordinates are left out."""
+"""Least gain of the band at an ordinate that is used [1]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -72,13 +72,35 @@ class FrequencyGrid:
         return _table(self).frequency_hz
 
     def start(self, channels: int, directions: int) -> FadingCoefficients:
-        """Nothing seen yet."""
+        """Start without data.
+
+        Parameters
+        ----------
+        channels
+            Number of channels.
+        directions
+            Number of channel combinations.
+
+        Returns
+        -------
+        State.
+        """
         shape = (len(self.frequency_hz), channels)
         products = np.zeros((*shape, directions), complex)
         return FadingCoefficients(np.zeros(shape, complex), products, np.zeros(shape))
 
     def after_gap(self, fading: FadingCoefficients) -> FadingCoefficients:
-        """Coefficients begin anew; sums stay."""
+        """State after a gap: coefficients restart, sums remain.
+
+        Parameters
+        ----------
+        fading
+            State.
+
+        Returns
+        -------
+        New state.
+        """
         rest = np.zeros_like(fading.coefficients)
         return dataclasses.replace(fading, coefficients=rest, warm_s=0.0)
 
@@ -89,7 +111,23 @@ class FrequencyGrid:
         into: Complex[np.ndarray, "channel direction"],
         memory_s: float | None,
     ) -> FadingCoefficients:
-        """Take in the instants of one frame; `into` makes directions of channels."""
+        """Process the instants of one frame.
+
+        Parameters
+        ----------
+        fading
+            State.
+        slow
+            Demodulated series.
+        into
+            Weights of the channel combinations.
+        memory_s
+            Time constant of the forgetting [s]; None keeps everything.
+
+        Returns
+        -------
+        New state.
+        """
         table, count = _table(self), len(slow)
         passed = count / self.frame.rate_hz
         faded = slow * np.exp(-self.decay / self.frame.rate_hz * np.arange(count)[::-1, None])
@@ -114,7 +152,19 @@ class FrequencyGrid:
     def seen(
         self, fading: FadingCoefficients, into: Complex[np.ndarray, "channel direction"]
     ) -> FadingSpectra:
-        """Mean spectral matrices, up to a factor."""
+        """Mean spectral matrices, up to a factor.
+
+        Parameters
+        ----------
+        fading
+            State.
+        into
+            Weights of the channel combinations.
+
+        Returns
+        -------
+        Spectral matrices of the band.
+        """
         seconds = self.frame.hop_s * fading.weight**2 / fading.squares
         gain = fading.weight * self.frame.band.gain(self.frequency_hz) ** 2
         cross = fading.products / gain[:, None, None]

@@ -18,7 +18,7 @@ from .frames import Frame
 from .sample_buffer import SampleBuffer
 
 FEWEST_CYCLES = 50
-"""A memory of fewer cycles of the lowest frequency holds no mode."""
+"""Shortest memory [cycles of the lowest frequency]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -120,7 +120,17 @@ class RecursiveModes:
         return state, state.modes
 
     def solved(self, state: RecursiveState) -> tuple[Mode, ...]:
-        """Modes as all that has been taken in says, whatever was due."""
+        """Modes by all data so far, whether or not a solution is due.
+
+        Parameters
+        ----------
+        state
+            State of the stream.
+
+        Returns
+        -------
+        Modes, ascending in frequency.
+        """
         steps = zip(_steps(self), state.bands, strict=True)
         return join_bands([(step.band, step.solved(band)) for step, band in steps])
 

@@ -28,8 +28,8 @@ from slowtime.identification.spectral_likelihood.likelihood import (
 )
 from slowtime.identification.spectral_likelihood.mode_selection import (
     CLEAR,
+    FITTING,
     SELECTING,
-    SHARPENING,
     WORTH,
 )
 from slowtime.identification.spectral_likelihood.model import BandModel
@@ -46,10 +46,10 @@ from .window_data import (
 )
 
 CLOSE = 12.0
-"""Candidates within so many half-bandwidths of each other share a window."""
+"""Distance below which candidates share a window [half-bandwidths]."""
 
 SHOWN = 4.0
-"""Ordinates within so many half-bandwidths show whether a model fits a mode."""
+"""Range about a mode in which the misfit of the model is tested [half-bandwidths]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -72,15 +72,28 @@ class _Sharp:
 def fit_band_modes(
     seen: FadingSpectra, found: list[StablePole], beside: list[StablePole]
 ) -> tuple[Mode, ...]:
-    """Modes among the candidates, whose shapes are in directions, ascending in frequency.
+    """Fit the modes of a band, and drop candidates that the data do not support.
 
     Those beside the ordinates are held where they are: they send their skirts in.
+
+    Parameters
+    ----------
+    seen
+        Spectral matrices of the band under forgetting.
+    found
+        Candidates in the band.
+    beside
+        Candidates beyond its edges.
+
+    Returns
+    -------
+    Modes, ascending in frequency.
     """
     starts = [StartMode(candidate.pole, candidate.shape, candidate) for candidate in found]
     chosen = _in_windows(seen, starts, [], SELECTING, CLOSE)
     again = [StartMode(sharp.pole, sharp.shape, sharp.start.candidate) for sharp in chosen]
     held = [StartMode(candidate.pole, candidate.shape, candidate) for candidate in beside]
-    return tuple(_mode(sharp) for sharp in _in_windows(seen, again, held, SHARPENING, np.inf))
+    return tuple(_mode(sharp) for sharp in _in_windows(seen, again, held, FITTING, np.inf))
 
 
 def _in_windows(
@@ -233,7 +246,17 @@ def _distinct(sharp: list[_Sharp]) -> list[_Sharp]:
 
 
 def is_same(one: Mode, other: Mode) -> bool:
-    """Whether two estimates, of like shape, are no further apart than half their bandwidths."""
+    """Whether two estimates have like shapes and differ by under half their bandwidths.
+
+    Parameters
+    ----------
+    one, other
+        Modes.
+
+    Returns
+    -------
+    True if they are one mode.
+    """
     width = sum(m.frequency_hz.value * m.damping_ratio.value for m in (one, other)) / 2
     reach = max(width, 3.0 * float(np.hypot(one.frequency_hz.sd, other.frequency_hz.sd)))
     away = abs(one.frequency_hz.value - other.frequency_hz.value)

@@ -17,11 +17,13 @@ from slowtime.identification.subspace.correlations import (
 )
 
 MOST = 32
+"""Largest number of sums kept."""
+
 FEWEST = 16
-"""Stretches below which nothing is said."""
+"""Least number of sums for an estimate of the errors."""
 
 FADED = 5.0
-"""What is so many memories old is dropped."""
+"""Age after which a sum is dropped [memories]."""
 
 Products = Complex[np.ndarray, "lag direction direction"]
 
@@ -49,7 +51,19 @@ class ProductSums:
     length: int = 1
 
     def added(self, more: ProductSum, memory_s: float | None) -> "ProductSums":
-        """Take in what came last; drop what has faded, join where there are too many."""
+        """Add a sum; drop those that are too old, and join pairs where there are too many.
+
+        Parameters
+        ----------
+        more
+            Newest sum of products.
+        memory_s
+            Time constant of the forgetting [s]; None keeps everything.
+
+        Returns
+        -------
+        New sums.
+        """
         growing = more if self.growing is None else self.growing + more
         if self.additions + 1 < self.length:
             return dataclasses.replace(self, growing=growing, additions=self.additions + 1)
@@ -67,7 +81,21 @@ class ProductSums:
     def correlations(
         self, *, rate_hz: float, centre_hz: float, memory_s: float | None
     ) -> Correlations | None:
-        """Mean products and draws of their error; None where there are too few."""
+        """Correlation matrices and draws of their error; None with too few sums.
+
+        Parameters
+        ----------
+        rate_hz
+            Sampling rate [Hz].
+        centre_hz
+            Frequency that was moved to zero [Hz].
+        memory_s
+            Time constant of the forgetting [s]; None keeps everything.
+
+        Returns
+        -------
+        Correlations, or None.
+        """
         stretches = self.whole if self.growing is None else (*self.whole, self.growing)
         if len(stretches) < FEWEST:
             return None

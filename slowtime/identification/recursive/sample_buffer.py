@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 PIECE = 512
-"""Rows up to which a short block is joined to the one before, so that pieces stay few."""
+"""Rows up to which a block is joined to the one before."""
 
 Rows = Float[np.ndarray, "time channel"]
 Piece = Float[np.ndarray, "_ channel"]
@@ -25,7 +25,17 @@ class SampleBuffer:
         return self.first_index + sum(len(piece) for piece in self.pieces)
 
     def extended(self, rows: Rows) -> "SampleBuffer":
-        """Tail with more rows, which are copied: a sensor may use its buffer again."""
+        """Buffer with more rows, which are copied.
+
+        Parameters
+        ----------
+        rows
+            Samples of the new block.
+
+        Returns
+        -------
+        New buffer.
+        """
         if self.pieces and rows.shape[1] != self.pieces[-1].shape[1]:
             raise ValueError(
                 f"A block of {rows.shape[1]} channels was given after blocks of "
@@ -37,7 +47,19 @@ class SampleBuffer:
         return SampleBuffer(self.first_index, (*before, last))
 
     def rows(self, first: int, count: int) -> Rows:
-        """So many rows from an index on."""
+        """Rows from an index on.
+
+        Parameters
+        ----------
+        first
+            Index of the first row.
+        count
+            Number of rows.
+
+        Returns
+        -------
+        Samples.
+        """
         parts, at = [], self.next_index
         for piece in reversed(self.pieces):
             at -= len(piece)
@@ -48,7 +70,17 @@ class SampleBuffer:
         return np.concatenate(parts[::-1])
 
     def from_index(self, index: int) -> "SampleBuffer":
-        """Buffer without what lies before an index, as far as it is worth the copying."""
+        """Buffer without the rows before an index, where copying pays.
+
+        Parameters
+        ----------
+        index
+            Index of the first row needed.
+
+        Returns
+        -------
+        New buffer.
+        """
         first, kept = self.first_index, list(self.pieces)
         while kept and first + len(kept[0]) <= index:
             first += len(kept.pop(0))

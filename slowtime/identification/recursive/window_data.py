@@ -10,21 +10,28 @@ from slowtime.identification.spectral_likelihood.windows import WIDEST
 from slowtime.identification.subspace.stabilisation import StablePole
 
 FEWEST_ORDINATES = 30
+"""Least number of ordinates in a window."""
+
 MOST_TOGETHER = 5
+"""Largest number of modes in a window."""
+
 SPARE = 1
+"""Channel combinations beyond the number of modes."""
+
 MOST_DIRECTIONS = 6
-"""Combinations of channels that are kept: so many more than modes, and so many at most."""
+"""Largest number of channel combinations."""
 
 LINE_FIT = 3.0
+"""Range in which a machine line is measured [decay rates of the window]."""
+
 LINE_CORE = 5.0
-"""Distances from a line, in decay rates of the window, within which it is measured, and within
-which nothing else can be."""
+"""Range about a machine line in which no mode is sought [decay rates of the window]."""
 
 GROUPED = 0.5
-"""Ordinates are averaged over this share of the distance to the nearest pole."""
+"""Width of the averages, relative to the distance from the nearest pole [1]."""
 
 QUIET = 1e-3
-"""Noise taken for granted, as a share of the median density."""
+"""Least noise density, relative to the median density [1]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -58,9 +65,18 @@ class FadingSpectra:
     spared: Bool[np.ndarray, " ordinate"]
 
     def without_line(self, frequency_hz: float) -> "FadingSpectra":
-        """Take out a steady line, which the window shows with skirts that are known.
+        """Subtract a steady line, whose skirts in the window are known.
 
         What is left of its core is spared.
+
+        Parameters
+        ----------
+        frequency_hz
+            Frequency of the line [Hz].
+
+        Returns
+        -------
+        Spectral matrices without the line.
         """
         away = 2 * np.pi * (self.frequency_hz - frequency_hz) / self.decay
         about = np.abs(away) < LINE_FIT
@@ -112,7 +128,19 @@ class FadingWindow:
 
 
 def group_start_modes(order: list[StartMode], close: float) -> list[list[int]]:
-    """Neighbours that share a window, split at the widest gap where they are too many."""
+    """Group neighbouring modes; large groups are split at the widest gap.
+
+    Parameters
+    ----------
+    order
+        Initial modes, ascending in frequency.
+    close
+        Distance that joins two modes [half-bandwidths].
+
+    Returns
+    -------
+    Indices of each group.
+    """
     poles = [start.pole for start in order]
     groups: list[list[int]] = []
     for k in range(len(order)):
@@ -139,7 +167,25 @@ def prepare_fading_window(
     held: list[StartMode],
     wide: float,
 ) -> FadingWindow:
-    """Window that reaches `wide` half-bandwidths beyond its members, in few directions."""
+    """Prepare the data of a window, in few combinations of channels.
+
+    Parameters
+    ----------
+    seen
+        Spectral matrices of the band under forgetting.
+    order
+        Initial modes, ascending in frequency.
+    members
+        Indices of the modes of the window.
+    held
+        Modes beside it whose poles stay.
+    wide
+        Range beyond the members [half-bandwidths].
+
+    Returns
+    -------
+    Scaled data and initial values.
+    """
     omega = 2 * np.pi * seen.frequency_hz
     poles = np.array([order[k].pole for k in members]) - seen.decay
     least = FEWEST_ORDINATES / 2 * (omega[1] - omega[0])

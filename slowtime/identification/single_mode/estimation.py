@@ -34,25 +34,30 @@ from .spectral_peak import fit_peak
 Method = Literal["auto", "ambient", "free_decay", "peak"]
 
 EXPLAINED = 0.9
-"""Share of the power that decays must explain before a record counts as a free decay."""
+"""Least share of the power that decays explain in a free decay."""
 
 CLEARLY = 0.99
-"""... and this share where what they leave is no noise: a mode driven at random, seen for less
-than its memory, is explained by decays to 90 or 95 %, and known much worse than they say."""
+"""Least share where the residual is coloured: decays explain 90 to 95 % of a random response
+that is shorter than its memory."""
 
 MAINS_HZ = (50.0, 60.0)
+"""Frequencies of electric mains [Hz]."""
+
 
 BEGINNING = 128.0
-"""Samples a cycle that are kept of a decay after a blow: less than a quarter of a cycle is lost
-before the first."""
+"""Sampling rate that is kept of a decay after an impact [samples per cycle]."""
 
 BURST_SHARE = 0.85
-"""Two neighbouring eighths of a record with more of its power than this are a burst."""
+"""Share of the power in two neighbouring eighths of a record above which it is a burst."""
 
 HIGHEST_DAMPING = 0.3
+"""Largest damping ratio of a mode [1]."""
+
 FASTEST_GROWTH = 0.02
+"""Largest negative damping ratio of a mode, by its amount [1]."""
+
 LARGEST_ERROR = 0.1
-"""Beyond these a bump of the spectrum is not taken for a mode."""
+"""Largest relative standard deviation of a frequency [1]."""
 
 
 def first_mode(
@@ -119,7 +124,25 @@ def all_modes(
     method: Method = "auto",
     most: int = 8,
 ) -> tuple[Identified, ...]:
-    """Every clearly separate mode up to `most`, ascending in frequency; the same fits."""
+    """All separate modes of a record, fitted as `first_mode` fits one.
+
+    Parameters
+    ----------
+    samples
+        Equally spaced samples in any unit, channels in columns.
+    rate_hz
+        Sampling rate [Hz].
+    band_hz
+        Search band [Hz]; by default from four cycles in the record to 0.45 of the rate.
+    method
+        `auto`, or one method for every peak.
+    most
+        Largest number of modes.
+
+    Returns
+    -------
+    Modes, ascending in frequency.
+    """
     columns = detrended(checks.series(samples, rate_hz))
     low, high = checks.band(band_hz, rate_hz, len(columns))
     modes: list[Identified] = []
@@ -151,10 +174,19 @@ def _begun(mode: Identified, start_s: float) -> Identified:
 
 
 def classify_fit(mode: Identified) -> Literal["mode", "no mode", "unclear"]:
-    """Whether a fit is a mode of vibration, a bump or a line, or something it cannot tell.
+    """Classify a fit as a mode, as no mode (bump, line), or as unclear.
 
     Where a significant peak stays unclear, as across a jump or a burst, a higher mode must
     not be passed off as the first one.
+
+    Parameters
+    ----------
+    mode
+        Fitted mode.
+
+    Returns
+    -------
+    Class of the fit.
     """
     frequency, damping = mode.frequency_hz, mode.damping_ratio
     numbers = [frequency.value, frequency.sd, damping.value, damping.sd]
@@ -179,7 +211,23 @@ def identify_candidate(
     candidate: PeakCandidate,
     method: Method = "auto",
 ) -> Identified:
-    """Mode behind one candidate, by the asked method or the one that the record calls for."""
+    """Fit the mode of a candidate by the given method, or by the one that suits the record.
+
+    Parameters
+    ----------
+    columns
+        Samples of all channels, in any unit.
+    rate_hz
+        Sampling rate [Hz].
+    candidate
+        Detected peak, with the band that belongs to it [Hz].
+    method
+        `auto`, or one method.
+
+    Returns
+    -------
+    Mode with flags.
+    """
     if method == "peak":
         return fit_peak(columns, rate_hz, candidate)
     if method == "ambient":

@@ -24,36 +24,41 @@ from jaxtyping import Float
 from slowtime.signals.spectra import detrended
 
 PARTS = 32
-"""A record is cut into so many parts, whose energies are compared."""
+"""Number of parts of a record whose energies are compared."""
 
 ENERGY = 0.9
+"""Share of the energy in `TIME`."""
+
 TIME = 0.3
-"""A record is an event if so much of its energy came in less than this share of its time. Of
-8,000 drawn records of one mode, half to five half-bandwidths long, 1 in 1,000 is below 0.42."""
+"""Share of the time that holds `ENERGY` of the energy, below which a record is an event. Of
+8,000 simulated records of one mode, 0.5 to 5 half-bandwidths long, 1 in 1,000 is below 0.42."""
 
 ORDER = 20
-"""Order of the autoregression whose residual is taken for the force."""
+"""Order of the autoregression whose residual estimates the force."""
 
 WINDOWS = 100
+"""Number of windows in the test for an onset."""
+
 QUIET = 0.01
-"""A record in whose first hundredth the force has less than this share of its usual power
-begins before the event does, as records that a trigger started do."""
+"""Power of the force in the first window, relative to its median, below which a record begins
+before the event."""
 
 RETURN = 0.4
-"""Least autocorrelation at a long lag of a record that repeats itself; half of an odd multisine
-whose phases are drawn anew each second period has 0.5."""
+"""Least autocorrelation of a periodic record at its period. A multisine with odd lines whose
+phases change every second period reaches 0.5."""
 
 BETWEEN = 0.5
-"""... of which no more than this share is reached between a quarter and three quarters of the
-lag: the correlation of a mode falls off with the lag, and does not come back."""
+"""Largest autocorrelation between a quarter and three quarters of the period, relative to that
+at the period."""
 
 LINES = 12.0
-"""Least effective number of lines of a periodic excitation; fewer are machines, which are told
-one by one."""
+"""Least effective number of lines of a periodic excitation; fewer count as machine lines."""
 
 FEWEST_PERIODS = 2.0
+"""Least number of periods in the record."""
+
 FEWEST_SAMPLES = 16
-"""Lags looked at: of at least so many samples, and so many of them in the record."""
+"""Least lag that is examined; a period must be four times as long [samples]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -111,7 +116,17 @@ def excitation(samples: Float[np.ndarray, "time channel"], rate_hz: float) -> Ex
 
 
 def energetic_share(columns: Float[np.ndarray, "time channel"]) -> float:
-    """Smallest share of the time that holds 90 % of the energy, of the loudest parts first."""
+    """Smallest share of the time that holds 90 % of the energy.
+
+    Parameters
+    ----------
+    columns
+        Samples of all channels, in any unit.
+
+    Returns
+    -------
+    Share, 0 to 1.
+    """
     power = np.sum(columns**2, axis=1)
     parts = np.array([part.sum() for part in np.array_split(power, PARTS)])
     held = np.cumsum(np.sort(parts)[::-1]) / parts.sum()

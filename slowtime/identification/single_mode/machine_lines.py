@@ -15,18 +15,18 @@ from slowtime.identification.harmonics.tones import remove_lines
 from .estimation import Method, all_modes
 
 BESIDE_BINS = 3.0
-"""A mode whose half-bandwidth, and so many bins more, reach a line is told with doubt: what a
-line that wanders leaves behind, when its bins are taken out, looks like a mode of its own."""
+"""Distance of a line from a mode's half-bandwidth within which the mode is flagged [bins]: the
+residue of a wandering line resembles a mode."""
 
 DECIDABLE_BINS = 0.1
-"""Half-bandwidth of the least damped structure, in bins, from which on a record can tell it
-from a line."""
+"""Half-bandwidth of the least damped mode above which a record distinguishes it from a line
+[bins]."""
 
 MULTIPLE_BINS = 1.5
-"""So near to a multiple of a machine's speed, beyond the errors, a peak is on it."""
+"""Distance from a multiple of a machine speed, beyond the errors [bins]."""
 
 LINE = "harmonic"
-"""Method under which the line of a machine is told; its damping is 0, and means nothing."""
+"""Method name of a machine line in the results; its damping ratio is 0."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -111,7 +111,19 @@ def _is_multiple(
 
 
 def is_undamped(mode: Identified, duration_s: float) -> bool:
-    """Whether a record says that a mode is damped less than any structure."""
+    """Whether the damping of a mode is significantly below that of any structure.
+
+    Parameters
+    ----------
+    mode
+        Fitted mode.
+    duration_s
+        Duration of the record [s].
+
+    Returns
+    -------
+    True if it is undamped.
+    """
     damping = mode.damping_ratio
     decidable = LEAST_DAMPING * mode.frequency_hz.value * duration_s > DECIDABLE_BINS
     return decidable and damping.value + 2 * damping.sd < LEAST_DAMPING

@@ -11,7 +11,7 @@ from slowtime.identification.estimates import Identified
 from .estimation import Method, first_mode
 
 FOLLOW_SPREAD = 0.1
-"""A followed mode may have moved by this share of its frequency since the last window."""
+"""Relative standard deviation of a frequency between two windows [1]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -64,7 +64,19 @@ class Tracker:
         state: TrackerState,
         window: Float[np.ndarray, "time channel"] | Float[np.ndarray, " time"],
     ) -> tuple[TrackerState, Identified | None]:
-        """Identify one window; a window without a clear mode leaves the state as it is."""
+        """Identify one window; without a clear mode the state is unchanged.
+
+        Parameters
+        ----------
+        state
+            State of the tracker.
+        window
+            Samples of the window.
+
+        Returns
+        -------
+        New state, and the mode or None.
+        """
         mode = first_mode(
             window,
             self.rate_hz,

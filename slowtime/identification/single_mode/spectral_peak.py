@@ -12,12 +12,16 @@ from slowtime.signals.spectra import detrended, welch
 from .bounds import ambient_law
 
 BINS_PER_HALF_WIDTH = 1.5
+"""Resolution of the Welch spectrum [bins per half-bandwidth]."""
+
 HANN_HALF_WIDTH = 0.72
-"""Half-power half-width of a Hann segment's own peak, times the length of the segment."""
+"""Half-power half-width of the Hann window [1 / segment length]."""
 
 ROUNDS = 3
+"""Rounds of the parabola fit about the peak."""
+
 INEFFICIENCY = 1.5
-"""Error of the parabola over that of the likelihood with the same band (by simulation)."""
+"""Ratio of the standard error to that of the likelihood in the same band (from simulations)."""
 
 
 def peak(
@@ -26,10 +30,23 @@ def peak(
     *,
     band_hz: tuple[float, float] | None = None,
 ) -> Identified:
-    """Strongest peak of the Welch spectrum, its place by a parabola, its damping by its width.
+    """Frequency and width of the strongest peak of the Welch spectrum.
 
     See `fit_peak`. Prefer `identify_ambient` or `identify_free_decay`, which know their errors;
     the peak needs no model and is a check on both.
+
+    Parameters
+    ----------
+    samples
+        Equally spaced samples in any unit, channels in columns.
+    rate_hz
+        Sampling rate [Hz].
+    band_hz
+        Search band [Hz]; by default from four cycles in the record to 0.45 of the rate.
+
+    Returns
+    -------
+    Frequency [Hz] and damping ratio [1].
     """
     columns = detrended(checks.series(samples, rate_hz))
     low, high = checks.band(band_hz, rate_hz, len(columns))
@@ -46,6 +63,19 @@ def fit_peak(
     :math:`\zeta`, less the width of the segments' own peak. Segments are as long as the width
     asks for and the record allows; where the record is too short for the width, damping is
     little more than an upper limit, and the flag `resolution_limited` says so.
+
+    Parameters
+    ----------
+    columns
+        Samples of all channels, in any unit.
+    rate_hz
+        Sampling rate [Hz].
+    candidate
+        Detected peak, with the band that belongs to it [Hz].
+
+    Returns
+    -------
+    Frequency [Hz] and damping ratio [1].
     """
     series = modal_series(columns, rate_hz, candidate)[:, None]
     duration = len(series) / rate_hz

@@ -12,13 +12,27 @@ import numpy as np
 from .model import BandData, BandModel
 
 GAUGE = 1e-9
-"""Directions of less information than this share of the most belong to no parameter."""
+"""Eigenvalues of the information below this share of the largest count as zero [1]."""
 
 
 def fisher_information(
     data: BandData, model: BandModel, density: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Fisher information and score of all parameters."""
+    """Fisher information and score of all parameters.
+
+    Parameters
+    ----------
+    data
+        Mean spectral matrices of the band.
+    model
+        Modal state-space model of the band.
+    density
+        Density that the model predicts.
+
+    Returns
+    -------
+    Information matrix, and score.
+    """
     root = whitener(data, density)
     rows = density_derivatives(model, data, root)
     return add_prior(model, rows @ rows.T, rows @ misfit(data, density, root))
@@ -27,7 +41,21 @@ def fisher_information(
 def add_prior(
     model: BandModel, information: np.ndarray, score: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Add what is known beforehand."""
+    """Add prior information and score of the poles.
+
+    Parameters
+    ----------
+    model
+        Modal state-space model of the band.
+    information
+        Information matrix.
+    score
+        Score.
+
+    Returns
+    -------
+    Information and score with prior.
+    """
     modes = 0 if model.still else len(model.pole) - model.held
     away, wide = (each[:, :modes].T.reshape(-1) for each in model.ties())
     own = np.arange(2 * modes)
@@ -37,13 +65,39 @@ def add_prior(
 
 
 def whitener(data: BandData, density: np.ndarray) -> np.ndarray:
-    """Inverse roots of the density, weighted by the number of ordinates."""
+    """Inverse roots of the density, weighted by the number of ordinates.
+
+    Parameters
+    ----------
+    data
+        Mean spectral matrices of the band.
+    density
+        Density that the model predicts.
+
+    Returns
+    -------
+    One matrix per group.
+    """
     weight = data.number[:, None, None] ** 0.25
     return np.asarray(np.linalg.inv(np.linalg.cholesky(density)) * weight)
 
 
 def misfit(data: BandData, density: np.ndarray, root: np.ndarray) -> np.ndarray:
-    """Density of the data less that of the model, whitened and packed."""
+    """Difference of data and model densities, whitened and packed.
+
+    Parameters
+    ----------
+    data
+        Mean spectral matrices of the band.
+    density
+        Density that the model predicts.
+    root
+        Whitening matrices.
+
+    Returns
+    -------
+    Real vector.
+    """
     left = root @ (data.density - density) @ root.conj().transpose(0, 2, 1)
     row, column = _triangle(left.shape[-1])
     packed = np.empty((len(left), left.shape[-1] ** 2))
@@ -52,9 +106,22 @@ def misfit(data: BandData, density: np.ndarray, root: np.ndarray) -> np.ndarray:
 
 
 def density_derivatives(model: BandModel, data: BandData, root: np.ndarray) -> np.ndarray:
-    """Differentiate the density by free parameters; whitened, packed, one a row.
+    """Differentiate the density by the free parameters; whitened and packed.
 
     All derivatives are outer products, so that vectors are whitened rather than matrices.
+
+    Parameters
+    ----------
+    model
+        Modal state-space model of the band.
+    data
+        Mean spectral matrices of the band.
+    root
+        Whitening matrices.
+
+    Returns
+    -------
+    One row per parameter.
     """
     directions, free, omega = len(model.shape), len(model.pole) - model.held, data.omega
     gain, bent = (each[:, :, None] for each in model.gain(omega, data.width))
@@ -78,6 +145,15 @@ def outer_product_rows(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Outer products of vectors plus their adjoints, and the same of i times the first.
 
     Packed, ["2 * pair", "group * direction ** 2"].
+
+    Parameters
+    ----------
+    one, other
+        Vectors of each group.
+
+    Returns
+    -------
+    Two rows per pair: the sum, and i times the difference.
     """
     directions = one.shape[-1]
     row, column = _triangle(directions)
@@ -117,7 +193,17 @@ def _triangle(size: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def restricted_inverse(information: np.ndarray) -> np.ndarray:
-    """Inverse on what the data tell of; length and phase of the shapes are not among it."""
+    """Inverse of an information matrix on the parameters that the data determine.
+
+    Parameters
+    ----------
+    information
+        Information matrix.
+
+    Returns
+    -------
+    Covariance; zero along length and phase of the shapes.
+    """
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     power, directions = np.linalg.eigh(information / scale[:, None] / scale)
     keep = power > GAUGE * power[-1]

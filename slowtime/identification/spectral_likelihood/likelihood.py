@@ -27,21 +27,26 @@ from .fisher_information import fisher_information, restricted_inverse
 from .model import BandData, BandModel, step_parameters
 
 MOST_STEPS = 25
+"""Scoring steps of a full fit, at most."""
+
 SOME_STEPS = 12
+"""Scoring steps of a rough fit, at most."""
+
 FEW_STEPS = 8
-"""... at most; fewer where it only has to be seen what a mode is worth, and fewest for poles
-that stay while more modes are to come."""
+"""Scoring steps at fixed poles, at most."""
 
 CONVERGED = 0.03
+"""Expected gain of log-likelihood at which a full fit stops."""
+
 ROUGHLY = 1.0
-"""Steps end once they promise less than so much of log-likelihood; the latter where it only
-matters whether a model is better by dozens."""
+"""Expected gain of log-likelihood at which a rough fit stops."""
 
 FREELY = 0.05
-"""Damping of a step, relative to the information, below which it is a free one."""
+"""Damping of a step, relative to the information, below which the step counts as undamped
+[1]."""
 
 WARM_UP = 8
-"""Rounds of expectation-maximisation at fixed poles, from which scoring starts."""
+"""Rounds of expectation-maximisation before scoring."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -58,12 +63,32 @@ class BandFit:
     converged: bool
 
     def pole_covariance(self, mode: int) -> Float[np.ndarray, "2 2"]:
-        """Of log decay rate and angular frequency."""
+        """Covariance of log decay rate and angular frequency of a mode.
+
+        Parameters
+        ----------
+        mode
+            Index of the mode.
+
+        Returns
+        -------
+        Two by two matrix.
+        """
         at = slice(2 * mode, 2 * mode + 2)
         return self.covariance[at, at]
 
     def shape_covariance(self, mode: int) -> Complex[np.ndarray, "direction direction"]:
-        """Covariance of the complex shape at fixed length and phase."""
+        """Covariance of the complex shape at fixed length and phase.
+
+        Parameters
+        ----------
+        mode
+            Index of the mode.
+
+        Returns
+        -------
+        Complex covariance matrix.
+        """
         directions, modes = self.model.shape.shape
         first = 2 * modes + 2 * directions * mode
         block = self.covariance[first : first + 2 * directions, first : first + 2 * directions]
@@ -78,7 +103,19 @@ class BandFit:
 
 
 def band_log_likelihood(data: BandData, density: np.ndarray) -> float:
-    """Whittle's, up to a constant; minus infinity where the density is not positive."""
+    """Whittle log-likelihood; minus infinity if the density is not positive definite.
+
+    Parameters
+    ----------
+    data
+        Mean spectral matrices of the band.
+    density
+        Density that the model predicts.
+
+    Returns
+    -------
+    Log-likelihood, up to a constant.
+    """
     try:
         root = np.linalg.cholesky(density)
         misfit = np.trace(np.linalg.solve(density, data.density), axis1=1, axis2=2).real
@@ -94,7 +131,23 @@ def initial_model(
     shape: Complex[np.ndarray, "direction mode"],
     held: int = 0,
 ) -> BandModel:
-    """Positive model with the given poles and shapes, by expectation-maximisation."""
+    """Positive definite model with given poles and shapes.
+
+    Parameters
+    ----------
+    data
+        Mean spectral matrices of the band.
+    pole
+        Poles, in the unit of the data.
+    shape
+        Shapes.
+    held
+        Number of poles at the end that stay.
+
+    Returns
+    -------
+    Model.
+    """
     none = np.zeros((len(shape), len(shape)), dtype=complex)
     model = BandModel(pole, shape, 0 * shape, none, none, pole, held)
     return expectation_maximisation(
@@ -103,10 +156,21 @@ def initial_model(
 
 
 def expectation_maximisation(data: BandData, model: BandModel) -> BandModel:
-    """Positive model with the same poles and shapes, by expectation-maximisation.
+    """Fit forces and background at fixed poles and shapes by expectation-maximisation.
 
     White forces on the modes and white background are drawn jointly with a covariance W; each
     round replaces W by its mean given data and W, and no round lowers the likelihood.
+
+    Parameters
+    ----------
+    data
+        Mean spectral matrices of the band.
+    model
+        Modal state-space model of the band.
+
+    Returns
+    -------
+    Model with a positive definite density.
     """
     pole, shape = model.pole, model.shape
     modes, directions = len(pole), len(shape)
@@ -136,9 +200,22 @@ def expectation_maximisation(data: BandData, model: BandModel) -> BandModel:
 
 
 def fit_band_model(data: BandData, model: BandModel, *, roughly: bool = False) -> BandFit:
-    """Climb from a positive model to the likeliest one near by, or `roughly` to it.
+    """Maximise the likelihood from a positive definite model by Fisher scoring.
 
     Poles stay at first; while forces are far off, they would leave for where one is missing.
+
+    Parameters
+    ----------
+    data
+        Mean spectral matrices of the band.
+    model
+        Modal state-space model of the band.
+    roughly
+        Whether to stop early, when only dozens of log-likelihood matter.
+
+    Returns
+    -------
+    Model, log-likelihood and covariance.
     """
     enough, most = (ROUGHLY, SOME_STEPS) if roughly else (CONVERGED, MOST_STEPS)
     model, density, converged = _climbed(data, fit_forces(data, model), enough, most)
@@ -150,7 +227,19 @@ def fit_band_model(data: BandData, model: BandModel, *, roughly: bool = False) -
 
 
 def fit_forces(data: BandData, model: BandModel) -> BandModel:
-    """Fit forces, shapes and background, roughly, to poles that stay."""
+    """Fit forces, shapes and background roughly, at fixed poles.
+
+    Parameters
+    ----------
+    data
+        Mean spectral matrices of the band.
+    model
+        Modal state-space model of the band.
+
+    Returns
+    -------
+    Model.
+    """
     still = dataclasses.replace(model, still=True)
     found, *_ = _climbed(data, still, ROUGHLY, FEW_STEPS)
     return dataclasses.replace(found, still=model.still)

@@ -23,21 +23,22 @@ from .window_data import WindowData, WindowUnits, prepare_window
 from .windows import Spectrum, Window, group_close_poles, shared_windows
 
 SELECTING = 12.0
-SHARPENING = 50.0
-"""A window reaches so many half-bandwidths either way, while modes are chosen and then
-fitted ..."""
+"""Half-width of windows in the selection of modes [half-bandwidths]."""
+
+FITTING = 50.0
+"""Half-width of windows in the final fit [half-bandwidths]."""
 
 MOST_BESIDE = 3
-"""Modes beyond the window that send their skirts into it, on either side."""
+"""Largest number of modes beside a window, on either side, whose skirts are modelled."""
 
 WORTH = 1.5
-"""Of the Bayesian penalty, below which a candidate is not needed."""
+"""Least evidence of a mode [Bayesian penalties]."""
 
 CLEAR = 3.0
-"""... and above which a rough refit without it settles the matter."""
+"""Evidence above which a rough refit without the mode is sufficient [Bayesian penalties]."""
 
 PROMISE = 0.5
-"""... and below which, to first order, it is not even tried."""
+"""First-order evidence below which a mode is not tried [Bayesian penalties]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -85,9 +86,22 @@ class InitialMode:
 def select_modes(
     spectrum: Spectrum, starts: list[InitialMode], *, low_hz: float, high_hz: float
 ) -> list[tuple[int, FittedMode]]:
-    """Modes among the candidates, each with the index of its start.
+    """Select the modes among candidates, in narrow windows.
 
     Windows are narrow here: little else in them can be mistaken for a mode.
+
+    Parameters
+    ----------
+    spectrum
+        Fourier coefficients of the record.
+    starts
+        Candidates.
+    low_hz, high_hz
+        Limits of the search [Hz].
+
+    Returns
+    -------
+    Modes, each with the index of its start.
     """
     return _in_windows(spectrum, starts, (low_hz, high_hz), SELECTING, 0, _selected)
 
@@ -95,12 +109,25 @@ def select_modes(
 def fit_modes(
     spectrum: Spectrum, starts: list[InitialMode], *, low_hz: float, high_hz: float
 ) -> list[tuple[int, FittedMode]]:
-    """Modes at their likeliest, each with the index of its start.
+    """Fit selected modes in wide windows, with the skirts of the modes beyond.
 
     Windows are wide here: most is to be learned in them, with the skirts of the modes beyond
     accounted for. That asks for a list of modes without strangers.
+
+    Parameters
+    ----------
+    spectrum
+        Fourier coefficients of the record.
+    starts
+        Selected modes.
+    low_hz, high_hz
+        Limits of the search [Hz].
+
+    Returns
+    -------
+    Modes, each with the index of its start.
     """
-    return _in_windows(spectrum, starts, (low_hz, high_hz), SHARPENING, MOST_BESIDE, _kept)
+    return _in_windows(spectrum, starts, (low_hz, high_hz), FITTING, MOST_BESIDE, _kept)
 
 
 def _in_windows(

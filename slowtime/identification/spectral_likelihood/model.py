@@ -12,9 +12,11 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 DAMPING_SD = 1.0
+"""Prior standard deviation of the log decay rate."""
+
 FREQUENCY_SD = 2.0
-"""Of log decay, and of frequency in half-bandwidths, about what is expected: a pole narrower
-than one ordinate explains it alone, and one without ties goes where another is missing."""
+"""Prior standard deviation of the frequency [half-bandwidths]. Without a prior, a narrow pole
+fits a single ordinate, or moves to where another is missing."""
 
 
 Width = Float[np.ndarray, " group"] | float
@@ -84,6 +86,17 @@ class BandModel:
 
         at the frequencies of a transform over T, with all the leakage of a finite record, and
         averaged over the width of each group.
+
+        Parameters
+        ----------
+        omega
+            Angular frequencies of the groups, in the unit of the model.
+        width
+            Width of each group of ordinates, in the unit of the model.
+
+        Returns
+        -------
+        Response and derivative, mode by group.
         """
         plain, square, cube = _averaged(1j * omega - self.pole[:, None], width)
         if np.isinf(self.length):
@@ -93,25 +106,79 @@ class BandModel:
         return plain - leak * square, (1.0 + left) * square - 2.0 * leak * cube
 
     def resonances(self, omega: Float[np.ndarray, " group"], width: Width = 0.0) -> np.ndarray:
-        """Part of each mode in the density, ["mode group direction direction"]."""
+        """Part of each mode in the density, ["mode group direction direction"].
+
+        Parameters
+        ----------
+        omega
+            Angular frequencies of the groups, in the unit of the model.
+        width
+            Width of each group of ordinates, in the unit of the model.
+
+        Returns
+        -------
+        One matrix per mode and group.
+        """
         gain, _ = self.gain(omega, width)
         half = np.einsum("im,mk,jm->mkij", self.shape, gain, self.force.conj())
         return np.asarray(half + half.conj().transpose(0, 1, 3, 2))
 
     def background(self, omega: Float[np.ndarray, " group"]) -> np.ndarray:
-        """Part of the density that is no resonance of the band."""
+        """Part of the density that is no resonance of the band.
+
+        Parameters
+        ----------
+        omega
+            Angular frequencies of the groups, in the unit of the model.
+
+        Returns
+        -------
+        One matrix per group.
+        """
         return np.asarray(self.level + self.slope * omega[:, None, None])
 
     def density(self, omega: Float[np.ndarray, " group"], width: Width = 0.0) -> np.ndarray:
-        """Model of the spectral matrices."""
+        """Predicted spectral matrices.
+
+        Parameters
+        ----------
+        omega
+            Angular frequencies of the groups, in the unit of the model.
+        width
+            Width of each group of ordinates, in the unit of the model.
+
+        Returns
+        -------
+        One matrix per group.
+        """
         return np.asarray(self.resonances(omega, width).sum(axis=0) + self.background(omega))
 
     def predicted(self, data: BandData) -> np.ndarray:
-        """Model of the spectral matrices of data."""
+        """Predicted spectral matrices of the data.
+
+        Parameters
+        ----------
+        data
+            Mean spectral matrices of the band.
+
+        Returns
+        -------
+        One matrix per group.
+        """
         return self.density(data.omega, data.width)
 
     def prominence(self, mode: int) -> float:
-        """Largest ratio, over directions, of the mode to everything else at its peak."""
+        """Largest ratio, over directions, of a mode to everything else at its peak.
+
+        Parameters
+        ----------
+        mode
+            Index of the mode.
+
+        Returns
+        -------
+        Ratio of densities [1].
+        """
         at = np.array([self.pole[mode].imag])
         parts = self.resonances(at)[:, 0]
         rest = parts.sum(axis=0) - parts[mode] + self.background(at)[0]
@@ -122,7 +189,17 @@ class BandModel:
         return float(np.linalg.eigvalsh(root.conj().T @ own @ root)[-1])
 
     def without(self, mode: int) -> "BandModel":
-        """Model with one mode less."""
+        """Model without one mode.
+
+        Parameters
+        ----------
+        mode
+            Index of the mode.
+
+        Returns
+        -------
+        Model.
+        """
         keep = np.arange(len(self.pole)) != mode
         return dataclasses.replace(
             self,
@@ -139,7 +216,19 @@ class BandModel:
         return np.stack(away), np.stack([np.full_like(wide, DAMPING_SD), FREQUENCY_SD * wide])
 
     def with_modes(self, expected: np.ndarray, shape: np.ndarray) -> "BandModel":
-        """Model with more modes, of no force as yet, before those that are held."""
+        """Model with additional modes of zero force.
+
+        Parameters
+        ----------
+        expected
+            Poles of the modes.
+        shape
+            Shapes of the modes.
+
+        Returns
+        -------
+        Model; the new modes precede those that are held.
+        """
         at = len(self.pole) - self.held
         before = [at] * len(expected)
         return dataclasses.replace(
@@ -160,7 +249,19 @@ def _averaged(a: np.ndarray, width: Width) -> tuple[np.ndarray, np.ndarray, np.n
 
 
 def step_parameters(model: BandModel, step: Float[np.ndarray, " parameter"]) -> BandModel:
-    """Model with all its real parameters changed, in the order of `BandModel.free`."""
+    """Change all real parameters of a model, in the order of `BandModel.free`.
+
+    Parameters
+    ----------
+    model
+        Modal state-space model of the band.
+    step
+        Change of each parameter.
+
+    Returns
+    -------
+    Model.
+    """
     directions, modes = model.shape.shape
     of_poles = np.clip(step[: 2 * modes : 2], -1.0, 1.0), step[1 : 2 * modes : 2]
     pole = model.pole.real * np.exp(of_poles[0]) + 1j * (model.pole.imag + of_poles[1])
@@ -183,7 +284,17 @@ def step_parameters(model: BandModel, step: Float[np.ndarray, " parameter"]) -> 
 
 
 def hermitian_basis(size: int) -> np.ndarray:
-    """Matrices that span the Hermitian ones, with real coefficients."""
+    """Basis of the Hermitian matrices with real coefficients.
+
+    Parameters
+    ----------
+    size
+        Dimension.
+
+    Returns
+    -------
+    One matrix per coefficient.
+    """
     basis = np.zeros((size**2, size, size), dtype=complex)
     at = 0
     for i in range(size):

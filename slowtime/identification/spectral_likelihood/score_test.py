@@ -32,9 +32,20 @@ class AddedModeTest:
     def gain(
         self, pole: complex, shape: Complex[np.ndarray, " direction"]
     ) -> tuple[float, Complex[np.ndarray, " direction"]]:
-        """Log-likelihood gained by a mode at a pole, and with which shape.
+        """Log-likelihood gained by one more mode, to first order.
 
         The better of two: the shape given, and that which the data ask for there.
+
+        Parameters
+        ----------
+        pole
+            Pole, in the unit of the model.
+        shape
+            Shape that is tried, besides that which the data suggest.
+
+        Returns
+        -------
+        Gain, and the better of the two shapes.
         """
         shapes = shape, self._asked_for(pole)
         gains = [self._gain(pole, each) for each in shapes]

@@ -9,14 +9,16 @@ from .model import BandData, BandModel
 from .windows import Spectrum, Window
 
 SPARE = 1
+"""Channel combinations beyond the number of modes."""
+
 MOST_DIRECTIONS = 5
-"""Combinations of channels that are kept: so many more than modes, and so many at most."""
+"""Largest number of channel combinations."""
 
 QUIET = 1e-3
-"""Noise taken for granted, as a share of the median density: no record is without."""
+"""Least noise density, relative to the median density [1]."""
 
 GROUPED = 0.3
-"""Ordinates are averaged over this share of the distance to the nearest pole."""
+"""Width of the averages, relative to the distance from the nearest pole [1]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -29,11 +31,31 @@ class WindowUnits:
     directions: np.ndarray
 
     def pole(self, pole: np.ndarray) -> np.ndarray:
-        """Pole in the units of the frame."""
+        """Pole in the units of the window.
+
+        Parameters
+        ----------
+        pole
+            Pole [rad/s].
+
+        Returns
+        -------
+        Dimensionless pole.
+        """
         return np.asarray((pole - 1j * self.middle) / self.unit)
 
     def back(self, pole: complex) -> complex:
-        """Pole in the units of the world [rad/s]."""
+        """Pole in physical units.
+
+        Parameters
+        ----------
+        pole
+            Dimensionless pole.
+
+        Returns
+        -------
+        Pole [rad/s].
+        """
         return complex(pole * self.unit + 1j * self.middle)
 
 
@@ -58,7 +80,17 @@ class WindowData:
         return len(self.poles) - self.held
 
     def start(self, which: list[int]) -> BandModel:
-        """Model of some of the modes and of all that are beside."""
+        """Model of some of the modes and of all that are beside the window.
+
+        Parameters
+        ----------
+        which
+            Indices of the modes.
+
+        Returns
+        -------
+        Initial model.
+        """
         all_of = [*which, *range(self.modes, len(self.poles))]
         return initial_model(self.data, self.poles[all_of], self.shapes[:, all_of], self.held)
 
@@ -66,7 +98,23 @@ class WindowData:
 def prepare_window(
     spectrum: Spectrum, window: Window, poles: np.ndarray, shapes: np.ndarray
 ) -> tuple[WindowUnits, WindowData]:
-    """Make a window ready, with the poles and shapes of its modes and of those beside it."""
+    """Prepare data and initial values of a window.
+
+    Parameters
+    ----------
+    spectrum
+        Fourier coefficients of the record.
+    window
+        Frequency window.
+    poles
+        Poles [rad/s].
+    shapes
+        Shapes of the modes.
+
+    Returns
+    -------
+    Units of the window, and scaled data.
+    """
     index = np.arange(window.first, window.last + 1)
     index = index[~spectrum.spared[index]]
     coefficients = spectrum.coefficients[index]

@@ -7,19 +7,19 @@ import numpy as np
 from jaxtyping import Complex
 
 WIDEST = 0.5
-"""A window does not reach over more than this share of the frequency ..."""
+"""Largest half-width of a window, relative to frequency [1]."""
 
 FEWEST_BINS = 40
-"""... and never less than so many ordinates."""
+"""Least half-width of a window [bins]."""
 
 CLOSE = 6.0
-"""Modes within so many half-bandwidths of each other are fitted together."""
+"""Distance below which modes are fitted together [half-bandwidths]."""
 
 MOST_TOGETHER = 8
-"""Modes in one window."""
+"""Largest number of modes in one window."""
 
 JOINT = 1.1
-"""Groups share a window where it is no wider than their widest one by more than this."""
+"""Largest width of a joint window, relative to the wider of the two [1]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +52,27 @@ class Window:
         wide: float,
         beside: int,
     ) -> "Window":
-        """Window of a group of poles, reaching `wide` half-bandwidths beyond them."""
+        """Window about a group of poles.
+
+        Parameters
+        ----------
+        spectrum
+            Fourier coefficients of the record.
+        poles
+            All poles, ascending in frequency [rad/s].
+        group
+            Indices of the group.
+        edges
+            Limits of the search [Hz].
+        wide
+            Range beyond the group [half-bandwidths].
+        beside
+            Largest number of modes beside the window, on either side.
+
+        Returns
+        -------
+        Window.
+        """
         frequency, half = poles.imag / (2 * np.pi), -poles.real / (2 * np.pi)
         below = min(frequency[k] - wide * half[k] for k in group)
         above = max(frequency[k] + wide * half[k] for k in group)
@@ -81,7 +101,17 @@ class Window:
 
 
 def group_close_poles(poles: np.ndarray) -> list[list[int]]:
-    """Neighbours that are close, split at the widest gaps where they are too many."""
+    """Group neighbouring poles; large groups are split at the widest gaps.
+
+    Parameters
+    ----------
+    poles
+        Poles [rad/s].
+
+    Returns
+    -------
+    Indices of each group.
+    """
     groups: list[list[int]] = []
     for k in range(len(poles)):
         if groups:
@@ -96,7 +126,19 @@ def group_close_poles(poles: np.ndarray) -> list[list[int]]:
 def shared_windows(
     groups: list[list[int]], about: Callable[[list[int]], Window]
 ) -> list[tuple[list[int], Window]]:
-    """Windows of the groups, one for neighbours whose windows are nearly the same."""
+    """Windows of the groups; neighbours with nearly the same window share one.
+
+    Parameters
+    ----------
+    groups
+        Indices of each group.
+    about
+        Function that gives the window of a group.
+
+    Returns
+    -------
+    Groups, each with its window.
+    """
     shared: list[tuple[list[int], Window]] = []
     for group in groups:
         window = about(group)

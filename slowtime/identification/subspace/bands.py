@@ -12,16 +12,16 @@ import scipy.fft as fft
 from jaxtyping import Complex, Float
 
 CORE = 1.4
-"""A mode is believed in one band of this ratio of edges ..."""
+"""Ratio of the edges of a band's core: modes are accepted there."""
 
 MARGIN = 1.35
-"""... which sees so much more on either side, fading."""
+"""Ratio of outer edge to core edge, on either side."""
 
 BINS = 60
-"""No core is narrower than so many cycles in the record."""
+"""Least width of a core [cycles per record]."""
 
 EDGE = 0.98
-"""Share of half the sampling rate beyond which nothing can be told from its image."""
+"""Largest frequency, relative to half the sampling rate [1]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -44,7 +44,17 @@ class Band:
         return self.to_hz - self.from_hz
 
     def gain(self, frequency_hz: Float[np.ndarray, " frequency"]) -> np.ndarray:
-        """1 in the core, 0 beyond the edges, half a cosine between."""
+        """Gain of the band: 1 in the core, 0 beyond the edges, half a cosine between.
+
+        Parameters
+        ----------
+        frequency_hz
+            Frequencies [Hz].
+
+        Returns
+        -------
+        Gain [1].
+        """
         rise = (frequency_hz - self.from_hz) / (self.low_hz - self.from_hz)
         fall = (self.to_hz - frequency_hz) / (self.to_hz - self.high_hz)
         inside = np.clip(np.minimum(rise, fall), 0.0, 1.0)

@@ -12,7 +12,10 @@ import numpy as np
 from jaxtyping import Float, Inexact
 
 MOST_DRAWS = 48
+"""Largest number of error draws."""
+
 BLOCKS_PER_DRAW = 2
+"""Number of blocks per error draw."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -49,8 +52,23 @@ def block_products(
 ) -> Inexact[np.ndarray, "block lag channel reference"]:
     r"""Sum of :math:`y_{t+\tau} r_t^H` over blocks of `length` instants t, for each lag.
 
-    Pairs that reach beyond the last sample are missing from the last blocks; `correlation_matrices`
-    makes good for them. Samples after the last whole block only lend themselves to pairs.
+    Pairs that reach beyond the last sample are missing from the last blocks, which
+    `correlation_matrices` corrects. Samples after the last whole block serve only in pairs.
+
+    Parameters
+    ----------
+    series
+        Series of all channels.
+    references
+        Series of the reference channels.
+    lags
+        Number of lags.
+    length
+        Length of a block [samples].
+
+    Returns
+    -------
+    Sums, block by lag by channel by reference.
     """
     blocks = len(references) // length
     used = blocks * length

@@ -7,10 +7,13 @@ from jaxtyping import Complex, Float, Inexact, Int
 from scipy.special import stdtrit
 
 FLAT = 0.22
-"""Draws per decay time: so far the density of the products is flat to within 5 %."""
+"""Draws per decay time: the density of the products is then flat to within 5 %."""
 
 FEWEST_DRAWS = 6
+"""Least number of draws."""
+
 GAUSSIAN = 1.959964
+"""Quantile of the 95 % interval."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -93,12 +96,36 @@ class Poles:
 
 
 def rescale_channels(poles: Poles, scale: Float[np.ndarray, " channel"]) -> Poles:
-    """Shapes in units in which each channel counts `scale` times as much."""
+    """Shapes for channels that are scaled by `scale`.
+
+    Parameters
+    ----------
+    poles
+        Poles with shapes.
+    scale
+        Factor of each channel [1].
+
+    Returns
+    -------
+    Poles with scaled shapes.
+    """
     return combine_poles(poles, np.diag(scale))
 
 
 def combine_poles(poles: Poles, mixing: Inexact[np.ndarray, "sensor channel"]) -> Poles:
-    """Shapes of other channels, which are mixtures of those identified; of unit norm."""
+    """Shapes of channels that are linear combinations of those identified.
+
+    Parameters
+    ----------
+    poles
+        Poles with shapes.
+    mixing
+        Weights, new channel by identified channel.
+
+    Returns
+    -------
+    Poles with unit-norm shapes.
+    """
     shape = mixing @ poles.shape
     size = np.linalg.norm(shape, axis=0)
     shape = shape / size

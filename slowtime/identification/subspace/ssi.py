@@ -36,7 +36,8 @@ from .poles import rescale_channels
 Weighting = Literal["none", "past", "both"]
 
 RIDGE = 1e-6
-"""Whitening stops at this share of the mean power: below lies rounding, not signal."""
+"""Least eigenvalue of a whitened covariance, relative to the mean power [1]; below is
+rounding."""
 
 
 def ssi_covariance(

@@ -15,26 +15,28 @@ from slowtime.identification.mode_shapes.criteria import mac_matrix
 from .poles import Poles
 
 MOST_DAMPING = 0.25
+"""Largest damping ratio of a pole [1]."""
+
 MOST_SD = 3.0
-"""A pole that is known no better than so many half-bandwidths is none."""
+"""Largest standard deviation of a frequency [half-bandwidths]."""
 
 REACH = 2.0
-"""Poles of neighbouring orders are the same within so many standard deviations of either."""
+"""Largest distance of poles of neighbouring orders [standard deviations]."""
 
 ALIKE = 0.8
-"""... and with shapes of this MAC at least."""
+"""Least MAC of poles of neighbouring orders [1]."""
 
 GAP = 3
-"""Orders that a pole may be missing at."""
+"""Largest number of orders at which a pole may be missing."""
 
 SHORTEST = 7
-"""Orders that a candidate must be seen at ..."""
+"""Least number of orders of a stable pole."""
 
 DENSEST = 0.6
-"""... and share of the orders between its highest and lowest."""
+"""Least share of the orders between the lowest and highest at which the pole is found [1]."""
 
 HALF_ROUNDING = 1e-6
-"""Relative floor of the standard deviations compared: noiseless records have next to none."""
+"""Least relative standard deviation in the comparison [1], for noiseless records."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -93,7 +95,19 @@ class Stabilisation:
 
 
 def find_stable_poles(poles: Poles, *, low_hz: float, high_hz: float) -> list[StablePole]:
-    """Poles between two frequencies that stay over orders, ascending in frequency."""
+    """Poles that are stable over model orders.
+
+    Parameters
+    ----------
+    poles
+        Poles of all orders.
+    low_hz, high_hz
+        Limits of the search [Hz].
+
+    Returns
+    -------
+    Stable poles, ascending in frequency.
+    """
     frequency, damping = poles.frequency_hz, poles.damping_ratio
     sd_f, sd_z, _ = poles.standard_deviations()
     fit = (frequency >= low_hz) & (frequency <= high_hz)
