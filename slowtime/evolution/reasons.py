@@ -85,7 +85,16 @@ _SENTENCES = {
 
 @functools.lru_cache(maxsize=1024)
 def explain(reasons: int) -> tuple[str, ...]:
-    """Say in sentences what the flags in `reasons` mean, and what to do about each.
+    """Sentences for the flags of an estimate, each with a remedy.
+
+    Parameters
+    ----------
+    reasons
+        Bit flags.
+
+    Returns
+    -------
+    One sentence per flag.
 
     Examples
     --------

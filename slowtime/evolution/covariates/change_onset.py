@@ -58,7 +58,17 @@ class Onsets:
 
 
 def no_onsets(states: int) -> Onsets:
-    """No bets yet."""
+    """Empty set of candidate onsets.
+
+    Parameters
+    ----------
+    states
+        Number of states of the filter.
+
+    Returns
+    -------
+    Candidates.
+    """
     empty = np.zeros(0)
     return Onsets(empty, empty, empty, empty, np.zeros((0, states)))
 
@@ -96,7 +106,19 @@ def update_onsets(
 
 
 def merge_onsets(onsets: Onsets, most: int) -> Onsets:
-    """Merge the two neighbours closest for their age, sparing the richest, down to `most`."""
+    """Merge the candidates closest to each other for their age, down to `most`.
+
+    Parameters
+    ----------
+    onsets
+        Candidate onsets with their evidence.
+    most
+        Largest number of candidates.
+
+    Returns
+    -------
+    Remaining candidates.
+    """
     while len(onsets.time) > most:
         age = onsets.time[-1] - onsets.time
         gap = np.diff(onsets.time) / (age[:-1] + np.median(np.diff(onsets.time)))
@@ -120,7 +142,19 @@ def onset_posterior(
 ) -> tuple[
     Float[np.ndarray, " onset"], Float[np.ndarray, " onset"], Float[np.ndarray, " onset"]
 ]:
-    """Probability of each onset, and mean and sd of the step there before any side is taken."""
+    """Posterior of the onset, and mean and standard deviation of the step at each.
+
+    Parameters
+    ----------
+    onsets
+        Candidate onsets with their evidence.
+    size
+        Prior standard deviation of the change, relative [1].
+
+    Returns
+    -------
+    Probability, mean and standard deviation of each candidate.
+    """
     weight = np.exp(onsets.log_capital - onsets.log_total)
     variance = size**2 / (1.0 + size**2 * onsets.information)
     return weight, variance * onsets.score, np.sqrt(variance)

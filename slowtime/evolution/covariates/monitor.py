@@ -13,10 +13,10 @@ from .filter import Belief, Innovation
 from .normal_model import NormalModel
 
 DOUBTFUL = 5.0
-"""Standard deviations from all that is expected, beyond which a reading is held back."""
+"""Distance from the prediction beyond which a reading is held back [standard deviations]."""
 
 AGREEING = 3
-"""Readings in a row, so far out on one side, that are believed; fewer are outliers."""
+"""Number of successive outlying readings on one side that are accepted as a change."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -106,7 +106,17 @@ class Watch:
         )
 
     def acknowledge(self, state: WatchState) -> WatchState:
-        """Go on without the evidence so far, after an alarm that was none."""
+        """State without the evidence so far, after a false alarm.
+
+        Parameters
+        ----------
+        state
+            State of the monitor.
+
+        Returns
+        -------
+        New state.
+        """
         return WatchState(state.belief, change_onset.no_onsets(len(state.belief.mean)))
 
     def step(
@@ -117,7 +127,25 @@ class Watch:
         frequency_sd: float,
         covariates: Float[np.ndarray, " covariate"],
     ) -> tuple[WatchState, Judgement]:
-        """Judge one reading; what cannot be judged leaves the evidence as it is."""
+        """Judge one reading; the evidence is unchanged if it cannot be judged.
+
+        Parameters
+        ----------
+        state
+            State before the reading.
+        slow_time
+            Time of the reading.
+        frequency
+            Frequency [Hz].
+        frequency_sd
+            Standard deviation [Hz].
+        covariates
+            Temperature and loads of the reading.
+
+        Returns
+        -------
+        New state, and the judgement.
+        """
         if not slow_time >= state.belief.time:
             raise ValueError(
                 f"Slow time {slow_time} is before {state.belief.time}, which has been judged. "
@@ -190,7 +218,19 @@ class Watch:
         return Judgement(expected, expected * spread, score, evidence, alarm, left_out)
 
     def entry(self, state: WatchState, level: float = 0.95) -> ChangeEstimate:
-        """Size and onset of the change, supposing that there is one."""
+        """Size and onset of the change, given that there is one.
+
+        Parameters
+        ----------
+        state
+            State of the monitor.
+        level
+            Probability of the interval.
+
+        Returns
+        -------
+        Estimate with interval.
+        """
         return estimate_change(state.onsets, self.size, self.entered, level)
 
     def _faded(self, onsets: Onsets, elapsed: float) -> Onsets:

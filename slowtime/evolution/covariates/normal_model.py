@@ -70,9 +70,18 @@ class NormalModel:
     def expected(
         self, covariates: Float[np.ndarray, "time covariate"]
     ) -> tuple[Series, Series]:
-        """Frequency that is normal at covariates, and its relative standard deviation.
+        """Predict the normal frequency at given covariates, and its relative standard deviation.
 
         The wandering part is in the standard deviation, noise of readings is not.
+
+        Parameters
+        ----------
+        covariates
+            Temperature and loads, one column each.
+
+        Returns
+        -------
+        Frequency [Hz], and relative standard deviation [1].
         """
         features = self.basis.features(covariates)
         mean, covariance = self.belief.mean[:-1], self.belief.covariance[:-1, :-1]
@@ -85,7 +94,21 @@ class NormalModel:
         covariates: Float[np.ndarray, "time covariate"],
         reference: Float[np.ndarray, " covariate"],
     ) -> Series:
-        """Frequencies as they would have been at `reference` covariates."""
+        """Frequencies corrected to reference covariates.
+
+        Parameters
+        ----------
+        frequency
+            Frequencies [Hz].
+        covariates
+            Temperature and loads, one column each.
+        reference
+            Reference temperature and loads.
+
+        Returns
+        -------
+        Corrected frequencies [Hz].
+        """
         moved = self.basis.features(covariates) - self.basis.features(reference[None, :])
         return np.asarray(frequency * np.exp(-moved @ self.belief.mean[:-1]))
 

@@ -26,7 +26,17 @@ class ResidualProcess:
     noise: float
 
     def kept(self, elapsed: float | np.ndarray) -> np.ndarray:
-        """Share of a(t) that is left after a time."""
+        """Autocorrelation of a(t) at a lag.
+
+        Parameters
+        ----------
+        elapsed
+            Lag [slow time].
+
+        Returns
+        -------
+        Autocorrelation [1].
+        """
         return np.asarray(np.exp(-np.asarray(elapsed) / self.memory))
 
 
@@ -37,7 +47,25 @@ def log_evidence(
     sd: Float[np.ndarray, " time"],
     features: Float[np.ndarray, "time coefficient"],
 ) -> float:
-    """Log-likelihood of readings at ascending times, coefficients integrated out."""
+    """Log-likelihood of readings at ascending times, coefficients integrated out.
+
+    Parameters
+    ----------
+    wander
+        Residual process.
+    time
+        Times of the readings [slow time].
+    value
+        Readings; NaN where there is none.
+    sd
+        Standard deviations of the readings, in their unit.
+    features
+        Basis functions, one row per reading.
+
+    Returns
+    -------
+    Log-evidence.
+    """
     variance = sd**2 + wander.noise**2
     kept = wander.kept(np.diff(time))
     fresh = wander.sd**2 * np.maximum(1.0 - kept**2, _CLOSEST)

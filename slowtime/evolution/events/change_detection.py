@@ -134,7 +134,23 @@ class ChangeDetector:
     def step(
         self, state: DetectorState, time: float, value: float, sd: float
     ) -> tuple[DetectorState, LevelChange]:
-        """Take in one reading; a `value` of NaN only moves on in time."""
+        """Process one reading; a `value` of NaN only advances the time.
+
+        Parameters
+        ----------
+        state
+            State before the reading.
+        time
+            Slow time of the reading.
+        value
+            Reading.
+        sd
+            Standard deviation.
+
+        Returns
+        -------
+        New state, and the evidence of a change.
+        """
         # All beliefs are of the same time.
         step = self.process.advance(np.array([time - state.process.time]))
         if value != value or sd != sd:
@@ -168,7 +184,19 @@ class ChangeDetector:
         return watching, self._judged(watching)
 
     def taken_over(self, state: DetectorState, since: float) -> DetectorState:
-        """Go on from the rival with a jump after `since`, as if it had always been known."""
+        """State in which a jump after `since` counts as known.
+
+        Parameters
+        ----------
+        state
+            State before the reading.
+        since
+            Slow time of the reading before the jump.
+
+        Returns
+        -------
+        New state.
+        """
         assert state.rivals is not None
         best = int(np.flatnonzero(state.since == since)[-1])
         rival = Belief(
@@ -249,9 +277,22 @@ def _stacked(many: Belief | None, kept: slice, one: Belief) -> Belief:
 
 
 def candidate_jump_times(time: Usable, value: Usable, sd: Usable) -> tuple[float, ...]:
-    """Slow times after which a history may have jumped, the clearest first; mostly none.
+    """Find the times after which a history may have jumped, the clearest first.
 
     Lines through a few readings on either side, asked for their difference in the middle.
+
+    Parameters
+    ----------
+    time
+        Times of the readings [slow time].
+    value
+        Readings; NaN where there is none.
+    sd
+        Standard deviations of the readings, in their unit.
+
+    Returns
+    -------
+    Slow times; mostly none.
     """
     if len(time) < 2 * _SIDE + 2:
         return ()

@@ -66,14 +66,33 @@ class ScoredHistory:
     known: tuple[Jump, ...] = ()
 
     def least_gain(self, jumps: int) -> float:
-        """Gain in log-likelihood that each of so many jumps must bring, the others given.
+        """Log-likelihood that each of several jumps must gain, given the others.
 
         Odds of `JUMP_ODDS`, where a jump is as likely beforehand as so many among all readings.
+
+        Parameters
+        ----------
+        jumps
+            Number of jumps.
+
+        Returns
+        -------
+        Least gain.
         """
         return float(np.log(JUMP_ODDS * len(self.time) / max(jumps, 1)))
 
     def jumps(self, places: Sequence[int]) -> tuple[Jump, ...]:
-        """Jumps between the readings before these places and those at them; with the known."""
+        """Jumps at these places, together with the known ones.
+
+        Parameters
+        ----------
+        places
+            Indices of the readings after the jumps.
+
+        Returns
+        -------
+        Jumps.
+        """
         own = [(float(self.time[place - 1]), self.jump_sd) for place in places]
         return tuple(sorted((*own, *self.known)))
 
@@ -84,7 +103,17 @@ class ScoredHistory:
         return tuple(found.tolist())
 
     def sizes(self, places: Places) -> Float[np.ndarray, " jump"]:
-        """Size of a jump at each of these places by least squares, beside the known ones."""
+        """Least-squares sizes of jumps, beside the known ones.
+
+        Parameters
+        ----------
+        places
+            Indices of the readings after the jumps.
+
+        Returns
+        -------
+        Size of each jump.
+        """
         every = tuple(sorted({*places, *self.known_places}))
         sizes = step_sizes(self.time, self.value, every)
         return np.asarray(sizes[[every.index(place) for place in places]])
@@ -96,7 +125,17 @@ class ScoredHistory:
         return max(steps, float(np.median(self.sd)), 1e-6 * self.jump_sd)
 
     def like_those(self, places: Places) -> "ScoredHistory":
-        """Expect jumps of the size of those at these places, which must not be too small."""
+        """History whose prior jump size is that of the jumps at these places.
+
+        Parameters
+        ----------
+        places
+            Indices of the readings after the jumps.
+
+        Returns
+        -------
+        History with the new prior.
+        """
         if not places:
             return self
         sizes = self.sizes(places)
@@ -104,7 +143,17 @@ class ScoredHistory:
         return dataclasses.replace(self, jump_sd=min(usual, self.jump_sd))
 
     def allowed(self, places: Places) -> Bool[np.ndarray, " usable"]:
-        """Where a further jump may be."""
+        """Places where a further jump may be.
+
+        Parameters
+        ----------
+        places
+            Places of the jumps so far.
+
+        Returns
+        -------
+        Flag of each reading.
+        """
         count = len(self.time)
         free = np.zeros(count, dtype=bool)
         free[APART : max(count - APART + 1, APART)] = True
@@ -118,7 +167,19 @@ class ScoredHistory:
 
 
 def log_prior_odds(count: int, jumps: int) -> float:
-    """Logarithm of the odds against so many jumps: against any, and of their places."""
+    """Log prior odds against a number of jumps at given places.
+
+    Parameters
+    ----------
+    count
+        Number of readings.
+    jumps
+        Number of jumps.
+
+    Returns
+    -------
+    Log-odds.
+    """
     if not jumps:
         return 0.0
     places = gammaln(count + 1) - gammaln(jumps + 1) - gammaln(count - jumps + 1)
@@ -126,11 +187,22 @@ def log_prior_odds(count: int, jumps: int) -> float:
 
 
 def initial_jumps(scored: ScoredHistory, base: SlowProcess) -> Places:
-    """Select jumps by processes that are calm between them; none where none are clear.
+    """Select initial jumps with processes that vary little between jumps.
 
     A process learnt from a history with many jumps takes them for its own restlessness. So
     each of a few calm processes selects, and the selection under which the history is
     likeliest is taken.
+
+    Parameters
+    ----------
+    scored
+        Readings in which jumps are sought.
+    base
+        Process without jumps.
+
+    Returns
+    -------
+    Places; none where no jump is clear.
     """
     span = float(scored.time[-1] - scored.time[0])
     found: list[tuple[float, Places]] = [(-np.inf, ())]
@@ -242,12 +314,23 @@ def _apart(places: Sequence[int]) -> Places:
 
 
 def regularity(scored: ScoredHistory, places: Places) -> float:
-    r"""How regularly jumps come back, as the edges of a wave or of teeth do [1].
+    r"""Regularity of the times between jumps, as of the edges of a periodic history [1].
 
     Of jumps :math:`\delta_j` at :math:`t_j` it is the greatest
     :math:`|\sum_j \delta_j e^{2 \pi i r t_j / T}| / \sum_j |\delta_j|` over the number r of
     rounds in the history: one where they are regular, about :math:`1 / \sqrt k` of k at random.
     Of one or two nothing can be said, and it is one.
+
+    Parameters
+    ----------
+    scored
+        Readings in which jumps are sought.
+    places
+        Indices of the readings after the jumps.
+
+    Returns
+    -------
+    1 for equal times, near 0 for random ones.
     """
     if len(places) <= 2:
         return 1.0
@@ -260,7 +343,21 @@ def regularity(scored: ScoredHistory, places: Places) -> float:
 
 
 def step_sizes(time: Usable, values: Usable, places: Places) -> Float[np.ndarray, " jump"]:
-    """Size of each jump by least squares, beside a straight line."""
+    """Least-squares sizes of jumps, beside a straight line.
+
+    Parameters
+    ----------
+    time
+        Times of the readings [slow time].
+    values
+        Readings.
+    places
+        Indices of the readings after the jumps.
+
+    Returns
+    -------
+    Size of each jump.
+    """
     design = np.column_stack(
         [
             np.ones_like(time),

@@ -66,7 +66,19 @@ class Repair:
     level_sd: float = NOMINAL_SD
 
     def met(self, process: Startable, belief: Belief) -> Belief:
-        """Belief just after the repair, given that just before it."""
+        """Belief just after the repair.
+
+        Parameters
+        ----------
+        process
+            Process of the quantity.
+        belief
+            Belief just before it.
+
+        Returns
+        -------
+        Belief.
+        """
         mean, covariance = belief.mean.copy(), belief.covariance
         seen = _seen(process, belief)
         level, variance = _value(belief, seen)
@@ -101,7 +113,19 @@ class Replacement:
     level_sd: float = NOMINAL_SD
 
     def met(self, process: Startable, belief: Belief) -> Belief:
-        """Belief before any reading of the new part."""
+        """Belief before any reading of the new part.
+
+        Parameters
+        ----------
+        process
+            Process of the quantity.
+        belief
+            Belief just before the replacement.
+
+        Returns
+        -------
+        Belief.
+        """
         begun = process.start(belief.time)
         mean = np.broadcast_to(begun.mean, belief.mean.shape).copy()
         covariance = np.broadcast_to(begun.covariance, belief.covariance.shape).copy()
@@ -134,7 +158,19 @@ class Measurement:
     sd: float
 
     def met(self, process: Startable, belief: Belief) -> Belief:
-        """Belief once the measured value is known."""
+        """Belief after the inspection.
+
+        Parameters
+        ----------
+        process
+            Process of the quantity.
+        belief
+            Belief just before it.
+
+        Returns
+        -------
+        Belief.
+        """
         seen = _seen(process, belief)
         mean, variance = _value(belief, seen)
         share = variance / (variance + self.sd**2)
@@ -176,7 +212,17 @@ class DetectionCurve:
             )
 
     def probability(self, damage: Float[np.ndarray, "*size"]) -> Float[np.ndarray, "*size"]:
-        """Probability that damage of each size is found [1]; of none, as of damage 0."""
+        """Probability that damage of each size is found [1]; of none, as of damage 0.
+
+        Parameters
+        ----------
+        damage
+            Sizes of damage, relative [1].
+
+        Returns
+        -------
+        Probability of detection of each.
+        """
         size = np.maximum(damage, 0.0)
         if self.points:
             at, share = np.array(self.points).T
@@ -206,7 +252,19 @@ class Detection:
     curve: DetectionCurve
 
     def met(self, process: Startable, belief: Belief) -> Belief:
-        """Belief of the mean and variance that Bayes' rule gives, by quadrature."""
+        """Belief after the inspection: mean and variance by quadrature of Bayes' rule.
+
+        Parameters
+        ----------
+        process
+            Process of the quantity.
+        belief
+            Belief just before it.
+
+        Returns
+        -------
+        Belief.
+        """
         seen = _seen(process, belief)
         mean, variance = _value(belief, seen)
         sd = np.sqrt(np.maximum(variance, 0.0))
@@ -229,7 +287,17 @@ KnownEvent: TypeAlias = Repair | Replacement | Measurement | Detection
 
 
 def is_jump(event: KnownEvent) -> bool:
-    """Whether the quantity itself may go elsewhere by an event."""
+    """Whether an event may change the quantity itself.
+
+    Parameters
+    ----------
+    event
+        Reported event.
+
+    Returns
+    -------
+    True for repairs and replacements.
+    """
     return isinstance(event, Repair | Replacement)
 
 

@@ -71,9 +71,22 @@ class Continuation:
         return float(self.smooth.time)
 
     def follow(self, slow_time: Series, value: Series, sd: Series) -> "Continuation":
-        """Take in further readings, at a constant cost each.
+        """Update by further readings, at constant cost per reading.
 
         In portions of any size they lead to the same numbers, to the last bit.
+
+        Parameters
+        ----------
+        slow_time
+            Times of the readings [slow time].
+        value
+            Readings; NaN where there is none.
+        sd
+            Standard deviations of the readings, in their unit.
+
+        Returns
+        -------
+        Continuation after the last reading.
 
         Raises
         ------

@@ -64,7 +64,24 @@ def forecast(
     *,
     level: float = 0.95,
 ) -> Forecast:
-    """`fit`, then `predict`. Keep what `fit` gives if you ask again soon: it costs the most.
+    """Forecast a history: `fit`, then `predict`.
+
+    Parameters
+    ----------
+    slow_time
+        Times of the readings [slow time].
+    value
+        Readings; NaN where there is none.
+    sd
+        Standard deviations of the readings, in their unit.
+    horizon_times
+        Future times [slow time].
+    level
+        Probability of the interval.
+
+    Returns
+    -------
+    Means, standard deviations and intervals at the future times.
 
     Examples
     --------
@@ -350,7 +367,19 @@ def predict(
 
 
 def prior_of(time: Series, values: Series) -> tuple[Prior, SlowProcess]:
-    """Prior on the logarithms of length, spread and drift; a process with a vague trend."""
+    """Prior of ln length, ln spread and ln drift, and a process with a vague trend.
+
+    Parameters
+    ----------
+    time
+        Times of the readings [slow time].
+    values
+        Readings.
+
+    Returns
+    -------
+    Prior, and process.
+    """
     prior, base = hyperparameters.weak_prior(time, values, straight=True)
     span = time[-1] - time[0]
     # The drift that would move the level by a tenth of the scatter over the whole history.

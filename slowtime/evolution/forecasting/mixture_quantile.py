@@ -13,9 +13,24 @@ def mixture_quantile(
     means: Float[np.ndarray, "member later"],
     spreads: Float[np.ndarray, "member later"],
 ) -> Float[np.ndarray, " later"]:
-    """Give the value below which lies so much of a mixture, at each time.
+    """Quantile of a Gaussian mixture at each time.
 
     Weights may differ from time to time.
+
+    Parameters
+    ----------
+    share
+        Probability below the quantile.
+    weights
+        Weights of the members.
+    means
+        Means, member by time.
+    spreads
+        Standard deviations, member by time.
+
+    Returns
+    -------
+    Quantile at each time.
 
     Examples
     --------

@@ -97,14 +97,40 @@ class Outlook:
 
 
 def history(slow_time: Series, value: Series, sd: Series) -> tuple[Usable, Usable, Usable]:
-    """Give what of a history can be used, in ascending order of slow time."""
+    """Usable readings of a history, in ascending order of slow time.
+
+    Parameters
+    ----------
+    slow_time
+        Times of the readings [slow time].
+    value
+        Readings; NaN where there is none.
+    sd
+        Standard deviations of the readings, in their unit.
+
+    Returns
+    -------
+    Times, readings, standard deviations.
+    """
     usable = np.isfinite(slow_time) & np.isfinite(value) & np.isfinite(sd) & (sd >= 0.0)
     order = np.argsort(slow_time[usable], kind="stable")
     return slow_time[usable][order], value[usable][order], sd[usable][order]
 
 
 def member(process: SlowProcess | Sum, number: int) -> SlowProcess | Process:
-    """Take one process out of a family."""
+    """One process of a family.
+
+    Parameters
+    ----------
+    process
+        Family of processes.
+    number
+        Index of the member.
+
+    Returns
+    -------
+    Process.
+    """
     if isinstance(process, Sum):
         return process.member(number)
     own = {

@@ -17,6 +17,8 @@ from slowtime.estimation.processes import Matern, Sum, Trend, quasi_periodic
 Usable = Float[np.ndarray, " usable"]
 
 HARMONICS = 4
+"""Harmonics of a smooth wave."""
+
 EDGED = 8
 """Harmonics of a wave that jumps or bends."""
 
@@ -60,9 +62,22 @@ class Repeating:
 
 
 def period_of(time: Usable, value: Usable, sd: Usable) -> float | None:
-    """Period at which a wave of two harmonics explains most; None where it explains little.
+    """Period of a two-harmonic wave that explains most; None if it explains little.
 
     Least squares about a parabola, at periods from two readings to half the history.
+
+    Parameters
+    ----------
+    time
+        Times of the readings [slow time].
+    value
+        Readings; NaN where there is none.
+    sd
+        Standard deviations of the readings, in their unit.
+
+    Returns
+    -------
+    Period [slow time], or None.
     """
     span = float(time[-1] - time[0])
     gap = float(np.median(np.diff(time)))
@@ -95,7 +110,17 @@ def period_of(time: Usable, value: Usable, sd: Usable) -> float | None:
 
 
 def rounds_of(time: Usable) -> Float[np.ndarray, " tried"]:
-    """How often a wave may come again in a history: what is looked for, every quarter round."""
+    """Numbers of periods in a history that the search tries.
+
+    Parameters
+    ----------
+    time
+        Times of the readings [slow time].
+
+    Returns
+    -------
+    Numbers of periods [1].
+    """
     span, gap = float(time[-1] - time[0]), float(np.median(np.diff(time)))
     return np.arange(_ROUNDS, min(_FASTEST * span / gap, _MOST_ROUNDS), 0.25)
 
@@ -111,9 +136,20 @@ def _shortest(rounds: np.ndarray, score: np.ndarray) -> int:
 
 
 def log_sought(time: Usable, period: float) -> float:
-    """Logarithm of the density that `prior_of` has at its centre over that before the search.
+    """Log-ratio of the prior density at a found period to that before the search.
 
     Before it, all orders of magnitude are as likely.
+
+    Parameters
+    ----------
+    time
+        Times of the readings [slow time].
+    period
+        Found period [slow time].
+
+    Returns
+    -------
+    Log-ratio.
     """
     rounds, found = rounds_of(time), float(np.ptp(time)) / period
     before = 1.0 / (found * np.log(rounds[-1] / rounds[0])) if len(rounds) > 1 else np.inf
@@ -169,9 +205,24 @@ def members(
 
 
 def trial(period: float, base: SlowProcess, smooth: np.ndarray, span: float) -> np.ndarray:
-    """Points at which a wave is tried before it is learnt.
+    """Parameter points at which a periodic process is tried before it is learnt.
 
     Trend and Matérn process as learnt without a wave, or a fifth of the latter.
+
+    Parameters
+    ----------
+    period
+        Found period [slow time].
+    base
+        Process without a wave.
+    smooth
+        Parameters without a wave.
+    span
+        Span of the readings.
+
+    Returns
+    -------
+    One row per point.
     """
     sizes = float(np.max(base.sd)) * np.array([0.4, 1.2])
     choices = np.array(

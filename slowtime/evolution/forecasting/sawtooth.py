@@ -49,10 +49,25 @@ _PAIRS = 96
 
 
 def places(time: Usable, value: Usable, sd: Usable, period: float) -> Places:
-    """Where edges may be, the likeliest first; none where a tooth has too few readings.
+    """Candidate places of the edges, the likeliest first.
 
     Least squares of a sawtooth beside a parabola and two harmonics, over all edges and periods
     about the given one.
+
+    Parameters
+    ----------
+    time
+        Times of the readings [slow time].
+    value
+        Readings; NaN where there is none.
+    sd
+        Standard deviations of the readings, in their unit.
+    period
+        Period [slow time].
+
+    Returns
+    -------
+    Places; none with too few readings per tooth.
     """
     span, gap = float(time[-1] - time[0]), float(np.median(np.diff(time)))
     if period < _FEWEST * gap:
@@ -130,10 +145,23 @@ def _left_by(
 def members(
     base: SlowProcess, points: Float[np.ndarray, "family parameter"], where: Places
 ) -> Sum:
-    """Family of processes with teeth, the level first in the state.
+    """Family of sawtooth processes, the level first in the state.
 
     `points` are logarithms of length, spread, drift, size of the smooth wave, its roughness,
     memory, and half the height of the teeth; one place for each of them, or one for all.
+
+    Parameters
+    ----------
+    base
+        Process without a wave.
+    points
+        Parameters, one row per member.
+    where
+        Places of the edges.
+
+    Returns
+    -------
+    Family.
     """
     period, edge = np.broadcast_to(where, (len(points), 2)).T
     whole = np.column_stack([points[:, :3], np.log(period), points[:, 3:6]])
@@ -144,7 +172,17 @@ def members(
 
 
 def trial(trial_of_wave: Float[np.ndarray, "family parameter"]) -> np.ndarray:
-    """Points at which teeth are tried before they are learnt, from those of a wave."""
+    """Parameter points at which a sawtooth is tried, from those of a wave.
+
+    Parameters
+    ----------
+    trial_of_wave
+        Points of the wave.
+
+    Returns
+    -------
+    One row per point.
+    """
     points = np.delete(trial_of_wave, 3, axis=1)
     height = points[:, 3].copy()
     points[:, 3] -= np.log(4.0)

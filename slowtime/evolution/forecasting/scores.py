@@ -13,7 +13,20 @@ Values = Float[np.ndarray, "*any"]
 
 
 def crps(truth: Values, mean: Values, sd: Values) -> Values:
-    """Score of Gaussian forecasts; of a point, where `sd` is 0, the absolute error.
+    """Continuous ranked probability score of Gaussian forecasts.
+
+    Parameters
+    ----------
+    truth
+        True values.
+    mean
+        Means.
+    sd
+        Standard deviations; where one is 0, the score is the absolute error.
+
+    Returns
+    -------
+    Score of each forecast, in the unit of the values.
 
     Examples
     --------
@@ -28,5 +41,17 @@ def crps(truth: Values, mean: Values, sd: Values) -> Values:
 
 
 def covered(truth: Values, lo: Values, hi: Values) -> Bool[np.ndarray, "*any"]:
-    """Whether each truth lies within its band."""
+    """Whether each truth lies within its interval.
+
+    Parameters
+    ----------
+    truth
+        True values.
+    lo, hi
+        Limits of the intervals.
+
+    Returns
+    -------
+    Flags.
+    """
     return np.asarray((lo <= truth) & (truth <= hi))

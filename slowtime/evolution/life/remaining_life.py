@@ -80,11 +80,31 @@ class RemainingLife:
         )
 
     def survival(self, t: float | Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """Give the probability that the threshold has not been crossed by slow time t."""
+        """Probability that the threshold has not been crossed by slow time t.
+
+        Parameters
+        ----------
+        t
+            Slow times.
+
+        Returns
+        -------
+        Probability.
+        """
         return np.asarray(1.0 - self.cdf(t))
 
     def hazard(self, t: float | Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        r"""Give the hazard rate :math:`-d \ln S / dt` [1 / slow time], over a short window."""
+        r"""Hazard rate :math:`-d \ln S / dt`, over a short window.
+
+        Parameters
+        ----------
+        t
+            Slow times.
+
+        Returns
+        -------
+        Rate [1 / slow time].
+        """
         half = WINDOW * (self.horizon - self.now)
         at = np.asarray(t, dtype=float)
         low, high = np.maximum(at - half, self.now), np.minimum(at + half, self.horizon)

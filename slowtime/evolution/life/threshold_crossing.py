@@ -125,10 +125,27 @@ class SampledFutures:
         common_sd: float = 0.0,
         survived: bool = False,
     ) -> RemainingLife:
-        """See when each future first crosses a threshold, as for `first_crossing`.
+        """Distribution of the first crossing of a threshold.
 
         With `survived`, futures that are across already are left out: it is known that the
         threshold has not been crossed.
+
+        Parameters
+        ----------
+        threshold
+            Threshold, in the unit of the readings.
+        shares
+            Probabilities whose times are given.
+        toward
+            Direction of the crossing.
+        common_sd
+            Standard deviation of a common error.
+        survived
+            Whether the threshold was not crossed so far.
+
+        Returns
+        -------
+        Distribution of the time.
         """
         when = self.failure_time(threshold, toward=toward, common_sd=common_sd)
         now = float(self.later[0])
@@ -156,7 +173,23 @@ def draw_futures(
 def draw_futures_at(
     begun: Continuation, later: Float[np.ndarray, " later"], *, paths: int, seed: int = 0
 ) -> SampledFutures:
-    """Draw futures at ascending instants, the first of which is that of the last reading."""
+    """Sample paths at ascending times, the first that of the last reading.
+
+    Parameters
+    ----------
+    begun
+        Continuation of the history.
+    later
+        Slow times.
+    paths
+        Number of paths.
+    seed
+        Seed of the draws.
+
+    Returns
+    -------
+    Sample paths.
+    """
     points = len(later) - 1
     kinds = list(begun.kinds())
     weights = np.concatenate([weights for _, _, weights in kinds])

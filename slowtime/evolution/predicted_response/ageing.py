@@ -69,7 +69,19 @@ class Ageing:
     outlooks: Mapping[Name, Outlook]
 
     def past(self, name: Name, level: float = 0.95) -> Band:
-        """One constant at the epochs, given all of them."""
+        """Estimate of one constant at the epochs, given all of them.
+
+        Parameters
+        ----------
+        name
+            Name of the constant.
+        level
+            Probability of the interval.
+
+        Returns
+        -------
+        Mean and interval at each epoch.
+        """
         log, sd = self._readings(name)
         found = matern.smooth(self.outlooks[name].likeliest, self.slow_time, log, sd)
         return self._band(name, found.mean, check_level(level) * found.sd)
@@ -77,17 +89,44 @@ class Ageing:
     def future(
         self, name: Name, slow_time: Float[np.ndarray, " later"], level: float = 0.95
     ) -> Band:
-        """One constant at slow times not before the last epoch."""
+        """Forecast of one constant.
+
+        Parameters
+        ----------
+        name
+            Name of the constant.
+        slow_time
+            Times not before the last epoch.
+        level
+            Probability of the interval.
+
+        Returns
+        -------
+        Mean and interval at each time.
+        """
         found = self._foretold(name, slow_time, level)
         return self._band(name, found.mean, found.hi - found.mean)
 
     def draw(
         self, slow_time: float, count: int, rng: np.random.Generator
     ) -> Float[np.ndarray, "path parameter"]:
-        """Values of all constants at a slow time not before the last epoch, drawn.
+        """Draw values of all constants at a future time.
 
         Constants are drawn independently of each other; those that were not estimated are as
         the structure has them.
+
+        Parameters
+        ----------
+        slow_time
+            Time not before the last epoch.
+        count
+            Number of draws.
+        rng
+            Generator of the draws.
+
+        Returns
+        -------
+        One row per draw.
         """
         values = np.repeat(self.springs.values[None], count, axis=0)
         for name in self.outlooks:

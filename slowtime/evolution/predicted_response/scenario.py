@@ -21,6 +21,8 @@ from slowtime.evolution.change import check_level
 from slowtime.evolution.structures import ParametricStructure
 
 QUANTITIES = ("displacement", "velocity", "acceleration")
+"""Quantities of a response that can be asked for."""
+
 Runs = Float[np.ndarray, "draw time output"]
 
 
@@ -51,13 +53,37 @@ class ParameterBelief:
     def thetas(
         self, count: int, rng: np.random.Generator
     ) -> Float[np.ndarray, "draw parameter"]:
-        """Draw logarithms of the factors."""
+        """Draw logarithms of the parameter factors.
+
+        Parameters
+        ----------
+        count
+            Number of draws.
+        rng
+            Generator of the draws.
+
+        Returns
+        -------
+        One row per draw.
+        """
         values, vectors = scipy.linalg.eigh(self.covariance)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         return np.asarray(self.theta + rng.standard_normal((count, len(self.theta))) @ root.T)
 
     def draw(self, count: int, rng: np.random.Generator) -> Iterator[Structure]:
-        """Draw structures."""
+        """Draw structures.
+
+        Parameters
+        ----------
+        count
+            Number of draws.
+        rng
+            Generator of the draws.
+
+        Returns
+        -------
+        Structures.
+        """
         thetas = self.thetas(count, rng)
         away = rng.standard_normal((count, len(self.log_damping)))
         # Beyond this a mode would not swing, which those measured do.
@@ -137,7 +163,18 @@ def response_runs(
 
 
 def bands(runs: Runs, level: float = 0.95) -> Bands:
-    """Put runs together.
+    """Mean and interval of the response over all runs.
+
+    Parameters
+    ----------
+    runs
+        Simulated runs.
+    level
+        Probability of the interval.
+
+    Returns
+    -------
+    Bands at each time.
 
     Examples
     --------

@@ -26,6 +26,17 @@ def distance(ratio: Series, damping_ratio_0: float) -> Series:
     .. math:: \tilde d = \sqrt{1 - \zeta_0^2} - \omega_{ds} / \omega_0
 
     Positive when the frequency has fallen. The sentence after eq. 5.21 has it the other way.
+
+    Parameters
+    ----------
+    ratio
+        Damped frequency over the nominal undamped one [1].
+    damping_ratio_0
+        Nominal damping ratio [1].
+
+    Returns
+    -------
+    Distance [1].
     """
     signed: Series = _nominal(damping_ratio_0) - ratio
     return signed
@@ -38,12 +49,33 @@ def stiffness(distance: Series, damping_ratio_0: float) -> Series:
 
     Exact. The book allows any distance below 2; above :math:`\sqrt{1 - \zeta_0^2}` the current
     frequency would be negative and the root returned is spurious.
+
+    Parameters
+    ----------
+    distance
+        Signed distance, nominal minus current frequency over the nominal one [1].
+    damping_ratio_0
+        Nominal damping ratio [1].
+
+    Returns
+    -------
+    Relative change of stiffness [1].
     """
     return -distance * (2.0 * _nominal(damping_ratio_0) - distance)
 
 
 def stiffness_light_damping(distance: Series) -> Series:
-    r"""Change of stiffness, no damping (eq. 5.21); off by :math:`-\tilde d \zeta_0^2`."""
+    r"""Change of stiffness, no damping (eq. 5.21); off by :math:`-\tilde d \zeta_0^2`.
+
+    Parameters
+    ----------
+    distance
+        Signed distance, nominal minus current frequency over the nominal one [1].
+
+    Returns
+    -------
+    Relative change of stiffness [1].
+    """
     return -distance * (2.0 - distance)
 
 
@@ -57,6 +89,19 @@ def stiffness_error_known(distance: Series, error: Series, damping_ratio_0: floa
     :math:`2 \theta (\tilde d + \theta)`. Not an estimator: nobody knows the error, and with
     the true one this returns the truth. What the book plots as the twin with erroneous data
     is `stiffness` fed with the erroneous distance.
+
+    Parameters
+    ----------
+    distance
+        Signed distance, nominal minus current frequency over the nominal one [1].
+    error
+        Error of each reading over the nominal frequency [1].
+    damping_ratio_0
+        Nominal damping ratio [1].
+
+    Returns
+    -------
+    Relative change of stiffness [1].
     """
     return stiffness(distance + error, damping_ratio_0)
 
@@ -71,6 +116,19 @@ def stiffness_error_size_known(
     Fed with one noisy reading, its root is imaginary whenever the distance is below one sigma
     (68 % of readings of an intact structure; held at zero here) and pulls the others towards
     zero. The signed distance itself is already unbiased.
+
+    Parameters
+    ----------
+    distance
+        Signed distance, nominal minus current frequency over the nominal one [1].
+    error_sd
+        Standard deviation of the error over the nominal frequency [1].
+    damping_ratio_0
+        Nominal damping ratio [1].
+
+    Returns
+    -------
+    Relative change of stiffness [1].
     """
     return stiffness(_shrunk(distance, error_sd), damping_ratio_0)
 
@@ -81,6 +139,17 @@ def mass(distance: Series, damping_ratio_0: float) -> Series:
     Exact while the current frequency :math:`r = \sqrt{1 - \zeta_0^2} - \tilde d` is positive
     and at most :math:`1 / (2 \zeta_0)`, contrary to "valid for any values of"
     :math:`\zeta_0`; NaN outside. Singular at :math:`r = 0`, so "below 2" is not its domain.
+
+    Parameters
+    ----------
+    distance
+        Signed distance, nominal minus current frequency over the nominal one [1].
+    damping_ratio_0
+        Nominal damping ratio [1].
+
+    Returns
+    -------
+    Relative change of mass [1].
     """
     r0, z2, d = _nominal(damping_ratio_0), damping_ratio_0**2, distance
     under = 1.0 - 4.0 * d**2 * z2 + 8.0 * d * r0 * z2 - 4.0 * z2 + 4.0 * z2**2
@@ -99,6 +168,15 @@ def mass_light_damping(distance: Series) -> Series:
     The book calls this one exact where it draws fig. 5.5; its error is
     :math:`\zeta_0^2 [1 - (1 + \Delta_m)^{3/2}]`, or -0.001 at a quarter more mass and 5 % of
     damping. Singular at a distance of 1.
+
+    Parameters
+    ----------
+    distance
+        Signed distance, nominal minus current frequency over the nominal one [1].
+
+    Returns
+    -------
+    Relative change of mass [1].
     """
     with np.errstate(divide="ignore"):
         changed: Series = distance * (2.0 - distance) / (1.0 - distance) ** 2
@@ -110,6 +188,17 @@ def mass_error_known(distance: Series, error: Series) -> Series:
 
     Not an estimator, as `stiffness_error_known` is not. The book asks for "distance + error
     below 2" in mixed units; it must be below 1.
+
+    Parameters
+    ----------
+    distance
+        Signed distance, nominal minus current frequency over the nominal one [1].
+    error
+        Error of each reading over the nominal frequency [1].
+
+    Returns
+    -------
+    Relative change of mass [1].
     """
     return mass_light_damping(distance + error)
 
@@ -118,6 +207,17 @@ def mass_error_size_known(distance: Series, error_sd: float) -> Series:
     """Change of mass when the size of the error is known (eq. 5.47, "book" fidelity).
 
     Fails as `stiffness_error_size_known` does, and is held at zero where that one is.
+
+    Parameters
+    ----------
+    distance
+        Signed distance, nominal minus current frequency over the nominal one [1].
+    error_sd
+        Standard deviation of the error over the nominal frequency [1].
+
+    Returns
+    -------
+    Relative change of mass [1].
     """
     return mass_light_damping(_shrunk(distance, error_sd))
 
@@ -136,6 +236,17 @@ def stiffness_and_mass(
 
     Exact for :math:`\zeta_0 + d_R > 0`, NaN otherwise. An error of the real part comes out
     divided by :math:`\zeta_0`: at 1 % of damping, a hundred times larger.
+
+    Parameters
+    ----------
+    distance_real, distance_imaginary
+        Distances of the pole, over the nominal frequency [1].
+    damping_ratio_0
+        Nominal damping ratio [1].
+
+    Returns
+    -------
+    Relative changes of stiffness and of mass [1].
     """
     z, r0 = damping_ratio_0, _nominal(damping_ratio_0)
     rate = np.where(z + distance_real > 0.0, z + distance_real, np.nan)
@@ -154,6 +265,19 @@ def stiffness_and_mass_from_ratios(
 
     Exact. The book's other pair, natural and damped frequency, is of no use: their ratio
     gives the damping as a small difference of nearly equal numbers.
+
+    Parameters
+    ----------
+    frequency_ratio
+        Natural frequency over the nominal one [1].
+    damping_ratio
+        Damping ratio [1].
+    damping_ratio_0
+        Nominal damping ratio [1].
+
+    Returns
+    -------
+    Relative changes of stiffness and of mass [1].
     """
     share = damping_ratio_0 / damping_ratio
     return share * frequency_ratio - 1.0, share / frequency_ratio - 1.0
@@ -170,6 +294,19 @@ def stiffness_and_mass_error_known(
 
     The errors are those of the real and the imaginary part of the measured pole. Not an
     estimator, as `stiffness_error_known` is not.
+
+    Parameters
+    ----------
+    distance_real, distance_imaginary
+        Distances of the pole, over the nominal frequency [1].
+    error_real, error_imaginary
+        Errors of the distances [1].
+    damping_ratio_0
+        Nominal damping ratio [1].
+
+    Returns
+    -------
+    Relative changes of stiffness and of mass [1].
     """
     return stiffness_and_mass(
         distance_real + error_real, distance_imaginary + error_imaginary, damping_ratio_0
@@ -186,6 +323,19 @@ def stiffness_and_mass_error_size_known(
     """Stiffness and mass when the error sizes are known (5.4.3, "book" fidelity).
 
     The pattern of eq. 5.30 in both distances, with both of its faults.
+
+    Parameters
+    ----------
+    distance_real, distance_imaginary
+        Distances of the pole, over the nominal frequency [1].
+    error_sd_real, error_sd_imaginary
+        Standard deviations of these errors [1].
+    damping_ratio_0
+        Nominal damping ratio [1].
+
+    Returns
+    -------
+    Relative changes of stiffness and of mass [1].
     """
     return stiffness_and_mass(
         _shrunk(distance_real, error_sd_real),

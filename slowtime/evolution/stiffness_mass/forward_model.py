@@ -9,6 +9,17 @@ def natural_frequency_ratio(stiffness_change: Series, mass_change: PerReading = 
     r"""Natural frequency over the nominal one (eq. 5.51).
 
     .. math:: \omega_s / \omega_0 = \sqrt{(1 + \Delta_k) / (1 + \Delta_m)}
+
+    Parameters
+    ----------
+    stiffness_change
+        Relative change of stiffness [1].
+    mass_change
+        Relative change of mass [1].
+
+    Returns
+    -------
+    Ratio [1].
     """
     ratio: Series = np.sqrt((1.0 + stiffness_change) / (1.0 + mass_change))
     return ratio
@@ -24,6 +35,21 @@ def damping_ratio(
     r"""Damping ratio of the changed structure (eq. 5.52, with :math:`c` free to change).
 
     .. math:: \zeta_s = \frac{(1 + \Delta_c) \zeta_0}{\sqrt{(1 + \Delta_k)(1 + \Delta_m)}}
+
+    Parameters
+    ----------
+    stiffness_change
+        Relative change of stiffness [1].
+    mass_change
+        Relative change of mass [1].
+    damping_ratio_0
+        Nominal damping ratio [1].
+    damping_coefficient_change
+        Relative change of the damping coefficient [1].
+
+    Returns
+    -------
+    Damping ratio [1].
     """
     coefficient = 1.0 + np.asarray(damping_coefficient_change)
     ratio: Series = (coefficient * damping_ratio_0) / np.sqrt(
@@ -45,6 +71,21 @@ def damped_frequency_ratio(
               - (1 + \Delta_c)^2 \zeta_0^2}}{1 + \Delta_m}
 
     NaN where the changed structure would not ring.
+
+    Parameters
+    ----------
+    stiffness_change
+        Relative change of stiffness [1].
+    mass_change
+        Relative change of mass [1].
+    damping_ratio_0
+        Nominal damping ratio [1].
+    damping_coefficient_change
+        Relative change of the damping coefficient [1].
+
+    Returns
+    -------
+    Ratio [1].
     """
     coefficient = 1.0 + np.asarray(damping_coefficient_change)
     mass = 1.0 + np.asarray(mass_change)

@@ -18,16 +18,21 @@ from slowtime.evolution.change import Change, check_level
 from slowtime.evolution.reasons import FAR_OUTSIDE, Reason
 
 DRAWS = 4096
+"""Number of draws of the importance sampling."""
+
 ENOUGH = 400.0
-"""Draws that must count for as much, of all, before an answer is taken."""
+"""Least effective sample size."""
 
 ROUNDS = 8
+"""Rounds of adaptation, at most."""
+
 FEW, TEMPERED = 40.0, 40
 WIDER = 1.5
-"""Proposals are wider than what they were learnt from: tails must not be missed."""
+"""Factor on the width of the proposal, so that its tails cover the posterior."""
 
 LEARNT = 0.9
-"""Share of the standard deviation believed beforehand that must go for a change to be told."""
+"""Ratio of posterior to prior standard deviation above which a change counts as not
+determined."""
 
 
 @runtime_checkable

@@ -19,8 +19,10 @@ from slowtime.estimation.processes import Constant, Matern, Sum
 from slowtime.evolution.change import Series
 
 EXPERTS = 2
+"""Number of experts."""
+
 _LEAST = 1e-4
-"""Responsibility below which a reading says nothing to an expert, and is not asked for less."""
+"""Responsibility below which a reading is left out of an expert."""
 
 _FACTORS = (0.6, 1.0, 1.7)
 """On length and size, tried in each round."""
@@ -101,7 +103,21 @@ def fit(
 
 
 def log_density(value: Series, mean: np.ndarray, sd: np.ndarray) -> np.ndarray:
-    """Logarithm of a Gaussian density."""
+    """Log-density of a Gaussian.
+
+    Parameters
+    ----------
+    value
+        Values.
+    mean
+        Means.
+    sd
+        Standard deviations.
+
+    Returns
+    -------
+    Log-density of each.
+    """
     return np.asarray(-0.5 * ((value - mean) / sd) ** 2 - np.log(sd * np.sqrt(2.0 * np.pi)))
 
 

@@ -31,6 +31,8 @@ from . import mixture_of_experts
 Kind: TypeAlias = Literal["rough", "repeating", "teeth"]
 
 _HARMONICS = 8
+"""Harmonics of the periodic component."""
+
 _MEMBERS = 6
 """Processes, the most probable ones, whose bands are put together."""
 
@@ -143,7 +145,21 @@ def additive(slow_time: Series, value: Series, sd: Series) -> SeparatedScales:
 
 
 def choose(slow_time: Series, value: Series, sd: Series) -> SeparationChoice:
-    """Fit the additive process and the mixture of experts, and say which foretells better."""
+    """Fit the additive process and the mixture of experts, and compare their predictions.
+
+    Parameters
+    ----------
+    slow_time
+        Times of the readings [slow time].
+    value
+        Readings; NaN where there is none.
+    sd
+        Standard deviations of the readings, in their unit.
+
+    Returns
+    -------
+    Both models, and the better one.
+    """
     both = additive(slow_time, value, sd), mixture_of_experts.fit(slow_time, value, sd)
     odds = both[0].log_predictive - both[1].log_predictive
     return SeparationChoice("additive" if odds >= 0.0 else "mixture", float(odds), *both)
