@@ -58,7 +58,21 @@ def free_motion(
 
 
 def step_motion(structure: Structure, times: Times, force: State) -> tuple[Motion, Motion]:
-    """Displacement and velocity, from rest, under a force [N] that stays once it is there."""
+    """Response from rest to a constant force that is applied at time zero.
+
+    Parameters
+    ----------
+    structure
+        Mass, damping and stiffness matrices [kg, N s/m, N/m].
+    times
+        Times, ascending from 0 [s].
+    force
+        Force on each degree of freedom [N].
+
+    Returns
+    -------
+    Displacement [m] and velocity [m/s].
+    """
     try:
         static = scipy.linalg.solve(structure.stiffness, force, assume_a="sym")
     except (scipy.linalg.LinAlgError, scipy.linalg.LinAlgWarning):
@@ -73,10 +87,25 @@ def step_motion(structure: Structure, times: Times, force: State) -> tuple[Motio
 def pulse_motion(
     structure: Structure, times: Times, force: State, duration_s: float
 ) -> tuple[Motion, Motion]:
-    """Displacement and velocity, from rest, under a force that stays for `duration_s`.
+    """Response from rest to a constant force of limited duration.
 
     The difference of two steps. The book's form of it (eq. 3.186 to 3.188) holds after the end
     of the pulse only, and overflows for a long one.
+
+    Parameters
+    ----------
+    structure
+        Mass, damping and stiffness matrices [kg, N s/m, N/m].
+    times
+        Times, ascending from 0 [s].
+    force
+        Force on each degree of freedom [N].
+    duration_s
+        Duration [s].
+
+    Returns
+    -------
+    Displacement [m] and velocity [m/s].
     """
     displacement, velocity = step_motion(structure, times, force)
     after = times > duration_s

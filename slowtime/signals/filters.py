@@ -54,6 +54,17 @@ def moving_average(x: Series, window: int) -> Series:
 
     White-noise variance gain ``1 / window``, delay ``(window - 1) / 2`` readings.
 
+    Parameters
+    ----------
+    x
+        Readings in order of time.
+    window
+        Number of readings.
+
+    Returns
+    -------
+    Filtered readings.
+
     Examples
     --------
     >>> moving_average(np.array([1.0, 3.0, 5.0]), 2)
@@ -92,6 +103,17 @@ def median(x: Series, window: int) -> Series:
     Kills up to ``(window - 1) / 2`` outliers in a window. Delay ``(window - 1) / 2`` readings;
     white-noise variance gain :math:`\pi / (2 N)` for many readings :math:`N`, 57 % above the
     mean's. Until the window is full, the median of what has come.
+
+    Parameters
+    ----------
+    x
+        Readings in order of time.
+    window
+        Odd number of readings.
+
+    Returns
+    -------
+    Filtered readings.
 
     Examples
     --------

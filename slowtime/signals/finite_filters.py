@@ -16,11 +16,22 @@ LEAST_BLOCK = 4096
 
 
 def taper(name: str, count: int) -> Float[np.ndarray, " time"]:
-    r"""Window of `count` samples, periodic as spectra want it.
+    r"""Periodic window function.
 
     .. math:: h_n = \tfrac12 (1 - \cos(2 \pi n / N))
 
     for ``hann``; ``boxcar`` is 1.
+
+    Parameters
+    ----------
+    name
+        Name of the window.
+    count
+        Number of samples.
+
+    Returns
+    -------
+    Window [1].
 
     Raises
     ------
@@ -82,7 +93,18 @@ def windowed_sinc(
 def convolved(
     series: Float[np.ndarray, " time"], taps: Float[np.ndarray, " tap"]
 ) -> Float[np.ndarray, " valid"]:
-    """Convolution, as far as all `taps` lie on the series, by transforms of blocks.
+    """Compute the valid part of a convolution by transforms of blocks.
+
+    Parameters
+    ----------
+    series
+        Samples.
+    taps
+        Impulse response.
+
+    Returns
+    -------
+    Filtered samples.
 
     Examples
     --------

@@ -9,7 +9,16 @@ from jaxtyping import Float, Int
 
 
 def local_maxima(series: Float[np.ndarray, " place"]) -> Int[np.ndarray, " peak"]:
-    """Places higher than both neighbours; of a flat top its middle, rounded down.
+    """Find the indices of local maxima; of a flat top its middle, rounded down.
+
+    Parameters
+    ----------
+    series
+        Samples.
+
+    Returns
+    -------
+    Indices, ascending.
 
     Examples
     --------

@@ -28,6 +28,17 @@ def first_order(
 ) -> Inexact[np.ndarray, "*rows time"]:
     r"""Recursion :math:`y_k = x_k + p\,y_{k-1}` from rest, along the last axis.
 
+    Parameters
+    ----------
+    series
+        Samples along the last axis.
+    pole
+        Pole p.
+
+    Returns
+    -------
+    Filtered samples.
+
     Examples
     --------
     >>> first_order(np.array([1.0, 0.0, 0.0, 1.0]), 0.5)
@@ -48,7 +59,17 @@ def first_order(
 
 
 def at_rest(sections: Sections) -> Float[np.ndarray, "section 2"]:
-    """State of each section after an input that has been 1 for ever."""
+    """Steady state of each section under a unit input.
+
+    Parameters
+    ----------
+    sections
+        Second-order sections.
+
+    Returns
+    -------
+    State of each section.
+    """
     states, level = [], 1.0
     for b0, b1, b2, _, a1, a2 in sections.tolist():
         gain = (b0 + b1 + b2) / (1.0 + a1 + a2)

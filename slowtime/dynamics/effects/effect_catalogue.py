@@ -35,6 +35,15 @@ FAMILIES = (
 def catalogue(own: Iterable[Kind] = ()) -> Mapping[str, Kind]:
     """Kinds by name, those of a user's `own` among them.
 
+    Parameters
+    ----------
+    own
+        Kinds of the user.
+
+    Returns
+    -------
+    Kinds by name.
+
     Raises
     ------
     ValueError

@@ -40,7 +40,21 @@ class Oscillator:
     def from_modal(
         cls, frequency_hz: float, damping_ratio: float, mass_kg: float = 1.0
     ) -> "Oscillator":
-        """Oscillator of undamped natural frequency [Hz], damping ratio [1] and mass [kg]."""
+        """Oscillator with given modal parameters.
+
+        Parameters
+        ----------
+        frequency_hz
+            Undamped natural frequency [Hz].
+        damping_ratio
+            Damping ratio [1].
+        mass_kg
+            Mass [kg].
+
+        Returns
+        -------
+        Oscillator.
+        """
         omega = 2 * math.pi * frequency_hz
         return cls(mass_kg, 2 * damping_ratio * omega * mass_kg, omega**2 * mass_kg)
 
@@ -91,7 +105,17 @@ class Oscillator:
 
 
 def logarithmic_decrement(damping_ratio: float) -> float:
-    r"""Logarithm of the ratio of successive peaks, :math:`2 \pi \zeta / \sqrt{1 - \zeta^2}`."""
+    r"""Logarithm of the ratio of successive peaks, :math:`2 \pi \zeta / \sqrt{1 - \zeta^2}`.
+
+    Parameters
+    ----------
+    damping_ratio
+        Damping ratio [1].
+
+    Returns
+    -------
+    Decrement [1].
+    """
     if not 0 <= damping_ratio < 1:
         raise ValueError(
             f"{damping_ratio=} is outside [0, 1), where an oscillator has successive peaks. "
@@ -101,7 +125,17 @@ def logarithmic_decrement(damping_ratio: float) -> float:
 
 
 def damping_from_decrement(decrement: float) -> float:
-    r"""Damping ratio of a logarithmic decrement, :math:`\delta / \sqrt{4 \pi^2 + \delta^2}`."""
+    r"""Damping ratio of a logarithmic decrement, :math:`\delta / \sqrt{4 \pi^2 + \delta^2}`.
+
+    Parameters
+    ----------
+    decrement
+        Logarithmic decrement [1].
+
+    Returns
+    -------
+    Damping ratio [1].
+    """
     if not 0 <= decrement < math.inf:
         raise ValueError(
             f"{decrement=} is no logarithmic decrement of a decaying oscillation. Give the "
@@ -111,10 +145,21 @@ def damping_from_decrement(decrement: float) -> float:
 
 
 def resonance(damping_ratio: float, quantity: str = "displacement") -> float:
-    r"""Where the frequency response peaks, over :math:`\omega_n` [1] (eq. 3.51).
+    r"""Peak of the frequency response, over :math:`\omega_n` (eq. 3.51).
 
     Displacement peaks at :math:`\sqrt{1 - 2 \zeta^2}`, velocity at 1 and acceleration at
     :math:`1 / \sqrt{1 - 2 \zeta^2}`; none of them at the damped frequency.
+
+    Parameters
+    ----------
+    damping_ratio
+        Damping ratio [1].
+    quantity
+        Displacement, velocity or acceleration.
+
+    Returns
+    -------
+    Frequency ratio [1].
 
     Raises
     ------
@@ -137,9 +182,18 @@ def resonance(damping_ratio: float, quantity: str = "displacement") -> float:
 
 
 def half_power_points(damping_ratio: float) -> tuple[float, float]:
-    r"""Where the displacement response has half its peak power, over :math:`\omega_n` [1].
+    r"""Half-power frequencies of the displacement response, over :math:`\omega_n`.
 
     Exactly :math:`\sqrt{1 - 2 \zeta^2 \mp 2 \zeta \sqrt{1 - \zeta^2}}`.
+
+    Parameters
+    ----------
+    damping_ratio
+        Damping ratio [1].
+
+    Returns
+    -------
+    Lower and upper frequency ratio [1].
     """
     half = 2 * damping_ratio * math.sqrt(max(1 - damping_ratio**2, 0.0))
     low = 1 - 2 * damping_ratio**2 - half

@@ -18,7 +18,18 @@ Samples = Float[np.ndarray, " sample"]
 
 
 def small_angle_period(length_m: float, gravity: float = GRAVITY) -> float:
-    r"""Period :math:`2 \pi \sqrt{L / g}` of a swing without end to its smallness [s] (eq. 1.5).
+    r"""Period of a small swing, :math:`2 \pi \sqrt{L / g}` (eq. 1.5).
+
+    Parameters
+    ----------
+    length_m
+        Length [m].
+    gravity
+        Acceleration of gravity [m/s^2].
+
+    Returns
+    -------
+    Period [s].
 
     Examples
     --------
@@ -30,6 +41,19 @@ def small_angle_period(length_m: float, gravity: float = GRAVITY) -> float:
 
 def period(amplitude: float, length_m: float, gravity: float = GRAVITY) -> float:
     r"""Period :math:`4 \sqrt{L / g} \, K(\sin^2(\theta_0 / 2))` of any amplitude below pi.
+
+    Parameters
+    ----------
+    amplitude
+        Angle at release, below pi [rad].
+    length_m
+        Length [m].
+    gravity
+        Acceleration of gravity [m/s^2].
+
+    Returns
+    -------
+    Period [s].
 
     Examples
     --------
@@ -45,7 +69,23 @@ def period(amplitude: float, length_m: float, gravity: float = GRAVITY) -> float
 def small_angle_swing(
     times: Series, amplitude: float, length_m: float, gravity: float = GRAVITY
 ) -> Series:
-    r"""Angle :math:`\theta_0 \cos \omega t` after release from rest (eq. 1.3) [rad]."""
+    r"""Angle :math:`\theta_0 \cos \omega t` after release from rest (eq. 1.3) [rad].
+
+    Parameters
+    ----------
+    times
+        Times, ascending from 0 [s].
+    amplitude
+        Angle at release [rad].
+    length_m
+        Length [m].
+    gravity
+        Acceleration of gravity [m/s^2].
+
+    Returns
+    -------
+    Angle at each time [rad].
+    """
     return np.asarray(amplitude * np.cos(math.sqrt(gravity / length_m) * times))
 
 
@@ -55,6 +95,21 @@ def swing(
     r"""Angle [rad] and its rate [rad/s] after release from rest at any amplitude below pi.
 
     .. math:: \theta = 2 \arcsin(k \operatorname{sn}(\omega t + K)), \qquad k = \sin(\theta_0/2)
+
+    Parameters
+    ----------
+    times
+        Times, ascending from 0 [s].
+    amplitude
+        Angle at release [rad].
+    length_m
+        Length [m].
+    gravity
+        Acceleration of gravity [m/s^2].
+
+    Returns
+    -------
+    Angle [rad] and angular velocity [rad/s].
     """
     _check_amplitude(amplitude)
     k, omega = math.sin(amplitude / 2), math.sqrt(gravity / length_m)

@@ -22,6 +22,17 @@ def impulse_response(oscillator: Oscillator, times: Series) -> Series:
     r"""Displacement after a unit impulse at time zero, :math:`h = S / m` (eq. 3.46) [m/(N s)].
 
     Zero before the impulse.
+
+    Parameters
+    ----------
+    oscillator
+        Mass [kg], damping [N s/m] and stiffness [N/m].
+    times
+        Times, ascending from 0 [s].
+
+    Returns
+    -------
+    Displacement per impulse [m/(N s)].
     """
     after = np.maximum(times, 0.0)
     return np.where(times > 0, _sine(oscillator, after), 0.0) / oscillator.mass_kg
@@ -56,7 +67,21 @@ def free_response(
 def step_response(
     oscillator: Oscillator, times: Series, force: float = 1.0
 ) -> tuple[Series, Series]:
-    """Displacement and velocity, from rest, under a force that stays once it is there."""
+    """Response from rest to a constant force that is applied at time zero.
+
+    Parameters
+    ----------
+    oscillator
+        Mass [kg], damping [N s/m] and stiffness [N/m].
+    times
+        Times, ascending from 0 [s].
+    force
+        Force [N].
+
+    Returns
+    -------
+    Displacement [m] and velocity [m/s].
+    """
     static = force / oscillator.stiffness_n_per_m
     displacement, velocity = free_response(oscillator, times, -static, 0.0)
     return displacement + static, velocity

@@ -28,6 +28,17 @@ def transition(
     r"""Matrices of :math:`x_{k+1} = A x_k + B_0 f_k + B_1 f_{k+1}` for a force linear between.
 
     For a force that is constant between samples :math:`x_{k+1} = A x_k + (B_0 + B_1) f_k`.
+
+    Parameters
+    ----------
+    oscillator
+        Mass [kg], damping [N s/m] and stiffness [N/m].
+    step_s
+        Time step [s].
+
+    Returns
+    -------
+    :math:`A`, :math:`B_0` and :math:`B_1`.
     """
     if not 0 < step_s < math.inf:
         raise ValueError(f"{step_s=} is no time step. Give a positive number of seconds.")

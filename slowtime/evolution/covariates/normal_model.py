@@ -70,7 +70,7 @@ class NormalModel:
     def expected(
         self, covariates: Float[np.ndarray, "time covariate"]
     ) -> tuple[Series, Series]:
-        """Predict the normal frequency at given covariates, and its relative standard deviation.
+        """Predict the normal frequency at covariates, and its relative standard deviation.
 
         The wandering part is in the standard deviation, noise of readings is not.
 

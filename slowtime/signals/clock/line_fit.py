@@ -89,7 +89,17 @@ class Line:
     scatter: float
 
     def at(self, x: float) -> float:
-        """Delay [s] at sensor time x [s]."""
+        """Delay at a sensor time.
+
+        Parameters
+        ----------
+        x
+            Sensor time [s].
+
+        Returns
+        -------
+        Delay [s].
+        """
         return self.level + self.slope * (x - self.x)
 
 
@@ -103,7 +113,21 @@ class Points:
 
 
 def envelope(spans: Sequence[Span], slope: float, limit: float) -> Points:
-    """Lowest vertex of each span, as seen along a line of the given slope."""
+    """Lowest vertex of each span along a line of the given slope.
+
+    Parameters
+    ----------
+    spans
+        Spans of messages.
+    slope
+        Slope of the line [1].
+    limit
+        Largest possible slope of the clock line [1].
+
+    Returns
+    -------
+    Points.
+    """
     points = np.array([lowest(span.hull, slope) for span in spans])
     return _within(points, limit)
 
@@ -157,10 +181,21 @@ def _fit_envelope(
 
 
 def fit_points(points: Points, resolution_s: float) -> Line | None:
-    r"""Huber's line; its standard deviation from the scatter of the points.
+    r"""Huber regression line, with standard deviations from the scatter of the points.
 
     With weights w, residuals r and scale :math:`\sigma`, the asymptotic variance of [2] is
     that of least squares with :math:`\sigma^2 E[\psi^2] / E[\psi']^2` for the variance.
+
+    Parameters
+    ----------
+    points
+        Points with weights.
+    resolution_s
+        Resolution of the time stamps [s].
+
+    Returns
+    -------
+    Line, or None with too few points.
     """
     x, y = points.x, points.y
     if len(x) < FEWEST or np.ptp(x) <= 0:
@@ -193,7 +228,17 @@ def fit_points(points: Points, resolution_s: float) -> Line | None:
 
 
 def spread_of(residuals: Float[np.ndarray, " span"]) -> float:
-    """Estimate a standard deviation by the median of absolute residuals from a line."""
+    """Estimate a standard deviation from the median of absolute residuals.
+
+    Parameters
+    ----------
+    residuals
+        Residuals of a line.
+
+    Returns
+    -------
+    Standard deviation.
+    """
     ranked = np.sort(np.abs(residuals))
     return 1.4826 * float(ranked[min((len(ranked) + FITTED) // 2, len(ranked) - 1)])
 
