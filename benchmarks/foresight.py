@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from slowtime.dynamics.degradation import mass_change
-from slowtime.evolution import forecast, scores
+from slowtime.dynamics.evolution_functions import mass_change
+from slowtime.evolution.forecasting import forecast, scores
 from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Features, Mode, Quality
 from slowtime_schemas.quantities import Quantity

@@ -19,8 +19,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from slowtime.dynamics.oscillator import Oscillator
-from slowtime.dynamics.stepping import ambient_acceleration
+from slowtime.dynamics.sdof.oscillator import Oscillator
+from slowtime.dynamics.sdof.simulation import ambient_acceleration
 from slowtime.identification import (
     Identified,
     ambient_bound,

@@ -28,9 +28,9 @@ import scipy.linalg
 
 from slowtime.dynamics.simulation import ambient_structure
 from slowtime.dynamics.structure import Structure
-from slowtime.identification.bounds import ambient_law
 from slowtime.identification.recursive import RecursiveModes
-from slowtime.identification.ssi import Weighting, ssi_covariance
+from slowtime.identification.single_mode.bounds import ambient_law
+from slowtime.identification.subspace.ssi import Weighting, ssi_covariance
 
 FASTER = 5.0
 CHANCE = 2.0

@@ -33,12 +33,12 @@ from slowtime.dynamics.description import assemble
 from slowtime.dynamics.modes import undamped_modes
 from slowtime.dynamics.simulation import ambient_structure
 from slowtime.dynamics.structure import Structure
-from slowtime.identification.automatic import identify_modes
+from slowtime.identification.automatic.estimation import identify_modes
 from slowtime.identification.bayes import bayesian_modes
-from slowtime.identification.bounds import ambient_law
-from slowtime.identification.identified import Measured
+from slowtime.identification.estimates import Measured
 from slowtime.identification.modes import Mode
-from slowtime.identification.ssi import Poles, ssi_covariance
+from slowtime.identification.single_mode.bounds import ambient_law
+from slowtime.identification.subspace.ssi import Poles, ssi_covariance
 
 DAMPING = 0.01
 CYCLES = 2000.0

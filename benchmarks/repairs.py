@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slowtime.evolution import continuation, forecast
-from slowtime.evolution.known_events import NOMINAL_SD, KnownEvent, Repair
+from slowtime.evolution.events.known_events import NOMINAL_SD, KnownEvent, Repair
+from slowtime.evolution.forecasting import continuation, forecast
 from twin_server.estimate import Noticed, Series
 from twin_server.pipeline.lookout import restores
 

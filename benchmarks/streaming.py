@@ -21,10 +21,10 @@ from pathlib import Path
 import numpy as np
 import scipy.signal as sps
 
-from slowtime.identification.automatic import identify_modes
-from slowtime.identification.detect import separate_peaks
-from slowtime.identification.first import first_mode
+from slowtime.identification.automatic.estimation import identify_modes
+from slowtime.identification.detection.resonance_peaks import separate_peaks
 from slowtime.identification.recursive import RecursiveModes
+from slowtime.identification.single_mode.estimation import first_mode
 from slowtime_services.files import open_record
 
 SLOW = 4.0

@@ -6,8 +6,8 @@ import itertools
 import click
 import numpy as np
 
-from slowtime.identification.alignment import align
-from slowtime.identification.boards import Board
+from slowtime.identification.clock_alignment.alignment import align
+from slowtime.identification.clock_alignment.boards import Board
 from slowtime_services.files import Record, accelerations
 
 from .terminal import note

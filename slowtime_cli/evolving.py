@@ -13,7 +13,7 @@ import click
 import numpy as np
 from pydantic import ValidationError
 
-from slowtime.identification.windows import dependence
+from slowtime.identification.single_mode.sliding_windows import dependence
 from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Features, Mode, Quality
 from slowtime_schemas.quantities import Quantity

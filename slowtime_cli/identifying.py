@@ -8,14 +8,22 @@ from typing import Any, TypeVar
 import click
 import numpy as np
 
-from slowtime.identification.automatic import ModalResult, identify_modes
-from slowtime.identification.beside_lines import LINE, Told, modes_beside_lines
-from slowtime.identification.excitation import Excitation, excitation
-from slowtime.identification.first import all_modes
-from slowtime.identification.identified import Identified
+from slowtime.identification.automatic.estimation import ModalResult, identify_modes
+from slowtime.identification.estimates import Identified
 from slowtime.identification.methods import by_method
 from slowtime.identification.modes import Mode
-from slowtime.identification.windows import Epoch, dependence, identify_windows
+from slowtime.identification.single_mode.estimation import all_modes
+from slowtime.identification.single_mode.excitation import Excitation, excitation
+from slowtime.identification.single_mode.machine_lines import (
+    LINE,
+    ModesAndLines,
+    modes_and_machine_lines,
+)
+from slowtime.identification.single_mode.sliding_windows import (
+    Epoch,
+    dependence,
+    identify_windows,
+)
 from slowtime_services.files import MARK, Record, accelerations, bridged, mixed_units
 from slowtime_services.modal import UNIVERSAL, read_geometry
 from slowtime_services.models import read_description
@@ -159,14 +167,14 @@ def _identify(
     band_hz: tuple[float, float] | None,
     method: Any,
     force: Excitation,
-) -> tuple[Told, ModalResult | None]:
+) -> tuple[ModesAndLines, ModalResult | None]:
     """Modes one by one, or all channels together where asked for or called for.
 
     Left to itself, a record of many channels that is not explained by decays is taken for the
     response to an unknown steady force. Where the force plainly was none, only decays are
     told.
     """
-    nothing = Told((), (), ())
+    nothing = ModesAndLines((), (), ())
     if force.flags and method == "auto":
         found = all_modes(part, rate_hz, band_hz=band_hz)
         return dataclasses.replace(nothing, modes=tuple(m for m in found if _decays(m))), None
@@ -191,7 +199,7 @@ def _flagged(mode: F, force: Excitation) -> F:
 
 
 def _say_force(
-    force: Excitation, duration_s: float, told: Told, whole: ModalResult | None
+    force: Excitation, duration_s: float, told: ModesAndLines, whole: ModalResult | None
 ) -> None:
     """Say that a record was not forced as ambient identification takes it to be."""
     if not force.flags or (told.modes and all(_decays(mode) for mode in told.modes)):
@@ -218,21 +226,23 @@ def _say_force(
 
 def _by_method(
     part: Samples, rate_hz: float, band_hz: tuple[float, float] | None, method: Any
-) -> tuple[Told, ModalResult | None]:
+) -> tuple[ModesAndLines, ModalResult | None]:
     """Modes by the method asked for, or by the one that the record calls for."""
     if method in ALL_CHANNELS:
-        return Told((), (), ()), by_method(part, rate_hz, method=method, band_hz=band_hz)
+        return ModesAndLines((), (), ()), by_method(
+            part, rate_hz, method=method, band_hz=band_hz
+        )
     if method == "auto" and part.shape[1] == 1:
-        return modes_beside_lines(part, rate_hz, band_hz=band_hz), None
-    modes = Told(all_modes(part, rate_hz, band_hz=band_hz, method=method), (), ())
+        return modes_and_machine_lines(part, rate_hz, band_hz=band_hz), None
+    modes = ModesAndLines(all_modes(part, rate_hz, band_hz=band_hz, method=method), (), ())
     decays = bool(modes.modes) and all(mode.method == "free_decay" for mode in modes.modes)
     if method != "auto" or decays:
         return modes, None
     whole = identify_modes(part, rate_hz, band_hz=band_hz)
-    return (modes, None) if not whole.modes else (Told((), (), ()), whole)
+    return (modes, None) if not whole.modes else (ModesAndLines((), (), ()), whole)
 
 
-def _say_lines(told: Told) -> None:
+def _say_lines(told: ModesAndLines) -> None:
     """Say which speeds of machines the lines are multiples of."""
     speeds = [f"{family.base_hz.value:.4g} Hz" for family in told.families]
     if told.lines:

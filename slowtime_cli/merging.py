@@ -9,8 +9,8 @@ import click
 import numpy as np
 from pydantic import ValidationError
 
-from slowtime.identification.identified import Measured
-from slowtime.identification.merging import MergedMode, SetUp, merge
+from slowtime.identification.estimates import Measured
+from slowtime.identification.mode_shapes.merging import MergedMode, SetUp, merge
 from slowtime.identification.modes import Mode
 from slowtime_schemas.modes_file import FoundMode, ModesFile
 

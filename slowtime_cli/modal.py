@@ -9,11 +9,11 @@ from jaxtyping import Bool, Complex
 
 from slowtime.dynamics.description import Description, assemble
 from slowtime.dynamics.modes import undamped_modes
-from slowtime.identification.automatic import MOST_DAMPING, ModalResult
-from slowtime.identification.identified import Measured
+from slowtime.identification.automatic.estimation import MOST_DAMPING, ModalResult
+from slowtime.identification.estimates import Measured
+from slowtime.identification.mode_shapes.criteria import mac, mpc
 from slowtime.identification.modes import Mode
-from slowtime.identification.shapes import mac, mpc
-from slowtime.identification.stabilisation import Stabilisation
+from slowtime.identification.subspace.stabilisation import Stabilisation
 from slowtime_services.modal import read_modes
 from slowtime_services.reports import Chart, Section, Table, write_page
 

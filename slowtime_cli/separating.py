@@ -8,8 +8,8 @@ from typing import Any
 import click
 import numpy as np
 
-from slowtime.evolution import scales
-from slowtime.evolution.forecast import fit
+from slowtime.evolution.forecasting.forecast import fit
+from slowtime.evolution.time_scales import separation
 from slowtime_schemas.codec import decode
 from slowtime_schemas.messages import Features
 from slowtime_schemas.streams import FEATURES
@@ -35,7 +35,7 @@ def separate(source: Path, asset: str | None, out: Path | None, as_json: bool) -
         For fewer than 8 readings.
     """
     time, value, sd, quantity = _history(source, asset)
-    choice = scales.choose(time, value, sd)
+    choice = separation.choose(time, value, sd)
     found = choice.additive
     period = fit(time, value - found.long, sd).period if found.kind != "rough" else None
     rows = np.column_stack(

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from slowtime.identification.modal_result import ModalResult, diagram
+from slowtime.identification.automatic.modal_result import ModalResult, join_stabilisation
 from slowtime.identification.modes import Mode
 from slowtime.identification.recursive import RecursiveModes
 from slowtime.signals.block import Block
@@ -193,7 +193,7 @@ def _tell(
         nothing = np.zeros(0)
         shown = ModalResult(
             modes=modes,
-            stabilisation=diagram([], [], []),
+            stabilisation=join_stabilisation([], [], []),
             spectrum_hz=nothing,
             singular_values=nothing[:, None],
         )

@@ -9,7 +9,7 @@ from typing import Any
 import click
 import numpy as np
 
-from slowtime.evolution.ageing import learn_ageing
+from slowtime.evolution.predicted_response.ageing import learn_ageing
 from slowtime_services.diagnose import read_any
 from slowtime_services.models import read_description
 from slowtime_services.tracking import Tracked, label, track

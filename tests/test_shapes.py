@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from jaxtyping import Float, TypeCheckError
 
-from slowtime.evolution.scores import crps
+from slowtime.evolution.forecasting.scores import crps
 from tests.shapes import EVERY, FIRST, TEST, wrapped
 
 Row = Float[np.ndarray, " time"]

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from slowtime.design import AddedStructure
 from slowtime.dynamics.description import Description, Node, Spring
-from slowtime.dynamics.parts import BASE
+from slowtime.dynamics.elements import BASE
 from slowtime.limit_states import (
     LimitState,
     Resonance,

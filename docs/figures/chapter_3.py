@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 
 from slowtime.dynamics.builders import chain
+from slowtime.dynamics.closed_form_motion import free_motion, pulse_motion
 from slowtime.dynamics.description import assemble
-from slowtime.dynamics.motion import free_motion, pulse_motion
-from slowtime.dynamics.oscillator import Oscillator
-from slowtime.dynamics.response import frequency_response, impulse_response
+from slowtime.dynamics.sdof.oscillator import Oscillator
+from slowtime.dynamics.sdof.response import frequency_response, impulse_response
 from slowtime.dynamics.structure import Structure
 from slowtime.dynamics.transfer import laplace_response
 

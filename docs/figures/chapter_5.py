@@ -15,16 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from slowtime.dynamics.degradation import mass_change, stiffness_change
+from slowtime.dynamics.evolution_functions import mass_change, stiffness_change
 from slowtime.estimation import matern
 from slowtime.estimation.hyperparameters import fit
-from slowtime.evolution import (
-    Change,
-    book,
-    mass_from_frequency,
-    stiffness_from_frequency,
-)
-from slowtime.evolution.forward import damped_frequency_ratio
+from slowtime.evolution import Change, mass_from_frequency, stiffness_from_frequency
+from slowtime.evolution.stiffness_mass import book_formulas
+from slowtime.evolution.stiffness_mass.forward_model import damped_frequency_ratio
 
 HERE = pathlib.Path(__file__).parent
 DAMPING = 0.05
@@ -93,10 +89,12 @@ def figure_5_2() -> list[Line]:
 
 def figure_5_3() -> list[Line]:
     """Exact frequencies and the stiffness they give (eq. 5.20)."""
-    found = book.stiffness(book.distance(ratio(COARSE, "stiffness"), DAMPING), DAMPING)
+    found = book_formulas.stiffness(
+        book_formulas.distance(ratio(COARSE, "stiffness"), DAMPING), DAMPING
+    )
     return [
-        Line("distance", DENSE, book.distance(ratio(DENSE, "stiffness"), DAMPING)),
-        Line("samples", COARSE, book.distance(ratio(COARSE, "stiffness"), DAMPING)),
+        Line("distance", DENSE, book_formulas.distance(ratio(DENSE, "stiffness"), DAMPING)),
+        Line("samples", COARSE, book_formulas.distance(ratio(COARSE, "stiffness"), DAMPING)),
         Line("truth", DENSE, -stiffness_change(DENSE)),
         Line("eq. 5.20", COARSE, -found),
     ]
@@ -106,7 +104,9 @@ def figure_5_4() -> list[Line]:
     """Noisy frequencies: unbiased estimate, eq. 5.30, and smoothing over slow time."""
     noisy = noisy_ratio(COARSE, "stiffness")
     each = stiffness_from_frequency(noisy, ERROR_SD, damping_ratio_0=DAMPING)
-    by_book = book.stiffness_error_size_known(book.distance(noisy, DAMPING), ERROR_SD, DAMPING)
+    by_book = book_formulas.stiffness_error_size_known(
+        book_formulas.distance(noisy, DAMPING), ERROR_SD, DAMPING
+    )
     over_time = smoothed(COARSE, noisy, smoothness=2.5, straight=True)
     smooth = stiffness_from_frequency(over_time.mean, over_time.sd, damping_ratio_0=DAMPING)
     return [
@@ -120,17 +120,19 @@ def figure_5_4() -> list[Line]:
 def figure_5_5() -> list[Line]:
     """Exact frequencies, two sampling rates, and the mass they give (eq. 5.39, 5.40)."""
     lines = [
-        Line("distance", DENSER, book.distance(ratio(DENSER, "mass"), DAMPING)),
+        Line("distance", DENSER, book_formulas.distance(ratio(DENSER, "mass"), DAMPING)),
         Line("truth", DENSER, mass_change(DENSER)),
     ]
     for name, times in (("coarse", COARSE), ("fine", FINE)):
-        distance = book.distance(ratio(times, "mass"), DAMPING)
+        distance = book_formulas.distance(ratio(times, "mass"), DAMPING)
         truth = mass_change(times)
         lines += [
             Line(f"{name} samples", times, distance),
-            Line(f"eq. 5.39, {name}", times, book.mass(distance, DAMPING)),
+            Line(f"eq. 5.39, {name}", times, book_formulas.mass(distance, DAMPING)),
             Line(
-                f"error of eq. 5.40, {name}", times, book.mass_light_damping(distance) - truth
+                f"error of eq. 5.40, {name}",
+                times,
+                book_formulas.mass_light_damping(distance) - truth,
             ),
         ]
     return lines
@@ -142,7 +144,9 @@ def figure_5_6() -> list[Line]:
     for name, times in (("coarse", COARSE), ("fine", FINE)):
         noisy = noisy_ratio(times, "mass")
         each = mass_from_frequency(noisy, ERROR_SD, damping_ratio_0=DAMPING)
-        by_book = book.mass_error_size_known(book.distance(noisy, DAMPING), ERROR_SD)
+        by_book = book_formulas.mass_error_size_known(
+            book_formulas.distance(noisy, DAMPING), ERROR_SD
+        )
         # Rough: the mass jumps, and a smooth process would swing before and after each jump.
         over_time = smoothed(times, noisy, smoothness=0.5, straight=False)
         smooth = mass_from_frequency(over_time.mean, over_time.sd, damping_ratio_0=DAMPING)

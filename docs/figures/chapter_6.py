@@ -20,10 +20,10 @@ from scipy.stats import qmc
 
 from slowtime import surrogate
 from slowtime.dynamics.builders import shear_frame
-from slowtime.dynamics.degradation import mass_change, stiffness_change
 from slowtime.dynamics.description import assemble
+from slowtime.dynamics.evolution_functions import mass_change, stiffness_change
 from slowtime.dynamics.modes import undamped_modes
-from slowtime.evolution.surrogates import changes_from_frequencies
+from slowtime.evolution.stiffness_mass.surrogate_inversion import changes_from_frequencies
 from slowtime.surrogate.problems import PROBLEMS
 
 HERE = pathlib.Path(__file__).parent

@@ -10,14 +10,10 @@ import numpy as np
 
 from docs.figures import sheet
 from docs.figures.sheet import Array, Figure, Line
-from slowtime.dynamics.degradation import mass_change, stiffness_change
-from slowtime.evolution import (
-    forecast,
-    mass_from_frequency,
-    stiffness_and_mass,
-    stiffness_from_frequency,
-)
-from slowtime.evolution.forward import (
+from slowtime.dynamics.evolution_functions import mass_change, stiffness_change
+from slowtime.evolution import mass_from_frequency, stiffness_and_mass, stiffness_from_frequency
+from slowtime.evolution.forecasting import forecast
+from slowtime.evolution.stiffness_mass.forward_model import (
     damped_frequency_ratio,
     damping_ratio,
     natural_frequency_ratio,

@@ -10,8 +10,8 @@ import numpy as np
 
 from docs.figures import sheet
 from docs.figures.sheet import Figure, Line
-from slowtime.dynamics.degradation import mass_change, stiffness_change
-from slowtime.evolution import scales
+from slowtime.dynamics.evolution_functions import mass_change, stiffness_change
+from slowtime.evolution.time_scales import separation
 
 ERROR_SD = 0.025
 TIME = np.linspace(0.0, 1000.0, 201)
@@ -24,7 +24,7 @@ def lines() -> list[Line]:
     rng = np.random.default_rng(8)
     value = stiffness_change(TIME) + mass_change(TIME)
     value = value + ERROR_SD * rng.standard_normal(len(TIME))
-    choice = scales.choose(TIME, value, np.full(len(TIME), ERROR_SD))
+    choice = separation.choose(TIME, value, np.full(len(TIME), ERROR_SD))
     both, mixed = choice.additive, choice.mixture
     early = DENSE <= 300.0
     truth = (stiffness_change(DENSE) + mass_change(DENSE))[early]

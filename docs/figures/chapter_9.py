@@ -11,10 +11,10 @@ import numpy as np
 
 from docs.figures import sheet
 from docs.figures.sheet import Array, Figure, Line
-from slowtime.dynamics.plant.names import Name
+from slowtime.dynamics.plant.parameter_names import Name
 from slowtime.dynamics.stochastic import Springs, WhiteForce, examples, simulate
 from slowtime.estimation.epochs import Constants, Watched, identify_epoch
-from slowtime.evolution.ageing import learn_ageing
+from slowtime.evolution.predicted_response.ageing import learn_ageing
 
 DAYS = np.linspace(0.0, 10_000.0, 41)
 KNOWN = 31

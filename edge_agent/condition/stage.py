@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float, Int
 
 from edge_agent.settings import ConditionSettings
 from slowtime.signals.block import Block
-from slowtime.signals.recursion import at_rest, butterworth, chebyshev, filtered
+from slowtime.signals.recursive_filters import at_rest, butterworth, chebyshev, filtered
 
 from .spikes import REACH, bridged, usual_deviation, without_spikes
 

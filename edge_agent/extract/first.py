@@ -4,8 +4,8 @@ import dataclasses
 import math
 
 from edge_agent.settings import ExtractSettings
-from slowtime.identification.first import Method as FirstMethod
-from slowtime.identification.windows import Tracker
+from slowtime.identification.single_mode.estimation import Method as FirstMethod
+from slowtime.identification.single_mode.sliding_windows import Tracker
 from slowtime_schemas.messages import Mode
 
 from .reading import (

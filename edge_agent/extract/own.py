@@ -7,7 +7,7 @@ import logging
 from pydantic import TypeAdapter, ValidationError
 
 from edge_agent.settings import ExtractSettings
-from slowtime.identification.identified import Measured
+from slowtime.identification.estimates import Measured
 from slowtime_schemas.messages import Mode, Smoothed
 from slowtime_services.plugin_process import PluginProcess
 from slowtime_services.plugins import PluginError, find

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from typing import Protocol, runtime_checkable
 
 from edge_agent.settings import ExtractSettings
-from slowtime.identification.identified import Measured
+from slowtime.identification.estimates import Measured
+from slowtime.identification.single_mode.sliding_windows import TrackerState
 from slowtime.identification.tracking import Tracks
-from slowtime.identification.windows import TrackerState
 from slowtime.signals.block import RateCorrection
 from slowtime.signals.smoothing import MedianEwma, SmootherState
 from slowtime_schemas.messages import Mode, Smoothed

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from edge_agent.settings import ExtractSettings
-from slowtime.identification.identified import Measured
+from slowtime.identification.estimates import Measured
 from slowtime.identification.modes import Mode
 from slowtime.identification.recursive import RecursiveModes, RecursiveState
 from slowtime.signals.block import Block

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from edge_agent.settings import ExtractSettings
 from slowtime.identification import modes as identified
-from slowtime.identification.automatic import identify_modes
+from slowtime.identification.automatic.estimation import identify_modes
 from slowtime.identification.tracking import ModeTracker, Tracks
 from slowtime.signals.block import RateCorrection
 from slowtime_schemas.messages import Mode, Shape, Smoothed

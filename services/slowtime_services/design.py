@@ -20,7 +20,7 @@ from slowtime.design import (
     Variable,
 )
 from slowtime.dynamics.description import Description
-from slowtime.dynamics.parts import BASE
+from slowtime.dynamics.elements import BASE
 from slowtime.dynamics.random_vibration import kanai_tajimi, low_pass
 from slowtime.reliability import Marginal, Problem, marginal
 from slowtime_schemas.design_file import DesignFile, DesignLoad, DesignResponse, DesignVariable

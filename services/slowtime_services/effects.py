@@ -8,7 +8,7 @@ from pathlib import Path
 from types import ModuleType
 
 from slowtime.dynamics.effects import Friction, Kind, Law, catalogue
-from slowtime.dynamics.effects.compiled import law_address
+from slowtime.dynamics.effects.compilation import law_address
 
 from .plugins import find
 

@@ -15,7 +15,7 @@ from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.description import Description, assemble
 from slowtime.dynamics.effects import Kind
 from slowtime.dynamics.modes import undamped_modes
-from slowtime.dynamics.plant.names import Name
+from slowtime.dynamics.plant.parameter_names import Name
 from slowtime.dynamics.stochastic import Springs, WhiteForce, means
 from slowtime.dynamics.units import Quantity, unit_factor
 from slowtime.estimation.epochs import Constants, Watched, identify_epoch

@@ -1,6 +1,6 @@
 """Readings of a degradation in, laws weighed by evidence and remaining life out."""
 
-from slowtime.evolution.remaining_life import RemainingLife
+from slowtime.evolution.life.remaining_life import RemainingLife
 
 from .curve_posterior import CurveLaw
 from .curves import Curve

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import gammaincc
 
-from slowtime.evolution.first_passage import inverse_gaussian_cdf
+from slowtime.evolution.life.first_passage import inverse_gaussian_cdf
 
 Values = float | Float[np.ndarray, "..."]
 

@@ -8,10 +8,11 @@ from scipy.special import chdtrc, logsumexp
 
 from slowtime.estimation import matern, sweeps
 from slowtime.estimation.matern import SlowProcess
-from slowtime.evolution import continuation, crossing, forecast
-from slowtime.evolution.continuation import Continuation
-from slowtime.evolution.known_events import KnownEvent
-from slowtime.evolution.outlook import Outlook
+from slowtime.evolution.events.known_events import KnownEvent
+from slowtime.evolution.forecasting import continuation, forecast
+from slowtime.evolution.forecasting.continuation import Continuation
+from slowtime.evolution.forecasting.outlook import Outlook
+from slowtime.evolution.life import threshold_crossing
 
 from .fleet import FleetPrior
 from .history import History, Series
@@ -81,7 +82,7 @@ class GaussianPosterior:
         if not count:
             return Drawn(np.zeros((0, len(later))), np.zeros(0))
         seed = int(rng.integers(2**31))
-        futures = crossing.draw_at(self.begun, later, paths=count, seed=seed)
+        futures = threshold_crossing.draw_futures_at(self.begun, later, paths=count, seed=seed)
         return Drawn(futures.paths, futures.roughness)
 
     def hyperparameters(self) -> FleetPrior | None:

@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import logsumexp
 
-from slowtime.evolution.crossing import Futures
-from slowtime.evolution.outlook import Outlook
-from slowtime.evolution.remaining_life import SHARES, RemainingLife
+from slowtime.evolution.forecasting.outlook import Outlook
+from slowtime.evolution.life.remaining_life import SHARES, RemainingLife
+from slowtime.evolution.life.threshold_crossing import SampledFutures
 
 from .fleet import FleetPrior
 from .gaussian import NAME as GAUSSIAN
@@ -109,7 +109,7 @@ class Mixture:
         paths: int = 2000,
         seed: int = 0,
         only: str | None = None,
-    ) -> Futures:
+    ) -> SampledFutures:
         """Draw paths from the posterior, each law as often as it is probable.
 
         Parameters
@@ -143,7 +143,7 @@ class Mixture:
         ]
         rng = np.random.default_rng([seed, paths, 78])
         common, chance = rng.standard_normal(paths), rng.random(paths)
-        return Futures(
+        return SampledFutures(
             later,
             np.maximum(np.concatenate([one.paths for one in drawn]), self.bound),
             common,

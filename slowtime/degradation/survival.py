@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.evolution.crossing import Futures
+from slowtime.evolution.life.threshold_crossing import SampledFutures
 
 from .history import History
 from .wiener import WienerLaw, WienerPosterior
@@ -25,7 +25,7 @@ def surviving_futures(
     points: int = 120,
     paths: int = 2000,
     seed: int = 0,
-) -> Futures:
+) -> SampledFutures:
     """Draw futures of a Wiener process given its readings and that it has not crossed.
 
     Parameters
@@ -86,7 +86,7 @@ def surviving_futures(
     shocks = rng.standard_normal((paths, len(later))) * np.sqrt(np.diff(ahead, prepend=0.0))
     wander = np.sqrt(variance[kept])[:, None] * np.cumsum(shocks, axis=1)
     drawn = level[kept][:, None] + drift[kept][:, None] * ahead + wander
-    return Futures(
+    return SampledFutures(
         later, drawn, np.zeros(paths), variance[kept], rng.random(paths), {"Wiener": 1.0}
     )
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.dynamics.description import Description, assemble, assemble_parts, places, spread
-from slowtime.dynamics.parts import BASE, ELONGATION, ROTATION, Spring
+from slowtime.dynamics.elements import BASE, ELONGATION, ROTATION, Spring
 
 Part = Literal["stiffness", "damping", "mass"]
 Matrices = Float[np.ndarray, "row dof dof"]
@@ -24,7 +24,7 @@ class Addition:
         ``"stiffness"`` [N/m] or ``"damping"`` [N s/m] between two nodes, or ``"mass"`` [kg]
         at a node.
     between
-        First and second node, `slowtime.dynamics.parts.BASE` for the ground; of a mass, the
+        First and second node, `slowtime.dynamics.elements.BASE` for the ground; of a mass, the
         node alone.
     name
         Of the element that it becomes.

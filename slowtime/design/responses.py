@@ -25,7 +25,7 @@ import numpy as np
 import scipy.linalg
 from jaxtyping import Float
 
-from slowtime.dynamics.parts import BASE, Spring
+from slowtime.dynamics.elements import BASE, Spring
 from slowtime.dynamics.random_vibration import Shaping, kanai_tajimi
 
 from .additions import AddedStructure

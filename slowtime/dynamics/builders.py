@@ -1,9 +1,9 @@
-"""Ready-made descriptions: chains, shear frames, beams."""
+"""Ready-made descriptions of structures: chains, shear frames, beams."""
 
 from collections.abc import Sequence
 
 from .description import Description, Sensor
-from .parts import BASE, Beam, Element, Node, Spring
+from .elements import BASE, Beam, Element, Node, Spring
 
 SUPPORTS = ("cantilever", "simply supported", "clamped", "propped", "free")
 
@@ -88,6 +88,23 @@ def shear_frame(
 
     Stiffness and damping of a storey are those against sway, all its columns together
     (`storey_stiffness`).
+
+    Parameters
+    ----------
+    floors_kg
+        Mass of each floor [kg].
+    storeys_n_per_m
+        Stiffness of each storey [N/m].
+    dampings_n_s_per_m
+        Damping of each storey [N s/m].
+    rayleigh
+        Coefficients of M [1/s] and K [s].
+    name
+        Name of the structure.
+
+    Returns
+    -------
+    Description.
     """
     if len(floors_kg) != len(storeys_n_per_m):
         raise ValueError(
@@ -108,7 +125,22 @@ def shear_frame(
 def storey_stiffness(
     height_m: float, bending_stiffness_n_m2: float, columns: int = 4, *, pinned: bool = False
 ) -> float:
-    """Stiffness [N/m] against sway of columns clamped at both ends, or pinned at one.
+    """Sway stiffness of the columns of a storey, clamped at both ends or pinned at one.
+
+    Parameters
+    ----------
+    height_m
+        Height [m].
+    bending_stiffness_n_m2
+        Bending stiffness of one column [N m^2].
+    columns
+        Number of columns.
+    pinned
+        Whether one end is pinned.
+
+    Returns
+    -------
+    Stiffness [N/m].
 
     Examples
     --------
@@ -177,7 +209,19 @@ def beam(
 
 
 def accelerometer(node: str, *, unit: str = "m/s^2") -> Sensor:
-    """Put an absolute accelerometer on a node, its channel called ``a_`` and the node."""
+    """Put an absolute accelerometer on a node, its channel called ``a_`` and the node.
+
+    Parameters
+    ----------
+    node
+        Name of the node.
+    unit
+        Unit of the channel.
+
+    Returns
+    -------
+    Sensor.
+    """
     return Sensor(channel=f"a_{node}", quantity="acceleration", node=node, unit=unit)
 
 

@@ -1,4 +1,4 @@
-r"""Ways to say how a structure is damped when nobody knows its damping matrix.
+r"""Damping matrices: Rayleigh, modal, Caughey, and fitted damping ratios.
 
 Each gives a matrix that the undamped modes :math:`X` make diagonal,
 
@@ -26,9 +26,18 @@ COMMUTING = 1e-10
 
 
 def non_proportionality(structure: Structure) -> float:
-    r"""How far Caughey and O'Kelly's condition is from being met, relative [1].
+    r"""Relative deviation from the condition of Caughey and O'Kelly.
 
     Real modes exist exactly where :math:`C M^{-1} K = K M^{-1} C`.
+
+    Parameters
+    ----------
+    structure
+        Mass, damping and stiffness matrices [kg, N s/m, N/m].
+
+    Returns
+    -------
+    Deviation [1]; 0 for proportional damping.
 
     Examples
     --------
@@ -45,7 +54,17 @@ def non_proportionality(structure: Structure) -> float:
 
 
 def is_proportional(structure: Structure) -> bool:
-    """Whether damping leaves the undamped modes uncoupled (Caughey and O'Kelly)."""
+    """Whether damping leaves the undamped modes uncoupled (Caughey and O'Kelly).
+
+    Parameters
+    ----------
+    structure
+        Mass, damping and stiffness matrices [kg, N s/m, N/m].
+
+    Returns
+    -------
+    True up to rounding.
+    """
     return non_proportionality(structure) < COMMUTING
 
 
@@ -77,14 +96,43 @@ def rayleigh_coefficients(
 
 
 def rayleigh(mass: Square, stiffness: Square, a0: float, a1: float) -> Square:
-    """Compute :math:`a_0 M + a_1 K`."""
+    """Compute :math:`a_0 M + a_1 K`.
+
+    Parameters
+    ----------
+    mass
+        Mass matrix [kg].
+    stiffness
+        Stiffness matrix [N/m].
+    a0
+        Coefficient of the mass matrix [1/s].
+    a1
+        Coefficient of the stiffness matrix [s].
+
+    Returns
+    -------
+    Damping matrix [N s/m].
+    """
     return a0 * mass + a1 * stiffness
 
 
 def modal_damping(mass: Square, stiffness: Square, damping_ratios: Series | float) -> Square:
-    r"""Matrix that gives each undamped mode its damping ratio, lowest mode first.
+    r"""Damping matrix that gives each undamped mode its damping ratio.
 
     .. math:: C = M X \operatorname{diag}(2 \zeta_j \omega_j) X^T M
+
+    Parameters
+    ----------
+    mass
+        Mass matrix [kg].
+    stiffness
+        Stiffness matrix [N/m].
+    damping_ratios
+        Damping ratios, lowest mode first [1].
+
+    Returns
+    -------
+    Damping matrix [N s/m].
     """
     squares, shapes = scipy.linalg.eigh(stiffness, mass)
     omega = np.sqrt(np.maximum(squares, 0.0))
@@ -144,6 +192,21 @@ def generalised_proportional(
 
     Rayleigh's is :math:`f_1 = a_0, f_2 = a_1`. Computed through the undamped modes, which
     needs no function of a matrix.
+
+    Parameters
+    ----------
+    mass
+        Mass matrix [kg].
+    stiffness
+        Stiffness matrix [N/m].
+    of_stiffness
+        Function :math:`f_1` of a matrix.
+    of_flexibility
+        Function :math:`f_2` of a matrix.
+
+    Returns
+    -------
+    Damping matrix [N s/m].
 
     References
     ----------
@@ -214,6 +277,19 @@ def smooth_damping(
     r"""Damping matrix of a smooth :math:`\zeta(\omega)`, :math:`C = 2 M S \zeta(S)`.
 
     With :math:`S = \sqrt{M^{-1} K}`: generalised proportional damping by its damping factors.
+
+    Parameters
+    ----------
+    mass
+        Mass matrix [kg].
+    stiffness
+        Stiffness matrix [N/m].
+    damping_ratio
+        Function of angular frequency [rad/s].
+
+    Returns
+    -------
+    Damping matrix [N s/m].
     """
     squares, shapes = scipy.linalg.eigh(stiffness, mass)
     if squares[0] <= 0:

@@ -1,4 +1,4 @@
-"""What a structure is made of, in words an engineer would use; and the matrices that follow."""
+"""Descriptions of structures, and the matrices assembled from them."""
 
 import dataclasses
 from collections.abc import Iterable, Iterator, Mapping
@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float
 
-from .parts import BASE, ROTATION, Beam, Element, Node, Spring
+from .elements import BASE, ROTATION, Beam, Element, Node, Spring
 from .structure import Structure
 from .units import UnitOfCoordinate, unit_factor
 
@@ -149,7 +149,17 @@ class Parts:
 
 
 def assemble(description: Description) -> Structure:
-    """Matrices of a description, in coordinates relative to the base."""
+    """Matrices of a description, in coordinates relative to the base.
+
+    Parameters
+    ----------
+    description
+        Structure in terms of nodes and elements.
+
+    Returns
+    -------
+    Mass, damping and stiffness matrices.
+    """
     free = len(description.dofs)
     whole = {what: np.zeros((free + 1, free + 1)) for what in ("mass", "damping", "stiffness")}
     for what, _, matrix in _contributions(description):
@@ -165,7 +175,17 @@ def assemble(description: Description) -> Structure:
 
 
 def assemble_parts(description: Description) -> Parts:
-    """Matrices of each node and element of a description by itself."""
+    """Matrices of each node and element of a description by itself.
+
+    Parameters
+    ----------
+    description
+        Structure in terms of nodes and elements.
+
+    Returns
+    -------
+    Matrices by node and element.
+    """
     parts: dict[str, dict[str, Square]] = {"mass": {}, "damping": {}, "stiffness": {}}
     for what, name, matrix in _contributions(description):
         if matrix[:-1, :-1].any():
@@ -197,7 +217,17 @@ def _contributions(
 
 
 def places(description: Description) -> dict[str, int | None]:
-    """Row of each coordinate: the base's row for those held to it, None where held at zero."""
+    """Row of each coordinate: the base's row for those held to it, None where held at zero.
+
+    Parameters
+    ----------
+    description
+        Structure in terms of nodes and elements.
+
+    Returns
+    -------
+    Row by coordinate name.
+    """
     base = len(description.dofs)
     place: dict[str, int | None] = {BASE: base, BASE + ROTATION: None}
     for node in description.nodes:

@@ -1,4 +1,4 @@
-"""Loads by name: how long and how fast in, their values at the samples out."""
+"""Load histories by name: harmonic, step and white noise."""
 
 import math
 
@@ -9,7 +9,18 @@ Series = Float[np.ndarray, " time"]
 
 
 def instants(duration_s: float, rate_hz: float) -> Series:
-    """Give the times of the samples [s], the first one at 0.
+    """Give the times of the samples, the first at 0.
+
+    Parameters
+    ----------
+    duration_s
+        Duration [s].
+    rate_hz
+        Sampling rate [Hz].
+
+    Returns
+    -------
+    Times [s].
 
     Examples
     --------
@@ -29,6 +40,21 @@ def harmonic(
 ) -> Series:
     r"""Compute :math:`A \cos(2 \pi f t + \varphi)`.
 
+    Parameters
+    ----------
+    times
+        Times, ascending from 0 [s].
+    amplitude
+        Amplitude, in the unit of the load.
+    frequency_hz
+        Frequency [Hz].
+    phase_deg
+        Phase [deg].
+
+    Returns
+    -------
+    Load at each time.
+
     Examples
     --------
     >>> harmonic(np.array([0.0, 0.5]), 2.0, 1.0)
@@ -39,7 +65,20 @@ def harmonic(
 
 
 def step(times: Series, amplitude: float, at_s: float = 0.0) -> Series:
-    """Nothing before `at_s`, `amplitude` from then on.
+    """Load that is 0 before `at_s` and `amplitude` from then on.
+
+    Parameters
+    ----------
+    times
+        Times, ascending from 0 [s].
+    amplitude
+        Amplitude, in the unit of the load.
+    at_s
+        Time of the step [s].
+
+    Returns
+    -------
+    Load at each time.
 
     Examples
     --------
@@ -50,9 +89,24 @@ def step(times: Series, amplitude: float, at_s: float = 0.0) -> Series:
 
 
 def white(times: Series, psd: float, rate_hz: float, rng: np.random.Generator) -> Series:
-    r"""White up to half the sampling rate, of one-sided density `psd` [unit^2/Hz].
+    r"""White noise up to half the sampling rate.
 
     Its variance is :math:`S f_s / 2`.
+
+    Parameters
+    ----------
+    times
+        Times, ascending from 0 [s].
+    psd
+        One-sided density [unit^2/Hz].
+    rate_hz
+        Sampling rate [Hz].
+    rng
+        Generator.
+
+    Returns
+    -------
+    Load at each time.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-r"""Modes of a structure: real ones without damping, complex ones with any viscous damping.
+r"""Real and complex modes of structures with viscous damping.
 
 .. math:: K x_j = \omega_j^2 M x_j, \qquad (s_j^2 M + s_j C + K) z_j = 0 .
 """
@@ -111,6 +111,15 @@ class ComplexModes:
 def undamped_modes(structure: Structure) -> Modes:
     """Natural frequencies and mode shapes without damping (eq. 3.55).
 
+    Parameters
+    ----------
+    structure
+        Mass, damping and stiffness matrices [kg, N s/m, N/m].
+
+    Returns
+    -------
+    Angular frequencies [rad/s], ascending, and mass-normalised shapes.
+
     Raises
     ------
     ValueError
@@ -141,6 +150,15 @@ def complex_modes(structure: Structure) -> ComplexModes:
     frequencies do no harm. All are checked by an identity over the 2 N motions,
 
     .. math:: \sum_j s_j z_j z_j^T / \gamma_j = M^{-1} .
+
+    Parameters
+    ----------
+    structure
+        Mass, damping and stiffness matrices [kg, N s/m, N/m].
+
+    Returns
+    -------
+    Poles [rad/s] and complex shapes.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-r"""Complex modes without the state space: first order in the damping (section 3.5.1.2).
+r"""Complex modes by first-order perturbation in the damping (section 3.5.1.2).
 
 All of them start from the undamped modes and :math:`C' = X^T C X`. They say how complex modes
 come about; `modes.complex_modes` is exact, and for structures of a size that fits in memory no
@@ -16,22 +16,53 @@ Shapes = Complex[np.ndarray, "dof mode"]
 
 
 def modal_damping_matrix(structure: Structure, modes: Modes) -> Float[np.ndarray, "mode mode"]:
-    """Compute :math:`C' = X^T C X`."""
+    """Compute :math:`C' = X^T C X`.
+
+    Parameters
+    ----------
+    structure
+        Mass, damping and stiffness matrices [kg, N s/m, N/m].
+    modes
+        Undamped modes, mass-normalised.
+
+    Returns
+    -------
+    Modal damping matrix [1/s].
+    """
     return np.asarray(modes.shapes.T @ structure.damping @ modes.shapes)
 
 
 def light_frequencies(structure: Structure) -> Frequencies:
-    r"""Complex frequencies :math:`\omega_j + i C'_{jj} / 2` (eq. 3.217) [rad/s]."""
+    r"""Complex frequencies :math:`\omega_j + i C'_{jj} / 2` (eq. 3.217) [rad/s].
+
+    Parameters
+    ----------
+    structure
+        Mass, damping and stiffness matrices [kg, N s/m, N/m].
+
+    Returns
+    -------
+    Complex frequency of each mode.
+    """
     modes = undamped_modes(structure)
     return modes.angular_frequency + 0.5j * np.diag(modal_damping_matrix(structure, modes))
 
 
 def uncoupled_frequencies(structure: Structure) -> Frequencies:
-    r"""Complex frequencies with only the coupling neglected [rad/s].
+    r"""Complex frequencies without the coupling of modes by damping.
 
     .. math:: \lambda_j \approx i C'_{jj} / 2 + \sqrt{\omega_j^2 - C'^2_{jj} / 4}
 
     The root of eq. 3.216 before it is expanded; of eq. 3.217 to first order in the damping.
+
+    Parameters
+    ----------
+    structure
+        Mass, damping and stiffness matrices [kg, N s/m, N/m].
+
+    Returns
+    -------
+    Complex frequency of each mode [rad/s].
     """
     modes = undamped_modes(structure)
     half = np.diag(modal_damping_matrix(structure, modes)) / 2
@@ -45,6 +76,15 @@ def light_shapes(structure: Structure) -> Shapes:
         \sum_{k \ne j} \frac{i \omega_j C'_{kj}}{\omega_j^2 - \omega_k^2} x_k
 
     Of no use where two frequencies are close.
+
+    Parameters
+    ----------
+    structure
+        Mass, damping and stiffness matrices [kg, N s/m, N/m].
+
+    Returns
+    -------
+    Complex shapes, one column per mode.
     """
     modes = undamped_modes(structure)
     omega = modes.angular_frequency

@@ -1,4 +1,4 @@
-r"""Random forces in, spectra and covariance of the response out.
+r"""Spectra and covariances of the response to random forces.
 
 Densities are one-sided, per hertz: white force of density :math:`S` has
 
@@ -40,7 +40,17 @@ class Shaping:
     output_vector: Float[np.ndarray, " state"]
 
     def density(self, frequency_hz: Frequencies) -> Frequencies:
-        """Factor that the filter puts on a density, at frequencies [Hz]."""
+        """Gain of the filter in a spectral density.
+
+        Parameters
+        ----------
+        frequency_hz
+            Frequencies [Hz].
+
+        Returns
+        -------
+        Gain [1].
+        """
         s = 2j * np.pi * frequency_hz[:, None, None]
         inner = s * np.eye(len(self.state_matrix)) - self.state_matrix
         gain = self.output_vector @ np.linalg.inv(inner) @ self.input_vector
@@ -48,15 +58,36 @@ class Shaping:
 
 
 def low_pass(corner_hz: float) -> Shaping:
-    r"""Noise that forgets, of density :math:`1 / (1 + (f / f_c)^2)` (Ornstein–Uhlenbeck)."""
+    r"""First-order low-pass filter (Ornstein–Uhlenbeck), :math:`1 / (1 + (f / f_c)^2)`.
+
+    Parameters
+    ----------
+    corner_hz
+        Corner frequency :math:`f_c` [Hz].
+
+    Returns
+    -------
+    Filter.
+    """
     corner = 2 * math.pi * corner_hz
     return Shaping(np.array([[-corner]]), np.array([corner]), np.array([1.0]))
 
 
 def kanai_tajimi(frequency_hz: float, damping_ratio: float) -> Shaping:
-    r"""Ground motion through a layer of soil that rings at `frequency_hz`.
+    r"""Kanai–Tajimi filter of ground motion.
 
     .. math:: \frac{1 + (2 \zeta r)^2}{(1 - r^2)^2 + (2 \zeta r)^2}, \qquad r = f / f_g
+
+    Parameters
+    ----------
+    frequency_hz
+        Natural frequency of the soil layer [Hz].
+    damping_ratio
+        Its damping ratio [1].
+
+    Returns
+    -------
+    Filter.
     """
     omega = 2 * math.pi * frequency_hz
     return Shaping(
@@ -124,6 +155,20 @@ def response_covariance(
     Solves Lyapunov's equation :math:`A P + P A^T + \tfrac12 B S B^T = 0`; under a coloured
     force, of the structure and its shaping filters together.
 
+    Parameters
+    ----------
+    structure
+        Mass, damping and stiffness matrices [kg, N s/m, N/m].
+    force_psd
+        One-sided density of the force [N^2/Hz]: one number, one per degree of freedom, or a
+        matrix.
+    shaping
+        Filter that colours the force; None for white.
+
+    Returns
+    -------
+    Covariances of displacement [m] and velocity [m/s].
+
     Raises
     ------
     ValueError
@@ -160,7 +205,24 @@ def response_correlation(
     *,
     shaping: Shaping | None = None,
 ) -> Float[np.ndarray, "lag dof dof"]:
-    r"""Correlation :math:`E[q(t + \tau) q(t)^T]` of the displacement, at lags of 0 or more."""
+    r"""Correlation :math:`E[q(t + \tau) q(t)^T]` of the displacement, at lags of 0 or more.
+
+    Parameters
+    ----------
+    structure
+        Mass, damping and stiffness matrices [kg, N s/m, N/m].
+    lags_s
+        Lags [s].
+    force_psd
+        One-sided density of the force [N^2/Hz]: one number, one per degree of freedom, or a
+        matrix.
+    shaping
+        Filter that colours the force; None for white.
+
+    Returns
+    -------
+    One matrix per lag [m^2].
+    """
     dofs = structure.dofs
     whole, noise, _ = _augmented(structure, force_psd, shaping)
     covariance = scipy.linalg.solve_continuous_lyapunov(whole, -0.5 * noise @ noise.T)
@@ -171,9 +233,23 @@ def response_correlation(
 def growing_covariance(
     structure: Structure, times: Float[np.ndarray, " time"], force_psd: ForceDensity
 ) -> Float[np.ndarray, "time dof dof"]:
-    r"""Covariance of the displacement after white force sets in on a structure at rest.
+    r"""Covariance of the displacement under white force that starts at time zero.
 
     .. math:: P(t) = P_\infty - e^{A t} P_\infty e^{A^T t}
+
+    Parameters
+    ----------
+    structure
+        Mass, damping and stiffness matrices [kg, N s/m, N/m].
+    times
+        Times, ascending from 0 [s].
+    force_psd
+        One-sided density of the force [N^2/Hz]: one number, one per degree of freedom, or a
+        matrix.
+
+    Returns
+    -------
+    One matrix per time [m^2].
     """
     dofs = structure.dofs
     whole, noise, _ = _augmented(structure, force_psd, None)

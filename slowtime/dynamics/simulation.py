@@ -1,4 +1,4 @@
-"""Forces sampled in time in, motion at the samples out, without any error of integration.
+"""Exact simulation of structures under sampled forces.
 
 A force that is constant or linear between samples moves each complex mode by one multiplication
 a sample: no step size has to be chosen, and the cost is that of a one-pole filter per mode. The
@@ -15,7 +15,7 @@ import scipy.signal as sps
 from jaxtyping import Complex, Float
 
 from .modes import ComplexModes, DefectiveModesError, complex_modes
-from .stepping import FORGOTTEN
+from .sdof.simulation import FORGOTTEN
 from .structure import Structure, state_matrix
 from .transfer import derivative_order
 
@@ -140,7 +140,20 @@ def ambient_structure(
 def force_density(
     structure: Structure, force_psd: float | State | Float[np.ndarray, "dof dof"]
 ) -> Float[np.ndarray, "dof dof"]:
-    """Matrix of a density given as one number, one a degree of freedom, or as the matrix."""
+    """Matrix of a force density.
+
+    Parameters
+    ----------
+    structure
+        Mass, damping and stiffness matrices [kg, N s/m, N/m].
+    force_psd
+        One-sided density of the force [N^2/Hz]: one number, one per degree of freedom, or a
+        matrix.
+
+    Returns
+    -------
+    One-sided density matrix [N^2/Hz].
+    """
     density = np.asarray(force_psd, dtype=float)
     if density.ndim == 0:
         # A number is of forces: moments on rotations stay without.
@@ -156,7 +169,17 @@ def force_density(
 
 
 def density_root(density: Float[np.ndarray, "dof dof"]) -> Float[np.ndarray, "dof source"]:
-    """Factor :math:`L` of :math:`S = L L^T`, one column an independent source."""
+    """Factor :math:`L` of :math:`S = L L^T`, one column an independent source.
+
+    Parameters
+    ----------
+    density
+        Density matrix.
+
+    Returns
+    -------
+    :math:`L`, one column per independent source.
+    """
     values, vectors = scipy.linalg.eigh(density)
     largest = values.max(initial=0.0)
     if values.min(initial=0.0) < -1e-9 * largest or not largest > 0:

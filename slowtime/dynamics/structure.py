@@ -68,7 +68,17 @@ class Structure:
         return len(self.mass)
 
     def dof(self, name: str) -> int:
-        """Where the degree of freedom called `name` stands."""
+        """Index of a degree of freedom.
+
+        Parameters
+        ----------
+        name
+            Name of the degree of freedom.
+
+        Returns
+        -------
+        Index.
+        """
         if name not in self.names:
             raise ValueError(
                 f"No degree of freedom is called {name!r}. There are: {', '.join(self.names)}."
@@ -78,7 +88,17 @@ class Structure:
     def base_force(
         self, acceleration: Float[np.ndarray, " time"]
     ) -> Float[np.ndarray, "time dof"]:
-        r"""Force :math:`-(M \iota + m_b) \, a_b` that a base acceleration [m/s^2] is worth."""
+        r"""Force equivalent to a base acceleration, :math:`-(M \iota + m_b) \, a_b`.
+
+        Parameters
+        ----------
+        acceleration
+            Base acceleration [m/s^2].
+
+        Returns
+        -------
+        Force on each degree of freedom [N].
+        """
         if self.influence is None:
             raise ValueError(
                 "This structure does not say what base motion does to it. Give `influence`: 1 "
@@ -91,7 +111,17 @@ class Structure:
 
 
 def state_matrix(structure: Structure) -> Float[np.ndarray, "state state"]:
-    r"""Matrix :math:`A` of :math:`\dot x = A x + (0, M^{-1} f)`, :math:`x = (q, \dot q)`."""
+    r"""Matrix :math:`A` of :math:`\dot x = A x + (0, M^{-1} f)`, :math:`x = (q, \dot q)`.
+
+    Parameters
+    ----------
+    structure
+        Mass, damping and stiffness matrices [kg, N s/m, N/m].
+
+    Returns
+    -------
+    State matrix.
+    """
     dofs = structure.dofs
     factor = scipy.linalg.cho_factor(structure.mass)
     below = np.hstack([structure.stiffness, structure.damping])

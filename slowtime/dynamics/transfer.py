@@ -1,4 +1,4 @@
-r"""Frequency domain: :math:`H(s) = (s^2 M + s C + K)^{-1}` and what rests on it."""
+r"""Transfer functions :math:`H(s) = (s^2 M + s C + K)^{-1}` and frequency responses."""
 
 import numpy as np
 from jaxtyping import Complex, Float
@@ -13,7 +13,18 @@ QUANTITIES = ("displacement", "velocity", "acceleration")
 
 
 def transfer_function(structure: Structure, s: Laplace) -> Transfer:
-    """Displacement per force at points of the Laplace plane [1/s], all coordinates by all.
+    """Displacement per force at points of the Laplace plane.
+
+    Parameters
+    ----------
+    structure
+        Mass, damping and stiffness matrices [kg, N s/m, N/m].
+    s
+        Points [1/s].
+
+    Returns
+    -------
+    One matrix per point [m/N].
 
     Examples
     --------
@@ -47,7 +58,19 @@ def frequency_response(
 def undamped_transfer(
     modes: Modes, omega: Omega
 ) -> Float[np.ndarray, "frequency output input"]:
-    r"""Undamped response :math:`\sum_j x_j x_j^T / (\omega_j^2 - \omega^2)` (eq. 3.85)."""
+    r"""Undamped response :math:`\sum_j x_j x_j^T / (\omega_j^2 - \omega^2)` (eq. 3.85).
+
+    Parameters
+    ----------
+    modes
+        Undamped modes.
+    omega
+        Angular frequencies [rad/s].
+
+    Returns
+    -------
+    One matrix per frequency [m/N].
+    """
     weight = 1 / (modes.angular_frequency**2 - omega[:, None] ** 2)
     return np.asarray(np.einsum("aj,bj,fj->fab", modes.shapes, modes.shapes, weight))
 
@@ -59,6 +82,17 @@ def modal_transfer(modes: ComplexModes, s: Laplace) -> Transfer:
         + \frac{z_j^* z_j^{*T}}{\gamma_j^* (s - s_j^*)} \right]
 
     with one term for each overdamped motion, which the book leaves out.
+
+    Parameters
+    ----------
+    modes
+        Complex modes.
+    s
+        Points of the Laplace plane [1/s].
+
+    Returns
+    -------
+    One matrix per point [m/N].
     """
     poles, shapes, norms = modes.all()
     weight = 1 / (norms * (s[:, None] - poles))
@@ -95,7 +129,17 @@ def laplace_response(
 
 
 def derivative_order(quantity: str) -> int:
-    """How often displacement is to be differentiated for `quantity`."""
+    """Count the time derivatives from displacement to a quantity.
+
+    Parameters
+    ----------
+    quantity
+        Displacement, velocity or acceleration.
+
+    Returns
+    -------
+    0, 1 or 2.
+    """
     if quantity not in QUANTITIES:
         raise ValueError(f"{quantity=} is not known. Allowed: {', '.join(QUANTITIES)}.")
     return QUANTITIES.index(quantity)

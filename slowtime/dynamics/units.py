@@ -1,4 +1,4 @@
-"""Units that models and records may be written in, and what each is worth in SI."""
+"""Units of models and records, and their SI values."""
 
 from types import MappingProxyType
 from typing import Literal
@@ -35,9 +35,22 @@ UNITS = MappingProxyType(
 
 
 def unit_factor(unit: str, quantity: Quantity, coordinate: UnitOfCoordinate = "m") -> float:
-    """Look up what a number in `unit` is to be multiplied by to be in SI.
+    """SI value of a unit.
 
     Where the coordinate is an angle, a ``force`` is a torque.
+
+    Parameters
+    ----------
+    unit
+        Unit.
+    quantity
+        Displacement, velocity or acceleration.
+    coordinate
+        Unit of the coordinate.
+
+    Returns
+    -------
+    Factor.
 
     Examples
     --------

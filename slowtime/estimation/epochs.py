@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import ndtri
 
-from slowtime.dynamics.plant.names import Name
+from slowtime.dynamics.plant.parameter_names import Name
 from slowtime.dynamics.stochastic import Springs, WhiteForce
 
 from .gaussian import Gaussian, Step

@@ -1,12 +1,12 @@
 """Frequency and damping over slow time in, changes of stiffness and mass with intervals out."""
 
 from .change import Change
-from .downsample import extremes
-from .joint import Joint, stiffness_and_mass
-from .mass import mass_from_frequency
-from .nominal import Nominal, learn_nominal
+from .downsampling import extremes
 from .reasons import Reason, explain
-from .stiffness import stiffness_from_frequency
+from .stiffness_mass.joint import Joint, stiffness_and_mass
+from .stiffness_mass.mass import mass_from_frequency
+from .stiffness_mass.nominal import Nominal, learn_nominal
+from .stiffness_mass.stiffness import stiffness_from_frequency
 
 __all__ = [
     "Change",

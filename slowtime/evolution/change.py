@@ -1,4 +1,4 @@
-"""What every estimator here gives back, and what they all do with a frequency ratio first."""
+"""Series of relative changes, and the checks that all their estimators share."""
 
 import dataclasses
 from typing import Literal, TypeAlias
@@ -81,27 +81,73 @@ class Readings:
 
 
 def flags(condition: Bool[np.ndarray, " time"], reason: Reason) -> UInt32[np.ndarray, " time"]:
-    """`reason` where `condition` holds, 0 elsewhere."""
+    """Bit flag of a reason where a condition holds, 0 elsewhere.
+
+    Parameters
+    ----------
+    condition
+        One entry per reading.
+    reason
+        Reason.
+
+    Returns
+    -------
+    Flags.
+    """
     flagged: UInt32[np.ndarray, " time"] = np.multiply(condition, int(reason), dtype=np.uint32)
     return flagged
 
 
 def at_least(values: PerReading, least: float) -> bool:
-    """Whether all `values` are `least` or more; NaN is not."""
+    """Whether all values are at least `least`; NaN is not.
+
+    Parameters
+    ----------
+    values
+        Values.
+    least
+        Limit.
+
+    Returns
+    -------
+    True if all are.
+    """
     if isinstance(values, np.ndarray):
         return bool((values >= least).all())
     return values >= least
 
 
 def under(values: PerReading, most: float) -> bool:
-    """Whether all `values` are below `most`; NaN is not."""
+    """Whether all values are below `most`; NaN is not.
+
+    Parameters
+    ----------
+    values
+        Values.
+    most
+        Limit.
+
+    Returns
+    -------
+    True if all are.
+    """
     if isinstance(values, np.ndarray):
         return bool((values < most).all())
     return values < most
 
 
 def check_level(level: float) -> float:
-    """Quantile of the standard normal law for a two-sided interval of probability `level`."""
+    """Give the standard normal quantile of a two-sided interval of probability `level`.
+
+    Parameters
+    ----------
+    level
+        Probability of the interval.
+
+    Returns
+    -------
+    Quantile.
+    """
     if not 0.0 < level < 1.0:
         raise ValueError(
             f"{level=} is not a probability between 0 and 1. Give 0.95 for a 95 % interval."
@@ -142,6 +188,23 @@ def read(
 
     The distance is the signed one, nominal minus current: the norm of eq. 5.17 could not
     tell stiffening from softening.
+
+    Parameters
+    ----------
+    ratio
+        Frequency over the nominal one [1].
+    ratio_sd
+        Standard deviation of the ratio [1].
+    damping_ratio_0
+        Nominal damping ratio [1].
+    nominal_relative_sd
+        Relative standard deviation of the nominal frequency [1].
+    level
+        Probability of the interval.
+
+    Returns
+    -------
+    Usable readings with the reasons of the others.
     """
     quantile = check_level(level)
     check_nominal(nominal_relative_sd, quantile)

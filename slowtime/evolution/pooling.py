@@ -1,4 +1,4 @@
-r"""Drift rates of like assets, pooled: each borrows strength from the others.
+r"""Partial pooling of drift rates over similar assets.
 
 The rate :math:`\hat r_i` that was read off member i has a standard deviation :math:`s_i`, and
 the rates themselves differ from asset to asset,
@@ -23,19 +23,19 @@ from jaxtyping import Float
 from scipy.special import ndtr
 
 LEVEL = 0.95
-"""Share that the intervals hold."""
+"""Probability of the intervals."""
 
 FEWEST_READINGS = 4
-"""Of one asset, below which it has no rate of its own: two are the line, two its scatter."""
+"""Least number of readings of one asset: two for the line, two for its scatter."""
 
 _SPREADS = 200
-"""Values of the spread that are summed over, equally probable beforehand."""
+"""Grid points of the spread between assets, of equal prior probability."""
 
 _NEGLIGIBLE = 1e-7
-"""Posterior weight of a spread, over the largest, below which it is left out."""
+"""Posterior weight of a grid point, relative to the largest, below which it is left out."""
 
 _HALVINGS = 36
-"""Of the bracket of a quantile."""
+"""Bisections in the search of a quantile."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

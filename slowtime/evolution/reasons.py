@@ -1,4 +1,4 @@
-"""Why an estimate is not valid: bit flags that travel with it, sentences with the cure."""
+"""Reasons why an estimate is not valid, as bit flags with a sentence each."""
 
 import enum
 import functools
@@ -85,7 +85,16 @@ _SENTENCES = {
 
 @functools.lru_cache(maxsize=1024)
 def explain(reasons: int) -> tuple[str, ...]:
-    """Say in sentences what the flags in `reasons` mean, and what to do about each.
+    """Sentences for the flags of an estimate, each with a remedy.
+
+    Parameters
+    ----------
+    reasons
+        Bit flags.
+
+    Returns
+    -------
+    One sentence per flag.
 
     Examples
     --------

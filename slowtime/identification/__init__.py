@@ -1,16 +1,26 @@
 """Samples in, natural frequencies and damping ratios with their standard deviations out."""
 
-from .ambient import identify_ambient as identify_ambient
-from .bounds import ambient_bound as ambient_bound
-from .bounds import ambient_law as ambient_law
-from .bounds import free_decay_bound as free_decay_bound
-from .first import all_modes as all_modes
-from .first import first_mode as first_mode
-from .free_decay import identify_free_decay as identify_free_decay
-from .identified import Identified as Identified
-from .identified import Measured as Measured
-from .peak import peak as peak
-from .windows import Epoch as Epoch
-from .windows import Tracker as Tracker
-from .windows import TrackerState as TrackerState
-from .windows import identify_windows as identify_windows
+from .ambient.estimation import identify_ambient
+from .estimates import Identified, Measured
+from .free_decay.estimation import identify_free_decay
+from .single_mode.bounds import ambient_bound, ambient_law, free_decay_bound
+from .single_mode.estimation import all_modes, first_mode
+from .single_mode.sliding_windows import Epoch, Tracker, TrackerState, identify_windows
+from .single_mode.spectral_peak import peak
+
+__all__ = [
+    "Epoch",
+    "Identified",
+    "Measured",
+    "Tracker",
+    "TrackerState",
+    "all_modes",
+    "ambient_bound",
+    "ambient_law",
+    "first_mode",
+    "free_decay_bound",
+    "identify_ambient",
+    "identify_free_decay",
+    "identify_windows",
+    "peak",
+]

@@ -1,14 +1,14 @@
-"""Hopeless input is refused here, with the cure, before any arithmetic."""
+"""Input validation: samples, sampling rate and search band of an identification."""
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 SHORTEST = 32
-"""Fewer samples than this cannot hold a mode, a noise level and an error bar."""
+"""Least number of samples."""
 
 
 def series(samples: np.ndarray, rate_hz: float) -> Float[np.ndarray, "time channel"]:
-    """Turn samples into float columns, or refuse with the cure.
+    """Check a record and return it as float columns.
 
     What is in order already is given back as it is, not copied: it is not to be written into.
 
@@ -19,6 +19,10 @@ def series(samples: np.ndarray, rate_hz: float) -> Float[np.ndarray, "time chann
         move is left out as long as another one does.
     rate_hz
         Samples per second [Hz].
+
+    Returns
+    -------
+    Samples, time by channel.
     """
     if not (np.isfinite(rate_hz) and rate_hz > 0):
         raise ValueError(
@@ -55,7 +59,17 @@ def series(samples: np.ndarray, rate_hz: float) -> Float[np.ndarray, "time chann
 
 
 def moving(columns: Float[np.ndarray, "time channel"]) -> Bool[np.ndarray, " channel"]:
-    """Which channels vary by more than rounding; at least one must."""
+    """Channels that vary by more than rounding.
+
+    Parameters
+    ----------
+    columns
+        Samples of all channels, in any unit.
+
+    Returns
+    -------
+    Flag of each channel.
+    """
     spread = np.ptp(columns, axis=0)
     largest = np.maximum(columns.max(axis=0), -columns.min(axis=0))
     varies = spread > 1e-12 * largest
@@ -70,7 +84,21 @@ def moving(columns: Float[np.ndarray, "time channel"]) -> Bool[np.ndarray, " cha
 def band(
     band_hz: tuple[float, float] | None, rate_hz: float, count: int
 ) -> tuple[float, float]:
-    """Search band, by default from four cycles in the record to 0.45 of the rate."""
+    """Search band, by default from four cycles in the record to 0.45 of the rate.
+
+    Parameters
+    ----------
+    band_hz
+        Given limits [Hz], or None.
+    rate_hz
+        Sampling rate [Hz].
+    count
+        Number of samples.
+
+    Returns
+    -------
+    Lower and upper limit [Hz]
+    """
     nyquist = rate_hz / 2
     if band_hz is None:
         return 4.0 * rate_hz / count, 0.9 * nyquist

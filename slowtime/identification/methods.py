@@ -1,4 +1,4 @@
-"""Record and the name of a method in; all modes and lines of machines by that method out."""
+"""Choice of the multichannel identification method by name."""
 
 import dataclasses
 from typing import Literal
@@ -6,14 +6,14 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from .automatic import ModalResult, identify_modes
+from .automatic.estimation import ModalResult, identify_modes
 from .bayes import bayesian_modes
-from .decomposition import decompose, ordinates
-from .fdd import efdd, fdd
-from .harmonics import Verdict, find_harmonics
-from .identified import Measured
+from .estimates import Measured
+from .fdd.estimation import efdd, fdd
+from .fdd.spectral_decomposition import decompose_spectrum, scaled_coefficients
+from .harmonics.detection import PeakClass, find_harmonics
 from .modes import Mode
-from .stabilisation import Stabilisation
+from .subspace.stabilisation import Stabilisation
 
 Method = Literal["modes", "bayes", "fdd", "efdd"]
 
@@ -41,7 +41,7 @@ def by_method(
     found, _ = find_harmonics(samples, rate_hz, band_hz=band_hz)
     lines = tuple(verdict.frequency_hz for verdict in found)
     modes = (efdd if method == "efdd" else fdd)(samples, rate_hz, band_hz=band_hz, lines=lines)
-    spectra = decompose(ordinates(samples, rate_hz, lines), band_hz=band_hz)
+    spectra = decompose_spectrum(scaled_coefficients(samples, rate_hz, lines), band_hz=band_hz)
     return ModalResult(
         modes=_ascending([*modes, *(_line(verdict) for verdict in found)]),
         stabilisation=_empty(),
@@ -77,7 +77,7 @@ def _bayesian(samples: np.ndarray, rate_hz: float, result: ModalResult) -> Modal
     return dataclasses.replace(result, modes=whole, stabilisation=stabilisation)
 
 
-def _line(verdict: Verdict) -> Mode:
+def _line(verdict: PeakClass) -> Mode:
     """Line of a machine as a mode without damping."""
     error = np.sqrt(1.0 / max(10.0 ** (verdict.snr_db / 10.0), 1e-12))
     return Mode(

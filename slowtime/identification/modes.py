@@ -1,4 +1,4 @@
-"""One mode of vibration: values with standard deviations, a shape, and what to make of it."""
+"""The estimate of one mode of vibration: frequency, damping, shape and flags."""
 
 import dataclasses
 from typing import Literal
@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Complex, Float
 
-from .identified import Measured
+from .estimates import Measured
 
 Kind = Literal["structural", "harmonic"]
 

@@ -4,8 +4,14 @@ A `Problem` holds named inputs with marginal distributions, their dependence, an
 g, which fails where g is at most 0. Each method of `METHODS` takes it and returns a `Result`.
 """
 
-from .active import active_learning
-from .copulas import (
+from .design_points.first_order import form, mean_value
+from .design_points.outcrossing import Outcrossing, outcrossing
+from .design_points.search import Found, Search, find_design_points
+from .design_points.second_order import sorm
+from .design_points.system import ditlevsen, system
+from .methods import METHODS, Method, estimate
+from .problem import Conditional, Evaluator, LimitState, Problem, System, correlated, unknowns
+from .random_inputs.copulas import (
     ClaytonCopula,
     Copula,
     FrankCopula,
@@ -13,21 +19,15 @@ from .copulas import (
     GumbelCopula,
     StudentCopula,
 )
-from .cross_entropy import cross_entropy
-from .directional import directional
-from .family import METHODS, Method, estimate
-from .first_order import form, mean_value
-from .importance import importance
-from .marginals import FAMILIES, Marginal, marginal
-from .monte_carlo import monte_carlo
-from .outcrossing import Outcrossing, outcrossing
-from .problem import Conditional, Evaluator, LimitState, Problem, System, correlated, unknowns
+from .random_inputs.marginals import FAMILIES, Marginal, marginal
 from .result import DesignPoint, Result, Stopping
-from .search import Found, Search, find_design_points
-from .second_order import sorm
-from .stratified import stratified
-from .subset import subset_simulation
-from .system import ditlevsen, system
+from .sampling.active_learning import active_learning
+from .sampling.cross_entropy import cross_entropy
+from .sampling.directional import directional
+from .sampling.importance import importance
+from .sampling.monte_carlo import monte_carlo
+from .sampling.stratified import stratified
+from .sampling.subset import subset_simulation
 
 __all__ = [
     "FAMILIES",

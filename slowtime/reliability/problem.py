@@ -1,4 +1,4 @@
-"""A reliability problem: named random inputs, their dependence, and a limit state."""
+"""Reliability problems: named random inputs, their dependence, a limit state."""
 
 import dataclasses
 from collections.abc import Callable, Mapping
@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtr
 
-from .copulas import Copula, Kind, nataf
-from .marginals import Marginal, as_marginal
+from .random_inputs.copulas import Copula, Kind, nataf
+from .random_inputs.marginals import Marginal, as_marginal
 
 LimitState: TypeAlias = Callable[[np.ndarray], np.ndarray]
 """Value g at points [sample input]; failure where it is at most 0."""
@@ -178,7 +178,7 @@ def correlated(
 
 def unknowns(count: int) -> dict[str, Marginal]:
     """`count` standard normal inputs: for limit states that are already in normal space."""
-    from .marginals import marginal
+    from .random_inputs.marginals import marginal
 
     return {f"u{k + 1}": marginal("normal", mean=0.0, sd=1.0) for k in range(count)}
 

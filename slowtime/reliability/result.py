@@ -1,4 +1,4 @@
-"""What every method returns, and how an estimate becomes an interval."""
+"""Results of reliability methods, and confidence intervals of their estimates."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""The unit in which samples travel through every pipeline: a block, never a recording."""
+"""Blocks of samples: the unit in which samples travel through a pipeline."""
 
 import dataclasses
 from collections.abc import Mapping

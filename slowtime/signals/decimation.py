@@ -1,4 +1,4 @@
-"""Samples in; the same at a lower rate, with nothing folded into the band that is kept, out.
+"""Decimation of samples without aliasing into the band that is kept.
 
 Both filters are finite and give only what they see whole: a decaying oscillation within the
 band comes out as itself times a constant, so that its frequency and its decay are those of the
@@ -10,7 +10,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from .finite import kaiser_order, windowed_sinc
+from .finite_filters import kaiser_order, windowed_sinc
 
 STOP_DB = 80.0
 """What is folded into the band that is kept is so much weaker than it was [dB]."""

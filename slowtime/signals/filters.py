@@ -1,4 +1,4 @@
-r"""Filters of series in slow time: one reading an epoch in, one filtered reading out.
+r"""Filters of series in slow time, with one value per epoch.
 
 They are for the series of identified frequencies, never for the vibration itself. Before a
 modal identification a moving average or an EWMA changes gain and phase inside the band of
@@ -15,7 +15,7 @@ import math
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .recursion import first_order
+from .recursive_filters import first_order
 
 Series = Float[np.ndarray, " time"]
 
@@ -53,6 +53,17 @@ def moving_average(x: Series, window: int) -> Series:
     """Mean of the latest `window` readings (eq. 1.10).
 
     White-noise variance gain ``1 / window``, delay ``(window - 1) / 2`` readings.
+
+    Parameters
+    ----------
+    x
+        Readings in order of time.
+    window
+        Number of readings.
+
+    Returns
+    -------
+    Filtered readings.
 
     Examples
     --------
@@ -92,6 +103,17 @@ def median(x: Series, window: int) -> Series:
     Kills up to ``(window - 1) / 2`` outliers in a window. Delay ``(window - 1) / 2`` readings;
     white-noise variance gain :math:`\pi / (2 N)` for many readings :math:`N`, 57 % above the
     mean's. Until the window is full, the median of what has come.
+
+    Parameters
+    ----------
+    x
+        Readings in order of time.
+    window
+        Odd number of readings.
+
+    Returns
+    -------
+    Filtered readings.
 
     Examples
     --------

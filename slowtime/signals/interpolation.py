@@ -1,4 +1,4 @@
-r"""Samples of a band-limited signal in, the signal between them out.
+r"""Band-limited interpolation at arbitrary times.
 
 .. math:: u(t) = \sum_k u_k \, h(t f_s - k), \qquad h(x) = \frac{\sin \pi x}{\pi x} \, w(x)
 

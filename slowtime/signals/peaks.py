@@ -1,4 +1,4 @@
-"""Series in, its local maxima and how far each stands above the saddles beside it out.
+"""Local maxima of a series and their prominences.
 
 They answer as `scipy.signal.find_peaks` and `peak_prominences` do, without `scipy.signal`,
 whose import brings SciPy's statistics and interpolation to wherever an edge agent runs.
@@ -9,7 +9,16 @@ from jaxtyping import Float, Int
 
 
 def local_maxima(series: Float[np.ndarray, " place"]) -> Int[np.ndarray, " peak"]:
-    """Places higher than both neighbours; of a flat top its middle, rounded down.
+    """Find the indices of local maxima; of a flat top its middle, rounded down.
+
+    Parameters
+    ----------
+    series
+        Samples.
+
+    Returns
+    -------
+    Indices, ascending.
 
     Examples
     --------

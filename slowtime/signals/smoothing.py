@@ -1,4 +1,4 @@
-r"""Two-stage smoother of slow-time series: a median against outliers, an EWMA against noise.
+r"""Two-stage smoother of slow-time series: running median, then EWMA.
 
 It answers with every reading, and says with it how late it is and how sure. The delay is the
 mean age of the readings it rests on, in full swing :math:`K + (1 - a) / a` readings for a
@@ -81,7 +81,21 @@ class MedianEwma:
     def step(
         self, state: SmootherState, value: float, sd: float
     ) -> tuple[SmootherState, Smooth]:
-        """Take one reading with its standard deviation; both must be finite."""
+        """Process one reading; both numbers must be finite.
+
+        Parameters
+        ----------
+        state
+            State of the smoother.
+        value
+            Reading.
+        sd
+            Standard deviation.
+
+        Returns
+        -------
+        New state, and the smoothed reading.
+        """
         if not (math.isfinite(value) and math.isfinite(sd) and sd >= 0):
             raise ValueError(
                 f"{value=} with {sd=} cannot be smoothed. Give finite numbers, and leave a "
@@ -104,12 +118,21 @@ class MedianEwma:
 
 
 def median_penalty(count: int) -> float:
-    r"""Variance of the median of `count` Gaussian readings over that of their mean.
+    r"""Variance of the median of Gaussian readings over that of their mean.
 
     1 for one or two readings, rising to :math:`\pi / 2`. Order statistics for small counts, and
     for larger ones a fit that is within 1 %. Neighbouring medians share readings in a way that
     an EWMA averages a little better than it would their means, so that the standard deviation
     of the two stages together is up to 6 % on the safe side.
+
+    Parameters
+    ----------
+    count
+        Number of readings.
+
+    Returns
+    -------
+    Ratio [1].
     """
     if count in _EXACT_PENALTY:
         return _EXACT_PENALTY[count]

@@ -1,4 +1,4 @@
-"""Samples in, one-sided power spectral densities out; what stands above its neighbourhood."""
+"""One-sided power spectral densities, smoothing and noise floors."""
 
 import dataclasses
 import functools
@@ -9,7 +9,7 @@ from jaxtyping import Complex, Float
 from scipy.ndimage import percentile_filter
 from scipy.special import gammaincinv
 
-from .finite import taper as _taper
+from .finite_filters import taper as _taper
 
 FLOOR_QUANTILE = 40.0
 """The floor is this percentile of its neighbourhood: below the median, for peaks weigh less."""
@@ -47,7 +47,16 @@ class Spectrum:
 
 
 def detrended(samples: Float[np.ndarray, "time channel"]) -> Float[np.ndarray, "time channel"]:
-    """Subtract from samples the straight line that fits them best.
+    """Subtract the least-squares straight line of each channel.
+
+    Parameters
+    ----------
+    samples
+        Samples, channels in columns.
+
+    Returns
+    -------
+    Samples without trend.
 
     Examples
     --------
@@ -116,7 +125,20 @@ def _tapered(
 def periodogram(
     samples: Float[np.ndarray, "time channel"], rate_hz: float, *, taper: str = "boxcar"
 ) -> Spectrum:
-    """Raw density of the whole record: full resolution, 100 % scatter, nothing thrown away.
+    """One-sided periodogram of a whole record.
+
+    Parameters
+    ----------
+    samples
+        Samples, channels in columns.
+    rate_hz
+        Sampling rate [Hz].
+    taper
+        Window.
+
+    Returns
+    -------
+    Density [unit^2/Hz] of each channel.
 
     Examples
     --------
@@ -164,7 +186,21 @@ def _density_by_halves(samples: np.ndarray, rate_hz: float, taper: str) -> np.nd
 def welch(
     samples: Float[np.ndarray, "time channel"], rate_hz: float, *, segment_s: float
 ) -> Spectrum:
-    """Density averaged over half-overlapping Hann segments of `segment_s` seconds."""
+    """One-sided density by Welch's method: half-overlapping Hann segments.
+
+    Parameters
+    ----------
+    samples
+        Samples, channels in columns.
+    rate_hz
+        Sampling rate [Hz].
+    segment_s
+        Length of a segment [s].
+
+    Returns
+    -------
+    Density [unit^2/Hz] of each channel.
+    """
     length = round(segment_s * rate_hz)
     if not 8 <= length <= len(samples):
         raise ValueError(
@@ -181,10 +217,21 @@ def welch(
 def smoothed(
     density: Float[np.ndarray, "frequency channel"], relative_half_width: float
 ) -> tuple[Float[np.ndarray, "frequency channel"], Float[np.ndarray, " frequency"]]:
-    r"""Mean over :math:`f (1 \pm \beta)`, and over how many ordinates each mean was taken.
+    r"""Average over :math:`f (1 \pm \beta)`.
 
     A resonance is as wide as its frequency times its damping, so a width proportional to
     frequency smooths low and high modes alike; where it is under one bin nothing changes.
+
+    Parameters
+    ----------
+    density
+        Density of each channel.
+    relative_half_width
+        :math:`\beta` [1].
+
+    Returns
+    -------
+    Averages, and the number of ordinates in each.
     """
     count = len(density)
     running = np.zeros((count + 1, density.shape[1]))
@@ -203,12 +250,25 @@ def smoothed(
 def noise_floor(
     density: Float[np.ndarray, "frequency channel"], *, octaves: float = 1.0, points: int = 256
 ) -> Float[np.ndarray, "frequency channel"]:
-    """Density that the neighbourhood of each frequency sinks to between its peaks.
+    """Noise floor: a low percentile of the neighbourhood, corrected to the mean.
 
     A running percentile over `octaves` on either side, on a logarithmic frequency axis of
     `points` points, scaled to the mean that exponentially scattered ordinates with that
     percentile would have. It follows drift and coloured noise, and ignores peaks that fill
     less than half of the neighbourhood.
+
+    Parameters
+    ----------
+    density
+        Density of each channel.
+    octaves
+        Half-width of the neighbourhood [octaves].
+    points
+        Number of points of the logarithmic frequency axis.
+
+    Returns
+    -------
+    Floor of each channel.
     """
     count = len(density)
     edges = np.unique(np.geomspace(1, count, points + 1).round().astype(int))

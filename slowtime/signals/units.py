@@ -1,4 +1,4 @@
-"""Constants of nature that units are defined by."""
+"""Physical constants that define units."""
 
 GRAVITY = 9.80665
 """Acceleration that g stands for [m/s²] (CGPM, 1901)."""

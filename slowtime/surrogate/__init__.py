@@ -8,18 +8,18 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .anova import GeneralisedAnova
-    from .chaos import PolynomialChaos
     from .choice import Choice, choose
-    from .gaussian import GaussianProcess
-    from .hybrid import HybridExpansion
+    from .gaussian_processes.anova import GeneralisedAnova
+    from .gaussian_processes.gaussian_process import GaussianProcess
+    from .gaussian_processes.hybrid_expansion import HybridExpansion
+    from .gaussian_processes.scikit_process import PlainProcess
     from .interface import Surrogate
     from .networks import NetworkEnsemble
-    from .plain import PlainProcess
-    from .support import SupportVectors
+    from .polynomial_chaos import PolynomialChaos
+    from .support_vectors import SupportVectors
 
 from .homotopy import homotopy
-from .notices import (
+from .surrogate_warnings import (
     ExtrapolationWarning,
     FewPointsWarning,
     IllConditionedWarning,
@@ -27,15 +27,15 @@ from .notices import (
     SurrogateWarning,
 )
 
-_ROOMS = {
+_MODULE_OF = {
     "Choice": "choice",
-    "GaussianProcess": "gaussian",
-    "GeneralisedAnova": "anova",
-    "HybridExpansion": "hybrid",
+    "GaussianProcess": "gaussian_processes.gaussian_process",
+    "GeneralisedAnova": "gaussian_processes.anova",
+    "HybridExpansion": "gaussian_processes.hybrid_expansion",
     "NetworkEnsemble": "networks",
-    "PlainProcess": "plain",
-    "PolynomialChaos": "chaos",
-    "SupportVectors": "support",
+    "PlainProcess": "gaussian_processes.scikit_process",
+    "PolynomialChaos": "polynomial_chaos",
+    "SupportVectors": "support_vectors",
     "Surrogate": "interface",
     "choose": "choice",
 }
@@ -61,6 +61,6 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _ROOMS:
+    if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f".{_ROOMS[name]}", __name__), name)
+    return getattr(importlib.import_module(f".{_MODULE_OF[name]}", __name__), name)

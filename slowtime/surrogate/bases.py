@@ -1,4 +1,4 @@
-r"""Polynomials that are orthonormal under the law of each input, and products of them.
+r"""Orthonormal polynomials of each input distribution, and their products.
 
 Monic polynomials of any law obey :math:`\pi_{k+1} = (x - a_k) \pi_k - b_k \pi_{k-1}`; with
 :math:`\psi_k = \pi_k / \lVert \pi_k \rVert` they are orthonormal, so that the mean of an

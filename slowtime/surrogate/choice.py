@@ -1,4 +1,4 @@
-"""Which surrogate suits a design: all foretell points left out, and the answer says why."""
+"""Choice of a surrogate by leave-one-out prediction."""
 
 import dataclasses
 import warnings
@@ -8,7 +8,7 @@ import numpy as np
 from scipy import stats
 
 from .interface import Surrogate
-from .notices import SurrogateWarning
+from .surrogate_warnings import SurrogateWarning
 
 LEVEL = 0.95
 
@@ -42,11 +42,11 @@ class Choice:
 
 def defaults() -> dict[str, Surrogate]:
     """Surrogates that are compared unless others are given."""
-    from .chaos import PolynomialChaos
-    from .gaussian import GaussianProcess
-    from .hybrid import HybridExpansion
+    from .gaussian_processes.gaussian_process import GaussianProcess
+    from .gaussian_processes.hybrid_expansion import HybridExpansion
     from .networks import NetworkEnsemble
-    from .support import SupportVectors
+    from .polynomial_chaos import PolynomialChaos
+    from .support_vectors import SupportVectors
 
     return {
         "polynomial chaos": PolynomialChaos(),

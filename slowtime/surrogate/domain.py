@@ -1,4 +1,4 @@
-"""Where a design has points, and so where a surrogate was taught anything."""
+"""Domain of a design: the region in which a surrogate has training points."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-r"""Homotopy (D-MORPH) regression: of all coefficients that fit, those of least weight.
+r"""Homotopy (D-MORPH) regression: the least-weight solution of all that fit.
 
 With fewer samples than terms, infinitely many coefficients :math:`a` solve the normal equations
 :math:`\Phi^T \Phi a = \Phi^T y`. Followed to its end, the homotopy of Li and Rabitz leads from

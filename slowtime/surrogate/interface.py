@@ -1,4 +1,4 @@
-"""What every surrogate does alike: checks of the design, scales, bands, flags of extrapolation.
+"""Common interface of surrogates: design checks, scaling, bands, extrapolation flags.
 
 Estimators after scikit-learn's conventions, so that pipelines, `clone`, grid searches and
 cross-validation work. Inputs arrive as anything scikit-learn takes.
@@ -21,7 +21,7 @@ except ModuleNotFoundError as missing:
 
 from .bases import Law
 from .domain import domain
-from .notices import ExtrapolationWarning, FewPointsWarning, IllConditionedWarning
+from .surrogate_warnings import ExtrapolationWarning, FewPointsWarning, IllConditionedWarning
 
 LEAST_POINTS = 3
 EXTRAPOLATIONS = ("warn", "raise", "ignore")

@@ -1,4 +1,4 @@
-r"""Least squares over nested sets of terms, each judged by its corrected leave-one-out error.
+r"""Least squares over nested sets of terms, with corrected leave-one-out errors.
 
 One QR factorisation of the columns in their order serves every set of leading columns: the
 leverages are partial sums of the squares of Q, the residuals lose one projection at a time.

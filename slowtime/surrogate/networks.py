@@ -1,4 +1,4 @@
-"""A small ensemble of neural networks, whose disagreement tells where they guess."""
+"""Ensembles of neural networks, with their disagreement as uncertainty."""
 
 import warnings
 

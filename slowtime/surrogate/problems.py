@@ -1,4 +1,4 @@
-"""Functions with known answers, to try a surrogate on."""
+"""Test functions with known answers."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -8,7 +8,7 @@ from pathlib import Path
 import pydantic
 import pytest
 
-from slowtime.dynamics.oscillator import Oscillator
+from slowtime.dynamics.sdof.oscillator import Oscillator
 from slowtime_schemas.messages import Features, TwinState
 
 PAGE = Path(__file__).parents[2] / "docs/notation.md"
@@ -71,8 +71,8 @@ def test_every_name_in_the_table_means_something_in_code(name):
     "name",
     [
         "slowtime.dynamics.nowhere",
-        "slowtime.dynamics.oscillator.Oscillator.mass_lb",
-        "slowtime.dynamics.degradation.mass_change(nowhere)",
+        "slowtime.dynamics.sdof.oscillator.Oscillator.mass_lb",
+        "slowtime.dynamics.evolution_functions.mass_change(nowhere)",
         "slowtime_schemas.messages.Features.nowhere",
     ],
 )
@@ -136,5 +136,5 @@ def test_every_number_that_travels_is_in_the_table(message):
 def test_everything_an_oscillator_is_is_in_the_table():
     named = {name for name, _ in NAMES}
     public = {name for name in vars(Oscillator) if not name.startswith("_")} - {"from_modal"}
-    where = "slowtime.dynamics.oscillator.Oscillator."
+    where = "slowtime.dynamics.sdof.oscillator.Oscillator."
     assert {name for name in public if where + name not in named} == set()

@@ -9,8 +9,8 @@ from urllib.parse import parse_qs, urlsplit
 import numpy as np
 import pytest
 
-from slowtime.dynamics.oscillator import Oscillator
-from slowtime.dynamics.stepping import ambient_acceleration
+from slowtime.dynamics.sdof.oscillator import Oscillator
+from slowtime.dynamics.sdof.simulation import ambient_acceleration
 from slowtime_cli.__main__ import main
 from slowtime_cli.offline import offline_twin
 from tests.docs.commands import parse

@@ -10,13 +10,13 @@ from edge_agent.pipeline import Edge, rerun
 from edge_agent.publish.publisher import raw_message
 from edge_agent.settings import Origin, Processing
 from slowtime.signals.block import Block, RateCorrection
-from slowtime.signals.sampling_clock import SamplingClock
+from slowtime.signals.clock.sampling_clock import SamplingClock
 from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Features
 from slowtime_schemas.raw import encode_raw
 from slowtime_services.replay import block_of
 from tests.slowtime.identification.oscillators import record
-from tests.slowtime.signals.latencies import Messages, messages
+from tests.slowtime.signals.clock.latencies import Messages, messages
 
 NOMINAL_HZ, PER_MESSAGE = 100.0, 20
 ORIGIN = Origin(site="lab", asset="beam", boot="b1", time_base="live", slow_time_unit="s")

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from edge_agent.extract import Extract
 from edge_agent.settings import EdgeSettings, ExtractSettings, Origin
-from slowtime.identification.windows import Tracker
+from slowtime.identification.single_mode.sliding_windows import Tracker
 from slowtime.signals.block import Block
 from slowtime_schemas.messages import Features
 from slowtime_services.simulate import Sensor, SimulatedStructure

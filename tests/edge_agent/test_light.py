@@ -60,7 +60,7 @@ def test_an_edge_over_a_file_has_not_imported_what_it_does_not_run(method, tmp_p
     *keys, last = done.stdout.splitlines()
     assert any("features" in key for key in keys), done.stderr
     imported = set(last.split()[1:])
-    assert "slowtime.identification.first" in imported
+    assert "slowtime.identification.single_mode.estimation" in imported
     assert [name for name in NEVER if name in imported] == []
 
 

@@ -12,9 +12,9 @@ from edge_agent.extract import Extract, several
 from edge_agent.pipeline import Edge, rerun
 from edge_agent.publish import raw_message
 from edge_agent.settings import ExtractSettings, Origin, Processing, TrackingSettings
-from slowtime.identification.identified import Measured
+from slowtime.identification.estimates import Measured
+from slowtime.identification.mode_shapes.criteria import normalised
 from slowtime.identification.modes import Mode
-from slowtime.identification.shapes import normalised
 from slowtime.identification.tracking import ModeTracker
 from slowtime_schemas.codec import decode, encode
 from slowtime_schemas.messages import Features

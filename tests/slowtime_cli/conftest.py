@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from slowtime.dynamics.oscillator import Oscillator
-from slowtime.dynamics.stepping import ambient_acceleration
+from slowtime.dynamics.sdof.oscillator import Oscillator
+from slowtime.dynamics.sdof.simulation import ambient_acceleration
 from slowtime_cli.__main__ import ROOMS, main
 from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Features, Mode, Quality

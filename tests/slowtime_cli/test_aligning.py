@@ -3,8 +3,8 @@ import json
 import numpy as np
 import pytest
 
-from slowtime.identification.shapes import mac
-from tests.slowtime.identification.boards import Structure, motion
+from slowtime.identification.mode_shapes.criteria import mac
+from tests.slowtime.identification.clock_alignment.boards import Structure, motion
 
 RATE_HZ, SECONDS = 100.0, 120.0
 

@@ -3,8 +3,8 @@ import json
 import numpy as np
 import pytest
 
-from slowtime.dynamics.oscillator import Oscillator
-from slowtime.dynamics.response import free_response
+from slowtime.dynamics.sdof.oscillator import Oscillator
+from slowtime.dynamics.sdof.response import free_response
 
 SECONDS = "note: assumed: time from column 'time' in seconds, for want of a unit.\n"
 """What is said of a clock whose name tells no unit."""

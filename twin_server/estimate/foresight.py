@@ -13,10 +13,10 @@ from slowtime import degradation
 from slowtime.degradation import STANDARD, GaussianLaw, Mixture, RemainingLife
 from slowtime.degradation.gaussian import NAME as GAUSSIAN
 from slowtime.degradation.gaussian import GaussianPosterior
-from slowtime.evolution import continuation, forecast
-from slowtime.evolution.continuation import Continuation
-from slowtime.evolution.crossing import Futures
-from slowtime.evolution.known_events import KnownEvent, Repair, Replacement, is_jump
+from slowtime.evolution.events.known_events import KnownEvent, Repair, Replacement, is_jump
+from slowtime.evolution.forecasting import continuation, forecast
+from slowtime.evolution.forecasting.continuation import Continuation
+from slowtime.evolution.life.threshold_crossing import SampledFutures
 from twin_server.details import Bodies
 from twin_server.states import ASSUMES_MASS, ASSUMES_STIFFNESS, States
 from twin_server.thresholds import Limit
@@ -375,7 +375,7 @@ def _crossings(
     prospect: Prospect, thresholds: Sequence[Limit], horizon: float
 ) -> tuple[tuple[Limit, RemainingLife], ...]:
     """Tell of each threshold when it is reached, all of a quantity by the same futures."""
-    futures: dict[str, Futures] = {}
+    futures: dict[str, SampledFutures] = {}
     found = []
     for limit in thresholds:
         name = limit.quantity

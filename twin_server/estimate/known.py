@@ -6,7 +6,7 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Float, Int
 
-from slowtime.evolution.known_events import (
+from slowtime.evolution.events.known_events import (
     NOMINAL_SD,
     UNKNOWN_SHARE,
     Detection,

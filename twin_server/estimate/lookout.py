@@ -10,9 +10,10 @@ import dataclasses
 import numpy as np
 
 from slowtime.estimation import sweeps
-from slowtime.evolution import forecast, jumps
-from slowtime.evolution.jumps import RECENT
-from slowtime.evolution.known_events import Repair, met
+from slowtime.evolution.events import change_detection
+from slowtime.evolution.events.change_detection import RECENT
+from slowtime.evolution.events.known_events import Repair, apply_event
+from slowtime.evolution.forecasting import forecast
 
 LEARN = 20
 """Readings that a process is first learnt from."""
@@ -78,8 +79,8 @@ class Series:
     told: tuple[float, ...] = ()
     past: list[tuple[float, float, float]] = dataclasses.field(default_factory=list)
     learnt_at: int = 0
-    watch: jumps.Watch | None = None
-    state: jumps.Watching | None = None
+    watch: change_detection.ChangeDetector | None = None
+    state: change_detection.DetectorState | None = None
 
     def take(self, time: float, value: float, sd: float) -> Noticed | None:
         """Take in the next reading; one that is not later than the last is passed over."""
@@ -112,7 +113,7 @@ class Series:
         for at in self.told:
             if since <= at < until:
                 anywhere = Repair(time=at, share=0.0, level_sd=ANYWHERE)
-                belief = met(self.watch.process, self.state.process, anywhere)
+                belief = apply_event(self.watch.process, self.state.process, anywhere)
                 self.state = self.watch.start(belief, self.state.log_weights)
 
     def _go_on_after(self, since: float) -> None:
@@ -130,7 +131,9 @@ class Series:
         self.learnt_at = len(time)
         told = [Repair(time=at) for at in self.told]
         outlook = forecast.fit(time, value, sd, process="smooth", known=told)
-        self.watch = jumps.Watch(process=outlook.family, jump_sd=JUMP_SD, odds=self.odds)
+        self.watch = change_detection.ChangeDetector(
+            process=outlook.family, jump_sd=JUMP_SD, odds=self.odds
+        )
         lifts = [(at, ANYWHERE) for at in self.told if time[0] <= at < time[-1]]
         belief, _ = sweeps.filtered(
             outlook.family, time, value, sd, jumps=(*outlook.jumps, *lifts)

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from slowtime.degradation import Mixture
 from slowtime.dynamics.description import Description
-from slowtime.evolution.remaining_life import RemainingLife
+from slowtime.evolution.life.remaining_life import RemainingLife
 from slowtime.limit_states import Assessment, LimitState, Threshold, assess, history
 from slowtime_services.models import description_of
 from slowtime_services.plugins import PluginError, find, said

@@ -10,8 +10,8 @@ from pydantic_core import from_json
 from scipy.linalg import eigh
 
 from slowtime.dynamics.description import Description, assemble
+from slowtime.evolution.predicted_response.scenario import ParameterBelief
 from slowtime.evolution.structures import ParametricStructure
-from slowtime.evolution.whatif import Believed
 from slowtime_schemas.messages import Features
 from slowtime_services.models import description_of
 from twin_server.details import Bodies
@@ -64,7 +64,7 @@ class Today:
     """
 
     slow_time: float
-    believed: Believed
+    believed: ParameterBelief
     changes: Mapping[str, tuple[float, float]]
     has_mass: bool = True
     description: Description | None = None
@@ -138,7 +138,7 @@ def _of_one_mode(
         damping = known.damping_ratio, known.damping_ratio * known.damping_relative_sd
         said.append("damping as nominal")
     log, log_sd = _logs([damping if one is None else one for one in own])
-    believed = Believed(
+    believed = ParameterBelief(
         structure=whole[0],
         theta=theta,
         covariance=covariance,
@@ -253,7 +253,7 @@ def _of_elements(
     factors = np.exp(np.array(memory.theta)).tolist()
     return Today(
         slow_time=float(states["slow_time"][-1]),
-        believed=Believed(
+        believed=ParameterBelief(
             structure=structure,
             theta=theta,
             covariance=covariance,

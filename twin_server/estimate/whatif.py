@@ -12,8 +12,13 @@ from scipy.special import ndtri
 from slowtime.dynamics import loads
 from slowtime.dynamics.description import BASE, Description, Input, Sensor, assemble
 from slowtime.dynamics.effects import Kind
-from slowtime.dynamics.parts import Beam
-from slowtime.evolution.whatif import Bands, Believed, bands, respond
+from slowtime.dynamics.elements import Beam
+from slowtime.evolution.predicted_response.scenario import (
+    Bands,
+    ParameterBelief,
+    bands,
+    response_runs,
+)
 from slowtime_services.effects import kinds_for
 from slowtime_services.models import description_of, run_model
 from twin_server.model import MASS
@@ -106,7 +111,7 @@ def simulate(today: Today, order: SimulationOrder) -> Simulated:
             "Give a higher rate_hz."
         )
     if today.description is None:
-        runs = respond(
+        runs = response_runs(
             believed, load, rate_hz, on=on, outputs=outputs, quantity=order.quantity,
             draws=draws, rng=rng,
         )  # fmt: skip
@@ -185,7 +190,7 @@ def _place(nodes: Sequence[str], has_mass: bool, on: str) -> str | None:
     return on
 
 
-def _range(believed: Believed) -> tuple[float, float]:
+def _range(believed: ParameterBelief) -> tuple[float, float]:
     """Lowest and highest natural frequency [Hz]."""
     frequencies = believed.structure.modes(believed.theta).frequency_hz
     return float(frequencies[0]), float(frequencies[-1])
@@ -265,7 +270,7 @@ def _load(
 
 
 def _modes(
-    believed: Believed, draws: int, level: float, rng: np.random.Generator
+    believed: ParameterBelief, draws: int, level: float, rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "mode 4"], Float[np.ndarray, "mode 4"]]:
     """Frequencies and damping of the structures that were drawn."""
     thetas = believed.thetas(draws, rng)
@@ -383,7 +388,7 @@ def _descriptions(today: Today, count: int, rng: np.random.Generator) -> Iterato
         yield dataclasses.replace(built, nodes=tuple(nodes), elements=tuple(elements))
 
 
-def _own_damping(built: Description, believed: Believed) -> float:
+def _own_damping(built: Description, believed: ParameterBelief) -> float:
     """By what the damping of all elements is scaled to be what was measured, on the whole."""
     matrices = assemble(built)
     mass, stiffness = believed.structure.matrices(believed.theta)

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from slowtime.evolution.known_events import KnownEvent
+from slowtime.evolution.events.known_events import KnownEvent
 from slowtime_schemas.asset_events import AssetEvent
 from twin_server.asset_events import TOLD, effective
 from twin_server.estimate import (

@@ -8,7 +8,7 @@ import numpy as np
 
 from edge_agent.inputs import LiveInput
 from slowtime.signals.block import Block, RateCorrection
-from slowtime.signals.sampling_clock import ClockReading
+from slowtime.signals.clock.sampling_clock import ClockReading
 from slowtime_schemas.messages import TimeBase
 from slowtime_services.bus import Inbox
 from slowtime_services.clock import Clock

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from slowtime.signals.sampling_clock import ClockReading, SamplingClock
+from slowtime.signals.clock.sampling_clock import ClockReading, SamplingClock
 
 from .tally import Tally
 

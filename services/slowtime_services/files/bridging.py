@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from slowtime.signals.bridging import bridge
+from slowtime.signals.gap_filling import bridge
 
 from .record import Gap, Record
 

@@ -11,8 +11,8 @@ from slowtime.dynamics.description import BASE, Description, Input, Sensor, asse
 from slowtime.dynamics.effects import Kind, Unmeasured
 from slowtime.dynamics.modes import undamped_modes
 from slowtime.dynamics.plant import Plant
+from slowtime.dynamics.sdof.simulation import FORGOTTEN
 from slowtime.dynamics.simulation import ambient_structure, simulate_structure
-from slowtime.dynamics.stepping import FORGOTTEN
 from slowtime.dynamics.structure import state_matrix
 from slowtime.dynamics.transfer import QUANTITIES
 from slowtime.dynamics.units import unit_factor

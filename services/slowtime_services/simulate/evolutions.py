@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from slowtime.dynamics.degradation import mass_change, stiffness_change
+from slowtime.dynamics.evolution_functions import mass_change, stiffness_change
 
 from .fields import Frozen, NotNegative, Positive
 

@@ -11,8 +11,8 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from slowtime.dynamics.oscillator import Oscillator
-from slowtime.dynamics.stepping import ambient_acceleration, simulate
+from slowtime.dynamics.sdof.oscillator import Oscillator
+from slowtime.dynamics.sdof.simulation import ambient_acceleration, simulate
 
 from .evolutions import Constant, Evolution, renewals
 from .fields import Positive

@@ -27,7 +27,7 @@ from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.description import Description, Input
 from slowtime.dynamics.effects import Effect, Friction, Law, Motion, force_along
 from slowtime.dynamics.plant import Name, Plant
-from slowtime.dynamics.plant.running import Run
+from slowtime.dynamics.plant.simulation_run import Run
 from slowtime.signals.spectra import transform
 
 DIFFERENCE_STEP = 1e-4

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Complex, Float
 
-from slowtime.dynamics.effects.grids import lines_hz
+from slowtime.dynamics.effects.library.parameter_grids import lines_hz
 
 Series = Float[np.ndarray, " _"]
 Demodulated = tuple[Complex[np.ndarray, " _"], Float[np.ndarray, " _"]]

@@ -22,7 +22,7 @@ from slowtime.dynamics.effects import (
     SensorChange,
     force_along,
 )
-from slowtime.dynamics.plant.names import lowest
+from slowtime.dynamics.plant.parameter_names import lowest
 from slowtime.dynamics.units import unit_factor
 
 from .force_space import ForceSpace

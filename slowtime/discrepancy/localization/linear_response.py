@@ -21,7 +21,7 @@ from slowtime.dynamics.description import (
     assemble_parts,
 )
 from slowtime.dynamics.effects import Place
-from slowtime.dynamics.parts import ROTATION
+from slowtime.dynamics.elements import ROTATION
 from slowtime.dynamics.plant import Plant
 from slowtime.dynamics.structure import Structure, state_matrix
 from slowtime.dynamics.transfer import derivative_order

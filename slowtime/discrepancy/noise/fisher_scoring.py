@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from slowtime.dynamics.effects.compiled import compiled
+from slowtime.dynamics.effects.compilation import compiled
 
 POWER_LAW = 0
 """[index] Family of densities with a corner and a slope. Source: none, an enumeration."""

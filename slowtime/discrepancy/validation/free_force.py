@@ -40,7 +40,7 @@ from slowtime.discrepancy.calibration.levenberg_marquardt import (
 )
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.effects import Effect, Kind, Law, Parameter
-from slowtime.dynamics.effects.compiled import compiled
+from slowtime.dynamics.effects.compilation import compiled
 from slowtime.dynamics.plant import Name
 
 RIDGE = 1e-10

@@ -4,9 +4,9 @@ In come a kind of effect, its place and parameters; out come its force along a k
 the compiled laws that `slowtime.dynamics.plant` integrates. A kind of one's own is one `Kind`.
 """
 
-from .along import force_along
 from .effect import Effect, Place, read_effects
-from .families import catalogue
+from .effect_catalogue import catalogue
+from .force_evaluation import force_along
 from .kind import (
     Friction,
     Hidden,

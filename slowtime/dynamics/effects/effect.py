@@ -1,4 +1,4 @@
-"""Effects of a description: what, where and how much; from and to entries of a model file."""
+"""Effects of a description: kind, place and parameter values."""
 
 import dataclasses
 import difflib
@@ -7,7 +7,7 @@ from typing import Any
 
 from slowtime.dynamics.description import BASE, Beam, Description, DescriptionError
 
-from .families import catalogue
+from .effect_catalogue import catalogue
 from .kind import Kind, Where
 
 Path = tuple[str | int, ...]

@@ -1,4 +1,4 @@
-"""What a kind of effect is: names, units, bounds, words, and the law that acts."""
+"""Kinds of effect: names, units, bounds, texts, and laws."""
 
 import dataclasses
 import math
@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from .compiled import Scalar
+from .compilation import Scalar
 
 Where = Literal["element", "node", "base", "input", "sensor"]
 Series = Float[np.ndarray, " time"]

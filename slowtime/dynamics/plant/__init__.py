@@ -4,7 +4,7 @@ The linear part is exact; forces of effects by collocation of fifth order within
 halved where a force has a kink; dry friction sticks, at instants that are located.
 """
 
-from .names import Name, names_of
+from .parameter_names import Name, names_of
 from .plant import Plant
 
 __all__ = ["Name", "Plant", "names_of"]

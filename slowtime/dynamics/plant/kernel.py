@@ -1,4 +1,4 @@
-r"""The steps of a plant, compiled: state and forces in, state at the samples out.
+r"""Compiled time stepping of a plant.
 
 Between events the state obeys :math:`\dot x = A x + B_u u(t) + B_y y(t)`, where the forces
 :math:`y = f(w, t)` hang on what is observed of the state, :math:`w = H x`. A step takes y as
@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from slowtime.dynamics.effects.compiled import ROUND, call_law, compiled, sum_rows, view_of
+from slowtime.dynamics.effects.compilation import ROUND, call_law, compiled, sum_rows, view_of
 
 Reals = np.ndarray[Any, np.dtype[np.float64]]
 Whole = np.ndarray[Any, np.dtype[np.int64]]

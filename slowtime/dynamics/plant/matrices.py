@@ -1,4 +1,4 @@
-r"""Values of parameters in; mass, damping and stiffness with their slopes out.
+r"""Mass, damping and stiffness matrices with derivatives to the parameters.
 
 All are over the free coordinates, the hidden ones that effects bring, and the base last. Where
 hidden masses are at rest against the base they are carried along, as the nodes are.
@@ -12,9 +12,9 @@ from jaxtyping import Float
 
 from slowtime.dynamics.description import Beam, Description, places, spread
 from slowtime.dynamics.effects import Effect, Hidden, Kind
-from slowtime.dynamics.parts import ROTATION
+from slowtime.dynamics.elements import ROTATION
 
-from .names import Name
+from .parameter_names import Name
 
 Whole = Float[np.ndarray, "all all"]
 Triple = Float[np.ndarray, "3 all all"]

@@ -1,4 +1,4 @@
-"""The plant: a description that can be run at any values of its parameters."""
+"""The plant: a description that is simulated at any values of its parameters."""
 
 import dataclasses
 import math
@@ -11,8 +11,8 @@ from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Effect, Kind, Law, Motion, Place, catalogue, read_effects
 
 from .matrices import Matrices
-from .names import Entry, Name, names_of
-from .running import Run, motions, run
+from .parameter_names import Entry, Name, names_of
+from .simulation_run import Run, motions, run
 from .system import Layout, layout_of
 
 Values = Float[np.ndarray, " parameter"]

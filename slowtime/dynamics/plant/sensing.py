@@ -1,4 +1,4 @@
-"""States in, what sensors tell out; and inputs as recorded in, as they act out."""
+"""Sensor outputs from states, and applied inputs from recorded ones."""
 
 import dataclasses
 import functools
@@ -14,7 +14,7 @@ from slowtime.dynamics.transfer import QUANTITIES
 from slowtime.dynamics.units import unit_factor
 from slowtime.signals.interpolation import polynomials
 
-from .names import Name
+from .parameter_names import Name
 
 Series = Float[np.ndarray, " time"]
 Values = Float[np.ndarray, " parameter"]

@@ -1,4 +1,4 @@
-r"""Matrices and laws in; what the compiled steps need, out.
+r"""Assembled coefficients of the compiled time stepping.
 
 State :math:`x = (q, \dot q, z)`, internal states of laws last;
 :math:`\dot x = A x + B_u u + B_y y` with one column of :math:`B_u` for each input and of
@@ -13,13 +13,13 @@ from jaxtyping import Float, Int
 
 from slowtime.dynamics.description import Description, places
 from slowtime.dynamics.effects import Effect, Friction, Kind, Law
-from slowtime.dynamics.effects.compiled import ROUND, law_address
-from slowtime.dynamics.parts import ROTATION
+from slowtime.dynamics.effects.compilation import ROUND, law_address
+from slowtime.dynamics.elements import ROTATION
 
 from .kernel import RADAU, padded
-from .levels import levels_of, product
 from .matrices import Triple, along
-from .names import Name
+from .parameter_names import Name
+from .step_levels import levels_of, product
 
 Stack = Float[np.ndarray, "slope _ _"]
 

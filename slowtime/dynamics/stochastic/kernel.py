@@ -1,4 +1,4 @@
-r"""Compiled steps of springs with laws, one row of numbers for each of many motions.
+r"""Compiled time stepping of springs with nonlinear laws, many motions at once.
 
 A row of `values` holds the stiffnesses of the springs, their dampings, the masses of the nodes,
 and the parameters of laws, in this order. A row of `laws` is (address, 0 on an element or 1 on
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from slowtime.dynamics.effects.compiled import call_law, compiled
+from slowtime.dynamics.effects.compilation import call_law, compiled
 
 Rows = Float[np.ndarray, "row _"]
 Vector = Float[np.ndarray, " _"]

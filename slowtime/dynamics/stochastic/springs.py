@@ -1,4 +1,4 @@
-"""A description of springs, point masses and effects, made ready for compiled steps."""
+"""Springs, point masses and effects of a description, prepared for time stepping."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -8,9 +8,9 @@ from jaxtyping import Float, Int
 
 from slowtime.dynamics.description import Description, places
 from slowtime.dynamics.effects import Effect, Kind, Law, catalogue, read_effects
-from slowtime.dynamics.effects.compiled import law_address
-from slowtime.dynamics.parts import Beam
-from slowtime.dynamics.plant.names import Name, names_of
+from slowtime.dynamics.effects.compilation import law_address
+from slowtime.dynamics.elements import Beam
+from slowtime.dynamics.plant.parameter_names import Name, names_of
 
 from . import kernel
 

@@ -1,12 +1,20 @@
 """Frequencies, temperature and load in; what is not normal of their change, and alarms, out."""
 
-from .basis import Basis as Basis
-from .entry import Entry as Entry
-from .entry import entry as entry
-from .normal import Candidate as Candidate
-from .normal import Normal as Normal
-from .normal import learn_normal as learn_normal
-from .onsets import Entered as Entered
-from .watch import Judgement as Judgement
-from .watch import Watch as Watch
-from .watch import WatchState as WatchState
+from .basis import Basis
+from .change_onset import Entered
+from .change_size import ChangeEstimate, estimate_change
+from .monitor import Judgement, Watch, WatchState
+from .normal_model import CandidateLaw, NormalModel, learn_normal
+
+__all__ = [
+    "Basis",
+    "CandidateLaw",
+    "ChangeEstimate",
+    "Entered",
+    "Judgement",
+    "NormalModel",
+    "Watch",
+    "WatchState",
+    "estimate_change",
+    "learn_normal",
+]

@@ -1,4 +1,4 @@
-r"""How a frequency may depend on covariates: functions with Gaussian coefficients.
+r"""Basis functions of the dependence of a frequency on covariates.
 
 Whatever the law, it is
 
@@ -27,6 +27,8 @@ from jaxtyping import Bool, Float
 Law = Literal["constant", "linear", "bilinear", "Gaussian process"]
 
 EIGENFUNCTIONS = 24
+"""Number of eigenfunctions of a Gaussian process of one covariate."""
+
 _REACH = 2.0  # half-width of the interval over half the range of the covariate
 _MARGIN = 0.1  # of the range, by which covariates may go beyond it and still be judged
 
@@ -62,7 +64,17 @@ class Basis:
     def features(
         self, covariates: Float[np.ndarray, "time covariate"]
     ) -> Float[np.ndarray, "time coefficient"]:
-        """Values of the functions, scaled to coefficients of unit variance."""
+        """Basis functions at covariates, for coefficients of unit prior variance.
+
+        Parameters
+        ----------
+        covariates
+            Temperature and loads, one column each.
+
+        Returns
+        -------
+        One row per reading.
+        """
         count = len(covariates)
         columns = [np.full((count, 1), 10.0 * self.spread)]
         if self.law == "constant":
@@ -81,7 +93,17 @@ class Basis:
     def within(
         self, covariates: Float[np.ndarray, "time covariate"]
     ) -> Bool[np.ndarray, " time"]:
-        """Whether covariates are such as were seen in training, or little beyond."""
+        """Whether covariates lie within the range of the training, with a small margin.
+
+        Parameters
+        ----------
+        covariates
+            Temperature and loads, one column each.
+
+        Returns
+        -------
+        Flag of each reading.
+        """
         if self.law == "constant":
             return np.ones(len(covariates), dtype=bool)
         margin = 2.0 * _MARGIN * self._half

@@ -1,11 +1,11 @@
-"""The recursion that removes what is normal: coefficients and wandering part, step by step."""
+"""Kalman recursion of covariate coefficients and residual process."""
 
 import dataclasses
 
 import numpy as np
 from jaxtyping import Float
 
-from .wander import Wander
+from .residual_process import ResidualProcess
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -40,14 +40,42 @@ class Innovation:
     gain: Float[np.ndarray, " state"]
 
 
-def prior(count: int, wander: Wander, time: float) -> Belief:
-    """Belief before any reading, with `count` coefficients."""
+def initial_belief(count: int, wander: ResidualProcess, time: float) -> Belief:
+    """Belief before any reading.
+
+    Parameters
+    ----------
+    count
+        Number of coefficients.
+    wander
+        Residual process.
+    time
+        Slow time.
+
+    Returns
+    -------
+    Prior mean and covariance.
+    """
     variances = np.append(np.ones(count), wander.sd**2)
     return Belief(time, np.zeros(count + 1), np.diag(variances))
 
 
-def ahead(belief: Belief, wander: Wander, time: float) -> Belief:
-    """Carry on to a later time: the wandering part fades, and wanders on."""
+def predict(belief: Belief, wander: ResidualProcess, time: float) -> Belief:
+    """Predict the belief at a later time.
+
+    Parameters
+    ----------
+    belief
+        Belief before the step.
+    wander
+        Residual process.
+    time
+        Later slow time.
+
+    Returns
+    -------
+    Predicted belief.
+    """
     kept = float(wander.kept(time - belief.time))
     fade = np.ones(len(belief.mean))
     fade[-1] = kept
@@ -58,12 +86,30 @@ def ahead(belief: Belief, wander: Wander, time: float) -> Belief:
 
 def innovation(
     belief: Belief,
-    wander: Wander,
+    wander: ResidualProcess,
     value: float,
     sd: float,
     features: Float[np.ndarray, " coefficient"],
 ) -> Innovation:
-    """Compare a reading with the belief at its time."""
+    """Innovation of a reading, with its variance and gain.
+
+    Parameters
+    ----------
+    belief
+        Predicted belief.
+    wander
+        Residual process.
+    value
+        Reading.
+    sd
+        Standard deviation of the reading.
+    features
+        Basis functions at the reading's covariates.
+
+    Returns
+    -------
+    Innovation.
+    """
     seen = np.append(features, 1.0)
     shared = belief.covariance @ seen
     variance = float(seen @ shared) + sd**2 + wander.noise**2
@@ -72,6 +118,18 @@ def innovation(
 
 
 def update(belief: Belief, reading: Innovation) -> Belief:
-    """Take in a reading."""
+    """Update the belief by an innovation.
+
+    Parameters
+    ----------
+    belief
+        Predicted belief.
+    reading
+        Innovation.
+
+    Returns
+    -------
+    Updated belief.
+    """
     covariance = belief.covariance - reading.variance * np.outer(reading.gain, reading.gain)
     return Belief(belief.time, belief.mean + reading.gain * reading.residual, covariance)

@@ -1,4 +1,4 @@
-"""What further measurement would tell what this one cannot: a sensor, a mass, a force."""
+"""Proposal of a further measurement: a sensor, an added mass or a force."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -6,10 +6,10 @@ from typing import Literal
 
 import numpy as np
 
-from .fit import Posterior, compare
-from .limits import Limit, ratio_along
-from .measured import MeasuredModes
-from .parametric import ParametricStructure
+from .fit import StructurePosterior, total_misfit
+from .identifiability import Limit, ratio_along
+from .measured_modes import MeasuredModes
+from .parametric_structure import ParametricStructure
 
 Means = Literal["sensor", "added mass", "measured force"]
 
@@ -43,10 +43,10 @@ class Remedy:
     sentence: str
 
 
-def what_would_tell(
+def propose_measurements(
     structure: ParametricStructure,
     measured: MeasuredModes,
-    posterior: Posterior,
+    posterior: StructurePosterior,
     limits: tuple[Limit, ...],
 ) -> tuple[Remedy, ...]:
     """For each means, the place that lifts most of the limits; none for means that lift none.
@@ -60,7 +60,7 @@ def what_would_tell(
     information = slope.T @ slope
     best: dict[Means, Remedy] = {}
     for means, where, extra in _candidates(structure, measured, posterior):
-        rows = compare(structure, (extra,), posterior.theta, posterior.prior_sd).slope
+        rows = total_misfit(structure, (extra,), posterior.theta, posterior.prior_sd).slope
         more = information + (rows * posterior.prior_sd).T @ (rows * posterior.prior_sd)
         after = [ratio_along(more, limit.direction) for limit in limits]
         lifted = [k for k, ratio in enumerate(after) if ratio < _ENOUGH]
@@ -79,7 +79,7 @@ def _better(one: Remedy, other: Remedy) -> bool:
 
 
 def _candidates(
-    structure: ParametricStructure, measured: MeasuredModes, posterior: Posterior
+    structure: ParametricStructure, measured: MeasuredModes, posterior: StructurePosterior
 ) -> Iterator[tuple[Means, tuple[str, ...], MeasuredModes]]:
     """Measurements that could be made, as the model at the posterior would give them."""
     sites = np.eye(structure.size)
@@ -107,14 +107,14 @@ def _candidates(
 def _would_be(
     structure: ParametricStructure,
     measured: MeasuredModes,
-    posterior: Posterior,
+    posterior: StructurePosterior,
     channels: np.ndarray | None,
     *,
     scaled: bool = False,
     added_mass: np.ndarray | None = None,
 ) -> MeasuredModes:
     """Show the modes measured now to other sensors or loaded, by the model."""
-    now = compare(structure, (measured,), posterior.theta, posterior.prior_sd)
+    now = total_misfit(structure, (measured,), posterior.theta, posterior.prior_sd)
     modes = structure.modes(posterior.theta, added_mass)
     frequency = modes.frequency_hz[now.pairs]
     # Frequencies count again only with a mass on; shapes alone are what sensors add.

@@ -1,4 +1,4 @@
-r"""Parameters of a structure from its measured modes: maximum a posteriori, several starts.
+r"""Maximum a posteriori parameters of a structure from measured modes.
 
 With parameters whitened by their prior, :math:`\theta = \sigma \circ \varphi`, residual
 r and slope J in standard deviations, a step of Gauss and Newton solves
@@ -20,8 +20,8 @@ from scipy.special import chdtrc
 from slowtime.estimation import hyperparameters
 from slowtime.evolution.change import check_level
 
-from .measured import Gap, MeasuredModes, gap
-from .parametric import ParametricStructure
+from .measured_modes import MeasuredModes, ModeMisfit, mode_misfit
+from .parametric_structure import ParametricStructure
 
 _ITERATIONS = 40
 _CLOSE = 1e-6  # step in prior standard deviations at which the search has arrived
@@ -57,7 +57,7 @@ class Optimum:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Posterior:
+class StructurePosterior:
     """What is known of the parameters, most probable optimum first.
 
     Parameters
@@ -125,7 +125,7 @@ def estimate(
     prior_sd: Float[np.ndarray, " parameter"] | float = 0.3,
     *,
     starts: int = 8,
-) -> Posterior:
+) -> StructurePosterior:
     """Find the changes of the parameters that explain measured modes.
 
     Parameters
@@ -155,13 +155,13 @@ def estimate(
     sd = check_prior(structure, prior_sd)
     ends: list[Optimum] = []
     for start in [np.zeros(len(sd)), *(sd * hyperparameters.spread(starts, len(sd)))]:
-        end = climb(structure, sets, sd, start)
+        end = optimise_from(structure, sets, sd, start)
         if not any(_one_place(end, other) for other in ends):
             ends.append(end)
     ends.sort(key=lambda end: -end.log_evidence)
     weights = np.exp([end.log_evidence - ends[0].log_evidence for end in ends])
     kept = weights > _NEGLIGIBLE
-    return Posterior(
+    return StructurePosterior(
         structure.names,
         tuple(end for end, keep in zip(ends, kept, strict=True) if keep),
         weights[kept] / weights[kept].sum(),
@@ -169,7 +169,7 @@ def estimate(
     )
 
 
-def climb(
+def optimise_from(
     structure: ParametricStructure,
     sets: Sequence[MeasuredModes],
     prior_sd: Float[np.ndarray, " parameter"],
@@ -178,7 +178,7 @@ def climb(
     """Search from one start to the optimum that it leads to; modes are paired at each step."""
     whitening = np.where(prior_sd > 0.0, prior_sd, 1.0)
     point = np.where(prior_sd > 0.0, start / whitening, 0.0)
-    here = compare(structure, sets, prior_sd * point, prior_sd)
+    here = total_misfit(structure, sets, prior_sd * point, prior_sd)
     damping = 1e-6
     for _ in range(_ITERATIONS):
         slope = here.slope * prior_sd
@@ -186,7 +186,7 @@ def climb(
         pull = slope.T @ here.residual - point
         step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), pull)
         step *= min(1.0, _LONGEST / max(float(np.abs(step).max(initial=0.0)), 1e-300))
-        there = compare(structure, sets, prior_sd * (point + step), prior_sd)
+        there = total_misfit(structure, sets, prior_sd * (point + step), prior_sd)
         if _height(there, point + step) <= _height(here, point):
             point, here = point + step, there
             damping *= 0.1
@@ -199,15 +199,15 @@ def climb(
     return _optimum(here, point, prior_sd)
 
 
-def compare(
+def total_misfit(
     structure: ParametricStructure,
     sets: Sequence[MeasuredModes],
     theta: Float[np.ndarray, " parameter"],
     spread: Float[np.ndarray, " parameter"],
-) -> Gap:
-    """Gap of all sets together."""
-    gaps = [gap(structure, measured, theta, spread) for measured in sets]
-    return Gap(
+) -> ModeMisfit:
+    """Misfit of all sets together."""
+    gaps = [mode_misfit(structure, measured, theta, spread) for measured in sets]
+    return ModeMisfit(
         np.concatenate([one.residual for one in gaps]),
         np.concatenate([one.slope for one in gaps]),
         np.concatenate([one.pairs for one in gaps]),
@@ -229,7 +229,7 @@ def check_prior(
 
 
 def _optimum(
-    here: Gap,
+    here: ModeMisfit,
     point: Float[np.ndarray, " parameter"],
     prior_sd: Float[np.ndarray, " parameter"],
 ) -> Optimum:
@@ -245,7 +245,7 @@ def _optimum(
     )
 
 
-def _height(here: Gap, point: Float[np.ndarray, " parameter"]) -> float:
+def _height(here: ModeMisfit, point: Float[np.ndarray, " parameter"]) -> float:
     """Minus the logarithm of the posterior, up to a constant."""
     return 0.5 * float(here.residual @ here.residual + point @ point)
 

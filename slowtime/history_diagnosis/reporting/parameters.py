@@ -8,7 +8,7 @@ from jaxtyping import Float
 from slowtime.history_diagnosis.data.history import ScaledHistory
 from slowtime.history_diagnosis.forecasting.mixture import EnsembleMember
 from slowtime.history_diagnosis.laws.terms import ScreenedHistory, Term, solve
-from slowtime.identification.identified import Measured
+from slowtime.identification.estimates import Measured
 
 Number = tuple[float, float, str]
 """Value, variance and unit."""

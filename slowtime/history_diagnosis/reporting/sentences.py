@@ -1,7 +1,7 @@
 """Sentences on effects, and on what to record where they cannot be told apart."""
 
 from slowtime.history_diagnosis.data.history import FilledCovariate
-from slowtime.identification.identified import Measured
+from slowtime.identification.estimates import Measured
 
 from .parameters import EffectParameter
 

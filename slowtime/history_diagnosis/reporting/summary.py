@@ -12,7 +12,7 @@ from slowtime.history_diagnosis.selection.forward_selection import (
     SelectionResult,
 )
 from slowtime.history_diagnosis.selection.mode_departures import ModeDeparture
-from slowtime.identification.identified import Measured
+from slowtime.identification.estimates import Measured
 
 from . import curves, sentences
 from .parameters import EffectParameter, ReportUnits, effect_parameters

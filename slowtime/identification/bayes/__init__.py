@@ -1,3 +1,7 @@
 """Record and candidate frequencies in; the most probable modes with posterior errors out."""
 
-from .fft import bayesian_modes as bayesian_modes
+from .estimation import bayesian_modes
+
+__all__ = [
+    "bayesian_modes",
+]

@@ -1,4 +1,4 @@
-"""Fourier coefficients in; what a band of them holds, neighbouring bins taken together, out."""
+"""Grouped Fourier coefficients of one frequency band."""
 
 import dataclasses
 
@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 GROUPED = 12.0
-"""Bins are taken together over this part of the way to the nearest mode."""
+"""Reciprocal width of the averages, in distances to the nearest mode."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -33,9 +33,26 @@ def band_from(
     derivatives: int,
     centres_hz: Float[np.ndarray, " mode"],
 ) -> Band:
-    """Take bins together over a part of the way to the nearest mode, as `whittle.grouped`.
+    """Average neighbouring coefficients over a part of their distance to the nearest mode.
 
     A resonance falls off like the square of that distance, so that nothing is lost.
+
+    Parameters
+    ----------
+    frequency_hz
+        Frequencies of the bins [Hz].
+    coefficients
+        Fourier coefficients, bin by channel.
+    duration_s
+        Duration of the record [s].
+    derivatives
+        2 acceleration, 1 velocity, 0 displacement.
+    centres_hz
+        Frequencies of the modes [Hz].
+
+    Returns
+    -------
+    Grouped coefficients.
     """
     away = np.abs(frequency_hz[:, None] - centres_hz).min(axis=1) * duration_s
     group = np.floor(np.cumsum(1.0 / np.maximum(1.0, away / GROUPED)) + 1e-9).astype(int)

@@ -1,4 +1,4 @@
-"""A band and a start in; the most probable modes and the covariance of their parameters out."""
+"""Maximum of the posterior of one band, and the covariance of its parameters."""
 
 import dataclasses
 
@@ -6,53 +6,74 @@ import numpy as np
 from jaxtyping import Float
 
 from .band import Band
-from .likelihood import log_posterior, slope, slope_and_information
-from .model import Modes, modes_of, vector_of
+from .likelihood import gradient, gradient_and_information, log_posterior
+from .model import BandModes, modes_from_vector, parameter_vector
 
 STEPS = 60
+"""Scoring steps, at most."""
+
 NEAR = 0.1
+"""Length of a step at which Newton's method replaces scoring [standard deviations]."""
+
 CLOSE = 0.02
-"""So many standard deviations from the top scoring hands over to Newton, and Newton stops."""
+"""Length of a step at which the search stops [standard deviations]."""
 
 STALLED = 1e9
+"""Damping of the steps at which the search is given up."""
+
 FIRST_DAMPING = 1e-2
+"""Initial damping of the steps, relative to the information."""
+
 
 ROUNDS = 3
+"""Evaluations of the Hessian, at most."""
+
 MOVED = 0.5
-"""The Hessian is worked out anew, at most so often, after so many standard deviations."""
+"""Distance after which the Hessian is evaluated again [standard deviations]."""
 
 LONGEST_STEP = 0.7
-"""Of ln zeta and of ln f in half-bandwidths; more is a leap into the dark."""
+"""Longest step of ln zeta, and of the frequency [half-bandwidths]."""
 
 DIFFERENCE = 1e-3
-"""Of the numerical Hessian, in standard deviations."""
+"""Step of the numerical Hessian [standard deviations]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class BandFit:
+class BandPosterior:
     """Modes of one band; `covariance` is that of `vector_of(modes)`."""
 
-    modes: Modes
+    modes: BandModes
     covariance: Float[np.ndarray, "parameter parameter"]
     log_posterior: float
     converged: bool
     band_hz: tuple[float, float]
 
 
-def fit_band(band: Band, start: Modes) -> BandFit:
-    """Maximum of the posterior, by Fisher scoring and Newton's steps, and its curvature.
+def fit_band(band: Band, start: BandModes) -> BandPosterior:
+    """Maximise the posterior by Fisher scoring and Newton steps.
 
     The covariance is the inverse of the Hessian of the negative log-posterior; where that is
     not positive (short records) or there are many parameters (coherences among them), of the
     Fisher information.
+
+    Parameters
+    ----------
+    band
+        Grouped Fourier coefficients of the band.
+    start
+        Initial modes.
+
+    Returns
+    -------
+    Most probable modes, and the covariance of their parameters.
     """
     if start.coherent:
-        vector, converged = _climb(band, vector_of(start), start, NEAR)
-        hessian = slope_and_information(band, vector, start)[1]
+        vector, converged = _climb(band, parameter_vector(start), start, NEAR)
+        hessian = gradient_and_information(band, vector, start)[1]
     else:
         vector, hessian, converged = _by_newton(band, start)
-    return BandFit(
-        modes=modes_of(vector, start),
+    return BandPosterior(
+        modes=modes_from_vector(vector, start),
         covariance=np.linalg.inv(hessian),
         log_posterior=log_posterior(band, vector, start),
         converged=converged,
@@ -60,9 +81,9 @@ def fit_band(band: Band, start: Modes) -> BandFit:
     )
 
 
-def _by_newton(band: Band, start: Modes) -> tuple[np.ndarray, np.ndarray, bool]:
+def _by_newton(band: Band, start: BandModes) -> tuple[np.ndarray, np.ndarray, bool]:
     """Top, Hessian there, and whether it is the top."""
-    vector, _ = _climb(band, vector_of(start), start, NEAR)
+    vector, _ = _climb(band, parameter_vector(start), start, NEAR)
     for _ in range(ROUNDS):
         hessian = _hessian(band, vector, start)
         before = vector
@@ -73,16 +94,28 @@ def _by_newton(band: Band, start: Modes) -> tuple[np.ndarray, np.ndarray, bool]:
     return vector, hessian, converged
 
 
-def rough_fit(band: Band, start: Modes) -> Modes:
-    """Modes within a fraction of their errors, which are not worked out."""
-    vector, _ = _climb(band, vector_of(start), start, NEAR)
-    return modes_of(vector, start)
+def rough_fit(band: Band, start: BandModes) -> BandModes:
+    """Most probable modes to within a fraction of their errors, without a covariance.
+
+    Parameters
+    ----------
+    band
+        Grouped Fourier coefficients of the band.
+    start
+        Initial modes.
+
+    Returns
+    -------
+    Modes.
+    """
+    vector, _ = _climb(band, parameter_vector(start), start, NEAR)
+    return modes_from_vector(vector, start)
 
 
 def _climb(
     band: Band,
     vector: np.ndarray,
-    start: Modes,
+    start: BandModes,
     tolerance: float,
     hessian: np.ndarray | None = None,
 ) -> tuple[np.ndarray, bool]:
@@ -109,11 +142,11 @@ def _climb(
 
 
 def _local(
-    band: Band, vector: np.ndarray, start: Modes, hessian: np.ndarray | None
+    band: Band, vector: np.ndarray, start: BandModes, hessian: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
     if hessian is None:
-        return slope_and_information(band, vector, start)
-    return slope(band, vector, start), hessian
+        return gradient_and_information(band, vector, start)
+    return gradient(band, vector, start), hessian
 
 
 def _leap(step: np.ndarray, vector: np.ndarray, number: int) -> float:
@@ -129,16 +162,16 @@ def _possible(band: Band, vector: np.ndarray, number: int) -> bool:
 
 
 def _hessian(
-    band: Band, vector: np.ndarray, start: Modes
+    band: Band, vector: np.ndarray, start: BandModes
 ) -> Float[np.ndarray, "parameter parameter"]:
     """Minus the second derivatives by central differences; Fisher's where not positive."""
-    information = slope_and_information(band, vector, start)[1]
+    information = gradient_and_information(band, vector, start)[1]
     rows = []
     for i, move in enumerate(DIFFERENCE * np.sqrt(np.diag(np.linalg.inv(information)))):
         change = np.zeros_like(vector)
         change[i] = move
-        after = slope(band, vector + change, start)
-        before = slope(band, vector - change, start)
+        after = gradient(band, vector + change, start)
+        before = gradient(band, vector - change, start)
         rows.append((before - after) / (2 * move))
     hessian = np.stack(rows)
     hessian = 0.5 * (hessian + hessian.T)

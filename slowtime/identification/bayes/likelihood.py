@@ -1,4 +1,4 @@
-r"""Coefficients and parameters in; log-posterior, its slope and its information out.
+r"""Log-posterior of the modes of one band, with gradient and Fisher information.
 
 .. math:: \ln p = -\sum_k (n_k \ln \det E_k + \mathrm{tr}\, E_k^{-1} \Sigma_k) + \mathrm{prior},
           \qquad I_{ab} = \sum_k n_k \, \mathrm{tr}\, E_k^{-1} E_{k,a} E_k^{-1} E_{k,b}
@@ -20,20 +20,37 @@ import numpy as np
 from jaxtyping import Float
 
 from .band import Band
-from .model import Modes, modes_of, slope_order, spectral_slopes, vector_of
+from .model import BandModes, modes_from_vector, parameter_vector, slope_order, spectral_slopes
 from .resonances import cross_periodograms
 
 NOISE_PRIOR_SD = 3.0
-"""Of ln noise about where it started: keeps a noise that nothing shows from running away."""
+"""Prior standard deviation of ln noise about its initial value: keeps a noise that the data do
+not determine bounded."""
 
 OWN_FORCES = 0.5
 r"""Exponent :math:`\eta` of the prior :math:`\det(G)^\eta` of coherences: little, but enough
 that forces which are nearly one do not make a singular top."""
 
 
-def log_posterior(band: Band, vector: Float[np.ndarray, " parameter"], start: Modes) -> float:
-    """Log-posterior up to a constant; the priors are about `start`."""
-    modes = modes_of(vector, start)
+def log_posterior(
+    band: Band, vector: Float[np.ndarray, " parameter"], start: BandModes
+) -> float:
+    """Log-posterior up to a constant; the priors are about `start`.
+
+    Parameters
+    ----------
+    band
+        Grouped Fourier coefficients of the band.
+    vector
+        Parameters, in the order of `parameter_vector`.
+    start
+        Modes about which the priors lie.
+
+    Returns
+    -------
+    Log-posterior.
+    """
+    modes = modes_from_vector(vector, start)
     crossed = cross_periodograms(band, modes.log_frequency, modes.log_damping)
     matrices = _matrices(band, modes, crossed * modes.coherence)
     sign, logarithm = np.linalg.slogdet(matrices)
@@ -43,25 +60,65 @@ def log_posterior(band: Band, vector: Float[np.ndarray, " parameter"], start: Mo
     return float(log_prior(modes, start) - np.sum(band.number * logarithm) - misfit)
 
 
-def slope(
-    band: Band, vector: Float[np.ndarray, " parameter"], start: Modes
+def gradient(
+    band: Band, vector: Float[np.ndarray, " parameter"], start: BandModes
 ) -> Float[np.ndarray, " parameter"]:
-    """Gradient of the log-posterior."""
+    """Gradient of the log-posterior.
+
+    Parameters
+    ----------
+    band
+        Grouped Fourier coefficients of the band.
+    vector
+        Parameters, in the order of `parameter_vector`.
+    start
+        Modes about which the priors lie.
+
+    Returns
+    -------
+    Derivative to each parameter.
+    """
     parts = _worked_out(band, vector, start)
     return np.asarray(_slope(band, parts) + _prior(parts.modes, start)[0])
 
 
-def slope_and_information(
-    band: Band, vector: Float[np.ndarray, " parameter"], start: Modes
+def gradient_and_information(
+    band: Band, vector: Float[np.ndarray, " parameter"], start: BandModes
 ) -> tuple[Float[np.ndarray, " parameter"], Float[np.ndarray, "parameter parameter"]]:
-    """Gradient of the log-posterior, and Fisher information plus that of the prior."""
+    """Gradient of the log-posterior, and Fisher information plus that of the prior.
+
+    Parameters
+    ----------
+    band
+        Grouped Fourier coefficients of the band.
+    vector
+        Parameters, in the order of `parameter_vector`.
+    start
+        Modes about which the priors lie.
+
+    Returns
+    -------
+    Gradient, and information matrix.
+    """
     parts = _worked_out(band, vector, start)
     uphill, information = _prior(parts.modes, start)
     return _slope(band, parts) + uphill, _information(band, parts) + information
 
 
-def log_prior(modes: Modes, start: Modes) -> float:
-    """Of coherences and noise; the length of the rows, which says nothing, is kept near 1."""
+def log_prior(modes: BandModes, start: BandModes) -> float:
+    """Log-prior of coherences and noise; keeps the length of the rows near 1.
+
+    Parameters
+    ----------
+    modes
+        Modes.
+    start
+        Modes about which the priors lie.
+
+    Returns
+    -------
+    Log-prior.
+    """
     own = np.arange(modes.guests, len(modes.log_frequency))
     length = np.linalg.norm(modes.mixing[own], axis=1)
     itself = modes.mixing[own, own].real
@@ -72,14 +129,25 @@ def log_prior(modes: Modes, start: Modes) -> float:
     return float(coherent.sum() - 0.5 * np.sum((length - 1) ** 2) - 0.5 * np.sum(noise**2))
 
 
-def coherence_score(band: Band, start: Modes) -> tuple[float, int]:
-    r"""Rao's score statistic of coherences that are 0 in `start`, and its degrees of freedom.
+def coherence_score(band: Band, start: BandModes) -> tuple[float, int]:
+    r"""Rao's score statistic of coherences that are zero in `start`.
 
     :math:`s^T I^{-1} s`, s and I what is left of slope and information when the other
     parameters are free to give way; over the directions in which the record would know a
     coherence to better than 1.
+
+    Parameters
+    ----------
+    band
+        Grouped Fourier coefficients of the band.
+    start
+        Modes with independent forces.
+
+    Returns
+    -------
+    Statistic, and its degrees of freedom.
     """
-    parts = _worked_out(band, vector_of(start), start)
+    parts = _worked_out(band, parameter_vector(start), start)
     uphill, information = _slope(band, parts), _information(band, parts)
     places = [k for k, (row, column, _) in enumerate(start.free_mixing) if row > column]
     asked = np.zeros(len(uphill), dtype=bool)
@@ -93,9 +161,9 @@ def coherence_score(band: Band, start: Modes) -> tuple[float, int]:
     return float(np.sum(scores[known] ** 2 / values[known])), int(known.sum())
 
 
-def _prior(modes: Modes, start: Modes) -> tuple[np.ndarray, np.ndarray]:
+def _prior(modes: BandModes, start: BandModes) -> tuple[np.ndarray, np.ndarray]:
     """Gradient of the log-prior and, as information, what of its curvature is positive."""
-    vector, free = vector_of(modes), modes.free_mixing
+    vector, free = parameter_vector(modes), modes.free_mixing
     uphill, information = np.zeros_like(vector), np.zeros((len(vector), len(vector)))
     for row in sorted({row for row, _, _ in free}):
         places = 2 * modes.number + np.array([k for k, f in enumerate(free) if f[0] == row])
@@ -122,7 +190,7 @@ class _Parts:
     The rows y of all their modes stand one after the other; `of` says whose each is.
     """
 
-    modes: Modes
+    modes: BandModes
     y: np.ndarray
     of: np.ndarray
     h: np.ndarray
@@ -132,8 +200,8 @@ class _Parts:
     level: np.ndarray
 
 
-def _worked_out(band: Band, vector: np.ndarray, start: Modes) -> _Parts:
-    modes = modes_of(vector, start)
+def _worked_out(band: Band, vector: np.ndarray, start: BandModes) -> _Parts:
+    modes = modes_from_vector(vector, start)
     h, rows = spectral_slopes(band, modes)
     w = np.linalg.inv(_matrices(band, modes, h))
     v = w @ modes.shapes
@@ -143,7 +211,7 @@ def _worked_out(band: Band, vector: np.ndarray, start: Modes) -> _Parts:
     return _Parts(modes, y, of, h[:, :, own], w, v, q, np.exp(modes.log_noise))
 
 
-def _matrices(band: Band, modes: Modes, h: np.ndarray) -> np.ndarray:
+def _matrices(band: Band, modes: BandModes, h: np.ndarray) -> np.ndarray:
     rung = modes.shapes @ h @ modes.shapes.T + np.diag(np.exp(modes.log_noise))
     return np.asarray(rung if band.background is None else rung + band.background)
 

@@ -1,4 +1,4 @@
-r"""Modes and noise in, the spectral matrix that Fourier coefficients scatter about, out.
+r"""Spectral matrix that modes and noise predict for the Fourier coefficients of a band.
 
 In a band that m modes rule, the coefficients of the n channels are
 
@@ -23,11 +23,11 @@ from .band import Band
 from .resonances import cross_periodograms, crossed
 
 MOVE = 1e-4
-"""Central differences in ln f (times the damping) and ln zeta."""
+"""Steps of the central differences in ln f (times the damping ratio) and in ln zeta."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Modes:
+class BandModes:
     """Modes of one band, and before them as many `guests`.
 
     `shapes` carry the strength; `mixing` is L but for the length of its rows, which are scaled
@@ -72,8 +72,18 @@ class Modes:
         return real + [(row, column, 1j) for row, column in below if row > column]
 
 
-def vector_of(modes: Modes) -> Float[np.ndarray, " parameter"]:
-    """Stack what is looked for: ln f, ln zeta, parts of L, shapes by mode, ln noise."""
+def parameter_vector(modes: BandModes) -> Float[np.ndarray, " parameter"]:
+    """Parameters: ln f, ln zeta, parts of L, shapes by mode, ln noise.
+
+    Parameters
+    ----------
+    modes
+        Modes of the band.
+
+    Returns
+    -------
+    Vector of all free parameters.
+    """
     own = slice(modes.guests, None)
     parts = [modes.mixing[row, column] / unit for row, column, unit in modes.free_mixing]
     return np.concatenate(
@@ -87,8 +97,20 @@ def vector_of(modes: Modes) -> Float[np.ndarray, " parameter"]:
     )
 
 
-def modes_of(vector: Float[np.ndarray, " parameter"], like: Modes) -> Modes:
-    """Inverse of `vector_of`; what is not in the vector stays as in `like`."""
+def modes_from_vector(vector: Float[np.ndarray, " parameter"], like: BandModes) -> BandModes:
+    """Inverse of `parameter_vector`; what is not in the vector stays as in `like`.
+
+    Parameters
+    ----------
+    vector
+        Parameters.
+    like
+        Modes that give what the vector does not hold.
+
+    Returns
+    -------
+    Modes.
+    """
     number, channels = like.number, len(like.log_noise)
     free = like.free_mixing
     sizes = [number, number, len(free), number * channels]
@@ -110,8 +132,20 @@ def modes_of(vector: Float[np.ndarray, " parameter"], like: Modes) -> Modes:
     )
 
 
-def knowing(start: Modes, found: Modes) -> Modes:
-    """Start with guests, its forces without anything in common, at a fit without them."""
+def add_guests(start: BandModes, found: BandModes) -> BandModes:
+    """Add outside modes to the initial values, from a fit without them.
+
+    Parameters
+    ----------
+    start
+        Modes and guests.
+    found
+        Fit without guests.
+
+    Returns
+    -------
+    Initial values, guests with independent forces.
+    """
     before = start.guests
     return dataclasses.replace(
         start,
@@ -124,7 +158,7 @@ def knowing(start: Modes, found: Modes) -> Modes:
 
 
 def spectral_slopes(
-    band: Band, modes: Modes
+    band: Band, modes: BandModes
 ) -> tuple[
     Complex[np.ndarray, "frequency mode mode"],
     list[Complex[np.ndarray, "frequency parameter mode"]],
@@ -133,6 +167,17 @@ def spectral_slopes(
 
     A parameter of mode i moves no more than row i of H, by y, and its column by the conjugate;
     those y are given for each mode of the band: by ln f, ln zeta, then its row of L.
+
+    Parameters
+    ----------
+    band
+        Grouped Fourier coefficients of the band.
+    modes
+        Modes of the band.
+
+    Returns
+    -------
+    Spectral matrices, and their derivatives to the parameters of poles and forces.
     """
     spectra = cross_periodograms(band, modes.log_frequency, modes.log_damping)
     unit, coherence = modes.unit_mixing, modes.coherence
@@ -153,8 +198,18 @@ def spectral_slopes(
     return spectra * coherence, slopes
 
 
-def slope_order(modes: Modes) -> np.ndarray:
-    """Places in the vector of what `spectral_slopes` gives, one mode after the other."""
+def slope_order(modes: BandModes) -> np.ndarray:
+    """Give the indices in the parameter vector of the derivatives of `spectral_slopes`.
+
+    Parameters
+    ----------
+    modes
+        Modes of the band.
+
+    Returns
+    -------
+    Indices, mode by mode.
+    """
     free = modes.free_mixing
     return np.array(
         [
@@ -168,7 +223,7 @@ def slope_order(modes: Modes) -> np.ndarray:
     )
 
 
-def _pole_slopes(band: Band, modes: Modes) -> Complex[np.ndarray, "frequency 2 own mode"]:
+def _pole_slopes(band: Band, modes: BandModes) -> Complex[np.ndarray, "frequency 2 own mode"]:
     """Central differences of rows of `cross_periodograms`, the other modes held, by poles."""
     poles = np.stack([modes.log_frequency, modes.log_damping])
     own = poles[:, modes.guests :]

@@ -30,5 +30,9 @@ Two sensors that hear one mode of 2 Hz, taken in by the second:
 [(2.0, array([ 0.89, -0.45]))]
 """
 
-from .stage import RecursiveModes as RecursiveModes
-from .stage import RecursiveState as RecursiveState
+from .identifier import RecursiveModes, RecursiveState
+
+__all__ = [
+    "RecursiveModes",
+    "RecursiveState",
+]

@@ -1,21 +1,21 @@
-"""Frames of one band in; its sums of products, and the modes last read out of them, kept."""
+"""Recursive sums of products of one band, and the modes last read from them."""
 
 import dataclasses
 
 import numpy as np
 from jaxtyping import Complex, Float
 
-from slowtime.identification.bands import Band
-from slowtime.identification.correlations import block_products
 from slowtime.identification.modes import Mode
+from slowtime.identification.subspace.bands import Band
+from slowtime.identification.subspace.correlations import block_products
 
-from .fading import Fading, Raster
+from .band_solution import ModelSizes, solve_band, strongest_directions
+from .forgetting import FadingCoefficients, FrequencyGrid
 from .frames import Frame
-from .solving import Models, modes_of, strongest
-from .sums import Stretch, Sums
+from .product_sums import ProductSum, ProductSums
 
 LEARNT = 150
-"""Instants of the slow series after which directions are chosen."""
+"""Instants after which the combinations of channels are chosen."""
 
 Slow = Complex[np.ndarray, "instant series"]
 Earlier = Complex[np.ndarray, "_ _"]
@@ -50,8 +50,8 @@ class BandState:
     into: Complex[np.ndarray, "channel direction"] | None = None
     waiting: tuple[Earlier, ...] = ()
     recent: Earlier | None = None
-    sums: Sums = dataclasses.field(default_factory=Sums)
-    fading: Fading | None = None
+    sums: ProductSums = dataclasses.field(default_factory=ProductSums)
+    fading: FadingCoefficients | None = None
     modes: tuple[Mode, ...] = ()
     age: int = 0
 
@@ -61,8 +61,8 @@ class BandStep:
     """How one band takes in its frames."""
 
     band: Band
-    raster: Raster
-    models: Models
+    raster: FrequencyGrid
+    models: ModelSizes
     memory_s: float | None
     every: int
     """Frames after which models are solved anew."""
@@ -75,7 +75,19 @@ class BandStep:
     def step(
         self, state: BandState, samples: Float[np.ndarray, "time channel"]
     ) -> tuple[BandState, bool]:
-        """Take in the next frame; whether the band is due to be solved then."""
+        """Process the next frame.
+
+        Parameters
+        ----------
+        state
+            State of the band.
+        samples
+            Samples of the frame.
+
+        Returns
+        -------
+        New state, and whether the band is due for a solution.
+        """
         slow = self.frame.moved_to_zero(samples, state.frames)
         end_s = (state.next_frame + 0.75 * self.frame.length) / self.frame.sampling_hz
         state = dataclasses.replace(
@@ -92,7 +104,19 @@ class BandStep:
         return dataclasses.replace(state, age=0 if due else state.age), due
 
     def after_gap(self, state: BandState, index: int) -> BandState:
-        """Go on at `index`, with nothing that would join what comes to what was."""
+        """State after a gap in the stream; nothing is joined across it.
+
+        Parameters
+        ----------
+        state
+            State of the band.
+        index
+            Index of the first sample after the gap.
+
+        Returns
+        -------
+        New state.
+        """
         waiting, fading = state.waiting, state.fading
         if state.into is None and state.recent is not None:
             waiting = (*waiting, state.recent)
@@ -106,7 +130,17 @@ class BandStep:
         )
 
     def solved(self, state: BandState) -> tuple[Mode, ...]:
-        """Modes of the band; none while too little is known."""
+        """Modes of the band; none while too little is known.
+
+        Parameters
+        ----------
+        state
+            State of the band.
+
+        Returns
+        -------
+        Modes, ascending in frequency.
+        """
         correlations = state.sums.correlations(
             rate_hz=self.frame.rate_hz,
             centre_hz=self.frame.centre_hz,
@@ -117,14 +151,14 @@ class BandStep:
         if state.fading.weight == 0:
             return ()
         seen = self.raster.seen(state.fading, state.into)
-        return modes_of(correlations, seen, self.band, self.models)
+        return solve_band(correlations, seen, self.band, self.models)
 
     def _learning(self, state: BandState, slow: Slow, end_s: float) -> BandState:
         recent = slow if state.recent is None else np.concatenate([state.recent, slow])
         seen = (*state.waiting, recent)
         if sum(map(len, seen)) < LEARNT:
             return dataclasses.replace(state, recent=recent)
-        into = strongest(np.concatenate(seen), self.models.most_directions)
+        into = strongest_directions(np.concatenate(seen), self.models.most_directions)
         fading = self.raster.start(*into.shape)
         state = dataclasses.replace(state, into=into, fading=fading, waiting=())
         for series in seen:
@@ -154,5 +188,5 @@ class BandStep:
         if ready <= 0:
             return state
         made = block_products(series, series, lags=self.models.lags, length=ready)[0]
-        sums = state.sums.added(Stretch(made, float(ready), end_s), self.memory_s)
+        sums = state.sums.added(ProductSum(made, float(ready), end_s), self.memory_s)
         return dataclasses.replace(state, sums=sums, recent=series[ready:])

@@ -1,4 +1,4 @@
-"""Samples of a stream in, frame by frame; a slowly sampled series of one band out."""
+"""Frames of a stream, moved to the middle of a band and decimated."""
 
 import dataclasses
 
@@ -6,7 +6,7 @@ import numpy as np
 import scipy.fft as fft
 from jaxtyping import Complex, Float
 
-from slowtime.identification.bands import EDGE, Band
+from slowtime.identification.subspace.bands import EDGE, Band
 
 FRAME = 24.0
 """A frame lasts so many times as long as the fading edge of its band is narrow [1/Hz]: what the
@@ -30,7 +30,19 @@ class Frame:
 
     @staticmethod
     def of(band: Band, sampling_hz: float) -> "Frame":
-        """Shortest frame that holds a band well, and something of its neighbours."""
+        """Shortest frame that resolves a band and its margin.
+
+        Parameters
+        ----------
+        band
+            Frequency band.
+        sampling_hz
+            Sampling rate of the stream [Hz].
+
+        Returns
+        -------
+        Frame.
+        """
         band = _widened(band, EDGE * sampling_hz / 2)
         edge = min(band.low_hz - band.from_hz, band.to_hz - band.high_hz)
         half = int(np.ceil(FRAME / edge * sampling_hz / 2))
@@ -71,9 +83,20 @@ class Frame:
     def moved_to_zero(
         self, samples: Float[np.ndarray, "time channel"], before: int
     ) -> Complex[np.ndarray, "instant channel"]:
-        """Slow series of the middle half of a frame that comes after `before` others.
+        """Demodulated, decimated series of the middle half of a frame.
 
         Twice its real part, turned back to `centre_hz`, is the band.
+
+        Parameters
+        ----------
+        samples
+            Samples of the frame.
+        before
+            Number of frames before it.
+
+        Returns
+        -------
+        Complex series of each channel.
         """
         stop = min(self.first + self.number, self.length // 2 + 1)
         index = np.arange(self.first, stop)

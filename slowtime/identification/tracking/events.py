@@ -1,4 +1,4 @@
-"""What happens to identities: who came, went, came back, crossed whom or took whose shape."""
+"""Events of tracked modes: appearance, loss, return, crossing and veering."""
 
 import dataclasses
 import itertools
@@ -10,7 +10,8 @@ from .track import Track
 
 Happening = Literal["born", "missing", "found", "died", "crossed", "veered"]
 
-SURE = 3.0  # standard deviations by which two frequencies have passed each other
+SURE = 3.0
+"""Difference beyond which two frequencies have crossed [standard deviations]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -42,7 +43,21 @@ class Event:
 def reorder(
     order: tuple[int, ...], tracks: dict[int, Track], epoch: int
 ) -> tuple[tuple[int, ...], list[Event]]:
-    """Order of identities in frequency, and who has passed whom since the order before."""
+    """Order of identities in frequency, and the crossings since the order before.
+
+    Parameters
+    ----------
+    order
+        Identities in the order before.
+    tracks
+        State of each identity.
+    epoch
+        Number of the epoch.
+
+    Returns
+    -------
+    New order, and events.
+    """
     known = [identity for identity in order if identity in tracks]
     fresh = sorted(set(tracks) - set(known), key=lambda i: tracks[i].frequency.mean)
     for identity in fresh:
@@ -60,7 +75,21 @@ def reorder(
 def veered(
     order: tuple[int, ...], tracks: dict[int, Track], epoch: int
 ) -> tuple[dict[int, Track], list[Event]]:
-    """Neighbours that have exchanged the shapes they were known by; they are known anew."""
+    """Neighbours that have exchanged shapes, with their new shapes.
+
+    Parameters
+    ----------
+    order
+        Identities in order of frequency.
+    tracks
+        State of each identity.
+    epoch
+        Number of the epoch.
+
+    Returns
+    -------
+    Tracks with updated shapes, and events.
+    """
     renewed: dict[int, Track] = {}
     events = []
     for low, high in itertools.pairwise(order):

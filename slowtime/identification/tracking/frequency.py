@@ -1,4 +1,4 @@
-r"""Where a tracked frequency will be at the next epoch: a bank of random walks.
+r"""Prediction of a tracked frequency by a bank of random walks.
 
 .. math:: \ln f_{t+1} = \ln f_t + q_k \, w_t, \qquad
           \ln \hat f_t = \ln f_t + s_t \, e_t, \qquad w \sim N(0, 1),\ e \sim t_4
@@ -19,8 +19,13 @@ SPEEDS = np.array([1e-5, 1e-4, 3e-4, 1e-3, 3e-3])
 TAIL = 4.0
 """Degrees of freedom of the errors of readings: outliers happen, and must not pull."""
 
-FORGET = 0.98  # of the weights per reading: a calm year must not forbid a stormy week
-FLOOR = 1e-6  # least relative sd of a reading; exact data would leave nothing to compare
+FORGET = 0.98
+"""Factor per reading on the log-weights of the bank [1], so that a long calm period does not
+rule out fast drift."""
+
+FLOOR = 1e-6
+"""Least relative standard deviation of a reading [1]: exact data would leave nothing to
+compare."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -43,8 +48,20 @@ class FrequencyBelief:
         return float(np.sqrt(weight @ (self.variance + (self.level - self.mean) ** 2)))
 
 
-def first(frequency_hz: float, sd_hz: float) -> FrequencyBelief:
-    """Belief from the first reading alone; all speeds are equally likely."""
+def initial_belief(frequency_hz: float, sd_hz: float) -> FrequencyBelief:
+    """Belief from the first reading, with equal weights of all speeds.
+
+    Parameters
+    ----------
+    frequency_hz
+        Reading [Hz].
+    sd_hz
+        Standard deviation [Hz].
+
+    Returns
+    -------
+    Belief of ln f.
+    """
     count = len(SPEEDS)
     sd = max(sd_hz / frequency_hz, FLOOR)
     return FrequencyBelief(
@@ -54,18 +71,58 @@ def first(frequency_hz: float, sd_hz: float) -> FrequencyBelief:
     )
 
 
-def ahead(belief: FrequencyBelief, elapsed: float) -> FrequencyBelief:
-    """`elapsed` epochs later, nothing read."""
+def predict_belief(belief: FrequencyBelief, elapsed: float) -> FrequencyBelief:
+    """Predict the belief without a reading.
+
+    Parameters
+    ----------
+    belief
+        Belief before the step.
+    elapsed
+        Number of epochs.
+
+    Returns
+    -------
+    Predicted belief.
+    """
     return dataclasses.replace(belief, variance=belief.variance + SPEEDS**2 * elapsed)
 
 
 def log_density(belief: FrequencyBelief, frequency_hz: float, sd_hz: float) -> float:
-    """Predictive log-density of a reading, per unit of the logarithm of frequency."""
+    """Predictive log-density of a reading, per unit of the logarithm of frequency.
+
+    Parameters
+    ----------
+    belief
+        Predicted belief.
+    frequency_hz
+        Reading [Hz].
+    sd_hz
+        Standard deviation [Hz].
+
+    Returns
+    -------
+    Log-density.
+    """
     return float(np.logaddexp.reduce(belief.log_weight + _each(belief, frequency_hz, sd_hz)))
 
 
 def update(belief: FrequencyBelief, frequency_hz: float, sd_hz: float) -> FrequencyBelief:
-    """Take in a reading; the further out of line it is, the less it moves the belief."""
+    """Update by a reading; outliers have a reduced weight (Student errors).
+
+    Parameters
+    ----------
+    belief
+        Predicted belief.
+    frequency_hz
+        Reading [Hz].
+    sd_hz
+        Standard deviation [Hz].
+
+    Returns
+    -------
+    Updated belief.
+    """
     noise = max(sd_hz / frequency_hz, FLOOR) ** 2
     residual = np.log(frequency_hz) - belief.level
     surprise = residual**2 / (belief.variance + noise)

@@ -1,4 +1,4 @@
-r"""What a tracked mode looks like: a running mean of shapes, and how far the next may be off.
+r"""Running mean of the shape of a tracked mode, and its scatter.
 
 Two shapes are compared by the sine of the angle between them,
 :math:`d^2 = 1 - \mathrm{MAC}`, against the variances that both are said to have. With n
@@ -33,20 +33,56 @@ class ShapeBelief:
         return len(self.shape) - 1
 
 
-def first(
+def initial_belief(
     shape: Complex[np.ndarray, " channel"], sd: Float[np.ndarray, " channel"]
 ) -> ShapeBelief:
-    """Belief from the first shape alone."""
+    """Belief from the first shape.
+
+    Parameters
+    ----------
+    shape
+        Complex deflections.
+    sd
+        Standard deviations.
+
+    Returns
+    -------
+    Belief of the unit-norm shape.
+    """
     return ShapeBelief(shape / np.linalg.norm(shape), _variance(sd))
 
 
-def ahead(belief: ShapeBelief, elapsed: float) -> ShapeBelief:
-    """`elapsed` epochs later, nothing seen."""
+def predict_belief(belief: ShapeBelief, elapsed: float) -> ShapeBelief:
+    """Predict the belief without a shape.
+
+    Parameters
+    ----------
+    belief
+        Belief before the step.
+    elapsed
+        Number of epochs.
+
+    Returns
+    -------
+    Predicted belief.
+    """
     return dataclasses.replace(belief, variance=belief.variance + DRIFT**2 * elapsed)
 
 
 def alike(belief: ShapeBelief, shape: Complex[np.ndarray, " channel"]) -> float:
-    """MAC of the believed shape and another."""
+    """MAC of the believed shape and another.
+
+    Parameters
+    ----------
+    belief
+        Belief.
+    shape
+        Complex deflections.
+
+    Returns
+    -------
+    MAC, 0 to 1.
+    """
     overlap = np.abs(np.vdot(belief.shape, shape)) / np.linalg.norm(shape)
     return float(min(overlap**2, 1.0))
 
@@ -56,7 +92,21 @@ def log_ratio(
     shape: Complex[np.ndarray, " channel"],
     sd: Float[np.ndarray, " channel"],
 ) -> float:
-    """Log-density of a shape if it is this mode's, over that of any shape at all."""
+    """Log-likelihood ratio of a shape: this mode against any shape.
+
+    Parameters
+    ----------
+    belief
+        Predicted belief.
+    shape
+        Complex deflections.
+    sd
+        Standard deviations.
+
+    Returns
+    -------
+    Log-ratio.
+    """
     n = belief.directions
     if n == 0:
         return 0.0
@@ -72,7 +122,21 @@ def update(
     shape: Complex[np.ndarray, " channel"],
     sd: Float[np.ndarray, " channel"],
 ) -> ShapeBelief:
-    """Take in a shape, turned to the phase of the belief; odd ones move it little."""
+    """Update by a shape, rotated to the phase of the belief; outliers count less.
+
+    Parameters
+    ----------
+    belief
+        Predicted belief.
+    shape
+        Complex deflections.
+    sd
+        Standard deviations.
+
+    Returns
+    -------
+    Updated belief.
+    """
     n = belief.directions
     if n == 0:
         return belief

@@ -1,11 +1,11 @@
-"""One mode followed through the epochs: where it is, what it looks like, how often it shows."""
+"""The state of one tracked mode: frequency, shape and rate of detection."""
 
 import dataclasses
 
 import numpy as np
 from jaxtyping import Complex
 
-from slowtime.identification.identified import Measured
+from slowtime.identification.estimates import Measured
 from slowtime.identification.modes import Mode
 
 from . import frequency as frequencies
@@ -14,7 +14,7 @@ from .frequency import FrequencyBelief
 from .shape import ShapeBelief
 
 MEMORY = 50.0
-"""Epochs over which the share of epochs that show the mode is reckoned."""
+"""Epochs over which the detection rate is averaged."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -57,15 +57,37 @@ class Track:
         return Measured(value, value * self.frequency.sd)
 
     def ahead(self, elapsed: float) -> "Track":
-        """Carry the beliefs on over `elapsed` epochs."""
+        """Predict frequency and shape.
+
+        Parameters
+        ----------
+        elapsed
+            Number of epochs.
+
+        Returns
+        -------
+        Predicted track.
+        """
         return dataclasses.replace(
             self,
-            frequency=frequencies.ahead(self.frequency, elapsed),
-            shape=shapes.ahead(self.shape, elapsed),
+            frequency=frequencies.predict_belief(self.frequency, elapsed),
+            shape=shapes.predict_belief(self.shape, elapsed),
         )
 
     def sighted(self, mode: Mode, epoch: int) -> "Track":
-        """Take in a mode that is this track's."""
+        """Update by a mode that belongs to the track.
+
+        Parameters
+        ----------
+        mode
+            Identified mode.
+        epoch
+            Number of the epoch.
+
+        Returns
+        -------
+        Updated track.
+        """
         where = mode.frequency_hz
         return dataclasses.replace(
             self,
@@ -90,7 +112,17 @@ class Track:
         return dataclasses.replace(self, known_by=self.shape.shape)
 
     def log_ratio(self, mode: Mode) -> float:
-        """Log-density of `mode` if it is this track's, over that of any shape anywhere."""
+        """Log-likelihood ratio of a mode: this track against any frequency and shape.
+
+        Parameters
+        ----------
+        mode
+            Identified mode.
+
+        Returns
+        -------
+        Log-ratio.
+        """
         where = mode.frequency_hz
         return frequencies.log_density(self.frequency, where.value, where.sd) + (
             shapes.log_ratio(self.shape, mode.shape, mode.shape_sd)
@@ -98,11 +130,23 @@ class Track:
 
 
 def begin(mode: Mode, epoch: int) -> Track:
-    """Start a candidate from its first sight."""
-    shape = shapes.first(mode.shape, mode.shape_sd)
+    """Track of a new candidate.
+
+    Parameters
+    ----------
+    mode
+        First mode.
+    epoch
+        Number of the epoch.
+
+    Returns
+    -------
+    Track without an identity.
+    """
+    shape = shapes.initial_belief(mode.shape, mode.shape_sd)
     return Track(
         identity=None,
-        frequency=frequencies.first(mode.frequency_hz.value, mode.frequency_hz.sd),
+        frequency=frequencies.initial_belief(mode.frequency_hz.value, mode.frequency_hz.sd),
         shape=shape,
         known_by=shape.shape,
         first=epoch,

@@ -1,4 +1,4 @@
-r"""Modes of one epoch after the other in, lasting identities out, at a constant cost an epoch.
+r"""Tracking of modes over epochs at constant cost per epoch.
 
 At every epoch the assignment of modes to identities is the likeliest one as a whole, with
 
@@ -27,8 +27,12 @@ from .events import Event
 from .frequency import student
 from .track import Track, begin
 
-_JUMP = 0.1  # relative sd of a sudden change of frequency, when a lost mode is looked for
-_DOUBLE = 0.95, 0.01  # MAC and relative distance of two poles that are one mode
+_JUMP = 0.1
+"""Relative standard deviation of a sudden change of frequency, in the search for a lost mode
+[1]."""
+
+_DOUBLE = 0.95, 0.01
+"""Least MAC and largest relative frequency difference of two estimates of one mode [1]."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

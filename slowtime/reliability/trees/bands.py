@@ -1,4 +1,4 @@
-"""Band of a tree's failure probability from those of its members."""
+"""Interval of a tree's failure probability from those of its members."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple

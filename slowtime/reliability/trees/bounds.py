@@ -1,4 +1,4 @@
-r"""Bounds of a tree's failure probability that hold whatever the dependence of the members.
+r"""Bounds of a tree's failure probability under any dependence of the members.
 
 With :math:`p_{(1)} \le \dots \le p_{(n)}`, at least r of n events happen with a probability of
 at most :math:`\min_{l<r} \, (p_{(1)} + \dots + p_{(n-l)}) / (r - l)`. Applied to what works,

@@ -1,4 +1,4 @@
-r"""How failures of members depend: each group has one common factor.
+r"""Dependence of member failures: one common factor per group.
 
 Given the common factor of their group, members fail independently. A group is so a set of
 values of the factor with weights, and the conditional failure probability of each member at

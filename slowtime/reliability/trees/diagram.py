@@ -1,4 +1,4 @@
-"""Reduced ordered binary decision diagrams of monotone functions, and of families of sets.
+"""Reduced ordered binary decision diagrams of monotone functions and set families.
 
 A node tests one variable: whether a member has failed. Equal nodes are one node, so that a
 member in several branches is counted once. Node 0 is false (or no set), node 1 is true (or the

@@ -1,4 +1,4 @@
-"""Failure probability of a tree, and how much of it each member accounts for.
+"""Failure probability of a tree, and the importance of each member.
 
 Members of a group stand together in the order of the diagram's variables. From its end
 towards its root, each group is then integrated over its common factor once, and what is below

@@ -1,4 +1,4 @@
-"""Failure probability of a tree by drawing its members: a check that shares no step."""
+"""Failure probability of a tree by Monte Carlo simulation of its members."""
 
 import math
 from collections.abc import Mapping, Sequence

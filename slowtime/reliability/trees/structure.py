@@ -1,4 +1,4 @@
-"""Reliability trees: gates over members, each of which has failed or works."""
+"""Reliability trees: gates over members that fail or work."""
 
 import dataclasses
 from collections.abc import Iterator, Mapping

@@ -11,7 +11,8 @@ import zlib
 import numpy as np
 
 from slowtime import degradation
-from slowtime.evolution import crossing, forecast
+from slowtime.evolution.forecasting import forecast
+from slowtime.evolution.life import threshold_crossing
 from tests.slowtime.degradation.histories import KINDS, TRUE_LAW, Hidden, hidden
 
 SHARES = (0.1, 0.5, 0.9)
@@ -69,7 +70,7 @@ def judge(case: Hidden) -> Score:
     readings = case.time, case.value, case.sd
     outlook = forecast.fit(*readings)
     since = float(case.time[-1])
-    today = crossing.first_crossing(
+    today = threshold_crossing.first_crossing(
         outlook, *readings, case.threshold, case.horizon, toward="below", points=120, paths=2000
     )
     begin = time.process_time()

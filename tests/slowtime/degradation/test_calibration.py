@@ -13,7 +13,7 @@ from slowtime.degradation.gamma_process import THETA_CENTRE, THETA_WIDTH, GammaL
 from slowtime.degradation.history import LEVEL_WIDTH, History
 from slowtime.degradation.survival import surviving_futures
 from slowtime.degradation.wiener import WIDTH
-from slowtime.evolution.first_passage import first_passage
+from slowtime.evolution.life.first_passage import first_passage
 
 RUNS, DRAWS = 500, 199
 LIMIT = 4.0

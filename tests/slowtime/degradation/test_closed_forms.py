@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from slowtime.degradation import closed_forms
-from slowtime.evolution.first_passage import first_passage, inverse_gaussian_cdf
+from slowtime.evolution.life.first_passage import first_passage, inverse_gaussian_cdf
 
 PATHS = 4000
 

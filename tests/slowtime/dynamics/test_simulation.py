@@ -7,8 +7,8 @@ from scipy.integrate import solve_ivp
 
 from slowtime.dynamics import simulation
 from slowtime.dynamics.builders import beam, chain
+from slowtime.dynamics.closed_form_motion import free_motion, step_motion
 from slowtime.dynamics.description import assemble
-from slowtime.dynamics.motion import free_motion, step_motion
 from slowtime.dynamics.simulation import (
     ambient_structure,
     force_density,

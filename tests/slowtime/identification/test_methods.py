@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from slowtime.dynamics.oscillator import Oscillator
-from slowtime.dynamics.stepping import ambient_acceleration
+from slowtime.dynamics.sdof.oscillator import Oscillator
+from slowtime.dynamics.sdof.simulation import ambient_acceleration
 from slowtime.identification.methods import by_method
-from slowtime.identification.shapes import mac
+from slowtime.identification.mode_shapes.criteria import mac
 
 SHAPES = np.array([[1.0, 0.9], [0.6, -0.8], [0.3, -0.7]])
 

@@ -17,7 +17,7 @@ from slowtime.reliability import (
     estimate,
     marginal,
 )
-from slowtime.reliability.copulas import kendall
+from slowtime.reliability.random_inputs.copulas import kendall
 
 PARAMETERS = {
     "mean": 3.0, "sd": 0.7, "lo": 0.0, "hi": 8.0, "mode": 2.0, "a": 2.0, "b": 3.0,

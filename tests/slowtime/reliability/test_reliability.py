@@ -20,7 +20,7 @@ from slowtime.reliability import (
     system,
     unknowns,
 )
-from slowtime.reliability.system import ditlevsen, joint
+from slowtime.reliability.design_points.system import ditlevsen, joint
 from tests.slowtime.reliability.problems import (
     QUADRATURE,
     SERIES_BETA,

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slowtime.evolution.known_events import (
+from slowtime.evolution.events.known_events import (
     NOMINAL_SD,
     UNKNOWN_SHARE,
     Detection,

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.evolution.covariates import Entry, Normal, Watch, learn_normal
+from slowtime.evolution.covariates import ChangeEstimate, NormalModel, Watch, learn_normal
 from slowtime_schemas.messages import Features
 from twin_server import states as st
 from twin_server.registration import Covariates
@@ -65,7 +65,7 @@ class Verdict(NamedTuple):
     """Something has entered, or is seen no more."""
 
     holds: bool
-    entry: Entry
+    entry: ChangeEstimate
     evidence: float
     limit: float
 
@@ -153,7 +153,7 @@ class Condition:
             return condition, None
         return condition, Verdict(raised, watch.entry(after), judgement.evidence, self.limit)
 
-    def entered(self, wanted: Covariates) -> Entry | None:
+    def entered(self, wanted: Covariates) -> ChangeEstimate | None:
         """Size and onset of what has entered, by all readings up to now."""
         return self._watcher(wanted).entry(self.watch.read()) if self.raised else None
 
@@ -230,11 +230,11 @@ def conclude(training: Training, wanted: Covariates, *, together: int = 1) -> Co
 
 
 def _features(
-    normal: Normal, covariates: Float[np.ndarray, " covariate"]
+    normal: NormalModel, covariates: Float[np.ndarray, " covariate"]
 ) -> Float[np.ndarray, " coefficient"]:
     return np.asarray(normal.basis.features(covariates[None, :])[0])
 
 
-def _spread(normal: Normal, features: Float[np.ndarray, " coefficient"]) -> float:
+def _spread(normal: NormalModel, features: Float[np.ndarray, " coefficient"]) -> float:
     covariance = normal.belief.covariance[:-1, :-1]
     return math.sqrt(max(float(features @ covariance @ features), 0.0))

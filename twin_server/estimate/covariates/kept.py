@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.evolution.covariates import Basis, Normal, WatchState
+from slowtime.evolution.covariates import Basis, NormalModel, WatchState
+from slowtime.evolution.covariates.change_onset import Onsets
 from slowtime.evolution.covariates.filter import Belief
-from slowtime.evolution.covariates.onsets import Onsets
-from slowtime.evolution.covariates.wander import Wander
-from slowtime.evolution.covariates.watch import Held
+from slowtime.evolution.covariates.monitor import Held
+from slowtime.evolution.covariates.residual_process import ResidualProcess
 
 from .packing import pack, unpack
 
@@ -38,7 +38,7 @@ class KeptNormal:
     rejected: int
 
     @classmethod
-    def of(cls, normal: Normal) -> "KeptNormal":
+    def of(cls, normal: NormalModel) -> "KeptNormal":
         """Write it."""
         basis, wander, belief = normal.basis, normal.wander, normal.belief
         return cls(
@@ -60,13 +60,13 @@ class KeptNormal:
             normal.rejected,
         )
 
-    def read(self) -> Normal:
+    def read(self) -> NormalModel:
         """Make it work again."""
         return _normal(self)
 
 
 @functools.lru_cache(maxsize=256)
-def _normal(kept: KeptNormal) -> Normal:
+def _normal(kept: KeptNormal) -> NormalModel:
     basis = Basis(
         law=kept.law,
         low=unpack(kept.low, -1),
@@ -78,8 +78,8 @@ def _normal(kept: KeptNormal) -> Normal:
         sd=kept.sd,
     )
     belief = _belief(kept.time, kept.mean, kept.covariance)
-    wander = Wander(kept.memory, kept.wander_sd, kept.noise)
-    return Normal(basis, wander, kept.centre, belief, (), kept.rejected)
+    wander = ResidualProcess(kept.memory, kept.wander_sd, kept.noise)
+    return NormalModel(basis, wander, kept.centre, belief, (), kept.rejected)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
-from slowtime.evolution.covariates import Entry
-from slowtime.identification.identified import Measured
+from slowtime.evolution.covariates import ChangeEstimate
+from slowtime.identification.estimates import Measured
 from twin_server.estimate.notices import Notice
 from twin_server.registration import Covariates, Registration
 
@@ -102,7 +102,7 @@ def told_of(condition: Condition, wanted: Covariates) -> dict[str, Any]:
     }
 
 
-def entry_of(entry: Entry, registration: Registration) -> dict[str, Any]:
+def entry_of(entry: ChangeEstimate, registration: Registration) -> dict[str, Any]:
     """Tell what has entered in numbers; as stiffness or mass where only one may change."""
     told: dict[str, Any] = {
         "frequency_change": _named(entry.frequency, entry.frequency_interval),

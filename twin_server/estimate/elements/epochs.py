@@ -29,11 +29,11 @@ from slowtime.evolution import Reason
 from slowtime.evolution.structures import (
     MeasuredModes,
     ParametricStructure,
-    Posterior,
+    StructurePosterior,
     estimate,
     name_changes,
 )
-from slowtime.evolution.structures.measured import gap
+from slowtime.evolution.structures.measured_modes import mode_misfit
 from slowtime_schemas.messages import Features
 from twin_server import states as st
 from twin_server.estimate.covariates import Removed, Verdict, covariates_of
@@ -326,7 +326,7 @@ def _shape(
     return np.where(known, shape, np.nan), np.where(known, sd, np.nan)
 
 
-def _changes(posterior: Posterior) -> Float[np.ndarray, "parameter 4"] | None:
+def _changes(posterior: StructurePosterior) -> Float[np.ndarray, "parameter 4"] | None:
     """Value, sd, lo and hi of the relative changes, over all peaks of the posterior."""
     theta, sd = posterior.theta, posterior.sd
     half = QUANTILE * sd
@@ -345,7 +345,7 @@ def _changes(posterior: Posterior) -> Float[np.ndarray, "parameter 4"] | None:
 def _suspects(measured: MeasuredModes, nominal: _Nominal) -> tuple[Suspect, ...]:
     """Name what has changed, where "nothing" does not explain the modes."""
     structure, prior = nominal.structure, nominal.model.prior_sd
-    still = gap(structure, measured, np.zeros(len(prior)), prior)
+    still = mode_misfit(structure, measured, np.zeros(len(prior)), prior)
     shapes = 0 if measured.shapes is None else int(np.isfinite(measured.shapes).any(1).sum())
     free = max(len(still.residual) - shapes, 1)
     if chdtrc(free, float(still.residual @ still.residual)) > UNCHANGED:

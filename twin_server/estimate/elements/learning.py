@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from slowtime.evolution import learn_nominal
 from slowtime.evolution.structures import MeasuredModes, estimate
-from slowtime.evolution.structures.measured import gap
+from slowtime.evolution.structures.measured_modes import mode_misfit
 from twin_server.estimate.covariates import Condition, NotLearntError, Training
 from twin_server.estimate.covariates import conclude as conclude_training
 from twin_server.estimate.memory import Baseline, Lesson, Memory, Reference
@@ -267,5 +267,5 @@ def _moved(
         unmodelled_shape=_UNMODELLED_SHAPE,
     )
     theta = estimate(model.whole, measured, model.tolerance, starts=0).theta
-    modes = gap(model.whole, measured, theta, np.full(len(theta), 0.05)).pairs
+    modes = mode_misfit(model.whole, measured, theta, np.full(len(theta), 0.05)).pairs
     return tuple(theta.tolist()), tuple(modes.tolist())

@@ -6,7 +6,7 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.identification.shapes import real_shape
+from slowtime.identification.mode_shapes.criteria import real_shape
 from slowtime_schemas.messages import Features, Mode
 from twin_server.model import Model
 

@@ -4,7 +4,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 
-from slowtime.evolution.structures import Hypothesis, Named
+from slowtime.evolution.structures import Hypothesis, NamedChanges
 from twin_server.model import MASS
 
 RIVAL = 0.2
@@ -45,7 +45,7 @@ class Suspect:
         )
 
 
-def suspects_of(named: Named) -> tuple[Suspect, ...]:
+def suspects_of(named: NamedChanges) -> tuple[Suspect, ...]:
     """Say what has changed: what all hypotheses of weight share, then what they differ in."""
     place = {name: i for i, name in enumerate(named.inclusion)}
     rivals = _rivals(named.hypotheses)

@@ -20,7 +20,7 @@ from slowtime.discrepancy.noise.colour import white_noise
 from slowtime.discrepancy.proposers.base_motion import _grows, base_motion
 from slowtime.dynamics.description import Description, Input, Node, Sensor
 from slowtime.dynamics.effects import Place, catalogue
-from slowtime.dynamics.effects.sensors import timed
+from slowtime.dynamics.effects.library.sensors import timed
 from slowtime.dynamics.plant import Plant
 from slowtime.signals.spectra import transform
 

@@ -10,7 +10,7 @@ from slowtime.dynamics.description import Input
 from slowtime.dynamics.effects import catalogue
 from slowtime.dynamics.effects.effect import Place
 from slowtime.dynamics.plant import Plant
-from slowtime.dynamics.plant.names import lowest
+from slowtime.dynamics.plant.parameter_names import lowest
 
 TWO = chain([2.0, 3.0], [800.0, 600.0], dampings_n_s_per_m=[1.0, 1.0])
 KINDS = catalogue()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from slowtime.dynamics.plant import running
+from slowtime.dynamics.plant import simulation_run
 
 RATE = 200.0
 START = np.array([1e-3, -2e-3, 1.5e-3, 0.02, -0.03, 0.01])
@@ -90,7 +90,7 @@ def differences(plant, forces, values, state, direction, size):
 @pytest.mark.parametrize("name", ENTRIES)
 def test_slopes_are_differences(rig, push, monkeypatch, name):
     # Where steps are halved hangs on the parameters, and moves the motion by its own error.
-    monkeypatch.setattr(running, "TOLERANCE", 1e9)
+    monkeypatch.setattr(simulation_run, "TOLERANCE", 1e9)
     check(rig, push, name, size=1e-6 if name == "jump" else 1e-5, error=1e-4)
 
 

@@ -1,0 +1,173 @@
+"""Compilation of scalar laws to machine code, cached on disk.
+
+Nothing is compiled when a module is imported. Where no folder can be written, neither that of
+the package nor the user's own (NUMBA_CACHE_DIR names another), code is compiled anew each time.
+"""
+
+import functools
+import inspect
+from collections.abc import Callable
+from typing import Any, ParamSpec, TypeVar, cast
+
+import numba
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+from numba.np.arrayobj import populate_array
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+Scalar = Callable[[float, float, float, Any, Any], float]
+"""A law: elongation e, its rate v, time t, internal states z[i], parameters p[i] in; one
+number out."""
+
+_REAL = types.float64
+_OPTIONS = {"error_model": "numpy", "_nrt": False}
+ROUND = 8
+"""Numbers that `sum_rows` takes at a time."""
+_POINTER = types.CPointer(types.float64)
+_SIGNATURE = _REAL(_REAL, _REAL, _REAL, _POINTER, _POINTER)
+
+
+def compiled(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile a function, which makes no arrays, when it is first called.
+
+    Without the bookkeeping that arrays of its own would take, it compiles twice as fast.
+    """
+    # Checkers of array shapes wrap functions in Python, which machine code cannot call.
+    plain = inspect.unwrap(function)
+    try:
+        return cast(Callable[P, R], numba.njit(cache=True, **_OPTIONS)(plain))
+    except RuntimeError:  # no folder to keep the code in
+        return cast(Callable[P, R], numba.njit(**_OPTIONS)(plain))
+
+
+@functools.cache
+def law_address(law: Scalar) -> int:
+    """Where the machine code of a law stands in memory, for `call_law`.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be compiled: a law may use numbers, `math` and other compiled functions.
+    """
+    return int(_code(inspect.unwrap(law)).address)
+
+
+@functools.cache
+def _code(law: Scalar) -> Any:
+    try:
+        return numba.cfunc(_SIGNATURE, cache=True, error_model="numpy")(law)
+    except RuntimeError:
+        return numba.cfunc(_SIGNATURE, error_model="numpy")(law)
+    except numba.core.errors.NumbaError as error:
+        last = str(error).strip().splitlines()[-1]
+        raise ValueError(
+            f"The law {law.__name__!r} cannot be compiled: {last} Write it with numbers, "
+            "`math` and `if`; z[0], p[0] are the first internal state and parameter."
+        ) from None
+
+
+def _call_law(
+    typing_context: Any, address: Any, e: Any, v: Any, t: Any, states: Any, parameters: Any
+) -> Any:
+    whole = types.int64
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        real, pointer = ir.DoubleType(), ir.PointerType(ir.DoubleType())
+        shape = ir.FunctionType(real, [real, real, real, pointer, pointer])
+        law = builder.inttoptr(arguments[0], ir.PointerType(shape))
+        z, p = (builder.inttoptr(arguments[i], pointer) for i in (4, 5))
+        return builder.call(law, [*arguments[1:4], z, p])
+
+    return _REAL(whole, _REAL, _REAL, _REAL, whole, whole), generate
+
+
+call_law: Any = intrinsic(inspect.unwrap(_call_law))
+"""In compiled code, call the law at an address: (address, e, v, t, z, p), z and p addresses."""
+
+
+def view_of(kind: Any, axes: int) -> Any:
+    """Make the compiled function (table, row) to the array that stands in memory there.
+
+    A row of the table is (address, lengths of the axes); the array is contiguous.
+    """
+
+    def view(typing_context: Any, table: Any, row: Any) -> Any:
+        array = types.Array(kind, axes, "C")
+
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            rows = context.make_array(signature.args[0])(context, builder, arguments[0])
+            width = builder.extract_value(rows.shape, 1)
+            first = builder.mul(context.cast(builder, arguments[1], row, types.int64), width)
+            found = [
+                builder.load(builder.gep(rows.data, [builder.add(first, _constant(k))]))
+                for k in range(1 + axes)
+            ]
+            size = context.get_abi_sizeof(context.get_value_type(kind))
+            strides = [_constant(size)]
+            for length in found[:1:-1]:
+                strides.insert(0, builder.mul(strides[0], length))
+            made = context.make_array(array)(context, builder)
+            data = builder.inttoptr(found[0], made.data.type)
+            populate_array(made, data, found[1:], strides, _constant(size), None)
+            return made._getvalue()
+
+        return array(table, row), generate
+
+    return intrinsic(view)
+
+
+def _sum_rows(
+    typing_context: Any,
+    found: Any,
+    start: Any,
+    shares: Any,
+    count: Any,
+    rows: Any,
+    width: Any,
+) -> Any:
+    whole, real = types.int64, ir.DoubleType()
+    several = ir.VectorType(real, ROUND)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        found, start, shares, count, rows, width = arguments
+
+        def place(address: Any, kind: Any) -> Any:
+            return builder.inttoptr(address, ir.PointerType(kind))
+
+        total = cgutils.alloca_once(builder, several)
+        builder.store(builder.load(place(start, several), align=8), total)
+        step = builder.mul(width, _constant(8))
+        with cgutils.for_range(builder, count) as loop:
+            at = builder.add(shares, builder.mul(loop.index, _constant(8)))
+            share = builder.load(place(at, real), align=8)
+            first = builder.insert_element(ir.Constant(several, ir.Undefined), share, _lane(0))
+            every = ir.Constant(ir.VectorType(ir.IntType(32), ROUND), [0] * ROUND)
+            alike = builder.shuffle_vector(first, ir.Constant(several, ir.Undefined), every)
+            at = builder.add(rows, builder.mul(loop.index, step))
+            more = builder.fmul(alike, builder.load(place(at, several), align=8))
+            builder.store(builder.fadd(builder.load(total), more), total)
+        builder.store(builder.load(total), place(found, several), align=8)
+        return context.get_dummy_value()
+
+    return types.none(whole, whole, whole, whole, whole, whole), generate
+
+
+sum_rows: Any = intrinsic(inspect.unwrap(_sum_rows))
+"""In compiled code, sum a round of columns: (found, start, shares, count, rows, width).
+
+Found are `ROUND` numbers: those at `start`, and `count` rows, each times its share. All but
+`count` and `width`, by how many numbers rows are apart, are addresses. Written out by vectors,
+since the compiler makes none of a loop that may be as short as this.
+"""
+
+
+def _lane(number: int) -> Any:
+    return ir.Constant(ir.IntType(32), number)
+
+
+def _constant(number: int) -> Any:
+    return ir.Constant(ir.IntType(64), number)

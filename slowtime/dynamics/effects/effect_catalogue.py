@@ -1,0 +1,71 @@
+"""Catalogue of all built-in kinds of effect, by name."""
+
+import functools
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+
+from .kind import Kind
+from .library import (
+    damping,
+    friction,
+    harmonic_forces,
+    hysteresis,
+    input_offset,
+    inputs,
+    linear,
+    sensors,
+    stiffness,
+    varying_stiffness,
+)
+
+FAMILIES = (
+    stiffness,
+    friction,
+    damping,
+    hysteresis,
+    linear,
+    varying_stiffness,
+    harmonic_forces,
+    inputs,
+    input_offset,
+    sensors,
+)
+
+
+def catalogue(own: Iterable[Kind] = ()) -> Mapping[str, Kind]:
+    """Kinds by name, those of a user's `own` among them.
+
+    Parameters
+    ----------
+    own
+        Kinds of the user.
+
+    Returns
+    -------
+    Kinds by name.
+
+    Raises
+    ------
+    ValueError
+        Where one of the user's own bears a name that is taken.
+
+    Examples
+    --------
+    >>> catalogue()["coulomb"].equation
+    'Fc sign(v), at v = 0 whatever up to Fc it takes to stick'
+    """
+    own = tuple(own)
+    if not own:
+        return _built_in()
+    known = dict(_built_in())
+    for kind in own:
+        if kind.name in known:
+            raise ValueError(f"A kind is called {kind.name!r} already. Rename your own.")
+        known[kind.name] = kind
+    return MappingProxyType(known)
+
+
+@functools.cache
+def _built_in() -> Mapping[str, Kind]:
+    kinds = (kind for family in FAMILIES for kind in family.KINDS)
+    return MappingProxyType({kind.name: kind for kind in kinds})

@@ -1,0 +1,1 @@
+"""The effects known by name, one module for each physical family."""

@@ -1,0 +1,165 @@
+"""Faulty sensors: bias, drift, gain, clipping, dropout and timing errors."""
+
+import math
+
+import numpy as np
+
+from slowtime.dynamics.effects.kind import (
+    Kind,
+    Parameter,
+    SensorChange,
+    Series,
+    Several,
+    Values,
+)
+from slowtime.signals.interpolation import at_instants
+
+
+def biased(series: Several, times: Series, p: Values) -> Several:
+    """Series with a constant added."""
+    return np.asarray(series + p[0])
+
+
+def drifting(series: Several, times: Series, p: Values) -> Several:
+    """Series with a line added, from the campaign's begin."""
+    return np.asarray(series + p[0] * times / p[1])
+
+
+def gained(series: Several, times: Series, p: Values) -> Several:
+    """Series times a factor."""
+    return np.asarray(p[0] * series)
+
+
+def clipped(series: Several, times: Series, p: Values) -> Several:
+    """Series that nowhere exceeds what the sensor can tell."""
+    return np.asarray(np.clip(series, -p[0], p[0]))
+
+
+def dropped(series: Several, times: Series, p: Values) -> Several:
+    """Series that stays at zero, or where it was, for a while."""
+    told = series.copy()
+    out = (times >= p[0]) & (times < p[0] + p[1])
+    before = int(np.argmax(out)) - 1
+    kept = p[2] and out.any() and before >= 0
+    told[..., out] = series[..., before : before + 1] if kept else 0.0
+    return told
+
+
+def timed(series: Several, times: Series, p: Values) -> Several:
+    """Series sampled by a clock that runs fast or slow from the first sample of a record on."""
+    if len(times) < 2:
+        return series
+    rate_hz = (len(times) - 1) / (times[-1] - times[0])
+    return at_instants(series, (times - times[0]) * (1.0 + p[0]) * rate_hz)
+
+
+def retimed(series: Several, times: Series, p: Values) -> Several:
+    """Series as a right clock would have sampled it."""
+    return timed(series, times, np.array([-p[0] / (1.0 + p[0])]))
+
+
+def _kind(
+    name: str,
+    title: str,
+    equation: str,
+    sentence: str,
+    action: SensorChange,
+    *parameters: Parameter,
+) -> Kind:
+    return Kind(
+        name=name,
+        title=title,
+        family="sensor",
+        where="sensor",
+        parameters=parameters,
+        equation=equation,
+        source="",
+        sentence=sentence,
+        action=action,
+    )
+
+
+_UNIT = "unit of the sensor"
+
+KINDS = (
+    _kind(
+        "sensor_bias",
+        "Constant error of a sensor",
+        "told = true + bias",
+        "The sensor adds a constant.",
+        SensorChange(act=biased),
+        Parameter(name="bias", unit=_UNIT, meaning="constant added"),
+    ),
+    _kind(
+        "sensor_drift",
+        "Drift of a sensor",
+        "told = true + drift · t / span",
+        "The sensor drifts away over the campaign.",
+        SensorChange(act=drifting),
+        Parameter(name="drift_total", unit=_UNIT, meaning="drift in the end"),
+        Parameter(
+            name="span_s",
+            unit="s",
+            meaning="campaign time at which it is reached; the end of the record where not "
+            "given",
+            low=0.0,
+            nonzero=True,
+            default=math.nan,
+            fitted=False,
+        ),
+    ),
+    _kind(
+        "sensor_gain",
+        "Sensor off by a factor",
+        "told = gain · true",
+        "The sensor tells too much or too little, by a factor.",
+        SensorChange(act=gained),
+        Parameter(name="gain", unit="", meaning="factor", nonzero=True),
+    ),
+    _kind(
+        "sensor_saturation",
+        "Clipping sensor",
+        "told = true, within ±clip",
+        "The sensor cannot tell more than so much.",
+        SensorChange(act=clipped, affine=False),
+        Parameter(name="clip", unit=_UNIT, meaning="most that is told", low=0.0, nonzero=True),
+    ),
+    _kind(
+        "sensor_dropout",
+        "Silent sensor",
+        "told = 0, or the last value, for a while",
+        "The sensor fell silent, or stuck, for a while.",
+        SensorChange(act=dropped),
+        Parameter(
+            name="from_s",
+            unit="s",
+            meaning="campaign time at which it falls silent",
+            default=0.0,
+            fitted=False,
+        ),
+        Parameter(
+            name="for_s",
+            unit="s",
+            meaning="time for which it does",
+            low=0.0,
+            default=0.0,
+            fitted=False,
+        ),
+        Parameter(
+            name="held",
+            unit="",
+            meaning="choice of what is told: 0, or 1 for the last value",
+            choices=(0.0, 1.0),
+            default=0.0,
+            fitted=False,
+        ),
+    ),
+    _kind(
+        "sensor_clock",
+        "Sensor clock off",
+        "told(t) = true(t0 + (t − t0)(1 + skew))",
+        "The sensor's clock runs fast or slow against the others.",
+        SensorChange(act=timed, undo=retimed),
+        Parameter(name="skew", unit="", meaning="relative error", low=-0.2, high=0.2),
+    ),
+)

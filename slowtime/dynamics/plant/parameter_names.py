@@ -1,0 +1,98 @@
+"""Parameters of a plant: names, values, units and tolerances."""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from slowtime.dynamics.description import Beam, Description
+from slowtime.dynamics.effects import Effect, Hidden, Kind, Place
+
+FARTHEST = 100.0
+"""Factor by which a factor may move: nothing at all explains whatever masses may vanish."""
+
+LIGHTEST = 0.05
+"""Share of its mass that a node keeps: one that weighs next to nothing explains whatever."""
+
+Name = tuple[str, str] | tuple[str, int, str]
+"""("stiffness", "j1"), ("damping", "j1"), ("mass", "m1"), or ("effect", 0, "friction_n")."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Entry:
+    """One number: value, unit, standard deviation of what is claimed, bounds, to be fitted."""
+
+    value: float
+    unit: str
+    sd: float
+    low: float
+    high: float
+    fitted: bool
+
+
+def names_of(
+    description: Description, effects: tuple[Effect, ...], kinds: Mapping[str, Kind]
+) -> dict[Name, Entry]:
+    """Every number of a description, in order: stiffness, damping, mass, effects.
+
+    Where a description has no tolerance, nothing is claimed and the standard deviation is
+    infinite; so it is of the parameters of effects.
+    """
+    found: dict[Name, Entry] = {}
+    angle = description.unit_of_coordinate == "rad"
+    units = {
+        "stiffness": "N m/rad" if angle else "N/m",
+        "damping": "N m s/rad" if angle else "N s/m",
+        "mass": "kg m^2" if angle else "kg",
+    }
+
+    def add(what: str, name: str, value: float, unit: str | None = None) -> None:
+        share = math.inf
+        if description.tolerance is not None:
+            share = getattr(description.tolerance, what)
+        sd = math.inf if math.isinf(share) else share * abs(value)
+        low = -math.inf if what == "damping" else 0.0
+        found[what, name] = Entry(value, unit or units[what], sd, low, math.inf, True)
+
+    springs = [element for element in description.elements if not isinstance(element, Beam)]
+    beams = [element for element in description.elements if isinstance(element, Beam)]
+    for spring in springs:
+        add("stiffness", spring.id, spring.stiffness_n_per_m)
+    for beam in beams:
+        add("stiffness", beam.id, beam.bending_stiffness_n_m2, "N m^2")
+    for spring in springs:
+        add("damping", spring.id, spring.damping_n_s_per_m)
+    for beam in beams:
+        add("damping", beam.id, beam.damping_s, "s")
+    for node in description.nodes:
+        if node.mass_kg:
+            add("mass", node.id, node.mass_kg)
+    for beam in beams:
+        if beam.mass_kg_per_m:
+            add("mass", beam.id, beam.mass_kg_per_m, "kg/m")
+    for i, effect in enumerate(effects):
+        kind = kinds[effect.kind]
+        for parameter, value in zip(
+            kind.parameters, kind.values(effect.parameters).tolist(), strict=True
+        ):
+            low, high = (
+                max(parameter.low, lowest(description, effect.place, kind)),
+                parameter.high,
+            )
+            if parameter.nonzero and value and math.isinf(low) and math.isinf(high):
+                low, high = sorted((value / FARTHEST, value * FARTHEST))
+            found["effect", i, parameter.name] = Entry(
+                value, parameter.unit, math.inf, low, high, parameter.fitted
+            )
+    return found
+
+
+def lowest(description: Description, place: Place, kind: Kind) -> float:
+    """Value that the one parameter of a kind must stay above, lest a node weigh nothing."""
+    action = kind.action
+    if not isinstance(action, Hidden) or kind.where != "node" or len(kind.parameters) != 1:
+        return -math.inf
+    gained = float(action.matrices(np.ones(1))[0][0, 0])
+    mass = next(node.mass_kg for node in description.nodes if node.id == place.id)
+    return -(1 - LIGHTEST) * mass / gained if gained > 0 and mass > 0 else -math.inf

@@ -1,0 +1,281 @@
+"""One simulation run of a plant: inputs, matrices, time stepping, sensors."""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from slowtime.dynamics.description import Beam, Description
+from slowtime.dynamics.effects import Effect, Kind, Motion, Place
+from slowtime.dynamics.effects.compilation import ROUND
+from slowtime.dynamics.work import count_work
+
+from .kernel import Now, System, march, padded, places
+from .matrices import Matrices
+from .parameter_names import Name
+from .sensing import SensorReadout, acting, base_of, held, sensor_readouts, told
+from .system import Layout
+from .system_cache import Asked, is_linear, system_of
+
+TOLERANCE = 3e-4
+"""By how much the parabola of a force may miss the force at the beginning of a step, over the
+largest so far; what that does to the motion is some hundred times less."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Run:
+    """What a run was.
+
+    Parameters
+    ----------
+    outputs
+        Of the sensors, in their units.
+    slopes
+        Of the outputs: to each free parameter, then to each number of the first state; None
+        where they were not asked for.
+    states, rates
+        Of the structure in SI; and how fast they change.
+    forces
+        Of laws, and rates of what they remember.
+    base
+        Acceleration of the base [m/s^2].
+    times
+        Campaign time [s].
+    steps
+        How many were taken, those tried in vain too; negative where the motion grew beyond
+        bounds.
+    """
+
+    outputs: Float[np.ndarray, "time sensor"]
+    slopes: Float[np.ndarray, "time sensor slope"] | None
+    states: Float[np.ndarray, "time state"]
+    rates: Float[np.ndarray, "time state"]
+    forces: Float[np.ndarray, "time channel"]
+    base: Float[np.ndarray, " time"]
+    times: Float[np.ndarray, " time"]
+    steps: int
+
+
+def run(
+    description: Description,
+    effects: Sequence[Effect],
+    kinds: Sequence[Kind],
+    matrices: Matrices,
+    layout: Layout,
+    values: Mapping[Name, float],
+    inputs: Float[np.ndarray, "time input"],
+    rate_hz: float,
+    free: Sequence[Name] | None,
+    *,
+    state0: Float[np.ndarray, " state"],
+    start_s: float,
+    base: Float[np.ndarray, " time"] | None,
+    hold: str,
+) -> Run:
+    """Run a plant: see `Plant.run`."""
+    samples, interval = len(inputs), 1 / rate_hz
+    times = start_s + np.arange(samples) / rate_hz
+    # Not-a-number stands for the end of the record.
+    values = {name: times[-1] if math.isnan(v) else v for name, v in values.items()}
+    asked = tuple(free or ())
+    acts, driven = acting(description, effects, kinds, values, inputs, times, asked)
+    if base is not None:
+        acts = np.concatenate([acts, base[:, None]], axis=1)
+    columns = np.concatenate([acts, *(series[:, None] for _, _, series in driven)], axis=1)
+    holds = [entry.hold or hold for entry in description.inputs]
+    holds += [hold] * (acts.shape[1] - len(holds))
+    holds += [holds[column] for _, column, _ in driven]
+    coefficients = held(columns, holds) if holds else np.zeros((samples, 0, 1))
+    wish = Asked(
+        layout=layout,
+        matrices=matrices,
+        kinds=tuple(kinds),
+        values=tuple(values.items()),
+        linear=tuple(name for name in asked if is_linear(name, matrices)),
+        laws=tuple(name for name in asked if name in layout.law_names),
+        driven=tuple((name, column) for name, column, _ in driven),
+        interval=interval,
+        powers=coefficients.shape[2],
+        unmeasured=base is not None,
+    )
+    system, order = system_of(wish), wish.order
+    slopes = len(order) + layout.states if free is not None else 0
+    now = _now(system, state0, len(order), slopes, coefficients.shape[1])
+    states, rates = (np.full((samples, layout.states), np.nan) for _ in range(2))
+    forces = np.full((samples, len(layout.laws)), np.nan)
+    free_count = len(matrices.names)
+    readouts = sensor_readouts(description, matrices.names)
+    factors = np.array([readout.factor for readout in readouts])
+    # By sensor, so that what is asked of one stands together in memory.
+    heard = np.zeros((len(readouts), samples, len(asked) + layout.states if slopes else 0))
+    target = [asked.index(name) for name in order]
+    target += range(len(asked), len(asked) + layout.states)
+    eventful = True if len(system.jumps) or system.table[:, 0].any() else None
+    steps = march(
+        places(system, now),
+        eventful,
+        coefficients,
+        start_s,
+        interval,
+        TOLERANCE,
+        states,
+        rates,
+        forces,
+        _read_rows(readouts, free_count),
+        factors,
+        np.array(target[:slopes], dtype=np.int64),
+        heard,
+    )
+    count_work(abs(int(steps)), layout.states * (1 + slopes))
+    if steps < 0:
+        heard[:, -steps:] = np.nan
+    shaken, shaking = _base(description, coefficients, driven, base is not None)
+    ground = (
+        base_of(shaken, interval).motion
+        if any(readout.absolute for readout in readouts)
+        else ()
+    )
+    outputs = np.zeros((samples, len(readouts)))
+    for k, readout in enumerate(readouts):
+        if readout.coordinate is not None:
+            row = readout.coordinate + (free_count if readout.order > 0 else 0)
+            outputs[:, k] = (states if readout.order < 2 else rates)[:, row]
+        if readout.absolute:
+            outputs[:, k] += ground[readout.order][:, 0]
+            for i, name in enumerate(shaking if slopes else ()):
+                heard[k, :, asked.index(name)] += factors[k] * ground[readout.order][:, 1 + i]
+    outputs *= factors
+    wanted = heard.transpose(1, 0, 2)
+    at = {name: j for j, name in enumerate(asked)}
+    told(description, effects, kinds, values, outputs, times, wanted, at)
+    return Run(
+        outputs=outputs,
+        slopes=wanted if free is not None else None,
+        states=states,
+        rates=rates,
+        forces=forces,
+        base=shaken[:, 0, 0],
+        times=times,
+        steps=int(steps),
+    )
+
+
+def motions(description: Description, names: Sequence[str], found: Run) -> dict[Place, Motion]:
+    """Motion of every spring element, and of every node that moves: see `Plant.states`."""
+    free = len(names)
+    place = {name: row for row, name in enumerate(names)}
+    q, v, a = found.states[:, :free], found.states[:, free : 2 * free], found.rates
+    a = a[:, free : 2 * free]
+    seen = {}
+    for part in description.elements:
+        if isinstance(part, Beam):
+            continue
+        row = np.zeros(free)
+        for name, sign in zip(part.between, (-1.0, 1.0), strict=True):
+            if name in place:
+                row[place[name]] += sign
+        seen["element", part.id] = Motion(e=q @ row, v=v @ row, a=a @ row, times=found.times)
+    for node in description.nodes:
+        if node.id in place:
+            k = place[node.id]
+            seen["node", node.id] = Motion(
+                e=q[:, k], v=v[:, k], a=a[:, k] + found.base, times=found.times
+            )
+    return {Place(kind, name): motion for (kind, name), motion in seen.items()}  # type: ignore[arg-type]
+
+
+def _now(
+    system: System,
+    state0: Float[np.ndarray, " state"],
+    before: int,
+    slopes: int,
+    inputs: int,
+) -> Now:
+    size, channels, seen = len(state0), len(system.laws), len(system.seeing)
+    rows, columns = system.big.shape[1], system.big.shape[2]
+    powers = (columns - size - 3 * channels) // max(system.matrix.shape[1] - size - channels, 1)
+    wide = padded(slopes)
+    slope = np.zeros((size, wide))
+    if slopes:
+        slope[:, before:slopes] = np.eye(size)
+    speeds = system.seeing @ state0
+    modes = [np.sign(speeds[row[2] + 1]) if row[0] else 0.0 for row in system.table]
+    widest = int(max([2, *(max(2 + row[3], row[5]) for row in system.table)]))
+    frictions = int(system.table[:, 0].sum())
+    return Now(
+        x=_roomy(np.asarray(state0, dtype=float)),
+        s=slope,
+        modes=np.array(modes, dtype=float),
+        largest_y=np.zeros(channels),
+        largest_w=np.zeros(seen),
+        v=np.zeros((system.matrix.shape[1], 1)),
+        slope_v=np.zeros((system.matrix.shape[1], wide)),
+        rate=_roomy(np.zeros(size))[:, None],
+        slope_rate=np.zeros((size, wide)),
+        w=_roomy(np.zeros(seen)),
+        slope_w=np.zeros((seen, wide)),
+        limit=np.zeros((channels, 1)),
+        by_seen=np.zeros((3, channels, widest)),
+        by_parameter=np.zeros((channels, widest)),
+        g=np.zeros(columns),
+        room=_roomy(np.zeros(rows)),
+        slope_room=np.zeros((rows, wide)),
+        y=np.zeros(3 * channels),
+        points=_roomy(np.zeros(3 * seen)).reshape(3, seen),
+        newton=np.zeros((3 * channels, 3 * channels)),
+        inverse=np.zeros((3 * channels, 3 * channels)),
+        right=np.zeros((3 * channels, 1)),
+        slope_right=np.zeros((3 * channels, wide)),
+        part=np.zeros((inputs, powers)),
+        stuck=np.zeros((frictions, frictions)),
+        stuck_right=np.zeros((frictions, 1)),
+        stuck_slope=np.zeros((frictions, wide)),
+        x_0=np.zeros(size),
+        s_0=np.zeros((size, wide)),
+        x_1=np.zeros(size),
+        s_1=np.zeros((size, wide)),
+        before=np.zeros(size),
+        moved=np.zeros(wide),
+        by_linear=np.zeros(max(system.slope_big.shape[2], system.slope_matrix.shape[1])),
+        nought=np.zeros(ROUND),
+    )
+
+
+def _roomy(values: Float[np.ndarray, " number"]) -> Float[np.ndarray, " number"]:
+    """Copy numbers to where whole rounds of them may be written."""
+    found = np.zeros(padded(len(values)) + ROUND)[: len(values)]
+    found[:] = values
+    return found
+
+
+def _read_rows(readouts: Sequence[SensorReadout], dofs: int) -> Int[np.ndarray, "sensor 2"]:
+    """Which number of the state or, with a 1 behind it, of its rate each sensor hears."""
+    return np.array(
+        [
+            (-1, 0)
+            if readout.coordinate is None
+            else (readout.coordinate + (dofs if readout.order else 0), int(readout.order == 2))
+            for readout in readouts
+        ],
+        dtype=np.int64,
+    ).reshape(-1, 2)
+
+
+def _base(
+    description: Description,
+    coefficients: Float[np.ndarray, "time input power"],
+    driven: Sequence[tuple[Name, int, Float[np.ndarray, " time"]]],
+    unmeasured: bool,
+) -> tuple[Float[np.ndarray, "time power slope"], list[Name]]:
+    """Polynomials of the base's acceleration, then of its slopes; and of which those are."""
+    shaking = [k for k, entry in enumerate(description.inputs) if entry.kind != "force"]
+    count = len(description.inputs) + unmeasured
+    moved = [(i, name) for i, (name, column, _) in enumerate(driven) if column in shaking]
+    found = np.zeros((len(coefficients), coefficients.shape[2], 1 + len(moved)))
+    for k in (*shaking, *((count - 1,) if unmeasured else ())):
+        found[:, :, 0] += coefficients[:, k]
+    for at, (i, _) in enumerate(moved):
+        found[:, :, 1 + at] = coefficients[:, count + i]
+    return found, [name for _, name in moved]

@@ -1,0 +1,1 @@
+"""An oscillator of a single degree of freedom in; its response out."""

@@ -1,0 +1,1 @@
+"""Readings and reported interventions in; sudden changes of level out."""

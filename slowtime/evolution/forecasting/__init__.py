@@ -1,0 +1,1 @@
+"""A history in slow time in; its continuation with uncertainty out."""

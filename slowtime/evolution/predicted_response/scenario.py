@@ -1,0 +1,202 @@
+r"""Response of the structure of today under a chosen load, with uncertainty bands.
+
+.. math:: \ln \theta \sim N(\mu, \Sigma), \quad \ln \zeta_j \sim N(\nu_j, s_j^2), \qquad
+          M(\theta) \ddot q + C(\theta, \zeta) \dot q + K(\theta) q = f(t)
+
+Structures are drawn, and each is run under the same load: the bands are of what is not known
+of the structure. Its damping is modal, as it was measured.
+"""
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import scipy.linalg
+from jaxtyping import Float
+
+from slowtime.dynamics.damping import modal_damping
+from slowtime.dynamics.simulation import simulate_structure
+from slowtime.dynamics.structure import Structure
+from slowtime.evolution.change import check_level
+from slowtime.evolution.structures import ParametricStructure
+
+QUANTITIES = ("displacement", "velocity", "acceleration")
+"""Quantities of a response that can be asked for."""
+
+Runs = Float[np.ndarray, "draw time output"]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ParameterBelief:
+    """A structure as it is believed to be.
+
+    Parameters
+    ----------
+    structure
+        Nominal matrices, and the parts of them that are not sure.
+    theta, covariance
+        Logarithms of the factors on these parts.
+    log_damping, log_damping_sd
+        Logarithms of the damping ratios, of the lowest mode first, independent of each other.
+    influence, base_mass
+        As of `Structure`: what moves along with the base.
+    """
+
+    structure: ParametricStructure
+    theta: Float[np.ndarray, " parameter"]
+    covariance: Float[np.ndarray, "parameter parameter"]
+    log_damping: Float[np.ndarray, " mode"]
+    log_damping_sd: Float[np.ndarray, " mode"]
+    influence: Float[np.ndarray, " dof"] | None = None
+    base_mass: Float[np.ndarray, " dof"] | None = None
+
+    def thetas(
+        self, count: int, rng: np.random.Generator
+    ) -> Float[np.ndarray, "draw parameter"]:
+        """Draw logarithms of the parameter factors.
+
+        Parameters
+        ----------
+        count
+            Number of draws.
+        rng
+            Generator of the draws.
+
+        Returns
+        -------
+        One row per draw.
+        """
+        values, vectors = scipy.linalg.eigh(self.covariance)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        return np.asarray(self.theta + rng.standard_normal((count, len(self.theta))) @ root.T)
+
+    def draw(self, count: int, rng: np.random.Generator) -> Iterator[Structure]:
+        """Draw structures.
+
+        Parameters
+        ----------
+        count
+            Number of draws.
+        rng
+            Generator of the draws.
+
+        Returns
+        -------
+        Structures.
+        """
+        thetas = self.thetas(count, rng)
+        away = rng.standard_normal((count, len(self.log_damping)))
+        # Beyond this a mode would not swing, which those measured do.
+        ratios = np.minimum(np.exp(self.log_damping + away * self.log_damping_sd), 0.95)
+        for theta, zeta in zip(thetas, ratios, strict=True):
+            mass, stiffness = self.structure.matrices(theta)
+            yield Structure(
+                mass=mass,
+                stiffness=stiffness,
+                damping=_symmetric(modal_damping(mass, stiffness, zeta)),
+                names=self.structure.dof_names,
+                influence=self.influence,
+                base_mass=self.base_mass,
+            )
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Bands:
+    """What many runs have in common.
+
+    Parameters
+    ----------
+    mean, sd, lo, hi
+        At each time, of each output; `lo` and `hi` are quantiles.
+    peak, rms
+        Mean, sd, lo and hi of each output's largest magnitude, and of its root mean square.
+    """
+
+    mean: Float[np.ndarray, "time output"]
+    sd: Float[np.ndarray, "time output"]
+    lo: Float[np.ndarray, "time output"]
+    hi: Float[np.ndarray, "time output"]
+    peak: Float[np.ndarray, "output 4"]
+    rms: Float[np.ndarray, "output 4"]
+
+
+def response_runs(
+    believed: ParameterBelief,
+    load: Float[np.ndarray, " time"],
+    rate_hz: float,
+    *,
+    on: str | None,
+    outputs: Sequence[str],
+    quantity: str = "acceleration",
+    draws: int = 400,
+    rng: np.random.Generator,
+) -> Runs:
+    """Run drawn structures from rest under a load that is straight between its samples.
+
+    Parameters
+    ----------
+    load
+        Force on the degree of freedom `on` [N], or acceleration of the base [m/s^2].
+    on
+        None for the base.
+    outputs
+        Degrees of freedom that are looked at.
+    quantity
+        Displacement [m] and velocity [m/s] against the base; acceleration in space [m/s^2].
+    draws, rng
+        How many structures, and where their randomness comes from.
+    """
+    if quantity not in QUANTITIES:
+        raise ValueError(f"{quantity=} is none of {', '.join(QUANTITIES)}.")
+    which, runs = QUANTITIES.index(quantity), np.empty((draws, len(load), len(outputs)))
+    for number, structure in enumerate(believed.draw(draws, rng)):
+        if on is None:
+            force = structure.base_force(load)
+        else:
+            force = np.zeros((len(load), structure.dofs))
+            force[:, structure.dof(on)] = load
+        motion = simulate_structure(structure, force, rate_hz, hold="first")[which]
+        if on is None and which == 2 and structure.influence is not None:
+            motion = motion + np.multiply.outer(load, structure.influence)
+        runs[number] = motion[:, [structure.dof(name) for name in outputs]]
+    return runs
+
+
+def bands(runs: Runs, level: float = 0.95) -> Bands:
+    """Mean and interval of the response over all runs.
+
+    Parameters
+    ----------
+    runs
+        Simulated runs.
+    level
+        Probability of the interval.
+
+    Returns
+    -------
+    Bands at each time.
+
+    Examples
+    --------
+    >>> found = bands(np.arange(101.0).reshape(101, 1, 1), level=0.9)
+    >>> np.ravel([found.mean, found.lo, found.hi]).round(9)
+    array([50.,  5., 95.])
+    """
+    check_level(level)
+    ends = [0.5 - 0.5 * level, 0.5 + 0.5 * level]
+    lo, hi = np.quantile(runs, ends, axis=0)
+    peak, rms = np.abs(runs).max(axis=1), np.sqrt((runs**2).mean(axis=1))
+    return Bands(
+        runs.mean(axis=0), runs.std(axis=0), lo, hi, _summary(peak, ends), _summary(rms, ends)
+    )
+
+
+def _summary(
+    each: Float[np.ndarray, "draw output"], ends: Sequence[float]
+) -> Float[np.ndarray, "output 4"]:
+    lo, hi = np.quantile(each, ends, axis=0)
+    return np.column_stack((each.mean(axis=0), each.std(axis=0), lo, hi))
+
+
+def _symmetric(matrix: Float[np.ndarray, "dof dof"]) -> Float[np.ndarray, "dof dof"]:
+    return np.asarray(0.5 * (matrix + matrix.T))

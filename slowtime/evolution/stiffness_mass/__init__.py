@@ -1,0 +1,1 @@
+"""Frequencies and damping ratios in; relative changes of stiffness and mass out."""

@@ -1,0 +1,210 @@
+r"""Measured modes, and their distance from a model in standard deviations.
+
+A frequency enters by its logarithm. A shape is known up to a factor a, which is fitted:
+
+.. math:: y = a \, C x_j + e, \qquad e_c \sim N(0, s_c^2)
+
+with C what each channel sees. So neither norm nor sign of a shape matters. With a measured
+force shapes are mass-normalised, and a is known to be plus or minus one.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.optimize import linear_sum_assignment
+
+from slowtime.identification.mode_shapes.criteria import real_shape
+from slowtime.identification.modes import Mode
+
+from .parametric_structure import ParametricModes, ParametricStructure
+
+_WIDEST = 0.3  # spread of ln f beyond which a prior says nothing on which mode is which
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class MeasuredModes:
+    """Modes read off one state of the structure.
+
+    Parameters
+    ----------
+    frequency_hz, frequency_sd_hz
+        Natural frequencies and their standard deviations, in any order [Hz].
+    shapes, shape_sd
+        Real shapes of any norm, one row a mode, and standard deviations of the components in
+        the same unit; NaN where not measured. None when only frequencies are known.
+    channels
+        What each channel sees of the degrees of freedom; all of them, one each, by default.
+    scaled
+        Whether the shapes are mass-normalised, as a measured force makes them.
+    added_mass
+        A known mass that was on the structure in this state.
+    """
+
+    frequency_hz: Float[np.ndarray, " mode"]
+    frequency_sd_hz: Float[np.ndarray, " mode"]
+    shapes: Float[np.ndarray, "mode channel"] | None = None
+    shape_sd: Float[np.ndarray, "mode channel"] | None = None
+    channels: Float[np.ndarray, "channel dof"] | None = None
+    scaled: bool = False
+    added_mass: Float[np.ndarray, "dof dof"] | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be compared with a model."""
+        for name, given in (("frequency", self.frequency_hz), ("sd", self.frequency_sd_hz)):
+            if not ((given > 0.0) & np.isfinite(given)).all() or not given.size:
+                raise ValueError(
+                    f"A {name} of {given} Hz was given. Allowed are positive finite values for "
+                    "at least one mode; leave out modes that were not identified."
+                )
+        if self.shapes is None:
+            return
+        if self.shape_sd is None:
+            raise ValueError("Shapes without shape_sd. Give the sd of each component.")
+        seen = np.isfinite(self.shapes) & np.isfinite(self.shape_sd)
+        if not (self.shape_sd[seen] > 0.0).all():
+            raise ValueError(
+                "A component of a shape has a standard deviation that is not positive. Give a "
+                "positive one, or NaN where the channel was not measured."
+            )
+
+    @classmethod
+    def of(
+        cls, modes: Sequence[Mode], channels: Float[np.ndarray, "channel dof"] | None = None
+    ) -> "MeasuredModes":
+        """Take over the structural ones of identified modes.
+
+        The deviation of a complex component is taken to be as large along the real line as
+        across it, so that the real shape has half of its variance.
+        """
+        own = [mode for mode in modes if mode.kind == "structural"]
+        silent = [np.where(mode.shape_sd > 0.0, mode.shape_sd, np.nan) for mode in own]
+        return cls(
+            frequency_hz=np.array([mode.frequency_hz.value for mode in own]),
+            frequency_sd_hz=np.array([mode.frequency_hz.sd for mode in own]),
+            shapes=np.array([real_shape(mode.shape) for mode in own]),
+            shape_sd=np.array(silent) / np.sqrt(2.0),
+            channels=channels,
+        )
+
+    @property
+    def relative_sd(self) -> Float[np.ndarray, " mode"]:
+        """Standard deviations of the logarithms of the frequencies."""
+        return np.asarray(self.frequency_sd_hz / self.frequency_hz)
+
+    def seen_by(self, structure: ParametricStructure) -> Float[np.ndarray, "channel dof"]:
+        """Return what each channel sees, checked against the structure and the shapes."""
+        seen = np.eye(structure.size) if self.channels is None else self.channels
+        columns = seen.shape[0] if self.shapes is None else self.shapes.shape[1]
+        if seen.shape != (columns, structure.size):
+            raise ValueError(
+                f"Shapes of {columns} channels and a channel matrix of shape {seen.shape} for "
+                f"{structure.size} degrees of freedom. Give `channels` with one row a channel "
+                "and one column a degree of freedom."
+            )
+        return seen
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class ModeMisfit:
+    """Measured minus model over standard deviation, and the slope of the model's part.
+
+    Parameters
+    ----------
+    residual
+        One entry a measured number.
+    slope
+        Of the model's prediction in the same units, so that a step of the parameters takes
+        `slope @ step` off the residual.
+    pairs
+        Which mode of the model each measured mode was compared with.
+    """
+
+    residual: Float[np.ndarray, " row"]
+    slope: Float[np.ndarray, "row parameter"]
+    pairs: Int[np.ndarray, " mode"]
+
+
+def mode_misfit(
+    structure: ParametricStructure,
+    measured: MeasuredModes,
+    theta: Float[np.ndarray, " parameter"],
+    spread: Float[np.ndarray, " parameter"],
+) -> ModeMisfit:
+    """Compare measured modes with those of the structure at `theta`.
+
+    Parameters
+    ----------
+    structure, measured, theta
+        What to compare.
+    spread
+        How far each parameter may still be off, which decides how far a mode may be from its
+        partner when modes are paired.
+    """
+    seen = measured.seen_by(structure)
+    modes = structure.modes(theta, measured.added_mass)
+    if len(modes.eigenvalue) < len(measured.frequency_hz):
+        raise ValueError(
+            f"{len(measured.frequency_hz)} modes were measured, but the model has only "
+            f"{len(modes.eigenvalue)}. Leave out modes that it does not describe."
+        )
+    pairs = _pair(measured, modes, seen, spread)
+    away = np.log(measured.frequency_hz / modes.frequency_hz[pairs])
+    residuals = [away / measured.relative_sd]
+    slopes = [modes.log_frequency_slope[pairs] / measured.relative_sd[:, None]]
+    if measured.shapes is not None:
+        for j, r in enumerate(pairs):
+            residual, slope = _shape_gap(measured, modes, seen, j, int(r))
+            residuals.append(residual)
+            slopes.append(slope)
+    return ModeMisfit(np.concatenate(residuals), np.concatenate(slopes), pairs)
+
+
+def _shape_gap(
+    measured: MeasuredModes, modes: ParametricModes, seen: np.ndarray, j: int, r: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Residual and slope of one shape, its factor fitted unless it is known."""
+    assert measured.shapes is not None
+    assert measured.shape_sd is not None
+    known = np.isfinite(measured.shapes[j]) & np.isfinite(measured.shape_sd[j])
+    weight = 1.0 / measured.shape_sd[j, known]
+    target = weight * measured.shapes[j, known]
+    model = weight * (seen[known] @ modes.shape[:, r])
+    slope = weight[:, None] * (seen[known] @ modes.shape_slope[:, r])
+    power = float(model @ model)
+    if measured.scaled:
+        sign = 1.0 if model @ target >= 0.0 else -1.0
+        return target - sign * model, sign * slope
+    if power <= 0.0:
+        return target, 0.0 * slope
+    factor = float(model @ target) / power
+    across = slope - np.outer(model, model @ slope) / power
+    return target - factor * model, factor * across
+
+
+def _pair(
+    measured: MeasuredModes,
+    modes: ParametricModes,
+    seen: np.ndarray,
+    spread: Float[np.ndarray, " parameter"],
+) -> Int[np.ndarray, " mode"]:
+    """Partner of each measured mode, the likeliest as a whole by frequency and MAC."""
+    reach = np.sum((modes.log_frequency_slope * spread) ** 2, axis=1)
+    variance = np.minimum(reach, _WIDEST**2) + measured.relative_sd[:, None] ** 2
+    away = np.log(measured.frequency_hz[:, None] / modes.frequency_hz)
+    cost = 0.5 * away**2 / variance
+    if measured.shapes is not None and measured.shape_sd is not None:
+        known = np.isfinite(measured.shapes) & np.isfinite(measured.shape_sd)
+        shapes = np.where(known, measured.shapes, 0.0)
+        columns = seen @ modes.shape
+        norms = known @ columns**2
+        power = np.sum(shapes**2, axis=1)[:, None]
+        alike = (shapes @ columns) ** 2 / np.maximum(norms * power, 1e-300)
+        turned = np.einsum("cd,dmp->cmp", seen, modes.shape_slope * spread)
+        drift = np.sum(turned**2, axis=(0, 2)) / np.maximum(np.sum(columns**2, axis=0), 1e-300)
+        noise = np.sum(np.where(known, measured.shape_sd, 0.0) ** 2, axis=1)[:, None] / power
+        directions = np.maximum(known.sum(axis=1) - 1, 0)[:, None]
+        cost = cost + 0.5 * directions * (1.0 - alike) / (np.minimum(drift, 0.5) + noise)
+    _, partners = linear_sum_assignment(cost)
+    return np.asarray(partners)

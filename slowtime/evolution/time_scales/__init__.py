@@ -1,0 +1,1 @@
+"""A series of two slow time scales in; one component for each scale out."""

@@ -1,0 +1,118 @@
+"""Expected periodogram of an oscillator under white force, leakage included."""
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+
+def expected_resonance(
+    frequency_hz: Float[np.ndarray, " frequency"],
+    *,
+    natural_hz: float,
+    damping_ratio: float,
+    rate_hz: float,
+    count: int,
+    derivatives: int = 2,
+) -> Float[np.ndarray, " frequency"]:
+    r"""Predict the periodogram of an oscillator under white force, peak density about 1.
+
+    The d-th derivative of the displacement (d = 0, 1, 2) has the density
+
+    .. math:: S(f) = \frac{4 \zeta^2 W^{2d}}{(1 - W^2)^2 + 4 \zeta^2 W^2},
+              \qquad W = f / f_n
+
+    up to half the sampling rate, where the force or an anti-alias filter ends it. The
+    periodogram of N samples scatters about its convolution with Fejér's kernel instead. With
+    the autocovariance :math:`R(\tau) \propto \mathrm{Re}\, A (-s^2 / \omega_n^2)^d e^{s \tau}`,
+    pole :math:`s = -\zeta \omega_n + i \omega_d`,
+    :math:`A = 1 - i \zeta / \sqrt{1 - \zeta^2}`, the triangle that a record of N samples puts
+    on it sums in closed form,
+
+    .. math:: \sum_{n<N} \bigl(1 - \tfrac{n}{N}\bigr) z^n = \frac{1}{1 - z}
+              - \frac{z \, (1 - z^N)}{N (1 - z)^2}, \qquad
+              z = e^{(s - 2 \pi i f) \Delta t} ,
+
+    and its second term is the leakage, added here to S. Fitting with it takes away the bias
+    that leakage puts on damping (the debiased Whittle likelihood [1]_).
+
+    Parameters
+    ----------
+    frequency_hz
+        Where to evaluate [Hz]: multiples of rate_hz / count, or means of a few of them.
+    natural_hz, damping_ratio
+        :math:`f_n` [Hz] and :math:`\zeta` [1], in (0, 1).
+    rate_hz, count
+        Samples per second [Hz] and number of samples N.
+    derivatives
+        2 for acceleration, 1 for velocity, 0 for displacement.
+
+    Returns
+    -------
+    Expected one-sided periodogram at each frequency, peak density about 1.
+
+    References
+    ----------
+    .. [1] A. M. Sykulski et al., "The debiased Whittle likelihood", Biometrika 106 (2019).
+    """
+    found = expected_resonances(
+        frequency_hz,
+        natural_hz=np.array([natural_hz]),
+        damping_ratio=np.array([damping_ratio]),
+        rate_hz=rate_hz,
+        count=count,
+        derivatives=derivatives,
+    )
+    return np.asarray(found[0])
+
+
+def expected_resonances(
+    frequency_hz: Float[np.ndarray, " frequency"],
+    *,
+    natural_hz: Float[np.ndarray, " case"],
+    damping_ratio: Float[np.ndarray, " case"],
+    rate_hz: float,
+    count: int,
+    derivatives: int = 2,
+) -> Float[np.ndarray, "case frequency"]:
+    """Predict the periodograms of several oscillators; see `expected_resonance`.
+
+    Parameters
+    ----------
+    frequency_hz
+        Frequencies of the ordinates [Hz].
+    natural_hz
+        Natural frequency of each case [Hz].
+    damping_ratio
+        Damping ratio of each case [1].
+    rate_hz
+        Sampling rate [Hz].
+    count
+        Number of samples of the record.
+    derivatives
+        2 acceleration, 1 velocity, 0 displacement.
+
+    Returns
+    -------
+    One row per case.
+    """
+    omega = 2 * np.pi * natural_hz[:, None]
+    damping = damping_ratio[:, None]
+    root = np.sqrt(1 - damping**2)
+    pole = omega * (-damping + 1j * root)
+    residue = (1 - 1j * damping / root) * (-(pole**2) / omega**2) ** derivatives
+    turn = np.exp(-2j * np.pi * frequency_hz / rate_hz)
+    leaked = residue * _leakage(pole / rate_hz, turn, count)
+    leaked += np.conj(residue) * _leakage(np.conj(pole) / rate_hz, turn, count)
+    square = (frequency_hz / natural_hz[:, None]) ** 2
+    density = 4 * damping**2 * square**derivatives
+    density /= (1 - square) ** 2 + 4 * damping**2 * square
+    return np.asarray(density + damping * omega / rate_hz * leaked.real)
+
+
+def _leakage(
+    exponent: Complex[np.ndarray, "case 1"],
+    turn: Complex[np.ndarray, " frequency"],
+    count: int,
+) -> Complex[np.ndarray, "case frequency"]:
+    r"""Second term of the triangle's sum for :math:`z = e^{exponent}\, turn`, turn^N = 1."""
+    ratio = np.exp(exponent) * turn
+    return np.asarray(-ratio / (1 - ratio) ** 2 * ((1 - np.exp(exponent * count)) / count))

@@ -1,0 +1,1 @@
+"""A record of many channels in; all its modes with standard deviations out."""

@@ -1,0 +1,1 @@
+"""Records of boards with clocks of their own in; one record on one clock out."""

@@ -1,0 +1,1 @@
+"""A record in; significant resonance peaks, and series reduced to one of them, out."""

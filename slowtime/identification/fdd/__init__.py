@@ -1,0 +1,1 @@
+"""A record in; modes by frequency domain decomposition, plain and enhanced, out."""

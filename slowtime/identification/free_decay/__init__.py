@@ -1,0 +1,1 @@
+"""A free decay in; frequency and damping of its modes by maximum likelihood out."""

@@ -1,0 +1,169 @@
+"""Choice of the segment of a record that determines a frequency best."""
+
+import dataclasses
+from itertools import pairwise
+
+import numpy as np
+
+from slowtime.identification.detection.mode_isolation import IsolatedSeries
+from slowtime.identification.detection.resonance_peaks import PeakCandidate
+from slowtime.identification.estimates import Identified, Measured
+
+from .decay_errors import SegmentFit, mode_of_fit
+from .decay_fit import drift_basis, fit_decays, matrix_pencil, signal_subspace
+from .estimation import fit_segment, index_of_candidate
+
+PARTS = 8
+"""Number of parts of a record at whose ends segments begin and end."""
+
+SHORTEST = 4
+"""Least length of a segment [parts]."""
+
+FINALISTS = 3
+"""Number of segments that are fitted in full."""
+
+
+CHOSEN = 1.1
+"""Factor on the smallest of several estimated errors, which is too small on average (from
+simulations)."""
+
+CHANCE = 3.84
+"""Squared score of the difference of two halves that is attributed to chance (95 % quantile of
+chi-square with one degree of freedom)."""
+
+FEWEST_CYCLES = 4.0
+"""Least length of a segment [cycles]."""
+
+FEWEST_SAMPLES = 24
+"""Least length of half a segment [samples]."""
+
+
+def best_segment(part: IsolatedSeries, candidate: PeakCandidate) -> SegmentFit:
+    """Decay fit of the segment with the smallest standard error of the frequency.
+
+    An impact, a move or another disturbance inside a stretch is not a decay: it leaves a
+    residual, the residual widens the error, and the stretch loses to one without.
+
+    Parameters
+    ----------
+    part
+        Series reduced to one mode.
+    candidate
+        Detected peak, with the band that belongs to it [Hz].
+
+    Returns
+    -------
+    The fit, flagged `part_of_record` if the segment is not the whole.
+    """
+    options = _stretches(part, candidate)
+    ranked = sorted(options, key=lambda one: _quick_error(one, candidate))
+    fits = [
+        _with_change(one, fit_segment(one, candidate), candidate) for one in ranked[:FINALISTS]
+    ]
+    best = min(fits, key=lambda fit: fit.identified.frequency_hz.sd)
+    whole = options[0]
+    mode = best.identified
+    if mode.span_s != (whole.start_s, whole.start_s + _seconds(whole)):
+        mode = dataclasses.replace(mode, flags=(*mode.flags, "part_of_record"))
+    if len(options) > 1:
+        mode = dataclasses.replace(
+            mode,
+            frequency_hz=Measured(mode.frequency_hz.value, CHOSEN * mode.frequency_hz.sd),
+            damping_ratio=Measured(mode.damping_ratio.value, CHOSEN * mode.damping_ratio.sd),
+        )
+    return dataclasses.replace(best, identified=mode)
+
+
+def widen_for_change(mode: Identified, first: Measured, second: Measured) -> Identified:
+    """Add the change between two halves of a record to the error of its mode.
+
+    A frequency that moves uniformly over a record moves by half its range between the means of
+    the halves, and its spread about the mean is that over sqrt(3). What the halves' own errors
+    explain, with a probability of 95 %, is taken off.
+
+    Parameters
+    ----------
+    mode
+        Mode of the whole.
+    first, second
+        Frequencies of the halves [Hz].
+
+    Returns
+    -------
+    Mode with the wider error, flagged `changes_within_record` beyond three standard deviations.
+    """
+    if not np.isfinite([mode.frequency_hz.sd, first.sd, second.sd]).all():
+        return mode
+    change = first.value - second.value
+    chance = first.sd**2 + second.sd**2
+    beyond = max(change**2 - CHANCE * chance, 0.0) / 3
+    flags = mode.flags
+    if change**2 > 9 * chance:
+        flags = (*flags, "changes_within_record")
+    sd = float(np.hypot(mode.frequency_hz.sd, np.sqrt(beyond)))
+    correlation = mode.correlation * mode.frequency_hz.sd / sd if sd else mode.correlation
+    return dataclasses.replace(
+        mode,
+        frequency_hz=dataclasses.replace(mode.frequency_hz, sd=sd),
+        correlation=correlation,
+        flags=flags,
+    )
+
+
+def _seconds(part: IsolatedSeries) -> float:
+    return len(part.series) / part.rate_hz
+
+
+def _stretches(part: IsolatedSeries, candidate: PeakCandidate) -> list[IsolatedSeries]:
+    """List the whole, then every run of eighths that is long enough."""
+    count = len(part.series)
+    edges = np.linspace(0, count, PARTS + 1).round().astype(int)
+    shortest = FEWEST_CYCLES / candidate.frequency_hz * part.rate_hz
+    found = [part]
+    for first in range(PARTS):
+        for last in range(first + SHORTEST, PARTS + 1):
+            if last - first < PARTS and edges[last] - edges[first] >= max(
+                shortest, 2 * FEWEST_SAMPLES
+            ):
+                found.append(_cut(part, int(edges[first]), int(edges[last])))
+    return found
+
+
+def _cut(part: IsolatedSeries, begin: int, end: int) -> IsolatedSeries:
+    return dataclasses.replace(
+        part, series=part.series[begin:end], start_s=part.start_s + begin / part.rate_hz
+    )
+
+
+def _quick_error(part: IsolatedSeries, candidate: PeakCandidate) -> float:
+    """Error of the frequency with poles straight from the matrix pencil."""
+    drift = drift_basis(len(part.series), 1 + int(2 * _seconds(part) * part.drift_hz))
+    space = signal_subspace(part.series - drift @ (drift.T @ part.series))
+    poles = matrix_pencil(space, part.rate_hz, 2)
+    hz = poles.imag / (2 * np.pi)
+    poles = poles[
+        (hz > part.low_hz)
+        & (hz < part.high_hz)
+        & (poles.real > -poles.imag)
+        & (poles.real * _seconds(part) < 3.0)
+    ]
+    if len(poles) == 0:
+        return float("inf")
+    fit = fit_decays(part.series, part.rate_hz, poles, drift, steps=0)
+    which = index_of_candidate(fit, _seconds(part), candidate, part.shift_hz)
+    if which is None:
+        return float("inf")
+    told = mode_of_fit(fit, which, part.rate_hz, part.start_s, part.band_hz, part.shift_hz)
+    return told.identified.frequency_hz.sd
+
+
+def _with_change(part: IsolatedSeries, fit: SegmentFit, candidate: PeakCandidate) -> SegmentFit:
+    """Put what the frequency does between the halves of a stretch into its error."""
+    middle = len(part.series) // 2
+    if middle < FEWEST_SAMPLES or _seconds(part) * candidate.frequency_hz < 2 * FEWEST_CYCLES:
+        return fit
+    cuts = [_cut(part, a, b) for a, b in pairwise((0, middle, len(part.series)))]
+    halves = [fit_segment(cut, candidate).identified.frequency_hz for cut in cuts]
+    return dataclasses.replace(
+        fit, identified=widen_for_change(fit.identified, halves[0], halves[1])
+    )

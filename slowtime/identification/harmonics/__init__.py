@@ -1,0 +1,1 @@
+"""Spectra of a record in; the harmonics of rotating machines in it out."""

@@ -1,0 +1,1 @@
+"""Mode shapes in; correlation criteria, and shapes merged over set-ups, out."""

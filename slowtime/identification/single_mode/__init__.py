@@ -1,0 +1,1 @@
+"""A record in; its modes, each fitted by itself, with standard deviations out."""

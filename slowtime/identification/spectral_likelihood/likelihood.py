@@ -1,0 +1,287 @@
+r"""Maximum-likelihood state-space model of the spectral matrices of a band.
+
+Within a band a structure under random force, or under forces that come all from one place,
+with modes beyond the band and noise besides, has the density
+
+.. math:: S(\omega) = \sum_j \left( \frac{\phi_j g_j^H}{i \omega - s_j} +
+          \frac{g_j \phi_j^H}{-i \omega - \bar s_j} \right) + R_0 + R_1 \omega ,
+
+that of a state-space model with a background which may slope. Periodograms scatter about it
+like :math:`\chi^2` (Whittle), so that the likeliest parameters, found by Fisher scoring, are as
+good as any, and the inverse of the information is their covariance.
+
+References
+----------
+.. [1] P. Whittle, "Estimation and information in stationary time series", Arkiv för Matematik
+   2 (1953).
+.. [2] T. McKelvey, H. Akçay, L. Ljung, "Subspace-based multivariable system identification from
+   frequency response data", IEEE Trans. Automatic Control 41 (1996) for the class of models.
+"""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from .fisher_information import fisher_information, restricted_inverse
+from .model import BandData, BandModel, step_parameters
+
+MOST_STEPS = 25
+"""Scoring steps of a full fit, at most."""
+
+SOME_STEPS = 12
+"""Scoring steps of a rough fit, at most."""
+
+FEW_STEPS = 8
+"""Scoring steps at fixed poles, at most."""
+
+CONVERGED = 0.03
+"""Expected gain of log-likelihood at which a full fit stops."""
+
+ROUGHLY = 1.0
+"""Expected gain of log-likelihood at which a rough fit stops."""
+
+FREELY = 0.05
+"""Damping of a step, relative to the information, below which the step counts as undamped
+[1]."""
+
+WARM_UP = 8
+"""Rounds of expectation-maximisation before scoring."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class BandFit:
+    """Likeliest model, and covariance of (log decay, frequency) of the poles and shapes.
+
+    `covariance` is that of the real parameters: for each mode the logarithm of the decay rate
+    and the angular frequency, then real and imaginary parts of the shape components.
+    """
+
+    model: BandModel
+    log_likelihood: float
+    covariance: Float[np.ndarray, "parameter parameter"]
+    converged: bool
+
+    def pole_covariance(self, mode: int) -> Float[np.ndarray, "2 2"]:
+        """Covariance of log decay rate and angular frequency of a mode.
+
+        Parameters
+        ----------
+        mode
+            Index of the mode.
+
+        Returns
+        -------
+        Two by two matrix.
+        """
+        at = slice(2 * mode, 2 * mode + 2)
+        return self.covariance[at, at]
+
+    def shape_covariance(self, mode: int) -> Complex[np.ndarray, "direction direction"]:
+        """Covariance of the complex shape at fixed length and phase.
+
+        Parameters
+        ----------
+        mode
+            Index of the mode.
+
+        Returns
+        -------
+        Complex covariance matrix.
+        """
+        directions, modes = self.model.shape.shape
+        first = 2 * modes + 2 * directions * mode
+        block = self.covariance[first : first + 2 * directions, first : first + 2 * directions]
+        whole = np.concatenate([np.eye(directions), 1j * np.eye(directions)], axis=1)
+        order = np.concatenate(
+            [np.arange(0, 2 * directions, 2), np.arange(1, 2 * directions, 2)]
+        )
+        shape = self.model.shape[:, mode]
+        across = np.eye(directions) - np.outer(shape, shape.conj()) / np.vdot(shape, shape).real
+        moved = across @ whole @ block[np.ix_(order, order)] @ whole.conj().T @ across.conj().T
+        return np.asarray(moved)
+
+
+def band_log_likelihood(data: BandData, density: np.ndarray) -> float:
+    """Whittle log-likelihood; minus infinity if the density is not positive definite.
+
+    Parameters
+    ----------
+    data
+        Mean spectral matrices of the band.
+    density
+        Density that the model predicts.
+
+    Returns
+    -------
+    Log-likelihood, up to a constant.
+    """
+    try:
+        root = np.linalg.cholesky(density)
+        misfit = np.trace(np.linalg.solve(density, data.density), axis1=1, axis2=2).real
+    except np.linalg.LinAlgError:
+        return -np.inf
+    logarithm = 2.0 * np.log(np.diagonal(root, axis1=1, axis2=2).real).sum(axis=1)
+    return float(-np.sum(data.number * (logarithm + misfit)))
+
+
+def initial_model(
+    data: BandData,
+    pole: Complex[np.ndarray, " mode"],
+    shape: Complex[np.ndarray, "direction mode"],
+    held: int = 0,
+) -> BandModel:
+    """Positive definite model with given poles and shapes.
+
+    Parameters
+    ----------
+    data
+        Mean spectral matrices of the band.
+    pole
+        Poles, in the unit of the data.
+    shape
+        Shapes.
+    held
+        Number of poles at the end that stay.
+
+    Returns
+    -------
+    Model.
+    """
+    none = np.zeros((len(shape), len(shape)), dtype=complex)
+    model = BandModel(pole, shape, 0 * shape, none, none, pole, held)
+    return expectation_maximisation(
+        data, dataclasses.replace(model, length=data.length, turn=data.turn)
+    )
+
+
+def expectation_maximisation(data: BandData, model: BandModel) -> BandModel:
+    """Fit forces and background at fixed poles and shapes by expectation-maximisation.
+
+    White forces on the modes and white background are drawn jointly with a covariance W; each
+    round replaces W by its mean given data and W, and no round lowers the likelihood.
+
+    Parameters
+    ----------
+    data
+        Mean spectral matrices of the band.
+    model
+        Modal state-space model of the band.
+
+    Returns
+    -------
+    Model with a positive definite density.
+    """
+    pole, shape = model.pole, model.shape
+    modes, directions = len(pole), len(shape)
+    gain = 1.0 / (1j * data.omega[:, None] - pole)
+    unit = np.broadcast_to(np.eye(directions), (len(gain), directions, directions))
+    seen = np.concatenate([shape * gain[:, None, :], unit], axis=2)
+    weight = data.number / data.number.sum()
+    power = np.real(np.diagonal(data.density, axis1=1, axis2=2))
+    drawn = np.zeros((modes + directions, modes + directions), dtype=complex)
+    drawn[modes:, modes:] = np.diag(np.quantile(power, 0.2, axis=0) + 1e-6 * power.mean(axis=0))
+    inverse = np.linalg.pinv(shape)
+    for j in range(modes):
+        nearest = np.argsort(np.abs(data.omega - pole[j].imag))[:3]
+        own = inverse[j] @ data.density[nearest].mean(axis=0) @ inverse[j].conj()
+        drawn[j, j] = 0.5 * max(own.real, 1e-9) * pole[j].real ** 2
+    for _ in range(WARM_UP):
+        spread = seen @ drawn
+        density = spread @ seen.conj().transpose(0, 2, 1)
+        gather = np.linalg.solve(density, spread).conj().transpose(0, 2, 1)
+        surprise = gather @ (data.density - density) @ gather.conj().transpose(0, 2, 1)
+        drawn = drawn + np.tensordot(weight, surprise, axes=1)
+        drawn = (drawn + drawn.conj().T) / 2
+    share = -drawn[:modes, :modes] / (pole[:, None] + pole.conj())
+    force = (share @ shape.conj().T + drawn[:modes, modes:]).conj().T
+    level = drawn[modes:, modes:]
+    return dataclasses.replace(model, force=force, level=level, slope=0 * level)
+
+
+def fit_band_model(data: BandData, model: BandModel, *, roughly: bool = False) -> BandFit:
+    """Maximise the likelihood from a positive definite model by Fisher scoring.
+
+    Poles stay at first; while forces are far off, they would leave for where one is missing.
+
+    Parameters
+    ----------
+    data
+        Mean spectral matrices of the band.
+    model
+        Modal state-space model of the band.
+    roughly
+        Whether to stop early, when only dozens of log-likelihood matter.
+
+    Returns
+    -------
+    Model, log-likelihood and covariance.
+    """
+    enough, most = (ROUGHLY, SOME_STEPS) if roughly else (CONVERGED, MOST_STEPS)
+    model, density, converged = _climbed(data, fit_forces(data, model), enough, most)
+    free = model.free()
+    information, _ = fisher_information(data, model, density)
+    covariance = np.zeros((len(free), len(free)))
+    covariance[np.ix_(free, free)] = restricted_inverse(information)
+    return BandFit(model, band_log_likelihood(data, density), covariance, converged)
+
+
+def fit_forces(data: BandData, model: BandModel) -> BandModel:
+    """Fit forces, shapes and background roughly, at fixed poles.
+
+    Parameters
+    ----------
+    data
+        Mean spectral matrices of the band.
+    model
+        Modal state-space model of the band.
+
+    Returns
+    -------
+    Model.
+    """
+    still = dataclasses.replace(model, still=True)
+    found, *_ = _climbed(data, still, ROUGHLY, FEW_STEPS)
+    return dataclasses.replace(found, still=model.still)
+
+
+def _climbed(
+    data: BandData, model: BandModel, enough: float, most: int
+) -> tuple[BandModel, np.ndarray, bool]:
+    """Fisher scoring, damped where a step would not climb; model, density, and whether done."""
+    density = model.predicted(data)
+    best = _posterior(data, model, density)
+    damping, converged = 1e-3, False
+    free = model.free()
+    whole = np.zeros(len(free))
+    for _ in range(most):
+        information, score = fisher_information(data, model, density)
+        scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+        scaled, slope = information / scale[:, None] / scale, score / scale
+        accepted = False
+        for _ in range(12):
+            step = np.linalg.solve(scaled + damping * np.eye(len(scaled)), slope)
+            promised = float(slope @ step)
+            whole[free] = step / scale
+            trial = step_parameters(model, whole)
+            trial_density = trial.predicted(data)
+            likelihood = _posterior(data, trial, trial_density)
+            if likelihood >= best - 1e-10 * abs(best):
+                accepted = True
+                break
+            damping = max(damping, 1e-4) * 6.0
+        if not accepted:
+            converged = promised < 1.0
+            break
+        model, density, best = trial, trial_density, likelihood
+        # A step kept short by a wall, where no density is left, promises little by itself.
+        if promised < enough and damping < FREELY:
+            converged = True
+            break
+        damping /= 8.0
+    return model, density, converged
+
+
+def _posterior(data: BandData, model: BandModel, density: np.ndarray) -> float:
+    away, wide = model.ties()
+    return band_log_likelihood(data, density) - 0.5 * float(np.sum((away / wide) ** 2))

@@ -1,0 +1,255 @@
+"""Selection of the modes that a spectrum needs, each at maximum likelihood.
+
+Candidates that are close to each other share a window of the spectrum and one model. A
+candidate stays only if leaving it out costs more log-likelihood than its parameters are worth.
+"""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from .likelihood import (
+    BandFit,
+    band_log_likelihood,
+    expectation_maximisation,
+    fit_band_model,
+    fit_forces,
+)
+from .model import BandModel
+from .score_test import AddedModeTest
+from .window_data import WindowData, WindowUnits, prepare_window
+from .windows import Spectrum, Window, group_close_poles, shared_windows
+
+SELECTING = 12.0
+"""Half-width of windows in the selection of modes [half-bandwidths]."""
+
+FITTING = 50.0
+"""Half-width of windows in the final fit [half-bandwidths]."""
+
+MOST_BESIDE = 3
+"""Largest number of modes beside a window, on either side, whose skirts are modelled."""
+
+WORTH = 1.5
+"""Least evidence of a mode [Bayesian penalties]."""
+
+CLEAR = 3.0
+"""Evidence above which a rough refit without the mode is sufficient [Bayesian penalties]."""
+
+PROMISE = 0.5
+"""First-order evidence below which a mode is not tried [Bayesian penalties]."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class FittedMode:
+    """One mode at its likeliest.
+
+    Parameters
+    ----------
+    pole
+        s [rad/s].
+    covariance
+        Of the log decay rate and the angular frequency.
+    shape, shape_sd
+        In the channels of the spectrum; the shape of unit norm.
+    evidence
+        Log-likelihood that would be lost without the mode, over what it must be worth.
+    prominence
+        Density of the mode over that of everything else at its peak, where it shows best.
+    strength
+        Density at the peak, all channels of the spectrum together.
+    """
+
+    pole: complex
+    covariance: Float[np.ndarray, "2 2"]
+    shape: Complex[np.ndarray, " channel"]
+    shape_sd: Float[np.ndarray, " channel"]
+    evidence: float
+    prominence: float
+    strength: float
+
+    @property
+    def half_bandwidth_hz(self) -> float:
+        """Decay rate over 2 pi [Hz]."""
+        return -self.pole.real / (2 * np.pi)
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class InitialMode:
+    """Where a mode is thought to be: pole [rad/s] and shape."""
+
+    pole: complex
+    shape: Complex[np.ndarray, " channel"]
+
+
+def select_modes(
+    spectrum: Spectrum, starts: list[InitialMode], *, low_hz: float, high_hz: float
+) -> list[tuple[int, FittedMode]]:
+    """Select the modes among candidates, in narrow windows.
+
+    Windows are narrow here: little else in them can be mistaken for a mode.
+
+    Parameters
+    ----------
+    spectrum
+        Fourier coefficients of the record.
+    starts
+        Candidates.
+    low_hz, high_hz
+        Limits of the search [Hz].
+
+    Returns
+    -------
+    Modes, each with the index of its start.
+    """
+    return _in_windows(spectrum, starts, (low_hz, high_hz), SELECTING, 0, _selected)
+
+
+def fit_modes(
+    spectrum: Spectrum, starts: list[InitialMode], *, low_hz: float, high_hz: float
+) -> list[tuple[int, FittedMode]]:
+    """Fit selected modes in wide windows, with the skirts of the modes beyond.
+
+    Windows are wide here: most is to be learned in them, with the skirts of the modes beyond
+    accounted for. That asks for a list of modes without strangers.
+
+    Parameters
+    ----------
+    spectrum
+        Fourier coefficients of the record.
+    starts
+        Selected modes.
+    low_hz, high_hz
+        Limits of the search [Hz].
+
+    Returns
+    -------
+    Modes, each with the index of its start.
+    """
+    return _in_windows(spectrum, starts, (low_hz, high_hz), FITTING, MOST_BESIDE, _kept)
+
+
+def _in_windows(
+    spectrum: Spectrum,
+    starts: list[InitialMode],
+    edges: tuple[float, float],
+    wide: float,
+    beside: int,
+    choose: "_Choice",
+) -> list[tuple[int, FittedMode]]:
+    least = 0.25 * spectrum.spacing_hz * 2 * np.pi
+    order = sorted(range(len(starts)), key=lambda k: starts[k].pole.imag)
+    poles = np.array([starts[k].pole for k in order])
+    poles = np.minimum(poles.real, -least) + 1j * poles.imag
+    found: list[tuple[int, FittedMode]] = []
+
+    def about(group: list[int]) -> Window:
+        return Window.about(spectrum, poles, group, edges, wide, beside)
+
+    for group, window in shared_windows(group_close_poles(poles), about):
+        modes = window.modes + window.beside
+        shapes = np.stack([starts[order[k]].shape for k in modes], axis=1)
+        for k, sharp in _fitted(spectrum, window, poles[modes], shapes, choose):
+            if modes[k] in group:
+                found.append((order[modes[k]], sharp))
+    return sorted(found, key=lambda pair: abs(pair[1].pole))
+
+
+_Choice = Callable[[WindowData], tuple[list[int], BandFit]]
+
+
+def _fitted(
+    spectrum: Spectrum,
+    window: Window,
+    poles: np.ndarray,
+    shapes: np.ndarray,
+    choose: _Choice,
+) -> list[tuple[int, FittedMode]]:
+    """Fit a window, dropping what it can do without; (index into poles, mode) of the rest."""
+    frame, case = prepare_window(spectrum, window, poles, shapes)
+    data = case.data
+    left, best = choose(case)
+    while left:
+        rests = [_without(case, best, k) for k in range(len(left))]
+        losses = [
+            best.log_likelihood - band_log_likelihood(data, r.predicted(data)) for r in rests
+        ]
+        worst = int(np.argmin(losses))
+        if losses[worst] >= WORTH * case.price:
+            return [
+                (left[k], _sharp(frame, best, k, loss / case.price))
+                for k, loss in enumerate(losses)
+            ]
+        left.pop(worst)
+        best = fit_band_model(data, rests[worst])
+    return []
+
+
+def _kept(case: WindowData) -> tuple[list[int], BandFit]:
+    """All modes at once, for they have been chosen."""
+    everything = list(range(case.modes))
+    return everything, fit_band_model(case.data, case.start(everything))
+
+
+def _selected(case: WindowData) -> tuple[list[int], BandFit]:
+    """Add candidates, the one that promises most first, as long as they keep the promise.
+
+    Poles stay where the candidates have them until all have been added: free ones would leave
+    for where another mode is still missing.
+    """
+    left: list[int] = []
+    waiting = set(range(case.modes))
+    best = fit_forces(case.data, case.start([]))
+    reached = band_log_likelihood(case.data, best.predicted(case.data))
+    while waiting:
+        prospects = AddedModeTest(case.data, best)
+        gains = {k: prospects.gain(case.poles[k], case.shapes[:, k]) for k in waiting}
+        waiting = {k for k in waiting if gains[k][0] >= PROMISE * case.price}
+        if not waiting:
+            break
+        most = max(waiting, key=lambda k: gains[k][0])
+        waiting.remove(most)
+        more = best.with_modes(case.poles[[most]], gains[most][1][:, None])
+        for start in (expectation_maximisation(case.data, more), more):
+            trial = fit_forces(case.data, start)
+            likelihood = band_log_likelihood(case.data, trial.predicted(case.data))
+            if likelihood - reached >= WORTH * case.price:
+                best, reached = trial, likelihood
+                left.append(most)
+                break
+    return left, fit_band_model(case.data, best, roughly=True)
+
+
+def _without(case: WindowData, whole: BandFit, mode: int) -> BandModel:
+    """Model without a mode, refitted as far as it takes to see whether the mode is needed."""
+    rest = expectation_maximisation(case.data, whole.model.without(mode))
+    loss = whole.log_likelihood - band_log_likelihood(case.data, rest.predicted(case.data))
+    return rest if loss > CLEAR * case.price else fit_band_model(case.data, rest).model
+
+
+def _sharp(frame: WindowUnits, found: BandFit, mode: int, evidence: float) -> FittedMode:
+    model = found.model
+    units = np.array([1.0, frame.unit])
+    covariance = found.pole_covariance(mode) * units[:, None] * units
+    expand = frame.scale[:, None] * frame.directions
+    shape = expand @ model.shape[:, mode]
+    size = float(np.linalg.norm(shape))
+    moved = expand @ found.shape_covariance(mode) @ expand.conj().T / size**2
+    shape = shape / size
+    across = np.eye(len(shape)) - np.outer(shape, shape.conj())
+    variance = np.real(np.diag(across @ moved @ across.conj().T))
+    return FittedMode(
+        frame.back(model.pole[mode]),
+        covariance,
+        shape,
+        np.sqrt(np.maximum(variance, 0.0)),
+        evidence,
+        model.prominence(mode),
+        _strength(model, mode, expand),
+    )
+
+
+def _strength(model: BandModel, mode: int, expand: np.ndarray) -> float:
+    part = model.resonances(np.array([model.pole[mode].imag]))[mode, 0]
+    return float(np.trace(expand @ part @ expand.conj().T).real)

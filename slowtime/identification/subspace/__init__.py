@@ -1,0 +1,1 @@
+"""A record of many channels in; stable poles and shapes of subspace identification out."""

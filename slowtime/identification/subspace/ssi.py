@@ -1,0 +1,360 @@
+r"""Stochastic subspace identification, covariance-driven and data-driven.
+
+Correlations of a structure under white force obey :math:`R_\tau = C A^{\tau-1} G`. The Hankel
+matrix of their blocks has the rank of the model; its singular vectors give C and A, and a model
+of any lower order is a leading part of the same vectors.
+
+Errors travel to first order, without a large matrix ever being formed. With
+:math:`U S V^H` the leading n singular triplets of the (weighted) Hankel matrix H, left and
+right eigenvectors :math:`\chi, \psi` of A and the observability matrix :math:`\Gamma`,
+
+.. math:: \delta\mu = x^H \, \delta H \, y, \qquad
+          y = V S^{-1} \psi, \quad
+          x^H = \chi^H \Gamma_\uparrow^+ (S_\downarrow - \mu S_\uparrow) (I - U U^H)
+
+is the error of a pole. :math:`\delta H V S^{-1}` is computed once for each draw of
+:class:`Correlations`; every order takes its leading columns, and a pole or a component of its
+shape then costs one inner product per draw.
+
+Everything holds for real series and for complex ones (a band moved to zero frequency) alike.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+import scipy.linalg
+from jaxtyping import Float, Inexact
+
+from slowtime.identification import checks
+
+from .correlations import Correlations, correlation_matrices
+from .poles import Poles as Poles
+from .poles import rescale_channels
+
+Weighting = Literal["none", "past", "both"]
+
+RIDGE = 1e-6
+"""Least eigenvalue of a whitened covariance, relative to the mean power [1]; below is
+rounding."""
+
+
+def ssi_covariance(
+    samples: Float[np.ndarray, "time channel"],
+    rate_hz: float,
+    *,
+    block_rows: int,
+    orders: Sequence[int],
+    references: Sequence[int] | None = None,
+    shapes: bool = True,
+    weighting: Weighting = "none",
+) -> Poles:
+    """Covariance-driven stochastic subspace identification, with uncertainty at every order.
+
+    Parameters
+    ----------
+    samples
+        Equally spaced, any units; each channel is scaled to unit variance.
+    rate_hz
+        Samples per second [Hz].
+    block_rows
+        Lags in a block row or column; twice as many are used.
+    orders
+        Model orders, two for each mode.
+    references
+        Channels to correlate with; all by default.
+    shapes
+        Whether to compute errors of the shapes as well.
+    weighting
+        See `identify_poles`. `both` is the best at orders beyond what there is; it needs all
+        channels as references.
+
+    References
+    ----------
+    .. [1] P. Van Overschee, B. De Moor, "Subspace Identification for Linear Systems" (1996).
+    .. [2] E. Reynders, R. Pintelon, G. De Roeck, "Uncertainty bounds on modal parameters
+       obtained from stochastic subspace identification", MSSP 22 (2008).
+    .. [3] M. Döhler, L. Mevel, "Efficient multi-order uncertainty computation for stochastic
+       subspace identification", MSSP 38 (2013).
+    """
+    return _of_samples(samples, rate_hz, block_rows, orders, references, shapes, weighting)
+
+
+def ssi_data(
+    samples: Float[np.ndarray, "time channel"],
+    rate_hz: float,
+    *,
+    block_rows: int,
+    orders: Sequence[int],
+    references: Sequence[int] | None = None,
+    shapes: bool = True,
+) -> Poles:
+    r"""Data-driven stochastic subspace identification (UPC), with uncertainty at every order.
+
+    The projection of future on past, :math:`Y_f Y_p^H (Y_p Y_p^H)^{-1} Y_p`, has the left
+    singular vectors and values of :math:`H (Y_p Y_p^H)^{-1/2}`: the covariances of the data,
+    whitened on the side of the past. Parameters as in `ssi_covariance`.
+    """
+    return _of_samples(samples, rate_hz, block_rows, orders, references, shapes, "past")
+
+
+def identify_poles(
+    correlations: Correlations,
+    *,
+    block_rows: int,
+    orders: Sequence[int],
+    weighting: Weighting = "none",
+    mixing: Inexact[np.ndarray, "reference channel"] | None = None,
+    first_lag: int = 1,
+    shapes: bool = False,
+) -> Poles:
+    r"""Poles of all `orders` from one singular value decomposition.
+
+    Parameters
+    ----------
+    correlations
+        At least ``first_lag + 2 * block_rows - 1`` lags of them.
+    block_rows
+        Blocks p of the p by p Hankel matrix.
+    orders
+        Ranks kept.
+    weighting
+        What whitens the Hankel matrix: nothing (covariance-driven), the past (data-driven,
+        UPC), or past and future (CVA), which shows a weak mode beside a strong one.
+    mixing
+        M of the references :math:`r = M y`; the channels themselves by default.
+    first_lag
+        Lags before it are not used, whatever noise and filters do to them.
+    shapes
+        Whether to compute errors of the shapes as well.
+
+    References
+    ----------
+    .. [1] P. Van Overschee, B. De Moor, "Subspace Identification for Linear Systems" (1996),
+       table 3.1 for the weightings.
+    """
+    needed = first_lag + 2 * block_rows - 1
+    available, channels, references = correlations.mean.shape
+    largest = min(max(orders), (block_rows - 1) * channels, block_rows * references)
+    if block_rows < 2 or min(orders) < 1 or needed > available:
+        raise ValueError(
+            f"{block_rows=} and orders from {min(orders)} need {needed} lags, and {available} "
+            "were given. Give at least 2 block rows, orders from 1, and as many lags."
+        )
+    mean = correlations.mean[first_lag:needed]
+    draws = correlations.draws[:, first_lag:needed]
+    hankel = _hankel(mean, block_rows)
+    past, future = _whitening(correlations, block_rows, weighting, mixing)
+    u, s, vh = scipy.linalg.svd(future.left @ hankel @ past.left, full_matrices=False)
+    largest = min(largest, int(np.count_nonzero(s > 1e-13 * s[0])))
+    gamma = future.inverse @ u[:, :largest]
+    reached = past.left @ (vh[:largest].conj().T / s[:largest])
+    errors = np.stack([future.left @ (_hankel(draw, block_rows) @ reached) for draw in draws])
+    subspace = _Subspace(
+        u[:, :largest], gamma, errors, future.inverse, channels, correlations.rate_hz
+    )
+    parts = [
+        _of_order(subspace, n, correlations.centre_hz, shapes)
+        for n in sorted({n for n in orders if n <= largest})
+    ]
+    return _joined(parts, correlations.duration_s)
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class _Whitening:
+    left: np.ndarray
+    inverse: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class _Subspace:
+    """Left singular vectors of the weighted Hankel matrix, and what its draws move them by.
+
+    Parameters
+    ----------
+    errors
+        Each draw of the weighted matrix times right singular vectors over singular values.
+    unweighted
+        From the weighted future to the future.
+    """
+
+    u: np.ndarray
+    gamma: np.ndarray
+    errors: np.ndarray
+    unweighted: np.ndarray
+    channels: int
+    rate_hz: float
+
+
+def _hankel(lagged: np.ndarray, rows: int) -> np.ndarray:
+    """Block (i, j) is lag i + j."""
+    columns = len(lagged) - rows + 1
+    index = np.arange(rows)[:, None] + np.arange(columns)
+    blocks = lagged[index].transpose(0, 2, 1, 3)
+    return np.asarray(blocks.reshape(rows * lagged.shape[1], columns * lagged.shape[2]))
+
+
+def _toeplitz(lagged: np.ndarray, rows: int) -> np.ndarray:
+    """Block (i, j) is lag i - j of square correlations, negative lags by symmetry."""
+    both = np.concatenate([lagged[rows - 1 : 0 : -1].conj().transpose(0, 2, 1), lagged[:rows]])
+    index = np.arange(rows)[:, None] - np.arange(rows) + rows - 1
+    size = rows * lagged.shape[1]
+    return np.asarray(both[index].transpose(0, 2, 1, 3).reshape(size, size))
+
+
+def _whitening(
+    correlations: Correlations, rows: int, weighting: Weighting, mixing: np.ndarray | None
+) -> tuple[_Whitening, _Whitening]:
+    """Inverse square roots of the covariances of past and future, and their inverses."""
+    channels, references = correlations.mean.shape[1:]
+    past = future = None
+    if weighting != "none":
+        if mixing is None and references != channels:
+            raise ValueError(
+                f"{references} references of {channels} channels were given without `mixing`. "
+                "Say which they are, or choose weighting='none'."
+            )
+        mean = correlations.mean[:rows]
+        own = mean if mixing is None else np.einsum("rc,lcs->lrs", mixing, mean)
+        # Column block j of the Hankel matrix is j instants before the present.
+        past = _toeplitz(own.conj().transpose(0, 2, 1), rows)
+    if weighting == "both":
+        if references != channels:
+            raise ValueError(
+                "weighting='both' needs every channel as a reference. Choose 'past'."
+            )
+        future = _toeplitz(correlations.mean[:rows], rows)
+    return (
+        _root(past, rows * references, correlations.mean.dtype),
+        _root(future, rows * channels, correlations.mean.dtype),
+    )
+
+
+def _root(covariance: np.ndarray | None, size: int, dtype: np.dtype) -> _Whitening:
+    if covariance is None:
+        identity = np.eye(size, dtype=dtype)
+        return _Whitening(identity, identity)
+    power, directions = scipy.linalg.eigh((covariance + covariance.conj().T) / 2)
+    root = np.sqrt(np.maximum(power, 0.0) + RIDGE * np.trace(covariance).real / size)
+    turned = directions.conj().T
+    return _Whitening((directions / root) @ turned, (directions * root) @ turned)
+
+
+_Part = tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]
+
+
+def _of_order(subspace: _Subspace, n: int, centre_hz: float, shapes: bool) -> _Part:
+    """Poles of positive frequency of one order, with what the draws move them by."""
+    channels, rate = subspace.channels, subspace.rate_hz
+    gamma = subspace.gamma[:, :n]
+    inverse = np.linalg.pinv(gamma[:-channels])
+    eigenvalue, right = np.linalg.eig(inverse @ gamma[channels:])
+    keep = eigenvalue != 0
+    observed = np.linalg.solve(right, inverse.astype(right.dtype))
+    pole = np.zeros_like(eigenvalue, dtype=complex)
+    pole[keep] = np.log(eigenvalue[keep].astype(complex)) * rate
+    pole += 2j * np.pi * centre_hz
+    keep &= pole.imag > 0
+    at = np.flatnonzero(keep)
+    # Row functionals on the error of the observability matrix, one for each eigenvector m.
+    down, up = np.zeros((2, len(observed), len(gamma)), dtype=complex)
+    down[:, channels:], up[:, :-channels] = observed, observed
+    own = down[at] - eigenvalue[at, None] * up[at]
+    shape = gamma[:channels] @ right
+    rows = own[:, None]
+    if shapes:
+        gap = eigenvalue[at, None] - eigenvalue
+        share = np.where(gap == 0, 0.0, 1.0 / np.where(gap == 0, 1.0, gap))
+        mixed = shape * share[:, None]
+        others = _times(mixed, down) - eigenvalue[at, None, None] * _times(mixed, up)
+        rows = np.concatenate([rows, others + np.eye(channels, len(gamma))], axis=1)
+    moved = _functionals(subspace, n, rows, right[:, at])
+    size = np.linalg.norm(shape[:, at], axis=0)
+    derivative = rate / eigenvalue[at]
+    moves = moved[:, 1:] / size if shapes else None
+    return n, pole[at], shape[:, at] / size, moved[:, 0] * derivative, moves
+
+
+def _functionals(
+    subspace: _Subspace, n: int, rows: np.ndarray, right: np.ndarray
+) -> np.ndarray:
+    """Rows times the error of the observability matrix times an eigenvector.
+
+    Parameters
+    ----------
+    rows
+        Of each eigenvector, ["eigenvector row time_and_channel"].
+    right
+        Eigenvectors as columns.
+
+    Returns
+    -------
+    np.ndarray
+        ["draw row eigenvector"].
+    """
+    u = subspace.u[:, :n]
+    x = _times(rows, subspace.unweighted)
+    x = x - _times(_times(x, u), u.conj().T)
+    moved = _times(subspace.errors[:, :, :n], right)
+    moves = x @ np.ascontiguousarray(moved.transpose(2, 1, 0))
+    return np.asarray(moves.transpose(2, 1, 0))
+
+
+def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Product of a stack of matrices and a matrix, a real one of them left real."""
+    flat = np.ascontiguousarray(a).reshape(-1, a.shape[-1])
+    if np.iscomplexobj(b) and not np.iscomplexobj(a):
+        made = (flat @ np.ascontiguousarray(b).view(float)).view(complex)
+    elif np.iscomplexobj(a) and not np.iscomplexobj(b):
+        parts = np.concatenate([flat.real, flat.imag]) @ b
+        made = parts[: len(flat)] + 1j * parts[len(flat) :]
+    else:
+        made = flat @ b
+    return np.asarray(made.reshape(*a.shape[:-1], b.shape[-1]))
+
+
+def _joined(parts: list[_Part], duration_s: float) -> Poles:
+    order = np.concatenate([np.full(len(part[1]), part[0]) for part in parts])
+    errors = [part[4] for part in parts if part[4] is not None]
+    found = Poles(
+        order=order,
+        pole=np.concatenate([part[1] for part in parts]),
+        shape=np.concatenate([part[2] for part in parts], axis=1),
+        draws=np.concatenate([part[3] for part in parts], axis=1),
+        shape_draws=np.concatenate(errors, axis=2) if len(errors) == len(parts) else None,
+        duration_s=duration_s,
+    )
+    return rescale_channels(found, np.ones(len(found.shape)))
+
+
+def _of_samples(
+    samples: np.ndarray,
+    rate_hz: float,
+    block_rows: int,
+    orders: Sequence[int],
+    references: Sequence[int] | None,
+    shapes: bool,
+    weighting: Weighting,
+) -> Poles:
+    columns = checks.series(samples, rate_hz)
+    if columns.shape != samples.shape:
+        raise ValueError(
+            f"Of {samples.shape[1]} channels {columns.shape[1]} move. Leave the others out."
+        )
+    columns = columns - columns.mean(axis=0)
+    scale = columns.std(axis=0)
+    scaled = columns / scale
+    chosen = list(range(columns.shape[1])) if references is None else list(references)
+    found = correlation_matrices(
+        scaled, scaled[:, chosen], lags=2 * block_rows, rate_hz=rate_hz
+    )
+    poles = identify_poles(
+        found,
+        block_rows=block_rows,
+        orders=orders,
+        weighting=weighting,
+        mixing=np.eye(columns.shape[1])[chosen],
+        shapes=shapes,
+    )
+    return rescale_channels(poles, scale)

@@ -1,0 +1,1 @@
+"""Marginal distributions and copulas in; maps from standard normal space out."""

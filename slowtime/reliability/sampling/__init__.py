@@ -1,0 +1,1 @@
+"""A limit state in; its failure probability by simulation out."""

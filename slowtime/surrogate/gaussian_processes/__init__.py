@@ -1,0 +1,1 @@
+"""A design and its outputs in; Gaussian-process surrogates out."""
